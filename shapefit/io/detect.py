@@ -141,12 +141,12 @@ def is_array(head: Head) -> bool:
 
 def is_alphapose(head: Head) -> bool:
     """Whether each image of an object is as OpenPose writes it."""
-    frame = _first_frame(head.json) if isinstance(head.json, dict) else None
+    frame = _first_frame(head.json)
     return isinstance(frame, dict) and bool({"people", "bodies"} & frame.keys())
 
 
 def is_named_points(head: Head) -> bool:
-    """Whether the first frame of an object, or of a list, is an object of points."""
+    """Whether the first frame of an object is an object of points."""
     frame = _first_frame(head.json)
     return isinstance(frame, dict) and bool(frame) and all(map(_is_point, frame.values()))
 
@@ -158,12 +158,10 @@ def is_mmpose_images(head: Head) -> bool:
 
 
 def _first_frame(content: Any) -> Any:
-    return next(iter(content.values() if isinstance(content, dict) else content or ()), None)
+    return next(iter(content.values()), None) if isinstance(content, dict) else None
 
 
 def _is_point(point: Any) -> bool:
-    if isinstance(point, dict):
-        return {"x", "y"} <= point.keys()
     numbers = isinstance(point, list) and len(point) in (2, 3)
     return numbers and all(isinstance(number, int | float | None) for number in point)
 

@@ -54,10 +54,6 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
     return _of_columns(path, [columns[number] for number in placed], values, frames)
 
 
-KEYS = ("df_with_missing", "tracks")
-"""Groups that DeepLabCut writes; another one is read where it is the only one."""
-
-
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     """Read a table that pandas wrote, in one of its two layouts, without pandas.
 
@@ -69,9 +65,8 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     blocks = []
     with TrackerFile(paths[0]) as file:
         keys = [name for name in file.root if file.text("pandas_type", name)]
-        keys = [name for name in KEYS if name in keys] or keys
         require(len(keys) == 1, f"the tables {', '.join(keys)}; save one of them in its own file")
-        key = keys[0]
+        (key,) = keys
         if file.is_dataset(f"{key}/table"):
             rows = file.rows(f"{key}/table")
             index = rows["index"]
@@ -86,11 +81,10 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
             images = _names_of_codes(file, f"{key}/axis1")
             index = np.array(["/".join(filter(None, row)) for row in images], object)
             index = index if images else np.ravel(file.rows(f"{key}/axis1"))
-    require(
-        {*(block.dtype.kind for block in blocks)} <= {*"biuf"}, "pickled values; save it as CSV"
-    )
-    numeric = index.dtype.kind in "iuf"
-    labels = number_labels(index) if numeric else image_labels([*map(str, index.tolist())])
+    numeric = {block.dtype.kind for block in blocks} <= {*"biuf"}
+    require(numeric, "pickled values; save it as CSV")
+    numbered = index.dtype.kind in "iuf"
+    labels = number_labels(index) if numbered else image_labels([*map(str, index.tolist())])
     values = np.concatenate(blocks, axis=1).astype(np.float64)
     require(values.shape == (len(labels), len(columns)), f"{values.shape} values")
     return _of_columns(paths[0], columns, values, labels)
@@ -150,8 +144,7 @@ def _of_columns(path: Path, columns: Columns, values: Floats, labels: Sequence[s
         for individual in individuals
     ]
     # (n, columns and one of NaN) -> (n, individual, landmark, axis)
-    points = np.column_stack([values, np.full(len(values), np.nan)])[:, numbers]
-    confidence = None
+    points, confidence = np.column_stack([values, np.full(len(values), np.nan)])[:, numbers], None
     if "likelihood" in axes:
         points, confidence = points[..., :-1], points[..., -1]
         points[confidence < 0] = np.nan  # what newer versions write for animals not found

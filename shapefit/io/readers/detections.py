@@ -6,7 +6,6 @@ rule without an identity over frames. They differ in where the people of a frame
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,29 +14,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shapefit.errors import input_error, listed
-from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     FRACTION,
     LAST_NUMBER,
     Poses,
-    are_fractions,
     are_series,
     check_names,
     edges_of,
+    image_labels,
+    name_individual,
     parsing,
     require,
+    unit_of,
     video_name,
 )
 from shapefit.io.readers.text import floats, read_json, read_text
 from shapefit.io.skeletons import skeletons_of_size
 
-
-class Detection(NamedTuple):
-    """x, y and confidence of each landmark, none where nothing was seen; the image; who it is."""
-
-    numbers: Sequence[float]
-    image: int
-    who: Any = None
+Detection = tuple[Sequence[Any], int, Any]
+"""x, y and confidence of each landmark, [] where nothing was seen; the image; who it is."""
 
 
 class Images(NamedTuple):
@@ -95,7 +90,7 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
     smallest = min((len(row) for _, row in rows), default=BOX) - BOX
     count, step = data.get("kpt_shape") or (smallest // 3, 3)
     width = BOX + count * step
-    detections = []
+    detections: list[Detection] = []
     for number, row in rows:
         with parsing(files[number], "labels of YOLO", f"check kpt_shape in {DATA}"):
             given = f"a line of {len(row)} numbers, and {count} landmarks take {width}"
@@ -106,19 +101,19 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
         if step == 2:
             points = np.column_stack([points, (points > 0).any(axis=1)])
         who = row[-1] if len(row) == width + 2 else None
-        detections.append(Detection(points.ravel().tolist(), number, who))
+        detections.append((points.ravel().tolist(), number, who))
     names = data.get("kpt_names")
     if isinstance(names, dict):  # a list for each class, of which the first is taken
         names = next(iter(names.values()), None)
     people = not data or data.get("names") in (["person"], {0: "person"})
-    usual = None if people and count == 17 else [*map(str, range(count))]
-    names = names if isinstance(names, list) and len(names) == count else usual
+    if not isinstance(names, list) or len(names) != count:
+        names = () if people and count == 17 else range(count)
     return _as_poses(
         images,
         detections,
-        scored=any({*one.numbers[2::3]} - {0, 1, 2} for one in detections),
+        scored=any({*numbers[2::3]} - {0, 1, 2} for numbers, *_ in detections),
         unit=FRACTION,
-        landmark_names=names and tuple(map(str, names)),
+        landmark_names=tuple(map(str, names)) or None,
         edges=edges_of(data.get("skeleton"), count),
     )
 
@@ -141,19 +136,19 @@ def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Im
     Where names differ in one number alone it is that of the frame; else each is that of an image.
     Raises InputError for links that lead nowhere, pipes and devices, which cannot be read whole.
     """
-    folder, files = paths[0].parent, list(paths)
+    folder, files = paths[0].parent, sorted(paths)
     if paths[0].is_dir():
         folder = paths[0]
-        files = [path for path in folder.iterdir() if path.name.lower().endswith(suffix)]
-        files = [path for path in files if not path.is_dir()]
+        inner = (path for path in sorted(folder.iterdir()) if not path.is_dir())
+        files = [path for path in inner if path.name.lower().endswith(suffix)]
     for file in files:
         if not file.is_file():
             fix = "remove it, or name the files themselves"
             raise input_error(file, "is not a regular file", fix)
     name, video = str(paths[0] if len(files) == 1 else folder), folder.resolve().name
-    if not are_series([file.stem for file in files]):
-        labels = [file.stem for file in sorted(files)]
-        return sorted(files), Images(name, video, labels, range(len(files)), unordered=True)
+    labels = [file.stem for file in files]
+    if not are_series(labels):
+        return files, Images(name, video, labels, range(len(files)), unordered=True)
     numbered = {int(LAST_NUMBER.findall(file.stem)[0][1]): file for file in files}
     numbers = sorted(numbered)
     frames = [number - numbers[0] for number in numbers]
@@ -211,7 +206,7 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     images = content.get("images", ())
     labels = {image["id"]: image.get("file_name") or image["id"] for image in images}
     order = {image: number for number, image in enumerate(labels)}
-    detections = []
+    detections: list[Detection] = []
     for entry in content.get("annotations", ()):
         if keypoints := entry.get("keypoints"):
             image = order.setdefault(entry["image_id"], len(order))
@@ -219,7 +214,7 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
                 here, points = columns[entry.get("category_id")], np.zeros((len(place), 3))
                 points[here] = np.reshape(keypoints, (len(here), 3))
                 keypoints = points.ravel().tolist()
-            detections.append(Detection(keypoints, image, entry.get("track_id")))
+            detections.append((keypoints, image, entry.get("track_id")))
     return _as_poses(
         _name_images(paths[0], [labels.get(image, image) for image in order]),
         detections,
@@ -233,9 +228,9 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     """Read a list of {frame_id, instances}, which may stand as `instance_info` beside `meta_info`.
 
     An instance has keypoints [[x, y], ...] and keypoint_scores, which are taken as they are; they
-    may be a little above 1. `meta_info` has the names, by number, as texts or in a list.
+    may be a little above 1. `meta_info` has the names, by number.
     """
-    path, content = paths[0], read_json(paths[0])
+    content = read_json(paths[0])
     meta: Any = {}
     if isinstance(content, dict):
         meta, content = content.get("meta_info") or {}, content["instance_info"]
@@ -244,28 +239,20 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     detections: list[Detection] = []
     for number, frame in enumerate(content):
         detections += _detections(frame["instances"], number, needed=True)
-    names: Any = meta.get("keypoint_id2name")
-    if isinstance(names, dict):
-        names = [names[str(number)] for number in range(len(names))]
+    names = meta.get("keypoint_id2name") or {}
     labels = [str(frame.get("frame_id", number)) for number, frame in enumerate(content)]
     return _as_poses(
-        Images(str(path), video_name(path), labels, range(len(labels))),
+        _of_video(paths[0], labels),
         detections,
-        landmark_names=names and tuple(names),
-        edges=edges_of(meta.get("skeleton_links"), len(names or ())),
+        landmark_names=tuple(names[str(number)] for number in range(len(names))) or None,
+        edges=edges_of(meta.get("skeleton_links"), len(names)),
     )
-
-
-def _name_images(path: Path, names: Sequence[Any]) -> Images:
-    """Return the images of a file, called without folder and ending where that tells them apart."""
-    stems = [Path(name).stem if isinstance(name, str) else str(name) for name in names]
-    labels = stems if len({*stems}) == len(stems) else [*map(str, names)]
-    unordered = not are_series(labels)
-    return Images(str(path), video_name(path), labels, range(len(labels)), unordered)
 
 
 BODIES = ("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "keypoints", "hand_landmarks")
 """Keys of bodies, the first that an object has; landmarks in metres (`world`) are not read."""
+
+SCORES = ("visibility", "score", "confidence", "presence")
 
 
 def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
@@ -273,7 +260,7 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
 
     Each body is such a list. A frame has one, or a list of them, or an object with them under
     `pose_landmarks` or the like. A file has one frame, a list of them, or an object with `frames`.
-    x and y are fractions of the image.
+    x and y are fractions of the image; a point without a confidence has that of 1.
     """
     content = read_json(paths[0])
     if isinstance(content, dict):
@@ -281,9 +268,20 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
     elif _is_body(content):
         content = [content]
     bodies = [(body, number) for number, frame in enumerate(content) for body in _bodies(frame)]
-    names = tuple(str(point.get("name") or "") for point in bodies[0][0]) if bodies else ()
-    labels = [*map(str, range(len(content)))]
-    return _of_points(paths[0], labels, bodies, names if names and all(names) else None)
+    require(bodies, "no list of landmarks")
+    names = tuple(str(point.get("name") or "") for point in bodies[0][0])
+    detections = []
+    for body, number in bodies:
+        rows = ((point.get("x"), point.get("y"), _first(point, SCORES, 1.0)) for point in body)
+        detections.append(([value for row in rows for value in row], number, None))
+    images = _of_video(paths[0], [*map(str, range(len(content)))])
+    return _as_poses(
+        images,
+        detections,
+        hide_unscored=False,
+        unit=None,
+        landmark_names=names if all(names) else None,
+    )
 
 
 def _is_body(content: Any) -> bool:
@@ -292,58 +290,45 @@ def _is_body(content: Any) -> bool:
 
 def _bodies(frame: Any) -> Iterator[list[dict[str, Any]]]:
     """Yield the bodies of a frame; there may be none."""
+    if isinstance(frame, dict):
+        frame = _first(frame, BODIES, ())
     if _is_body(frame):
         yield [point if isinstance(point, dict) else {} for point in frame]
     elif isinstance(frame, list):
         for one in frame:
             yield from _bodies(one)
-    elif isinstance(frame, dict):
-        yield from _bodies(next((frame[key] for key in BODIES if frame.get(key)), None))
 
 
 def read_named_points(paths: tuple[Path, ...]) -> Poses:
-    """Read {frame: {landmark: point}}, or a list of the inner objects, one body per frame.
+    """Read {frame: {landmark: [x, y] or [x, y, confidence]}}, one body per frame.
 
-    A point is [x, y], [x, y, confidence] or {x, y, confidence}; a landmark that a frame lacks is
-    missing.
+    A landmark that a frame lacks is missing.
     """
-    content = read_json(paths[0])
-    frames = content if isinstance(content, dict) else dict(enumerate(content))
+    frames = read_json(paths[0])
     names = tuple(dict.fromkeys(name for frame in frames.values() for name in frame))
-    bodies = []
+    detections: list[Detection] = []
     for number, frame in enumerate(frames.values()):
-        points = [frame.get(name) or {} for name in names]
-        for place, point in enumerate(points):
-            if isinstance(point, list):
-                require(len(point) in (2, 3), f"a point of {len(point)} numbers")
-                points[place] = dict(zip(("x", "y", "score"), point, strict=False))
-        bodies.append((points, number))
-    return _of_points(paths[0], [*map(str, frames)], bodies, names)
-
-
-SCORES = ("visibility", "score", "confidence", "presence")
-
-
-def _of_points(
-    path: Path,
-    labels: Sequence[str],
-    bodies: Sequence[tuple[Sequence[dict[str, Any]], int]],
-    names: tuple[str, ...] | None,
-) -> Poses:
-    """Return the poses of bodies of points {x, y, visibility or the like}, and the frame of each.
-
-    A point without a confidence has that of 1.
-    """
-    detections = []
-    for body, number in bodies:
-        rows = ((point.get("x"), point.get("y"), _first(point, SCORES, 1.0)) for point in body)
-        numbers = [math.nan if value is None else value for row in rows for value in row]
-        detections.append(Detection(numbers, number))
-    images = Images(str(path), video_name(path), labels, range(len(labels)))
+        points = [frame.get(name) or [None, None] for name in names]
+        sizes = {2, *map(len, points)}
+        require(sizes <= {2, 3}, f"a point of {max(sizes)} numbers")
+        numbers = [value for point in points for value in [*point, 1.0][:3]]
+        detections.append((numbers, number, None))
+    images = _of_video(paths[0], [*frames])
     return _as_poses(images, detections, hide_unscored=False, unit=None, landmark_names=names)
 
 
 # What all have in common.
+
+
+def _name_images(path: Path, names: Sequence[Any]) -> Images:
+    """Return the images of a file, called without folder and ending where that tells them apart."""
+    labels = image_labels([*map(str, names)])
+    return _of_video(path, labels)._replace(unordered=not are_series(labels))
+
+
+def _of_video(path: Path, labels: Sequence[str]) -> Images:
+    return Images(str(path), video_name(path), labels, range(len(labels)))
+
 
 POSE = ("pose_keypoints_2d", "pose_keypoints", "joints", "keypoints")
 WHO = ("person_id", "track_id", "idx")
@@ -356,9 +341,7 @@ def _first(content: Mapping[str, Any], keys: Sequence[str], default: Any = None)
 
 def _people_of(frame: Mapping[str, Any]) -> Any:
     """Return the people of a frame; None where it is not of this kind."""
-    empty = frame.keys() <= {"version", "part_candidates"}
-    people = (frame[key] or [] for key in ("people", "bodies") if key in frame)
-    return next(people, [] if empty else None)
+    return _first(frame, ("people", "bodies"), [] if [*frame] == ["version"] else None)
 
 
 def _detections(people: Any, image: int, *, needed: bool = False) -> list[Detection]:
@@ -366,32 +349,31 @@ def _detections(people: Any, image: int, *, needed: bool = False) -> list[Detect
 
     The landmarks of each are x, y, confidence in one list, or [x, y] beside `keypoint_scores`.
     """
-    detections = []
+    detections: list[Detection] = []
     require(isinstance(people, list), "no list of people")
     for person in people:
-        numbers = _first(person, POSE)
-        require(numbers is not None or not needed, "a person without keypoints")
-        require(isinstance(numbers or [], list), "keypoints that are no list")
-        numbers = numbers or []
+        numbers = _first(person, POSE, None if needed else [])
+        require(numbers is not None, "a person without keypoints")
+        require(isinstance(numbers, list), "keypoints that are no list")
         if numbers and isinstance(numbers[0], list):
             scores = _first(person, ("keypoint_scores",), [1.0] * len(numbers))
             scored = zip(numbers, scores, strict=True)
             numbers = [number for (x, y), score in scored for number in (x, y, score)]
-        if len(numbers) % 3:
-            require(False, f"a person of {len(numbers)} numbers, not 3 a landmark")
-        detections.append(Detection(numbers, image, _first(person, WHO)))
+        require(len(numbers) % 3 == 0, f"a person of {len(numbers)} numbers, not 3 a landmark")
+        detections.append((numbers, image, _first(person, WHO)))
     return detections
 
 
 def _as_poses(
     images: Images,
-    detections: list[Detection],
+    detections: Sequence[Detection],
     *,
     hide_unscored: bool = True,
     scored: bool = True,
     alphapose: bool = False,
     unit: str | None = "px",
-    **fields: Any,
+    landmark_names: tuple[str, ...] | None = None,
+    edges: tuple[tuple[int, int], ...] = (),
 ) -> Poses:
     """Return detections as poses; without names landmarks are those of the usual skeleton.
 
@@ -401,57 +383,41 @@ def _as_poses(
     by 6. Without a unit the points are fractions where they can be. Raises InputError where
     detections have different numbers of landmarks.
     """
-    detections = sorted(detections, key=lambda one: one.image)
-    sizes = Counter(len(one.numbers) // 3 for one in detections if one.numbers)
+    detections = sorted(detections, key=lambda one: one[1])
+    sizes = Counter(len(numbers) // 3 for numbers, *_ in detections if numbers)
     if len(sizes) > 1:
         kinds = [f"{n} detections with {p}" for p, n in sorted(sizes.items())]
         fix = "give the files of each skeleton in a separate call"
         raise input_error(images.name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
-    notes: tuple[str, ...] = ()
-    p = next(iter(sizes), len(fields.get("landmark_names") or ()))
-    nothing = [math.nan] * (3 * p)
-    values = np.array([one.numbers or nothing for one in detections], np.float64)
-    values = values.reshape(len(detections), p, 3)
-    values = np.where(np.isfinite(values), values, np.nan)
+    p, notes = next(iter(sizes), len(landmark_names or ())), list[str]()
+    rows = [numbers or [None] * (3 * p) for numbers, *_ in detections]
+    values = np.array(rows, np.float64).reshape(len(rows), p, 3)
     points, confidence = values[..., :2], values[..., 2]
     if alphapose and np.nanmax(confidence, initial=0) > 2:
         confidence = confidence / 6
-        notes += ("confidences divided by 6, the largest that AlphaPose states",)
-    missing = np.isnan(values).any(axis=2) | (hide_unscored & ~(confidence > 0))
-    if unit is None:
-        fractions = are_fractions(points[np.isfinite(values).all(axis=2)])
-        unit = FRACTION if fractions else UNKNOWN_UNIT
-        fields["size_needed"] = fractions
-    who = [_identity(one.who) for one in detections]
-    times = Counter((one.image, name) for one, name in zip(detections, who, strict=True) if name)
-    if doubles := sum(number > 1 for number in times.values()):
+        notes.append("confidences divided by 6, the largest that AlphaPose states")
+    missing = ~np.isfinite(values).all(axis=2) | (hide_unscored & ~(confidence > 0))
+    points = np.where(missing[..., None], np.nan, points)
+    who = [name_individual(one) for *_, one in detections]
+    times = Counter((image, name) for (_, image, _), name in zip(detections, who, strict=True))
+    if doubles := sum(number > 1 for (_, name), number in times.items() if name):
         # Some tools number the people of each frame anew.
-        notes += (f"numbers of people are not used, as {doubles} of them occur twice in a frame",)
+        notes.append(f"numbers of people are not used, as {doubles} of them occur twice in a frame")
         who = [""] * len(who)
-    usual = None if fields.get("landmark_names") else skeletons_of_size(p)
+    usual = [*skeletons_of_size(p)[:1], None][0]
     return Poses(
         name=images.name,
         video=images.video,
-        points=np.where(missing[..., None], np.nan, points),
-        confidence=np.where(missing, 0.0, np.nan_to_num(confidence)) if scored else None,
-        frame=np.array([images.frames[one.image] for one in detections], np.int64),
-        label=[images.labels[one.image] for one in detections],
+        points=points,
+        confidence=np.where(missing, 0.0, confidence) if scored else None,
+        frame=np.array([images.frames[image] for _, image, _ in detections], np.int64),
+        label=[images.labels[image] for _, image, _ in detections],
         individual=who,
-        skeleton=usual[0] if usual else None,
+        landmark_names=landmark_names,
+        skeleton=None if landmark_names else usual,
         frame_count=len(images.labels),
-        unit=unit,
         unordered=images.unordered,
-        notes=notes,
-        **fields,
+        edges=edges,
+        notes=tuple(notes),
+        **(unit_of(points) if unit is None else {"unit": unit}),
     )
-
-
-def _identity(who: Any) -> str:
-    """Return an identity as text, "" for none: a number, a text, or a list of one of them."""
-    while isinstance(who, list) and len(who) == 1:
-        who = who[0]
-    if isinstance(who, bool) or not isinstance(who, int | float | str):
-        return ""
-    if isinstance(who, str):
-        return who
-    return "" if who < 0 or who != who else f"id {who:g}"

@@ -44,9 +44,8 @@ def read_shapes(
     """Return the shapes of a file of poses, and warnings; without `gaps` the whole ones alone."""
     poses = _read_kind(form, paths, "shapes", 3)
     fields, notes = _fields(poses, options)
-    edges = np.array(poses.edges, np.int64) if poses.edges else None
-    shapes = ShapeSet(**fields, edges=edges)
-    return (shapes, notes) if gaps else _without_gaps(shapes, notes, source_name(paths[0]))
+    shapes = ShapeSet(**fields, edges=np.array(poses.edges, np.int64) if poses.edges else None)
+    return (shapes, notes) if gaps else _without_gaps(shapes, notes, poses.name)
 
 
 def _read_kind(form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int) -> Poses:
@@ -67,7 +66,7 @@ def read_poses(form: FileFormat, paths: tuple[Path, ...]) -> Poses:
     """Return the poses in these files, in 2D or 3D. Raises InputError."""
     assert form.read_poses is not None
     running = gc.isenabled()
-    gc.disable()  # it would walk again and again over the millions of lists of a large JSON file
+    gc.disable()  # half the time of a large JSON file is looking for cycles in its lists
     try:
         with parsing(source_name(paths[0]), form.title):
             return form.read_poses(paths)
@@ -120,7 +119,6 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
     return fields, tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
 
 
-KEY = "keypoints"
 NUMBERED = "numbered"
 """In place of a skeleton: landmarks are called 0, 1 and so on."""
 
@@ -136,7 +134,7 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
     if wanted is not None and wanted not in (*skeletons, NUMBERED):
         near = nearest_names(wanted, tuple(skeletons))
         fix = f"did you mean {near[0]}?" if near else f"use {listed(skeletons)}"
-        raise input_error(KEY, f"there is no skeleton {wanted!r}", fix)
+        raise input_error("keypoints", f"there is no skeleton {wanted!r}", fix)
     if poses.landmark_names is not None:
         return poses.landmark_names, ()
     count = poses.points.shape[1]
@@ -144,7 +142,7 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
     chosen = wanted or poses.skeleton
     if chosen is None and fitting:
         problem = f"{count} landmarks without names, as {listed(fitting, 'and')} have"
-        ways = [f"`--set {KEY}={name}`" for name in (*fitting, NUMBERED)]
+        ways = [f"`--set keypoints={name}`" for name in (*fitting, NUMBERED)]
         raise input_error(poses.name, problem, f"say which: {listed(ways)}")
     if chosen in (None, NUMBERED):
         return tuple(map(str, range(count))), ()
@@ -152,10 +150,10 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
     if len(names) != count:
         others = f"; {listed(fitting)} have as many" if fitting else ""
         problem = f"{count} landmarks, and {chosen} has {len(names)}"
-        raise input_error(poses.name, problem, f"set another `{KEY}`{others}")
+        raise input_error(poses.name, problem, f"set another `keypoints`{others}")
     versions = [name for name in fitting if name.startswith(chosen) and name != chosen]
     note = f"{count} landmarks without names taken as those of {chosen}"
-    note += "".join(f"; `{KEY}={other}` if they are not" for other in versions)
+    note += "".join(f"; `keypoints={other}` if they are not" for other in versions)
     return names, () if wanted or not versions else (note,)
 
 
@@ -249,8 +247,7 @@ def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, 
         problem = f"no landmark is known in {MIN_SHARE:.0%} of its {counted(len(shapes), 'shape')}"
         raise input_error(name, problem, "give shapes with fewer gaps")
     rows: Flags = np.asarray(finite[:, often].all(axis=1))
-    names = np.array(shapes.landmark_names, object)[~often].tolist()
-    if names:
+    if names := np.array(shapes.landmark_names, object)[~often].tolist():
         text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes ({abbreviate(names)})"
         notes += (f"{name}: {counted(len(names), 'landmark')} {text}",)
         shapes = _columns(shapes, np.flatnonzero(often))
@@ -277,18 +274,17 @@ def _columns(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
     """Return the shapes with some of their landmarks, and the edges between those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the nearest of
-    its forebears that stays. The index of mirrored landmarks does not stay.
+    its ancestors that stays. The index of mirrored landmarks does not stay.
     """
     changes: dict[str, Any] = {name: None for name in ("mirror_index",) if name in shapes.whole}
     if shapes.edges is not None:
         place = {old: new for new, old in enumerate(columns.tolist())}
-        edges = shapes.edges.tolist()
-        parents = {child: parent for parent, child in edges}
-        tree, pairs = len(parents) == len(edges), []
-        for above, below in edges:
-            steps = len(edges) if tree else 0  # at most: damaged edges can be a ring
-            while steps and above not in place and above in parents:
-                above, steps = parents[above], steps - 1
+        pairs, parents = [], {child: parent for parent, child in shapes.edges.tolist()}
+        tree = len(parents) == len(shapes.edges)
+        for above, below in shapes.edges.tolist():
+            steps = len(parents) if tree else 0  # at most: damaged edges can be a ring
+            while steps and above not in place:
+                above, steps = parents.get(above, above), steps - 1
             if above in place and below in place:
                 pairs.append([place[above], place[below]])
         changes["edges"] = np.array(pairs, np.int64).reshape(-1, 2)

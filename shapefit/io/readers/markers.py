@@ -27,34 +27,55 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     path, text = paths[0], read_text(paths[0])
     delimiter = "\t" if "\t" in text else ","
     head = [[cell.strip() for cell in line.split(delimiter)] for line in text.split("\n")[:5]]
-    _, keys, values, names_of, axes = head
+    _, keys, values, names, axes = head
     about = dict(zip(map(str.lower, keys), values, strict=False))
     count = sum(map(bool, axes[2:])) // 3  # X1 Y1 Z1 X2 ...
-    require(count and names_of[0].lower() == "frame#", "no names of markers in line 4, above X1 Y1")
-    require(not any(names_of[3::3] + names_of[4::3]), "names that do not stand above an X")
-    labels = [*names_of[2:], *[""] * (3 * count)][: 3 * count : 3]
-    names, notes = make_unique(labels), list[str]()
-    columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
-    table = read_table(path, text, columns, delimiter, after=5, padded=True)
-    factor, unit = as_metres(about.get("units", ""))
-    points = factor * table.numbers(range(2, len(columns))).reshape(-1, count, 3)
-    origin = np.asarray((points == 0).all(axis=2))
+    require(count and names[0].lower() == "frame#", "no names of markers in line 4, above X1 Y1")
+    require(not any(names[3::3] + names[4::3]), "names that do not stand above an X")
+    labels = [*names[2:], *[""] * (3 * count)][: 3 * count : 3]
+    points, frames = _read_points(path, text, labels, about.get("units", ""), 5, delimiter)
+    origin, notes = np.asarray((points == 0).all(axis=2)), list[str]()
     lost = int(float(about.get("numframes", 0))) - len(points)
     if lost > 0:
         notes.append(f"{lost} frames are announced in the header, but not there")
     if origin.any():
         notes.append(f"{int(origin.sum())} points at exactly 0, 0, 0 taken for missing")
+    points = np.where(origin[..., None], np.nan, points)
     (rate,) = floats([about["datarate"]])
-    return of_frames(
-        path,
-        np.where(origin[..., None], np.nan, points),
-        labels=[frame or str(number) for number, frame in enumerate(table.texts(0)[0])],
-        video=path.stem,
-        landmark_names=names,
-        frame_rate=rate if rate > 0 else None,
-        unit=unit or UNKNOWN_UNIT,
-        notes=tuple(notes),
-    )
+    return _of_markers(path, points, labels, frames, rate, about.get("units", ""), notes)
+
+
+def read_vicon(paths: tuple[Path, ...]) -> Poses:
+    """Read the section `Trajectories` of a CSV that Vicon Nexus exports.
+
+    Below it stand the rate, a label above the X of each marker, `Frame,Sub Frame,X,Y,Z,...`, the
+    units, and the frames up to an empty line. An empty cell is missing.
+    """
+    path, lines = paths[0], read_text(paths[0]).split("\n")
+    bare = [line.strip(', "\t') for line in lines]
+    start = [line.lower() for line in bare].index("trajectories") + 1
+    end = bare.index("", start) if "" in bare[start:] else len(bare)
+    head = [[cell.strip() for cell in line.split(",")] for line in lines[start : start + 4]]
+    (rate, *_), labels, axes, (*_, unit) = head[0], head[1], head[2], head[3][:3]
+    count = axes.count("X")
+    require(axes == ["Frame", "Sub Frame", *"XYZ" * count], "other columns than X, Y and Z")
+    labels = [*labels[2:], *[""] * (3 * count)][: 3 * count : 3]
+    points, frames = _read_points(path, "\n".join(lines[:end]), labels, unit, start + 4)
+    return _of_markers(path, points, labels, frames, floats([rate])[0], unit)
+
+
+def _read_points(
+    path: Path, text: str, labels: Sequence[str], unit: str, after: int, delimiter: str = ","
+) -> tuple[Floats, list[str]]:
+    """Return points (n, m, 3) in metres where the unit is known, and the labels of the frames.
+
+    A row, after so many lines, is a frame, a cell that does not count, and x, y, z of each marker.
+    """
+    columns = ["Frame", "", *(f"{name} {axis}" for name in labels for axis in "XYZ")]
+    table = read_table(path, text, columns, delimiter, after=after, padded=True)
+    points = table.numbers(range(2, len(columns))).reshape(-1, len(labels), 3)
+    frames = [frame or str(number) for number, frame in enumerate(table.texts(0)[0])]
+    return as_metres(unit)[0] * points, frames
 
 
 def anipose_landmarks(columns: Sequence[str]) -> tuple[str, ...]:
@@ -90,40 +111,16 @@ def read_anipose(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def read_vicon(paths: tuple[Path, ...]) -> Poses:
-    """Read the section `Trajectories` of a CSV that Vicon Nexus exports.
-
-    Below it stand the rate, a label above the X of each marker, `Frame,Sub Frame,X,Y,Z,...`, the
-    units, and the frames up to an empty line. An empty cell is missing.
-    """
-    path, text = paths[0], read_text(paths[0])
-    lines = [line.strip(', "\t') for line in text.split("\n")]
-    start = [line.lower() for line in lines].index("trajectories") + 1
-    end = lines.index("", start) if "" in lines[start:] else len(lines)
-    head = [line.split(",") for line in text.split("\n")[start : start + 4]]
-    count = head[2].count("X")
-    axes = [axis.strip() for axis in head[2]]
-    require(axes == ["Frame", "Sub Frame", *"XYZ" * count], "other columns than X, Y and Z")
-    labels = [name.strip() for name in (head[1] + [""] * 3 * count)[2 : 2 + 3 * count : 3]]
-    columns = ["Frame", "Sub Frame", *(f"{name}/{axis}" for name in labels for axis in "XYZ")]
-    rows = "\n".join(text.split("\n")[:end])
-    table = read_table(path, rows, columns, after=start + 4, padded=True)
-    factor, unit = as_metres(head[3][2].strip())
-    points = factor * table.numbers(range(2, len(columns))).reshape(-1, count, 3)
-    (rate,) = floats(head[0][:1])
-    return _of_markers(path, points, labels, table.texts(0)[0], rate, unit)
-
-
 COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Lists of labels under POINT that are no points: what a model computed is stored beside them."""
 
 
 def read_c3d(paths: tuple[Path, ...]) -> Poses:
-    """Return the markers of a C3D file, in metres where it names its unit.
+    """Read the markers of a C3D file, in metres where it names its unit.
 
-    A point is missing where its residual is negative or its place NaN. Labels `subject:name` are
-    landmarks of an individual. Frames have the numbers that ezc3d gives them, one less than those
-    in the header. Raises InputError where ezc3d is not installed.
+    A point is missing where its residual is negative or its place NaN. Frames have the numbers that
+    ezc3d gives them, one less than those in the header. Raises InputError where ezc3d is not
+    installed.
     """
     path = paths[0]
     _check_length(path)
@@ -149,13 +146,16 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     markers = [number for number, label in enumerate(labels) if label not in computed]
     lost = [label for label in labels if label in computed]
     note = f"{counted(len(lost), 'point')} left out, computed by a model ({abbreviate(lost)})"
-    factor, unit = as_metres((texts("UNITS") or [""])[0])
-    start = int(file["header"]["points"]["first_frame"])
-    frames = [str(start + frame) for frame in range(len(points))]
-    rate = float([*np.ravel(about.get("RATE", {}).get("value", ())), 0.0][0])
-    labels = [labels[number] for number in markers]
-    notes = (note,) if lost else ()
-    return _of_markers(path, factor * points[:, markers], labels, frames, rate, unit, notes)
+    unit, start = (texts("UNITS") or [""])[0], int(file["header"]["points"]["first_frame"])
+    return _of_markers(
+        path,
+        as_metres(unit)[0] * points[:, markers],
+        [labels[number] for number in markers],
+        [str(start + frame) for frame in range(len(points))],
+        float([*np.ravel(about.get("RATE", {}).get("value", ())), 0.0][0]),
+        unit,
+        [note] if lost else [],
+    )
 
 
 def _check_length(path: Path) -> None:
@@ -171,9 +171,6 @@ def _check_length(path: Path) -> None:
     require(not intel or path.stat().st_size >= needed, f"cut off before {needed} bytes")
 
 
-# What Vicon's CSV and C3D share: labels `subject:name`.
-
-
 def _of_markers(
     path: Path,
     points: Floats,
@@ -181,31 +178,22 @@ def _of_markers(
     frames: Sequence[str],
     rate: float,
     unit: str,
-    notes: tuple[str, ...] = (),
+    notes: Sequence[str] = (),
 ) -> Poses:
-    """Return markers (n, m, 3) of these labels; `subject:name` is a landmark of an individual.
-
-    Labels without a subject are those of the last one. Where a subject has a name twice, as where
-    there is none at all, all are landmarks of one body.
-    """
+    """Return the one body of markers (n, m, 3); `subject:` before all labels is the individual."""
     names = make_unique(labels)
-    parts = [name.rpartition(":")[::2] for name in names]
-    subjects = list(dict.fromkeys(subject for subject, _ in parts if subject)) or [""]
-    markers = [(subject or subjects[-1], name) for subject, name in parts]
-    if len({*markers}) < len(names):
-        subjects, markers = [""], [("", name) for name in names]
-    landmarks = list(dict.fromkeys(name for _, name in markers))
-    per_subject = np.full((len(points), len(subjects), len(landmarks), 3), np.nan)
-    for number, (subject, name) in enumerate(markers):
-        per_subject[:, subjects.index(subject), landmarks.index(name)] = points[:, number]
+    subjects = {name.rpartition(":")[0] for name in names if not name.startswith("*")}
+    individuals = [*subjects] if len(subjects) == 1 and any(subjects) else None
+    if individuals:
+        names = tuple(name.rpartition(":")[2] for name in names)
     return of_frames(
         path,
-        per_subject,
+        points,
         labels=frames,
         video=path.stem,
-        landmark_names=tuple(landmarks),
-        individuals=None if subjects == [""] else subjects,
+        landmark_names=names,
+        individuals=individuals,
         frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
-        unit=unit or UNKNOWN_UNIT,
-        notes=notes,
+        unit=as_metres(unit)[1] or UNKNOWN_UNIT,
+        notes=tuple(notes),
     )

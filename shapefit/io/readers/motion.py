@@ -79,7 +79,7 @@ CHANNELS = {"rotation": True, "position": False, "r": True, "t": False}
 def _channel(axis: str, kind: str) -> Channel:
     """Return a channel of BVH, as Xrotation, or of ASF, as rx."""
     exists = axis.lower() in tuple("xyz") and kind.lower() in CHANNELS
-    require(exists, f"there is no channel {axis + kind!r}, as Xrotation, Yposition, rx or ty")
+    require(exists, f"there is no channel {axis + kind!r}, as Xrotation or rx")
     return CHANNELS[kind.lower()], "xyz".index(axis.lower())
 
 
@@ -92,35 +92,33 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     The end of joint J is `J_end`. Raises InputError for a tree or a motion that cannot be read.
     """
     path, text = paths[0], read_text(paths[0])
-    joints, ends, lines, seconds = _read_hierarchy(path, text)
+    joints, lines, seconds = _read_hierarchy(path, text)
     channels = [joint.name for joint in joints for _ in joint.channels]
     table = read_table(path, text, channels, None, after=lines)
     motion = table.numbers(range(len(channels)), finite=True)
     require(not np.isnan(motion).any(), "a channel is no number")
-    order = sorted(range(len(joints)), key=lambda number: number in ends)
-    names = make_unique([joints[number].name for number in order])
+    order = sorted(range(len(joints)), key=lambda number: not joints[number].channels)
+    place = {old: number for number, old in enumerate(order)}
     rate = 1.0 / seconds if seconds > 0 else None
     if rate is not None and rate > 1 and abs(rate - round(rate)) < 1e-3 * rate:
         rate = float(round(rate))  # the time was rounded: 0.033333 s is 30 Hz
-    place = {old: number for number, old in enumerate(order)}
     return of_frames(
         path,
         forward_kinematics(joints, motion)[:, order],
         video=path.stem,
-        landmark_names=names,
+        landmark_names=make_unique([joints[number].name for number in order]),
         frame_rate=rate,
         edges=tuple((place[j.parent], place[i]) for i, j in enumerate(joints) if j.parent >= 0),
     )
 
 
-def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, float]:
-    """Return the joints, which of them are ends, the lines before the motion, and the frame time.
+def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, float]:
+    """Return the joints, ends without channels, the lines before the motion, and the frame time.
 
     Raises InputError, naming the line.
     """
     joints: list[Joint] = []
     above: list[int] = []
-    ends: set[int] = set()
     for number, line in enumerate(text.split("\n"), 1):
         word, *rest = line.replace("{", " ").replace("}", " ").split() or [""]
         key, parent = word.upper(), above[-1] if above else -1
@@ -128,7 +126,6 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, 
             if key in ("ROOT", "JOINT", "END"):
                 require((parent < 0) == (key == "ROOT"), f"{key} stands in the wrong place")
                 above.append(len(joints))
-                ends |= {len(joints)} if key == "END" else set()
                 name = f"{joints[parent].name}_end" if key == "END" else " ".join(rest)
                 joints.append(Joint(name, parent))
             elif key == "OFFSET":
@@ -142,7 +139,7 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, 
                 require(joints and not above, "the tree of joints is not complete")
                 for joint in joints:  # a channel of position replaces the offset along its axis
                     joint.before[[axis for turns, axis in joint.channels if not turns]] = 0
-                return joints, ends, number, floats(rest[1:2], 1)[0]
+                return joints, number, floats(rest[1:2], 1)[0]
             else:
                 exists = key in ("", "HIERARCHY", "MOTION", "FRAMES:")
                 require(exists, f"begins with {word!r}, which is no word of BVH")
@@ -169,12 +166,10 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     given = [path for path in paths if path.suffix.lower() == ".asf"]
     skeletons = [_read_skeleton(_find_skeleton(path, given)) for path in motions]
     bones, unit, _ = skeletons[0]
-    names = [bone.name for bone in bones]
     labels, ends = [], []
     for path, (others, _, scale) in zip(motions, skeletons, strict=True):
-        if [bone.name for bone in others] != names:
-            problem = f"has another skeleton than {motions[0]}"
-            raise input_error(path, problem, "convert them one by one")
+        same = [bone.name for bone in others] == [bone.name for bone in bones]
+        require(same, f"{path.name} has another skeleton; convert them one by one")
         with parsing(path, "AMC", WHOLE):
             frames, values = _read_motion(path, others)
         labels.append(frames)
@@ -185,20 +180,18 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
         labels=[label for frames in labels for label in frames],
         video=[path.stem for path, frames in zip(motions, labels, strict=True) for _ in frames],
         frame=np.concatenate([np.arange(len(frames)) for frames in labels]),
-        landmark_names=tuple(names),
+        landmark_names=tuple(bone.name for bone in bones),
         unit=unit,
         edges=tuple((bone.parent, i) for i, bone in enumerate(bones) if bone.parent >= 0),
     )
 
 
-def _find_skeleton(motion: Path, given: list[Path]) -> Path:
-    """Return the skeleton of a motion. Raises InputError where there is none, or several are."""
+def _find_skeleton(motion: Path, given: Sequence[Path]) -> Path:
+    """Return the skeleton of a motion. Raises ValueError where there is none, or several are."""
     paths = given or [path for path in motion.parent.iterdir() if path.suffix.lower() == ".asf"]
     named = [path for path in paths if motion.stem.startswith(path.stem)]
-    if not named and len(paths) != 1:
-        problem = f"none of the {len(paths)} skeletons beside it is named like it"
-        fix = "put the ASF file beside it, and call it as the motion begins, or give it, too"
-        raise input_error(motion, problem, fix)
+    problem = f"none of the {len(paths)} skeletons beside it is named like {motion.name}"
+    require(named or len(paths) == 1, f"{problem}: give its ASF file, too")
     return max(named or paths, key=lambda path: len(path.stem))
 
 
@@ -243,9 +236,8 @@ def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:
         pairs = [(index[above], index[name]) for above, *below in links for name in below]
         for above, child in pairs:
             bones[child].parent = above
-        children = sorted(child for _, child in pairs)
         reached = len(_parents_first([bone.parent for bone in bones])) == len(bones)
-        whole = len(bones) > 1 and reached and children == [*range(1, len(bones))]
+        whole = len(bones) > 1 and reached and len(pairs) == len(bones) - 1
         require(whole, "the hierarchy does not reach every bone once")
     return bones, UNKNOWN_UNIT if length == 1 else "m", 1.0 if length == 1 else INCH / length
 
@@ -269,30 +261,22 @@ def _bone(block: dict[str, list[str]]) -> Joint:
 def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]:
     """Return the labels of the frames of a motion, and the channels (n, c) of all bones.
 
-    Raises InputError, naming the line, for frames that list other bones than the first.
+    A bone that no frame lists does not move. Raises InputError, naming the line, for another
+    number of channels than the bone has, and for bones that are not once in each frame.
     """
     labels: list[str] = []
-    rows: list[tuple[int, list[str]]] = []
-    for line, words in enumerate(map(str.split, read_text(path).split("\n")), 1):
-        if len(words) == 1 and words[0].isdigit():
-            labels.append(words[0])
-        elif words and words[0][0] not in "#:":
-            rows.append((line, words))
-        require(words != [":RADIANS"], "angles in radians")
-    size = len(rows) // max(len(labels), 1)
-    order = [words[0] for _, words in rows[:size]]
+    cells = {bone.name: list[str]() for bone in bones}
     count = {bone.name: len(bone.channels) for bone in bones}
-    for (line, (name, *cells)), wanted in zip(rows, order * len(labels), strict=False):
-        if name != wanted or len(cells) != count.get(name):
-            problem = f"{len(cells)} numbers of {name!r}, not {count.get(wanted, 0)} of {wanted!r}"
-            raise input_error(f"{path}:{line}", problem, WHOLE)
-    require(len(rows) == size * len(labels), "a frame lacks bones, its number, or has too many")
-    values = floats([cell for _, words in rows for cell in words[:0:-1]])
-    starts = dict(zip(order, np.cumsum([0, *(count[n] for n in order)]).tolist(), strict=False))
-    padded = np.column_stack([np.reshape(values, (len(labels), -1)), np.zeros(len(labels))])
-    columns = [
-        starts[bone.name] + number if bone.name in starts else -1  # a bone that does not move
-        for bone in bones
-        for number in range(count[bone.name])
-    ]
-    return labels, padded[:, columns]
+    for line, words in enumerate(map(str.split, read_text(path).split("\n")), 1):
+        require(words != [":RADIANS"], "angles in radians")
+        name, *row = words or ["#"]
+        if name.isdigit() and not row:
+            labels.append(name)
+        elif name[0] not in "#:":
+            if len(row) != count.get(name) or len(cells[name]) != len(row) * (len(labels) - 1):
+                problem = f"{len(row)} numbers of {name!r}, not {count.get(name, 0)} in each frame"
+                raise input_error(f"{path}:{line}", problem, WHOLE)
+            cells[name] += reversed(row)
+    sizes = [(bone.name, len(labels) * count[bone.name]) for bone in bones]
+    values = [np.array(floats(cells[name] or ["0"] * size, size)) for name, size in sizes]
+    return labels, np.hstack([each.reshape(len(labels), -1) for each in values])

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -162,6 +162,12 @@ def of_frames(
     return poses if present is None else poses.take(present.ravel())
 
 
+def unit_of(points: Floats) -> dict[str, Any]:
+    """Return the fields `unit` and `size_needed` of points (n, p, d) whose file states no unit."""
+    fraction = points.shape[2] == 2 and are_fractions(points[np.isfinite(points)])
+    return {"unit": FRACTION if fraction else UNKNOWN_UNIT, "size_needed": fraction}
+
+
 def are_fractions(coordinates: Floats) -> bool:
     """Whether coordinates are fractions of an image, in it or near it, rather than pixels."""
     return coordinates.size > 0 and bool(coordinates.min() >= -0.5 and coordinates.max() <= 1.5)
@@ -195,31 +201,26 @@ def check_names(names: Sequence[str], what: str) -> None:
 
 # Names.
 
-ENDINGS = (".analysis", ".predictions", ".pkg", ".pose")
-"""Which the names of files have before their suffix, and their videos have not."""
+ENDINGS = re.compile(r"\.(?:analysis|predictions|pkg|pose)$", re.IGNORECASE)
+"""What the names of files have before their suffix, and their videos have not."""
 
-IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+IMAGES = re.compile(r"\.(?:png|jpe?g|tiff?|bmp)$", re.IGNORECASE)
 
 
 def video_name(path: Path) -> str:
     """Return the name of a file without its endings, which is what its items begin with."""
-    return _without_ending(Path(path.name.removesuffix(".gz")).stem, ENDINGS) or path.name
+    return ENDINGS.sub("", Path(path.name.removesuffix(".gz")).stem) or path.name
 
 
 def image_labels(paths: Sequence[str]) -> list[str]:
     """Return names of images: without folder and suffix where that tells them apart."""
-    stems = [_without_ending(file_name(path), IMAGES) for path in paths]
-    return stems if len({*stems}) == len(stems) else [_without_ending(p, IMAGES) for p in paths]
-
-
-def _without_ending(name: str, endings: Sequence[str]) -> str:
-    ending = next((ending for ending in endings if name.lower().endswith(ending)), "")
-    return name[: len(name) - len(ending)]
+    stems = [IMAGES.sub("", file_name(path)) for path in paths]
+    return stems if len({*stems}) == len(stems) else [IMAGES.sub("", path) for path in paths]
 
 
 def file_name(path: str) -> str:
     """Return the last part of a path, whichever system wrote it."""
-    return PureWindowsPath(path).name if "\\" in path else PurePosixPath(path).name
+    return PureWindowsPath(path).name if "\\" in path else Path(path).name
 
 
 LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
@@ -243,7 +244,7 @@ def number_labels(values: NDArray[Any]) -> list[str]:
     ]
 
 
-def make_unique(labels: Sequence[str], form: str = "{}_{}") -> tuple[str, ...]:
+def make_unique(labels: Sequence[str]) -> tuple[str, ...]:
     """Return labels, those that repeat an earlier one with a number after them.
 
     A label without a text is `*7`, as C3D files call the eighth.
@@ -253,10 +254,23 @@ def make_unique(labels: Sequence[str], form: str = "{}_{}") -> tuple[str, ...]:
     for place, name in enumerate(names):
         times[name] += 1
         if times[name] > 1:
-            numbered = (form.format(name, number) for number in count(times[name]))
+            numbered = (f"{name}_{number}" for number in count(times[name]))
             names[place] = next(new for new in numbered if new not in taken)
             taken.add(names[place])
     return tuple(names)
+
+
+def name_individual(who: Any) -> str:
+    """Return an identity as text, "" for none: `id 3` for 3, whatever is below 0 for nobody.
+
+    It may be the only one of a list, as OpenPose writes it.
+    """
+    while isinstance(who, list) and len(who) == 1:
+        who = who[0]
+    if isinstance(who, str):
+        return who
+    number = isinstance(who, int | float) and not isinstance(who, bool)
+    return f"id {who:g}" if number and who >= 0 else ""
 
 
 def edges_of(lines: Sequence[tuple[int, int]] | None, landmarks: int) -> Edges:

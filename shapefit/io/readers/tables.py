@@ -9,25 +9,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.checks import warn_of_zeros
 from shapefit.io.formats import INDIVIDUALS
-from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
-    FRACTION,
     Poses,
-    are_fractions,
     are_series,
+    name_individual,
     of_frames,
     parsing,
     require,
+    unit_of,
     video_name,
 )
 from shapefit.io.readers.text import Table, read_json, read_table, read_text
@@ -110,14 +110,8 @@ def parse_header(line: str) -> Header | None:
 
 # Tables.
 
-
-class Grid(NamedTuple):
-    """What a table holds: values (n, p, axes); names (p); cells (n) of item, frame and so on."""
-
-    values: Floats
-    names: Sequence[str]
-    cells: Mapping[str, Sequence[str]]
-
+Grid = tuple[Floats, Sequence[str], Mapping[str, Sequence[str]]]
+"""What a table holds: values (n, p, axes); landmarks (p); cells (n) of item, frame and so on."""
 
 METRES = {"frame", "time", "landmark", "x", "y", "z", "sd", "trusted"}
 """Columns of the tables in metres that are written here."""
@@ -129,8 +123,11 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
     z beside x and y is a third coordinate, unless there is a confidence of 0 to 1: then it is the
     depth that detectors guess, which is left out. Landmarks that are numbered have no names.
     """
-    path = paths[0]
-    table, header = _open_table(path)
+    path, text = paths[0], read_text(paths[0])
+    header = parse_header(text.partition("\n")[0])
+    require(header, "it does not name columns of landmarks, see docs/formats.md")
+    assert header is not None
+    table = read_table(path, text, header.names, header.delimiter, after=1)
     columns = header.landmarks.values() or [header.roles]
     axes = [axis for axis in OF_POINTS if any(axis in places for places in columns)]
     values, names, cells = (_read_wide if header.landmarks else _read_long)(table, header, axes)
@@ -153,45 +150,17 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
     if points.shape[2] == 3 and confidence is not None:
         points = points[..., :2]
         notes += ("z left out, the depth that a detector guesses beside its confidence",)
+    if "individual" in cells:
+        fields["individual"] = [*map(_individual, cells["individual"])]
     if "sequence" in cells:
         fields["video"] = [f"{video_name(path)}/{name}" for name in cells["sequence"]]
     if "frame" in cells:
-        fields["frame"] = _places(cells["frame"], fields.get("video"))
+        fields["frame"], rows = _frames(cells["frame"], fields.get("video"))
     labels = cells.get("item") or cells.get("frame")
-    if "individual" in cells:
-        fields["individual"] = [*map(_name_individual, cells["individual"])]
     if labels and not {"frame", "sequence"} & cells.keys():
-        fields = {"individual": [""] * len(points)} | fields
-        fields["unordered"] = not are_series(labels)
-    points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
+        fields = {"individual": [""] * len(points), "unordered": not are_series(labels), **fields}
     poses = of_bodies(path, points, confidence, labels, notes=notes, **fields)
-    return poses.take(_order(poses)) if "frame" in cells else poses
-
-
-def _open_table(path: Path) -> tuple[Table, Header]:
-    text = read_text(path)
-    header = parse_header(text.partition("\n")[0])
-    require(header is not None, "it does not name columns of landmarks, see docs/formats.md")
-    assert header is not None
-    return read_table(path, text, header.names, header.delimiter, after=1), header
-
-
-def _by_number(names: Sequence[str]) -> list[int] | None:
-    """Return the order of landmarks that are called by all numbers from 0 or 1 on."""
-    if not all(name.isascii() and name.isdigit() and len(name) < 10 for name in names):
-        return None
-    numbers = [*map(int, names)]
-    start = min(numbers, default=0)
-    whole = start < 2 and sorted(numbers) == [*range(start, start + len(names))]
-    return sorted(range(len(names)), key=numbers.__getitem__) if whole else None
-
-
-def _name_individual(cell: str) -> str:
-    """Return an individual as files of detectors name it: 3 is `id 3`, -1 and nothing nobody."""
-    (value,), wrong = read_numbers([cell])
-    if wrong.any():
-        return printable(cell)
-    return f"id {value:g}" if value >= 0 else ""
+    return poses.take(rows) if "frame" in cells else poses
 
 
 def _read_wide(table: Table, header: Header, axes: Sequence[str]) -> Grid:
@@ -205,7 +174,7 @@ def _read_wide(table: Table, header: Header, axes: Sequence[str]) -> Grid:
     ]
     roles = [role for role in OF_IMAGES if role in header.roles]
     texts = table.texts(*(header.roles[role] for role in roles))
-    return Grid(numbers[:, places], [*header.landmarks], dict(zip(roles, texts, strict=True)))
+    return numbers[:, places], [*header.landmarks], dict(zip(roles, texts, strict=True))
 
 
 def _read_long(table: Table, header: Header, axes: Sequence[str]) -> Grid:
@@ -226,32 +195,44 @@ def _read_long(table: Table, header: Header, axes: Sequence[str]) -> Grid:
     values = np.full((len(images), len(landmarks), len(axes)), np.nan)
     values[tuple(np.array([*rows], np.int64).reshape(-1, 2).T)] = numbers
     cells = zip(*images, strict=True) if images else ((),) * len(roles)
-    return Grid(values, [*landmarks], dict(zip(roles, cells, strict=True)))
+    return values, [*landmarks], dict(zip(roles, cells, strict=True))
 
 
-def _whole_numbers(cells: Sequence[str]) -> NDArray[np.int64]:
+def _by_number(names: Sequence[str]) -> Integers | None:
+    """Return the order of landmarks that are called by all numbers from 0 or 1 on."""
+    numbers = [int(name) if name.isdecimal() else -1 for name in names]
+    start = min(numbers, default=0)
+    whole = start in (0, 1) and sorted(numbers) == [*range(start, start + len(numbers))]
+    return np.argsort(numbers) if whole else None
+
+
+def _individual(cell: str) -> str:
+    """Return an individual as files of detectors name it: 3 is `id 3`, -1 and nothing nobody."""
+    (value,), wrong = read_numbers([cell])
+    return printable(cell) if wrong.any() else name_individual(float(value))
+
+
+def _whole_numbers(cells: Sequence[str]) -> list[int]:
     """Return cells as whole numbers. Raises ValueError for the first that is none."""
     values, _ = read_numbers(cells)
     wrong = ~(np.abs(values) < 2.0**53) | (values % 1 != 0)  # beyond, numbers are not told apart
-    unfit = [cell for cell, flag in zip(cells, wrong.tolist(), strict=True) if flag]
-    fix = "number the frames, or call the column `item`"
-    require(not unfit, f"{unfit[:1]} is no whole number; {fix}")
-    return values.astype(np.int64)
+    unfit = [cells[row] for row in np.flatnonzero(wrong)[:1].tolist()]
+    require(not unfit, f"{unfit} is no whole number; number the frames, or call the column `item`")
+    return [*map(int, values.tolist())]
 
 
-def _places(cells: Sequence[str], videos: Sequence[str] | None) -> NDArray[np.int64]:
-    """Return the positions of frames in their videos, from the first of each on."""
-    frames = _whole_numbers(cells)
-    _, video = np.unique(videos or [""] * len(cells), return_inverse=True)
-    starts = np.full(len(frames), np.iinfo(np.int64).max)
-    np.minimum.at(starts, video, frames)
-    return frames - starts[video]
+def _frames(cells: Sequence[str], videos: Sequence[str] | None) -> tuple[Integers, Integers]:
+    """Return the positions of frames in their videos, from the first of each on, and their order.
 
-
-def _order(poses: Poses) -> NDArray[np.intp]:
-    """Return the order of poses by frame in each video; videos stand as they appear."""
-    numbers = {name: number for number, name in enumerate(dict.fromkeys(poses.videos))}
-    return np.lexsort((poses.frame, np.array([numbers[name] for name in poses.videos])))
+    In it videos stand as they appear.
+    """
+    frames, videos = _whole_numbers(cells), videos or [""] * len(cells)
+    start: dict[str, int] = {}
+    for video, frame in zip(videos, frames, strict=True):
+        start[video] = min(frame, start.get(video, frame))
+    rank = {video: number for number, video in enumerate(start)}
+    order = np.lexsort((frames, [rank[video] for video in videos]))
+    return np.array(frames, np.int64) - np.array([start[v] for v in videos], np.int64), order
 
 
 def read_caliscope(paths: tuple[Path, ...]) -> Poses:
@@ -261,21 +242,19 @@ def read_caliscope(paths: tuple[Path, ...]) -> Poses:
     hands (100, 200 and more) and face (500 and more) keep their numbers as names. A point without a
     row is missing.
     """
-    path = paths[0]
-    values, names, cells = _read_long(*_open_table(path), "xy")
-    ids, ports, frames = map(_whole_numbers, (names, cells["sequence"], cells["frame"]))
+    poses = read_any_table(paths)
+    ids = _whole_numbers(poses.landmark_names or [*map(str, range(poses.points.shape[1]))])
     body = dict(enumerate(installed_skeletons()["mediapipe_33"].landmark_names))
-    by_number = np.argsort(ids, kind="stable")
-    videos = [f"{path.name.partition('.')[0]}/port {port}" for port in ports]
-    poses = of_frames(
-        path,
-        values[:, by_number],
-        labels=[*map(str, frames)],
-        frame=_places(cells["frame"], videos),
-        video=videos,
-        landmark_names=tuple(body.get(number, str(number)) for number in ids[by_number].tolist()),
+    stem = paths[0].name.partition(".")[0]
+    return replace(
+        poses,
+        points=poses.points[:, np.argsort(ids)],
+        video=[f"{stem}/port {video.rpartition('/')[2]}" for video in poses.videos],
+        landmark_names=tuple(body.get(number, str(number)) for number in sorted(ids)),
+        unit="px",
+        size_needed=False,
+        notes=(),
     )
-    return poses.take(_order(poses))
 
 
 # Arrays of landmarks without names: (n, p, 2), or 3 with a confidence; (p, 2 or 3) is one image.
@@ -327,7 +306,6 @@ def of_array(
             fits = not (least < 0 or most > 1)
             require(fits, f"third numbers run from {least:g} to {most:g}, are they confidences?")
         scores = None if scores is None else np.nan_to_num(scores.astype(np.float64))
-        points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
         return of_bodies(path, points, scores, **fields)
 
 
@@ -345,9 +323,7 @@ def of_bodies(
     `fields` are those of Poses. Raises ValueError for confidences below 0.
     """
     require(confidence is None or not (confidence < 0).any(), "a confidence below 0")
-    flat = points.shape[2] == 2
-    if flat and confidence is None:
+    points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
+    if points.shape[2] == 2 and confidence is None:
         notes += warn_of_zeros(points)
-    fraction = flat and are_fractions(points[np.isfinite(points)])
-    fields = {"unit": FRACTION if fraction else UNKNOWN_UNIT, "size_needed": fraction} | fields
-    return of_frames(path, points, confidence, labels, notes=notes, **fields)
+    return of_frames(path, points, confidence, labels, notes=notes, **unit_of(points) | fields)

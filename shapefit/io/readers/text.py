@@ -79,7 +79,7 @@ def floats(words: Sequence[str], count: int | None = None) -> list[float]:
 
 
 EMPTY = {"", "na", "n/a", "#n/a", "none", "null", "-", "nan"}
-"""Cells, in small letters, that say that there is no number."""
+"""Cells, in small letters, without a number."""
 
 
 class Table(NamedTuple):
@@ -87,8 +87,8 @@ class Table(NamedTuple):
 
     path: Path
     names: Sequence[str]
-    rows: list[str]
-    lines: list[int]
+    rows: Sequence[str]
+    lines: Sequence[int]
     delimiter: str | None
 
     def texts(self, *columns: int) -> list[list[str]]:
@@ -145,7 +145,7 @@ def read_table(
     after: int = 0,
     padded: bool = False,
 ) -> Table:
-    """Return the rows with any content in a text, behind so many lines; quotes do not count.
+    """Return the rows with any content in a text, after so many lines; quotes do not count.
 
     Without names the first row has them; without a delimiter spaces separate cells. `padded` rows
     may end before their empty cells, or after more of them. Raises InputError for rows of another
@@ -156,14 +156,13 @@ def read_table(
     rows = [(line, row) for line, row in numbered if line > after and row.strip(blank)]
     if not names and rows:
         names = [cell.strip() for cell in rows.pop(0)[1].split(delimiter)]
-    width = len(names)
     for number, (line, row) in enumerate(rows):
         count = row.count(delimiter) + 1 if delimiter else len(row.split())
-        if padded and delimiter and delimiter in row and count != width:
+        if padded and delimiter and delimiter in row and count != len(names):
             row = row.rstrip(blank)
-            row += delimiter * (width - 1 - row.count(delimiter))
+            row += delimiter * (len(names) - 1 - row.count(delimiter))
             rows[number], count = (line, row), row.count(delimiter) + 1
-        if count != width:
-            problem = f"has {count} cells, not {width}"
+        if count != len(names):
+            problem = f"has {count} cells, not {len(names)}"
             raise input_error(f"{path}:{line}", problem, "write one cell per column")
     return Table(path, names, [row for _, row in rows], [line for line, _ in rows], delimiter)

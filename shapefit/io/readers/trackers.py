@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from re import sub
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
@@ -25,9 +25,6 @@ from shapefit.io.readers.poses import (
     video_name,
 )
 
-REPEATED = "{} ({})"
-"""What a name that is there already is called."""
-
 
 class TrackerFile(Hdf5File):
     """An open HDF5 file of another tool."""
@@ -37,6 +34,10 @@ class TrackerFile(Hdf5File):
         values = np.asarray(self.rows(name))
         require(values.dtype.kind in "biuf", f"{name} holds no numbers")
         return values.astype(np.float64)
+
+    def numbers_if_any(self, name: str) -> Floats | None:
+        """Return a dataset as numbers; None where it is absent."""
+        return self.numbers(name) if self.is_dataset(name) else None
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Return a dataset of names; () where it is absent or empty, as SLEAP writes numbers."""
@@ -74,13 +75,12 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     `track_occupancy`, which is (frame, track) in both. Of several tracks, those that are in a frame
     are its instances.
     """
-    path = paths[0]
-    with TrackerFile(path) as file:
+    with TrackerFile(paths[0]) as file:
         nodes, names = file.texts("node_names"), file.texts("track_names")
         tracks, dims = file.numbers("tracks"), file.attribute("dims", "tracks")
-        scored, occupied = file.is_dataset("point_scores"), file.is_dataset("track_occupancy")
+        scores = file.numbers_if_any("point_scores")
+        occupied = file.is_dataset("track_occupancy")
         occupancy = file.numbers("track_occupancy").shape if occupied else None
-        scores = file.numbers("point_scores") if scored else None
         edges = file.edges("edge_inds", len(nodes))
 
     def agreement(order: tuple[str, ...]) -> tuple[bool, bool]:
@@ -100,12 +100,12 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     many = points.shape[1]
     names = tuple(name or f"track_{number}" for number, name in enumerate(names or ("",) * many))
     return of_frames(
-        path,
+        paths[0],
         points,
         scores,
         present=np.asarray(np.isfinite(points).any(axis=(2, 3))) if many > 1 else None,
         landmark_names=nodes,
-        individuals=make_unique(names, REPEATED) or None,
+        individuals=make_unique(names) or None,
         edges=edges,
     )
 
@@ -120,8 +120,7 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     which has its track in the same frame. Before version 1.1 of the format the middle of the first
     pixel was at 0.5.
     """
-    path = paths[0]
-    with TrackerFile(path) as file:
+    with TrackerFile(paths[0]) as file:
         tracks, videos = (
             [json.loads(text) for text in file.texts(name)]
             for name in ("tracks_json", "videos_json")
@@ -159,13 +158,12 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     replaced = np.array([key in placed and key[2] >= 0 for key in keys], bool)
     replaced = ~user & (replaced | np.isin(instances["instance_id"], origins))
     lost = int(replaced.sum())
-    individuals = (*make_unique([str(name) for _, name, *_ in tracks], REPEATED), "")
+    individuals = (*make_unique([str(name) for _, name, *_ in tracks]), "")
     files = [about.get("filename") or about["backend"].get("filename") for about in videos]
-    stems = [Path(file_name(str(name or "video"))).stem for name in files]
-    video_names = make_unique(stems, REPEATED)
+    video_names = make_unique([Path(file_name(str(name or "video"))).stem for name in files])
     return Poses(
-        name=str(path),
-        video=[video_names[n] for n in video] if len(videos) > 1 else video_name(path),
+        name=str(paths[0]),
+        video=[video_names[n] for n in video] if len(videos) > 1 else video_name(paths[0]),
         points=points[..., :2],
         confidence=None if np.isnan(points[~replaced, :, 2]).all() else points[..., 2],
         frame=frame,
@@ -241,10 +239,9 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     with TrackerFile(paths[0]) as file:
         kind = file.text("ds_type")
         require(kind == "poses", f"{kind or 'data of no stated type'}, not poses")
-        points = _arranged(file, "position", AXES)
-        scored, timed = file.is_dataset("confidence"), file.is_dataset("time")
+        points, times = _arranged(file, "position", AXES), file.numbers_if_any("time")
+        scored = file.is_dataset("confidence")
         confidence = _arranged(file, "confidence", AXES[:3]) if scored else None
-        labels = number_labels(file.numbers("time")) if timed else None
         individuals, landmarks, space = (
             file.texts(axis if file.is_dataset(axis) else f"{axis}s") for axis in AXES[1:]
         )
@@ -254,10 +251,10 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
         paths[0],
         points,
         confidence,
-        labels,
+        None if times is None else number_labels(times),
         landmark_names=landmarks,
         individuals=individuals,
-        frame_rate=rate if rate > 0 else None,
+        frame_rate=rate or None,
     )
 
 
@@ -274,61 +271,64 @@ def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
 # NWB.
 
 POSES_OF_NWB = ("PoseEstimationSeries", "PoseEstimation")
-UNITS = {"pixel": "px", "pixels": "px", "px": "px", "meters": "m", "metres": "m", "meter": "m"}
+UNITS = {"m": "m", "meter": "m", "meters": "m", "metres": "m"}
 
-
-class Series(NamedTuple):
-    """A landmark: points (n, 2 or 3), confidence (n,), times (n,) in seconds, rate in Hz."""
-
-    points: Floats
-    confidence: Floats
-    times: Floats
-    rate: float | None
-    unit: str
+Series = tuple[Floats, Floats, Floats, float, str]
+"""Of a landmark: points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, unit."""
 
 
 def read_nwb(paths: tuple[Path, ...]) -> Poses:
-    """Read every PoseEstimation below `processing`; a series may have times of its own.
+    """Read every PoseEstimation below `processing`, at the times of its series; one skeleton.
 
     Raises ValueError where there is none, and for animals of one name in several modules.
     """
-    all_series: dict[tuple[str, str], Series] = {}
+    series: dict[tuple[str, str], Series] = {}
     with TrackerFile(paths[0]) as file:
         groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
         kinds = {name: file.text("neurodata_type", name) for name in groups}
         for name in groups:
             if (kinds[name], kinds.get(name.rpartition("/")[0])) == POSES_OF_NWB:
                 *_, animal, landmark = name.split("/")
-                once = (animal, landmark) not in all_series
+                once = (animal, landmark) not in series
                 require(once, "animals of one name in several modules; save each in its own file")
-                all_series[animal, landmark] = _read_series(file, name)
-        require(all_series, "no PoseEstimation (ndx-pose), so no landmarks")
-        landmarks = dict.fromkeys(landmark for _, landmark in all_series)
-        names, edges = _join_skeletons(file, groups, landmarks)
-    axes = {series.points.shape[1] for series in all_series.values()}
+                series[animal, landmark] = _read_series(file, name)
+        require(series, "no PoseEstimation (ndx-pose), so no landmarks")
+        skeleton = next((name for name in groups if file.texts(f"{name}/nodes")), "")
+        nodes = file.texts(f"{skeleton}/nodes")
+        pairs = file.edges(f"{skeleton}/edges", len(nodes))
+    landmarks = [*dict.fromkeys(landmark for _, landmark in series)]
+    names = [*dict.fromkeys([*(node for node in nodes if node in landmarks), *landmarks])]
+    animals = [*dict.fromkeys(animal for animal, _ in series)]
+    all_points, _, all_times, all_rates, all_units = zip(*series.values(), strict=True)
+    axes, units = {points.shape[1] for points in all_points}, {*all_units}
     require(len(axes) == 1, "2D and 3D series; save them in files of their own")
-    animals = [*dict.fromkeys(animal for animal, _ in all_series)]
-    times = np.unique(np.concatenate([series.times for series in all_series.values()]))
-    points = np.full((len(times), len(animals), len(names), *axes), np.nan)
-    confidence = np.full(points.shape[:3], np.nan)
-    present = np.zeros(points.shape[:2], bool)
-    for (animal, landmark), series in all_series.items():
-        at, number = np.searchsorted(times, series.times), animals.index(animal)
-        place = at, number, names.index(landmark)
-        points[place], confidence[place] = series.points, series.confidence
-        present[at, number] = True
-    units = {UNITS.get(series.unit, UNKNOWN_UNIT) for series in all_series.values()}
+    times = np.unique(np.concatenate(all_times))
+    cells = np.full((len(times), len(animals), len(names), *axes), np.nan)
+    confidence = np.full(cells.shape[:3], np.nan)
+    present = np.zeros(cells.shape[:2], bool)
+    for (animal, landmark), (points, scores, at, *_) in series.items():
+        rows, number = np.searchsorted(times, at), animals.index(animal)
+        place = rows, number, names.index(landmark)
+        cells[place], confidence[place], present[rows, number] = points, scores, True
+    steps = np.diff(times)
+    rates = {rate for rate, at in zip(all_rates, all_times, strict=True) if len(at) > 1}
+    if rates == {0.0} and len(steps) > 1 and np.ptp(steps) <= 0.02 * np.median(steps):
+        rates = {1 / float(np.median(steps))}
     return of_frames(
         paths[0],
-        points,
+        cells,
         None if np.isnan(confidence).all() else confidence,
         number_labels(times),
         individuals=animals,
         present=present,
         landmark_names=tuple(names),
-        frame_rate=_frame_rate([*all_series.values()], times),
+        frame_rate=(rates.pop() or None) if len(rates) == 1 else None,
         unit="px" if axes == {2} else units.pop() if len(units) == 1 else UNKNOWN_UNIT,
-        edges=edges,
+        edges=tuple(
+            (names.index(nodes[a]), names.index(nodes[b]))
+            for a, b in pairs
+            if {nodes[a], nodes[b]} <= {*landmarks}
+        ),
     )
 
 
@@ -341,13 +341,13 @@ def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
-    data, scores, start = (f"{group}/{name}" for name in ("data", "confidence", "starting_time"))
+    data, start, rate = f"{group}/data", f"{group}/starting_time", 0.0
     points = file.numbers(data) * (file.number("conversion", data) or 1.0)
     points += file.attribute("offset", data) or 0.0
-    confidence = file.numbers(scores) if file.is_dataset(scores) else np.full(len(points), np.nan)
-    rate = None
+    confidence = file.numbers_if_any(f"{group}/confidence")
+    confidence = np.full(len(points), np.nan) if confidence is None else confidence
     if file.is_dataset(start):
-        rate = file.number("rate", start) or None
+        rate = file.number("rate", start)
         times = file.numbers(start) + np.arange(len(points)) / (rate or 1.0)
     else:
         times = file.numbers(f"{group}/timestamps")
@@ -355,31 +355,4 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     require(rising, f"the times of {group} do not increase")
     fits = times.shape == confidence.shape == points.shape[:-1]
     require(fits, f"{group} has other numbers of points, times and confidences")
-    unit = (file.text("unit", data) or "pixels").lower()
-    return Series(points, confidence, times, rate, unit)
-
-
-def _join_skeletons(
-    file: TrackerFile, groups: Sequence[str], landmarks: dict[str, None]
-) -> tuple[list[str], Edges]:
-    """Return all landmarks, in the order of skeletons, then of appearance; and all edges."""
-    skeletons = {group: file.texts(f"{group}/nodes") for group in groups}
-    nodes = dict.fromkeys(node for nodes in skeletons.values() for node in nodes)
-    names = [*dict.fromkeys([*(node for node in nodes if node in landmarks), *landmarks])]
-    edges: dict[tuple[int, int], None] = {}
-    for group, nodes_here in skeletons.items():
-        for ends in file.edges(f"{group}/edges", len(nodes_here)):
-            a, b = (nodes_here[end] for end in ends)
-            if a in landmarks and b in landmarks:
-                edges[names.index(a), names.index(b)] = None
-    return names, tuple(edges)
-
-
-def _frame_rate(series: Sequence[Series], times: Floats) -> float | None:
-    """Return the frame rate that the series state, or that their times keep to 1%."""
-    stated = {one.rate for one in series if len(one.times) > 1}
-    steps = np.diff(times)
-    if stated != {None} or len(steps) < 2:
-        return stated.pop() if len(stated) == 1 else None
-    middle = float(np.median(steps))
-    return 1 / middle if (np.abs(steps - middle) <= 0.01 * middle).all() else None
+    return points, confidence, times, rate, UNITS.get(file.text("unit", data).lower(), UNKNOWN_UNIT)

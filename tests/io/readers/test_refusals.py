@@ -126,7 +126,7 @@ REFUSED = [
     ("w.bvh", BVH.replace("0 -4 0", "0 -4 nan"), "w.bvh:8: .*'nan' is no number"),
     ("w.bvh", BVH.replace("Time: 0.04", "Time: soon"), "w.bvh:18: .*soon"),
     # Vicon
-    ("v.csv", VICON.replace("1001", "left"), r"v\.csv:7: 'left' is no number \(column Anna:LASI/X"),
+    ("v.csv", VICON.replace("1001", "left"), r"v\.csv:7: 'left' is no number \(column Anna:LASI X"),
     ("v.csv", VICON.replace("X,Y,Z,X", "X,Y,Z,Y"), "other columns than X, Y and Z"),
     ("v.csv", VICON.replace("100,,", "fast,,", 1), "v.csv: .*'fast' is no number"),
     ("v.csv", VICON.replace("7,0,1000", "7,0,1000,5,5,5"), r"v\.csv:6: has 11 cells, not 8"),
