@@ -9,7 +9,7 @@ that of all shapes and e together, as that many shapes would. No round lowers th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,16 +35,6 @@ class Mixture:
 
     def __len__(self) -> int:
         return len(self.weights)
-
-    def __eq__(self, other: object) -> bool:
-        """Whether all numbers are the same, so that what follows from a mixture is found once."""
-        return isinstance(other, Mixture) and all(
-            np.array_equal(getattr(self, each.name), getattr(other, each.name))
-            for each in fields(self)
-        )
-
-    def __hash__(self) -> int:
-        return hash((self.weights.tobytes(), self.means.tobytes()))
 
     @property
     def by_landmark(self) -> Floats:

@@ -85,22 +85,17 @@ def complete(coefficients: Sequence[float] | Floats) -> Floats:
     return np.concatenate([given, absent], axis=-1)
 
 
-def distort(points: Floats, coefficients: Floats) -> Floats:
-    """Return where the lens puts points (..., 2, p) of the image plane; coefficients (..., 8)."""
-    return _distorted(points, coefficients)[0]
-
-
 def undistort(points: Floats, coefficients: Floats) -> Floats:
     """Return the points (..., 2, p) of the image plane that the lens puts at `points`.
 
-    They are found by Newton's method, along the path from the axis on which the lens turns nothing
-    over. NaN where there are none: the model bends back before it gets there.
+    coefficients (..., 8). They are found by Newton's method, along the path from the axis on which
+    the lens turns nothing over. NaN where there are none: the model bends back before that.
     """
     found = np.array(points, dtype=np.float64)
     size = np.maximum(np.linalg.norm(found, axis=-2), _EXACT)
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
-            reached, across, along, skew = _distorted(found, coefficients)
+            reached, across, along, skew = distort(found, coefficients)
             x, y = np.moveaxis(points - reached, -2, 0)
             step = np.stack([along * x - skew * y, across * y - skew * x], axis=-2)
             step /= (across * along - skew**2)[..., None, :]
@@ -110,15 +105,15 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
             found = found + step
             if not (length > _EXACT * longest).any():
                 break
-        reached = _distorted(found, coefficients)[0]
+        reached = distort(found, coefficients)[0]
         right = np.linalg.norm(points - reached, axis=-2) <= 1e-9 * size
         for share in np.linspace(0.0, 1.0, 17):  # nor does the lens bend back on the way there
-            _, across, along, skew = _distorted(share * found, coefficients)
+            _, across, along, skew = distort(share * found, coefficients)
             right &= (across + along > 0) & (across * along > skew**2)
     return np.where(right[..., None, :], found, np.nan)
 
 
-def _distorted(points: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def distort(points: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the points where the lens puts them, and the derivatives dx/dx, dy/dy and dx/dy.
 
     The derivative is symmetric: the model is the gradient of a function of the plane.

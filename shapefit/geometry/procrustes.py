@@ -155,10 +155,9 @@ def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
     """F S P: negate the lateral coordinate and exchange each point with its partner.
 
     shapes (..., 3, p) in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0, 1, 2);
-    mirror_index (p,): the partner of each point, itself for a point on the plane. Raises ValueError
-    where mirror_index is not its own inverse.
+    mirror_index (p,): the partner of each point, itself for a point on the plane.
     """
-    mirrored: Floats = shapes[..., _partners(mirror_index, shapes.shape[-1])]
+    mirrored: Floats = shapes[..., mirror_index]
     mirrored[..., lateral, :] *= -1
     return mirrored
 
@@ -166,17 +165,7 @@ def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
 def lateral_axis(shapes: Floats, mirror_index: Indices) -> int:
     """argmax_a sum over points of (x_a - x_a of the partner)^2: where left and right lie apart.
 
-    shapes (..., 3, p) in frames that share their lateral axis -> 0, 1 or 2. Raises as `mirror`.
+    shapes (..., 3, p) in frames that share their lateral axis -> 0, 1 or 2.
     """
-    difference = shapes - shapes[..., _partners(mirror_index, shapes.shape[-1])]
+    difference = shapes - shapes[..., mirror_index]
     return int((difference**2).sum(axis=-1).reshape(-1, 3).sum(axis=0).argmax())
-
-
-def _partners(mirror_index: Indices, points: int) -> NDArray[np.intp]:
-    partners = np.asarray(mirror_index)
-    if partners.shape != (points,):
-        raise ValueError(f"mirror_index has shape {partners.shape}, not ({points},)")
-    inside = ((partners >= 0) & (partners < points)).all()
-    if not inside or (partners[partners] != np.arange(points)).any():
-        raise ValueError("mirror_index does not pair the points: it is not its own inverse")
-    return partners.astype(np.intp)

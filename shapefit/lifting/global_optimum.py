@@ -15,10 +15,11 @@ from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status, read_statuses
 from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings
+from shapefit.lifting.methods import Settings
 from shapefit.lifting.shared_rotation import alternate_from_mean, describe, refine_convex
 
-DEFAULTS = SearchOptions()
+MAX_CELLS, MAX_SECONDS = 200_000, 10.0
+"""The search of an image gives up after so many cells, or so many seconds."""
 
 
 def find_global(problem: Problem, settings: Settings) -> Estimate:
@@ -26,13 +27,12 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
 
     So it is never above either of them. The iterations are cells; the gap is that to the bound.
     """
-    local = replace(settings, options=AlternationOptions())
+    local = replace(settings, signed=False)
     ends = [refine_convex(problem, local), alternate_from_mean(problem, local)]
     optimum = find_optimum(
         problem,
         np.stack([end.rotation for end in ends], axis=1),
         tolerance=settings.tolerance,
-        options=settings.options,
         threads=settings.threads,
     )
     coefficients, rotation = optimum.coefficients, optimum.rotation
@@ -62,7 +62,8 @@ def find_optimum(
     starts: Floats | None = None,
     *,
     tolerance: float = 1e-2,
-    options: SearchOptions = DEFAULTS,
+    max_cells: int = MAX_CELLS,
+    max_seconds: float = MAX_SECONDS,
     threads: int = 0,
 ) -> GlobalOptimum:
     """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all R.
@@ -81,8 +82,8 @@ def find_optimum(
         **problem.arrays,
         starts=np.zeros((n, 0, 3, 3)) if starts is None else np.ascontiguousarray(starts, float),
         tolerance=tolerance,
-        most_cells=options.max_cells,
-        most_seconds=options.max_seconds,
+        most_cells=max_cells,
+        most_seconds=max_seconds,
         coefficients=coefficients,
         rotation=rotation,
         objective=objective,

@@ -154,12 +154,19 @@ def find_noise(
 
 
 def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share: Floats) -> Floats:
-    """Lambda of each image: as given, from the noise, or 1 where it is ignored."""
+    """Lambda (n,) as given, from the noise, or 1 where it is ignored.
+
+    From the noise it is noise / scale E max_i ||G B_i^T||_* sqrt(visible share), with the scale
+    (n,) of the landmarks; hidden ones, which no noise reaches, shrink the expectation.
+    """
     if program.loss is Loss.EXACT:
         return np.ones_like(scale)
-    if program.lam is None:
-        return lambda_for_noise(atoms, program.noise, scale, visible_share)
-    return np.full_like(scale, program.lam)
+    if program.lam is not None:
+        return np.full_like(scale, program.lam)
+    unit = noise_dual_norm(atoms)
+    with np.errstate(over="ignore"):
+        level = program.noise / scale * unit * np.sqrt(visible_share)
+    return np.clip(level, LEAST, MOST)
 
 
 def noise_dual_norm(atoms: Floats) -> float:
@@ -173,19 +180,6 @@ def noise_dual_norm(atoms: Floats) -> float:
     G -= G.mean(axis=-1, keepdims=True)
     N = (G.reshape(2 * DRAWS, p) @ atoms.reshape(3 * k, p).T).reshape(DRAWS, 2, k, 3)
     return float(nuclear_norm(N.swapaxes(1, 2)).max(axis=1).mean())
-
-
-def lambda_for_noise(atoms: Floats, noise: float, scale: Floats, visible_share: Floats) -> Floats:
-    """lambda = noise / scale E max_i ||G B_i^T||_* sqrt(visible share), an image each.
-
-    noise is the standard deviation of a landmark's coordinate in the unit of `scale` (n,), the
-    scale by which the landmarks were normalised; visible_share (n,) in 0..1 shrinks the
-    expectation for the landmarks that no noise reaches.
-    """
-    unit = noise_dual_norm(atoms)
-    with np.errstate(over="ignore"):
-        level = noise / scale * unit * np.sqrt(visible_share)
-    return np.clip(level, LEAST, MOST)
 
 
 def fail_nonfinite(lifting: Lifting) -> Lifting:

@@ -33,20 +33,6 @@ ATOMS = ("sparse-coding", "exemplars")
 
 
 @dataclass(frozen=True, kw_only=True)
-class AlternationOptions:
-    """How the methods that share one rotation search.
-
-    signed        coefficients of either sign
-    tolerance     alternation stops when a round lowers the objective by at most this share
-    max_rounds    and after this many rounds
-    """
-
-    signed: bool = False
-    tolerance: float = 1e-6
-    max_rounds: int = 500
-
-
-@dataclass(frozen=True, kw_only=True)
 class PosteriorOptions:
     """The model of the landmarks, and what is reported.
 
@@ -57,7 +43,6 @@ class PosteriorOptions:
     bar_scale       factor of all covariances, for bodies and motions that the prior lacks
     growth         factors (p,) of the covariances of landmarks beyond it, by a sample of the file;
                    empty for none
-    views          views, spread evenly, to start from besides that of the convex program
     covariance     whether the covariance of all landmarks together is wanted
     """
 
@@ -66,20 +51,7 @@ class PosteriorOptions:
     outlier_density: float = 0.05
     bar_scale: float = 1.0
     growth: tuple[float, ...] = ()
-    views: int = 0
     covariance: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class SearchOptions:
-    """How the method global searches.
-
-    max_cells     the search of an image gives up after so many cells
-    max_seconds   or so many seconds
-    """
-
-    max_cells: int = 200_000
-    max_seconds: float = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +61,8 @@ class Settings:
     solve            solver of the convex program
     mean_shape       (3, p) of the dictionary
     needs            what else of the dictionary the method needs, by name
-    options          the options of the method, of the type that the table names
+    signed           convex+refine and alternate: coefficients of either sign
+    posterior        posterior and sequences: the model of the landmarks
     tolerance        global: the relative gap at which an image is solved
     threads          0 is one per core
     """
@@ -97,7 +70,8 @@ class Settings:
     solve: Solve
     mean_shape: NDArray[np.float64]
     needs: dict[str, Any] = field(default_factory=dict)
-    options: Any = None
+    signed: bool = False
+    posterior: PosteriorOptions = PosteriorOptions()
     tolerance: float = 1e-2
     threads: int = 0
 
@@ -130,7 +104,6 @@ class Method:
 
     run            "module:function", takes a Problem and Settings to an Estimate
     summary        what it does: a clause of the help
-    options        the type of its options, if it has any
     losses         data terms that it knows
     learned        how the dictionary must be learned, by `method` of learn-dict; empty for any
     needs          fields of the dictionary without which it cannot run
@@ -151,7 +124,6 @@ class Method:
 
     run: str
     summary: str
-    options: type | None = None
     losses: tuple[str, ...] = ("squared",)
     learned: tuple[str, ...] = ATOMS
     needs: tuple[Need, ...] = ()
@@ -185,7 +157,6 @@ PRIOR = Need(
 POSTERIOR = Method(
     run="shapefit.lifting.posterior.method:lift_to_posterior",
     summary="the posterior mean under the prior over shapes, with its uncertainty",
-    options=PosteriorOptions,
     needs=(PRIOR,),
     proves="bound",
     mixes_atoms=False,
@@ -204,21 +175,18 @@ METHODS: dict[str, Method] = {
     "convex+refine": Method(
         run="shapefit.lifting.shared_rotation:refine_convex",
         summary="its solution refined to one shared rotation",
-        options=AlternationOptions,
         losses=("squared", *ROBUST),
         proves="bound",
     ),
     "global": Method(
         run="shapefit.lifting.global_optimum:find_global",
         summary="the certified optimum over all rotations shared by the atoms",
-        options=SearchOptions,
         proves="global",
         tolerance=1e-2,
     ),
     "alternate": Method(
         run="shapefit.lifting.shared_rotation:alternate_from_mean",
         summary="alternating minimisation from the mean shape",
-        options=AlternationOptions,
     ),
     "pmp": Method(
         run="shapefit.lifting.matching_pursuit:lift_by_pursuit",
@@ -238,7 +206,6 @@ METHODS: dict[str, Method] = {
     "mean-shape": Method(
         run="shapefit.lifting.shared_rotation:pose_mean_shape",
         summary="the pose of the mean shape alone",
-        options=AlternationOptions,
         learned=(),
         mixes_atoms=False,
     ),
@@ -258,15 +225,9 @@ def summarise() -> str:
 
 
 def choose_method(name: str, settings: Settings) -> Estimator:
-    """Return the method of that name with its settings, as `lift` wants it.
-
-    Without options it has its defaults.
-    """
-    method = METHODS[name]
-    module, _, function = method.run.partition(":")
+    """Return the method of that name with its settings, as `lift` wants it."""
+    module, _, function = METHODS[name].run.partition(":")
     run: Run = getattr(import_module(module), function)
-    if settings.options is None and method.options is not None:
-        settings = replace(settings, options=method.options())
     return lambda problem: run(problem, settings)
 
 

@@ -32,14 +32,8 @@ REASONS = {
 """Endings of a refinement without a result, and why."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PerspectiveOptions:
-    """The options of `refine_perspective`; softness and ridge are in normalised units."""
-
-    ridge: float = 0.3
-    softness: float = 0.1
-    max_rounds: int = 1000
-    threads: int = 0
+RIDGE, SOFTNESS, MAX_ROUNDS = 0.3, 0.1, 1000
+"""Of `refine_perspective`; the first two in normalised units."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +58,7 @@ def refine_view(
     landmarks: Floats,
     camera: Camera,
     dictionary: Dictionary,
-    options: PerspectiveOptions,
+    threads: int = 0,
 ) -> Lifting:
     """Refine rotation, translation and coefficients of n images under the full projection.
 
@@ -81,10 +75,10 @@ def refine_view(
     part = Problem(norm.points, whole.weights[rows], dictionary.atoms, whole.lam[rows])
     in_unit = camera.take(rows)
     nearby = in_unit.normalised_as(norm)
-    starts = find_rotations(old.rotation[rows], part, dictionary.mean_shape, options.threads)
+    starts = find_rotations(old.rotation[rows], part, dictionary.mean_shape, threads)
     prior = mean_coefficients(dictionary.atoms, dictionary.mean_shape)
     refined = refine_perspective(
-        part.landmarks, part.weights, part.atoms, nearby, starts, prior, options
+        part.landmarks, part.weights, part.atoms, nearby, starts, prior, threads=threads
     )
     c, R, t = refined.coefficients, refined.rotation, refined.translation
     S = combine(c, dictionary.atoms, R)
@@ -156,11 +150,15 @@ def refine_perspective(
     camera: Camera,
     rotation: Floats,
     prior: Floats,
-    options: PerspectiveOptions,
+    *,
+    ridge: float = RIDGE,
+    softness: float = SOFTNESS,
+    max_rounds: int = MAX_ROUNDS,
+    threads: int = 0,
 ) -> Refined:
     """min over R, t, c >= 0 of sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2.
 
-    s is the softness of the options, with ridge and the maximum rounds per image.
+    s is the softness; max_rounds are those of an image.
     r_j = Omega_j (w_j - projection of column j of R sum_i c_i B_i + t), in normalised units:
     landmarks w (n, 2, p), weights Omega (n, p), atoms B (k, 3, p), camera in the unit of w. It
     starts from the rotations R (n, 3, 3), c = prior (k,), and t where weak perspective puts it.
@@ -180,16 +178,16 @@ def refine_perspective(
         focal=np.ascontiguousarray(camera.focal, np.float64),
         centre=np.ascontiguousarray(camera.centre, np.float64),
         sign=camera.sign,
-        ridge=options.ridge,
-        softness=options.softness,
-        max_rounds=options.max_rounds,
+        ridge=ridge,
+        softness=softness,
+        max_rounds=max_rounds,
         rotation=R,
         translation=t,
         coefficients=c,
         objective=objective,
         rounds=rounds,
         status=codes,
-        threads=options.threads,
+        threads=threads,
     )
     status = read_statuses(codes)
     failed = [ending in REASONS for ending in status]

@@ -16,15 +16,13 @@ from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, join_images
-from shapefit.lifting.methods import AlternationOptions, Settings
+from shapefit.lifting.methods import Settings
 from shapefit.lifting.reconstruction import combine, is_active
 
 VIEWS = 6
 """Views, spread evenly, from which the pose of the mean shape is sought."""
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-
-DEFAULTS = AlternationOptions()
 
 
 def refine_convex(problem: Problem, settings: Settings) -> Estimate:
@@ -109,7 +107,7 @@ def _alternate_or_restart(problem: Problem, settings: Settings, starts: Floats) 
 
 def _alternate(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
     """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
-    end = alternate(problem, starts, settings.options, settings.threads)
+    end = alternate(problem, starts, signed=settings.signed, threads=settings.threads)
     return describe(problem, end.coefficients, end.rotation, end.rounds, end.status)
 
 
@@ -231,7 +229,10 @@ class Alternation(NamedTuple):
 def alternate(
     problem: Problem,
     starts: Floats,
-    options: AlternationOptions = DEFAULTS,
+    *,
+    signed: bool = False,
+    tolerance: float = 1e-6,
+    max_rounds: int = 500,
     threads: int = 0,
 ) -> Alternation:
     """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar Rbar^T = I.
@@ -249,9 +250,9 @@ def alternate(
     core.alternate(
         **problem.arrays,
         starts=np.ascontiguousarray(starts, dtype=np.float64),
-        is_signed=options.signed,
-        tolerance=options.tolerance,
-        most_rounds=options.max_rounds,
+        is_signed=signed,
+        tolerance=tolerance,
+        most_rounds=max_rounds,
         coefficients=coefficients,
         rotation=rotation,
         rounds=rounds,

@@ -9,7 +9,15 @@ import pytest
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.lift import NOT_FINITE, Program, fail_nonfinite, lift, noise_dual_norm
+from shapefit.lifting.lift import (
+    LEAST,
+    NOT_FINITE,
+    Program,
+    choose_lambda,
+    fail_nonfinite,
+    lift,
+    noise_dual_norm,
+)
 from shapefit.lifting.methods import Settings, choose_method
 
 PROGRAM = Program(lam=0.1)
@@ -107,6 +115,20 @@ def test_each_image_has_the_lambda_of_its_own_size_and_landmarks(make_scene):
     found = lift(landmarks, weights, scene.atoms, Program(lam=None, noise=0.2), flat)
     expected = 0.2 / found.scale * noise_dual_norm(scene.atoms) * np.array([1, 1, 0.5])
     np.testing.assert_allclose(flat.problem.lam, expected)
+
+
+@pytest.mark.parametrize("visible", [np.ones(40, bool), np.arange(40) % 4 == 0])
+def test_lambda_is_the_mean_dual_norm_of_the_noise_that_is_seen(rng, visible):
+    """Against noise drawn anew, on the visible landmarks, about their mean; never 0."""
+    atoms = rng.standard_normal((5, 3, 40))
+    atoms -= atoms.mean(axis=2, keepdims=True)
+    G = rng.standard_normal((4000, 1, 2, visible.sum()))
+    G -= G.mean(axis=-1, keepdims=True)
+    norms = np.linalg.norm(G @ atoms[..., visible].swapaxes(1, 2), "nuc", axis=(2, 3))
+    program, share = Program(lam=None, noise=2.0), np.full(3, visible.mean())
+    found = choose_lambda(program, atoms, np.array([1.0, 4.0, 1e9]), share)
+    expected = 2.0 * norms.max(axis=1).mean() / np.array([1.0, 4.0])
+    np.testing.assert_allclose(found, [*expected, LEAST], rtol=0.05)
 
 
 @pytest.fixture

@@ -16,11 +16,7 @@ from shapefit.geometry.procrustes import generalised_procrustes, similarity_tran
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting import shared_rotation as shared
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import (
-    AlternationOptions,
-    Settings,
-    choose_method,
-)
+from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.shared_rotation import alternate
 
 RIGID = ("convex+refine", "alternate")
@@ -51,9 +47,7 @@ def settings(scene):
 def test_an_estimate_of_one_rotation_agrees_with_itself(name, signed, scene, settings):
     """Shape, transforms, objective and residual follow from c, R and T."""
     problem = scene.problem(0.1)
-    found = choose_method(name, replace(settings, options=AlternationOptions(signed=signed)))(
-        problem
-    )
+    found = choose_method(name, replace(settings, signed=signed))(problem)
     c, R = found.coefficients, found.rotation
     np.testing.assert_allclose(
         found.shapes, R @ np.einsum("nk,kap->nap", c, scene.atoms), atol=1e-12
@@ -76,8 +70,7 @@ def test_refinement_is_bounded_by_the_convex_program(scene, settings):
     problem = scene.problem(0.1)
     convex = choose_method("convex", settings)(problem)
     for signed in (False, True):
-        options = AlternationOptions(signed=signed)
-        found = choose_method("convex+refine", replace(settings, options=options))(problem)
+        found = choose_method("convex+refine", replace(settings, signed=signed))(problem)
         assert (found.relative_gap >= -1e-12).all()
         assert found.relative_gap.max() > 1e-3
         np.testing.assert_allclose(
@@ -121,8 +114,8 @@ def test_only_images_without_an_atom_begin_again(scene, settings, monkeypatch):
 
     sizes = []
 
-    def counted(problem, starts, *options):
-        found = alternate(problem, starts, *options)
+    def counted(problem, starts, **options):
+        found = alternate(problem, starts, **options)
         sizes.append((len(starts), found.rounds))
         return found
 

@@ -11,7 +11,6 @@ from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting import shared_rotation
 from shapefit.lifting.estimate import fit_translation
-from shapefit.lifting.methods import AlternationOptions
 from shapefit.lifting.shared_rotation import alternate, even_views, find_pose
 
 signs = pytest.mark.parametrize("signed", [False, True])
@@ -38,8 +37,8 @@ def test_the_objective_never_rises(make_scene, signed):
     problem = scene.problem(0.1)
     before = np.inf
     for rounds in (1, 2, 3, 5, 9, 17, 33):
-        options = AlternationOptions(signed=signed, tolerance=0, max_rounds=rounds)
-        found = alternate(problem, nearby(scene.rotation, 1.0), options)
+        starts = nearby(scene.rotation, 1.0)
+        found = alternate(problem, starts, signed=signed, tolerance=0, max_rounds=rounds)
         _, now = parts(problem, found)
         assert (now <= before * (1 + 1e-13)).all()
         before = now
@@ -50,8 +49,8 @@ def test_it_ends_where_neither_step_can_gain(make_scene, signed):
     """Optimal c for R (KKT), vanishing Riemannian gradient in R for c: with weights and T."""
     scene = make_scene(n=20, k=20, noise=0.2, weighted=True, hidden=0.2)
     problem = scene.problem(0.05)
-    options = AlternationOptions(signed=signed, tolerance=0.0, max_rounds=20_000)
-    found = alternate(problem, nearby(scene.rotation), options)
+    starts = nearby(scene.rotation)
+    found = alternate(problem, starts, signed=signed, tolerance=0.0, max_rounds=20_000)
     c, R = found.coefficients, found.rotation
     residual, _ = parts(problem, found)
     pull = problem.weights[:, None] * residual
@@ -73,8 +72,8 @@ def test_planted_rotations_and_coefficients_come_back(make_scene, weighted):
     """As lambda goes to 0 the planted model is the minimum."""
     scene = make_scene(n=20, k=5, active=3, weighted=weighted, hidden=0.2)
     problem = scene.problem(1e-7)
-    options = AlternationOptions(tolerance=1e-12, max_rounds=5000)
-    found = alternate(problem, nearby(scene.rotation, 0.1), options)
+    starts = nearby(scene.rotation, 0.1)
+    found = alternate(problem, starts, tolerance=1e-12, max_rounds=5000)
     np.testing.assert_allclose(found.coefficients, scene.coefficients, atol=1e-3)
     np.testing.assert_allclose(found.rotation, scene.rotation, atol=1e-3)
     assert set(found.status) == {Status.CONVERGED}
@@ -99,7 +98,7 @@ def test_every_image_says_how_it_ended(make_scene):
     assert found.status[2] is Status.DEGENERATE
     assert np.isnan(found.rotation[2]).all()
     assert {found.status[image] for image in (0, 1, 3)} == {Status.CONVERGED}
-    limited = alternate(scene.problem(0.1), starts, AlternationOptions(tolerance=0.0, max_rounds=2))
+    limited = alternate(scene.problem(0.1), starts, tolerance=0.0, max_rounds=2)
     assert limited.status[0] is Status.ITERATION_LIMIT
     assert limited.rounds[0] == 2
 

@@ -54,16 +54,15 @@ THIN = 0.05
 
 @dataclass(frozen=True)
 class Judgement:
-    """Root mean square errors of hidden landmarks, in the size of the shapes; and the verdict.
+    """What speaks for a class, and the verdict.
 
-    gain is the log evidence a landmark of the model beyond that of the flat one; turn is the angle
-    between the outermost directions of view, in degrees, from the shape. half_distance is how far
-    the shapes are from those that each half of the images has by itself, mean ||X - X'|| / ||X||.
+    hidden_error is the root mean square error of hidden landmarks, in the size of the shapes; gain
+    the log evidence a landmark of the model beyond that of the flat one; turn the angle between the
+    outermost directions of view, in degrees; half_distance how far the shapes are from those that
+    each half of the images has by itself, mean ||X - X'|| / ||X||.
     """
 
-    learned: float
-    rigid: float
-    flat: float
+    hidden_error: float
     gain: float
     turn: float
     half_distance: float
@@ -96,11 +95,6 @@ def evaluate_class(images: Images, state: State) -> Judgement:
         evidence_of_flat = rolled.objective - price_of_views(known, rolled, ROLL)
     evidence_of_flat = max(evidence_of_flat, flat.objective)
     *_, learned = improve(known, rigid, ROUNDS)
-
-    def error(of: State) -> float:
-        residual = (predict(known, of) - some.landmarks)[hidden[:, None].repeat(2, axis=1)]
-        return float(np.sqrt((residual**2).mean())) if residual.size else float("nan")
-
     forward = state.views.rotation[:, 2]
     half_distance = halves_distance(known, learned)
     closest = np.abs(forward @ forward[evenly(len(forward), SAMPLE)].T).min()
@@ -108,20 +102,19 @@ def evaluate_class(images: Images, state: State) -> Judgement:
     size = np.linalg.svd(state.model.mean, compute_uv=False)
     deep = gain > GAIN
     deforms = np.sqrt(learned.model.covariance.trace()) / np.linalg.norm(learned.model.mean)
-    missed = error(learned)
+    residual = (predict(known, learned) - some.landmarks)[hidden[:, None].repeat(2, axis=1)]
+    hidden_error = float(np.sqrt((residual**2).mean())) if residual.size else float("nan")
     same = half_distance < max(SAME * deforms, CLOSE)
     doubtful = deep or same or gain > REST
     verdict = LEARNED if deep and same else DOUBTFUL if doubtful else ALIKE
     if size[2] <= THIN * size[0]:
         verdict = ALIKE
     return Judgement(
-        learned=missed,
-        rigid=error(rigid),
-        flat=error(flat),
+        hidden_error=hidden_error,
         gain=gain,
         turn=float(np.degrees(np.arccos(min(closest, 1.0)))),
         half_distance=half_distance,
-        verdict=UNLIKE if missed > BLIND else verdict,
+        verdict=UNLIKE if hidden_error > BLIND else verdict,
     )
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from shapefit.arrays import Flags, Floats
 from shapefit.convex.problem import Problem
-from shapefit.lifting.methods import PosteriorOptions, Settings
+from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.method import (
     MOSTLY,
     find_from,
@@ -76,7 +76,7 @@ def calibrate(
     outlier, in most images, has no part in the kappa of the file.
     """
     square = predict_hidden(problem, rotation, settings)
-    bar_scale = settings.options.bar_scale
+    bar_scale = settings.posterior.bar_scale
     with np.errstate(invalid="ignore"):
         outliers = (inliers < MOSTLY).sum(axis=0) > MOSTLY * np.isfinite(inliers).sum(axis=0)
     pooled = square[:, ~outliers]
@@ -99,7 +99,6 @@ def calibrate(
 
 def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Floats:
     """d^2 (n, p) of seen landmarks from what the others predict, nan where that is nothing."""
-    options: PosteriorOptions = settings.options
     known: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
     visible: Flags = np.asarray((problem.weights > 0) & known[:, None])
     image, hidden = np.nonzero(visible)
@@ -125,7 +124,7 @@ def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Fl
     P[:, :, 2] = -slope
     C = np.array([[x * x, xy, xz], [xy, y * y, yz], [xz, yz, z * z]]).transpose(2, 0, 1)
     omega = problem.weights[image, hidden]
-    of_landmark = found.scale**2 * options.residual_variance / omega**2
+    of_landmark = found.scale**2 * settings.posterior.residual_variance / omega**2
     S = P @ C @ P.swapaxes(1, 2) + noise[image, hidden]
     S += of_landmark[:, None, None] * np.eye(2)
     away = w[image, :, hidden] - (P @ mean[..., None])[..., 0]

@@ -29,11 +29,11 @@ from shapefit.geometry.procrustes import similarity_errors
 from shapefit.geometry.rotations import shortest_rotations
 from shapefit.lifting.degeneracy import normalise_visible
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
-from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.p_value import draw_table, find_p_values, moments_at
+from shapefit.lifting.methods import Settings
+from shapefit.lifting.posterior.p_value import find_p_values
 from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
 from shapefit.lifting.reconstruction import reconstruct
-from shapefit.lifting.shared_rotation import even_views, find_moments, find_pose, turn_in_plane
+from shapefit.lifting.shared_rotation import find_pose
 from shapefit.lifting.trust import LIMITS, P_VALUE, START_DISTANCE
 
 SQUARED_MAHALANOBIS = "squared_mahalanobis"
@@ -58,7 +58,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     that program only. An image that the program cannot solve has no posterior. `modes` of each
     image, the most likely ones, are kept.
     """
-    options: PosteriorOptions = settings.options
+    options = settings.posterior
     solution = settings.solve(problem)
     failed = np.isin([status.value for status in solution.status], [s.value for s in FAILED])
     starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
@@ -120,7 +120,7 @@ def find_from(
     covariance: bool = False,
 ) -> Posterior:
     """Return the posteriors of n images from rotations (n, S, 3, 3), as a camera would see them."""
-    options: PosteriorOptions = settings.options
+    options = settings.posterior
     landmarks, noise, slopes = problem.landmarks, find_noise(problem), None
     if problem.camera is not None:
         rays = find_rays(landmarks, problem.camera)
@@ -147,19 +147,13 @@ def find_from(
 
 
 def with_p_value(found: Estimate, problem: Problem, settings: Settings) -> Estimate:
-    """Return what `lift_to_posterior` found with p-values and start distances.
-
-    A dictionary without a table of moments has it drawn, which takes as long as many images.
-    """
-    table = settings.needs.get("p_value_table")
-    if table is None:
-        table = moments_at(draw_table(settings.needs["prior"], (1.0,), settings.threads), 1.0)
+    """Return what `lift_to_posterior` found with p-values and start distances."""
     further = dict(found.further)
     further[P_VALUE] = find_p_values(
         further.pop(SQUARED_MAHALANOBIS),
         (problem.weights > 0).sum(axis=1),
         np.nansum(further["inlier_probability"], axis=1),
-        table,
+        settings.needs["p_value_table"],
     )
     further[START_DISTANCE] = find_start_distance(found, problem, settings)
     return replace(found, further=further)
@@ -215,10 +209,9 @@ def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
 
 
 def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Floats:
-    """Rotations (n, 1 + views, 3, 3): the consensus of the convex program's rotations.
+    """Rotations (n, 1, 3, 3): the consensus of the convex program's rotations.
 
-    Where they are all 0, the best pose of the mean shape. Then the views of the options, each
-    turned in the plane onto the landmarks.
+    Where they are all 0, the best pose of the mean shape.
     """
     M = solution.transforms
     rotation = reconstruct(M, problem.atoms, threads=settings.threads).rotation
@@ -226,27 +219,27 @@ def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Flo
     if len(empty):
         part = problem.take(empty)
         rotation[empty] = find_pose(part, settings.mean_shape, threads=settings.threads).rotation
-    if settings.options.views == 0:
-        return rotation[:, None]
-    _, by_shape = find_moments(problem, settings.mean_shape)
-    turned = turn_in_plane(even_views(settings.options.views), by_shape)
-    return np.concatenate([rotation[:, None], turned], axis=1)
+    return rotation[:, None]
 
 
 def look_through(
     estimate: Estimate, found: Posterior, problem: Problem, camera: Camera
 ) -> Estimate:
     """The same estimate with shapes in the unit of the dictionary, placed before the camera."""
-    lost = np.isnan(found.scale)
-    at = place(found.mean, found.scale, find_rays(problem.landmarks, camera), camera)
-    projected = project(camera, at.shapes + at.translation[..., None])
+    lost, size = np.isnan(found.scale), found.scale[:, None, None]
+    middle, focal = found.mean[:, :2].mean(axis=2), find_rays(problem.landmarks, camera).focal
+    t = np.concatenate([middle, camera.sign * focal[:, None]], axis=1) / found.scale[:, None]
+    shapes = found.mean / size
+    shapes[:, :2] -= t[:, :2, None]
+    projected = project(camera, shapes + t[..., None])
     # what is hidden may lie behind the camera, and counts for nothing
     shown = np.where(problem.weights[:, None] > 0, projected, 0.0)
+    origin = camera.centre + camera.focal * middle / focal[:, None]
     return replace(
-        estimate.in_unit(shrink=found.scale[:, None, None]),
-        shapes=np.where(lost[:, None, None], 0.0, at.shapes),
-        translation=np.where(lost[:, None], 0.0, at.middle),
-        camera_translation=at.translation,
+        estimate.in_unit(shrink=size),
+        shapes=np.where(lost[:, None, None], 0.0, shapes),
+        translation=np.where(lost[:, None], 0.0, origin),
+        camera_translation=t,
         residual=fit_translation(problem, shown, np.zeros((len(lost), 2))).residual,
     )
 
@@ -275,18 +268,6 @@ class Rays:
     landmarks: Floats
     slopes: Floats
     focal: Floats
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Shapes S (n, 3, p) about their middle and t (n, 3), in the unit of the dictionary.
-
-    The camera sees S + t; middle (n, 2) is where it sees t.
-    """
-
-    shapes: Floats
-    translation: Floats
-    middle: Floats
 
 
 def find_rays(landmarks: Floats, camera: Camera) -> Rays:
@@ -325,13 +306,3 @@ def face(
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     turns = shortest_rotations(np.array([0.0, 0.0, camera.sign]), ray)
     return turns[:, None] @ rotations
-
-
-def place(points: Floats, scale: Floats, rays: Rays, camera: Camera) -> Placement:
-    """Where shapes stand whose points (n, 3, p) are in the unit of the image, at mean depth 0."""
-    middle = points[:, :2].mean(axis=2)
-    t = np.concatenate([middle, camera.sign * rays.focal[:, None]], axis=1) / scale[:, None]
-    S = points / scale[:, None, None]
-    S[:, :2] -= t[:, :2, None]
-    visible = camera.centre + camera.focal * middle / rays.focal[:, None]
-    return Placement(S, t, visible)

@@ -9,7 +9,6 @@ moments under the model are found by drawing images from it, once, when a dictio
 
 from __future__ import annotations
 
-from functools import lru_cache
 from math import erfc
 
 import numpy as np
@@ -83,8 +82,7 @@ def moments_at(table: Floats, scale: float) -> Floats:
     return moments
 
 
-@lru_cache(maxsize=8)
-def draw_table(prior: Mixture, scales: tuple[float, ...] = SCALES, threads: int = 0) -> Floats:
+def draw_table(prior: Mixture, scales: tuple[float, ...] = SCALES) -> Floats:
     """Return the moments of the distance under the model, by scale and landmarks seen; (t, 4).
 
     Rows: scale of the prior; landmarks seen, ascending; excess, how much larger its mean is than
@@ -97,14 +95,14 @@ def draw_table(prior: Mixture, scales: tuple[float, ...] = SCALES, threads: int 
     counts = [*(count for count in COUNTS if FACTOR * count < p), p]
     return np.array(
         [
-            (scale, count, *draw_moments(widen(prior, scale), count, threads))
+            (scale, count, *draw_moments(widen(prior, scale), count))
             for scale in scales
             for count in counts
         ]
     )
 
 
-def draw_moments(prior: Mixture, count: int, threads: int = 0) -> tuple[float, float]:
+def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
     """Draw images of `count` landmarks from the model: excess and share, see `draw_table`."""
     rng = np.random.default_rng((SEED, count))
     p = prior.means.shape[2]
@@ -122,7 +120,6 @@ def draw_moments(prior: Mixture, count: int, threads: int = 0) -> tuple[float, f
         prior=prior,
         starts=R[:, None],
         outliers=Outliers(PosteriorOptions.outlier_rate, PosteriorOptions.outlier_density),
-        threads=threads,
     )
     # images without a posterior, and those whose landmarks happen to look like outliers
     known = found.squared_mahalanobis[np.isfinite(found.squared_mahalanobis)]

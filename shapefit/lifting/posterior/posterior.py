@@ -54,14 +54,6 @@ class Modes:
     covariance: Floats
     inlier_probability: Floats
 
-    @property
-    def shares(self) -> Floats:
-        """Each mode's share of the posterior (n, M): they add up to 1 in an image that has one."""
-        with np.errstate(invalid="ignore"):
-            share = np.exp(self.log_evidence - self.log_evidence[:, :1])
-            found: Floats = np.nan_to_num(share / share.sum(axis=1, keepdims=True))
-        return found
-
 
 @dataclass(frozen=True)
 class Posterior:

@@ -103,15 +103,15 @@ class Clips:
 class Refined(NamedTuple):
     """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes its own.
 
-    covariance (n, 3p, 3p) of all landmarks of an image, None where it was not asked for; converged
-    (n,), whether the inference of the sequence ended at a minimum.
+    covariance (n, 3p, 3p) of all landmarks of an image; converged (n,), whether the inference of
+    the sequence ended at a minimum.
     """
 
     points: Floats
     deviation: Floats
     correlation: Floats
     noise: Floats
-    covariance: Floats | None
+    covariance: Floats
     converged: Flags
 
 
@@ -143,9 +143,10 @@ def refine_lifting(
     modes = found.posterior_modes
     weights = lifting.problem.weights
     visible = (weights > 0)[:, None]
-    own, own_mixed = found.deviation, found.further[CORRELATION]
-    if modes is None or own is None:
-        raise ValueError("the images have no modes, or no deviations")
+    own, own_mixed, of_images = found.deviation, found.further[CORRELATION], found.covariance
+    assert modes is not None  # as lift_frames returns them, with covariances
+    assert own is not None
+    assert of_images is not None
     centre = lifting.translation - lifting.scale[:, None] * found.translation
     clips = Clips(
         landmarks=np.where(visible, landmarks, np.nan),
@@ -158,8 +159,7 @@ def refine_lifting(
         noise=noise,
         deviation=lifting.scale[:, None, None] * own / bar_scale,
     )
-    whole = found.covariance
-    refined = refine_clips(clips, sequences, motion, threads, covariances=whole is not None)
+    refined = refine_clips(clips, sequences, motion, threads)
     single = np.isnan(refined.noise)[:, None, None]
     grow = bar_scale / lifting.scale[:, None]  # (n, p), of what is in the unit of the landmarks
     rows = nearest_known(is_informative(clips), split(sequences))
@@ -168,18 +168,14 @@ def refine_lifting(
     constant = refined.noise[:, None] * grow
     bars, correlation = add_common_error(smoothed, images, constant)
     mixed = correlation.swapaxes(1, 2).astype(np.float32)
-    image_error = np.full(len(centre), np.nan)
-    if whole is not None and refined.covariance is not None:
-        image_error = lifting.scale * expected_error(lifting.shapes, whole)
-        both = refined.covariance  # written over, as these take most of the memory
-        factor, axes = np.tile(grow, 3), range(whole.shape[1])
-        both *= factor[:, :, None]
-        both *= factor[:, None]
-        for t in range(len(both)):
-            both[t] += CONSTANTS.shared**2 * whole[rows[t]]
-        both[:, axes, axes] += np.tile(constant, 3) ** 2
-        both[single[:, 0, 0]] = whole[single[:, 0, 0]]
-        whole = both
+    covariance = refined.covariance  # written over, as these take most of the memory
+    factor, axes = np.tile(grow, 3), range(covariance.shape[1])
+    covariance *= factor[:, :, None]
+    covariance *= factor[:, None]
+    for t in range(len(covariance)):
+        covariance[t] += CONSTANTS.shared**2 * of_images[rows[t]]
+    covariance[:, axes, axes] += np.tile(constant, 3) ** 2
+    covariance[single[:, 0, 0]] = of_images[single[:, 0, 0]]
     stopped = ~refined.converged
     status = found.status
     if stopped.any():
@@ -193,13 +189,13 @@ def refine_lifting(
             found,
             status=status,
             deviation=np.where(single, own, bars),
-            covariance=whole,
+            covariance=covariance,
             posterior_modes=None,
             further={
                 **found.further,
                 CORRELATION: np.where(single, own_mixed, mixed),
                 NOISE: refined.noise,
-                IMAGE_ERROR: image_error,
+                IMAGE_ERROR: lifting.scale * expected_error(lifting.shapes, of_images),
             },
         ),
     )
@@ -210,7 +206,6 @@ def refine_clips(
     sequences: Sequence[str],
     motion: Motion,
     threads: int = 0,
-    covariances: bool = False,
 ) -> Refined:
     """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
 
@@ -221,10 +216,9 @@ def refine_clips(
     """
     unknown = np.full_like(clips.points, np.nan)
     noise = np.full(len(clips.points), np.nan)
-    d = unknown[0].size if covariances else 0
-    whole = np.full((len(noise), d, d), np.nan) if covariances else None
-    converged = np.ones(len(noise), bool)
-    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise, whole, converged)
+    d, converged = 3 * clips.points.shape[2], np.ones(len(noise), bool)
+    covariance = np.full((len(noise), d, d), np.nan)
+    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise, covariance, converged)
     finite: Flags = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
     known = is_informative(clips)
     clips = replace(
@@ -271,7 +265,7 @@ def refine_clip(
     if clips.noise is not None:
         sigma = min(max(clips.noise / size, CONSTANTS.least_noise), sigma)
     frames = int(there.sum()) * sigma**2 / clips.residual_variance
-    known, covariances = weigh_lengths(motion.known, frames), found.covariance is not None
+    known = weigh_lengths(motion.known, frames)
 
     def infer(visible: Observations, rigid: bool = True) -> Smoothed:
         lag = max(1, round(CONSTANTS.memory * motion.rate))
@@ -280,7 +274,7 @@ def refine_clip(
         model = Model(motion.bones, stiffness, motion.give, known)
         if not rigid:
             model = Model(motion.bones[:0], stiffness, motion.give[:0])
-        return smooth(visible, model, sigma, covariances=covariances and rigid)
+        return smooth(visible, model, sigma)
 
     def store(smoothed: Smoothed, unit: Floats) -> float:
         """Write a sequence down in the unit of the landmarks; return its energy."""
@@ -290,10 +284,9 @@ def refine_clip(
         found.deviation[rows] = u * smoothed.deviation[finite]
         found.correlation[rows] = smoothed.correlation[finite]
         found.noise[rows] = size * sigma
-        if found.covariance is not None and smoothed.covariance is not None:
-            for row in rows:
-                t = row - clip.start
-                found.covariance[row] = unit[t] ** 2 * smoothed.covariance[t]
+        for row in rows:
+            t = row - clip.start
+            found.covariance[row] = unit[t] ** 2 * smoothed.covariance[t]
         return smoothed.energy
 
     rows = np.arange(clip.start, clip.stop)[finite]

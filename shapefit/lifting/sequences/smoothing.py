@@ -152,7 +152,7 @@ class Smoothed:
 
     deviation (t, 3, p) of the points, the lengths held, and the correlation (t, 3, p) of x with y,
     x with z, and y with z of each landmark; covariance (t, 3p, 3p) of the frames, all x first, then
-    y, then z, where it was asked for. converged, whether the rounds ended before their limit.
+    y, then z. converged, whether the rounds ended before their limit.
     """
 
     points: Floats
@@ -161,7 +161,7 @@ class Smoothed:
     converged: bool
     deviation: Floats
     correlation: Floats
-    covariance: Floats | None = None
+    covariance: Floats
 
 
 def smooth(
@@ -169,7 +169,6 @@ def smooth(
     model: Model,
     noise: float,
     max_rounds: int = MAX_ROUNDS,
-    covariances: bool = False,
 ) -> Smoothed:
     """Minimise the objective above from the images, for landmarks of the deviation `noise`."""
     t, _, p = visible.start.shape
@@ -178,7 +177,7 @@ def smooth(
     hold, known = fixed_lengths(model, lengths)
     end = np.empty(2)
     deviation, correlation = np.empty((2, t, 3 * p))
-    covariance = np.empty((t if covariances else 0, 3 * p, 3 * p))
+    covariance = np.empty((t, 3 * p, 3 * p))
     core.smooth_sequence(
         landmarks=np.nan_to_num(visible.landmarks).reshape(t, 2 * p),
         weight=further_weight(visible, noise),
@@ -207,7 +206,7 @@ def smooth(
         converged=end[1] < max_rounds,
         deviation=deviation.reshape(t, 3, p),
         correlation=correlation.reshape(t, 3, p),
-        covariance=covariance if covariances else None,
+        covariance=covariance,
     )
 
 

@@ -67,10 +67,9 @@ def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
         labelled = replace(lifting.estimate, outliers=(visible > 0) & ~inliers)
         lifting = replace(lifting, estimate=labelled, failures={**lifting.failures, **lost})
     if camera is not None and method.perspective == "refined":
-        from shapefit.lifting.perspective import PerspectiveOptions, refine_view
+        from shapefit.lifting.perspective import refine_view
 
-        options = PerspectiveOptions(threads=lifter.threads)
-        lifting = refine_view(lifting, images.landmarks, camera, dictionary, options)
+        lifting = refine_view(lifting, images.landmarks, camera, dictionary, lifter.threads)
     return lifting
 
 

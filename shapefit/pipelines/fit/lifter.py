@@ -18,7 +18,6 @@ from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import BETA, Program
 from shapefit.lifting.methods import (
     METHODS,
-    AlternationOptions,
     Method,
     PosteriorOptions,
     Settings,
@@ -99,21 +98,18 @@ def settings_of(lifter: Lifter) -> Settings:
     if method.proves == "global":  # by another gap
         of_program = min(tolerance, METHODS["convex"].tolerance)
     needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
-    options: Any = None if method.options is None else method.options()
-    if isinstance(options, AlternationOptions):
-        options = replace(options, signed=lifter.signed)
     if method.has_prior:
         from shapefit.lifting.posterior.p_value import moments_at
 
         scale, table = lifter.prior_scale, dictionary.p_value_table
-        options = replace(lifter.posterior, residual_variance=lifter.variance)
         needs["prior"] = widen(needs["prior"], scale)
         needs["p_value_table"] = None if table is None else moments_at(table, scale)
     return Settings(
         solve=partial(solve_newton, tolerance=of_program, threads=lifter.threads),
         mean_shape=dictionary.mean_shape,
         needs=needs,
-        options=options,
+        signed=lifter.signed,
+        posterior=replace(lifter.posterior, residual_variance=lifter.variance),
         tolerance=tolerance,
         threads=lifter.threads,
     )

@@ -74,6 +74,10 @@ def prepare(
 ) -> Setup:
     """Return what lifts landmarks of these names; of `first` images what is open is estimated."""
     method, camera = METHODS[config.method], None
+    if method.has_prior and dictionary.p_value_table is None:
+        from shapefit.pipelines.learn_dict.from_3d import with_p_value_table
+
+        dictionary = with_p_value_table(dictionary)  # not learned by this version
     place = ", ".join(map(str, config.landmarks)) + ": landmark names"
     matched = match_names(landmark_names, dictionary, place, in_place=method.has_prior)
     check_needs(config.method, matched.dictionary, config.dictionary)

@@ -98,9 +98,9 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
     evidence = (
-        f"hidden landmarks predicted to {judgement.learned:.3f} of the size of a shape (rigid "
-        f"{judgement.rigid:.3f}, flat {judgement.flat:.3f}), evidence of depth "
-        f"{judgement.gain:.2f} per landmark, views up to {judgement.turn:.0f} degrees apart"
+        f"hidden landmarks predicted to {judgement.hidden_error:.3f} of the size of a shape, "
+        f"evidence of depth {judgement.gain:.2f} per landmark, "
+        f"views up to {judgement.turn:.0f} degrees apart"
     )
     if not judgement.fine:
         fix = FIXES[judgement.verdict]

@@ -13,7 +13,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.global_optimum import find_optimum
-from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings, choose_method
+from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.reconstruction import combine
 from shapefit.lifting.shared_rotation import alternate
 from tests.lifting.global_optimum.conftest import best_at
@@ -52,13 +52,12 @@ def test_it_is_never_above_other_methods_and_the_bound_never_above_any_rotation(
     problem = scene.problem(0.2)
     solve = partial(solve_newton, tolerance=1e-8)
     settings = Settings(solve=solve, mean_shape=scene.mean_shape, tolerance=0.01)
-    local = replace(settings, options=AlternationOptions())
-    found = choose_method("global", replace(settings, options=SearchOptions()))(problem)
+    found = choose_method("global", settings)(problem)
     assert set(found.status) == {Status.OPTIMAL}
     assert (found.relative_gap <= 0.01 + 1e-10).all()
     bound = found.objective * (1 - found.relative_gap)
     for name in ("convex+refine", "alternate"):
-        other = choose_method(name, local)(problem).objective
+        other = choose_method(name, settings)(problem).objective
         assert (found.objective <= other * (1 + 1e-9)).all()
         assert (bound <= other).all()
     starts = random_rotations(12 * 20, rng).reshape(12, 20, 3, 3)
@@ -69,16 +68,14 @@ def test_a_limit_leaves_a_bound_that_holds(make_scene):
     problem = make_scene(n=5, noise=0.3).problem(0.2)
     full = find_optimum(problem, tolerance=1e-3, threads=1)
     for cells in (1, 200, 600):
-        cut_short = find_optimum(
-            problem, tolerance=1e-3, options=SearchOptions(max_cells=cells), threads=1
-        )
+        cut_short = find_optimum(problem, tolerance=1e-3, max_cells=cells, threads=1)
         assert set(cut_short.status) == {Status.ITERATION_LIMIT}
         assert (cut_short.cells <= 2 * cells).all()
         assert (cut_short.bound <= full.objective).all()
         assert (cut_short.bound >= 0).all()
         assert (cut_short.relative_gap > 1e-3).all()
     assert (cut_short.bound > 0.5 * full.objective).all()
-    none = find_optimum(problem, tolerance=1e-3, options=SearchOptions(max_seconds=1e-9), threads=1)
+    none = find_optimum(problem, tolerance=1e-3, max_seconds=1e-9, threads=1)
     assert set(none.status) == {Status.ITERATION_LIMIT}
 
 

@@ -1,7 +1,5 @@
 """Refinement under perspective: planted shapes, stationarity, another solver, symmetries."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -11,15 +9,9 @@ from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
-from shapefit.lifting.perspective import (
-    REASONS,
-    PerspectiveOptions,
-    mean_coefficients,
-    refine_perspective,
-)
+from shapefit.lifting.perspective import REASONS, mean_coefficients, refine_perspective
 
 K, P = 6, 16
-OPTIONS = PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=500)
 FLIP = np.diag([1.0, -1.0, -1.0])  # y down and z forward <-> y up and z to the viewer
 
 
@@ -80,7 +72,7 @@ def refine(scene, atoms, prior, **options):
     given = {**vars(scene), **changes}
     return refine_perspective(
         given["landmarks"], given["weights"], atoms, given["camera"], given["start"], prior,
-        replace(OPTIONS, **options),
+        **options,
     )  # fmt: skip
 
 

@@ -10,13 +10,9 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective import (
-    PerspectiveOptions,
-    refine_view,
-)
+from shapefit.lifting.perspective import refine_view
 
 N, K, P = 6, 5, 14
-OPTIONS = PerspectiveOptions(ridge=1e-3, softness=0.1, max_rounds=500)
 
 
 @pytest.fixture
@@ -45,11 +41,11 @@ def landmarks(dictionary, rotations, camera, rng):
     return project(camera, X)
 
 
-def view(landmarks, weights, dictionary, camera, method="convex+refine", options=OPTIONS):
+def view(landmarks, weights, dictionary, camera, method="convex+refine"):
     settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
     estimator = choose_method(method, settings)
     first = lift(landmarks, weights, dictionary.atoms, Program(lam=0.3), estimator)
-    return first, refine_view(first, landmarks, camera, dictionary, options)
+    return first, refine_view(first, landmarks, camera, dictionary)
 
 
 @pytest.mark.parametrize("method", ["convex", "convex+refine", "alternate", "mean-shape"])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.lifting.posterior.posterior import Posterior, find_posterior
+from shapefit.lifting.posterior.posterior import Modes, Posterior, find_posterior
 
 TAU_SQUARE = 900.0
 
@@ -146,6 +146,12 @@ def draw_images(
     R = random_rotations(n, rng)
     y = R @ (prior.means[k] + noise.reshape(n, 3, p))
     return y, y[:, :2] + np.sqrt(residual_variance) * rng.normal(size=(n, 2, p)), R
+
+
+def shares_of(modes: Modes) -> Floats:
+    """Each mode's share of the posterior (n, M): they add up to 1 in an image that has one."""
+    share = np.exp(modes.log_evidence - modes.log_evidence[:, :1])
+    return np.nan_to_num(share / share.sum(axis=1, keepdims=True))
 
 
 def solve(

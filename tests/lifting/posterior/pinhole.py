@@ -44,7 +44,7 @@ class Scene:
             solve=solve_newton,
             mean_shape=prior.means[0],
             needs={"prior": prior},
-            options=PosteriorOptions(covariance=True, views=6),
+            posterior=PosteriorOptions(covariance=True),
         )
         return lift(
             self.landmarks,

@@ -30,7 +30,7 @@ def calibrated(scene, weights=None, off=None, narrower=1.0):
         solve=solve_newton,
         mean_shape=prior.means[0],
         needs={"prior": known},
-        options=PosteriorOptions(residual_variance=RESIDUAL_VARIANCE, views=6),
+        posterior=PosteriorOptions(residual_variance=RESIDUAL_VARIANCE),
     )
     lifting = lift(
         scene.landmarks if off is None else scene.landmarks + off,

@@ -6,7 +6,7 @@ import pytest
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from tests.lifting.posterior import dense
-from tests.lifting.posterior.dense import draw_images, solve
+from tests.lifting.posterior.dense import draw_images, shares_of, solve
 
 
 def draw_views(prior: Mixture, n: int, residual_variance: float, views: int):
@@ -25,7 +25,7 @@ def test_every_mode_that_counts_is_stationary(draw_mixture, p, size, residual_va
     found = solve(prior, w, starts, residual_variance, modes=8)
     ones = np.ones(p)
     judged = 0
-    for i, m in np.argwhere(found.modes.shares > 0.01):
+    for i, m in np.argwhere(shares_of(found.modes) > 0.01):
         k = found.modes.component[i, m]
         scene = dense.Scene(
             w[i],

@@ -53,6 +53,11 @@ def draw(prior: Mixture, chance: float = 0.0):
     return np.where(outliers[:, None], rng.uniform(-side / 2, side / 2, w.shape), w), R, outliers
 
 
+def table_of(prior: Mixture):
+    """Return the moments for a prior as it is."""
+    return moments_at(draw_table(prior, (1.0,)), 1.0)
+
+
 def find(prior: Mixture, hidden: int = 0):
     """P-values of images of the model, as the method finds them."""
     w, _, _ = draw(prior)
@@ -63,8 +68,8 @@ def find(prior: Mixture, hidden: int = 0):
     settings = Settings(
         solve=solve_newton,
         mean_shape=np.tensordot(prior.weights, prior.means, 1),
-        needs={"prior": prior},
-        options=PosteriorOptions(
+        needs={"prior": prior, "p_value_table": table_of(prior)},
+        posterior=PosteriorOptions(
             residual_variance=RESIDUAL_VARIANCE, outlier_rate=CHANCE, outlier_density=DENSITY
         ),
     )
@@ -91,7 +96,7 @@ def test_gross_landmarks_that_are_known_do_not_count():
     noise, gross_model = np.zeros((IMAGES, 15, 2, 2)), Outliers(CHANCE, DENSITY)
     residual_variance = np.full((IMAGES, 15), RESIDUAL_VARIANCE)
     found = find_posterior(w, residual_variance, noise, prior, R[:, None], gross_model)
-    table = moments_at(draw_table(prior, (1.0,)), 1.0)
+    table = table_of(prior)
     p = find_p_values(
         found.squared_mahalanobis, np.full(IMAGES, 15), found.inlier_probability.sum(axis=1), table
     )
@@ -106,7 +111,7 @@ def test_hidden_landmarks_have_no_degrees_of_freedom(visible):
 
 
 def test_the_number_believed_decides_where_nothing_else_can():
-    table = moments_at(draw_table(planted(15), (1.0,)), 1.0)
+    table = table_of(planted(15))
     squared_mahalanobis = np.array([7.0, np.nan, 1.0, 1.0, 1.0, 1.0])
     visible = np.array([3, 12, 4, 12, 12, 12])
     believed = np.array([3.0, 0.0, 2.9, 7.9, 8.1, 12.0])
@@ -119,7 +124,7 @@ def test_the_number_believed_decides_where_nothing_else_can():
 def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_scales():
     prior = people(15)
     table = draw_table(prior, (1.0, 4.0))
-    drawn = moments_at(draw_table(prior, (1.0,)), 1.0)
+    drawn = table_of(prior)
     assert moments_at(table, 1.0) == pytest.approx(drawn)
     assert moments_at(table, 0.1) == pytest.approx(drawn)
     assert moments_at(table, 50.0) == pytest.approx(table[table[:, 0] == 4, 1:])

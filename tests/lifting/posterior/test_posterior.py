@@ -6,7 +6,7 @@ import pytest
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.posterior.posterior import Outliers
-from tests.lifting.posterior.dense import draw_images, solve
+from tests.lifting.posterior.dense import draw_images, shares_of, solve
 
 
 def test_regions_hold_what_they_say_for_shapes_of_the_model(draw_mixture):
@@ -44,7 +44,7 @@ def test_the_weight_of_a_component_counts():
     prior = Mixture(np.array([0.9, 0.1]), np.stack([mean, mean]), np.stack([C, C]))
     w = mean[None, :2]
     found = solve(prior, w, np.eye(3)[None, None], 0.01, modes=2)
-    assert found.modes.shares[0] == pytest.approx([0.9, 0.1], rel=1e-6)
+    assert shares_of(found.modes)[0] == pytest.approx([0.9, 0.1], rel=1e-6)
     assert found.modes.component[0].tolist() == [0, 1]
 
 
@@ -57,7 +57,7 @@ def test_a_climb_that_ends_on_a_saddle_does_not_count_beside_a_maximum():
     tilt = rotation_about(np.array([0.0, 1.0, 0.0]), np.array(0.3))
     starts = np.stack([np.eye(3), tilt, tilt.T])[None]
     found = solve(prior, (tilt @ mean)[None, :2], starts, 1e-3, modes=3)
-    assert found.modes.shares[0] == pytest.approx([0.5, 0.5, 0], abs=1e-5)
+    assert shares_of(found.modes)[0] == pytest.approx([0.5, 0.5, 0], abs=1e-5)
 
 
 def test_components_together_are_those_alone(draw_mixture):

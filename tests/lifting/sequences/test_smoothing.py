@@ -121,7 +121,7 @@ def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames):
     """Of the whole energy, by differences of its gradient: bones that are too short count, too."""
     visible = only_mode(images(body[:frames], noise=0.02))
     model = replace(model, give=np.full(4, 0.1))
-    found = smooth(visible, model, 0.03, covariances=True, max_rounds=100)
+    found = smooth(visible, model, 0.03, max_rounds=100)
     y = found.points.reshape(frames, -1)
     judge = Objective(visible, model, 0.03)
     covariance = np.linalg.inv(judge.hessian(y, found.lengths))
@@ -161,7 +161,7 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, 
     )
     free = replace(model, bones=model.bones[:0], give=model.give[:0])
     noise = (1 / residual_variance + weight[0, 0]) ** -0.5
-    found = smooth(visible, free, noise, covariances=True, max_rounds=50)
+    found = smooth(visible, free, noise, max_rounds=50)
     w = np.append(landmarks, np.zeros(5))
     parts = np.linalg.inv(precision + weight)
     means = [part @ (P @ m + weight @ w) for part, P, m in zip(parts, precision, mean, strict=True)]

@@ -12,6 +12,7 @@ from shapefit.lifting.sequences.clips import Motion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.lifting.trust import IMAGE_ERROR, expected_error
 from tests.lifting.posterior.conftest import draw_component
+from tests.lifting.posterior.dense import shares_of
 from tests.lifting.posterior.pinhole import P, Scene
 
 N = 20
@@ -44,7 +45,7 @@ def test_what_is_not_refined_stays(scene, lifting):
 def test_modes_and_points_are_in_one_frame(scene, lifting):
     def look(weak, landmarks):
         first = weak.scale[:, None, None] * weak.estimate.posterior_modes.mean[:, 0]
-        best = weak.estimate.posterior_modes.shares[:, 0] > 0.999
+        best = shares_of(weak.estimate.posterior_modes)[:, 0] > 0.999
         assert best.any()
         np.testing.assert_allclose(weak.shapes[best], first[best], atol=0.02 * weak.scale.max())
         deviation = weak.scale[:, None, None] * weak.estimate.deviation

@@ -193,7 +193,7 @@ class TestLens:
                 columns={"camera_matrix": MATRIX, **datasets},
             )
 
-        return images(plane), images(distort(plane, complete(LENS)), distortion=LENS)
+        return images(plane), images(distort(plane, complete(LENS))[0], distortion=LENS)
 
     @pytest.fixture
     def fit(self, fit, tmp_path, made_cars):
