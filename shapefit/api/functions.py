@@ -257,8 +257,8 @@ def evaluate(
             raise input_error("truth", fault, "give one for each, or name them: Shapes(..., items)")
         shapes = shapes.replaced(items=record.items)
     measured = measure(Path("result"), record, shapes, config)
-    grouping, ungrouped = group_sequences(config.groups, measured.sequences)
-    warn((*measured.warnings, *ungrouped))
+    grouping = group_sequences(config.groups, measured.sequences)
+    warn(measured.warnings)
     return Evaluation(
         items=measured.items,
         sequences=measured.sequences,

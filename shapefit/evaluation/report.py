@@ -22,12 +22,13 @@ ALL = "all"
 """Name of the one group, and of the one sequence, where none are named."""
 NORMALISED, UNKNOWN_UNIT = "normalised", "unknown"
 """Units of errors against the truth scaled to unit standard deviation, and of a file without."""
+BARS = [f"in {level:.0%} bars" for level in QUANTILES]
+BARS_90, RATIO = (BARS[-1], "%"), ("expected / error", "")
+"""Columns of error bars, and of mean expected over mean measured errors."""
 MOST_SHOWN = 10
 """Failed images of a method that the page lists."""
 ABSENT = "–"
 """Cell of a number that does not exist."""
-PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
-"""Columns of per_image.csv."""
 SUMMARY = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
 """Columns of report.csv."""
 
@@ -42,6 +43,8 @@ _SHORT = {"similarity": "error aligned", "camera": "camera frame", "rotation": "
 
 Kind = tuple[str, str]
 """A metric and its unit."""
+Row = tuple[str, str]
+"""A group and a method."""
 Document = Mapping[str, Any]
 """What report.json holds: methods, summaries, calibration, factors, warnings, and what made it."""
 
@@ -69,28 +72,23 @@ class Summary:
 
 def group_sequences(
     groups: Mapping[str, str], sequences: Iterable[str]
-) -> tuple[dict[str, tuple[str, ...]], list[str]]:
-    """Sequences of each group (name -> glob), and warnings about what matches nothing.
+) -> dict[str, tuple[str, ...]]:
+    """Sequences of each group (name -> glob).
 
     Without groups all are in the group `all`; a sequence may be in several groups. Raises
     InputError where no sequence is in any group.
     """
     names = tuple(dict.fromkeys(filter(None, sequences)))
     if not groups:
-        return {ALL: names}, []
+        return {ALL: names}
     grouping = {
         group: tuple(name for name in names if fnmatchcase(name, glob))
         for group, glob in groups.items()
     }
-    outside = [name for name in names if not any(name in members for members in grouping.values())]
-    if len(outside) == len(names):
+    if not any(grouping.values()):
         fault = f"no sequence matches any group; the sequences are {abbreviate(names)}"
         raise input_error("groups", fault, "correct the globs, or leave `groups` out")
-    texts = [f"group {name}: no sequence matches {groups[name]!r}" for name in groups]
-    warnings = [text for text, members in zip(texts, grouping.values(), strict=True) if not members]
-    if outside:
-        warnings.append(f"sequences in no group, only in per_image.csv: {abbreviate(outside)}")
-    return grouping, warnings
+    return grouping
 
 
 def summarise(
@@ -133,19 +131,6 @@ def _statistics(values: Floats) -> tuple[float, ...]:
     return n, int(np.isnan(values).sum()), *numbers
 
 
-def per_image_rows(
-    method: str, sequences: Sequence[str], items: Sequence[str], errors: Mapping[Kind, Floats]
-) -> Iterator[Sequence[Any]]:
-    """Yield rows of per_image.csv: errors (n,) by metric and unit; that of a failed one is empty.
-
-    An infinite error does not count and has no row.
-    """
-    for (metric, unit), values in errors.items():
-        for sequence, item, value in zip(sequences, items, values.tolist(), strict=True):
-            if value != math.inf:
-                yield method, sequence, item, metric, value if value == value else "", unit
-
-
 def report_csv(report: Document) -> str:
     """Return the sums as CSV; those of error bars as the metrics inside_50, inside_90 and width.
 
@@ -170,9 +155,20 @@ def report_csv(report: Document) -> str:
 
 def report_markdown(report: Document, plot: str = "") -> str:
     """Return the page: a table of errors and error bars, failures, and the plot's file."""
-    blocks = ["# Errors against the truth", _ERRORS, _table(report)]
-    if report["calibration"]:
-        blocks.insert(2, _BARS)
+    counts, columns = table_of(report)
+    digits = {
+        kind: decimals_of(v for row in c.values() for v in row) for kind, c in columns.items()
+    }
+    groups, rows = [*dict.fromkeys(group for group, _ in counts)], []
+    for row in sorted(counts, key=lambda row: groups.index(row[0])):
+        cells = [*row, *map(str, counts[row])]
+        for kind, column in columns.items():
+            cells.append(" / ".join(number(v, digits[kind]) for v in column.get(row, (None,))))
+        rows.append(cells)
+    names = [f"{name} ({unit})" if unit else name for name, unit in columns]
+    header, alone = ["group", "method", "images", "failed", *names], groups == [ALL]
+    table = markdown_table(header[alone:], [row[alone:] for row in rows])
+    blocks = ["# Errors against the truth", _ERRORS, *[_BARS] * bool(report["calibration"]), table]
     failed: list[str] = []
     for method in report["methods"]:
         name, failures = method["name"], method["failures"]
@@ -188,82 +184,57 @@ def report_markdown(report: Document, plot: str = "") -> str:
     return "\n\n".join(re.sub("<(?=[a-zA-Z/!?])", "&lt;", block) for block in blocks) + "\n"
 
 
-def _table(report: Document) -> str:
-    """Groups and methods down; images, mean / median of every metric and error bars across."""
-    counts: dict[Kind, list[str]] = {}
-    columns: dict[str, dict[Kind, tuple[float, ...]]] = {}
+def table_of(
+    report: Document,
+) -> tuple[dict[Row, tuple[int, int]], dict[Kind, dict[Row, tuple[float, ...]]]]:
+    """Return images and failed images by group and method; and the numbers of each quantity.
+
+    Those of a metric are mean and median; then come the error bars, and expected / error.
+    """
+    counts: dict[Row, tuple[int, int]] = {}
+    columns: dict[Kind, dict[Row, tuple[float, ...]]] = {}
     for s in report["summaries"]:
         if s.sequence is None:
-            counts.setdefault((s.group, s.method), [str(s.images), str(s.failed)])
-            column = columns.setdefault(f"{s.metric} ({s.unit})", {})
+            counts.setdefault((s.group, s.method), (s.images, s.failed))
+            column = columns.setdefault((s.metric, s.unit), {})
             if not math.isnan(s.mean):
                 column[s.group, s.method] = s.mean, s.median
     for c in report["calibration"]:
-        names = [f"in {level:.0%} bars (%)" for level in QUANTILES]
-        bars = {name: 100 * share for name, share in zip(names, c["inside"], strict=True)}
-        bars |= {f"width ({unit})": width for unit, width in c["median_width"].items()}
-        for name, value in bars.items():
-            columns.setdefault(name, {})[c["group"], c["method"]] = (value,)
-    if ratios := expected_ratios(report):
-        columns["expected / error"] = {(group, m): (r,) for (m, group), r in ratios.items()}
-    digits = {
-        name: decimals_of(v for row in c.values() for v in row) for name, c in columns.items()
-    }
-    groups = [*dict.fromkeys(group for group, _ in counts)]
-    rows = []
-    for row in sorted(counts, key=lambda row: groups.index(row[0])):
-        cells = [*row, *counts[row]]
-        for name, column in columns.items():
-            cells.append(" / ".join(number(v, digits[name]) for v in column.get(row, (None,))))
-        rows.append(cells)
-    header, alone = ["group", "method", "images", "failed", *columns], groups == [ALL]
-    return markdown_table(header[alone:], [row[alone:] for row in rows])
-
-
-def expected_ratios(report: Document) -> dict[tuple[str, str], float]:
-    """Return mean expected over mean measured errors of each method and group that has both."""
-    means = {
-        (s.metric, s.method, s.group): s.mean
-        for s in report["summaries"]
-        if s.sequence is None and s.unit == NORMALISED
-    }
-    return {
-        (method, group): mean / means["similarity", method, group]
-        for (metric, method, group), mean in means.items()
-        if metric == "expected" and means.get(("similarity", method, group))
-    }
+        bars = {(name, "%"): 100 * share for name, share in zip(BARS, c["inside"], strict=True)}
+        bars |= {("width", unit): width for unit, width in c["median_width"].items()}
+        for kind, value in bars.items():
+            columns.setdefault(kind, {})[c["group"], c["method"]] = (value,)
+    measured = columns.get(("similarity", NORMALISED), {})
+    for row, (mean, _) in columns.get(("expected", NORMALISED), {}).items():
+        if measured.get(row, (0.0,))[0]:
+            columns.setdefault(RATIO, {})[row] = (mean / measured[row][0],)
+    return counts, columns
 
 
 def short_lines(report: Document) -> list[str]:
     """Return a few aligned lines for people: the errors of each method and what its bars hold."""
-    parts: dict[tuple[str, str], dict[str, str]] = {}
-    images: dict[tuple[str, str], int] = {}
-    for s in report["summaries"]:
-        if s.sequence is not None:
-            continue
-        texts, row = parts.setdefault((s.method, s.group), {}), (s.method, s.group)
-        images[row] = max(s.images, images.get(row, 0))
-        # The last unit is that of the truth.
-        if s.metric in _SHORT and not math.isnan(s.mean) and s.unit != UNKNOWN_UNIT:
-            factor, unit = (1000, "mm") if s.unit == "m" and s.mean < 1 else (1, s.unit)
-            digits = decimals_of([factor * s.mean, factor * s.median])
-            mean, median = number(factor * s.mean, digits), number(factor * s.median, digits)
-            texts[s.metric] = f"{_SHORT[s.metric]} {mean} mean, {median} median ({unit})"
-    for row, count in images.items():
-        parts[row]["images"] = f"{count} images"
-    for c in report["calibration"]:
-        parts[c["method"], c["group"]]["bars"] = f"90% bars hold {100 * c['inside'][-1]:.0f}%"
-    for of_group, ratio in expected_ratios(report).items():
-        parts[of_group]["ratio"] = f"expected / error {ratio:.2f}"
-    wide = max(len(method) for method, _ in parts)
-    lines = [
-        f"{method.ljust(wide)}  {'' if group == ALL else f'{group}  '}{'; '.join(texts.values())}"
-        for (method, group), texts in parts.items()
-    ]
-    failed = [method for method in report["methods"] if method["failed"]]
-    return lines + [
-        f"{m['name'].ljust(wide)}  failed: {m['failed']} of {m['images']}" for m in failed
-    ]
+    counts, columns = table_of(report)
+    wide, lines = max(len(method) for _, method in counts), []
+    for row in counts:
+        errors: dict[str, str] = {}
+        for (metric, unit), column in columns.items():
+            # The last unit is that of the truth.
+            if metric in _SHORT and unit != UNKNOWN_UNIT and row in column:
+                factor, unit = (1000, "mm") if unit == "m" and column[row][0] < 1 else (1, unit)
+                both = [factor * value for value in column[row]]
+                mean, median = (number(value, decimals_of(both)) for value in both)
+                errors[metric] = f"{_SHORT[metric]} {mean} mean, {median} median ({unit})"
+        texts = [*errors.values(), f"{counts[row][0]} images"]
+        for kind, text in ((BARS_90, "90% bars hold {:.0f}%"), (RATIO, "expected / error {:.2f}")):
+            if row in columns.get(kind, {}):
+                texts.append(text.format(*columns[kind][row]))
+        group, method = row
+        lines.append("  ".join([method.ljust(wide), *[group] * (group != ALL), "; ".join(texts)]))
+    for method in report["methods"]:
+        if method["failed"]:
+            text = f"failed: {method['failed']} of {method['images']}"
+            lines.append(f"{method['name'].ljust(wide)}  {text}")
+    return lines
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

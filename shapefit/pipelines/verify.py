@@ -43,7 +43,7 @@ from shapefit.verification.certificate import Claims, Program
 
 CHUNK = 512
 """Images that are checked together."""
-STRAIGHT = 1e-8
+UNDISTORTED = 1e-8
 """Of the largest coordinate by which landmarks without the distortion of a lens may be off."""
 ALWAYS = "shapes landmarks lambda scale translation rotation status objective"
 ERROR_BARS = " shape_sd shape_correlation p_value inlier_probability trusted reasons"
@@ -105,10 +105,12 @@ def run(request: Request) -> Generator[Result, None, None]:
     tally["unread"] = max(listed - tally["images"], tally["unread"])
     methods = [*dict.fromkeys(fit.config["method"] for fit in fits)]
     data = {**tally, "methods": methods, "landmarks": bool(request.landmarks)}
-    note, none = "No image was checked.", (Failure(str(request.result), "holds no image"),)
     if tally["images"] + tally["unread"]:
-        note, none = "\n".join(summary_lines(tally, fits[0], bool(request.landmarks))), ()
-    yield Result(failures=none, note=note, data=lambda: data)
+        note = "\n".join(summary_lines(tally, fits[0], bool(request.landmarks)))
+        yield Result(note=note, data=lambda: data)
+    else:
+        none = (Failure(str(request.result), "holds no image"),)
+        yield Result(failures=none, note="No image was checked.", data=lambda: data)
 
 
 def find_parts(result: Path) -> tuple[list[Part], list[Failure], int]:
@@ -327,8 +329,9 @@ def check_landmarks(
     everyone, visible = np.ones_like(claims.fitted), given.visible()
     in_file, stated = np.where(visible[:, None], given.landmarks, np.nan), columns["landmarks"]
     off = np.where(np.isnan(stated) & np.isnan(in_file), 0.0, np.abs(stated - in_file))
-    straightened = REMOVED in given.columns
-    allowed = STRAIGHT * np.nanmax(np.abs(in_file), initial=1.0) if straightened else 0.0
+    allowed = 0.0
+    if REMOVED in given.columns:
+        allowed = UNDISTORTED * np.nanmax(np.abs(in_file), initial=1.0)
     claims.near("landmarks are those of the file", off, allowed, of=everyone)
     confidence = given.weights() if given.confidence is None else given.confidence
     same = np.equal(columns.get("confidence", 1.0), confidence) | ~visible

@@ -21,7 +21,7 @@ from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, RESULTS
 from shapefit.io.names import match_landmarks
-from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.io.records import Records, ResultSet, ShapeSet
 from shapefit.pipelines.items import BY_FRAME, BY_ITEM, find_truth, keys_of, named_items, subsample
 
 BOX_UNIT = "box"
@@ -67,12 +67,16 @@ def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig)
     measured. Raises InputError where no image or too few landmarks match, and where no metric can
     be measured.
     """
+    fault = "holds no shapes"
+    if config.least_visible:
+        observed = find_dataset(file, results, "landmarks")
+        count = 0 if observed is None else m.visible_in_both(observed, observed).sum(axis=-1)
+        results = results.take(np.broadcast_to(count >= config.least_visible, len(results)))
+        fault += f" with {config.least_visible} observed `landmarks`"
     for place, records in ((file, results), ("truth", truth)):
         if not len(records):
-            raise input_error(place, "holds no shapes", "give results, and the truth of the same")
-    if config.least_visible:
-        results = _with_visible(file, results, config.least_visible)
-    rows, by_frame = _match(file, results, truth, config.match)
+            raise input_error(place, fault, "give results, and the truth of the same")
+    rows, by_frame = match_truth(file, results, truth, config.match)
     names = _common_landmarks(file, results.landmark_names, truth.landmark_names)
     columns = match_landmarks(results.landmark_names, names)
     # `take` gives them in the order of the core, an index gives them landmark by landmark.
@@ -123,19 +127,7 @@ def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig)
     )
 
 
-def _with_visible(file: Path, results: ResultSet, least: int) -> ResultSet:
-    """Return the images with so many observed landmarks. Raises InputError where there is none."""
-    observed = find_dataset(file, results, "landmarks")
-    count = np.zeros(len(results), int)
-    if observed is not None:
-        count = m.visible_in_both(observed, observed).sum(axis=-1)
-    if not (count >= least).any():
-        fault = f"none of its {len(count)} images has {least} observed `landmarks`"
-        raise input_error(file, fault, f"set `least_visible` to {count.max()} or less")
-    return results.take(count >= least)
-
-
-def _match(file: Path, results: ResultSet, truth: ShapeSet, match: str) -> tuple[Indices, bool]:
+def match_truth(file: Path, results: Records, truth: ShapeSet, match: str) -> tuple[Indices, bool]:
     """Return the true shape (n,) of each image, -1 for none, and whether it is by frame.
 
     By frame where that is chosen, or where results of other tools, which have no status, share no
@@ -148,7 +140,7 @@ def _match(file: Path, results: ResultSet, truth: ShapeSet, match: str) -> tuple
         try:
             return find_truth(file, match, keys, true_keys), False
         except InputError:
-            if match != BY_ITEM or results.status is not None:
+            if match != BY_ITEM or "status" in results.columns:
                 raise
     return find_truth(file, BY_FRAME, keys, true_keys), True
 

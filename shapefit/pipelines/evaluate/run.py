@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def run(config: EvalConfig) -> Iterator[Result]:
         done = len(measured.items)
         yield Result(done=done, failures=tuple(failures), warnings=tuple(new), note=name)
     inputs |= digests(file for files in config.results.values() for file in files)
-    document, ungrouped = sum_up(config, methods, warnings, inputs)
+    document = sum_up(config, methods, warnings, inputs)
     options = orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE
     texts = {"report.csv": report.report_csv(document)}
     texts["report.json"] = orjson.dumps(document, option=options).decode()
@@ -76,7 +77,6 @@ def run(config: EvalConfig) -> Iterator[Result]:
         for name, text in texts.items():
             (folder / name).write_bytes(text.encode("utf-8", "xmlcharrefreplace"))
     yield Result(
-        warnings=tuple(ungrouped),
         note="\n".join(report.short_lines(document)),
         written=tuple(config.output / name for name in ("per_image.csv", *texts)),
         data=lambda: json.loads(texts["report.json"]),
@@ -128,8 +128,8 @@ def sum_up(
     methods: Mapping[str, Measured],
     warnings: Sequence[str],
     inputs: Mapping[str, str],
-) -> tuple[report.Document, list[str]]:
-    """Sum up the errors, method by method, over sequences and groups; and warn about groups.
+) -> report.Document:
+    """Sum up the errors, method by method, over sequences and groups.
 
     Raises InputError where nothing was measured, and where no sequence is in any group.
     """
@@ -137,7 +137,7 @@ def sum_up(
         nothing = f"no image has anything to measure in {', '.join(config.metrics)}"
         raise input_error("metrics", nothing, "add `similarity`, which every shape has")
     names = [name for m in methods.values() for name in m.sequences]
-    grouping, ungrouped = report.group_sequences(config.groups, names)
+    grouping = report.group_sequences(config.groups, names)
     rows, factors = [], {}
     summaries, coverage = list[report.Summary](), list[Any]()
     for name, measured in methods.items():
@@ -158,31 +158,38 @@ def sum_up(
         if measured.bars is not None:
             coverage += cover(name, measured.bars, measured.sequences, grouping)
             factors[name] = bar_scale_factors(measured.bars)
-    document = {
+    return {
         "methods": rows,
         "summaries": summaries,
         "calibration": coverage,
         "factors": factors,
-        "warnings": [printable(text) for text in (*warnings, *ungrouped)],
+        "warnings": [*map(printable, warnings)],
         "version": __version__,
         "config": json.loads(config.as_json()),
         "inputs": inputs,
     }
-    return document, ungrouped
 
 
 def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
-    """Write the errors of all images, and the share of their landmarks inside the error bars."""
+    """Write the errors of all images, and the share of their landmarks inside the error bars.
+
+    That of a failed image is empty; one that does not count, which is infinite, has no row.
+    """
     with path.open("w", encoding="utf-8", errors="surrogateescape", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(report.PER_IMAGE)
+        table.writerow(("method", "sequence", "item", "metric", "error", "unit"))
         for name, measured in methods.items():
             errors = dict(measured.errors)
             if measured.bars is not None:
                 shares = measured.bars.shares()
                 inside = f"inside_{100 * WIDTH_OF:.0f}"
                 errors[inside, SHARE] = np.where(np.isnan(shares), np.inf, shares)
-            table.writerows(report.per_image_rows(name, measured.sequences, measured.items, errors))
+            for (metric, unit), values in errors.items():
+                images = zip(measured.sequences, measured.items, values.tolist(), strict=True)
+                for sequence, item, value in images:
+                    if value != math.inf:
+                        text = "" if math.isnan(value) else value
+                        table.writerow((name, sequence, item, metric, text, unit))
 
 
 def _plot(document: report.Document, methods: Mapping[str, Measured]) -> str:

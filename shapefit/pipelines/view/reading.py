@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
-from shapefit.errors import abbreviate, input_error
+from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS
-from shapefit.io import ResultSet, open_landmarks, open_shapes
+from shapefit.io import ResultSet, ShapeSet, open_landmarks, open_shapes
 from shapefit.io.detect import detect_format
 from shapefit.io.formats import CSV, HDF5
 from shapefit.io.layout import FRAME
@@ -28,8 +28,8 @@ from shapefit.io.skeletons import people_joints
 from shapefit.io.source import OPTIONAL, AnyRecords, find_kind, open_results
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION
 from shapefit.io.writers.motion import angle_columns
-from shapefit.pipelines.evaluate.measure import with_shapes_of
-from shapefit.pipelines.items import BY_FRAME, BY_ITEM, ChosenItems, Keys, find_truth, keys_of
+from shapefit.pipelines.evaluate.measure import match_truth, with_shapes_of
+from shapefit.pipelines.items import ChosenItems
 
 MEGABYTES = 20
 """Largest page; of more frames than fit, every n-th is shown."""
@@ -99,11 +99,11 @@ def read_inputs(
     be read or shown together, and where no item is chosen.
     """
     options = replace(input_options(config), rename={})  # which is for the truth
-    chosen = ChosenItems("items", config.items)
+    chosen, true = ChosenItems("items", config.items), None
+    if config.truth:
+        with open_shapes(config.truth, input_options(config), gaps=True) as source:
+            true = source.whole()
     with ExitStack() as stack:
-        true: Any = None
-        if config.truth:
-            true = stack.enter_context(open_shapes(config.truth, input_options(config), gaps=True))
         roles = {name: _role(paths[0], options) for name, paths in config.files.items()}
         sources = {
             name: stack.enter_context(_open(paths, roles[name], options))
@@ -113,35 +113,35 @@ def read_inputs(
         if len({source.head.y_axis for source in sources.values() if source.states_y_axis}) > 1:
             problem = "y points up in some files and down in others"
             raise input_error(place, problem, "show them on pages of their own")
-        size = 0
-        for source in sources.values():
+        rows, size = {}, 0
+        for name, source in sources.items():
+            every = enumerate(chain.from_iterable(source.names()))
+            rows[name] = [row for row, item in every if item in chosen]
             bytes_of_frame = FRAME_BYTES + LANDMARK_BYTES * len(source.head.landmark_names)
-            names = chain.from_iterable(source.names())
-            size += bytes_of_frame * sum(name in chosen for name in names)
+            size += bytes_of_frame * len(rows[name])
         step = math.ceil(size / (MEGABYTES * 1e6)) or 1
-        true_names = () if true is None else true.head.landmark_names
         records = {
-            name: _as_shown(_take(source, chosen, step), true_names)
+            name: _as_shown(_take(source, rows[name], step), true)
             for name, source in sources.items()
+            if rows[name]
         }
         notes = [*(note for source in sources.values() for note in source.notes), *chosen.warnings]
-        _join_shapes(records, roles)
-        if not records:
-            problem = "no item fits, or there are none"
-            raise input_error(place, problem, "correct `items`, or check the files")
-        landmarks = tuple(dict.fromkeys(chain(*(one.landmark_names for one in records.values()))))
-        items, sequences = _find_frames(list(records.values()))
-        contents = [
-            _content(name, roles[name], one, columns_of(one.items, items), landmarks)
-            for name, one in records.items()
-        ]
-        numbers = np.full(len(items), np.nan)
-        for content in contents:
-            stated = content.values.get(FRAME)
-            if stated is not None and stated.ndim == 1 and stated.dtype == np.float64:
-                numbers = np.where(np.isfinite(numbers), numbers, stated)
-        frames = Frames(items, sequences, step, numbers)
-        truth = None if true is None else _read_truth(config, true, contents, frames, landmarks)
+    if not records:
+        problem = "no item fits, or there are none"
+        raise input_error(place, problem, "correct `items`, or check the files")
+    landmarks = tuple(dict.fromkeys(chain(*(one.landmark_names for one in records.values()))))
+    items, sequences = _find_frames(list(records.values()))
+    contents = [
+        _content(name, roles[name], one, columns_of(one.items, items), landmarks)
+        for name, one in records.items()
+    ]
+    numbers = np.full(len(items), np.nan)
+    for content in contents:
+        stated = content.values.get(FRAME)
+        if stated is not None and stated.ndim == 1 and stated.dtype == np.float64:
+            numbers = np.where(np.isfinite(numbers), numbers, stated)
+    frames = Frames(items, sequences, step, numbers)
+    truth = None if true is None else _true_content(config, true, contents, landmarks)
     return contents, truth, frames, landmarks, notes
 
 
@@ -163,28 +163,24 @@ def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
     return open_results(paths, OPTIONAL - READ)
 
 
-def _take(source: Any, chosen: ChosenItems, step: int) -> Any:
-    """Read every step-th of the chosen items of each sequence."""
-    parts, ranks = [], Counter[str]()
-    for batch in source.batches(BATCH):
-        rows = []
-        sequences = batch.sequences or ("",) * len(batch)
-        for row, (item, sequence) in enumerate(zip(batch.items, sequences, strict=True)):
-            if item in chosen:
-                rows += [row] if ranks[sequence] % step == 0 else []
-                ranks[sequence] += 1
-        parts.append(batch.take(rows))
-    return concatenate(parts)
+def _take(source: Any, rows: Sequence[int], step: int) -> Any:
+    """Read every step-th of these items of each sequence."""
+    names, ranks, taken = [*chain.from_iterable(source.sequences())], Counter[str](), list[int]()
+    for row in rows:
+        taken += [row] if ranks[names[row]] % step == 0 else []
+        ranks[names[row]] += 1
+    return concatenate(list(source.chosen(np.array(taken), BATCH)))
 
 
-def _as_shown(records: AnyRecords, true_names: Sequence[str]) -> AnyRecords:
+def _as_shown(records: AnyRecords, truth: ShapeSet | None) -> AnyRecords:
     """Return a result by the names that the truth has, its observed landmarks as (n, 2, p).
 
     Those of its input are observed where a joint stands for them.
     """
     if not isinstance(records, ResultSet):
         return records
-    observed, shown = records.per_item.get("landmarks"), with_shapes_of(records, true_names)
+    observed = records.per_item.get("landmarks")
+    shown = with_shapes_of(records, () if truth is None else truth.landmark_names)
     if observed is None:
         return shown
     if shown is not records:
@@ -194,20 +190,6 @@ def _as_shown(records: AnyRecords, true_names: Sequence[str]) -> AnyRecords:
         observed = np.where(columns[:, None] < 0, np.nan, observed[:, columns])
         shown = shown.without(["edges"])
     return shown.with_columns({"landmarks": np.swapaxes(observed, 1, 2)})
-
-
-def _join_shapes(records: dict[str, Any], roles: dict[str, Role]) -> None:
-    """Leave out what is empty; make shapes of different items, a file for each individual, one."""
-    for name in [name for name, one in records.items() if not len(one)]:
-        del records[name]
-    shapes = {name: one for name, one in records.items() if roles[name] == "shapes"}
-    items = Counter(item for one in shapes.values() for item in one.items)
-    names = {one.landmark_names for one in shapes.values()}
-    if len(shapes) > 1 and max(items.values()) == len(names) == 1:
-        for name in shapes:
-            del records[name]
-        name = ", ".join(shapes)
-        records[name], roles[name] = concatenate(list(shapes.values())), "shapes"
 
 
 def _find_frames(
@@ -255,36 +237,26 @@ def _content(
     return Content(name, role, records, rows, columns, values)
 
 
-def _read_truth(
-    config: ViewConfig,
-    source: Any,
-    contents: Sequence[Content],
-    frames: Frames,
-    landmarks: Sequence[str],
+def _true_content(
+    config: ViewConfig, truth: ShapeSet, contents: Sequence[Content], landmarks: Sequence[str]
 ) -> Content:
-    """Read the true shapes of the frames. Raises InputError where there is none of any."""
-    names, place = source.head.landmark_names, next(iter(config.files.values()))[0]
+    """Return the true shapes of the frames. Raises InputError where there is none of any."""
+    names, place = truth.landmark_names, next(iter(config.files.values()))[0]
     if len(set(landmarks) & set(names)) < FEWEST_LANDMARKS:
         fault = f"fewer than 3 of its landmarks ({abbreviate(landmarks)}) are in the truth"
         raise input_error(place, fault, f"`rename` those of the truth ({abbreviate(names)})")
-    true_keys, keys = Keys(list(chain.from_iterable(source.names()))), Keys(frames.items)
-    if config.match == BY_FRAME:
-        true_keys = keys_of(source.batches(BATCH))
-        sequences = [name for name, _ in frames.sequences]
-        of_frames = np.repeat(sequences, [len(rows) for rows in frames.by_sequence]).tolist()
-        stated = np.isfinite(frames.numbers).all()
-        numbers = frames.numbers.astype(int).tolist() if stated else None
-        keys = Keys(frames.items, of_frames, numbers, contents[0].records.frame_rate)
-    elif config.match != BY_ITEM:
-        values = [
-            content.values[config.match] for content in contents if config.match in content.values
-        ]
-        texts = [value for value in values if value.dtype == object]
-        if not texts:
-            fault = f"no result has the dataset '{config.match}' of texts"
-            raise input_error("match", fault, "name one that holds items of the truth")
-        keys = Keys(texts[0].tolist())
-    wanted, rows = np.unique(find_truth(place, config.match, keys, true_keys), return_inverse=True)
+    true_rows = np.full(len(contents[0].rows), -1)
+    errors: list[InputError] = []
+    for content in contents:
+        try:
+            rows = match_truth(place, content.records, truth, config.match)[0]
+        except InputError as error:
+            errors.append(error)
+        else:
+            lacks = (true_rows < 0) & (content.rows >= 0)
+            true_rows[lacks] = rows[content.rows[lacks]]
+    if len(errors) == len(contents):
+        raise errors[0]
+    wanted, rows = np.unique(true_rows, return_inverse=True)
     without = int(wanted[0] < 0)
-    records = concatenate(list(source.chosen(wanted[without:], BATCH)))
-    return _content("truth", "truth", records, rows.reshape(-1) - without, landmarks)
+    return _content("truth", "truth", truth.take(wanted[without:]), rows - without, landmarks)

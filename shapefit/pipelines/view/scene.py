@@ -149,7 +149,7 @@ def find_recordings(
     Numbers of frames say what was seen at once. Others are recordings of one sequence.
     """
     rows_of = frames.by_sequence
-    files = contents[0].name.split(", ") if contents[0].role == "shapes" else ()
+    files = [content for content in contents if content.role == "shapes"]
     videos = defaultdict[object, list[int]](list)
     for sequence, (name, _) in enumerate(frames.sequences):
         video = name.rpartition("/")[0] or (name and len(files) == len(rows_of) > 1)

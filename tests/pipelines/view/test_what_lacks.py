@@ -129,7 +129,7 @@ def test_what_cannot_be_shown_is_refused(desk, made_dictionary):
     assert "is a shapefit-dictionary file; give results, shapes" in refused(desk, path)
     assert "/dev/zero:1: " in refused(desk, Path("/dev/zero"))
     found = refused(desk, result, truth=(desk.truth(),), match="true_model")
-    assert "match: no result has the dataset 'true_model'" in found
+    assert "there is no dataset 'true_model' with one name per image" in found
     truth = desk.truth(items=tuple("uvwxyz"))
     found = refused(desk, result, truth=(truth,))
     assert "none of its 6 images is in the truth, which has no 'i0'; give the truth" in found
