@@ -58,5 +58,7 @@ def test_individuals_of_a_video_are_seen_at_once(groups, numbers, expected):
     [(2, [[0, 1]], [0, 1, 1, 2]), (1, [[0], [1]], [0, 1, 0, 1])],
 )
 def test_files_of_one_individual_each_are_seen_at_once(files, recordings, times):
-    found = find_recordings([SimpleNamespace(role="shapes")] * files, frames_of([0, 1, 1, 2], anna="ab", ben="cd"))
+    found = find_recordings(
+        [SimpleNamespace(role="shapes")] * files, frames_of([0, 1, 1, 2], anna="ab", ben="cd")
+    )
     assert (found[0], found[1].tolist()) == (recordings, times)
