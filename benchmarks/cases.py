@@ -28,7 +28,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.pipelines.learn_dict.training_shapes import every_nth
+from shapefit.pipelines.learn_dict.from_3d import every_nth
 
 PROJECT = Path(__file__).resolve().parents[1]
 WORKER = Path(__file__).with_name("worker.py")

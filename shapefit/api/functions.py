@@ -6,11 +6,11 @@ Keyword arguments are checked against the config of the command: same keys, defa
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,10 +45,11 @@ from shapefit.pipelines.fit.prepare import (
     warn_of_dictionary,
 )
 from shapefit.pipelines.fit.record import attributes_of
-from shapefit.pipelines.fit.report import Counts, result_of, warn_of_all
-from shapefit.pipelines.fit.run import lift_source
+from shapefit.pipelines.fit.run import Counts, lift_source, result_of, warn_of_all
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.result import Counted, Result, add_up
+
+Made = TypeVar("Made")
 
 FILES: Mapping[str, Mapping[str, Any]] = {
     "fit": {
@@ -116,7 +117,10 @@ def fit(
     records = []
     failures: dict[str, str] = {}
     with source_of(images, "landmarks", wanted.rename) as source:
-        setup = prepare(wanted, atoms, source.head.landmark_names, lambda: source.first(FIRST))
+        names, count = source.head.landmark_names, source.count
+        preparing = prepare(wanted, atoms, names, lambda: source.first(FIRST), count)
+        setup, announced = _ended(preparing)
+        warn(result.line for result in announced)
         counts, messages = Counts(), dict[str, str | Counted]()
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
         add_up(messages, (*setup.estimates.warnings, *of_dictionary))
@@ -127,7 +131,7 @@ def fit(
             records.append(batch.record)
             failures |= {failure.item: failure.reason for failure in outcome.failures}
             add_up(messages, outcome.warnings)
-    warn((*messages.values(), *reasons, *warn_of_all(counts, setup, images.y_axis)))
+    warn((*messages.values(), *reasons, *warn_of_all(counts, setup, source.head)))
     whole = concatenate(records)
     attributes = {**whole.attributes, **attributes_of(setup, {})}
     return Fit.of(whole.replaced(attributes=attributes), failures=failures)
@@ -184,19 +188,24 @@ def learn(
     config = config_of("learn-dict", coding | options)
     given = shapes if isinstance(shapes, Shapes | Fit) else Shapes(shapes)
     training = source_of(given.record(), "shapes", config.rename).whole()
-    outcomes: list[Result] = []
-    making = learn_from_shapes(training, config, {})
-    try:
-        while True:
-            outcomes.append(next(making))
-    except StopIteration as stop:
-        dictionary = with_p_value_table(stop.value)
+    made, outcomes = _ended(learn_from_shapes(training, config, {}))
+    dictionary = with_p_value_table(made)
     failures = [failure for outcome in outcomes for failure in outcome.failures]
     if failures:
         unused = f"{failures[0].item}, for one: {failures[0].reason}"
         warn([f"{counted(len(failures), 'shape')} cannot be used; {unused}"])
     warn(message for outcome in outcomes for message in outcome.warnings)
     return Dictionary.of(dictionary)
+
+
+def _ended(steps: Generator[Result, None, Made]) -> tuple[Made, list[Result]]:
+    """Return what is made in steps, and the results of these."""
+    results: list[Result] = []
+    try:
+        while True:
+            results.append(next(steps))
+    except StopIteration as stop:
+        return stop.value, results
 
 
 @dataclass(frozen=True, repr=False)

@@ -118,7 +118,7 @@ def test_results_have_the_names_of_their_files_or_of_a_mapping(folder):
     ("command", "keys"),
     [
         ("eval", EVAL | {"groups": {"walks": "13_*"}}),
-        ("learn-dict", LEARN | {"data": "far", "align": ["no", "1e-3", "hip: left"]}),
+        ("learn-dict", LEARN | {"data": "far", "landmarks": ["no", "1e-3", "hip: left"]}),
         ("learn-dict", LEARN | {"k": 3, "mirror": True}),
     ],
 )

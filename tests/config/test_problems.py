@@ -69,7 +69,7 @@ learn-dict | every: {a_*: two} | 3:1 | to such numbers, found a mapping
 learn-dict | method: pca-bases; bases: 1.1 | 4:1 | expected a number > 0 and < 1 or a whole number >= 1, found 1.1
 learn-dict | method: pca-base | 3:1 | expected sparse-coding, exemplars or pca-bases, found 'pca-base'; did you mean 'pca-bases'?
 learn-dict | seed: 1 | 3:1 | unknown key 'seed'
-learn-dict | align: [a, b] | 3:1 | expected all, none, or a list of at least three landmark names, found a list
+learn-dict | align: [a, b] | 3:1 | expected all or none, found a list
 project | hidden: 1 | 3:1 | expected a number >= 0 and < 1, found 1
 project | camera: {view: [[1,0,0],[0,1,0],[0,0,-1]]} | 3:10 | expected a rotation (orthonormal rows, determinant +1)
 project | camera: {view: [[1,0,0],[0,1,0]]} | 3:10 | expected turntable, random, or a rotation as three rows of three numbers, found

@@ -47,12 +47,8 @@ class LearnDictConfig(LandmarksConfig):
         Description("a whole number >= 1, or a mapping of globs on sequence names to such numbers"),
     ] = 1
     """Keep every n-th shape of each sequence; of {13_*: 18, "*": 2} the first glob that fits."""
-    align: Annotated[
-        Literal["all", "none"] | Annotated[tuple[str, ...], Field(min_length=3)],
-        Description("all, none, or a list of at least three landmark names"),
-        FromLists,
-    ] = "all"
-    """Landmarks by which training shapes are aligned; none keeps them in their common frame."""
+    align: Literal["all", "none"] = "all"
+    """Turn the training shapes onto their mean, or leave them in their common frame."""
     mirror: Annotated[
         dict[str, str] | bool, Description("true, false, or a mapping of landmark names")
     ] = False

@@ -105,29 +105,21 @@ def find_extent(images: LandmarkSet) -> float:
 
 def camera_of(config: CameraConfig) -> Callable[[LandmarkSet], Camera] | None:
     """Return what gives the cameras of images by a config, None for weak perspective."""
-    if config.model != "perspective":
-        return None
-    focal = None if isinstance(config.focal, str) else config.focal
-    return partial(
-        find_camera, focal=focal, centre=config.principal_point, focal_sd=config.focal_sd
-    )
+    return partial(find_camera, config=config) if config.model == "perspective" else None
 
 
-def find_camera(
-    images: LandmarkSet,
-    focal: float | None = None,
-    centre: tuple[float, float] | None = None,
-    focal_sd: float = 0.0,
-) -> Camera:
-    """Return focal lengths and principal points of images: as given, else of their matrices."""
-    n = len(images)
-    if focal is None:
+def find_camera(images: LandmarkSet, config: CameraConfig | None = None) -> Camera:
+    """Return the cameras of n images: as the config states them, else by their matrices."""
+    n, sign = len(images), pinhole.depth_sign(images.y_axis or "down")
+    if config is None or isinstance(config.focal, str):
         focals, centres = read_intrinsics(images)
     else:
-        focals, centres = np.full((n, 2), focal), np.zeros((n, 2))
-    if centre is not None:
-        centres = np.tile(np.array(centre), (n, 1))
-    return Camera(focals, centres, pinhole.depth_sign(images.y_axis or "down"), focal_sd)
+        focals, centres = np.full((n, 2), config.focal), np.zeros((n, 2))
+    if config is None:
+        return Camera(focals, centres, sign, 0.0)
+    if config.principal_point is not None:
+        centres = np.tile(np.array(config.principal_point), (n, 1))
+    return Camera(focals, centres, sign, config.focal_sd)
 
 
 def read_intrinsics(images: LandmarkSet) -> tuple[Floats, Floats]:

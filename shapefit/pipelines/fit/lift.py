@@ -1,24 +1,48 @@
-"""From the landmarks of images to their shapes, by the steps that a Lifter names."""
+"""Lifting single images: a method with all that it needs, and what it makes of landmarks."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from hashlib import blake2b
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
+from shapefit.convex.problem import Loss
+from shapefit.convex.solver import solve_newton
+from shapefit.dictionary.mixture import widen
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
+from shapefit.geometry.pinhole import Camera
 from shapefit.io import LandmarkSet
 from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
-from shapefit.lifting.lift import Group, Lifting, fail_nonfinite, lift, merge
-from shapefit.lifting.methods import MIN_CONFIDENCE, choose_method
-from shapefit.pipelines.fit.camera import IMAGE_SIZE, read_dataset
-from shapefit.pipelines.fit.lifter import Lifter, settings_of
+from shapefit.lifting.lift import BETA, Group, Lifting, Program, lift, merge
+from shapefit.lifting.methods import (
+    METHODS,
+    MIN_CONFIDENCE,
+    Method,
+    PosteriorOptions,
+    Settings,
+    choose_method,
+)
+from shapefit.pipelines.fit.camera import IMAGE_SIZE, camera_of, read_dataset
 from shapefit.pipelines.items import named_items
 from shapefit.threads import on_threads
+
+if TYPE_CHECKING:
+    from shapefit.config import FitConfig
+
+RATE = 24.0
+"""Frames a second where no file states it."""
+
+RANSAC_THRESHOLD = 0.25
+"""Residual of an outlier in units of the size of the shape."""
 
 DRAWS, MAX_ROUNDS = 500, 100
 """Of the search for outliers: triples drawn per image (2,000 change no figure of the cars), and
@@ -30,17 +54,94 @@ BORDER = 0.01
 LEAVE_ONE_OUT = "leave_one_out"
 
 
-def lift_landmarks(images: LandmarkSet, lifter: Lifter) -> Lifting:
-    """Lift images with the landmarks of a dictionary, then whole sequences of them."""
-    lift_all = lift_images if lifter.leave_one_out is None else lift_omitting
-    lifting = lift_all(images, lifter)
-    if lifter.row.has_prior:
-        lifting = with_p_values(lifting, lifter)
-    if lifter.row.sequences:
-        from shapefit.pipelines.fit.sequences import refine_sequences
+@dataclass(frozen=True, kw_only=True)
+class Lifter:
+    """A method and all that it needs beside the images; None stands for its own default.
 
-        lifting = refine_sequences(lifting, images, lifter)
-    return fail_nonfinite(lifting)
+    camera is None for weak perspective; leave_one_out names the dataset of the atoms to do without.
+    """
+
+    method: str
+    dictionary: Dictionary
+    camera: Callable[[LandmarkSet], Camera] | None = None
+    program: Program = field(default_factory=lambda: Program(0.1))
+    noise: float | None = None
+    tolerance: float | None = None
+    residual_variance: float | None = None
+    posterior: PosteriorOptions = field(default_factory=PosteriorOptions)
+    prior_scale: float = 1.0
+    image_size: tuple[float, float] | None = None
+    min_confidence: float | None = None
+    signed: bool = False
+    outlier_threshold: float | None = None
+    leave_one_out: str | None = None
+    frame_rate: float | None = None
+    threads: int = 0
+
+    @property
+    def row(self) -> Method:
+        """The row of the table of methods."""
+        return METHODS[self.method]
+
+    @property
+    def variance(self) -> float:
+        """The residual variance: as given, of the dictionary, or the default."""
+        learned = self.dictionary.residual_variance
+        if self.residual_variance is not None or learned is None:
+            return self.residual_variance or self.posterior.residual_variance
+        return float(learned[0])
+
+
+def lifter_of(config: FitConfig, dictionary: Dictionary) -> Lifter:
+    """Return what lifts landmarks of a dictionary as a config says."""
+    names = (field.name for field in fields(Lifter) if hasattr(config, field.name))
+    shared: dict[str, Any] = {name: getattr(config, name) for name in names}
+    lam, prior = None if config.lam == "auto" else config.lam, config.prior
+    beta, noise = config.outlier_threshold or BETA, config.noise or 0.0
+    threshold = config.outlier_threshold or RANSAC_THRESHOLD
+    chosen = {
+        "dictionary": dictionary,
+        "camera": camera_of(config.camera),
+        "program": Program(lam, Loss(config.loss), beta, noise),
+        "residual_variance": prior.residual_variance,
+        "posterior": PosteriorOptions(bar_scale=prior.bar_scale, covariance=config.save.covariance),
+        "prior_scale": prior.scale or 1.0,
+        "outlier_threshold": threshold if config.searches_outliers else None,
+    }
+    return Lifter(**shared | chosen)
+
+
+def settings_of(lifter: Lifter) -> Settings:
+    """Return what the method needs besides the problem."""
+    method, dictionary = lifter.row, lifter.dictionary
+    of_program = tolerance = method.tolerance if lifter.tolerance is None else lifter.tolerance
+    if method.proves == "global":  # by another gap
+        of_program = min(tolerance, METHODS["convex"].tolerance)
+    needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
+    if method.has_prior:
+        from shapefit.lifting.posterior.p_value import moments_at
+
+        scale, table = lifter.prior_scale, dictionary.p_value_table
+        needs["prior"] = widen(needs["prior"], scale)
+        needs["p_value_table"] = None if table is None else moments_at(table, scale)
+    return Settings(
+        solve=partial(solve_newton, tolerance=of_program, threads=lifter.threads),
+        mean_shape=dictionary.mean_shape,
+        needs=needs,
+        signed=lifter.signed,
+        posterior=replace(lifter.posterior, residual_variance=lifter.variance),
+        tolerance=tolerance,
+        threads=lifter.threads,
+    )
+
+
+def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
+    """Raise InputError where the dictionary lacks what the method needs, or it is of no use."""
+    for need in METHODS[method].needs:
+        missing = getattr(dictionary, need.name) is None
+        fault = f"no `{need.name}`" if missing else need.useless(dictionary)
+        if fault:
+            raise input_error(place, f"{fault}: {need.what}", need.fix)
 
 
 def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
@@ -93,15 +194,16 @@ def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
 
 def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
     """Which landmarks (n, p) lie within 1% of a side of the image, with a neighbour there, too."""
-    edges, n, given = lifter.dictionary.edges, len(images), lifter.image_size
+    edges, n, p = lifter.dictionary.edges, len(images), len(images.landmark_names)
+    given = lifter.image_size
     size = np.asarray(images.columns.get(IMAGE_SIZE, 0.0) if given is None else given, float)
-    marked = np.zeros(images.landmarks.shape[::2], dtype=bool)
+    marked = np.zeros((n, p), dtype=bool)
     same_names = images.landmark_names == lifter.dictionary.landmark_names
     if edges is None or not same_names or size.shape not in ((2,), (n, 2)):
         return marked
     far = np.broadcast_to(size, (n, 2))[..., None]
     distance = np.stack([abs(images.landmarks), abs(images.landmarks - far)], axis=1)
-    near = (distance <= BORDER * far[:, None]).reshape(n, 4, len(images.landmark_names))
+    near = (distance <= BORDER * far[:, None]).reshape(n, 4, p)
     for edge in edges:
         marked[:, edge] |= np.any(np.all(near[..., edge], axis=2), axis=1)[:, None]
     return marked
@@ -179,6 +281,6 @@ def check_omitted(images: LandmarkSet, lifter: Lifter) -> None:
         fault = f"the atoms of the dictionary are of {len(items) or 'no'} items"
         fix = f"learn it from several models with `method: exemplars`, or remove `{LEAVE_ONE_OUT}`"
         raise input_error(LEAVE_ONE_OUT, fault, fix)
-    if not find_omitted(images, lifter).astype(bool).any() and len(images):
+    if len(images) and not (find_omitted(images, lifter) != "").any():
         fix = f"name the dataset that holds them, such as {', '.join(items[:3])}"
         raise input_error(LEAVE_ONE_OUT, "the images show no items of the dictionary", fix)

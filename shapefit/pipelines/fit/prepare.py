@@ -1,28 +1,53 @@
-"""What a fit needs before it lifts, found once and given to all its parts."""
+"""What a fit needs before it lifts, found once and given to all its parts.
+
+The landmarks are matched to the dictionary, the camera is chosen, and of one sample of the first
+images is estimated what is open. There the log evidence log p(w) of an image under the posterior is
+compared for the skeleton theta of a detector of people, and for factors f on the covariances of the
+prior and residual variances v:
+
+    1/n sum_i log p(w_i | f, v),    f in {1, 2, 4, 8},  v in {v_0, 2 v_0, 4 v_0, 8 v_0},
+
+where v_0 is that of the dictionary. Smaller ones are not tried: their evidence is flat where error
+bars are far too narrow already. Of pairs that are as likely as the best by the standard error of
+their difference, the widest prior is taken and, with it, the least v.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shapefit.arrays import median
+from shapefit.arrays import Floats, evenly, median
 from shapefit.config import FitConfig
 from shapefit.config.paths import STANDARD_STREAM, ResultFolder
-from shapefit.dictionary.model import SUITS, Dictionary, describe_learning
-from shapefit.errors import InputError, input_error
+from shapefit.dictionary.model import LEARNED_FROM, SUITS, Dictionary, describe_learning
+from shapefit.errors import InputError, counted, input_error, parse_json
 from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.formats import find_target_format
 from shapefit.io.options import InputOptions, input_options
+from shapefit.io.skeletons import THETA, installed_skeletons
+from shapefit.lifting import trust
+from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import AUTO, METHODS, find_conflict
-from shapefit.pipelines.fit.camera import undistorted
-from shapefit.pipelines.fit.lift import check_omitted
-from shapefit.pipelines.fit.lifter import Lifter, check_needs, lifter_of
-from shapefit.pipelines.fit.sample import Estimates, estimate
+from shapefit.pipelines.fit.camera import choose_camera, undistorted
+from shapefit.pipelines.fit.lift import (
+    RATE,
+    Lifter,
+    check_needs,
+    check_omitted,
+    lift_images,
+    lifter_of,
+    settings_of,
+    weigh,
+    with_p_values,
+)
 from shapefit.pipelines.joints import MEANS, Matched, match_names
+from shapefit.pipelines.result import Result
 
 if TYPE_CHECKING:
     from shapefit.io.readers.calibration import CalibratedCamera
@@ -33,18 +58,65 @@ FIRST = 1024
 FRAMES, COUNTED = 10, 4096
 """Frames of a sequence whose motion says something of its shapes; images that are counted."""
 
+LONG, TIMED = 600.0, 8
+"""Seconds of a fit from which it is announced; images that are timed."""
+
 OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
     "posterior": {"residual_variance": 0.006, "bar_scale": 1.6},
     "sequences": {"residual_variance": 0.01, "bar_scale": 1.5},
 }
 """Keys of `prior` for dictionaries of people, where they are not given."""
 
+LARGEST, CALIBRATED, FEW, FEWEST = 96, 60, 24, 10
+"""Images of a sample, of those with landmarks hidden in turn, of a first look, and the least."""
+
+FEWEST_VISIBLE, FEWEST_NAMES = 5, 4
+"""Landmarks of an image of the sample (four fit almost any shape), and that names must give."""
+
+STEP = 0.5
+"""Seconds between the two images of a pair."""
+
+STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
+"""Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
+
+SCALES, FACTORS = ("scale", "residual_variance"), (1.0, 2.0, 4.0, 8.0)
+"""Keys of `prior` that are chosen by evidence, and the factors that are tried of either."""
+
+OUTLIER, MOSTLY = 0.5, 0.5
+"""Inlier probability of an outlier; share of images from which a landmark itself is doubted."""
+
+DOUBTFUL = 0.25
+"""Share of doubtful images from which other skeletons are tried; one that has less than half of
+that share is named. Where names are right a few images in a hundred are doubtful."""
+
+NO_TRUST = "no shape of this file is to be trusted: "
+
+KAPPA, DISTANCE = "calibration_kappa", "median_start_distance"
+"""Numbers of the calibration that are stored as attributes."""
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """What was estimated: values for keys of a config, lines about them, the camera's first.
+
+    reason says why no image is to be trusted; growth (p,) are factors on covariances of landmarks.
+    """
+
+    values: Mapping[str, Any]
+    lines: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    reason: str = ""
+    growth: tuple[float, ...] = ()
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
 
 @dataclass(frozen=True)
 class Setup:
     """A fit in which nothing is left open: config with estimates, theta, skeleton of the detector.
 
-    place is that of landmark names in messages.
+    dictionary is the one that the files need; place is that of landmark names in messages.
     """
 
     config: FitConfig
@@ -65,14 +137,19 @@ class Setup:
         return self.matched.arrange(undistorted(images, self.camera), self.place)
 
 
+Preparing = Generator[Result, None, Setup]
+"""Yields what is to be shown before the first image is lifted, and returns the setup."""
+
+
 def prepare(
     config: FitConfig,
     dictionary: Dictionary,
     landmark_names: Sequence[str],
     first: Callable[[], LandmarkSet],
+    total: int,
     estimates: Estimates | None = None,
-) -> Setup:
-    """Return what lifts landmarks of these names; of `first` images what is open is estimated."""
+) -> Preparing:
+    """Make what lifts a total of images with these landmarks; `first` gives those of the sample."""
     method, camera = METHODS[config.method], None
     if method.has_prior and dictionary.p_value_table is None:
         from shapefit.pipelines.learn_dict.from_3d import with_p_value_table
@@ -87,8 +164,11 @@ def prepare(
         camera = read_camera(config.camera.calibration, config.camera.name)
     if estimates is None:
         images = undistorted(first(), camera)
+        lifter = lifter_of(config, matched.dictionary)
         if config.leave_one_out is not None:
-            check_omitted(images, lifter_of(config, dictionary))
+            check_omitted(images, lifter)
+        if text := announce_time(matched.arrange(images, place), lifter, total):
+            yield Result(line=text)
         estimates = estimate(config, dictionary, matched, images)
     config = config.changed(**estimates.values)
     theta = {**MEANS, **(config.skeleton or {})}
@@ -98,6 +178,25 @@ def prepare(
     options = replace(lifter.posterior, growth=tuple(estimates.growth), covariance=wanted)
     lifter = replace(lifter, posterior=options)
     return Setup(config, matched, lifter, theta, camera, estimates, place)
+
+
+def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
+    """Return how long all images may take, "" below LONG: by one, and if that is long by some.
+
+    Scales are chosen by lifting the sample as often as there are pairs of factors.
+    """
+    sample = min(total, LARGEST) if lifter.row.has_prior else 0
+    liftings = total + sample * len(FACTORS) ** 2
+    for number in (1, TIMED):  # the first call also imports
+        timed = images.take(evenly(len(images), number))
+        began = time.perf_counter()
+        lift_images(timed, lifter)
+        seconds = (time.perf_counter() - began) / max(len(timed), 1)
+        if seconds * liftings < LONG:
+            return ""
+    minutes = f"up to {seconds * liftings / 60:,.0f} minutes"
+    fix = "give fewer landmarks, or a dictionary with fewer components or atoms"
+    return f"{counted(total, 'image')} may take {minutes}, {seconds:.2g} s each: {fix}"
 
 
 def choose_method(
@@ -129,7 +228,7 @@ def in_sequences(config: FitConfig) -> bool:
         return False
     options = replace(input_options(config, "motion"), rename={})
     try:
-        with open_landmarks(config.landmarks, options) as source:
+        with open_landmarks(config.landmarks, options, check=False, head=True) as source:
             return are_long(source.first(COUNTED).sequences)
     except InputError:  # no frames of a video; what is wrong with files is reported by the fit
         return False
@@ -169,3 +268,260 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
         made = f"{config.method} is made for {' or '.join(wanted)}"
         warnings += (f"the dictionary was learned with `method: {learned}`; {made}",)
     return warnings
+
+
+def estimate(
+    config: FitConfig, dictionary: Dictionary, matched: Matched, images: LandmarkSet
+) -> Estimates:
+    """Estimate the camera and, for methods with a prior, skeleton, prior scale and error bars."""
+    learned_from = matched.dictionary.provenance.get(LEARNED_FROM) is not None
+    camera, of_camera = choose_camera(config, images, from_landmarks=learned_from)
+    if not METHODS[config.method].has_prior:
+        return Estimates({"camera": camera}, (f"camera: {of_camera}",))
+    bars, of_report = read_bar_scale(config)
+    bar_scale = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
+    config = config.changed(camera=camera, prior=bars)
+    lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
+    in_file = draw_sample(images.take(np.flatnonzero(weigh(images, lifter).any(axis=1))))
+    sample = matched.arrange(in_file, "landmarks")
+
+    skeleton, of_skeleton = choose_skeleton(config.skeleton, matched, sample, lifter)
+    theta = {**MEANS, **(skeleton or {})}
+    lifter = replace(lifter, dictionary=matched.observed(theta))
+    lifting = lift_sample(sample, lifter)
+    warning = check_names(in_file, lifting, lifter, dictionary, theta)
+    # a wide prior would take wrong names for poses that it lacks
+    keys = [key for key in SCALES if getattr(config.prior, key) is None and not warning]
+    lifter, of_scale = choose_scale(keys, sample, lifting, lifter)
+    if of_scale:
+        lifting = lift_sample(sample, lifter)
+    growth, numbers, of_bars = calibrate_bars(sample, lifting, lifter, bar_scale)
+    if numbers and trust.contradicts(numbers[KAPPA], numbers[DISTANCE]) and not warning:
+        fix = "are the names of the landmarks right, and does the dictionary have such shapes?"
+        warning = f"{NO_TRUST}{of_bars}; {fix}"
+    scale = {"scale": lifter.prior_scale, "residual_variance": lifter.variance}
+    return Estimates(
+        {"camera": camera, "prior": {**bars, **scale}, "skeleton": skeleton},
+        tuple(filter(None, (f"camera: {of_camera}", of_skeleton, of_scale, of_report, of_bars))),
+        (warning,) if warning else (),
+        trust.NOT_OF_THE_CLASS if warning else "",
+        growth,
+        numbers,
+    )
+
+
+def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
+    """Return the keys of `prior` that its `calibration` stands for, and a line about them."""
+    path, method = config.prior.calibration, config.method
+    if path is None:
+        return {}, ""
+    try:
+        factors = parse_json(path.read_text(encoding="utf-8"))
+        (only,) = [factors[method]] if method in factors else factors.values()
+        factor = float(only["90%"])
+    except (OSError, ValueError, KeyError, TypeError):
+        factor = 0.0
+    if not factor > 0:
+        fix = "give error_bars.json of a report of eval in which it was judged on enough images"
+        raise input_error(path, f"holds no factors of error bars of {method}", fix)
+    values = {"bar_scale": config.prior.bar_scale * factor**2, "calibration": None}
+    return values, f"error bars x {factor:.2f} ({path.name})"
+
+
+def draw_sample(images: LandmarkSet) -> LandmarkSet:
+    """Draw images that are spread over all; of long sequences pairs that are a step apart."""
+    images = images.take(np.flatnonzero(images.visible().sum(axis=1) >= FEWEST_VISIBLE))
+    n, rows = len(images), evenly(len(images), LARGEST)
+    if images.sequences is not None and n > LARGEST:
+        step = max(1, round(STEP * (images.frame_rate or RATE)))
+        rows = evenly(n, LARGEST // 2)
+        rows = np.union1d(rows, rows[rows + step < n] + step)
+    return images.take(rows)
+
+
+def lift_sample(sample: LandmarkSet, lifter: Lifter) -> Lifting:
+    """Lift a sample by the posterior, with p-values."""
+    return with_p_values(lift_images(sample, lifter), lifter)
+
+
+def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:
+    """Return log p(w) (n,) of images."""
+    evidence: Floats = lift_images(images, lifter).estimate.further["log_evidence"]
+    return evidence
+
+
+def choose_skeleton(
+    given: Mapping[str, float] | None, matched: Matched, sample: LandmarkSet, lifter: Lifter
+) -> tuple[dict[str, float] | None, str]:
+    """Return the parameters of the skeleton, as given, else estimated, else usual; and a line."""
+    if not matched.joints.markers:
+        return None if given is None else dict(given), ""
+    start = {**MEANS, **(given or {})}
+    names = [name for name in matched.joints.parameters if name not in (given or {})]
+    if not names or not len(sample):
+        return start, ""
+    few = sample.take(evenly(len(sample), FEW))
+
+    def evidence(theta: Mapping[str, float]) -> float:
+        observed = replace(lifter, dictionary=matched.observed(theta))
+        return float(np.nansum(log_evidence(few, observed)))
+
+    theta = maximise_theta(evidence, names, start)
+    factors = ", ".join(f"{name} x {theta[name]:.2f}" for name in names)
+    return theta, f"skeleton of the detector: {factors}"
+
+
+def maximise_theta(
+    evidence: Callable[[Mapping[str, float]], float], names: Sequence[str], start: dict[str, float]
+) -> dict[str, float]:
+    """Return theta that maximises log p(w | theta) + log p(theta), twice, one by one.
+
+    Each is taken to the top of the parabola through the best value tried and its neighbours.
+    """
+    theta = dict(start)
+    for factor in (1.0, 0.5):
+        for name in names:
+            x = np.log(theta[name]) + factor * np.array(STEPS)
+            prior = -0.5 * ((x - np.log(THETA[name].mean)) / THETA[name].std) ** 2
+            values = prior + [evidence(theta | {name: float(np.exp(at))}) for at in x]
+            top, step = int(np.argmax(values)), x[1] - x[0]
+            middle = min(max(top, 1), len(x) - 2)
+            below, at, above = values[middle - 1 : middle + 2]
+            curvature = (2 * at - below - above) / step**2
+            best = x[top]
+            if curvature > 0:
+                best = x[middle] + np.clip((above - below) / (2 * step * curvature), -step, step)
+            theta[name] = float(np.exp(best))
+    return theta
+
+
+def choose_scale(
+    keys: Sequence[str], sample: LandmarkSet, lifting: Lifting, lifter: Lifter
+) -> tuple[Lifter, str]:
+    """Return the lifter with those keys of SCALES chosen by evidence, and a line about changes.
+
+    lifting, of the sample by the lifter. Landmarks that are outliers in most images do not count:
+    their errors say nothing of the others, but would make them all less exact.
+    """
+
+    def scaled(pair: Pair) -> Lifter:
+        prior, variance = pair[0] * lifter.prior_scale, pair[1] * lifter.variance
+        return replace(lifter, prior_scale=prior, residual_variance=variance)
+
+    if not keys or len(sample) < FEWEST:
+        return scaled((1.0, 1.0)), ""
+    inlier_probability = lifting.estimate.further["inlier_probability"]
+    visible = np.maximum(np.isfinite(inlier_probability).sum(axis=0), 1)
+    hidden = (inlier_probability < OUTLIER).sum(axis=0) > MOSTLY * visible
+    if 0 < hidden.sum() <= len(hidden) / 3:  # with more, the prior is wrong, not the landmarks
+        sample = sample.replaced(landmarks=np.where(hidden, np.nan, sample.landmarks))
+    factors = (FACTORS if key in keys else FACTORS[:1] for key in SCALES)
+    pair = find_scale(lambda pair, images: log_evidence(images, scaled(pair)), sample, *factors)
+    chosen, changes = scaled(pair), []
+    if pair[0] != 1:
+        changes.append(f"prior widened x {chosen.prior_scale:g}: poses unlike the training data")
+    if pair[1] != 1:
+        changes.append(f"residual variance {chosen.variance:g} in place of {lifter.variance:g}")
+    return chosen, ", ".join(changes)
+
+
+def find_scale(
+    evidence: Callable[[Pair, LandmarkSet], Floats],
+    images: LandmarkSet,
+    scales: tuple[float, ...] = FACTORS,
+    variances: tuple[float, ...] = FACTORS,
+) -> Pair:
+    """Choose among pairs of factors by their evidence (n,) of images, in order of both.
+
+    All pairs are tried where, at first sight, the next scale or the next variance is likelier. Of
+    pairs as likely as the best, the widest is taken; then the least variance.
+    """
+    first, few = (scales[0], variances[0]), images.take(evenly(len(images), FEW))
+    near = [(f, first[1]) for f in scales[1:2]] + [(first[0], v) for v in variances[1:2]]
+    before = evidence(first, few)
+    if not any(np.nanmean(evidence(pair, few) - before) > 0 for pair in near):
+        return first
+    of_pair = {(f, v): evidence((f, v), images) for f in scales for v in variances}
+    best = max(of_pair, key=lambda pair: float(np.nanmean(of_pair[pair])))
+    gains = {pair: mean_gain(evidence, of_pair[best]) for pair, evidence in of_pair.items()}
+    likely = [pair for pair, (lost, error) in gains.items() if lost <= error]
+    return max(likely, key=lambda pair: (pair[0], -pair[1]))
+
+
+def mean_gain(before: Floats, after: Floats) -> tuple[float, float]:
+    """Return the mean of after - before where it is finite, and its standard error.
+
+    By batch means, as neighbours resemble each other (Flegal and Jones, Annals of Statistics 2010).
+    """
+    gain = (after - before)[np.isfinite(after - before)]
+    if len(gain) < 4:
+        return 0.0, np.inf
+    means = [block.mean() for block in np.array_split(gain, int(np.sqrt(len(gain))))]
+    return float(gain.mean()), float(np.std(means, ddof=1) / np.sqrt(len(means)))
+
+
+def calibrate_bars(
+    sample: LandmarkSet, lifting: Lifting, lifter: Lifter, bar_scale: float
+) -> tuple[tuple[float, ...], dict[str, float], str]:
+    """Return factors (p,) on the covariances of landmarks, numbers to be stored, and a line.
+
+    bar_scale, of all covariances without the factors of a report, which come on top.
+    """
+    if len(sample) < trust.LIMITS.fewest_images:
+        return (), {}, ""
+    from shapefit.lifting.posterior.calibration import calibrate
+
+    rows, estimate = evenly(len(sample), CALIBRATED), lifting.estimate
+    inliers, problem = estimate.further["inlier_probability"], lifting.problem.take(rows)
+    settings = settings_of(lifter)
+    calibration = calibrate(problem, estimate.rotation[rows], inliers[rows], settings)
+    visible = np.isfinite(inliers).sum(axis=1)
+    distance = trust.median_distance(estimate.further[trust.START_DISTANCE], visible)
+    inside = {"hidden_landmarks_inside": calibration.inside}
+    line = f"of landmarks hidden in turn, {calibration.inside:.0%} lie in their 90% regions"
+    if np.isfinite(distance):
+        line += f"; median distance from the convex shape {distance:.2f}"
+    numbers = {KAPPA: calibration.kappa, **inside, DISTANCE: distance}
+    return tuple(calibration.growth(bar_scale).tolist()), numbers, line
+
+
+def check_names(
+    in_file: LandmarkSet,
+    lifting: Lifting,
+    lifter: Lifter,
+    dictionary: Dictionary,
+    theta: Mapping[str, float],
+) -> str:
+    """Return a warning where many images are doubtful, and few by the names of another skeleton."""
+    names, share, shares = in_file.landmark_names, doubtful_share(lifting), dict[str, float]()
+    if len(in_file) < FEWEST or not share > DOUBTFUL:
+        return ""
+    for other in installed_skeletons().values():
+        if len(other.landmark_names) != len(names) or other.landmark_names == names:
+            continue
+        try:
+            matched = match_names(other.landmark_names, dictionary, other.name)
+        except InputError:  # it has too few landmarks of the dictionary
+            continue
+        renamed = in_file.replaced(landmark_names=other.landmark_names)
+        images = matched.arrange(renamed, other.name)
+        if images.visible().any(axis=0).sum() >= FEWEST_NAMES:
+            as_other = replace(lifter, dictionary=matched.observed(theta))
+            shares[other.name] = doubtful_share(lift_sample(images, as_other))
+    best = min(shares, key=lambda name: shares[name], default="")
+    if not best or not shares[best] < share / 2:
+        return ""
+    return (
+        f"{NO_TRUST}{share:.0%} of a sample of {len(in_file)} images contradict the names of their "
+        f"landmarks, {shares[best]:.0%} those of {best}: is it {best}? Set `keypoints: {best}`"
+    )
+
+
+def doubtful_share(lifting: Lifting) -> float:
+    """Return the share of images with a low p-value or far from their convex shape."""
+    further, limits = lifting.estimate.further, trust.LIMITS
+    visible = np.isfinite(further["inlier_probability"]).sum(axis=1)
+    far = further[trust.START_DISTANCE] > limits.max_distance
+    far &= visible >= limits.fewest_visible
+    doubtful = far | (further[trust.P_VALUE] < limits.min_p_value)
+    return float(doubtful.mean()) if len(doubtful) else float("nan")

@@ -1,33 +1,79 @@
-"""`fit`: landmarks in, batch by batch, 3D shapes with their certificates out."""
+"""`fit`: landmarks in, batch by batch, 3D shapes with their certificates out, and a summary."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from shapefit.config import FitConfig
+from shapefit.convex.solver import Status
 from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import input_error
-from shapefit.io import LandmarkSet, LandmarkSource, digests, open_landmarks, read_dictionary
+from shapefit.errors import abbreviate, counted, input_error
+from shapefit.io import (
+    LandmarkSet,
+    LandmarkSource,
+    ResultSet,
+    digests,
+    open_landmarks,
+    read_dictionary,
+)
 from shapefit.io.formats import HDF5, find_target_format, result_writer
-from shapefit.io.options import OutputOptions
-from shapefit.lifting.trust import SIDES, cover_mirror_image
+from shapefit.io.layout import METRES_PER_UNIT
+from shapefit.io.options import OutputOptions, Summary
+from shapefit.io.skeletons import joint_columns
+from shapefit.lifting.lift import Lifting, fail_nonfinite
+from shapefit.lifting.trust import (
+    EXPECTED_ERROR,
+    NO_SHAPE,
+    REASONS,
+    SIDES,
+    TRUSTED,
+    cover_mirror_image,
+)
 from shapefit.pipelines.fit import prepare as preparing
-from shapefit.pipelines.fit.lift import lift_landmarks, weigh
-from shapefit.pipelines.fit.prepare import FIRST, Setup, prepare
+from shapefit.pipelines.fit.lift import lift_images, lift_omitting, weigh, with_p_values
+from shapefit.pipelines.fit.prepare import (
+    FEWEST,
+    FIRST,
+    MOSTLY,
+    OUTLIER,
+    Estimates,
+    Setup,
+    prepare,
+    warn_of_dictionary,
+)
 from shapefit.pipelines.fit.record import as_result, attributes_of
-from shapefit.pipelines.fit.report import Batch, Counts, result_of, summary_of
-from shapefit.pipelines.fit.sample import Estimates
-from shapefit.pipelines.result import Result
+from shapefit.pipelines.joints import is_of_people
+from shapefit.pipelines.result import Counted, Failure, Result, nothing_in
 from shapefit.threads import side_by_side
 
 CHUNK = 4096
 """Images that are lifted together, or read before the first whole sequences are lifted; no result
 depends on it."""
+
+STEEP = 0.5
+"""Cosine of the angle to the vertical of the image within which a body is on its head."""
+
+ENDS = (("head", "neck", "lshoulder", "rshoulder"), ("lankle", "rankle", "lhip", "rhip"))
+"""Joints at the upper and the lower end of a body: the first two that it has."""
+
+VIEWED = (".h5", ".hdf5", ".hdf", ".he5", ".csv", ".trc")
+"""Endings of results that `shapefit view` shows."""
+
+
+class Batch(NamedTuple):
+    """Images with their lifting and record."""
+
+    images: LandmarkSet
+    lifting: Lifting
+    record: ResultSet
 
 
 def run(
@@ -47,8 +93,10 @@ def run(
     if find_target_format(output).angles:
         config = config.changed(save={"covariance": True})  # an angle is that of several joints
     with open_landmarks(config.landmarks, preparing.read_options(config), rows) as source:
-        names = source.head.landmark_names
-        setup = prepare(config, dictionary, names, lambda: source.first(FIRST), estimates)
+        names, count = source.head.landmark_names, source.count
+        setup = yield from prepare(
+            config, dictionary, names, lambda: source.first(FIRST), count, estimates
+        )
         check_export(setup, output)
         options, counts = OutputOptions(height=config.height, markers=config.markers), Counts()
         with (
@@ -59,13 +107,28 @@ def run(
                 if inputs is None:  # while the next batch is lifted
                     inputs = digests(config.landmarks)
                 counts.add(batch.record)
-                yield result_of(batch, setup, source.count)
+                yield result_of(batch, setup, count)
                 writer.append(batch.record)
             others = digests(preparing.files_of(setup.config).values())
             writer.attributes.update(attributes_of(setup, {**(inputs or {}), **others}))
     yield summary_of(source, setup, counts, method, writer.summary)
     if config.export.folder is not None:
         yield from export_meshes(config, output, config.export.folder)
+
+
+def check_export(setup: Setup, result: Path) -> None:
+    """Raise InputError where a result will have no meshes, if the config asks for them."""
+    export, method = setup.config.export, setup.lifter.row
+    if export.folder is not None:
+        from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder
+
+        if find_target_format(result) is not HDF5:
+            fix = "write the result as HDF5, -o result.h5"
+            raise input_error("export.folder", "meshes are made of a result in HDF5", fix)
+        check_mesh_folder(export.folder, "export.folder", result)
+        refined = setup.lifter.camera is not None and method.perspective == "refined"
+        mixes, place = method.mixes_atoms or refined, setup.config.dictionary
+        check_dictionary(setup.dictionary, place, mixes_atoms=mixes)
 
 
 def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Batch, None, None]:
@@ -89,10 +152,16 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> Batch:
     """Lift images that have the landmarks of the dictionary, and lay out their record."""
     lifter, lifted, further = setup.lifter, images, {}
     if lifter.row.sequences:
-        from shapefit.pipelines.fit.sequences import restore_sides
+        from shapefit.pipelines.fit.sequences import refine_sequences, restore_sides
 
         lifted, further[SIDES] = restore_sides(images, weigh(images, lifter) > 0, lifter)
-    lifting = lift_landmarks(lifted, lifter)
+    omits = lifter.leave_one_out is not None
+    lifting = lift_omitting(lifted, lifter) if omits else lift_images(lifted, lifter)
+    if lifter.row.has_prior:
+        lifting = with_p_values(lifting, lifter)
+    if lifter.row.sequences:
+        lifting = refine_sequences(lifting, lifted, lifter)
+    lifting = fail_nonfinite(lifting)
     estimate = replace(lifting.estimate, further={**lifting.estimate.further, **further})
     if setup.dictionary.depth_ambiguity:
         estimate = cover_mirror_image(estimate)
@@ -103,19 +172,132 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> Batch:
     return Batch(images, lifting, as_result(images, lifting, setup, input_shapes))
 
 
-def check_export(setup: Setup, result: Path) -> None:
-    """Raise InputError where a result will have no meshes, if the config asks for them."""
-    export, method = setup.config.export, setup.lifter.row
-    if export.folder is not None:
-        from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder
+def result_of(batch: Batch, setup: Setup, total: int | None = None) -> Result:
+    """Return the result of a batch of a total of images: failures, and whom not to trust."""
+    items, lifting, by_reason = batch.images.items, batch.lifting, dict[str, list[str]]()
+    for item, reason in zip(items, batch.record.columns.get(REASONS, ()), strict=False):
+        if reason not in ("", NO_SHAPE):  # which has failed
+            by_reason.setdefault(reason, []).append(item)
+    limited = lifting.estimate.status.count(Status.ITERATION_LIMIT)
+    empty = ~lifting.estimate.shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
+    empty[list(lifting.failures)] = False
+    text = "with an empty shape: lambda is at or above lambda_max of the image; lower `lambda`"
+    warnings = (
+        Counted(limited, "image", "not optimal"),
+        Counted(int(empty.sum()), "image", text),
+    )
+    return Result(
+        done=len(items),
+        total=total,
+        failures=tuple(Failure(items[row], why) for row, why in sorted(lifting.failures.items())),
+        warnings=tuple(warning for warning in warnings if warning.number),
+        reasons=tuple(Counted(len(of), "image", why, tuple(of)) for why, of in by_reason.items()),
+    )
 
-        if find_target_format(result) is not HDF5:
-            fix = "write the result as HDF5, -o result.h5"
-            raise input_error("export.folder", "meshes are made of a result in HDF5", fix)
-        check_mesh_folder(export.folder, "export.folder", result)
-        refined = setup.lifter.camera is not None and method.perspective == "refined"
-        mixes, place = method.mixes_atoms or refined, setup.config.dictionary
-        check_dictionary(setup.dictionary, place, mixes_atoms=mixes)
+
+@dataclass
+class Counts:
+    """What adds up over the batches of a fit, for its end.
+
+    errors are those expected, in metres; outliers and visible (p,) count images.
+    """
+
+    images: int = 0
+    sequences: set[str] = field(default_factory=set)
+    evaluated: int = 0
+    trusted: int = 0
+    errors: list[float] = field(default_factory=list)
+    outliers: Any = 0
+    visible: Any = 0
+    bodies: int = 0
+    on_head: int = 0
+
+    def add(self, record: ResultSet) -> None:
+        """Count a batch."""
+        columns, names = record.columns, record.landmark_names
+        self.images += len(record)
+        self.sequences.update(record.sequences or ())
+        if TRUSTED in columns:
+            trusted = columns[TRUSTED].astype(bool)
+            self.evaluated += len(record)
+            self.trusted += int(trusted.sum())
+            errors = columns[EXPECTED_ERROR] * columns.get(METRES_PER_UNIT, np.nan)
+            self.errors += errors[trusted & np.isfinite(errors)].tolist()
+            probability = columns["inlier_probability"]
+            self.outliers = self.outliers + (probability < OUTLIER).sum(axis=0)
+            self.visible = self.visible + np.isfinite(probability).sum(axis=0)
+        joints = joint_columns(names) if is_of_people(names) else {}
+        ends = [[joints[joint] for joint in end if joint in joints][:2] for end in ENDS]
+        if all(ends):
+            top, bottom = (record.shapes[:, :, end].mean(axis=2) for end in ends)
+            body = (top - bottom)[np.isfinite(top - bottom).all(axis=1)]
+            down = body[:, 1] * (-1 if record.y_axis == "up" else 1)
+            self.bodies += len(body)
+            self.on_head += int((down > STEEP * np.linalg.norm(body, axis=1)).sum())
+
+
+def summary_of(
+    source: LandmarkSource, setup: Setup, counts: Counts, method: str, writer: Summary
+) -> Result:
+    """Return the end of a fit: warnings about all images, a note, and the rows of the summary."""
+    head, estimates = source.head, setup.estimates
+    warnings = [*estimates.warnings, *nothing_in(source.count, "images"), *source.notes]
+    warnings += [*setup.matched.warnings(), *warn_of_dictionary(setup.config, setup.dictionary)]
+    return Result(
+        total=source.count,
+        warnings=(*warnings, *warn_of_all(counts, setup, head), *writer.warnings),
+        note="; ".join([f"y {head.y_axis} in the images", *estimates.lines]),
+        rows=tuple(rows_of(source, setup, counts, method, writer.note)),
+        written=writer.written or (Path(str(setup.config.output)),),
+    )
+
+
+def warn_of_all(counts: Counts, setup: Setup, head: LandmarkSet) -> Iterator[str | Counted]:
+    """Yield what is known at the end only, by shares of all images; head, as the files state it."""
+    if 2 * counts.on_head > counts.bodies:
+        other = "up" if head.y_axis == "down" else "down"
+        text = f"with people on their heads: y was taken to point {head.y_axis}: if it points "
+        text += f"{other}, set `y_axis: {other}`; or is the video turned by 180 degrees?"
+        yield Counted(counts.on_head, "image", text)
+    markers, names = setup.matched.joints.markers, setup.dictionary.landmark_names
+    for j in np.flatnonzero(counts.outliers > MOSTLY * np.maximum(counts.visible, FEWEST)):
+        name = " and ".join(markers.get(names[j], (names[j],)))
+        text = f"in which {name} contradicts the model: rename it if it is another point of the "
+        text += f"body, or leave it out with `rename={{{name}: unused}}`"
+        yield Counted(int(counts.outliers[j]), "image", text)
+    if setup.lifter.row.sequences and not (setup.config.frame_rate or head.frame_rate):
+        yield (
+            "the frame rate is unknown, so the motion from image to image is taken for that of the "
+            "training shapes; set `frame_rate`"
+        )
+
+
+def rows_of(
+    source: LandmarkSource, setup: Setup, counts: Counts, method: str, metres: str
+) -> Iterator[tuple[str, str]]:
+    """Yield the rows of the summary, label and text."""
+    config, output = setup.config, Path(str(setup.config.output))
+    images = counted(counts.images, "image")
+    read = f"{abbreviate([path.name or str(path) for path in config.landmarks], 1)}: {images}"
+    read += f" of {counted(len(counts.sequences), 'sequence')}" if counts.sequences else ""
+    if matched := sum(map(len, setup.matched.joints.markers.values())):
+        read += f"; matched {matched} of {len(source.head.landmark_names)} keypoints"
+    yield "Read", read
+    yield "Method", method or config.method
+    yield "Camera", setup.estimates.lines[0].removeprefix("camera: ")
+    if metres:
+        yield "Metres", metres
+    result = f"{images} (no error bars by this method)"
+    if counts.evaluated:
+        size = f"{100 * np.median(counts.errors):.0f} cm" if counts.errors else ""
+        about = f", expected error about {size}" if size else ""
+        result = f"{counts.trusted} of {images} trusted{about}"
+    elif setup.dictionary.prior is None:
+        result = f"{images} (no error bars: `learn-dict --prior` learns what they need)"
+    yield "Result", result
+    if output.suffix.lower() in VIEWED:
+        name = output.name if output.parent == Path.cwd() else str(output)
+        yield "Next", f"shapefit view {output.stem + '*.trc' if output.suffix == '.trc' else name}"
 
 
 def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Result]:

@@ -19,7 +19,7 @@ from shapefit.lifting.sequences.clips import LONGEST, Motion, refine_lifting, sp
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.pipelines.fit.lifter import RATE, Lifter
+from shapefit.pipelines.fit.lift import RATE, Lifter
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
@@ -37,8 +37,8 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
     begun: set[str] = set()
     rest: list[LandmarkSet] = []
     for chunk in chunks:
-        images, first = concatenate([*rest, chunk]), sum(map(len, rest))
-        names, last = images.sequences, 0
+        images = concatenate([*rest, chunk])
+        first, last, names = len(images) - len(chunk), 0, images.sequences
         if names is None:
             fix = "name the sequence of each image, or take `method: posterior`"
             raise input_error("method: sequences", "landmarks without `sequence`", fix)
@@ -53,8 +53,7 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
         if last:
             yield from pieces(images.take(slice(0, last)))
         rest = [images.take(slice(last, None))]
-    for images in rest:
-        yield from pieces(images)
+    yield from pieces(concatenate(rest))
 
 
 def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
@@ -130,9 +129,11 @@ def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
         acceleration = np.full(len(dictionary.landmark_names), USUAL)
     elif rate is not None and dictionary.frame_rate is not None:
         acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
-    tolerance = np.maximum(np.full(len(edges), USUAL) if tolerance is None else tolerance, RIGID)
+    if tolerance is None:
+        tolerance = np.full(len(edges), USUAL)
     rate = rate or dictionary.frame_rate or RATE
-    return Motion(edges, acceleration, tolerance, find_usual_lengths(dictionary), rate)
+    lengths = find_usual_lengths(dictionary)
+    return Motion(edges, acceleration, np.maximum(tolerance, RIGID), lengths, rate)
 
 
 def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:

@@ -27,18 +27,19 @@ from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.camera import find_camera, read_intrinsics
-from shapefit.pipelines.fit.lift import lift_images
-from shapefit.pipelines.fit.lifter import Lifter, check_needs
-from shapefit.pipelines.fit.sample import mean_gain
-from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes, number_of_components
-from shapefit.pipelines.learn_dict.training_shapes import place_of
+from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_images
+from shapefit.pipelines.fit.prepare import mean_gain
+from shapefit.pipelines.learn_dict.from_3d import (
+    Learning,
+    learn_from_shapes,
+    number_of_components,
+    place_of,
+)
 from shapefit.pipelines.result import Result
 
-FEWEST_IMAGES = 20
-"""Images from which depth can be learned at all."""
-
-FEWEST_VISIBLE = 4
-"""Landmarks that an image must show: any three fit any shape."""
+FEWEST_IMAGES, FEWEST_VISIBLE = 20, 4
+"""Images from which depth can be learned, and landmarks that each must show: any three fit any
+shape."""
 
 FAR_OUT = 4.0
 """Medians of the distance from the middle of an image up to which landmarks count for its size."""
@@ -46,23 +47,16 @@ FAR_OUT = 4.0
 MIN_RESIDUAL_VARIANCE = 1e-4
 """Variance of a normalised coordinate: below it, a landmark a little off is an outlier."""
 
-SAMPLE = 500
-"""Images by which dictionaries are compared."""
-
-MIXTURES = 4
-"""Rounds of learning a mixture at most."""
+SAMPLE, MIXTURES, QUICK = 500, 4, 3
+"""Images by which dictionaries are compared; mixtures learned at most; rounds of learning atoms
+that only have to find views."""
 
 CLOSE = 1.1
-"""Factor of the Gaussian's error of hidden landmarks up to which a mixture is kept in its place.
-
-They say little of depth, of which a mixture that is as good in the image knows more.
-"""
+"""Factor of the Gaussian's error of hidden landmarks up to which a mixture is kept in its place:
+they say little of depth, of which a mixture that is as good in the image knows more."""
 
 LARGER = 2.0
-"""Factor of size from one round to the next beyond which an image was misread."""
-
-QUICK = 3
-"""Rounds of learning atoms that only have to find views."""
+"""Factor of size from one mixture to the next beyond which an image was misread."""
 
 SURE = 5.0
 """Standard errors of the evidence beyond which perspective decides what is near."""
@@ -79,20 +73,17 @@ MIRRORED = (
     "far, `flip=false` if it is not"
 )
 
-MIRROR = np.array([1.0, 1.0, -1.0])[:, None]
-"""Exchanges near and far of shapes (..., 3, p)."""
-
 
 def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learning:
     """Lift the images by what they have in common, and learn a dictionary from the shapes.
 
     A mixture over shapes replaces the Gaussian that lifted them if it predicts hidden landmarks as
-    well; at last near is told from far. Raises InputError with the verdict where depth cannot be
-    learned from the images.
+    well; at last near is distinguished from far. Raises InputError with the verdict where depth
+    cannot be learned from the images.
     """
     place = place_of(config)
-    some = usable_images(source, place)
-    images = normalised_images(some)
+    given = usable_images(source, place)
+    images = normalised_images(given)
     for state in learn(images):
         density = state.objective / (2 * int((images.weights > 0).sum()))
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
@@ -105,31 +96,18 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     if not judgement.fine:
         fix = FIXES[judgement.verdict]
         raise input_error(place, f"{judgement.verdict} ({evidence})", fix)
-    doubtful = (
-        "depth is doubtful: each half of the images by itself gives shapes "
-        f"{judgement.half_distance:.2f} of their size apart: give poses from more sides"
-    )
-    yield Result(
-        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {evidence}; "
-        f"{int(state.outliers.sum())} landmarks are outliers",
-        warnings=(doubtful,) if judgement.verdict == DOUBTFUL else (),
-    )
-    # Outliers stay: the posterior of a mixture weighs them anew.
-    visible = some.visible()[:, None]
-    unit = some.replaced(landmarks=np.where(visible, images.landmarks, np.nan))
-    shapes = ShapeSet(
-        shapes=state.in_camera * (MIRROR if config.flip else 1.0),
-        landmark_names=some.landmark_names,
-        items=some.items,
-        sequences=some.sequences,
-        frame_rate=some.frame_rate,
-        edges=some.columns.get(EDGES),
-    )
-    made = yield from learn_mixtures(unit, shapes, state, config)
-    made, decided_by = resolve_depth(some, made, config.flip)
+    outliers = f"{int(state.outliers.sum())} landmarks are outliers"
+    line = f"{counted(len(given), 'image')}: {judgement.verdict}; {evidence}; {outliers}"
+    yield Result(line=line)
+    verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
+    if verdict == "doubtful":
+        fault = "depth is doubtful: each half of the images by itself gives shapes "
+        fault += f"{judgement.half_distance:.2f} of their size apart: give poses from more sides"
+        yield Result(warnings=(fault,))
+    made = yield from learn_mixtures(given, images, state, config)
+    made, decided_by = resolve_depth(given, made, config.flip)
     if decided_by == OPEN:
         yield Result(warnings=(MIRRORED,))
-    verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
     further = {LEARNED_FROM: "landmarks", VERDICT: verdict, DEPTH_AMBIGUITY: decided_by}
     return replace(made, provenance={**made.provenance, **further})
 
@@ -142,16 +120,16 @@ def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
     given = concatenate(list(source.batches(4096)))
     visible = given.visible()
     distinct = std(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
-    some = given.take(np.flatnonzero(distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE)))
-    if len(some) < FEWEST_IMAGES:
-        problem = f"{len(some)} of {len(given)} show {FEWEST_VISIBLE} landmarks or more"
+    usable = given.take(np.flatnonzero(distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE)))
+    if len(usable) < FEWEST_IMAGES:
+        fault = f"{len(usable)} of {len(given)} show {FEWEST_VISIBLE} landmarks or more"
         fix = f"give {FEWEST_IMAGES} at least, of different views"
-        raise input_error(place, f"too few images: {problem}", fix)
-    never = [some.landmark_names[j] for j in np.flatnonzero(~some.visible().any(axis=0))]
-    if never:
-        fix = "leave out landmarks that are never seen"
-        raise input_error(place, f"no image shows {', '.join(never[:3])}", fix)
-    return some
+        raise input_error(place, f"too few images: {fault}", fix)
+    hidden = ~usable.visible().any(axis=0)
+    if hidden.any():
+        fault = f"no image shows {usable.landmark_names[int(hidden.argmax())]}"
+        raise input_error(place, fault, "leave out landmarks that are never seen")
+    return usable
 
 
 def normalised_images(given: LandmarkSet) -> Images:
@@ -175,13 +153,12 @@ def normalised_images(given: LandmarkSet) -> Images:
 
 
 def learn_mixtures(
-    images: LandmarkSet, shapes: ShapeSet, state: State, config: LearnDictConfig
+    given: LandmarkSet, normalised: Images, state: State, config: LearnDictConfig
 ) -> Learning:
     """Learn mixtures over the shapes that the prior before lifted, while they predict better.
 
-    images and their shapes, as `state` has them; the prior of the dictionary is the best one, or,
-    where bodies are to vary, one of varied shapes. Hidden landmarks judge how sure it is, and
-    shapes that were lifted, and not measured, say nothing of it.
+    The prior of the dictionary is the best one, or, where bodies are to vary, one of varied shapes.
+    Hidden landmarks judge how sure it is: shapes that were lifted, and not measured, say nothing.
     """
     inputs = digests(config.shapes)
 
@@ -190,18 +167,29 @@ def learn_mixtures(
         changed = config.changed(prior={"components": components, **unchanged}, iterations=rounds)
         return learn_from_shapes(shapes, changed, inputs)
 
+    # Outliers stay: the posterior of a mixture weighs them anew.
+    visible = given.visible()[:, None]
+    images = given.replaced(landmarks=np.where(visible, normalised.landmarks, np.nan))
+    shapes = ShapeSet(
+        shapes=state.in_camera,
+        landmark_names=given.landmark_names,
+        items=given.items,
+        sequences=given.sequences,
+        frame_rate=given.frame_rate,
+        edges=given.columns.get(EDGES),
+    )
     method = "posterior" if images.sequences is None else "sequences"
     prior = config.prior if config.prior.components else PriorConfig(components="auto")
     number = number_of_components(len(images), prior)
     made = yield from learned(shapes, 0, QUICK, varied=False)
-    best = replace(made, **gaussian_prior(state, made.mean_shape, flipped=bool(config.flip)))
+    best = replace(made, **gaussian_prior(state, made.mean_shape))
     best_shapes, least = shapes, predict_hidden(images, best)
     for _ in range(MIXTURES):
         mixed = yield from learned(shapes, number, QUICK, varied=False)
         error = predict_hidden(images, mixed)
         gaussian = best.residual_variance is not None
         if error >= (CLOSE * least if gaussian and number > 1 else least):
-            break  # no round after such a one was ever better, and some were read wrongly
+            break  # no mixture after such a one was ever better, and some were read wrongly
         best, best_shapes, least = mixed, shapes, error
         lifted = lift_by(images, mixed, method).shapes
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(shapes.shapes, axis=(1, 2))
@@ -213,7 +201,7 @@ def learn_mixtures(
     return replace(made, prior=best.prior, residual_variance=best.residual_variance)
 
 
-def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, Any]:
+def gaussian_prior(state: State, mean: Floats) -> dict[str, Any]:
     """Return what was learned as `prior` of normalised shapes, turned onto their mean (3, p).
 
     `residual_variance` is the variance of what it does not explain. The size of a shape is the
@@ -222,8 +210,7 @@ def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, An
     model = state.model
     d = model.mean.size
     scale = float(normalise(model.mean).scale)
-    mirror = np.diag(MIRROR[:, 0]) if flipped else np.eye(3)  # the shapes were flipped alike
-    turn = rotation_onto(mirror @ model.mean, mean) @ mirror
+    turn = rotation_onto(model.mean, mean)
     mu = (turn @ model.mean) / scale
     unit = mu.ravel() / np.linalg.norm(mu)
     Q = (np.eye(d) - np.outer(unit, unit)) @ np.kron(turn, np.eye(d // 3)) / scale
@@ -236,12 +223,9 @@ def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, An
 def resolve_depth(
     images: LandmarkSet, made: Dictionary, flip: bool | None
 ) -> tuple[Dictionary, str]:
-    """Return the dictionary, or its mirror image where cameras see that one, and what has decided.
-
-    The key `flip` goes before cameras.
-    """
+    """Return the dictionary, or its mirror image, and what has decided: `flip`, else cameras."""
     if flip is not None:
-        return made, "stated by `flip`"
+        return mirror_image(made) if flip else made, "stated by `flip`"
     if CAMERA_MATRIX in images.columns:
         gain, deviation = evidence_of_mirror(images, made)
         if abs(gain) >= SURE * deviation:
@@ -253,11 +237,11 @@ def mirror_image(made: Dictionary) -> Dictionary:
     """Return the dictionary with near and far exchanged."""
     prior = made.prior
     assert prior is not None, "learned from landmarks"
-    sign = np.repeat(MIRROR, made.mean_shape.shape[1])
-    mirrored = Mixture(
-        prior.weights, MIRROR * prior.means, np.outer(sign, sign) * prior.covariances
-    )
-    atoms, mean_shape = MIRROR * made.atoms, MIRROR * made.mean_shape
+    mirror = np.array([[1.0], [1.0], [-1.0]])
+    sign = np.repeat(mirror, made.mean_shape.shape[1])
+    covariances = np.outer(sign, sign) * prior.covariances
+    mirrored = Mixture(prior.weights, mirror * prior.means, covariances)
+    atoms, mean_shape = mirror * made.atoms, mirror * made.mean_shape
     return replace(made, atoms=atoms, mean_shape=mean_shape, prior=mirrored)
 
 
@@ -266,13 +250,13 @@ def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[flo
 
     The mirror image of a class is seen as the class is in mirrored images.
     """
-    some = images.take(evenly(len(images), SAMPLE))
-    middle = read_intrinsics(some)[1][:, :1]
-    w = some.landmarks.copy()
+    sample = images.take(evenly(len(images), SAMPLE))
+    middle = read_intrinsics(sample)[1][:, :1]
+    w = sample.landmarks.copy()
     w[:, 0] = 2 * middle - w[:, 0]
     unchanged, mirrored = (
         lift_by(records, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
-        for records in (some, some.replaced(landmarks=w))
+        for records in (sample, sample.replaced(landmarks=w))
     )
     return mean_gain(unchanged, mirrored)
 
@@ -282,12 +266,12 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
 
     Returns the median distance from where they are, in the size of their image.
     """
-    some = images.take(evenly(len(images), SAMPLE))
-    hidden = hide(some.visible())
-    others = some.replaced(landmarks=np.where(hidden[:, None], np.nan, some.landmarks))
+    sample = images.take(evenly(len(images), SAMPLE))
+    hidden = hide(sample.visible())
+    others = sample.replaced(landmarks=np.where(hidden[:, None], np.nan, sample.landmarks))
     predicted = lift_by(others, dictionary, "posterior").shapes[:, :2]
-    size = std(some.landmarks, some.visible())[:, None]
-    residual = np.linalg.norm(predicted - some.landmarks, axis=1) / size
+    size = std(sample.landmarks, sample.visible())[:, None]
+    residual = np.linalg.norm(predicted - sample.landmarks, axis=1) / size
     return float(np.nanmedian(residual[hidden]))
 
 
@@ -300,5 +284,4 @@ def lift_by(
     """
     check_needs(method, dictionary, "dictionary")
     intrinsics = None if camera is None else find_camera
-    lifter = Lifter(method=method, dictionary=dictionary, camera=intrinsics)
-    return lift_images(images, lifter)
+    return lift_images(images, Lifter(method=method, dictionary=dictionary, camera=intrinsics))

@@ -1,36 +1,48 @@
-"""A dictionary of 3D shapes: atoms by one of three methods, and a prior over shapes."""
+"""A dictionary of 3D shapes: aligned training shapes, atoms by one of three methods, a prior."""
 
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Generator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 
 from shapefit import __version__
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
-from shapefit.dictionary.bodies import find_skeleton, vary
+from shapefit.dictionary.bodies import (
+    find_acceleration,
+    find_bone_tolerance,
+    find_edge_covariance,
+    find_lengths,
+    find_skeleton,
+    vary,
+)
 from shapefit.dictionary.learning import learn, principal_components, scale_of_atoms
 from shapefit.dictionary.mixture import Mixture, learn_mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
-from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.procrustes import choose, rotation_onto
-from shapefit.io import ShapeSet
-from shapefit.meshes.dense import mesh_of_atoms
-from shapefit.pipelines.learn_dict.training_shapes import (
-    TrainingShapes,
-    aligned_landmarks,
-    find_training_shapes,
-    number_of_atoms,
+from shapefit.geometry.normalisation import SMALLEST, normalise
+from shapefit.geometry.procrustes import (
+    Alignment,
+    choose,
+    coincide,
+    generalised_procrustes,
+    lateral_axis,
+    mirror,
+    rotation_onto,
 )
-from shapefit.pipelines.result import Result
+from shapefit.io import ShapeSet, match_landmarks
+from shapefit.meshes.dense import carry_mesh, mesh_of_atoms
+from shapefit.pipelines.result import Failure, Result
 
 Learning = Generator[Result, None, Dictionary]
-"""Yields an outcome a round, and returns the dictionary; the last outcome sums up."""
+"""Yields a result a round, and returns the dictionary; the last result sums up."""
 
 MOST_ROUNDS = 20
 """Rounds of expectation maximisation, which ends sooner where it gains nothing."""
@@ -43,26 +55,40 @@ FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
 """Copies of each shape that is varied, and how many shapes are enough for a mixture."""
 
 
+@dataclass(frozen=True)
+class TrainingShapes:
+    """n training shapes, normalised and aligned.
+
+    original: as in the files, after `every` and `mirror`; alignment: of the normalised shapes
+    (n, 3, p); scale (n,) that normalised them; mesh_vertices (n, 3, q), moved as their landmarks,
+    or None; dictionary: all but its atoms and prior; failures: shapes that cannot be used.
+    """
+
+    original: ShapeSet
+    alignment: Alignment
+    scale: Floats
+    mesh_vertices: Floats | None
+    dictionary: Dictionary
+    failures: tuple[Failure, ...]
+
+
 def learn_from_shapes(
     given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]
 ) -> Learning:
     """Learn a dictionary from 3D shapes; `inputs` are the digests of their files.
 
-    The first outcome lists the shapes that cannot be used. Raises InputError as
-    `find_training_shapes` and `learn_prior` do, and for bases of sequences that all stand still.
+    The first result lists the shapes that cannot be used. Raises InputError where the shapes do not
+    serve what the config asks for.
     """
     training = find_training_shapes(given, config)
-    note = counted(len(training), "shape")
-    yield Result(failures=training.failures, note=note)
-    match config.method:
-        case "exemplars":
-            made = exemplars(training)
-        case "pca-bases":
-            made = pca_bases(training, config.bases)
-        case _:
-            made = yield from sparse_coding(training, config)
-    if config.method != "sparse-coding":
-        yield Result(rows=(("Result", f"{counted(made.k, 'atom')} from {note}"),))
+    number = counted(len(training.original), "shape")
+    yield Result(failures=training.failures, note=number)
+    if config.method == "sparse-coding":
+        made = yield from sparse_coding(training, config)
+    else:
+        is_pca = config.method == "pca-bases"
+        made = pca_bases(training, config.bases) if is_pca else exemplars(training)
+        yield Result(rows=(("Result", f"{counted(made.k, 'atom')} from {number}"),))
     prior = learn_prior(training, config) if config.prior.components else None
     provenance = {
         "method": config.method,
@@ -82,6 +108,131 @@ def with_p_value_table(made: Dictionary) -> Dictionary:
     return replace(made, p_value_table=draw_table(made.prior))
 
 
+def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingShapes:
+    """Take every n-th shape of each sequence, double them by mirroring, normalise, and align.
+
+    The motion and the rigidity of edges are those of all the shapes given. Raises InputError for
+    wrong pairs in `mirror`, no shapes, and fewer shapes than atoms.
+    """
+    usable, failures = separate(given)
+    shapes = usable.take(every_nth(usable.sequences or ("",) * len(usable), config.every))
+    partners = find_partners(shapes, config) if config.mirror else None
+    if partners is not None and len(shapes):
+        mirrored = mirror(shapes.shapes, partners, lateral_axis(shapes.shapes, partners))
+        twice = shapes.take(np.tile(np.arange(len(shapes)), 2))
+        both = np.concatenate([shapes.shapes, mirrored])
+        shapes = twice.replaced(shapes=both, mesh_vertices=None, mesh_faces=None)
+    n = len(shapes)
+    if not n:
+        example = f"; {failures[0].item}, for one: {failures[0].reason}" if failures else ""
+        fault = f"there are 0 shapes to learn from{example}"
+        raise input_error("shapes", fault, "give more shapes")
+    if number_of_atoms(n, config) > n:
+        fault = f"{config.k} atoms are more than the {counted(n, 'shape')} to learn from"
+        raise input_error("k", fault, "lower k or `every`, or give more shapes")
+    normalised, mesh = normalise(shapes.shapes), shapes.mesh_vertices
+    points = normalised.points
+    if config.align == "none":
+        unturned = np.tile(np.eye(3), (n, 1, 1))
+        alignment = Alignment(points, points.mean(axis=0), unturned, rounds=0, converged=True)
+    else:
+        alignment = generalised_procrustes(points)
+    dictionary = Dictionary(
+        atoms=np.empty((0, *alignment.mean.shape)),
+        landmark_names=shapes.landmark_names,
+        mean_shape=normalise(alignment.mean).points,
+        edges=shapes.edges,
+        mirror_index=partners,
+        unit=shapes.unit,
+        **find_motion(usable, shapes),
+    )
+    carried = None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations)
+    return TrainingShapes(shapes, alignment, normalised.scale, carried, dictionary, failures)
+
+
+def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
+    """Return the shapes that can be normalised, and the others as failures."""
+    extent = np.ptp(shapes.shapes, axis=-1).max(axis=-1, initial=0.0)
+    usable = ~coincide(shapes.shapes) & np.isfinite(extent) & (extent >= SMALLEST)
+    reason = "all its landmarks are at one point, or not finite"
+    items = (shapes.items[row] for row in np.flatnonzero(~usable))
+    return shapes.take(usable), tuple(Failure(item, reason) for item in items)
+
+
+def every_nth(sequences: tuple[str, ...], n: int | Mapping[str, int]) -> list[int]:
+    """Return the indices of every n-th item of each sequence, starting with its first.
+
+    In a mapping the first glob that fits the name of a sequence gives its n; 1 where none does.
+    """
+    globs = {"*": n} if isinstance(n, int) else n
+    steps = {
+        name: next((step for glob, step in globs.items() if fnmatchcase(name, glob)), 1)
+        for name in set(sequences)
+    }
+    counts: Counter[str] = Counter()
+    retained = []
+    for index, sequence in enumerate(sequences):
+        if counts[sequence] % steps[sequence] == 0:
+            retained.append(index)
+        counts[sequence] += 1
+    return retained
+
+
+def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> Integers:
+    """Return the partner (p,) of each landmark on the other side, by `mirror` or the file.
+
+    Raises InputError where neither pairs the landmarks.
+    """
+    names, points = shapes.landmark_names, np.arange(len(shapes.landmark_names))
+    if isinstance(config.mirror, dict):
+        partners = points.copy()
+        for pair in config.mirror.items():
+            first, second = match_landmarks(names, pair, place="mirror")
+            partners[[first, second]] = second, first
+    else:
+        partners = shapes.columns.get("mirror_index", points)
+    numbers = partners.shape == points.shape and partners.dtype.kind in "iu"
+    moved = numbers and np.isin(partners, points).all() and (partners != points).any()
+    if not moved or (partners[partners] != points).any():
+        fault = "`mirror`, or the dataset `mirror_index` of the shapes, does not pair landmarks"
+        fix = "name each landmark of a pair once, `mirror: {rhip: lhip}`"
+        raise input_error(place_of(config), fault, fix)
+    return partners
+
+
+def number_of_atoms(number: int, config: LearnDictConfig) -> int:
+    """Return the atoms to learn from so many shapes: fewer than the default where these are few."""
+    if config.method != "sparse-coding":
+        return 1
+    return config.k if "k" in config.model_fields_set else min(config.k, number)
+
+
+def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
+    """Return what a dictionary knows of motion and bones, by the names of its fields.
+
+    Motion and differences between bodies are those of all shapes given, lengths those of `shapes`.
+    """
+    motion: dict[str, Any] = {}
+    edges, sequences = given.edges, given.sequences
+    if sequences:
+        motion["acceleration"] = find_acceleration(given.shapes, sequences)
+        motion["frame_rate"] = None if motion["acceleration"] is None else given.frame_rate
+    if edges is None:
+        return motion
+    motion["edge_length"] = find_lengths(shapes.shapes, edges, ("",) * len(shapes))[0].mean(axis=0)
+    of = sequences or ("",) * len(given)
+    motion["bone_tolerance"] = find_bone_tolerance(given.shapes, edges, of)
+    if len(edges):
+        lengths, bodies, _ = find_lengths(given.shapes, edges, of)
+        motion["edge_covariance"] = find_edge_covariance(bodies, None if sequences else lengths)
+    return motion
+
+
+def place_of(config: LearnDictConfig) -> str:
+    """Return the files of shapes or landmarks, as messages name them."""
+    return ", ".join(map(str, config.shapes))
+
+
 def exemplars(training: TrainingShapes) -> Dictionary:
     """Make every training shape an atom, with its mesh."""
     return replace(
@@ -99,13 +250,13 @@ def pca_bases(training: TrainingShapes, wanted: float) -> Dictionary:
 
     Meshes are left out: bases are differences of shapes, not shapes.
     """
-    sequences = np.array(training.original.sequences or ("",) * len(training))
-    names = dict.fromkeys(sequences.tolist())
     aligned = training.alignment.shapes
+    sequences = np.array(training.original.sequences or ("",) * len(aligned))
+    names = dict.fromkeys(sequences.tolist())
     bases = np.concatenate([principal_components(aligned[sequences == s], wanted) for s in names])
     if not len(bases):
-        problem = "the shapes of each sequence are all alike"
-        raise input_error("shapes", problem, "give sequences that move")
+        fault = "the shapes of each sequence are all alike"
+        raise input_error("shapes", fault, "give sequences that move")
     return replace(training.dictionary, atoms=bases)
 
 
@@ -118,17 +269,16 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
         yield Result(done=1, total=rounds, unit="round", note=note)
     atoms, C = learned.atoms, learned.coefficients
     error = np.linalg.norm(shapes - np.tensordot(C, atoms, axes=1)) / np.linalg.norm(shapes)
-    meshes, warnings = None, list[str]()
+    meshes, warning = None, ""
     if training.mesh_vertices is not None:
         try:
             meshes = mesh_of_atoms(atoms, shapes, training.mesh_vertices)
-        except ValueError as problem:
-            warnings = [f"the meshes are left out: {problem}"]
-    result = (
-        f"learned {counted(k, 'atom')} from {counted(len(shapes), 'shape')} "
-        f"(reconstruction error {error:.1%})"
-    )
-    yield Result(total=rounds, warnings=tuple(warnings), rows=(("Result", result),))
+        except ValueError as fault:
+            warning = f"the meshes are left out: {fault}"
+    learned_from = f"learned {counted(k, 'atom')} from {counted(len(shapes), 'shape')}"
+    result = f"{learned_from} (reconstruction error {error:.1%})"
+    warnings = (warning,) if warning else ()
+    yield Result(total=rounds, warnings=warnings, rows=(("Result", result),))
     return replace(
         training.dictionary,
         atoms=atoms,
@@ -145,20 +295,15 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
     Raises InputError for more components than shapes, and bones that are no tree where they are to
     vary.
     """
-    prior, number = config.prior, len(training)
-    components = number_of_components(number, prior)
-    if components > number:
-        problem = f"{components} components are more than the {number} shapes to learn from"
-        raise input_error("prior.components", problem, "lower it, or give more shapes")
-    shapes = training.alignment.shapes
+    prior, shapes = config.prior, training.alignment.shapes
+    components = number_of_components(len(shapes), prior)
+    if components > len(shapes):
+        fault = f"{components} components are more than the {len(shapes)} shapes to learn from"
+        raise input_error("prior.components", fault, "lower it, or give more shapes")
     if prior.bone_scale or prior.exchange:
         shapes = vary_shapes(training, config)
     return learn_mixture(
-        shapes,
-        components,
-        shrinkage=prior.shrinkage,
-        floor=prior.floor,
-        max_rounds=MOST_ROUNDS,
+        shapes, components, shrinkage=prior.shrinkage, floor=prior.floor, max_rounds=MOST_ROUNDS
     ).mixture
 
 
@@ -175,9 +320,9 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     points = aligned.shape[2]
     try:
         skeleton = find_skeleton(np.empty((0, 2), int) if edges is None else edges, points)
-    except ValueError as error:
+    except ValueError as fault:
         fix = "give shapes whose `edges` are bones, or leave out `bone_scale` and `exchange`"
-        raise input_error("prior", str(error), fix) from None
+        raise input_error("prior", str(fault), fix) from None
     varied = vary(
         aligned,
         skeleton,
@@ -190,7 +335,7 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     if config.align == "none":
         return varied
     # Landmarks that are indexed lie in another order in memory, in which sums round differently.
-    chosen = aligned_landmarks(training.original.landmark_names, config) or list(range(points))
-    turn = rotation_onto(choose(varied, chosen), choose(training.alignment.mean, chosen))
+    everything = range(points)
+    turn = rotation_onto(choose(varied, everything), choose(training.alignment.mean, everything))
     turned: Floats = turn @ varied
     return turned

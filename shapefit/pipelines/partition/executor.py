@@ -24,10 +24,9 @@ from shapefit.config import FitConfig
 from shapefit.config.paths import DONE, FAILED, ResultFolder
 from shapefit.errors import InputError, input_error
 from shapefit.io import digests, read_dictionary
+from shapefit.pipelines.fit.prepare import Estimates
 from shapefit.pipelines.fit.run import run as fit
-from shapefit.pipelines.fit.sample import Estimates
-from shapefit.pipelines.partition.manifest import Entry
-from shapefit.pipelines.partition.plan import Part, find_state
+from shapefit.pipelines.partition.manifest import Entry, Part, State
 from shapefit.pipelines.result import Failure, Result, add_up
 
 AHEAD = 4
@@ -172,17 +171,27 @@ def fit_part(job: Job) -> Done:
         failures += result.failures
         add_up(warnings, result.warnings, MOST_LISTED)
         add_up(reasons, (replace(reason, items=()) for reason in result.reasons))
+    total = Result(
+        done=images,
+        failures=tuple(failures[:MOST_LISTED]),
+        warnings=tuple(warnings.values()),
+        reasons=tuple(reasons.values()),
+    )
     counts = {"status": DONE, "images": images, "failed": len(failures)}
     counts |= {"bytes": target.stat().st_size, "seconds": round(time.perf_counter() - began, 3)}
-    texts, untrusted, few = (
-        tuple(warnings.values()),
-        tuple(reasons.values()),
-        failures[:MOST_LISTED],
-    )
-    return part.describe() | counts, Result(images, None, tuple(few), texts, untrusted)
+    return part.describe() | counts, total
 
 
 @lru_cache(maxsize=8)
 def once(read: Callable[[Any], Any], files: Any, _states: Any) -> Any:
     """Return what is read of files, once for many parts as long as their states do not change."""
     return read(files)
+
+
+def find_state(path: Path) -> State:
+    """Return the size and the time of change of a file; zeros where there is none."""
+    try:
+        state = path.stat()
+    except OSError:
+        return 0, 0
+    return state.st_size, state.st_mtime_ns

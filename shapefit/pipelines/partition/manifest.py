@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from shapefit import __version__
 from shapefit.config.paths import DONE, MANIFEST, manifest_lines
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error, path_text, printable
 from shapefit.io.atomic import atomic_path, check_folder, storage_errors
 from shapefit.io.inputs import in_words
 
@@ -22,6 +22,39 @@ LOCK = ".lock"
 
 Entry = dict[str, Any]
 """The line of a part: what it is made of (see Part.describe), its status, counts and size."""
+
+State = tuple[int, int]
+"""Size and time of change of a file."""
+
+
+class Part(NamedTuple):
+    """Images that become one result file, which keeps its name when inputs are added.
+
+    inputs are a file, or those of one recording, with their states; rows None are all.
+    """
+
+    file: str
+    inputs: tuple[Path, ...]
+    rows: tuple[int, int] | None
+    states: tuple[State, ...]
+
+    @property
+    def slice(self) -> slice | None:
+        """The rows, as files are opened with."""
+        return None if self.rows is None else slice(*self.rows)
+
+    def describe(self) -> Entry:
+        """Return what the part is made of, as the manifest states it."""
+        return {
+            "file": self.file,
+            "inputs": list(map(path_text, self.inputs)),
+            "rows": None if self.rows is None else list(self.rows),
+            "states": list(map(list, self.states)),
+        }
+
+    def __str__(self) -> str:
+        rows = "" if self.rows is None else f", rows {self.rows[0]} to {self.rows[1] - 1}"
+        return abbreviate([printable(path) for path in self.inputs]) + rows
 
 
 @dataclass
@@ -80,10 +113,10 @@ def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
     """Return the folders whose results, two or more, are all among the files; their manifests."""
     folders: dict[Path, Manifest] = {}
     for folder in dict.fromkeys(file.parent for file in files):
-        manifest = read_manifest(folder)
-        results = set() if manifest is None else {folder / name for name in manifest.done}
-        if manifest is not None and len(results) > 1 and results <= set(files):
-            folders[folder] = manifest
+        if (manifest := read_manifest(folder)) is not None:
+            results = {folder / name for name in manifest.done}
+            if len(results) > 1 and results <= set(files):
+                folders[folder] = manifest
     return folders
 
 

@@ -1,30 +1,63 @@
 """`fit` into a folder: parts of the images, one result each, and a manifest of those that are done.
 
-Running again does the parts that are missing. Results that this run would not give are refused.
+Parts are files, recordings of several files, or ranges of rows of an HDF5 file. Running again does
+the parts that are missing. Results that this run would not give are refused.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
+from itertools import chain, count
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from shapefit.config import FitConfig
 from shapefit.config.paths import DONE, ResultFolder
-from shapefit.errors import InputError, counted, input_error
-from shapefit.io import LandmarkSet, open_landmarks, read_dictionary
+from shapefit.errors import InputError, abbreviate, counted, input_error, listed
+from shapefit.io import LandmarkSet, digest, open_landmarks, read_dictionary
+from shapefit.io.detect import group_inputs
+from shapefit.io.formats import HDF5
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARK_COVARIANCE
+from shapefit.io.options import InputOptions
 from shapefit.io.source import Source, SourceFile
-from shapefit.lifting.methods import AUTO
+from shapefit.lifting.methods import AUTO, METHODS
 from shapefit.pipelines.fit.camera import OF_CAMERAS
-from shapefit.pipelines.fit.prepare import FIRST, choose_method, in_sequences, prepare, read_options
-from shapefit.pipelines.fit.sample import Estimates
-from shapefit.pipelines.partition.executor import Job, do_jobs, once
-from shapefit.pipelines.partition.manifest import Manifest, locked, read_manifest
-from shapefit.pipelines.partition.plan import Part, Plan, find_state, make_plan
+from shapefit.pipelines.fit.prepare import (
+    FIRST,
+    Estimates,
+    choose_method,
+    files_of,
+    in_sequences,
+    prepare,
+    read_options,
+)
+from shapefit.pipelines.fit.run import whole_blocks
+from shapefit.pipelines.partition.executor import Job, do_jobs, find_state, once
+from shapefit.pipelines.partition.manifest import Entry, Manifest, Part, locked, read_manifest
 from shapefit.pipelines.result import Result
+
+OF_THE_RUN = {"landmarks", "output", "dictionary", "data", "threads"}
+"""Keys that do not change what a part holds; the dictionary counts by its digest."""
+
+
+class Plan(NamedTuple):
+    """What a run does to a folder: the parts that it is to have, and lines of those retained.
+
+    removed are files of results of other inputs; refused says which would be lost, "" for none;
+    digests are of all that every part depends on.
+    """
+
+    parts: Sequence[Part]
+    retained: Mapping[str, Entry]
+    removed: Sequence[str]
+    refused: str
+    digests: Mapping[str, str]
 
 
 def run(config: FitConfig) -> Iterator[Result]:
@@ -50,13 +83,86 @@ def run(config: FitConfig) -> Iterator[Result]:
         estimates = Estimates(**manifest.run["estimated"])
     else:
         images = first_images(config, plan.parts)
-        estimates = prepare(config, dictionary, images.landmark_names, lambda: images).estimates
+        names, number = images.landmark_names, len(images)
+        setup = yield from prepare(config, dictionary, names, lambda: images, number)
+        estimates = setup.estimates
     first = {**plan.digests, "method": config.method, "estimated": asdict(estimates)}
     with locked(folder.path):
         yield from (Result(line=line) for line in (chosen, *estimates.lines))
         yield Result(warnings=estimates.warnings)
         manifest = Manifest(folder.manifest, first, dict(plan.retained))
         yield from do_parts(config, folder, plan, manifest, estimates)
+
+
+def make_plan(config: FitConfig, folder: ResultFolder, manifest: Manifest | None) -> Plan:
+    """Compare the parts that a config asks for with those that a folder has.
+
+    A part stays where its result has the size that was written, and config and inputs are the same.
+    """
+    old = manifest or Manifest(folder.manifest, {})
+    parts = find_parts(config, folder.partition, {key_of(p): f for f, p in old.parts.items()})
+    plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
+    text = json.dumps(plain | {"partition": folder.partition}, sort_keys=True)
+    digests = {"config": hashlib.sha256(text.encode()).hexdigest()}
+    digests |= {key: digest(path) for key, path in files_of(config).items()}
+    done, states = old.done, {part.file: part.describe()["states"] for part in parts}
+    changed = [key for key in digests if done and old.run.get(key) != digests[key]]
+    lost = [file for file in done if changed or states.get(file) != done[file]["states"]]
+    names = dict.fromkeys(Path(path).name for file in lost for path in done[file]["inputs"])
+    refused = f"of {abbreviate(list(names), 3)} before it changed, or not among the inputs"
+    if changed:
+        refused = f"of another {listed(changed, 'and')}"
+    retained = {
+        file: entry
+        for file, entry in done.items()
+        if file not in lost and find_state(folder.path / file)[0] == entry["bytes"]
+    }
+    removed = [file for file in lost if file not in states]
+    return Plan(parts, retained, removed, refused if lost else "", digests)
+
+
+def find_parts(
+    config: FitConfig, size: int, named: Mapping[tuple[Any, ...], str] | None = None
+) -> list[Part]:
+    """Return the parts of a fit, of `size` images or more; those named already keep their files."""
+    options, named = read_options(config), named or {}
+    names = (f"part-{number:05}.h5" for number in count())
+    free = (name for name in names if name not in named.values())
+    parts = []
+    for file_format, inputs in group_inputs(list(config.landmarks), options):
+        ranges: Sequence[tuple[int, int] | None] = [None]
+        if file_format is HDF5:
+            ranges = divide(inputs, options, size, by_sequence=METHODS[config.method].sequences)
+        for rows in ranges:
+            part = Part("", inputs, rows, tuple(map(find_state, inputs)))
+            file = named.get(key_of(part.describe()))
+            parts.append(part._replace(file=file or next(free)))
+    return parts
+
+
+def divide(
+    inputs: tuple[Path, ...], options: InputOptions, size: int, *, by_sequence: bool
+) -> Sequence[tuple[int, int] | None]:
+    """Return the ranges of rows of an HDF5 file that are parts, cut where no result changes.
+
+    That is after whole blocks of images, which start from each other, or between sequences.
+    """
+    try:
+        with open_landmarks(inputs, options, check=False) as source:
+            total, cuts = source.count, list(range(0, source.count, whole_blocks(size)))
+            if by_sequence:
+                names, cuts = list(chain.from_iterable(source.sequences())), [0]
+                for row in range(1, total):
+                    if names[row] != names[row - 1] and row - cuts[-1] >= size:
+                        cuts.append(row)
+    except InputError:  # whoever does its part reports it
+        return [None]
+    return list(zip(cuts, [*cuts[1:], total], strict=True)) if len(cuts) > 1 else [None]
+
+
+def key_of(entry: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return what the part of a line is made of: paths of the inputs, and rows."""
+    return tuple(entry["inputs"]), entry["rows"] and tuple(entry["rows"])
 
 
 def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:

@@ -12,8 +12,7 @@ from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
-from shapefit.pipelines.fit.lift import at_border, weigh
-from shapefit.pipelines.fit.lifter import Lifter
+from shapefit.pipelines.fit.lift import Lifter, at_border, weigh
 from tests.io.files import load
 from tests.pipelines.told import done, failures, warnings
 

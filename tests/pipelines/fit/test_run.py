@@ -56,8 +56,7 @@ class TestShapes:
         confidence, rest = np.ones((8, 10)), []
         for sure in (0.1, 1.0, 10.0):
             confidence[:, 3] = sure
-            result, outcomes = fit(dictionary, images.replaced(confidence=confidence.copy()))
-            assert any("confidences above 1" in text for text in texts(outcomes)) == (sure > 1)
+            result, _ = fit(dictionary, images.replaced(confidence=confidence.copy()))
             residual = (result.shapes[:, :2] - images.landmarks)[:, :, 3]
             rest.append(np.linalg.norm(residual, axis=1))
         assert (rest[0] > 1.5 * rest[1]).all()
@@ -159,7 +158,7 @@ class TestFailures:
     def test_no_image_is_fitted_without_a_finite_shape(self, fit, dictionary, images, monkeypatch):
         def lift_badly(*args):
             lifting = lift(*args)
-            lifting.shapes[5, 2, 0] = np.inf
+            lifting.shapes[5:6, 2, 0] = np.inf
             return lifting
 
         monkeypatch.setattr("shapefit.pipelines.fit.lift.lift", lift_badly)
@@ -172,7 +171,7 @@ class TestFailures:
 
     def test_what_is_not_optimal_is_counted(self, fit, dictionary, images, monkeypatch):
         two = partial(solve_newton, max_iterations=2)
-        monkeypatch.setattr("shapefit.pipelines.fit.lifter.solve_newton", two)
+        monkeypatch.setattr("shapefit.pipelines.fit.lift.solve_newton", two)
         _, outcomes = fit(dictionary, images, tolerance=1e-9)
         assert failures(outcomes) == {}
         assert texts(outcomes) == ["8 images not optimal"]

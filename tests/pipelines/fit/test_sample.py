@@ -1,6 +1,7 @@
 """The sample, and what it shows: skeleton, prior scale, residual variance, wrong names."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -15,14 +16,14 @@ from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
 from shapefit.pipelines import joints
 from shapefit.pipelines.fit import prepare as preparing
-from shapefit.pipelines.fit import sample as sampling
-from shapefit.pipelines.fit.prepare import FIRST, prepare
-from shapefit.pipelines.fit.sample import (
+from shapefit.pipelines.fit.prepare import (
+    FIRST,
     LARGEST,
     draw_sample,
     find_scale,
     maximise_theta,
     mean_gain,
+    prepare,
 )
 from tests.pipelines.fitted import fit_images
 from tests.pipelines.told import texts
@@ -67,7 +68,10 @@ def estimate(planted, images, **prior):
     keys = {"landmarks": [str(path)], "dictionary": str(path), "output": "result.h5"}
     config = FitConfig(**keys, **KEYS, prior=prior)
     first = images.take(slice(0, FIRST))
-    found = prepare(config, made, images.landmark_names, lambda: first).estimates
+    steps = prepare(config, made, images.landmark_names, lambda: first, len(images))
+    with pytest.raises(StopIteration) as end:
+        next(steps)
+    found = end.value.value.estimates
     return found, found.values["prior"]
 
 
@@ -163,7 +167,7 @@ def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
     calls = []
     for module, name in (
         (joints, "find_joints"), (preparing, "match_names"), (preparing, "estimate"),
-        (sampling, "choose_camera"), (sampling, "draw_sample"),
+        (preparing, "choose_camera"), (preparing, "draw_sample"),
     ):  # fmt: skip
         real = getattr(module, name)
 
@@ -175,6 +179,16 @@ def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
     fit_images(tmp_path, planted[2](2, RESIDUAL_VARIANCE)[0], planted[0], **KEYS)
     expected = ["choose_camera", "draw_sample", "estimate", "find_joints", "match_names"]
     assert sorted(calls) == expected
+
+
+def test_a_fit_that_takes_long_is_announced_before_it_begins(planted, tmp_path, monkeypatch):
+    clock = iter(range(0, 1000, 30))
+    monkeypatch.setattr(preparing.time, "perf_counter", lambda: next(clock))
+    images, _ = planted[2](1, RESIDUAL_VARIANCE)
+    _, outcomes = fit_images(tmp_path, images, planted[0], **KEYS)
+    assert re.match("60 images may take up to 64 minutes, 3.8 s each: give", outcomes[0].line)
+    _, outcomes = fit_images(tmp_path, images.take([0]), planted[0], **KEYS)
+    assert outcomes[0].line == ""
 
 
 @pytest.mark.parametrize("people", [0, 1])

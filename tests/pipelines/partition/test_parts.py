@@ -16,8 +16,7 @@ from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.partition import executor as parting
-from shapefit.pipelines.partition.plan import find_parts
-from shapefit.pipelines.partition.run import run
+from shapefit.pipelines.partition.run import find_parts, run
 from tests.pipelines.partition.made import NAMES, entries, make_dictionary, make_images, same_bits
 from tests.pipelines.told import done, failures
 
