@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,13 +26,8 @@ from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
 from shapefit.io.source import Kind, ResultSource, find_kind, open_results
 from shapefit.pipelines.items import keys_of
+from shapefit.pipelines.meshes import MESH_FORMATS, write_meshes
 from shapefit.pipelines.result import Result, nothing_in
-
-if TYPE_CHECKING:
-    from shapefit.pipelines.meshes import MeshFormat
-
-MESH_FORMATS = ("obj", "ply", "glb")
-"""Of a folder with one file per image."""
 
 BATCH = 4096
 """Items in memory at a time."""
@@ -45,7 +40,7 @@ Source = LandmarkSource | ShapeSource | ResultSource
 def run(config: ConvertConfig) -> Iterator[Result]:
     """Read the files and write them; yields a Result per batch."""
     if config.to in MESH_FORMATS:
-        yield from write_meshes(config)
+        yield from write_meshes(config.files, config.dictionary, config.output, config.to)
         return
     target = find_target_format(config.output, config.to)
     options = input_options(config, "motion" if target.in_metres else "none")
@@ -78,32 +73,6 @@ def run(config: ConvertConfig) -> Iterator[Result]:
         note=summary.note,
         written=summary.written or (config.output,),
     )
-
-
-def write_meshes(config: ConvertConfig) -> Iterator[Result]:
-    """Write a mesh of each image of the results into a folder; yields a Result per batch."""
-    from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder, mesh_writer
-
-    if config.dictionary is None:
-        fix = "name the dictionary of the fit, for example -d cars.h5"
-        raise input_error("dictionary", "meshes are made of those of a dictionary", fix)
-    to: MeshFormat = config.to  # type: ignore[assignment]
-    check_mesh_folder(config.output, "output")
-    dictionary = read_dictionary(config.dictionary)
-    with open_results(config.files, without=()) as source:
-        if source.head.landmark_names != dictionary.landmark_names:
-            problem = f"its landmarks are not those of {config.files[0]}"
-            raise input_error(config.dictionary, problem, "name the dictionary of the fit")
-        mixes = source.head.coefficients is not None
-        check_dictionary(dictionary, config.files[0], mixes_atoms=mixes)
-        with mesh_writer(dictionary, config.output, to) as writer:
-            for batch in source.batches(BATCH):
-                writer.add(batch)
-                yield Result(done=len(batch), total=source.count, unit="image")
-        warnings = (*writer.warnings, *nothing_in(source.count, "images"))
-        yield Result(
-            total=source.count, warnings=warnings, note=writer.note, written=writer.written
-        )
 
 
 def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:

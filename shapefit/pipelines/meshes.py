@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
-from shapefit.io import ResultSet
+from shapefit.io import ResultSet, read_dictionary
 from shapefit.io.atomic import check_folder, file_stem, staged_files, storage_errors
+from shapefit.io.source import open_results
 from shapefit.meshes.dense import metric_scale
+from shapefit.pipelines.result import Result, nothing_in
 
-MeshFormat = Literal["obj", "ply", "glb"]
+MESH_FORMATS = ("obj", "ply", "glb")
 """OBJ keeps 8 decimals, PLY and GLB single precision."""
 BATCH = 64
 """Images whose vertices are in memory at a time."""
@@ -25,57 +24,45 @@ COLOUR = (120, 155, 190)
 """Of a mesh, in GLB."""
 
 
-class MeshWriter:
-    """Writes the mesh of each image of a result that has a shape into a folder.
+def write_meshes(
+    files: Sequence[Path], path: Path | None, folder: Path, to: str
+) -> Iterator[Result]:
+    """Write the mesh of each image of results that has a shape; yields a Result per batch.
 
-    count and missing are the images with a mesh and those without.
+    path is the dictionary of their fit. The files appear in the folder together at the end. Raises
+    InputError for results that have no meshes, and a folder that cannot get files.
     """
-
-    def __init__(self, dictionary: Dictionary, to: MeshFormat, folder: Path, staging: Path) -> None:
-        """Take a dictionary with meshes; files move from `staging` into the folder at the end."""
-        self._dictionary, self._format = dictionary, to
-        self._folder, self._staging = folder, staging
-        self.count = self.missing = 0
-
-    def add(self, result: ResultSet) -> None:
-        """Write the files of some images."""
-        assert self._dictionary.mesh_faces is not None
-        rows = np.flatnonzero(has_shape(result))
-        self.missing += len(result) - len(rows)
-        for start in range(0, len(rows), BATCH):
-            images = result.take(rows[start : start + BATCH])
-            placed = in_object_frame(images, self._dictionary)
-            for item, points in zip(images.items, placed, strict=True):
-                stem = file_stem(item)
-                path = self._staging / stem.with_name(f"{stem.name}.{self._format}")
-                path.parent.mkdir(parents=True, exist_ok=True)
-                mesh = mesh_file(points, self._dictionary.mesh_faces, self._format)
-                with storage_errors(self._folder, None):
-                    path.write_bytes(mesh)
-                self.count += 1
-
-    @property
-    def written(self) -> tuple[Path, ...]:
-        """The folder, if there is a file in it."""
-        return (self._folder,) if self.count else ()
-
-    @property
-    def note(self) -> str:
-        """How many images have files."""
-        return "1 mesh" if self.count == 1 else f"{self.count} meshes"
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """How many images have no mesh."""
-        without = f"{counted(self.missing, 'image')} without a shape and a mesh"
-        return (without,) if self.missing else ()
-
-
-@contextmanager
-def mesh_writer(dictionary: Dictionary, folder: Path, to: MeshFormat) -> Iterator[MeshWriter]:
-    """Give a writer of meshes to a folder; the files appear together on a clean exit."""
-    with staged_files(folder) as staging:
-        yield MeshWriter(dictionary, to, folder, staging)
+    if path is None:
+        fix = "name the dictionary of the fit, for example -d cars.h5"
+        raise input_error("dictionary", "meshes are made of those of a dictionary", fix)
+    check_folder(folder)
+    dictionary, count = read_dictionary(path), 0
+    with open_results(files) as source:
+        if source.head.landmark_names != dictionary.landmark_names:
+            problem = f"its landmarks are not those of {files[0]}"
+            raise input_error(path, problem, "name the dictionary of the fit")
+        mixes = source.head.coefficients is not None
+        check_dictionary(dictionary, files[0], mixes_atoms=mixes)
+        with staged_files(folder) as staging:
+            for batch in source.batches(BATCH):
+                images = batch.take(np.flatnonzero(has_shape(batch)))
+                placed = in_object_frame(images, dictionary)
+                for item, vertices in zip(images.items, placed, strict=True):
+                    stem = file_stem(item)
+                    file = staging / stem.with_name(f"{stem.name}.{to}")
+                    file.parent.mkdir(parents=True, exist_ok=True)
+                    mesh = mesh_file(vertices, dictionary.mesh_faces, to)
+                    with storage_errors(folder, None):
+                        file.write_bytes(mesh)
+                count += len(images)
+                yield Result(done=len(batch), total=source.count, unit="image")
+    missing = f"{counted(source.count - count, 'image')} without a shape and a mesh"
+    yield Result(
+        total=source.count,
+        warnings=(*[missing] * (count < source.count), *nothing_in(source.count, "images")),
+        note="1 mesh" if count == 1 else f"{count} meshes",
+        written=(folder,) if count else (),
+    )
 
 
 def check_dictionary(dictionary: Dictionary, place: str | Path, *, mixes_atoms: bool) -> None:
@@ -89,13 +76,6 @@ def check_dictionary(dictionary: Dictionary, place: str | Path, *, mixes_atoms: 
     if not mixes_atoms:
         fault = "the result has no coefficients to combine the meshes of the atoms"
         raise input_error(place, fault, "fit with `--method convex` or `convex+refine`")
-
-
-def check_mesh_folder(folder: Path, key: str, result: Path | None = None) -> None:
-    """Raise InputError for a folder that cannot get files, or that is the result."""
-    check_folder(folder)
-    if result is not None and os.path.realpath(folder) == os.path.realpath(result):
-        raise input_error(key, f"{folder} is also the output", "give it a different name")
 
 
 def in_object_frame(result: ResultSet, dictionary: Dictionary) -> Floats:
@@ -119,7 +99,7 @@ def has_shape(result: ResultSet) -> Flags:
     return np.asarray(np.isfinite(extent + turned) & (extent > 0))
 
 
-def mesh_file(vertices: Floats, faces: Integers, to: MeshFormat) -> bytes:
+def mesh_file(vertices: Floats, faces: Integers | None, to: str) -> bytes:
     """Encode one mesh, vertices (3, q) and faces (f, 3), as one object called `mesh`.
 
     Coordinates, order and winding stay as given, whatever the format.

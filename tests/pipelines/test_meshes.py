@@ -96,7 +96,6 @@ def test_fit_writes_what_convert_writes(tmp_path, cars, world):
         ({}, {"method": "pmp"}, "no coefficients to combine the meshes of the atoms"),
         ({}, {"export": {"folder": "-"}}, "give the name of a folder"),
         ({}, {"export": {"folder": "views.h5"}}, "it is not a folder"),
-        ({}, {"export": {"folder": "result.h5"}}, "is also the output; give it a different name"),
     ],
 )
 def test_fit_refuses_before_an_image_is_lifted(

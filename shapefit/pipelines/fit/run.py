@@ -120,12 +120,13 @@ def check_export(setup: Setup, result: Path) -> None:
     """Raise InputError where a result will have no meshes, if the config asks for them."""
     export, method = setup.config.export, setup.lifter.row
     if export.folder is not None:
-        from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder
+        from shapefit.io.atomic import check_folder
+        from shapefit.pipelines.meshes import check_dictionary
 
         if find_target_format(result) is not HDF5:
             fix = "write the result as HDF5, -o result.h5"
             raise input_error("export.folder", "meshes are made of a result in HDF5", fix)
-        check_mesh_folder(export.folder, "export.folder", result)
+        check_folder(export.folder)
         refined = setup.lifter.camera is not None and method.perspective == "refined"
         mixes, place = method.mixes_atoms or refined, setup.config.dictionary
         check_dictionary(setup.dictionary, place, mixes_atoms=mixes)
@@ -302,10 +303,7 @@ def rows_of(
 
 def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Result]:
     """Write the meshes of a result, as `convert` does."""
-    from shapefit.config import ConvertConfig
-    from shapefit.pipelines.convert import write_meshes
+    from shapefit.pipelines.meshes import write_meshes
 
-    to, dictionary = config.export.format, config.dictionary
-    convert = ConvertConfig(files=(result,), dictionary=dictionary, output=folder, to=to)
-    for part in write_meshes(convert):
+    for part in write_meshes((result,), config.dictionary, folder, config.export.format):
         yield replace(part, done=0, total=None)  # its images are counted already
