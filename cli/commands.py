@@ -396,7 +396,8 @@ def make_config(spec: Spec, given: Mapping[str, Any]) -> Any:
     from shapefit.config import load_config
 
     path = Path(given["config"]) if given["config"] else None
-    stand_ins = dict.fromkeys((*spec.required, "output")) if printing else None
+    absent = [*spec.required, *(name for name in ("output",) if name in names)]
+    stand_ins = dict.fromkeys(absent) if printing else None
     config = load_config(spec.name, path, overrides, arguments, stand_ins=stand_ins)
     return config if printing else with_parts(config, given)
 
@@ -457,14 +458,15 @@ def run_pipeline(command: str, config: Any) -> Iterator[Result]:
 
 def list_keys(command: str, section: str, option_json: bool) -> int:
     """Print the config keys of a command, or those of one section."""
-    from shapefit.config.reference import find_rows, keys_text
+    from shapefit.config import CONFIGS
+    from shapefit.config.reference import keys_text, rows
 
+    table = rows(CONFIGS[command], section)
     if option_json:
-        rows = [row._asdict() for row in find_rows(command, section)]
-        click.echo(json.dumps({"command": "config", "keys": rows}, ensure_ascii=False))
+        keys = [row._asdict() for row in table]
+        click.echo(json.dumps({"command": "config", "keys": keys}, ensure_ascii=False))
         return 0
-    width = min(100, shutil.get_terminal_size().columns)
-    click.echo(keys_text(command, section, width), nl=False)
+    click.echo(keys_text(table, min(100, shutil.get_terminal_size().columns)), nl=False)
     return 0
 
 

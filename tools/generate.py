@@ -33,10 +33,9 @@ Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no
 - `-` is standard input or output, as CSV.
 - A path may begin with `{data}`, which stands for the folder that the key `data` names. Every
   command has this key.
-- `-c NAME` is an installed config: `-c cars` of `fit` is `configs/cars/fit.yaml`, and
-  `-c sequences` is `configs/people/sequences.yaml`. An existing file of that name is preferred.
-  Keys of an installed config that apply only to its own data are ignored: paths, `leave_one_out`,
-  `camera.principal_point`, `match`, `groups` and `truth_frame`.
+- `-c NAME` is an installed config: `-c cars` of `fit` is `configs/cars/fit.yaml`. An existing file
+  of that name is preferred. Keys that apply only to its own data are ignored: paths,
+  `leave_one_out`, `camera.principal_point`, `match`, `groups` and `truth_frame`.
 - `-d NAME`, or `dictionary: NAME` in a file, is an installed dictionary, such as `people`. An
   existing file of that name is preferred.
 - `--print-config` prints the config with every default; `shapefit config COMMAND` prints its keys.

@@ -12,23 +12,16 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
 from pydantic.fields import FieldInfo
 
-from shapefit.config.paths import STANDARD_STREAM, UNNAMED, OptionalPath, ResultFolder
+from shapefit.config.paths import STANDARD_STREAM, UNNAMED, Description, OptionalPath, ResultFolder
 from shapefit.errors import path_text
 
-Location = tuple[str | int, ...]
-"""The keys and list positions that lead to a value."""
-
 Value = TypeVar("Value")
-Mark = TypeVar("Mark")
 
 
-def _as_tuples(value: Any) -> Any:
-    """Return lists (of lists ...) as tuples; all else as it is."""
-    return tuple(_as_tuples(item) for item in value) if isinstance(value, list) else value
-
-
-FromLists = BeforeValidator(_as_tuples)
-"""Annotation metadata: lists (of lists ...) become tuples, so that a config cannot change."""
+FROM_LIST = Field(strict=False)
+ListOf = Annotated[tuple[Value, ...], FROM_LIST]
+Pair = Annotated[tuple[Value, Value], FROM_LIST]
+"""Lists of YAML, which become tuples, so that a config cannot change."""
 
 HIDDEN = "hidden"
 """Annotation metadata: a key of experiments, which no page lists."""
@@ -94,44 +87,30 @@ class CommandConfig(ConfigModel):
     def inputs(self) -> Iterator[tuple[str, Path]]:
         """Yield the files to read, except those of sections, each with its key."""
         for key in type(self).model_fields:
-            if key not in ("output", "data"):
-                for path in _paths_in(getattr(self, key)):
-                    yield key, path
+            value = () if key in ("output", "data") else getattr(self, key)
+            for group in value.values() if isinstance(value, Mapping) else [value]:
+                paths = group if isinstance(group, tuple) else [group]
+                yield from ((key, path) for path in paths if isinstance(path, Path))
 
     def changed(self, **values: Any) -> Self:
         """Return the config with other values, unchecked; those of a section as a mapping."""
-        changes = {
-            key: old.model_copy(update=value)
-            if isinstance(old := getattr(self, key), ConfigModel)
-            else value
-            for key, value in values.items()
-        }
-        return self.model_copy(update=changes)
+        for key, value in values.items():
+            if isinstance(old := getattr(self, key), ConfigModel):
+                values[key] = old.model_copy(update=value)
+        return self.model_copy(update=values)
 
     def as_json(self) -> str:
-        """Return the config as one line of JSON, with every default."""
-        return json.dumps(self.as_plain(), ensure_ascii=False, separators=(",", ":"))
+        """Return the config as one line of JSON, with every default.
+
+        A path that is not UTF-8 has escapes (`path_text`).
+        """
+        values = self.model_dump(warnings=False)
+        return json.dumps(values, ensure_ascii=False, separators=(",", ":"), default=path_text)
 
     def as_plain(self) -> dict[str, Any]:
-        """Return the config as JSON has it; a path that is not UTF-8 has escapes (`path_text`)."""
-        values: dict[str, Any] = _as_plain(self.model_dump(warnings=False))
+        """Return the config as JSON has it."""
+        values: dict[str, Any] = json.loads(self.as_json())
         return values
-
-
-def _as_plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _as_plain(inner) for key, inner in value.items()}
-    if isinstance(value, tuple | list):
-        return [_as_plain(item) for item in value]
-    return path_text(value) if isinstance(value, Path) else value
-
-
-def _paths_in(value: Any) -> Iterator[Path]:
-    if isinstance(value, Path):
-        yield value
-    elif isinstance(value, tuple | Mapping):
-        for inner in value.values() if isinstance(value, Mapping) else value:
-            yield from _paths_in(inner)
 
 
 class Key(NamedTuple):
@@ -141,15 +120,8 @@ class Key(NamedTuple):
     name: str
     field: FieldInfo
     section: type[BaseModel] | None
-
-    @property
-    def listed(self) -> bool:
-        """Whether pages and messages name the key."""
-        return HIDDEN not in self.field.metadata
-
-    def mark(self, kind: type[Mark]) -> Mark | None:
-        """Return the annotation metadata of a type that the field has, if any."""
-        return next((entry for entry in self.field.metadata if isinstance(entry, kind)), None)
+    description: Description | None
+    listed: bool  # on pages and in messages
 
 
 @cache
@@ -159,7 +131,8 @@ def keys_of(model: type[BaseModel]) -> dict[tuple[str, ...], Key]:
     for name, field in model.model_fields.items():
         kind, way = field.annotation, (field.alias or name,)
         section = kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
-        keys[way] = Key(model, name, field, section)
+        described = next((part for part in field.metadata if isinstance(part, Description)), None)
+        keys[way] = Key(model, name, field, section, described, HIDDEN not in field.metadata)
         if section is not None:
             keys |= {way + inner: key for inner, key in keys_of(section).items()}
     return keys

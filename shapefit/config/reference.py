@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -15,13 +15,10 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from pydantic import BaseModel
 
-from shapefit.config.commands import CONFIGS
 from shapefit.config.model import AUTO, Key, keys_of
-from shapefit.config.paths import Description
 from shapefit.errors import input_error, listed
 
 WORDS = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
-PLURALS = {"a whole number": "whole numbers", "a number": "numbers", "a text": "texts"}
 BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 
 
@@ -34,33 +31,33 @@ class Row(NamedTuple):
     meaning: str
 
 
-def find_rows(command: str, section: str = "") -> list[Row]:
-    """Return the keys of a command, or those of one section; raises InputError for no section."""
-    all_rows = list(rows(CONFIGS[command]))
-    start = f"{section}." if section else ""
-    selected = [row for row in all_rows if f"{row.name}.".startswith(start)]
+def rows(model: type[BaseModel], section: str = "") -> list[Row]:
+    """Return a row for each listed key of a model, or of one section of it.
+
+    Raises InputError where there is no such section.
+    """
+    table = [
+        Row(".".join(way), expects(key), _default(key), meaning(key))
+        for way, key in keys_of(model).items()
+        if key.section is None and key.listed and way != ("data",)
+    ]
+    selected = [row for row in table if not section or f"{row.name}.".startswith(f"{section}.")]
     if not selected:
-        sections = dict.fromkeys(row.name.partition(".")[0] for row in all_rows)
-        fault = f"there is no key or section '{section}'"
-        raise input_error(f"config {command}", fault, f"name one of: {', '.join(sections)}")
+        names = ", ".join(dict.fromkeys(row.name.partition(".")[0] for row in table))
+        raise input_error(
+            "config", f"there is no key or section '{section}'", f"name one of: {names}"
+        )
     return selected
 
 
-def keys_text(command: str, section: str = "", width: int = 80) -> str:
-    """Return the keys of a command, or those of one section of it, for a terminal."""
+def keys_text(table: Sequence[Row], width: int) -> str:
+    """Return a table of keys for a terminal."""
     lines = []
-    for row in find_rows(command, section):
+    for row in table:
         default = row.default if row.default == "required" else f"default {row.default}"
         lines += [f"{row.name}: {row.expects}; {default}"]
         lines += [*wrap(row.meaning, width, initial_indent="    ", subsequent_indent="    ")]
     return "\n".join(lines) + "\n"
-
-
-def rows(model: type[BaseModel]) -> Iterator[Row]:
-    """Yield a row for each listed key of a model, those of sections as `a.b`."""
-    for way, key in keys_of(model).items():
-        if key.section is None and key.listed and way != ("data",):
-            yield Row(".".join(way), expects(key), _default(key), meaning(key))
 
 
 def _default(key: Key) -> str:
@@ -69,9 +66,8 @@ def _default(key: Key) -> str:
     default = key.field.get_default(call_default_factory=True)
     if isinstance(default, Path):
         return default.stem or "by the input"
-    if default is None:
-        return AUTO if AUTO in key.field.metadata else "none"
-    return json.dumps(default)
+    empty = AUTO if AUTO in key.field.metadata else "none"
+    return empty if default is None else json.dumps(default)
 
 
 def expects(key: Key) -> str:
@@ -79,37 +75,33 @@ def expects(key: Key) -> str:
     if key.section is not None:
         names = [way[0] for way, inner in keys_of(key.section).items() if inner.listed]
         return f"a mapping with the keys {', '.join(names)}"
-    description = key.mark(Description)
-    return description.phrase if description else _words(key.field.annotation, key.field.metadata)
+    description = key.description
+    return description.phrase if description else _phrase(key.field.annotation, key.field.metadata)
 
 
-def _words(annotation: Any, metadata: Sequence[Any] = ()) -> str:
-    """Return the words for a type and its bounds, for a union those of its types."""
-    kinds = [annotation]
-    if get_origin(annotation) in (Union, UnionType):
-        kinds = [kind for kind in get_args(annotation) if kind is not NoneType]
-    words = [word for kind in kinds for word in _kind_words(kind)]
-    words += [AUTO] if AUTO in metadata else []
+def _phrase(annotation: Any, metadata: Sequence[Any] = ()) -> str:
+    """Return the words for a type and its bounds."""
+    words = _words(annotation) + [AUTO] * (AUTO in metadata)
     flat = [inner for entry in metadata for inner in getattr(entry, "metadata", (entry,))]
     bounds = [f"{BOUNDS[n]} {getattr(b, n)}" for b in flat for n in BOUNDS if hasattr(b, n)]
     return f"{listed(words)} {' and '.join(bounds)}".rstrip()
 
 
-def _kind_words(kind: Any) -> tuple[str, ...]:
-    """Return the words for one type, or for each value of a literal."""
+def _words(kind: Any) -> list[str]:
+    """Return the words for a type, for each type of a union, or for each value of a literal."""
     origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return [word for part in inner if part is not NoneType for word in _words(part)]
     if origin is Annotated:
-        return (_words(inner[0], inner[1:]),)
+        return [_phrase(inner[0], inner[1:])]
     if origin is Literal:
-        return inner
-    if origin is None:
-        return tuple(WORDS[kind].split(" or "))
-    values = _words(inner[0] if origin is tuple else inner[1])
-    for word, plural in PLURALS.items():
-        values = values.replace(word, plural)
+        return list(inner)
     if origin is tuple:
-        return (f"a list of {values}" if Ellipsis in inner else f"a list of {len(inner)} {values}",)
-    return (f"a mapping to {values}",)
+        number = "" if Ellipsis in inner else f" of {len(inner)} items"
+        return [f"a list{number}, each {_phrase(inner[0])}"]
+    return (
+        [f"a mapping to values, each {_phrase(inner[1])}"] if origin else WORDS[kind].split(" or ")
+    )
 
 
 def meaning(key: Key) -> str:

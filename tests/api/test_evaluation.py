@@ -62,7 +62,7 @@ def test_arrays_are_matched_by_their_order(chain, sample):
     ("changes", "message"),
     [
         ({"metrics": ["simlarity"]}, "did you mean 'similarity'"),
-        ({"metrics": []}, "expected a list of similarity, camera"),
+        ({"metrics": []}, "expected a list, each similarity, camera"),
         ({"match": "model"}, "there is no dataset 'model' with one name"),
         ({"plots": True}, r"^evaluate\.plots: is a key of reports only"),
         ({"groups": {"a": "nobody*"}}, "no sequence matches any group"),

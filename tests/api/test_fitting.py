@@ -88,11 +88,11 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
 
 OPTIONS = [
     ({"method": "convexx"}, r"^fit\.method: expected auto, convex.*did you mean 'convex'\?$"),
-    ({"prior": {"scal": 2}}, r"fit\.prior\.scal: unknown key 'prior\.scal'.*'prior\.scale'"),
+    ({"prior": {"scal": 2}}, r"fit\.prior: unknown key 'prior\.scal'.*'prior\.scale'"),
     ({"lamda": 1}, r"fit\.lamda: unknown key 'lamda'; did you mean 'lambda'"),
     ({"output": "x.h5"}, r"^fit\.output: there is no argument `output`; it is for files"),
     ({"camera": np.eye(2)}, r"camera_matrix: has the shape \(2, 2\)"),
-    ({"camera": {"name": "left"}}, r"fit\.camera\.name: `name` names a camera"),
+    ({"camera": {"name": "left"}}, r"fit\.camera: `name` names a camera"),
     ({"weights": np.ones((2, 15))}, r"confidence: has the shape \(2, 15\); it must be \(150, 15\)"),
     ({"weights": np.full((150, 15), -1)}, r"^landmarks\.confidence\[0\]: landmark 'pelvis' is"),
 ]

@@ -17,7 +17,7 @@ OF_HELP = "h5py numba numpy orjson pyarrow pydantic ruamel scipy tqdm trimesh"
 OF_OTHER_FITS = """
     concurrent.futures dask distributed llvmlite matplotlib multiprocessing numba numpy.f2py
     numpy.ma numpy.polynomial numpy.random numpy.testing polars ruamel scipy
-    shapefit.config.commands.others shapefit.config.commands.learn_dict
+    shapefit.config.commands.others
     shapefit.evaluation shapefit.lifting.perspective
     shapefit.lifting.outliers.ransac shapefit.lifting.sequences shapefit.lifting.posterior.method
     shapefit.meshes shapefit.pipelines.export.meshes shapefit.pipelines.export.pictures

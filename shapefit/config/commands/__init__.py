@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from shapefit.config.model import CommandConfig
 
@@ -10,20 +11,16 @@ COMMANDS = ("learn-dict", "project", "fit", "eval", "convert", "info", "view")
 
 
 class _Configs(Mapping[str, type[CommandConfig]]):
-    """Command -> its config."""
+    """Command -> its config, such as LearnDictConfig of learn-dict."""
 
-    def __getitem__(self, command: str) -> type[CommandConfig]:
+    def __getitem__(self, command: str) -> Any:
         if command == "fit":
             from shapefit.config.commands.fit import FitConfig
 
             return FitConfig
-        if command == "learn-dict":
-            from shapefit.config.commands.learn_dict import LearnDictConfig
+        from shapefit.config.commands import others
 
-            return LearnDictConfig
-        from shapefit.config.commands.others import OTHERS
-
-        return OTHERS[command]
+        return getattr(others, f"{command.title().replace('-', '')}Config")
 
     def __iter__(self) -> Iterator[str]:
         return iter(COMMANDS)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from shapefit.config.commands.input import MetresConfig, NotNegative, Positive, Text
-from shapefit.config.model import HIDDEN, Auto, ConfigModel, FromLists, section
+from shapefit.config.model import HIDDEN, Auto, ConfigModel, Pair, section
 from shapefit.config.paths import (
     UNNAMED,
     Description,
@@ -18,7 +18,6 @@ from shapefit.config.paths import (
     OutputOrFolder,
     find_dictionaries,
 )
-from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.lifting.methods import (
     AUTO,
     METHODS,
@@ -32,28 +31,22 @@ if TYPE_CHECKING:
     MethodName = str
     Part = str
 else:
-    MethodName = Literal[(AUTO, *METHODS)]
-    Part = Literal["head", "hips", "shoulders"]
+    MethodName, Part = Literal[(AUTO, *METHODS)], Literal["head", "hips", "shoulders"]
 
 
 class CameraConfig(ConfigModel):
     """The camera of the images; the section is printed with every fit."""
 
     focal: Positive | Literal["auto", "none", "files"] = "auto"
-    """Focal length in pixels; files: of the `camera_matrix` of the landmarks; none: weak
-    perspective; auto: none for methods without a prior, otherwise of the calibration, the files, or
-    1.1 times the longer side of the image."""
+    """Focal length in pixels; files: of their `camera_matrix`; none: weak perspective; auto: with a
+    prior of the calibration, the files, or 1.1 times the longer side of the image, else none."""
     focal_sd: Annotated[float, Field(ge=0), HIDDEN] = 0.0
     """Standard deviation of the logarithm of `focal`: 0.2 where it is assumed."""
-    principal_point: Annotated[tuple[float, float] | None, FromLists] = None
-    """Where the optical axis meets the image, in pixels; by default of the camera matrix, or the
-    centre."""
+    principal_point: Pair[float] | None = None
+    """Pixel on the optical axis; by default of the camera matrix, or the centre."""
     calibration: OptionalInputPath = None
     """File of cameras: TOML of anipose, Pose2Sim, caliscope or FreeMoCap, or OpenCV's."""
-    name: Annotated[
-        Text | None,
-        BeforeValidator(lambda value: str(value) if type(value) is int else value),  # a port
-    ] = None
+    name: Text | None = None
     """The camera of the calibration, by section, name or port; not needed if there is one."""
 
     @property
@@ -62,11 +55,6 @@ class CameraConfig(ConfigModel):
         if self.focal == "auto":
             return "auto"
         return "weak-perspective" if self.focal == "none" else "perspective"
-
-    @property
-    def matrices(self) -> str | None:
-        """The dataset that holds the intrinsics of the images, if one does."""
-        return CAMERA_MATRIX if self.focal == "files" else None
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
@@ -121,8 +109,7 @@ class FitConfig(MetresConfig):
     dictionary: DictionaryPath = Field(default_factory=lambda: find_dictionaries()["people"])
     """Dictionary file that learn-dict wrote, or the name of an installed one."""
     output: OutputOrFolder = UNNAMED
-    """Result file, in the format of its ending (docs/export.md); - for stdout, FOLDER/ for one file
-    per part; by default NAME.h5 in the working directory."""
+    """Result file, by its ending (docs/export.md); - is stdout, FOLDER/ one file per part."""
     method: MethodName = Field(
         default=AUTO,
         description=f"How to lift: {summarise()}. auto: with a prior sequences for videos and "
@@ -134,23 +121,20 @@ class FitConfig(MetresConfig):
     noise: NotNegative | None = None
     """Standard deviation of a landmark's coordinate in pixels."""
     outliers: Literal["none", "ransac", "sparse-error", "l1"] = "none"
-    """How methods without a prior treat wrong landmarks: reject them before the fit (ransac), or a
-    robust loss."""
+    """Wrong landmarks, without a prior: rejected before the fit (ransac), or a robust loss."""
     outlier_threshold: Annotated[Positive | None, HIDDEN] = None
     """Residual beyond which a landmark is an outlier: 0.25 for ransac, 0.1 for sparse-error."""
     tolerance: Auto[Positive] = None
-    """Relative duality gap at which an image is solved; auto: 1e-6, with a prior 1e-3, of global
-    0.01."""
+    """Relative duality gap of a solved image; auto: 1e-6, with a prior 1e-3, of global 0.01."""
     prior: PriorConfig = section(PriorConfig)
     skeleton: Annotated[
         Auto[dict[Part, Positive]],
         Description("a mapping of head, hips and shoulders to factors > 0, or auto"),
     ] = None
-    """How a detector's skeleton of people differs from the dictionary's: factors on the height of
-    the head and the distances of hips and shoulders; auto: estimated from the first images."""
+    """A detector's height of the head and distances of hips and shoulders, times the dictionary's;
+    auto: estimated from the first images."""
     leave_one_out: Text | None = None
-    """Dataset that names for each image the training shape (exemplar) that its fit must not use, or
-    `item`."""
+    """Dataset with the training shape that the fit of an image must not use, or `item`."""
     save: SaveConfig = section(SaveConfig)
     export: ExportConfig = section(ExportConfig)
     threads: Annotated[int, Field(ge=0, le=1024)] = 0

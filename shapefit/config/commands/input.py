@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from shapefit.config.model import Auto, CommandConfig, FromLists
-from shapefit.config.paths import Description
+from shapefit.config.model import Auto, CommandConfig, Pair
 
 Text = Annotated[str, Field(min_length=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -26,13 +25,12 @@ class LandmarksConfig(CommandConfig):
     rename: Mapping[str, str] = Field(default_factory=dict)
     """Landmarks to rename: name in the files -> name in the dictionary or in the results."""
     keypoints: Text | None = None
-    """Skeleton that names the landmarks of files without names, such as body_25b; numbered: 0, 1
-    and so on."""
+    """Skeleton of files without names, such as body_25b; numbered: 0, 1 and so on."""
     min_confidence: Auto[NotNegative] = None
     """Hide less confident landmarks; auto: 0.1 for a fit with a prior, otherwise 0."""
     y_axis: Literal["down", "up"] | None = None
     """Direction of y in the images; by default that of the format, or down (pixels)."""
-    image_size: Annotated[tuple[Positive, Positive] | None, FromLists] = None
+    image_size: Pair[Positive] | None = None
     """Width and height of the images in pixels; fractions of it (MediaPipe, YOLO) need it."""
 
 
@@ -41,9 +39,7 @@ class MetresConfig(LandmarksConfig):
 
     frame_rate: Positive | None = None
     """Frames per second of the files, before `every`; by default, as they state it."""
-    height: Annotated[
-        float | None, Field(gt=0, le=3), Description("a height in metres, at most 3, such as 1.78")
-    ] = None
+    height: Annotated[float, Field(gt=0, le=3)] | None = None
     """Height of the body or object, for outputs in metres; by default of the training shapes."""
     markers: Literal["joints", "input"] = "joints"
     """Markers of a TRC file: joints, or input for the landmarks of the detector by their names."""

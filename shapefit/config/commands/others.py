@@ -1,23 +1,23 @@
-"""The configs of `project`, `eval`, `convert`, `info` and `view`."""
+"""The configs of `learn-dict`, `project`, `eval`, `convert`, `info` and `view`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from operator import mul
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, Field
 
 from shapefit.config.commands.input import (
     Count,
+    LandmarksConfig,
     MetresConfig,
     NotNegative,
     Positive,
     Text,
     TruthConfig,
 )
-from shapefit.config.model import HIDDEN, CommandConfig, ConfigModel, FromLists, section
+from shapefit.config.model import FROM_LIST, HIDDEN, CommandConfig, ConfigModel, ListOf, section
 from shapefit.config.paths import (
     UNNAMED,
     Description,
@@ -26,9 +26,6 @@ from shapefit.config.paths import (
     OptionalDictionaryPath,
     OptionalPath,
     OutputPath,
-    PathsOrNames,
-    absolute_path,
-    unless_none,
 )
 from shapefit.evaluation.metrics import METRICS, SHARE
 
@@ -37,16 +34,61 @@ if TYPE_CHECKING:
 else:
     AnyMetric = Literal[tuple(METRICS)]
 
-Row = tuple[float, float, float]
+
+class PriorConfig(ConfigModel):
+    """The prior over shapes that the methods posterior and sequences of `fit` need."""
+
+    components: Annotated[int, Field(ge=0, le=1000)] | Literal["auto"] = 0
+    """Gaussians in the mixture; 0 learns none, auto one for every 150 shapes, from 1 to 32."""
+    bone_scale: float = Field(default=0.0, ge=0, le=1)
+    """Standard deviation of log bone lengths of varied shapes, whose edges must be a tree."""
+    exchange: float = Field(default=0.0, ge=0, le=1)
+    """Share of the shapes that take limbs from other shapes."""
+    shrinkage: Annotated[float, Field(ge=0, lt=1), HIDDEN] = 0.3
+    """Share of the covariance of all shapes in that of a component of average size."""
+    floor: Annotated[float, Field(gt=0), HIDDEN] = 0.01
+    """Variance of every coordinate beyond that of the shapes, which are normalised."""
+
+
+class LearnDictConfig(LandmarksConfig):
+    """Learn a dictionary of rotatable basis shapes from 3D shapes or from 2D landmarks."""
+
+    OUTPUT = "_dictionary.h5"
+
+    shapes: InputPaths
+    """Files of 3D training shapes, or of 2D landmarks."""
+    output: OutputPath = UNNAMED
+    """Dictionary file to write (HDF5); by default NAME_dictionary.h5 in the working directory."""
+    landmarks: ListOf[str] | None = Field(default=None, min_length=1)
+    """Landmarks to keep, in this order, by their names after `rename`; by default, all."""
+    method: Literal["sparse-coding", "exemplars", "pca-bases"] = "sparse-coding"
+    """exemplars: every training shape is an atom; pca-bases: for matching pursuit."""
+    every: Count | Annotated[Mapping[str, Count], Field(min_length=1)] = 1
+    """Keep every n-th shape of each sequence; of {13_*: 18, "*": 2} the first glob that fits."""
+    align: Literal["all", "none"] = "all"
+    """Turn the training shapes onto their mean, or leave them in their common frame."""
+    mirror: bool | dict[str, str] = False
+    """Add mirror images: partners such as rhip: lhip, or true for those that the shapes state."""
+    k: Count = 64
+    """Number of atoms of sparse-coding."""
+    flip: bool | None = None
+    """Of shapes learned from 2D landmarks: true exchanges near and far, false confirms them. No
+    shape is trusted without, unless cameras decide."""
+    prior: PriorConfig = section(PriorConfig)
+    beta: Annotated[float, Field(ge=0), HIDDEN] = 0.1
+    """Weight of the sparsity of the coefficients."""
+    iterations: Annotated[Count, HIDDEN] = 15
+    """Rounds of coding all shapes and updating all atoms."""
+
+
+Row = Annotated[tuple[float, float, float], FROM_LIST]
 
 
 def _rotation(view: Any) -> Any:
     """Return the view; raises ValueError for rows that are not orthonormal, determinant +1."""
     if not isinstance(view, str):
-        a, b, c = view
-        products = [sum(map(mul, x, y)) for x in view for y in view]
-        determinant = sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
-        if determinant < 0 or max(abs(x - (i % 4 == 0)) for i, x in enumerate(products)) > 1e-6:
+        R = np.array(view)
+        if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
             raise ValueError("expected a rotation (orthonormal rows, determinant +1)")
     return view
 
@@ -55,13 +97,11 @@ class CameraConfig(ConfigModel):
     """The camera that sees the shapes."""
 
     view: Annotated[
-        Literal["turntable", "random"] | tuple[Row, Row, Row],
+        Literal["turntable", "random"] | Annotated[tuple[Row, Row, Row], FROM_LIST],
         Description("turntable, random, or a rotation as three rows of three numbers"),
-        FromLists,
         AfterValidator(_rotation),
     ] = "turntable"
-    """One full turn per sequence about y, a random rotation per image, or one from object to camera
-    frame for all."""
+    """One turn per sequence about y, a random rotation per image, or one from object to camera."""
     scale: Positive | None = None
     """Pixels per unit of the shape; without it landmarks have the unit of the shapes."""
 
@@ -99,7 +139,7 @@ class EvalConfig(TruthConfig):
     """Folder to write the report to; by default NAME_report in the working directory."""
     groups: Mapping[str, str] = Field(default_factory=dict)
     """Groups of sequences to average over: name -> glob on sequence names."""
-    metrics: Annotated[tuple[AnyMetric, ...], FromLists] = Field(
+    metrics: ListOf[AnyMetric] = Field(
         default=tuple(name for name, metric in METRICS.items() if metric.unit != SHARE),
         min_length=1,
     )
@@ -107,8 +147,7 @@ class EvalConfig(TruthConfig):
     least_visible: Annotated[int, Field(ge=0), HIDDEN] = 0
     """Minimum number of visible landmarks of an image; others are counted in a warning."""
     truth_frame: Literal["object", "camera"] = "object"
-    """Frame of the true shapes: `object`, which `true_rotation` of the result turns into that of
-    the camera; or `camera`."""
+    """Frame of the true shapes; `object` is turned by the result's `true_rotation`."""
     plots: bool = True
     """Also draw the errors, sorted, by method (SVG)."""
 
@@ -137,7 +176,7 @@ class ConvertConfig(MetresConfig):
 class InfoConfig(CommandConfig):
     """Describe files and print the next command."""
 
-    files: PathsOrNames = ()
+    files: InputPaths = ()
     """Files of any kind, or names of dictionaries; without any, what is installed is listed."""
     format: Text = "auto"
     """Format of the files (docs/formats.md); auto recognises it by their content."""
@@ -156,24 +195,11 @@ class ViewConfig(TruthConfig):
     """Skeleton that names the landmarks of files without names, such as body_25b."""
     dictionary: OptionalDictionaryPath = None
     """Dictionary with the edges and meshes to draw."""
-    images: Annotated[
-        Path | None,
-        Description("a folder of pictures", paths=True),
-        unless_none(absolute_path),
-    ] = None
+    images: OptionalPath = None
     """Folder of PNG or JPEG images under the landmarks, named after the items or frames."""
-    items: Annotated[tuple[str, ...], FromLists] = ("*",)
+    items: ListOf[str] = ("*",)
     """Items to show: names or globs."""
     frame_rate: Positive | None = None
     """Frames per second; by default, as stated in the files."""
     output: OptionalPath = None
     """HTML file to write, or PNG or SVG for a sheet of pictures; by default NAME.html."""
-
-
-OTHERS: dict[str, type[CommandConfig]] = {
-    "project": ProjectConfig,
-    "eval": EvalConfig,
-    "convert": ConvertConfig,
-    "info": InfoConfig,
-    "view": ViewConfig,
-}

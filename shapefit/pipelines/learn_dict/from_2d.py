@@ -12,7 +12,7 @@ import numpy as np
 
 from shapefit.arrays import Floats, evenly
 from shapefit.config import LearnDictConfig
-from shapefit.config.commands.learn_dict import PriorConfig
+from shapefit.config.commands.others import PriorConfig
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, evaluate_class
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images, hide

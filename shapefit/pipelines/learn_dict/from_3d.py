@@ -14,7 +14,7 @@ import numpy as np
 from shapefit import __version__
 from shapefit.arrays import Floats, Integers
 from shapefit.config import LearnDictConfig
-from shapefit.config.commands.learn_dict import PriorConfig
+from shapefit.config.commands.others import PriorConfig
 from shapefit.dictionary.bodies import (
     find_acceleration,
     find_bone_tolerance,
@@ -87,7 +87,7 @@ def learn_from_shapes(
         made = yield from sparse_coding(training, config)
     else:
         is_pca = config.method == "pca-bases"
-        made = pca_bases(training, config.bases) if is_pca else exemplars(training)
+        made = pca_bases(training) if is_pca else exemplars(training)
         yield Result(rows=(("Result", f"{counted(made.k, 'atom')} from {number}"),))
     prior = learn_prior(training, config) if config.prior.components else None
     provenance = {
@@ -245,15 +245,15 @@ def exemplars(training: TrainingShapes) -> Dictionary:
     )
 
 
-def pca_bases(training: TrainingShapes, wanted: float) -> Dictionary:
-    """Join the principal components of each sequence, as many as `wanted`, or of that share.
+def pca_bases(training: TrainingShapes) -> Dictionary:
+    """Join the principal components of each sequence that explain its variance.
 
     Meshes are left out: bases are differences of shapes, not shapes.
     """
     aligned = training.alignment.shapes
     sequences = np.array(training.original.sequences or ("",) * len(aligned))
     names = dict.fromkeys(sequences.tolist())
-    bases = np.concatenate([principal_components(aligned[sequences == s], wanted) for s in names])
+    bases = np.concatenate([principal_components(aligned[sequences == s]) for s in names])
     if not len(bases):
         fault = "the shapes of each sequence are all alike"
         raise input_error("shapes", fault, "give sequences that move")
