@@ -141,29 +141,14 @@ def is_array(head: Head) -> bool:
 
 def is_alphapose(head: Head) -> bool:
     """Whether each image of an object is as OpenPose writes it."""
-    frame = _first_frame(head.json)
+    frame = next(iter(head.json.values()), None) if isinstance(head.json, dict) else None
     return isinstance(frame, dict) and bool({"people", "bodies"} & frame.keys())
-
-
-def is_named_points(head: Head) -> bool:
-    """Whether the first frame of an object is an object of points."""
-    frame = _first_frame(head.json)
-    return isinstance(frame, dict) and bool(frame) and all(map(_is_point, frame.values()))
 
 
 def is_mmpose_images(head: Head) -> bool:
     """Whether a list, which may be empty, has instances of one image."""
     named = "keypoints" in head.keys and "image_id" not in head.keys
     return isinstance(head.json, list) and (named or not head.json)
-
-
-def _first_frame(content: Any) -> Any:
-    return next(iter(content.values()), None) if isinstance(content, dict) else None
-
-
-def _is_point(point: Any) -> bool:
-    numbers = isinstance(point, list) and len(point) in (2, 3)
-    return numbers and all(isinstance(number, int | float | None) for number in point)
 
 
 def _has_points(value: Any, depth: int = 6) -> bool:
@@ -240,11 +225,10 @@ FORMATS: dict[str, FileFormat] = {
     "acclaim": FileFormat(
         "an ASF/AMC motion", (".amc", ".asf"), SHAPES,
         lambda head: head.named(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#"),
-        motion.read_acclaim,
-        together=True),
+        motion.read_acclaim),
     "anipose-csv": FileFormat(
         "an anipose 3D CSV", (".csv",), SHAPES,
-        lambda head: bool(markers.anipose_landmarks(head.columns)), markers.read_anipose),
+        lambda head: any(name.endswith("_ncams") for name in head.columns), tables.read_anipose),
     "bvh": FileFormat(
         "a BVH motion", (".bvh",), SHAPES,
         lambda head: head.text.upper().split(maxsplit=2)[:2] == [b"HIERARCHY", b"ROOT"],
@@ -265,9 +249,6 @@ FORMATS: dict[str, FileFormat] = {
     "arrays": FileFormat(
         "an array of landmarks", (".npy", ".npz"), IMAGES, is_array, tables.read_array,
         states_y_axis=False),
-    "named-points": FileFormat(
-        "JSON of points by frame and landmark", (".json",), IMAGES, is_named_points,
-        detections.read_named_points),
     "mediapipe": FileFormat(
         "a file of MediaPipe's landmarks", (".json",), IMAGES, lambda head: _has_points(head.json),
         detections.read_mediapipe),

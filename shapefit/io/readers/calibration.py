@@ -44,11 +44,9 @@ CORRECT = (
 
 @dataclass(frozen=True, kw_only=True)
 class CalibratedCamera:
-    """A camera of a calibration.
+    """matrix (3, 3) and size (2,) in pixels; distortion (8,) as `geometry.pinhole` has it.
 
-    matrix (3, 3) and size (2,), width and height, in pixels; distortion (8,) as `geometry.pinhole`
-    has it; rotation (3, 3) and translation (3,) from the world to the camera, in the unit of the
-    file.
+    rotation (3, 3) and translation (3,) lead from the world to the camera, in the file's unit.
     """
 
     matrix: Floats
@@ -61,8 +59,7 @@ class CalibratedCamera:
 def read_camera(path: Path, name: str | None) -> CalibratedCamera:
     """Return the camera of this name: its section, its `name` or its `port`; or the only one.
 
-    Raises InputError for a file that is no calibration, a name that it does not have, with those
-    that it has, and for cameras that cannot be.
+    Raises InputError for a file that is no calibration, and a name that it does not have.
     """
     require_file(path)
     with parsing(path, "a calibration", OF_TOOLS):
@@ -83,11 +80,10 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
 
 
 def _read_content(path: Path) -> Any:
-    """Return the mappings and lists in a file, which its content tells to be JSON, YAML or TOML."""
-    start = path.read_bytes()[:1024].lstrip()
-    if start.startswith((b"{", b"[\n", b"[{")):
+    """Return the mappings and lists in a file, whose name tells whether it is JSON or YAML."""
+    if path.suffix.lower() == ".json":
         return read_json(path)
-    if not start.startswith((b"%YAML", b"---")) and path.suffix.lower() not in (".yaml", ".yml"):
+    if path.suffix.lower() not in (".yaml", ".yml"):
         return tomllib.loads(path.read_bytes().decode())
     from ruamel.yaml import YAML
 
@@ -132,7 +128,7 @@ def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
     if {"image_width", "image_height"} <= table.keys():
         table = {"size": [table["image_width"], table["image_height"]], **table}
     given = _array(table, "distortion")
-    given = np.zeros(COEFFICIENTS) if given is None else given.ravel()
+    given = np.zeros(4) if given is None else given.ravel()
     beyond = f"{len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
     require(not given[COEFFICIENTS:].any(), beyond)
     given = np.pad(given, (0, max(4 - len(given), 0)))  # k1, or k1 k2, or k1 k2 p1

@@ -57,9 +57,8 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     """Read a table that pandas wrote, in one of its two layouts, without pandas.
 
-    *table* (predictions): KEY/table has rows of an index and blocks of numbers, whose column names
-    are pickled in an attribute. *fixed* (labels): KEY/block0_values has the numbers, and the column
-    names stand beside it as levels and codes.
+    *table* (predictions): KEY/table has an index and blocks of numbers, their column names pickled
+    in an attribute. *fixed* (labels): KEY/block0_values, its names beside it as levels and codes.
     """
     columns: Columns = []
     blocks = []
@@ -123,12 +122,12 @@ COORDINATES = ("x", "y", "z", "likelihood")
 def _of_columns(path: Path, columns: Columns, values: Floats, labels: Sequence[str]) -> Poses:
     """Return the poses of rows (n, columns), each individual a pose of the frame.
 
-    Individuals and landmarks stand in order of appearance; a landmark that only some individuals
-    have is missing for the others. Columns of other coordinates are left out, with a note. Raises
-    ValueError for columns that are there twice, and for those of a landmark without the others.
+    A landmark that only some individuals have is missing for the others. Columns of other
+    coordinates are left out, with a note. Raises ValueError for columns that repeat or lack others.
     """
-    named = {len(column) for column in columns} == {4}
-    require(named or {len(column) for column in columns} == {3}, "no columns of coordinates")
+    sizes = {len(column) for column in columns}
+    require(sizes in ({3}, {4}), "no columns of coordinates")
+    named = sizes == {4}
     keys = [(column[1] if named else "", *column[-2:]) for column in columns]
     place = {key: number for number, key in enumerate(keys)}
     require(len(place) == len(keys), "a column twice; save the columns of one scorer")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -35,36 +35,22 @@ Detection = tuple[Sequence[Any], int, Any]
 """x, y and confidence of each landmark, [] where nothing was seen; the image; who it is."""
 
 
-class Images(NamedTuple):
-    """The images of a video, in order: their labels (n), and their positions in it (n).
-
-    name is for messages; `unordered` images are, as far as names say, no frames of a video.
-    """
-
-    name: str
-    video: str
-    labels: Sequence[str]
-    frames: Sequence[int]
-    unordered: bool = False
-
-
 # One file per image.
 
 
 def read_image_files(paths: tuple[Path, ...]) -> Poses:
     """Read a file per frame, with the people in it: OpenPose's, or MMPose's list of instances.
 
-    A landmark of confidence 0 is missing. A person is a number from frame to frame only where
-    `person_id` is not -1. Pose2Sim, Sports2D and RTMLib write OpenPose's files, too.
+    A landmark of confidence 0 is missing. Pose2Sim, Sports2D and RTMLib write such files, too.
     """
-    files, images = _find_images(paths, ".json")
+    files, labels, fields = _find_images(paths, ".json")
     detections: list[Detection] = []
     for number, file in enumerate(files):
         with parsing(file, "a file of people", "remove it from the folder, or export it again"):
             content = read_json(file)
             people = content if isinstance(content, list) else _people_of(content)
             detections += _detections(people, number)
-    return _as_poses(images, detections)
+    return _as_poses(paths[0], labels, detections, **fields)
 
 
 BOX, DATA = 5, "data.yaml"
@@ -75,11 +61,10 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
     """Read YOLO's labels: a line for each detection, in fractions of the image.
 
     A line is class, centre and size of a box, and x, y and v of each landmark; predictions may end
-    in a score and a track. v is 0 for missing, 1 and 2 for placed, or a confidence. `kpt_shape` in
-    the data.yaml beside the labels says how many landmarks there are, and whether v is left out:
-    then a landmark at 0, 0 is missing. Without data.yaml v is 0, 1, 2, or there are COCO's 17.
+    in a score and a track. v is 0 (missing), 1, 2, or a confidence. `kpt_shape` in data.yaml beside
+    the labels says whether it is left out: then a landmark at 0, 0 is missing.
     """
-    files, images = _find_images(paths, ".txt")
+    files, labels, fields = _find_images(paths, ".txt")
     data = _read_data_yaml(paths[0] if paths[0].is_dir() else paths[0].parent)
     rows: list[tuple[int, list[float]]] = []
     for number, file in enumerate(files):
@@ -109,12 +94,14 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
     if not isinstance(names, list) or len(names) != count:
         names = () if people and count == 17 else range(count)
     return _as_poses(
-        images,
+        paths[0],
+        labels,
         detections,
         scored=any({*numbers[2::3]} - {0, 1, 2} for numbers, *_ in detections),
         unit=FRACTION,
         landmark_names=tuple(map(str, names)) or None,
         edges=edges_of(data.get("skeleton"), count),
+        **fields,
     )
 
 
@@ -130,8 +117,10 @@ def _read_data_yaml(folder: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Images]:
-    """Return the files of a folder that is given as a whole, or these files, in order.
+def _find_images(
+    paths: Sequence[Path], suffix: str
+) -> tuple[Sequence[Path], Sequence[str], dict[str, Any]]:
+    """Return the files of a folder, or these, in order; their labels, and fields of Poses.
 
     Where names differ in one number alone it is that of the frame; else each is that of an image.
     Raises InputError for links that lead nowhere, pipes and devices, which cannot be read whole.
@@ -145,14 +134,14 @@ def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Im
         if not file.is_file():
             fix = "remove it, or name the files themselves"
             raise input_error(file, "is not a regular file", fix)
-    name, video = str(paths[0] if len(files) == 1 else folder), folder.resolve().name
-    labels = [file.stem for file in files]
-    if not are_series(labels):
-        return files, Images(name, video, labels, range(len(files)), unordered=True)
+    fields: dict[str, Any] = {"video": folder.resolve().name}
+    fields["name"] = str(paths[0] if len(files) == 1 else folder)
+    if not are_series([file.stem for file in files]):
+        return files, [file.stem for file in files], fields | {"unordered": True}
     numbered = {int(LAST_NUMBER.findall(file.stem)[0][1]): file for file in files}
     numbers = sorted(numbered)
-    frames = [number - numbers[0] for number in numbers]
-    return [numbered[n] for n in numbers], Images(name, video, [*map(str, numbers)], frames)
+    fields["places"] = [number - numbers[0] for number in numbers]
+    return [numbered[number] for number in numbers], [*map(str, numbers)], fields
 
 
 # One file of all images.
@@ -167,31 +156,29 @@ def read_alphapose(paths: tuple[Path, ...]) -> Poses:
     detections: list[Detection] = []
     for number, frame in enumerate(content.values()):
         detections += _detections(_people_of(frame), number)
-    images = _name_images(paths[0], [*content])._replace(unordered=False)
-    return _as_poses(images, detections, alphapose=True)
+    return _as_poses(paths[0], image_labels([*content]), detections)
 
 
 def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose write it.
 
-    Images stand in the order of their first appearance. Confidences are taken as they are; a
-    landmark of 0, 0, 0 is missing, others of confidence 0 have no weight.
+    A landmark of 0, 0, 0 is missing, others of confidence 0 have no weight.
     """
     detections: list[Detection] = []
     numbers: dict[Any, int] = {}
     for entry in read_json(paths[0]):
         image = numbers.setdefault(entry["image_id"], len(numbers))
         detections += _detections([entry], image, needed=True)
-    names = all(isinstance(image, str) for image in numbers)
-    images = _name_images(paths[0], [*numbers])
-    return _as_poses(images, detections, hide_unscored=False, alphapose=names)
+    labels = image_labels([*map(str, numbers)])
+    unordered = not are_series(labels)
+    return _as_poses(paths[0], labels, detections, hide_unscored=False, unordered=unordered)
 
 
 def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     """Read what people annotated: images, annotations, and categories with names.
 
-    keypoints are [x, y, v, ...]; v = 0 is missing, whatever the coordinates, 1 hidden and 2
-    visible. Categories may have different landmarks: then all names together, in their order.
+    keypoints are [x, y, v, ...]; v = 0 is missing, 1 hidden and 2 visible. Categories may have
+    different landmarks: then all names together, in their order.
     """
     content = read_json(paths[0])
     place: dict[str, int] = {}
@@ -204,8 +191,8 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
         pairs = edges_of(category.get("skeleton"), len(names) + 1)  # counted from 1
         edges |= {(here[a - 1], here[b - 1]): None for a, b in pairs if a and b}
     images = content.get("images", ())
-    labels = {image["id"]: image.get("file_name") or image["id"] for image in images}
-    order = {image: number for number, image in enumerate(labels)}
+    names_of = {image["id"]: image.get("file_name") or image["id"] for image in images}
+    order = {image: number for number, image in enumerate(names_of)}
     detections: list[Detection] = []
     for entry in content.get("annotations", ()):
         if keypoints := entry.get("keypoints"):
@@ -215,10 +202,13 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
                 points[here] = np.reshape(keypoints, (len(here), 3))
                 keypoints = points.ravel().tolist()
             detections.append((keypoints, image, entry.get("track_id")))
+    labels = image_labels([str(names_of.get(image, image)) for image in order])
     return _as_poses(
-        _name_images(paths[0], [labels.get(image, image) for image in order]),
+        paths[0],
+        labels,
         detections,
         scored=False,
+        unordered=not are_series(labels),
         landmark_names=tuple(place) or None,
         edges=tuple(edges),
     )
@@ -227,8 +217,7 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
 def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     """Read a list of {frame_id, instances}, which may stand as `instance_info` beside `meta_info`.
 
-    An instance has keypoints [[x, y], ...] and keypoint_scores, which are taken as they are; they
-    may be a little above 1. `meta_info` has the names, by number.
+    An instance has keypoints [[x, y], ...] and keypoint_scores; `meta_info` the names, by number.
     """
     content = read_json(paths[0])
     meta: Any = {}
@@ -242,7 +231,8 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     names = meta.get("keypoint_id2name") or {}
     labels = [str(frame.get("frame_id", number)) for number, frame in enumerate(content)]
     return _as_poses(
-        _of_video(paths[0], labels),
+        paths[0],
+        labels,
         detections,
         landmark_names=tuple(names[str(number)] for number in range(len(names))) or None,
         edges=edges_of(meta.get("skeleton_links"), len(names)),
@@ -260,7 +250,6 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
 
     Each body is such a list. A frame has one, or a list of them, or an object with them under
     `pose_landmarks` or the like. A file has one frame, a list of them, or an object with `frames`.
-    x and y are fractions of the image; a point without a confidence has that of 1.
     """
     content = read_json(paths[0])
     if isinstance(content, dict):
@@ -274,9 +263,9 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
     for body, number in bodies:
         rows = ((point.get("x"), point.get("y"), _first(point, SCORES, 1.0)) for point in body)
         detections.append(([value for row in rows for value in row], number, None))
-    images = _of_video(paths[0], [*map(str, range(len(content)))])
     return _as_poses(
-        images,
+        paths[0],
+        [*map(str, range(len(content)))],
         detections,
         hide_unscored=False,
         unit=None,
@@ -299,35 +288,7 @@ def _bodies(frame: Any) -> Iterator[list[dict[str, Any]]]:
             yield from _bodies(one)
 
 
-def read_named_points(paths: tuple[Path, ...]) -> Poses:
-    """Read {frame: {landmark: [x, y] or [x, y, confidence]}}, one body per frame.
-
-    A landmark that a frame lacks is missing.
-    """
-    frames = read_json(paths[0])
-    names = tuple(dict.fromkeys(name for frame in frames.values() for name in frame))
-    detections: list[Detection] = []
-    for number, frame in enumerate(frames.values()):
-        points = [frame.get(name) or [None, None] for name in names]
-        sizes = {2, *map(len, points)}
-        require(sizes <= {2, 3}, f"a point of {max(sizes)} numbers")
-        numbers = [value for point in points for value in [*point, 1.0][:3]]
-        detections.append((numbers, number, None))
-    images = _of_video(paths[0], [*frames])
-    return _as_poses(images, detections, hide_unscored=False, unit=None, landmark_names=names)
-
-
 # What all have in common.
-
-
-def _name_images(path: Path, names: Sequence[Any]) -> Images:
-    """Return the images of a file, called without folder and ending where that tells them apart."""
-    labels = image_labels([*map(str, names)])
-    return _of_video(path, labels)._replace(unordered=not are_series(labels))
-
-
-def _of_video(path: Path, labels: Sequence[str]) -> Images:
-    return Images(str(path), video_name(path), labels, range(len(labels)))
 
 
 POSE = ("pose_keypoints_2d", "pose_keypoints", "joints", "keypoints")
@@ -365,59 +326,56 @@ def _detections(people: Any, image: int, *, needed: bool = False) -> list[Detect
 
 
 def _as_poses(
-    images: Images,
+    path: Path,
+    labels: Sequence[str],
     detections: Sequence[Detection],
     *,
+    places: Sequence[int] | None = None,
     hide_unscored: bool = True,
     scored: bool = True,
-    alphapose: bool = False,
     unit: str | None = "px",
-    landmark_names: tuple[str, ...] | None = None,
-    edges: tuple[tuple[int, int], ...] = (),
+    **fields: Any,
 ) -> Poses:
-    """Return detections as poses; without names landmarks are those of the usual skeleton.
+    """Return detections in images of these labels (n), at `places` (n) in their video, as poses.
 
     A landmark is missing where it has no number, and to `hide_unscored`, where its confidence is
-    not above 0; the others say how sure they are where they are `scored`. AlphaPose states
-    confidences of 0 to 6, and newer models of it give 0 to 1: where one is above 2, all are divided
-    by 6. Without a unit the points are fractions where they can be. Raises InputError where
-    detections have different numbers of landmarks.
+    not above 0. Confidences of AlphaPose run to 6, or to 1 with newer models: where one is above 2,
+    all are divided by 6. Without a unit the points are fractions where they can be. Raises
+    InputError where detections have different numbers of landmarks.
     """
+    fields = {"name": str(path), "video": video_name(path), **fields}
     detections = sorted(detections, key=lambda one: one[1])
     sizes = Counter(len(numbers) // 3 for numbers, *_ in detections if numbers)
     if len(sizes) > 1:
         kinds = [f"{n} detections with {p}" for p, n in sorted(sizes.items())]
-        fix = "give the files of each skeleton in a separate call"
-        raise input_error(images.name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
-    p, notes = next(iter(sizes), len(landmark_names or ())), list[str]()
+        problem = f"several skeletons: {listed(kinds, 'and')} landmarks"
+        raise input_error(fields["name"], problem, "give the files of each in a separate call")
+    p, notes = next(iter(sizes), len(fields.get("landmark_names") or ())), list[str]()
     rows = [numbers or [None] * (3 * p) for numbers, *_ in detections]
     values = np.array(rows, np.float64).reshape(len(rows), p, 3)
     points, confidence = values[..., :2], values[..., 2]
-    if alphapose and np.nanmax(confidence, initial=0) > 2:
+    if scored and np.nanmax(confidence, initial=0) > 2:
         confidence = confidence / 6
         notes.append("confidences divided by 6, the largest that AlphaPose states")
     missing = ~np.isfinite(values).all(axis=2) | (hide_unscored & ~(confidence > 0))
     points = np.where(missing[..., None], np.nan, points)
-    who = [name_individual(one) for *_, one in detections]
-    times = Counter((image, name) for (_, image, _), name in zip(detections, who, strict=True))
+    images, who = (
+        [image for _, image, _ in detections],
+        [name_individual(w) for *_, w in detections],
+    )
+    times = Counter(zip(images, who, strict=True))
     if doubles := sum(number > 1 for (_, name), number in times.items() if name):
         # Some tools number the people of each frame anew.
         notes.append(f"numbers of people are not used, as {doubles} of them occur twice in a frame")
         who = [""] * len(who)
-    usual = [*skeletons_of_size(p)[:1], None][0]
     return Poses(
-        name=images.name,
-        video=images.video,
         points=points,
         confidence=np.where(missing, 0.0, confidence) if scored else None,
-        frame=np.array([images.frames[image] for _, image, _ in detections], np.int64),
-        label=[images.labels[image] for _, image, _ in detections],
+        frame=np.array([places[image] for image in images] if places else images, np.int64),
+        label=[labels[image] for image in images],
         individual=who,
-        landmark_names=landmark_names,
-        skeleton=None if landmark_names else usual,
-        frame_count=len(images.labels),
-        unordered=images.unordered,
-        edges=edges,
+        skeleton=next(iter(skeletons_of_size(p)), None),
         notes=tuple(notes),
         **(unit_of(points) if unit is None else {"unit": unit}),
+        **fields,
     )

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
-from shapefit.io.detect import FORMATS
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES, FRAME
@@ -50,14 +49,11 @@ def read_shapes(
 
 def _read_kind(form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int) -> Poses:
     """Return the poses in these files. Raises InputError where they are not of this kind."""
-    name = source_name(paths[0])
+    name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
     if kind not in form.records:
-        titles = listed(other.title for other in FORMATS.values() if kind in other.records)
-        fix = f"give {dimensions}D {kind}: {titles}"
         raise input_error(name, f"is {form.title}, which holds no {kind}", fix)
     poses = read_poses(form, paths)
     if poses.dimensions != dimensions:
-        fix = f"give {dimensions}D {kind}"
         raise input_error(name, f"{form.title} of {poses.dimensions}D points", fix)
     return poses
 
@@ -127,13 +123,12 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
     """Return the names of the landmarks, and a note of what was assumed.
 
     They are those of the file, else of the skeleton `keypoints`, else of the one that its format
-    implies, else their numbers. Raises InputError for an unknown skeleton, one of another number
-    of landmarks, and where skeletons have as many as the file and `keypoints` names none.
+    implies, else their numbers. Raises InputError for skeletons that do not fit, and where several
+    may be meant.
     """
     wanted, skeletons = options.keypoints, installed_skeletons()
     if wanted is not None and wanted not in (*skeletons, NUMBERED):
-        near = nearest_names(wanted, tuple(skeletons))
-        fix = f"did you mean {near[0]}?" if near else f"use {listed(skeletons)}"
+        fix = f"use {listed(nearest_names(wanted, tuple(skeletons)) or skeletons)}"
         raise input_error("keypoints", f"there is no skeleton {wanted!r}", fix)
     if poses.landmark_names is not None:
         return poses.landmark_names, ()
@@ -148,9 +143,8 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
         return tuple(map(str, range(count))), ()
     names = skeletons[chosen].landmark_names
     if len(names) != count:
-        others = f"; {listed(fitting)} have as many" if fitting else ""
         problem = f"{count} landmarks, and {chosen} has {len(names)}"
-        raise input_error(poses.name, problem, f"set another `keypoints`{others}")
+        raise input_error(poses.name, problem, f"use {listed((*fitting, NUMBERED))}")
     versions = [name for name in fitting if name.startswith(chosen) and name != chosen]
     note = f"{count} landmarks without names taken as those of {chosen}"
     note += "".join(f"; `keypoints={other}` if they are not" for other in versions)
@@ -158,14 +152,13 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
 
 
 def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
-    """Return the poses that the options select, one sequence after the other; items; sequences.
+    """Return the poses with landmarks that the options select, sequence by sequence; and (n) items
+    and sequences, "" for none.
 
-    Items and sequences are (n) texts, "" for no sequence. Poses without a landmark are left out.
-    Raises InputError for an individual that is not there, and for images without order of which
-    motion is asked for.
+    Raises InputError for an individual that is not there, and where unordered images are a motion.
     """
     named = bool(poses.individuals)
-    if options.track == "motion" and poses.unordered and (poses.frame_count or 0) > 1:
+    if options.track == "motion" and poses.unordered and len({*poses.label}) > 1:
         problem = "holds images of different files, without numbers of frames: no motion"
         fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
         raise input_error(poses.name, problem, fix)
@@ -193,17 +186,16 @@ def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
     """Return poses without landmarks that are not to be used, and which have any left."""
     points, confidence = poses.points, poses.confidence
     placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
-    infinite = int(np.isinf(points).any(axis=2).sum())
-    doubtful = 0
+    low: Flags = np.zeros_like(placed)
     if confidence is not None:
-        low = placed & (confidence < least)
-        doubtful, placed = int(low.sum()) if least else 0, placed & ~low if least else placed
+        low = placed & (confidence < least) & (least > 0)
+        placed = placed & ~low
         weights = np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0)
         confidence = np.where(placed, np.maximum(weights, 0.0), 0.0)
     rows: Flags = np.asarray(placed.any(axis=1))
     counts = {
-        "landmarks hidden, whose coordinates are infinite": infinite,
-        "landmarks hidden, whose confidence is below `min_confidence`": doubtful,
+        "landmarks hidden, whose coordinates are infinite": int(np.isinf(points).any(axis=2).sum()),
+        "landmarks hidden, whose confidence is below `min_confidence`": int(low.sum()),
         "individuals without a landmark left out": int((~rows).sum()),
     }
     notes = poses.notes + tuple(f"{number} {text}" for text, number in counts.items() if number)
@@ -212,9 +204,8 @@ def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
 
 
 def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
-    """Return the item and the sequence of each pose; those without identity are numbered.
-
-    Beside individuals that are `named` by the file they are `untracked`.
+    """Return the item and the sequence of each pose; those without identity are numbered, and
+    `untracked` beside individuals that are `named` by the file.
     """
     if poses.individual is None:
         rows = zip(poses.videos, poses.label, strict=True)

@@ -1,4 +1,4 @@
-"""Points of motion capture: TRC, the CSV of anipose and of Vicon, and C3D, which ezc3d reads."""
+"""Points of motion capture: TRC, the CSV of Vicon, and C3D, which ezc3d reads."""
 
 from __future__ import annotations
 
@@ -78,39 +78,6 @@ def _read_points(
     return as_metres(unit)[0] * points, frames
 
 
-def anipose_landmarks(columns: Sequence[str]) -> tuple[str, ...]:
-    """Return the landmarks that have x, y, z and what anipose says of them, in order."""
-    names = {*columns}
-    return tuple(
-        stem
-        for stem in dict.fromkeys(name[:-2] for name in columns if name.endswith("_x"))
-        if {f"{stem}_y", f"{stem}_z"} <= names
-        and names & {f"{stem}_ncams", f"{stem}_error", f"{stem}_score"}
-    )
-
-
-def read_anipose(paths: tuple[Path, ...]) -> Poses:
-    """Read the 3D points that anipose writes: x, y, z, error, cameras and score of each landmark.
-
-    They are in the unit of anipose; the score is their confidence.
-    """
-    path = paths[0]
-    table = read_table(path, read_text(path))
-    names = anipose_landmarks(table.names)
-    scored = all(f"{name}_score" in table.names for name in names)
-    axes = ("x", "y", "z", "score")[: 3 + scored]
-    columns = [table.names.index(f"{name}_{axis}") for name in names for axis in axes]
-    values = table.numbers(columns).reshape(-1, len(names), len(axes))
-    return of_frames(
-        path,
-        values[..., :3],
-        np.where(np.isfinite(values[..., 3]), values[..., 3], np.nan) if scored else None,
-        table.texts(table.names.index("fnum"))[0] if "fnum" in table.names else None,
-        video=path.stem,
-        landmark_names=names,
-    )
-
-
 COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Lists of labels under POINT that are no points: what a model computed is stored beside them."""
 
@@ -118,9 +85,8 @@ COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 def read_c3d(paths: tuple[Path, ...]) -> Poses:
     """Read the markers of a C3D file, in metres where it names its unit.
 
-    A point is missing where its residual is negative or its place NaN. Frames have the numbers that
-    ezc3d gives them, one less than those in the header. Raises InputError where ezc3d is not
-    installed.
+    A point is missing where its residual is negative. Frames have the numbers that ezc3d gives
+    them, one less than in the header. Raises InputError where ezc3d is not installed.
     """
     path = paths[0]
     _check_length(path)

@@ -20,11 +20,10 @@ Channel = tuple[bool, int]
 
 @dataclass
 class Joint:
-    """A joint, or the end of a bone; all lengths in the unit of the file.
+    """A joint, or the end of a bone, which turns in the frame axes (3, 3), its last channel first.
 
     before (3,) leads from the parent to where it turns, in the frame of the parent, and after (3,)
-    from there to its position, in its own; axes (3, 3) is the frame in which it turns. Of its
-    channels the last one turns first.
+    from there to its position, in its own.
     """
 
     name: str
@@ -94,7 +93,8 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     path, text = paths[0], read_text(paths[0])
     joints, lines, seconds = _read_hierarchy(path, text)
     channels = [joint.name for joint in joints for _ in joint.channels]
-    table = read_table(path, text, channels, None, after=lines)
+    rows = "\n".join(" ".join(line.split()) for line in text.split("\n"))
+    table = read_table(path, rows, channels, " ", after=lines)
     motion = table.numbers(range(len(channels)), finite=True)
     require(not np.isnan(motion).any(), "a channel is no number")
     order = sorted(range(len(joints)), key=lambda number: not joints[number].channels)
@@ -155,44 +155,28 @@ WHOLE = "give whole files, in which every frame lists the bones of the skeleton"
 
 
 def read_acclaim(paths: tuple[Path, ...]) -> Poses:
-    """Return the ends of the bones of one or more motions: the root, then bones as ASF lists them.
+    """Return the ends of the bones of a motion: the root, then bones as ASF lists them.
 
-    The skeleton is among the paths or in the folder of the motion, and named as the motion begins
-    (86.asf, 86_01.amc), or the only one. A bone's end has the bone's name. Raises InputError where
-    there is no skeleton, or another one.
+    The skeleton lies in its folder, and is named as the motion begins (86.asf, 86_01.amc), or is
+    the only one. Raises ValueError where there is none, or several are.
     """
-    motions = [path for path in paths if path.suffix.lower() == ".amc"]
-    require(motions, "a skeleton without a motion; give the AMC file, too")
-    given = [path for path in paths if path.suffix.lower() == ".asf"]
-    skeletons = [_read_skeleton(_find_skeleton(path, given)) for path in motions]
-    bones, unit, _ = skeletons[0]
-    labels, ends = [], []
-    for path, (others, _, scale) in zip(motions, skeletons, strict=True):
-        same = [bone.name for bone in others] == [bone.name for bone in bones]
-        require(same, f"{path.name} has another skeleton; convert them one by one")
-        with parsing(path, "AMC", WHOLE):
-            frames, values = _read_motion(path, others)
-        labels.append(frames)
-        ends.append(scale * forward_kinematics(others, values))
+    path = paths[0]
+    require(path.suffix.lower() == ".amc", "a skeleton without a motion; give the AMC file")
+    skeletons = [file for file in path.parent.iterdir() if file.suffix.lower() == ".asf"]
+    named = [file for file in skeletons if path.stem.startswith(file.stem)]
+    problem = f"none of the {len(skeletons)} skeletons beside it is named like it"
+    require(named or len(skeletons) == 1, problem)
+    bones, unit, scale = _read_skeleton(max(named or skeletons, key=lambda file: len(file.stem)))
+    labels, values = _read_motion(path, bones)
     return of_frames(
-        motions[0] if len(motions) == 1 else motions[0].parent,
-        np.concatenate(ends),
-        labels=[label for frames in labels for label in frames],
-        video=[path.stem for path, frames in zip(motions, labels, strict=True) for _ in frames],
-        frame=np.concatenate([np.arange(len(frames)) for frames in labels]),
+        path,
+        scale * forward_kinematics(bones, values),
+        labels=labels,
+        video=path.stem,
         landmark_names=tuple(bone.name for bone in bones),
         unit=unit,
         edges=tuple((bone.parent, i) for i, bone in enumerate(bones) if bone.parent >= 0),
     )
-
-
-def _find_skeleton(motion: Path, given: Sequence[Path]) -> Path:
-    """Return the skeleton of a motion. Raises ValueError where there is none, or several are."""
-    paths = given or [path for path in motion.parent.iterdir() if path.suffix.lower() == ".asf"]
-    named = [path for path in paths if motion.stem.startswith(path.stem)]
-    problem = f"none of the {len(paths)} skeletons beside it is named like {motion.name}"
-    require(named or len(paths) == 1, f"{problem}: give its ASF file, too")
-    return max(named or paths, key=lambda path: len(path.stem))
 
 
 def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:
@@ -261,8 +245,8 @@ def _bone(block: dict[str, list[str]]) -> Joint:
 def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]:
     """Return the labels of the frames of a motion, and the channels (n, c) of all bones.
 
-    A bone that no frame lists does not move. Raises InputError, naming the line, for another
-    number of channels than the bone has, and for bones that are not once in each frame.
+    A bone that no frame lists does not move. Raises InputError, naming the line, for other bones
+    or channels than the skeleton has.
     """
     labels: list[str] = []
     cells = {bone.name: list[str]() for bone in bones}

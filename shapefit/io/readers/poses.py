@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import count
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
@@ -40,7 +39,6 @@ class Poses:
     video       what items begin with: one text, or (N,) where a file holds several videos
     landmark_names  None where the file has none: then `keypoints` names them, or else `skeleton`,
                 which the format implies
-    frame_count of the source, frames without a pose too
     frame_rate  in Hz
     edges       pairs of landmarks, by position
     size_needed of fractions of the image: whether they are useless without `image_size`
@@ -57,7 +55,6 @@ class Poses:
     video: str | Sequence[str]
     landmark_names: tuple[str, ...] | None = None
     skeleton: str | None = None
-    frame_count: int | None = None
     frame_rate: float | None = None
     unit: str = UNKNOWN_UNIT
     edges: Edges = ()
@@ -133,9 +130,8 @@ def of_frames(
 ) -> Poses:
     """Return the poses of points (n, [i,] p, d), of i individuals in each of n frames.
 
-    confidence (n, [i,] p); labels (n), by default the numbers of the frames; individuals (i) are
-    names; `present` (n, i) are the poses that count, by default all. `fields` are those of `Poses`,
-    and go before the defaults. Raises ValueError for sizes that do not agree.
+    confidence (n, [i,] p); labels (n), by default numbers; names of individuals (i); `present`
+    (n, i), the poses that count; `fields` of `Poses`. Raises ValueError for sizes that differ.
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
@@ -155,7 +151,6 @@ def of_frames(
         "frame": np.repeat(np.arange(n), many),
         "label": [label for label in labels for _ in range(many)],
         "individual": individuals,
-        "frame_count": n,
         "unit": "px" if d == 2 else UNKNOWN_UNIT,
     }
     poses = Poses(**defaults | fields)
@@ -213,14 +208,9 @@ def video_name(path: Path) -> str:
 
 
 def image_labels(paths: Sequence[str]) -> list[str]:
-    """Return names of images: without folder and suffix where that tells them apart."""
-    stems = [IMAGES.sub("", file_name(path)) for path in paths]
+    """Return names of images, of any system: without folder and suffix if that tells them apart."""
+    stems = [IMAGES.sub("", PureWindowsPath(path).name) for path in paths]
     return stems if len({*stems}) == len(stems) else [IMAGES.sub("", path) for path in paths]
-
-
-def file_name(path: str) -> str:
-    """Return the last part of a path, whichever system wrote it."""
-    return PureWindowsPath(path).name if "\\" in path else Path(path).name
 
 
 LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
@@ -245,26 +235,20 @@ def number_labels(values: NDArray[Any]) -> list[str]:
 
 
 def make_unique(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels, those that repeat an earlier one with a number after them.
-
-    A label without a text is `*7`, as C3D files call the eighth.
-    """
-    names = [label.strip() or f"*{place}" for place, label in enumerate(labels)]
-    taken, times = {*names}, Counter[str]()
-    for place, name in enumerate(names):
-        times[name] += 1
-        if times[name] > 1:
-            numbered = (f"{name}_{number}" for number in count(times[name]))
-            names[place] = next(new for new in numbered if new not in taken)
-            taken.add(names[place])
+    """Return labels, numbered where they repeat an earlier one; the eighth, if empty, is `*7`."""
+    times = Counter[str]()
+    names: dict[str, None] = {}
+    for place, label in enumerate(labels):
+        name = first = label.strip() or f"*{place}"
+        while name in names:
+            times[first] += 1
+            name = f"{first}_{times[first] + 1}"
+        names[name] = None
     return tuple(names)
 
 
 def name_individual(who: Any) -> str:
-    """Return an identity as text, "" for none: `id 3` for 3, whatever is below 0 for nobody.
-
-    It may be the only one of a list, as OpenPose writes it.
-    """
+    """Return an identity, or [it], as text: `id 3` for 3; "" for what is below 0, or of no kind."""
     while isinstance(who, list) and len(who) == 1:
         who = who[0]
     if isinstance(who, str):

@@ -1,4 +1,4 @@
-"""Tables of no known tool, caliscope's CSV, and NumPy's arrays of landmarks.
+"""Tables of no known tool, of caliscope and anipose, and NumPy's arrays of landmarks.
 
 A *wide* table has a row per image, and columns for each landmark; a *long* one has a row per
 landmark of an image. Cells are separated by `,`, `;` or tabs; with the latter two the decimal point
@@ -117,11 +117,11 @@ METRES = {"frame", "time", "landmark", "x", "y", "z", "sd", "trusted"}
 """Columns of the tables in metres that are written here."""
 
 
-def read_any_table(paths: tuple[Path, ...]) -> Poses:
+def read_any_table(paths: tuple[Path, ...], *, triangulated: bool = False) -> Poses:
     """Read a table of no known tool.
 
-    z beside x and y is a third coordinate, unless there is a confidence of 0 to 1: then it is the
-    depth that detectors guess, which is left out. Landmarks that are numbered have no names.
+    z is a third coordinate, unless there is a confidence and it was not `triangulated`: then it is
+    the depth that detectors guess, which is left out. Landmarks that are numbered have no names.
     """
     path, text = paths[0], read_text(paths[0])
     header = parse_header(text.partition("\n")[0])
@@ -145,9 +145,9 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
         steps = np.ptp(table.numbers([header.names.index("frame"), header.names.index("time")]), 0)
         rate = round(float(steps[0] / steps[1]), 6) if steps.all() else 1.0
         fields |= {"unit": "m", "frame_rate": None if rate == 1 else rate}
-    elif header.others:
+    elif header.others and not triangulated:
         notes += (f"columns left out: {abbreviate([*map(printable, header.others)])}",)
-    if points.shape[2] == 3 and confidence is not None:
+    if points.shape[2] == 3 and confidence is not None and not triangulated:
         points = points[..., :2]
         notes += ("z left out, the depth that a detector guesses beside its confidence",)
     if "individual" in cells:
@@ -222,10 +222,7 @@ def _whole_numbers(cells: Sequence[str]) -> list[int]:
 
 
 def _frames(cells: Sequence[str], videos: Sequence[str] | None) -> tuple[Integers, Integers]:
-    """Return the positions of frames in their videos, from the first of each on, and their order.
-
-    In it videos stand as they appear.
-    """
+    """Return the positions of frames in their videos, from the first on, and their order."""
     frames, videos = _whole_numbers(cells), videos or [""] * len(cells)
     start: dict[str, int] = {}
     for video, frame in zip(videos, frames, strict=True):
@@ -235,12 +232,16 @@ def _frames(cells: Sequence[str], videos: Sequence[str] | None) -> tuple[Integer
     return np.array(frames, np.int64) - np.array([start[v] for v in videos], np.int64), order
 
 
+def read_anipose(paths: tuple[Path, ...]) -> Poses:
+    """Read the 3D points that anipose writes, in its unit; their score is their confidence."""
+    return read_any_table(paths, triangulated=True)
+
+
 def read_caliscope(paths: tuple[Path, ...]) -> Poses:
     """Read caliscope's CSV of MediaPipe's landmarks: a row per point of a frame of a camera.
 
     A port (or cam_id) is a video. Points 0 to 32 are the body and have the names of mediapipe_33;
-    hands (100, 200 and more) and face (500 and more) keep their numbers as names. A point without a
-    row is missing.
+    hands (100, 200 and more) and face (500 and more) keep their numbers as names.
     """
     poses = read_any_table(paths)
     ids = _whole_numbers(poses.landmark_names or [*map(str, range(poses.points.shape[1]))])
@@ -265,10 +266,7 @@ WANTED = "give (images, landmarks, 2), or 3 with a confidence of 0 to 1"
 
 
 def read_array(paths: tuple[Path, ...]) -> Poses:
-    """Return the images of an array of NumPy or in JSON, whose landmarks `keypoints` names.
-
-    In a .npz the confidences may be an array (n, p) of their own.
-    """
+    """Return the images of an array of NumPy, in .npz beside its confidences (n, p), or of JSON."""
     path = paths[0]
     if path.name.lower().endswith((".json", ".json.gz")):
         return of_array(path, np.array(read_json(path), np.float64))
@@ -289,8 +287,7 @@ def of_array(
 ) -> Poses:
     """Return the images of an array (n, p, 2 or 3) or (p, 2 or 3); `path` names it in messages.
 
-    `fields` are those of Poses. Raises InputError for arrays of other shapes, and for a third
-    number that is no confidence.
+    Raises InputError for arrays of other shapes, and for a third number that is no confidence.
     """
     if points.ndim == 2:
         points, scores = points[None], None if scores is None else scores[None]

@@ -89,7 +89,7 @@ class Table(NamedTuple):
     names: Sequence[str]
     rows: Sequence[str]
     lines: Sequence[int]
-    delimiter: str | None
+    delimiter: str
 
     def texts(self, *columns: int) -> list[list[str]]:
         """Return the cells of columns, without the spaces around them."""
@@ -123,42 +123,40 @@ class Table(NamedTuple):
 
         JSON reads 21 MB of DeepLabCut's CSV in half the time that NumPy takes.
         """
-        rows = self.rows if self.delimiter else [" ".join(row.split()) for row in self.rows]
-        text = f",{','.join(rows).replace(self.delimiter or ' ', ',')},"
+        text = f",{','.join(self.rows).replace(self.delimiter, ',')},"
         text = text.replace(",,", ",null,").replace(",,", ",null,")[1:-1]
         try:
             values = orjson.loads(f"[{text}]")
         except orjson.JSONDecodeError:
             return None
-        whole = rows and len(values) == len(rows) * len(self.names)
+        whole = self.rows and len(values) == len(self.rows) * len(self.names)
         if not whole or not {*map(type, values)} <= {float, int, type(None)}:
             return None
-        return np.array(values, np.float64).reshape(len(rows), -1)[:, columns]
+        return np.array(values, np.float64).reshape(len(self.rows), -1)[:, columns]
 
 
 def read_table(
     path: Path,
     text: str,
     names: Sequence[str] = (),
-    delimiter: str | None = ",",
+    delimiter: str = ",",
     *,
     after: int = 0,
     padded: bool = False,
 ) -> Table:
     """Return the rows with any content in a text, after so many lines; quotes do not count.
 
-    Without names the first row has them; without a delimiter spaces separate cells. `padded` rows
-    may end before their empty cells, or after more of them. Raises InputError for rows of another
-    width.
+    Without names the first row has them. `padded` rows may have other numbers of empty cells at
+    their end. Raises InputError for rows of other widths.
     """
-    blank = f" \t{delimiter or ''}"
+    blank = f" \t{delimiter}"
     numbered = enumerate(text.replace('"', "").split("\n"), 1)
     rows = [(line, row) for line, row in numbered if line > after and row.strip(blank)]
     if not names and rows:
         names = [cell.strip() for cell in rows.pop(0)[1].split(delimiter)]
     for number, (line, row) in enumerate(rows):
-        count = row.count(delimiter) + 1 if delimiter else len(row.split())
-        if padded and delimiter and delimiter in row and count != len(names):
+        count = row.count(delimiter) + 1
+        if padded and delimiter in row and count != len(names):
             row = row.rstrip(blank)
             row += delimiter * (len(names) - 1 - row.count(delimiter))
             rows[number], count = (line, row), row.count(delimiter) + 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from re import sub
 from typing import Any
 
@@ -17,7 +17,6 @@ from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     Edges,
     Poses,
-    file_name,
     make_unique,
     number_labels,
     of_frames,
@@ -68,12 +67,11 @@ FRAMES_FIRST = ("frame", "track", "node", "xy")
 
 
 def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
-    """Read an analysis file, whose array `tracks` has one of two orders of its axes.
+    """Read an analysis file, whose array `tracks` is (track, xy, node, frame), as SLEAP writes it,
+    or (frame, track, node, xy).
 
-    SLEAP writes (track, xy, node, frame), others (frame, track, node, xy). Newer files name the
-    axes in the attribute `dims`; in older ones the lengths decide: of `node_names`, and of
-    `track_occupancy`, which is (frame, track) in both. Of several tracks, those that are in a frame
-    are its instances.
+    Newer files name the axes in the attribute `dims`; in older ones the lengths decide: of
+    `node_names`, and of `track_occupancy`, which is (frame, track) in both.
     """
     with TrackerFile(paths[0]) as file:
         nodes, names = file.texts("node_names"), file.texts("track_names")
@@ -83,12 +81,9 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
         occupancy = file.numbers("track_occupancy").shape if occupied else None
         edges = file.edges("edge_inds", len(nodes))
 
-    def agreement(order: tuple[str, ...]) -> tuple[bool, bool]:
-        size = dict(zip(order, tracks.shape, strict=True))
-        named = (size["xy"], size["node"]) == (2, len(nodes))
-        return named, (size["frame"], size["track"]) == occupancy
-
-    axes = [*max(SLEAP_ORDER, FRAMES_FIRST, key=agreement)]
+    sleap = tracks.shape[1:3] == (2, len(nodes)), tracks.shape[3::-3] == occupancy
+    frames_first = tracks.shape[2:] == (len(nodes), 2), tracks.shape[:2] == occupancy
+    axes = [*(FRAMES_FIRST if frames_first > sleap else SLEAP_ORDER)]
     if dims is not None:
         axes = [*map(str, dims if isinstance(dims, list) else json.loads(dims))]
     # any order -> (frame, track, node, xy)
@@ -116,9 +111,8 @@ USER, PREDICTED = 0, 1
 def read_slp(paths: tuple[Path, ...]) -> Poses:
     """Read a .slp file of one skeleton: tables of labelled frames, their instances and points.
 
-    An instance that a user placed takes the place of the predicted one from which it was made, or
-    which has its track in the same frame. Before version 1.1 of the format the middle of the first
-    pixel was at 0.5.
+    An instance that a user placed replaces the predicted one from which it was made, or which has
+    its track in the frame. Before version 1.1 the middle of the first pixel was at 0.5.
     """
     with TrackerFile(paths[0]) as file:
         tracks, videos = (
@@ -160,7 +154,7 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     lost = int(replaced.sum())
     individuals = (*make_unique([str(name) for _, name, *_ in tracks]), "")
     files = [about.get("filename") or about["backend"].get("filename") for about in videos]
-    video_names = make_unique([Path(file_name(str(name or "video"))).stem for name in files])
+    video_names = make_unique([PureWindowsPath(str(name or "video")).stem for name in files])
     return Poses(
         name=str(paths[0]),
         video=[video_names[n] for n in video] if len(videos) > 1 else video_name(paths[0]),
@@ -170,7 +164,6 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
         label=[*map(str, frame.tolist())],
         individual=[individuals[number] for number in track.tolist()],  # -1: none
         landmark_names=names,
-        frame_count=len(frames),
         unit="px",
         edges=edges,
         notes=(f"{lost} predicted instances replaced by those that a user placed",) * bool(lost),
@@ -180,8 +173,7 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
 def _read_skeleton(about: Any) -> tuple[tuple[str, ...], Edges]:
     """Return the nodes of the one skeleton, and its edges.
 
-    The type of a link, 1 for bones and 2 for symmetries, is stated in full the first time, later
-    by its place among those.
+    The type of a link, 1 for bones, is stated in full first, later by its place among those.
     """
     (skeleton,) = about["skeletons"]
     ids = [node["id"] for node in skeleton["nodes"]]
@@ -209,10 +201,7 @@ LINES = ((0, 1), (0, 2), (0, 3), (3, 6), (6, 9), (9, 10), (10, 11), (6, 4), (6, 
 
 
 def read_jabs(paths: tuple[Path, ...]) -> Poses:
-    """Read version 2 of JABS, of one mouse: `poseest/points` (frame, point, [y, x]).
-
-    A confidence of 0 is a point that was not found.
-    """
+    """Read version 2 of JABS, of one mouse: (frame, point, [y, x]), missing with confidence 0."""
     with TrackerFile(paths[0]) as file:
         points = file.numbers("poseest/points")[..., ::-1]
         confidence = file.numbers("poseest/confidence")
@@ -231,10 +220,8 @@ AXES = ("time", "individual", "keypoint", "space")
 
 
 def read_movement(paths: tuple[Path, ...]) -> Poses:
-    """Read movement's netCDF, which is HDF5: `position` over time, space, keypoints, individuals.
-
-    The axes are named by dimension scales, in any order. Newer versions say `keypoint` and
-    `individual`.
+    """Read movement's netCDF, which is HDF5: `position` over time, space, keypoints, individuals,
+    in any order; newer versions say `keypoint` and `individual`.
     """
     with TrackerFile(paths[0]) as file:
         kind = file.text("ds_type")

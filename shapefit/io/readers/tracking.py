@@ -22,9 +22,8 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.io.readers.poses import Poses
 
 REACH, REACH_PER_GAP, FARTHEST = 0.35, 0.1, 1.0
-"""How far landmarks go in a frame, at most, from where the motion so far takes them, as a share of
-the size of a person (the diagonal of the box; somebody who runs crosses a fifth of it at 30 Hz);
-what each missed frame adds; and the largest reach."""
+"""How far landmarks go in a frame beyond the motion so far, in diagonals of the box (who runs
+crosses a fifth of it at 30 Hz); what each missed frame adds; and the largest reach."""
 
 LONGEST_GAP, SMOOTH_MOTION = 15, 3
 """Frames without a detection that a track survives, and for which its motion is continued."""
@@ -32,17 +31,12 @@ LONGEST_GAP, SMOOTH_MOTION = 15, 3
 FORGETTING = 0.3
 """Share of a frame's motion in the smooth motion of a track."""
 
-LARGEST = 1e100
-"""Coordinates beyond this are as good as this, and their squares do not overflow."""
-
-NO_TRACK = -1
-
 
 class _Detections(NamedTuple):
-    """N detections; the last one of a track also holds what is known of the track so far.
+    """N detections; the last one of a track also has the landmarks that were seen before.
 
-    points (N, p, 2 or 3), those of a track where each landmark was last, NaN before it was seen;
-    weights (N, p); frame (N,); motion (N, 2), in pixels a frame; boxes (N, 4) and size (N,).
+    points (N, p, 2 or 3), weights (N, p), frame (N,), motion (N, 2) in pixels a frame, boxes (N, 4)
+    and size (N,).
     """
 
     points: Floats
@@ -54,17 +48,16 @@ class _Detections(NamedTuple):
 
 
 def track_people(poses: Poses) -> Sequence[str] | None:
-    """Return the individuals (N,), every pose without identity called `person 1` and so on.
+    """Return the individuals (N,), poses without identity called `person 1` and so on.
 
-    Tracks are numbered in order of their first frames, through all videos. Poses without a
-    landmark, and those of whom the file says who they are, stay as they are.
+    Tracks are numbered in order of their first frames, through all videos.
     """
     if poses.individual is None:
         return None
     weights = np.isfinite(poses.points).all(axis=2).astype(float)
     if poses.confidence is not None:
         weights *= np.clip(np.nan_to_num(poses.confidence, nan=1.0), 0, 1)
-    points = np.clip(poses.points, -LARGEST, LARGEST)
+    points = np.clip(poses.points, -1e100, 1e100)  # their squares do not overflow
     points[weights == 0] = np.nan
     detections = _Detections(
         points, weights, np.asarray(poses.frame), np.zeros((len(poses), 2)), *_boxes(points)
@@ -74,7 +67,7 @@ def track_people(poses: Poses) -> Sequence[str] | None:
     videos, frames = poses.videos, poses.frame.tolist()
     for row in np.flatnonzero(anonymous & weights.any(axis=1)).tolist():
         rows_of[videos[row], frames[row]].append(row)
-    number = np.full(len(poses), NO_TRACK)
+    number = np.full(len(poses), -1)
     open_tracks: dict[str, Integers] = {}  # the last detection of each
     following = 0
     for (video, frame), detected in rows_of.items():
@@ -85,13 +78,13 @@ def track_people(poses: Poses) -> Sequence[str] | None:
             who, which = _follow(detections, tracks, rows)
             number[rows[which]] = number[tracks[who]]
             tracks[who] = rows[which]
-        new = rows[number[rows] == NO_TRACK]
+        new = rows[number[rows] < 0]
         number[new] = np.arange(following, following + len(new))
         following += len(new)
         open_tracks[video] = np.concatenate([tracks, new])
     taken = set(poses.individual)
     free = (name for n in count(1) if (name := f"person {n}") not in taken)
-    names = [*islice(free, following), ""]  # the last is that of NO_TRACK
+    names = [*islice(free, following), ""]  # the last is that of -1
     return [who or names[n] for who, n in zip(poses.individual, number.tolist(), strict=True)]
 
 
@@ -108,8 +101,7 @@ def _boxes(points: Floats) -> tuple[Floats, Floats]:
 def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Integers:
     """Return which tracks (T,) go on in which detections (D,) of a frame, as pairs (2, m).
 
-    The detections take over what is known of the tracks; landmarks that a detection lacks move as
-    its track does.
+    Landmarks that a detection lacks are taken from its track, and move as that does.
     """
     passed = np.maximum(detections.frame[rows[0]] - detections.frame[tracks], 1)
     steps = detections.motion[tracks] * np.minimum(passed, SMOOTH_MOTION)[:, None]
@@ -157,15 +149,11 @@ def _costs(
         middle = (others[:, :2] + others[:, 2:] - boxes[..., :2] - boxes[..., 2:]) / 2
         distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
     ratio = distance / (scale * reach[:, None])
-    return ratio + (1 - _overlap(boxes, others)) / 2, ratio <= 1
-
-
-def _overlap(a: Floats, b: Floats) -> Floats:
-    """Return intersection over union of boxes (..., 4); 0 for those without an area."""
-    sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    sides = np.minimum(boxes[..., 2:], others[:, 2:]) - np.maximum(boxes[..., :2], others[:, :2])
     shared = np.maximum(sides, 0).prod(axis=-1)
-    areas = (a[..., 2:] - a[..., :2]).prod(axis=-1) + (b[..., 2:] - b[..., :2]).prod(axis=-1)
-    return np.asarray(shared / np.maximum(areas - shared, 1e-12))
+    areas = sum((box[..., 2:] - box[..., :2]).prod(axis=-1) for box in (boxes, others))
+    overlap = shared / np.maximum(areas - shared, 1e-12)
+    return ratio + (1 - overlap) / 2, ratio <= 1
 
 
 def assign(cost: Floats, allowed: Flags) -> list[tuple[int, int]]:

@@ -104,7 +104,6 @@ PANOPTIC = {
     [
         ("left.yml", OPENCV, None),
         ("left.yaml", ROS, None),
-        ("left.xyz", OPENCV, None),
         ("left.json", json.dumps(OPENCV_JSON), None),
         ("left.json", json.dumps({"mtx": MATRIX, "dist": [STATED], "size": [640, 480]}), None),
         ("rig.json", json.dumps(PANOPTIC), "01"),

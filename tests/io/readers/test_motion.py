@@ -1,6 +1,5 @@
 """Motion as text and C3D: worked out by hand, against other people's kinematics, in all forms."""
 
-import re
 import sys
 
 import numpy as np
@@ -103,8 +102,6 @@ def test_points_scores_and_frame_numbers_of_anipose(read, end):
     expected = [[[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], NAN], [NAN, [4, 5, 6]]]
     np.testing.assert_array_equal(shapes.shapes.swapaxes(1, 2), expected)
     np.testing.assert_array_equal(shapes.columns["confidence"], [[0.9, 0.8], [0.9, 0], [0, 1]])
-    shapes, _ = read("fly.csv", re.sub("nose_(error|ncams|score)", r"\1", ANIPOSE) + FLY)
-    assert shapes.landmark_names == ("tail_1",)
 
 
 # BVH
@@ -313,8 +310,6 @@ def test_the_skeleton_is_found_by_its_name(motion, tmp_path):
     path = path.rename(tmp_path / "walk.amc")
     with pytest.raises(InputError, match="none of the 2 skeletons beside it"):
         read_shapes([path])
-    given = read_shapes([path, tmp_path / "02.asf"])
-    assert given.shapes[0, 1, 1] == pytest.approx(-18 * HALF_INCH)
     with pytest.raises(InputError, match="a skeleton without a motion"):
         read_shapes([tmp_path / "02.asf"])
 

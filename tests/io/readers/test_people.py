@@ -227,7 +227,6 @@ def test_edges_count_from_1_within_their_category(written):
     recording = read_coco_annotations((path,))
     assert recording.landmark_names == ("head", "nose", "tail")
     assert recording.edges == ((1, 2),)
-    assert recording.frame_count == 2
 
 
 @pytest.mark.parametrize(

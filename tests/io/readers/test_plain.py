@@ -202,18 +202,6 @@ def test_axes_may_stand_before_the_names_of_landmarks(tmp_path):
     assert notes == ()
 
 
-NAMED = {"0": {"nose": [1, 2], "tail": [3, 4, 0.5]}, "2": {"tail": [5, 6]}}
-
-
-def test_json_of_named_points(tmp_path):
-    images, _ = read(table(tmp_path / "walk.json", json.dumps(NAMED)))
-    assert images.items == ("walk/0/0", "walk/2/0")
-    assert images.landmark_names == ("nose", "tail")
-    points = images.landmarks.swapaxes(1, 2)
-    np.testing.assert_array_equal(points, [[[1, 2], [3, 4]], [[np.nan] * 2, [5, 6]]])
-    np.testing.assert_array_equal(images.confidence, [[1, 0.5], [0, 1]])
-
-
 def test_tables_in_metres_are_shapes_in_metres(tmp_path):
     """As `convert -o NAME.metres.csv` writes them."""
     rows = [f"{n},{n / 25:.10g},{name},{n},2,3,,true" for n in (7, 8) for name in ("nose", "tail")]

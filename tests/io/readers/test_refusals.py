@@ -64,7 +64,6 @@ REFUSED = [
         "v.json: cannot be read as an MMPose",
     ),
     ("v.json", {"meta_info": {}}, "v.json: .*it has no 'instance_info'"),
-    ("n.json", {"0": {"nose": [1, 2]}, "1": {"nose": [1, 2, 3, 4]}}, "a point of 4 numbers"),
     # caliscope
     ("xy.csv", CALISCOPE + "0,0,0,0,0,1\n", "xy.csv:2: has 6 cells"),
     ("xy.csv", CALISCOPE + "0,0,0,0,0,a,1\n", "xy.csv:2: 'a' is no number"),
