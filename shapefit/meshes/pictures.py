@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.errors import input_error
+from shapefit.errors import input_error, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +31,9 @@ INK, BODY, PALE = "#333333", "#8FB1E3", "#E3EBF7"
 SIZE, MARK, DPI = 1.6, 2.4, 150
 """Width of a panel in inches, size of a landmark in points, dots per inch."""
 PAIRS_IN_A_ROW, LETTERS = 4, 40
-"""Images in a row, and letters of a title that fit above one."""
+"""Images in a row, and last letters of a title that fit above one."""
+IN_AXES = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""From x right, y up, z towards the viewer to the 3D axes: x right, y away, z up."""
 MARGIN = 0.06
 """Free border of a panel, as a share of what it shows."""
 
@@ -52,8 +54,7 @@ class FittedImage(NamedTuple):
 
     landmarks (2, p), nan = hidden; shape (3, p) and mesh (3, q) in the camera frame and the unit of
     the landmarks, nan where the fit failed; projected (2, p) and projected_mesh (2, q): where the
-    camera sees them. outliers (p,): the landmarks judged to be wrong; rotation (3, 3) from the
-    object frame, whose y axis then stands upright in 3D.
+    camera sees them. outliers (p,): the landmarks judged to be wrong.
     """
 
     title: str
@@ -63,7 +64,6 @@ class FittedImage(NamedTuple):
     mesh: Floats | None = None
     projected_mesh: Floats | None = None
     outliers: Flags | None = None
-    rotation: Floats | None = None
 
     @property
     def fitted(self) -> bool:
@@ -101,7 +101,8 @@ def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
     for number, image in enumerate(images):
         flat = figure.add_subplot(rows, across, 1 + 2 * number)
         draw_image(flat, image, model)
-        flat.set_title(shortened(image.title), fontsize=7, loc="left", pad=2, parse_math=False)
+        title = printable(image.title)[-LETTERS:]
+        flat.set_title(title, fontsize=7, loc="left", pad=2, parse_math=False)
         handles, labels = flat.get_legend_handles_labels()
         drawn |= dict(zip(labels, handles, strict=True))
         if image.fitted:
@@ -160,7 +161,7 @@ def draw_shape(axes: Axes3D, image: FittedImage, model: Model) -> None:
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    frame = standing(model.y_axis, image.rotation)
+    frame = IN_AXES @ np.diag([1.0, 1.0, 1.0] if model.y_axis == "up" else [1.0, -1.0, -1.0])
     solid = points = frame @ image.shape
     if image.mesh is not None and model.faces is not None:
         solid = frame @ image.mesh
@@ -179,29 +180,6 @@ def draw_shape(axes: Axes3D, image: FittedImage, model: Model) -> None:
     axes.set_proj_type("ortho")
     axes.view_init(elev=TILT, azim=-90 - TURN)
     axes.set_axis_off()
-
-
-def standing(y_axis: Literal["up", "down"], rotation: Floats | None = None) -> Floats:
-    """Rotation (3, 3) from the camera frame to that of 3D axes: x right, y away, z up.
-
-    The camera frame is landmark x, landmark y and their cross product. With the rotation from the
-    object frame, the y axis of the object becomes z, seen from the same side.
-    """
-    toward = np.diag([1.0, 1.0, 1.0] if y_axis == "up" else [1.0, -1.0, -1.0])
-    if rotation is not None:
-        y = toward @ rotation[:, 1]
-        facing = np.eye(3)[2] if abs(y[2]) < 1 - 1e-9 else np.array([0.0, -y[2], 0.0])
-        z = facing - (facing @ y) * y
-        z /= np.linalg.norm(z)
-        toward = np.stack([np.cross(y, z), y, z]) @ toward
-    return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) @ toward
-
-
-def shortened(title: str) -> str:
-    """Return a title in one line of few letters, most of them from its end, where images differ."""
-    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in title)
-    head = LETTERS // 3
-    return line if len(line) <= LETTERS else f"{line[:head]}…{line[head + 1 - LETTERS :]}"
 
 
 def _limits(points: Floats) -> tuple[Floats, Floats]:

@@ -22,10 +22,10 @@ from shapefit.viewer.page import blend, encode_texts
 
 CAMERA = ("camera_translation", "focal", "principal_point")
 """Datasets of a result that say how a camera sees its shapes in perspective."""
-MOST_MESHES = 200
-"""Meshes of shapes that a page holds, at most."""
 EXPECTED, AGAINST_TRUTH = "expected error", "error against the truth"
 """Names of measures that the header of the page states."""
+MOST_MESHES = 200
+"""Meshes of a file of shapes that a page holds; a file with more is shown without."""
 SMALL = 0.01
 """Metres below which lengths are given in millimetres."""
 SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
@@ -49,8 +49,7 @@ def make_layers(
     """
     results = [content for content in contents if content.role == "result"]
     others = [content for content in contents if content.role == "shapes"]
-    layers: list[Layer] = []
-    meshes: list[dict[str, Any]] = []
+    layers, meshes = list[Layer](), list[dict[str, Any]]()
     for content in results:
         layer = _result_layer(content, observed, truth)
         if dictionary is not None and dictionary.mesh_vertices is not None:
@@ -62,7 +61,17 @@ def make_layers(
                 meshes = [{"vertices": vertices, "faces": faces}]
         layers.append(layer)
     others += [truth] if results and truth else []
-    layers += [_layer_of_shapes(content, meshes, notes) for content in others]
+    for content in others:
+        layer = {"name": content.name, "role": content.role, "points": content.points}
+        angles = [] if content.role == "truth" else [*_angles(content)]
+        layer |= {"measures": angles, "pose": None, "perspective": False}
+        vertices, rows = content.records.mesh_vertices, content.rows
+        if vertices is not None and len(vertices) <= MOST_MESHES:
+            weights = np.eye(len(vertices))[rows] * (rows >= 0)[:, None]
+            in_place = np.tile([*np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0], (len(rows), 1))
+            layer |= {"pose": in_place, "blend": blend(len(meshes), weights)}
+            meshes.append({"vertices": vertices, "faces": content.records.mesh_faces})
+        layers.append(layer)
     if not results:
         return layers, meshes, contents[0].records.unit
     guide = next(filter(has_camera, results), results[0])
@@ -202,24 +211,6 @@ def _mixture(layer: Layer, content: Content, dictionary: Dictionary) -> Floats |
     if not mixes or c is None or c.shape[1] != dictionary.k or pose is None:
         return None
     return np.where(np.isfinite(c.sum(axis=1) + pose.sum(axis=1))[:, None], c, 0.0)
-
-
-def _layer_of_shapes(content: Content, meshes: list[dict[str, Any]], notes: list[str]) -> Layer:
-    """Return a layer of shapes, or of true ones, with the meshes that they have."""
-    n, role = len(content.points), content.role
-    angles = [] if role == "truth" else [*_angles(content)]
-    layer: Layer = {"name": content.name, "role": role, "points": content.points}
-    layer |= {"measures": angles, "pose": None, "perspective": False}
-    vertices, faces = content.records.mesh_vertices, content.records.mesh_faces
-    if vertices is None or faces is None:
-        return layer
-    if len(vertices) > MOST_MESHES:
-        notes.append(f"{content.name} has no meshes here: {len(vertices)} are too many for a page.")
-        return layer
-    meshes.append({"vertices": vertices, "faces": faces})
-    weights = np.eye(len(vertices))[content.rows] * (content.rows >= 0)[:, None]
-    stay = np.tile([*np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0], (n, 1))
-    return layer | {"pose": stay, "blend": blend(len(meshes) - 1, weights)}
 
 
 def _aligned(layer: Layer, target: Floats) -> Layer:

@@ -71,15 +71,13 @@ class Content:
     """The records of one name, and their datasets by the n frames and the p landmarks of the page.
 
     values are (n, ...), those of landmarks (n, ..., p); nan or "" where there is no record. rows
-    (n,) is the record of each frame and columns (p,) the landmark of the records for each of the
-    page; -1 where there is none.
+    (n,) is the record of each frame, -1 where there is none.
     """
 
     name: str
     role: Role
     records: Any
     rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
     values: Mapping[str, Any]
 
     @property
@@ -234,7 +232,7 @@ def _content(
         if dataset in BY_LANDMARK:
             value = np.where(columns < 0, np.nan, value[..., columns])
         values[dataset] = value
-    return Content(name, role, records, rows, columns, values)
+    return Content(name, role, records, rows, values)
 
 
 def _true_content(

@@ -43,22 +43,16 @@ def run(config: ViewConfig) -> Iterator[Result]:
     if ending in SHEETS:
         check_can_draw("output")
     # Beyond 32-bit floats a value is not finite: missing.
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"), atomic_path(output) as temporary:
         scene = make_scene(config)
+        count, note = len(scene["items"]), ""
         if ending in SHEETS:
-            figure, count, note = (
-                draw_sheet(scene, output),
-                min(MOST_IMAGES, len(scene["items"])),
-                "",
-            )
+            count = min(MOST_IMAGES, count)
+            save(draw_sheet(scene, output), temporary, ending[1:])
         else:
             page = viewer_page(scene).encode("utf-8", "xmlcharrefreplace")
-            count, note = len(scene["items"]), f"{len(page) / 1e6:.1f} MB"
-    with atomic_path(output) as temporary:
-        if ending in SHEETS:
-            save(figure, temporary, ending[1:])
-        else:
             temporary.write_bytes(page)
+            note = f"{len(page) / 1e6:.1f} MB"
     yield Result(done=count, warnings=tuple(scene["notes"]), note=note, written=(output,))
 
 
@@ -78,20 +72,15 @@ def fitted_image(scene: Mapping[str, Any], row: int) -> FittedImage:
 
     Its mesh is s R sum_j w_j V_j + t, which the camera sees at x f / |z| + c.
     """
-    layer = scene["layers"][0]
-    pose: Any = None if layer["pose"] is None else layer["pose"][row]
-    shape: Any = layer["points"][row]
-    R: Any = None if pose is None else pose[:9].reshape(3, 3)
-    mesh = flat_mesh = None
-    if "blend" in layer:
-        start, atom, weight = (layer["blend"][name] for name in ("start", "atom", "weight"))
-        chosen = slice(start[row], start[row + 1])
-        if start[row] < start[row + 1]:
-            mixed = np.tensordot(weight[chosen], scene["meshes"][0]["vertices"][atom[chosen]], 1)
-            mesh = pose[9] * R @ mixed + pose[10:, None]
-            f, c = np.split(layer["camera"][row][:, None], 2)
-            flat_mesh = f * mesh[:2] / (np.abs(mesh[2]) if layer["perspective"] else 1.0) + c
-    observed, outliers = scene["observed"], scene["outliers"]
+    layer, observed, outliers = scene["layers"][0], scene["observed"], scene["outliers"]
+    shape, mesh, flat_mesh = layer["points"][row], None, None
+    if "blend" in layer and layer["blend"]["start"][row] < layer["blend"]["start"][row + 1]:
+        chosen, pose = slice(*layer["blend"]["start"][row : row + 2]), layer["pose"][row]
+        vertices = scene["meshes"][0]["vertices"][layer["blend"]["atom"][chosen]]
+        mixed = np.tensordot(layer["blend"]["weight"][chosen], vertices, 1)
+        mesh = pose[9] * pose[:9].reshape(3, 3) @ mixed + pose[10:, None]
+        f, c = np.split(layer["camera"][row][:, None], 2)
+        flat_mesh = f * mesh[:2] / (np.abs(mesh[2]) if layer["perspective"] else 1.0) + c
     return FittedImage(
         title=scene["items"][row],
         landmarks=np.full_like(shape[:2], np.nan) if observed is None else observed[row],
@@ -100,5 +89,4 @@ def fitted_image(scene: Mapping[str, Any], row: int) -> FittedImage:
         mesh=mesh,
         projected_mesh=flat_mesh,
         outliers=None if outliers is None else outliers[row],
-        rotation=R,
     )

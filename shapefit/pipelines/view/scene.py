@@ -55,7 +55,6 @@ MOST_BYTES = 14_000_000
 """Of all pictures of a page; of more, every n-th is shown."""
 LONGEST_SIDE = 960
 """Pixels of the longest side of a picture on the page."""
-QUALITY = 75
 SUFFIXES = (".jpg", ".jpeg", ".png")
 Picture = dict[str, Any]
 """A data URL, and the size in the pixels of the file."""
@@ -236,16 +235,15 @@ def _edges(
     landmarks: Sequence[str],
 ) -> list[list[int]]:
     """Return lines between landmarks: of the dictionary, of shapes, of others, of skeletons."""
-    stated: list[Any] = [] if truth is None else [(truth.records.lines, truth.columns)]
     by_role = sorted(contents, key=lambda content: content.role != "shapes")
-    stated += [(content.records.lines, content.columns) for content in by_role]
+    records = [content.records for content in (truth, *by_role) if content is not None]
+    stated = [(one.lines, one.landmark_names) for one in records]
     if dictionary is not None:
-        stated.insert(0, (dictionary.edges, columns_of(dictionary.landmark_names, landmarks)))
-    for edges, columns in stated:
-        place = {column: j for j, column in enumerate(columns.tolist())}
-        ends = [] if edges is None else edges.tolist()
-        if pairs := [[place[a], place[b]] for a, b in ends if a in place and b in place]:
-            return pairs
+        stated.insert(0, (dictionary.edges, dictionary.landmark_names))
+    for edges, names in stated:
+        ends = columns_of(landmarks, names)[np.zeros((0, 2), int) if edges is None else edges]
+        if (ends >= 0).all(axis=1).any():
+            return ends[(ends >= 0).all(axis=1)].tolist()
     return [list(pair) for pair in edges_of(landmarks)]
 
 
@@ -280,14 +278,15 @@ def embed_images(folder: Path, items: Sequence[str]) -> dict[int, Picture]:
         raise input_error("images", "Pillow is not installed", "run `pip install pillow`")
     if not folder.is_dir():
         raise input_error("images", f"there is no folder {folder}", "name a folder of pictures")
-    files = {p.relative_to(folder): p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES}
-    by_name = {str(name.with_suffix("")): path for name, path in files.items()}
-    by_name |= {str(name): path for name, path in files.items()}
-    paths: dict[int, Path] = {}
-    for frame, item in enumerate(items):
-        path = by_name.get(item) or by_name.get(item.rpartition("/")[2])
-        paths |= {frame: path} if path else {}
-    paths = paths or _numbered(list(files.values()), items)
+    files = [path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES]
+    numbered = sorted((number, path) for path in files if (number := _number(path.stem)) >= 0)
+    by_name: dict[object, Path] = {str(p.relative_to(folder).with_suffix("")): p for p in files}
+    by_name |= {str(path.relative_to(folder)): path for path in files}
+    by_number: dict[object, Path] = dict(enumerate(path for _, path in numbered))
+    named = {i: by_name.get(x) or by_name.get(x.rpartition("/")[2]) for i, x in enumerate(items)}
+    if not any(named.values()):
+        named = {frame: by_number.get(_number(item)) for frame, item in enumerate(items)}
+    paths = {frame: path for frame, path in named.items() if path is not None}
     if not paths:
         fault = f"no item has an image, such as {folder / items[0]}.jpg"
         raise input_error("images", fault, "correct the path")
@@ -296,13 +295,10 @@ def embed_images(folder: Path, items: Sequence[str]) -> dict[int, Picture]:
     return {frame: _embed(paths[frame]) for frame in list(paths)[::step]}
 
 
-def _numbered(files: Sequence[Path], items: Sequence[str]) -> dict[int, Path]:
-    """Return the n-th numbered file for each item that ends in the number n, from 0."""
-    numbered = [(int(end[1]), path) for path in files if (end := LAST_NUMBER.search(path.stem))]
-    ordered = dict(enumerate(path for _, path in sorted(numbered)))
-    ends = {frame: LAST_NUMBER.search(item) for frame, item in enumerate(items)}
-    numbers = {frame: int(end[1]) for frame, end in ends.items() if end}
-    return {frame: ordered[number] for frame, number in numbers.items() if number in ordered}
+def _number(text: str) -> int:
+    """Return the last number of a text, -1 for none."""
+    end = LAST_NUMBER.search(text)
+    return int(end[1]) if end else -1
 
 
 def _embed(path: Path) -> Picture:
@@ -319,6 +315,6 @@ def _embed(path: Path) -> Picture:
         fault = f"cannot be read as an image ({error})"
         raise input_error(path, fault, "give PNG or JPEG, or leave it out") from error
     small.thumbnail((LONGEST_SIDE, LONGEST_SIDE))
-    small.save(data, "JPEG", quality=QUALITY)
+    small.save(data, "JPEG", quality=75)
     text = b64encode(data.getvalue()).decode()
     return {"data": f"data:image/jpeg;base64,{text}", "size": size}
