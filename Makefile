@@ -191,7 +191,6 @@ mutants: $(READY)
 
 faults: $(ALL_READY)
 	$(BIN)/python -m tests.fuzz.faults
-	$(BIN)/python -m tests.fuzz.faults --kill 200
 
 pictures: demo $(ALL_READY)
 	$(BIN)/python tools/page_pictures.py

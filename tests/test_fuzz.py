@@ -5,8 +5,7 @@ import sys
 
 import pytest
 
-from tests.fuzz.kinds import KINDS
-from tests.fuzz.past_findings import FINDINGS
+from tests.fuzz.kinds import FINDINGS, KINDS
 
 QUICK_CASES = 15
 """Cases of each kind in `make test`; `make test-all` has thirty times as many, after these."""

@@ -331,7 +331,7 @@ def unnamed(dataset: str, p: int, names: Names) -> InputError:
 
 def _transposed(columns: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
     """Return columns with one landmark per row for one per column, and the other way round."""
-    points = {name for name, column in layout.datasets.items() if column.points}
+    points = {name for name, column in layout.datasets.items() if column.kind == "points"}
     return {
         name: np.ascontiguousarray(np.swapaxes(values, -1, -2))
         if name in points and values is not None
@@ -347,9 +347,9 @@ def _checked(given: Mapping[str, Any], layout: Layout, prefix: str = "") -> dict
     """
     values, sizes = dict(given), dict[str, int]()
     # The points say how many items and landmarks there are, and the rest must agree.
-    for key, column in sorted(layout.datasets.items(), key=lambda item: not item[1].points):
+    for key, column in sorted(layout.datasets.items(), key=lambda item: item[1].kind != "points"):
         name = FIELDS.get(key, key)
-        if values.get(name) is None or column.kind == "label":
+        if values.get(name) is None or key == "status":
             continue
         where = f"{prefix}{name}" if prefix or name == layout.points else f"{layout.points}.{name}"
         try:
@@ -363,6 +363,6 @@ def _checked(given: Mapping[str, Any], layout: Layout, prefix: str = "") -> dict
         shape, expected = np.shape(values[name]), tuple(sizes.get(str(a), a) for a in column.axes)
         if not fit_axes(column.axes, shape, sizes):
             axes = str(expected).replace("'", "")
-            row = ", one landmark per row" if column.points else ""
+            row = ", one landmark per row" if column.kind == "points" else ""
             raise input_error(where, f"has the shape {shape}", f"it must be {axes}{row}")
     return values

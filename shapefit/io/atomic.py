@@ -43,8 +43,7 @@ def check_output(target: Path, instead: str = "give the name of a file in it") -
     around = next(folder for folder in resolved.parents if os.path.lexists(folder))
     if not os.path.isdir(around):
         raise input_error(target, f"{around} is not a folder", "choose another folder")
-    effective = os.access in os.supports_effective_ids
-    if not os.access(around, os.W_OK | os.X_OK, effective_ids=effective):
+    if not os.access(around, os.W_OK | os.X_OK, effective_ids=True):
         raise input_error(target, f"its folder {around} is not writable", OTHER_FOLDER)
     return resolved
 
@@ -67,14 +66,11 @@ def storage_errors(
     try:
         yield
     except OSError as error:
-        allowed = PARTIAL in str(error.filename) and error.errno in OF_PERMISSION
-        if numbers is not None and error.errno not in numbers and not allowed:
+        refused = error.errno in OF_PERMISSION
+        temporary = refused and PARTIAL in str(error.filename)
+        if not (numbers is None or temporary or error.errno in numbers):
             raise
-        fix = "choose another name, or another folder"
-        if error.errno in OF_THE_DISK:
-            fix = "free some space or choose another disk"
-        elif error.errno in OF_PERMISSION:
-            fix = OTHER_FOLDER
+        fix = OTHER_FOLDER if refused else "free some space or choose another disk or name"
         reason = os.strerror(error.errno) if error.errno else str(error)
         raise input_error(target, f"cannot be written: {reason}", fix) from error
 
@@ -123,23 +119,15 @@ def staged_files(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(folder: Path, suffix: str) -> Iterator[Path]:
-    """Give a new hidden name in a folder, which is made; after it nothing is there any more.
-
-    On any error folders that are new and empty are removed.
-    """
-    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    """Give a new hidden name in a folder, which is made; after it nothing is there any more."""
     temporary = folder / f".{secrets.token_hex(8)}{PARTIAL}{suffix[:20]}"
+    with storage_errors(folder, None):
+        folder.mkdir(parents=True, exist_ok=True)
     try:
-        with storage_errors(folder, None):
-            folder.mkdir(parents=True, exist_ok=True)
         yield temporary
-        missing = []
     finally:
         with suppress(OSError):
             temporary.unlink() if temporary.is_file() else shutil.rmtree(temporary)
-        for new in missing:
-            with suppress(OSError):
-                new.rmdir()
 
 
 def digests(paths: Iterable[Path]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Tidy tables as CSV: text to columns of cells, and records to text.
+"""The tidy table as CSV, one row a landmark of an item: text to records, and records to text.
 
 Text is split at commas while it holds no quote; from the first quote on, and for lines that do not
 fit, the csv module reads it.
@@ -7,39 +7,312 @@ fit, the csv module reads it.
 from __future__ import annotations
 
 import csv
+import pickle
+import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from io import StringIO
-from itertools import chain, islice
+from io import SEEK_END, StringIO
+from itertools import chain, count, islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
+import orjson
+from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
-from shapefit.io.checks import input_problems
-from shapefit.io.inputs import is_stream, read_text_blocks, source_name
+from shapefit.io.checks import LIMIT, input_problems
+from shapefit.io.inputs import check_fits, is_stream, read_head, read_text_blocks, source_name
 from shapefit.io.options import RecordWriter, Summary
-from shapefit.io.records import LandmarkSet, Records, ResultSet
+from shapefit.io.records import KINDS, LandmarkSet, Records, ResultSet, concatenate
 
 ROWS = 1 << 12
-"""Rows that the csv module reads, and that are written, at a time: more leave the cache of the
-processor, and take longer."""
+"""Rows that are read and written at a time: more leave the processor's cache, and take longer."""
 
 QUOTES = "put cells with commas or quotes in double quotes, and double the quotes in them"
 
 Block = tuple[Integers, dict[str, Sequence[str]]]
 """The lines of some rows, and their cells by column."""
 
+OPTIONAL = {
+    "landmarks": ("confidence", "sequence"),
+    "shapes": ("sequence", "sd_x", "sd_y", "sd_z", "modes", "trusted"),
+}
+"""Columns that may be there; of shapes and results all but `sequence` are not read back."""
+
+FINITE = "write a finite number"
+FINITE_OR_EMPTY = f"{FINITE}, or leave the cell empty where it is unknown"
+
+MISSED = -1.0
+"""Both coordinates of a landmark without confidence that was not found."""
+
+MAX_IN_MEMORY = 1 << 19
+"""Rows of a table that are held; more go to a temporary file, item by item."""
+
+QUOTED = re.compile('[",\r\n]')
+"""What a cell has in quotes."""
+
+NUMBER = 26
+"""Bytes of a number with the comma behind it, at most."""
+
+Y_UP = "y points up, which CSV cannot say: read the file with `y_axis=up`"
+
 
 def csv_kind(path: Path) -> str:
     """Return what a table holds: landmarks, or shapes where it has the column z."""
     columns, _ = open_table(path)
     return "shapes" if "z" in columns else "landmarks"
+
+
+def read_csv(
+    path: Path, kind: str, *, gaps: bool = False, most: int | None = None
+) -> tuple[Any, tuple[str, ...]]:
+    """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with `[,sequence]`.
+
+    Return records, or a Spool of landmarks of more than `most` rows, and warnings. Items and
+    landmarks stand in order of appearance. A landmark that has no row or lacks a coordinate is NaN,
+    its confidence 0; shapes need all unless `gaps`. Raises InputError for the first wrong cells, by
+    line.
+    """
+    table, spool = _Table(path, kind, gaps), Spool()
+    for lines, cells in table.blocks:
+        table.take(lines, cells)
+        if kind == "landmarks" and table.size > (most or MAX_IN_MEMORY):
+            spool.append(table.pop_complete())
+    rest = table.records()
+    if not len(spool):
+        return rest, ()
+    spool.append(rest)
+    if not spool.repeats():
+        return spool, ()
+    spool.close()
+    fault = "the rows of items do not stand together"
+    if is_stream(path) or not path.is_file():
+        raise input_error(table.name, fault, "sort them by item, or name the file itself")
+    records, _ = read_csv(path, kind, most=sys.maxsize)
+    return records, (f"{path}: {fault}, so that it was read whole: sort it by item",)
+
+
+def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
+    """Read the first rows of a table, and return them with their share of all rows."""
+    table, share = _Table(path, kind, gaps=True), 1.0
+    for lines, cells in table.blocks:
+        table.take(lines, cells)
+        if table.size > MAX_IN_MEMORY // 4 and path.is_file():
+            text = read_head(path, 1 << 20)
+            share = min(table.size * len(text) / text.count(b"\n") / path.stat().st_size, 1.0)
+            break
+    return table.records(), share
+
+
+class _Table:
+    """The rows of a table while its blocks come in: numbers of items and landmarks, and values."""
+
+    def __init__(self, path: Path, kind: str, gaps: bool) -> None:
+        """Open a table. Raises InputError for columns that are unknown, there twice, or missing."""
+        self.name, self._kind = source_name(path), kind
+        columns, self.blocks = open_table(path)
+        required = ("item", "landmark", "x", "y", *(() if kind == "landmarks" else ("z",)))
+        optional = OPTIONAL.get(kind, OPTIONAL["shapes"])
+        unknown = {*columns} - {*required, *optional}
+        if unknown or {*required} - {*columns} or len({*columns}) < len(columns):
+            wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
+            fault = f"the header is '{','.join(columns)[:80]}'"
+            raise input_error(f"{self.name}:1", fault, f"write the header {wanted}, with commas")
+        self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
+        self._complete = kind == "shapes" and not gaps
+        self._scored = kind == "landmarks" and "confidence" in columns
+        self._sequences: dict[str, str] | None = {} if "sequence" in columns else None
+        self._items, self._landmarks = _numbering(), _numbering()
+        self._parts: list[tuple[Any, ...]] = []
+        self.size = 0
+
+    def take(self, lines: Integers, cells: Mapping[str, Sequence[str]]) -> None:
+        """Take some rows; raises InputError for wrong ones."""
+        problems: list[tuple[int, str]] = []
+
+        def note(column: str, wrong: Flags, fix: str) -> None:
+            for row in np.flatnonzero(wrong).tolist():
+                fault = f"is '{cells[column][row]}'" if cells[column][row] else "is empty"
+                problems.append((row, f"{self.name}:{lines[row]}: {column} {fault}; {fix}"))
+
+        for column in ("item", "landmark"):
+            if "" in cells[column]:
+                empty = np.array([text == "" for text in cells[column]])
+                note(column, empty, f"name the {column}")
+        item, landmark = (
+            np.fromiter(map(numbers.__getitem__, cells[column]), np.int32, len(lines))
+            for column, numbers in (("item", self._items), ("landmark", self._landmarks))
+        )
+        if self._sequences is not None:
+            first = [*map(self._sequences.setdefault, cells["item"], cells["sequence"])]
+            if first != [*cells["sequence"]]:
+                wrong = np.array(first, object) != np.array(cells["sequence"], object)
+                note("sequence", wrong, "give all rows of an item one sequence")
+        points = []
+        for axis in self._axes:
+            values, invalid = read_numbers(cells[axis])
+            unfit = np.isinf(values) | (np.isnan(values) & self._complete)
+            note(axis, invalid | unfit, FINITE if self._complete else FINITE_OR_EMPTY)
+            points.append(values)
+        missing = np.isnan(points).any(axis=0)
+        confidence = np.zeros(len(lines))
+        if self._scored:
+            confidence, _ = read_numbers(cells["confidence"])
+            wrong = ~(np.isfinite(confidence) & (confidence >= 0))
+            note("confidence", wrong, "write 0 (hidden) or a positive number")
+        if self._kind == "landmarks":  # as some detectors write what they miss
+            missing |= (np.array(points) == MISSED).all(axis=0) & ~(confidence > 0)
+        for values in points:
+            values[missing] = np.nan
+        if problems:
+            raise input_problems([text for _, text in sorted(problems, key=lambda p: p[0])])
+        self.size += len(lines)
+        self._parts.append((lines.astype(np.int32), item, landmark, *points, confidence))
+
+    def records(self) -> Any:
+        """Return what was taken. Raises InputError for double rows, and for what shapes lack."""
+        items, names = tuple(self._items), tuple(self._landmarks)
+        n, p, d = len(items), len(names), len(self._axes)
+        check_fits(self.name, n * p * 8 * (d + 3))
+        planes, first = np.full((d + 1, n * p), np.nan), np.full(n * p, -1)
+        if self._parts:
+            lines, item, landmark, *values = map(np.concatenate, zip(*self._parts, strict=True))
+            self._parts = [(lines, item, landmark, *values)]
+            cells, row = item * np.int64(p) + landmark, np.arange(len(lines))
+            first[cells[::-1]] = row[::-1]
+            again = np.flatnonzero(first[cells] != row)
+            absent = np.flatnonzero(first < 0) if self._complete else again[:0]
+            faults = [
+                (
+                    f":{lines[k]}",
+                    cells[k],
+                    f"is also on line {lines[first[cells[k]]]}; keep one of them",
+                )
+                for k in again[:LIMIT]
+            ]
+            faults += [
+                ("", cell, "has no row; write every landmark of every item")
+                for cell in absent[:LIMIT]
+            ]
+            problems = [
+                f"{self.name}{at}: item '{items[cell // p]}', landmark '{names[cell % p]}' {fault}"
+                for at, cell, fault in faults
+            ]
+            if problems:
+                raise input_problems(problems, len(again) + len(absent))
+            for plane, column in zip(planes, values, strict=True):
+                plane[cells] = column
+        points = np.ascontiguousarray(planes[:d].reshape(d, n, p).swapaxes(0, 1))
+        sequences = None if self._sequences is None else [self._sequences[name] for name in items]
+        scores = {"confidence": np.nan_to_num(planes[d]).reshape(n, p)} if self._scored else {}
+        return KINDS[self._kind](points, names, items, sequences, **scores)
+
+    def pop_complete(self) -> LandmarkSet:
+        """Take out all items but the last one, of which more rows may come."""
+        images: LandmarkSet = self.records()
+        last = len(images) - 1
+        item, (lines, items, *values) = images.items[last], self._parts[0]
+        rows = np.flatnonzero(items == last)
+        remaining = (lines[rows], np.zeros_like(items[rows]), *(column[rows] for column in values))
+        self._parts, self._items, self.size = [remaining], _numbering(item), len(rows)
+        if self._sequences is not None:
+            self._sequences = {item: self._sequences[item]}
+        return images.take(slice(0, last))
+
+
+def _numbering(*texts: str) -> defaultdict[str, int]:
+    """Return a dictionary that gives the next number to each new text, beginning with these."""
+    return defaultdict(count(len(texts)).__next__, zip(texts, count()))
+
+
+class Spool:
+    """Images of a large table in a temporary file without a name, in parts of some thousands.
+
+    Those of a part are read together; the last part that was read is kept.
+    """
+
+    def __init__(self) -> None:
+        self._names: tuple[str, ...] = ()
+        self._file = TemporaryFile()  # noqa: SIM115 gone with the source
+        self._starts, self._offsets = [0], list[int]()
+        self._hashes: list[NDArray[np.int64]] = []
+        self._last: tuple[int, LandmarkSet] | None = None
+
+    def __len__(self) -> int:
+        return self._starts[-1]
+
+    def append(self, images: LandmarkSet) -> None:
+        """Write images after those that are there."""
+        self._names = images.landmark_names
+        self._offsets.append(self._file.seek(0, SEEK_END))
+        self._starts.append(len(self) + len(images))
+        self._hashes.append(np.fromiter(map(hash, images.items), np.int64, len(images)))
+        pickle.dump(images, self._file, pickle.HIGHEST_PROTOCOL)
+
+    def repeats(self) -> bool:
+        """Whether an item is there twice, as its rows do not stand together."""
+        hashes = np.sort(np.concatenate(self._hashes))
+        return bool((hashes[1:] == hashes[:-1]).any())
+
+    def take(self, rows: slice) -> LandmarkSet:
+        """Return the images of these rows."""
+        parts = []
+        for number, start in enumerate(self._starts[:-1]):
+            inner = slice(max(rows.start - start, 0), rows.stop - start)
+            if (start <= rows.start or inner.stop > 0) and rows.start < self._starts[number + 1]:
+                parts.append(self._part(number).take(inner))
+        return concatenate(parts)
+
+    def texts(self, name: str) -> Iterator[Sequence[str]]:
+        """Read the items, or the sequences, part by part."""
+        for number in range(len(self._offsets)):
+            images = self._part(number)
+            yield images.items if name == "item" else images.sequences or ()
+
+    def close(self) -> None:
+        """Close the file, with which it is gone."""
+        self._file.close()
+
+    def _part(self, number: int) -> LandmarkSet:
+        """Read the images of a part; landmarks that came later are unseen in it."""
+        if self._last is None or self._last[0] != number:
+            self._file.seek(self._offsets[number])
+            self._last = number, pickle.load(self._file).arrange(self._names)
+        return self._last[1]
+
+
+def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
+    """Read decimal numbers, inf and nan; return them, and which cells are no number at all.
+
+    Spaces around them do not count; an empty cell, and what is no number, is NaN.
+    """
+    invalid = np.zeros(len(cells), bool)
+    filled = [cell or "null" for cell in cells] if "" in cells else cells
+    try:
+        values = orjson.loads(f"[{','.join(filled)}]")  # four times as fast as float()
+    except orjson.JSONDecodeError:
+        values = []
+    if len(values) == len(cells):
+        kinds = set(map(type, values))
+        if kinds <= {float, int}:
+            return np.fromiter(values, np.float64, len(values)), invalid
+        if kinds <= {float, int, type(None)} and values.count(None) == cells.count(""):
+            return np.array(values, np.float64), invalid
+    numbers = np.full(len(cells), np.nan)
+    for row, cell in enumerate(map(str.strip, cells)):
+        try:
+            invalid[row] = "_" in cell or not cell.isascii()  # which float() alone would take
+            numbers[row] = np.nan if invalid[row] else float(cell or "nan")
+        except ValueError:
+            invalid[row] = True
+    return numbers, invalid
 
 
 def open_table(path: Path) -> tuple[list[str], Iterator[Block]]:
@@ -123,8 +396,9 @@ def split_columns(text: str, width: int) -> list[list[str]] | None:
     ends, commas = np.flatnonzero(letters == ord("\n")), np.flatnonzero(letters == ord(","))
     if len(commas) != len(ends) * (width - 1):
         return None
-    between = commas.reshape(len(ends), width - 1)
-    if (between[:, -1:] > ends[:, None]).any() or (between[1:, :1] < ends[:-1, None]).any():
+    if (commas[width - 2 :: width - 1] > ends).any() or (
+        commas[:: width - 1][1:] < ends[:-1]
+    ).any():
         return None
     cells = text.replace("\n", ",").split(",")
     columns = [cells[column::width] for column in range(width)]
@@ -145,16 +419,7 @@ def read_rows(texts: Iterable[str], line: int, name: str) -> Iterator[tuple[int,
                 yield line, row
             line = start + reader.line_num
     except csv.Error as error:
-        fault = f"a bad cell ({error})"
-        if "unexpected end" in str(error):
-            fault = "a quote is never closed"
-        raise input_error(f"{name}:{line}", fault, QUOTES) from error
-
-
-NUMBER = 26
-"""Bytes of a number with the comma behind it, at most."""
-
-Y_UP = "y points up, which CSV cannot say: read the file with `y_axis=up`"
+        raise input_error(f"{name}:{line}", f"a bad cell ({error})", QUOTES) from error
 
 
 @contextmanager
@@ -232,61 +497,29 @@ def _columns(record: Records) -> tuple[dict[str, Floats], dict[str, Sequence[str
 
 def _lines(record: Records) -> memoryview:
     """Return the lines of some items."""
-    names, (columns, texts) = record.landmark_names, _columns(record)
-    numbers = np.stack([*columns.values()], axis=-1).reshape(-1, len(columns))
-    item, landmark = np.divmod(np.arange(len(record) * len(names)), max(len(names), 1))
-    before = [cells_of(record.items, item), cells_of(names, landmark)]
-    return rows_of(before, numbers, [cells_of(values, item) for values in texts.values()])
-
-
-class Cells(NamedTuple):
-    """A column of texts: the letters of all, where each starts and the last ends, that of each row.
-
-    starts (t + 1,) of t texts, rows (n,) the number of the text of each row.
-    """
-
-    letters: bytes
-    starts: Integers
-    rows: Integers
-
-
-def cells_of(texts: Sequence[str], rows: Integers, empty: str = '""') -> Cells:
-    """Return a column of texts, in quotes where they need them; `empty` stands for no letters."""
-
-    def quoted(text: str) -> str:
-        needed = any(mark in text for mark in '",\r\n')
-        return '"{}"'.format(text.replace('"', '""')) if needed else text
-
-    whole = "".join(texts)
-    if any(mark in whole for mark in '",\r\n'):
-        texts = [*map(quoted, texts)]
-    encoded = [(text or empty).encode() for text in texts]
-    return Cells(b"".join(encoded), np.cumsum([0, *map(len, encoded)]), rows)
-
-
-def rows_of(
-    before: Sequence[Cells], numbers: Floats, after: Sequence[Cells], *, as_python: bool = False
-) -> memoryview:
-    """Return rows of texts, numbers (n, d) and texts, with the fewest digits that read back.
-
-    nan is an empty cell. Exponents are those of JSON, or `as_python`, whose `repr` has them sooner.
-    """
-    columns = [*before, *after]
-    letters = b"".join(column.letters for column in columns)
-    ends = np.cumsum([0, *(len(column.letters) for column in columns)])
-    firsts = np.cumsum([0, *(len(column.starts) - 1 for column in columns)])
-    offsets = [c.starts[:-1] + end for c, end in zip(columns, ends[:-1], strict=True)]
-    starts = np.concatenate([*offsets, ends[-1:]])
-    texts = np.column_stack([c.rows + first for c, first in zip(columns, firsts[:-1], strict=True)])
-    capacity = int(np.diff(starts)[texts].sum()) + texts.size + NUMBER * numbers.size
+    n, p, (numbers, texts) = len(record), len(record.landmark_names), _columns(record)
+    item, landmark = np.divmod(np.arange(n * p), max(p, 1))
+    numbers_of = [item, landmark + n, *(item + n * k + p for k in range(1, len(texts) + 1))]
+    cells = [*map(_encoded, chain(record.items, record.landmark_names, *texts.values()))]
+    starts, rows_of = np.cumsum([0, *map(len, cells)]), np.column_stack(numbers_of)
+    values = np.stack([*numbers.values()], axis=-1).reshape(n * p, len(numbers))
+    letters = b"".join(cells)
+    capacity = int(np.diff(starts)[rows_of].sum()) + rows_of.size + NUMBER * values.size
     rows = np.empty(capacity // 8 + 1, np.uint64)
     size = core.write_csv_rows(
         letters=np.frombuffer(letters.ljust(len(letters) // 8 * 8 + 8), np.uint64),
-        starts=starts.astype(np.int64, copy=False),
-        texts=texts.astype(np.int64, copy=False),
-        numbers=numbers,
-        leading=len(before),
-        as_python=as_python,
+        starts=starts,
+        texts=rows_of,
+        numbers=values,
+        leading=2,
+        as_python=False,
         rows=rows,
     )
     return rows.view(np.uint8)[:size].data
+
+
+def _encoded(text: str) -> bytes:
+    """Return a cell of text, in quotes where it needs them."""
+    if not text or QUOTED.search(text):
+        text = '"{}"'.format(text.replace('"', '""'))
+    return text.encode()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
         from shapefit.io.detect import detect_format
 
         check_holds(path, DICTIONARY.kind, detect_format(path))
-    from shapefit.io.hdf5_records import Hdf5Reader
+    from shapefit.io.hdf5_file import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY, old=old) as reader:
         fields, stated = reader.fields(), reader.stated
@@ -57,41 +57,33 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
     check_finite(place, "atoms", atoms, names)
     check_finite(place, "mean_shape", mean[None], names)
     check_mesh(place, fields, len(names))
-    for name, fault in _faults(fields):
-        raise input_error(place(name, None), fault, AGAIN)
-
-
-def _faults(fields: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the datasets whose values are of no use, and why."""
-    if coincide(fields["mean_shape"]):
-        yield "mean_shape", "all its landmarks are at one point"
+    if coincide(mean):
+        raise input_error(place("mean_shape", None), "all its landmarks are at one point", AGAIN)
     for name, least in LEAST.items():
         values = fields.get(name)
         if values is not None and not ((values >= least) & (values < np.inf)).all():
-            yield name, "holds numbers that cannot be"
+            raise input_error(place(name, None), "holds numbers that cannot be", AGAIN)
     if (index := fields["mirror_index"]) is not None:
         points = np.arange(len(index))
         if not (np.isin(index, points).all() and (index[index] == points).all()):
-            yield "mirror_index", "does not pair the landmarks"
+            raise input_error(place("mirror_index", None), "does not pair the landmarks", AGAIN)
     C = fields.get("edge_covariance")
     if C is not None and C.size and not _is_covariance(C):
-        yield "edge_covariance", "is no covariance"
+        raise input_error(place("edge_covariance", None), "is no covariance", AGAIN)
 
 
 def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
     """Take the parts of the prior out of the fields; None without one."""
-    parts = {name: fields.pop(name) for name in PRIOR}
-    absent = [name for name, part in parts.items() if part is None]
-    if len(absent) == len(PRIOR):
+    parts = weights, means, covariances = [fields.pop(name) for name in PRIOR]
+    if all(part is None for part in parts):
         return None
-    if absent:
-        raise input_error(place(absent[0], None), "is missing; the file has a prior", AGAIN)
-    weights, means, covariances = parts.values()
-    if not ((weights > 0).all() and abs(weights.sum() - 1) < 1e-6):
-        raise input_error(place(PRIOR[0], None), "are no shares that add up to 1", AGAIN)
+    fault = "its prior is no mixture: shares that add up to 1, means and covariances"
+    if any(part is None for part in parts):
+        raise input_error(place(PRIOR[0], None), fault, AGAIN)
     mixture = Mixture.of_landmarks(weights, means, covariances)
-    if not (np.isfinite(means).all() and _is_covariance(mixture.covariances)):
-        raise input_error(place(PRIOR[2], None), "is no covariance, or the means are none", AGAIN)
+    shares = (weights > 0).all() and abs(weights.sum() - 1) < 1e-6
+    if not (shares and np.isfinite(means).all() and _is_covariance(mixture.covariances)):
+        raise input_error(place(PRIOR[0], None), fault, AGAIN)
     return mixture
 
 

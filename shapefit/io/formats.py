@@ -125,7 +125,7 @@ class FileFormat(NamedTuple):
 
 
 def _write_hdf5(target: Path, form: Layout) -> Output:
-    from shapefit.io.hdf5_records import hdf5_output
+    from shapefit.io.hdf5_file import hdf5_output
 
     return hdf5_output(target, form)
 

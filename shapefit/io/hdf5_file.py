@@ -1,23 +1,68 @@
-"""An open HDF5 file, ours or of others: what is wrong is an error that names file and dataset."""
+"""HDF5: files of any tool, whose faults name file and dataset, and our own, read and written.
+
+In ours metadata have checksums by their version of HDF5 (`libver` v110), values by `fletcher32`;
+texts have a fixed length, since HDF5 has no checksums for texts of any length.
+"""
 
 from __future__ import annotations
 
+import io
+import math
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.errors import InputError, input_error, printable
+from shapefit.arrays import Integers
+from shapefit.errors import InputError, input_error, listed, printable
+from shapefit.io.atomic import atomic_path, storage_errors
+from shapefit.io.checks import input_problems
 from shapefit.io.inputs import ALWAYS_FITS, check_fits, in_words
+from shapefit.io.layout import (
+    COUNTS,
+    DICTIONARY,
+    FIELDS,
+    LAYOUTS,
+    PER_ITEM,
+    RENAMED,
+    RESULTS,
+    UNKNOWN_UNIT,
+    VERSION,
+    Layout,
+    fit_axes,
+)
+from shapefit.io.options import RecordWriter
+from shapefit.io.records import KINDS, Attribute
+
+Array = NDArray[Any]
+
+CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
+
+LIBVER = ("v110", "v110")
+"""Version of HDF5 from which on all metadata have checksums; 1.10 and later read it."""
+
+PLAIN_ATTRIBUTES = frozenset(
+    {"format", "version", "unit", "y_axis", "frame_rate", "attributes_sha256"}
+)
+"""Root attributes that the formats define, or once did."""
+PREFIX = "shapefit_"
+"""Before the names of other attributes of these names."""
+
+STORED = {
+    "number": ("biuf", "numbers"),
+    "points": ("biuf", "numbers"),
+    "index": ("iu", "integers"),
+    "text": ("O", "UTF-8 text"),
+}
+"""Types of NumPy that the kinds of datasets can have in files, O for text, and what they hold."""
+
 
 DAMAGED = "the file may be cut off or damaged: copy or make it again"
-ELSEWHERE = "has its values in another file or dataset"
-COPY_FIX = "copy the values into this file (h5repack, or h5py's copy with expand_external)"
 
 VALUE_BYTES, TEXT_BYTES = 16, 100
 """Bytes of memory for a number and its copy, and for a short text, while they are read."""
@@ -42,27 +87,20 @@ def open_hdf5(path: Path) -> h5py.File:
     try:
         file.id.links.visit(lambda name, info: links.append((name, info.type)), info=True)
         for name, kind in links:
-            outside = kind not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)
             node = h5py.h5o.open(file.id, name) if kind == h5py.h5l.TYPE_HARD else None
+            inside = node is not None or kind == h5py.h5l.TYPE_SOFT
             if isinstance(node, h5py.h5d.DatasetID):
                 creation = node.get_create_plist()
                 virtual = creation.get_layout() == h5py.h5d.VIRTUAL
-                outside = virtual or creation.get_external_count() > 0
-            if outside:
+                inside = not virtual and creation.get_external_count() == 0
+            if not inside:
                 place = f"{path}:/{printable(name.decode('utf-8', 'replace'))}"
-                raise input_error(place, ELSEWHERE, COPY_FIX)
+                fix = "copy the values into this file (h5repack, or h5py with expand_external)"
+                raise input_error(place, "has its values in another file or dataset", fix)
     except BaseException:
         file.close()
         raise
     return file
-
-
-class Stored(NamedTuple):
-    """A dataset, whether it holds text, and its shape, which h5py takes long to look up."""
-
-    dataset: Any
-    text: bool
-    shape: tuple[int, ...]
 
 
 class Hdf5File:
@@ -70,7 +108,7 @@ class Hdf5File:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._datasets: dict[str, Stored] = {}
+        self._datasets: dict[str, Any] = {}
         with self.damage():
             self.root = open_hdf5(path)
 
@@ -91,8 +129,8 @@ class Hdf5File:
         return where if row is None else f"{where}[{row}]"
 
     def fault(self, name: str, fault: str, fix: str = DAMAGED) -> InputError:
-        """Return the error for what is wrong with a dataset or group."""
-        return input_error(self.place(name), fault, fix)
+        """Return the error for what is wrong with a dataset or group, or with the file, ""."""
+        return input_error(self.place(name) if name else self.path, fault, fix)
 
     @contextmanager
     def damage(self, name: str = "") -> Iterator[None]:
@@ -101,20 +139,18 @@ class Hdf5File:
             yield
         except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
             reason = printable(str(error).partition("\n")[0])
-            fault, fix = f"cannot be read ({reason})", DAMAGED
-            if "plugin" in reason.lower() or "required filter" in reason.lower():
-                fault = f"is compressed in a way that is not built in here ({reason})"
-                fix = "write it again with gzip or without compression"
-            raise input_error(self.place(name) if name else self.path, fault, fix) from error
+            filtered = "plugin" in reason.lower() or "required filter" in reason.lower()
+            fix = "write it again with gzip or without compression" if filtered else DAMAGED
+            raise self.fault(name, f"cannot be read ({reason})", fix) from error
 
     def attribute(self, name: str, node: str = "/") -> Any:
         """Return an attribute as Python's own str, bytes, number or list; None without it."""
         with self.damage(node.strip("/")):
             attributes = self.root[node].attrs
-            value = attributes[name] if name in attributes else None  # noqa: SIM401
+            value = attributes[name] if name in attributes else None  # noqa: SIM401 hides damage
             if isinstance(value, str):
                 value.encode()  # raises for what is not UTF-8
-        if value is None or isinstance(value, h5py.Empty):
+        if isinstance(value, h5py.Empty):
             return None
         if isinstance(value, np.ndarray):
             value = value.flat[0] if value.size == 1 else value.tolist()
@@ -125,15 +161,13 @@ class Hdf5File:
         with self.damage(name):
             return isinstance(self.root.get(name), h5py.Dataset)
 
-    def stored(self, name: str) -> Stored:
-        """Return a dataset, and what every read wants to know of it."""
+    def dataset(self, name: str) -> Any:
+        """Return a dataset, which stays open: h5py takes long to look up its type and shape."""
         if name not in self._datasets:
             if not self.is_dataset(name):
                 raise self.fault(name, "there is no such dataset")
             with self.damage(name):
-                dataset = self.root[name]
-                text = h5py.check_string_dtype(dataset.dtype) is not None
-                self._datasets[name] = Stored(dataset, text, dataset.shape or ())
+                self._datasets[name] = self.root[name]
         return self._datasets[name]
 
     def rows(self, name: str, rows: slice | tuple[Any, ...] = ()) -> Any:
@@ -141,17 +175,19 @@ class Hdf5File:
 
         Raises InputError where they are more than memory or the file can hold.
         """
-        dataset, text, shape = self.stored(name)
-        count = len(range(shape[0])[rows]) if isinstance(rows, slice) else prod(shape[:1])
+        dataset = self.dataset(name)
         with self.damage(name):
-            value_bytes = TEXT_BYTES if text else max(2 * dataset.dtype.itemsize, VALUE_BYTES)
-            check_fits(self.place(name), count * prod(shape[1:]) * value_bytes)
-            size = prod(shape) * dataset.dtype.itemsize
-            present = dataset.id.get_storage_size() if size > ALWAYS_FITS else size
-            if size > MOST_COMPRESSED * present:
+            shape: tuple[int, ...] = dataset.shape or ()
+            width = dataset.dtype.itemsize
+            text = h5py.check_string_dtype(dataset.dtype) is not None
+            count = len(range(shape[0])[rows]) if isinstance(rows, slice) else math.prod(shape[:1])
+            value_bytes = TEXT_BYTES if text else max(2 * width, VALUE_BYTES)
+            check_fits(self.place(name), count * math.prod(shape[1:]) * value_bytes)
+            size, present = math.prod(shape) * width, dataset.id.get_storage_size()
+            if size > max(ALWAYS_FITS, MOST_COMPRESSED * present):
                 fault = f"of its {in_words(size)} the file holds {in_words(present)}"
                 raise self.fault(name, fault, "write its values, or make it smaller")
-            if size and not text and dataset.chunks and not dataset.id.get_storage_size():
+            if size and dataset.chunks and not present and not text:
                 # HDF5 takes long, and gigabytes, to go through many chunks that are not there
                 return np.full((count, *shape[1:]), dataset.fillvalue, dataset.dtype)
             values = dataset[rows]
@@ -170,3 +206,339 @@ def _decoded(stored: Any) -> Any:
 def as_text(value: Any) -> Any:
     """Return an attribute, bytes as text."""
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def hdf5_kind(path: Path) -> str:
+    """Return the kind of the layout that a file says it has. Raises InputError for other files."""
+    with Hdf5File(path) as file:
+        return LAYOUTS[_check_format(file, *LAYOUTS)].kind
+
+
+def _check_format(file: Hdf5File, *formats: str) -> str:
+    """Return the attribute `format`. Raises InputError where it is none of these."""
+    stated = as_text(file.attribute("format"))
+    if stated is None:
+        fix = "give a file of DeepLabCut, SLEAP, JABS, NWB (nwb_version) or movement (ds_type), or"
+        fix += f" set it, in a file of shapefit, to {listed(formats)}"
+        raise input_error(file.path, "has no root attribute format", fix)
+    if stated not in formats:
+        raise input_error(file.path, f"is a {stated} file", f"give a {listed(formats)} file")
+    return str(stated)
+
+
+class Hdf5Reader(Hdf5File):
+    """An open HDF5 file of a known layout; a context manager.
+
+    Opening checks layout and version, kind and shape of every dataset, and the landmark names; all
+    else is read when asked for. With `old` results and dictionaries of version 1 are read, too.
+    Raises InputError that names file and dataset for whatever is wrong.
+    """
+
+    def __init__(self, path: Path, form: Layout, *, old: bool = False) -> None:
+        super().__init__(path)
+        self.form = form
+        self._sizes: dict[str, int] = {}
+        self._ends: Integers | None = None
+        try:
+            self._attributes = self._read_attributes(old)
+            self._names = self._find_datasets()
+            if problems := list(self._problems()):
+                raise input_problems(problems)
+            names = self.read("landmark_names")
+            if "" in names or len({*names}) < len(names):
+                fault = "holds an empty name, or one twice"
+                raise self.fault("landmark_names", fault, "give every landmark a unique name")
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def count(self) -> int:
+        """Number of items."""
+        return self._sizes["n"]
+
+    @property
+    def attributes(self) -> dict[str, Attribute]:
+        """Attributes that the layout does not define: texts and numbers."""
+        return {
+            name.removeprefix(PREFIX): value
+            for name, value in self._attributes.items()
+            if name not in PLAIN_ATTRIBUTES and isinstance(value, str | int | float)
+        }
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """unit, y_axis and frame_rate, None where the file does not say it.
+
+        Raises InputError for a direction that is not up or down, and a rate that is not > 0.
+        """
+        y_axis, rate = self._attributes.get("y_axis"), self._attributes.get("frame_rate")
+        positive = rate is None or (isinstance(rate, int | float) and 0 < rate < math.inf)
+        if not positive or y_axis not in (None, "up", "down"):
+            fault = f"has the root attributes y_axis {y_axis!r} and frame_rate {rate!r}"
+            fix = "set y_axis to up or down, and frame_rate to frames per second, a number > 0"
+            raise input_error(self.path, fault, fix)
+        unit = str(self._attributes.get("unit", UNKNOWN_UNIT))
+        return {"unit": unit, "y_axis": y_axis, "frame_rate": rate and float(rate)}
+
+    def records(self, rows: slice, without: Collection[str] = ()) -> Any:
+        """Return the items in these rows, without some datasets."""
+        columns: dict[str, Any] = {}
+        whole: dict[str, Any] = {}
+        for name in sorted(self._names.keys() - {*without}):
+            (columns if self._is_per_item(name) else whole)[name] = self.read(name, rows)
+        kind: Any = KINDS[self.form.kind]
+        return kind(
+            landmark_names=whole.pop("landmark_names"),
+            items=columns.pop("item"),
+            sequences=columns.pop("sequence", None),
+            columns=columns,
+            whole=whole,
+            **self.stated,
+            attributes=self.attributes if self.form is RESULTS else None,
+        )
+
+    def fields(self) -> dict[str, Any]:
+        """Return all datasets of the layout by their fields, None for those that are absent."""
+        return {
+            FIELDS.get(name, name): self.read(name) if name in self._names else None
+            for name in self.form.datasets
+        }
+
+    def read(self, name: str, rows: slice = slice(None)) -> Any:
+        """Return a dataset in the orientation of memory; of what grows with the items, some rows.
+
+        Of `datasets` of the layout, numbers come as float64, indices as int64, texts as a tuple of
+        str; others as they are.
+        """
+        column = self.form.datasets.get(name)
+        kind = column.kind if column else None
+        if column and column.counted:
+            if self._ends is None:
+                self._ends = self._row_ends(name)
+            start, stop, _ = rows.indices(self.count)
+            rows = slice(int(self._ends[start]), int(self._ends[max(start, stop)]))
+        per_item = self._is_per_item(name)
+        values = np.asarray(self.rows(self._names.get(name, name), rows if per_item else ()))
+        if kind == "text":
+            return tuple(values)
+        if kind is None:
+            return values
+        with np.errstate(invalid="ignore", over="ignore"):  # nan and inf are found by the checks
+            array = np.asarray(values, np.int64 if kind == "index" else np.float64)
+        return np.ascontiguousarray(array.swapaxes(-1, -2)) if kind == "points" else array
+
+    def _row_ends(self, name: str) -> Integers:
+        """Return where the rows of items begin in a counted dataset, and the last ends (n + 1,)."""
+        counts = self.read(COUNTS)
+        ends = np.cumsum([0, *counts])
+        if (counts < 0).any() or ends[-1] != self._sizes["a"]:
+            fault = f"does not count the {self._sizes['a']} rows of {name}"
+            raise self.fault(COUNTS, fault, "the file was changed: fit again")
+        return ends
+
+    def _read_attributes(self, old: bool) -> dict[str, Any]:
+        """Return the attributes of the root, format and version checked."""
+        _check_format(self, self.form.name)
+        with self.damage():
+            names = list(self.root.attrs)
+        root = {name: as_text(self.attribute(name)) for name in names}
+        version = root.get("version")
+        if version == 1 and not old and self.form in (RESULTS, DICTIONARY):
+            fix = f"write it anew: shapefit convert {self.path.name} -o NEW.h5"
+            raise input_error(self.path, "is of version 1, an earlier format", fix)
+        if version not in (1, VERSION):
+            fix = f"this program reads version {VERSION}, a number"
+            raise input_error(self.path, f"has the root attribute version {version!r}", fix)
+        return root
+
+    def _find_datasets(self) -> dict[str, str]:
+        """Return where each dataset lies, by its name of today."""
+        nodes: dict[Any, Any] = {}
+        with self.damage():
+            self.root.visititems(lambda name, node: nodes.update({name: node}))  # no soft links
+            nodes |= {name: self.root[name] for name in self.form.all if name in self.root}
+            if not all(isinstance(name, str) for name in nodes):
+                raise ValueError("a name is not UTF-8")
+        renamed = RENAMED if self._attributes["version"] == 1 else {}
+        names = [name for name, node in nodes.items() if isinstance(node, h5py.Dataset)]
+        return {renamed.get(name, name): name for name in names}
+
+    def _problems(self) -> Iterator[str]:
+        """Yield what is wrong with the kind or shape of each dataset."""
+        for name, column in self.form.all.items():
+            letters, values = STORED[column.kind]
+            fault = "there is no such dataset" if column.required else ""
+            if name in self._names:
+                dataset = self.dataset(self._names[name])
+                text = h5py.check_string_dtype(dataset.dtype) is not None
+                shape = dataset.shape or ()
+                kind = "O" if text else dataset.dtype.kind.replace("O", "?")
+                fits = fit_axes(column.axes, shape, self._sizes)
+                fault = "" if fits else f"has the shape {shape}"
+                if kind not in letters:
+                    fault = f"holds values of type {'text' if text else dataset.dtype}"
+            if fault:
+                axes = tuple(self._sizes.get(str(axis), axis) for axis in column.axes)
+                wanted = f"store {values} {axes}".replace("'", "")
+                yield f"{self.place(name)}: {fault}; {wanted}"
+
+    def _is_per_item(self, name: str) -> bool:
+        """Whether a dataset has rows for items.
+
+        Those that no layout lists have an attribute that states it, in version 2.
+        """
+        dataset = self.dataset(self._names.get(name, name))
+        if name in self.form.all or self._attributes["version"] == 1:
+            per_item = self.form.is_per_item(name, dataset.ndim)
+        else:
+            with self.damage(name):
+                per_item = bool(dataset.attrs.get(PER_ITEM, False))
+        return per_item and (name in self.form.all or dataset.shape[:1] == (self.count,))
+
+
+@contextmanager
+def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
+    """Give a writer to a file that appears on a clean exit."""
+    with (
+        atomic_path(target) as path,
+        storage_errors(target, None),
+        _Output(path, "w+b") as output,
+    ):
+        try:
+            with h5py.File(output, "w", libver=LIBVER, rdcc_nbytes=4 * CHUNK_BYTES) as file:
+                writer = Hdf5Writer(file, form, output)
+                yield writer
+                writer.finish()
+        finally:
+            output.check()
+
+
+class _Output(io.FileIO):
+    """A file for HDF5, which crashes where it cannot write: the first error is kept for later."""
+
+    error: OSError | None = None
+
+    def check(self) -> None:
+        """Raise the error, if there was one."""
+        if self.error is not None:
+            raise self.error
+
+    def write(self, data: Any) -> int:
+        """Write all of it, or keep the error."""
+        try:
+            rest = memoryview(data)
+            while rest and self.error is None:
+                rest = rest[super().write(rest) :]
+        except OSError as error:
+            self.error = error
+        return len(data)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Cut the file off, or keep the error."""
+        try:
+            super().truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+        return size or 0
+
+
+class Hdf5Writer(RecordWriter[Any]):
+    """Appends records of one layout to an HDF5 file.
+
+    Datasets per item are chunked and extended along their first axis, what is not per item comes
+    from the first record; `attributes` become root attributes at the end, those of the records
+    too. Texts per item are held until then, when their greatest length is known. Datasets stay open
+    to the end: what HDF5 cannot write when one of them is closed by itself is no error.
+    """
+
+    def __init__(self, file: Any, form: Layout, output: _Output) -> None:
+        super().__init__()
+        self._file, self._form, self._output = file, form, output
+        self._first: Any = None
+        self._whole: dict[str, Array] = {}
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        self._texts: dict[str, list[Array]] = {}
+        self._open: dict[str, h5py.Dataset] = {}
+
+    def append(self, record: Any) -> None:
+        """Write the items of a record after those that are there.
+
+        Raises ValueError where its landmarks or datasets are not those of the first record.
+        """
+        rows, whole = _as_stored(record, self._form)
+        shapes = {name: values.shape[1:] for name, values in rows.items()}
+        if not self.begun:
+            self.begun, self._first, self._whole, self._shapes = True, record, whole, shapes
+        if record.landmark_names != self._first.landmark_names or shapes != self._shapes:
+            raise ValueError("the landmarks or datasets of this record are not those of the first")
+        for name, values in rows.items():
+            if values.dtype.kind in "OU":
+                self._texts.setdefault(name, []).append(_encoded(values))
+            else:
+                self._write_rows(name, values)
+        self.attributes.update(getattr(record, "attributes", {}))
+
+    def finish(self) -> None:
+        """Write the texts, what belongs to the file, and the attributes."""
+        self.check_begun()
+        for name, blocks in self._texts.items():
+            width = max(block.dtype.itemsize for block in blocks)
+            for block in blocks:
+                self._write_rows(name, block.astype(h5py.string_dtype("utf-8", width)))
+        for name, values in self._whole.items():
+            stored = _encoded(values) if values.dtype.kind in "OU" else values
+            checked = stored.size > 0 and stored.ndim > 0  # HDF5 has no checksum for one value
+            self._open[name] = self._file.create_dataset(name, data=stored, fletcher32=checked)
+        for name in self._shapes.keys() - self._form.datasets.keys():
+            self._open[name].attrs[PER_ITEM] = True
+        stated: dict[str, Any] = {"format": self._form.name, "version": VERSION}
+        for name in ("unit", "y_axis", "frame_rate"):
+            stated[name] = getattr(self._first, name, None)
+        for name, value in self.attributes.items():
+            stated[PREFIX + name if name in PLAIN_ATTRIBUTES else name] = value
+        for name, value in stated.items():
+            if value is not None:
+                self._file.attrs[name] = value
+        self._file.flush()
+        self._open.clear()
+
+    def _write_rows(self, name: str, values: Array) -> None:
+        """Write rows of a dataset behind those that are there, in chunks of a power of two."""
+        rest = values.shape[1:]
+        if name not in self._open:
+            row_bytes = max(values.itemsize * math.prod(rest), 1)
+            rows = max(1, min(CHUNK_BYTES // row_bytes, max(len(values), MIN_CHUNK_ROWS)))
+            rows = 1 << (rows.bit_length() - 1)
+            self._open[name] = self._file.create_dataset(
+                name,
+                shape=(0, *rest),
+                maxshape=(None, *(size or None for size in rest)),
+                chunks=(rows, *(max(size, 1) for size in rest)),
+                dtype=values.dtype,
+                fletcher32=True,
+            )
+        dataset = self._open[name]
+        start = len(dataset)
+        dataset.resize(start + len(values), axis=0)
+        dataset[start:] = values
+        self._output.check()
+
+
+def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return what a record, or a dictionary, holds as it stands in a file: per item, and whole."""
+    rows = dict(getattr(record, "per_item", {}))
+    whole = dict(getattr(record, "whole", {}))
+    for name, column in form.datasets.items():
+        if (value := getattr(record, FIELDS.get(name, name), None)) is not None:
+            array = np.asarray(value, object if column.kind == "text" else None)
+            array = array.swapaxes(-1, -2) if column.kind == "points" else array
+            (rows if column.per_item else whole)[name] = array
+    return rows, whole
+
+
+def _encoded(texts: Array) -> Array:
+    """Return texts in UTF-8, each as long as the longest."""
+    encoded = [str(text).encode("utf-8", "backslashreplace") for text in np.ravel(texts)]
+    kind = h5py.string_dtype("utf-8", max(map(len, encoded), default=0) or 1)
+    return np.array(encoded, kind).reshape(texts.shape)

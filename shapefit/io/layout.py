@@ -3,33 +3,73 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 Axes = tuple[str | int, ...]
 
+VERSION = 2
+UNKNOWN_UNIT = "unknown"
+
+PER_ITEM = "per_item"
+"""Attribute of a dataset that no layout lists: whether it has a row for each item."""
+
+COUNTS = "transform_count"
+"""The dataset that holds how many rows of those with the axis `a` belong to each item."""
+
+RENAMED = {
+    "belief": "inlier_probability",
+    "doubt": "reasons",
+    "edge_give": "bone_tolerance",
+    "left_out": "omitted",
+    "misfit": "residual_variance",
+    "plausibility": "p_value",
+}
+"""Datasets of version 1 -> their names."""
+
+FIELDS = {"item": "items", "sequence": "sequences", "atom_item": "atom_items"}
+"""Fields of records that are not called as their datasets."""
+
+OF_FILE = {
+    **dict.fromkeys(("camera_matrix", "extrinsic_rotation", "edges"), 2),
+    **dict.fromkeys(("distortion", "removed_distortion", "image_size", "mirror_index"), 1),
+    "extrinsic_translation": 1,
+}
+"""Datasets that no layout lists and that belong to the file when they have so many axes."""
+
+EDGES = "edges"  # (e, 2) of landmarks and results: pairs of landmarks that a line joins
+FRAME = "frame"  # (n,): the place of each item in its video, from 0
+LANDMARK_COVARIANCE = "landmark_covariance"  # (n, p, 2, 2) in the unit of the landmarks squared
+LABELS = OUTLIERS, CORRUPTED = "outliers", "corrupted"
+"""Datasets (n, p) of the landmarks that a fit calls outliers, and of those that were made so."""
+
+METRES_PER_UNIT = "metres_per_unit"  # (n,) of results: metres in one unit of the shape of an image
+METRES_FROM = "metres_from"  # attribute: by what that size was found, edges or spread
+
+INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
+INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
+"""Of a result: the landmarks of the files in 3D with their error bars, beside the joints."""
+
 
 class Column(NamedTuple):
-    """One dataset.
+    """One dataset: its axes in the file, and what it holds.
 
-    axes        as in the file: letters for sizes that agree over the file (AXES), or numbers
-    kind        a label is text or an integer code
-    points      coordinates, one point per row in the file (..., p, 3), per column in memory
-                (..., 3, p)
-    counted_by  the dataset that holds how many rows of this one belong to each item
-    stored      NumPy type in the file where it is smaller than in memory
+    Axes are letters, for sizes that agree over the file, or numbers. Kinds are number, index, text,
+    and points: coordinates, one point per row in the file (..., p, 3), per column in memory.
     """
 
     axes: Axes
-    kind: Literal["number", "index", "text", "label"] = "number"
+    kind: str = "number"
     required: bool = False
-    points: bool = False
-    counted_by: str = ""
-    stored: str = ""
+
+    @property
+    def counted(self) -> bool:
+        """Whether COUNTS holds how many of its rows belong to each item."""
+        return self.axes[0] == "a"
 
     @property
     def per_item(self) -> bool:
         """Whether it gets longer with more items."""
-        return self.axes[0] == "n" or bool(self.counted_by)
+        return self.axes[0] in ("n", "a")
 
 
 Table = Mapping[str, Column]
@@ -63,167 +103,102 @@ class Layout(NamedTuple):
         return 0 < axes != OF_FILE.get(name) if column is None else column.per_item
 
 
-VERSION = 2
-UNKNOWN_UNIT = "unknown"
-
-PER_ITEM = "per_item"
-"""Attribute of a dataset that no layout lists: whether it has a row for each item."""
-
-RENAMED = {
-    "belief": "inlier_probability",
-    "doubt": "reasons",
-    "edge_give": "bone_tolerance",
-    "left_out": "omitted",
-    "misfit": "residual_variance",
-    "plausibility": "p_value",
-}
-"""Datasets of version 1 -> their names."""
-
-FIELDS = {"item": "items", "sequence": "sequences", "atom_item": "atom_items"}
-"""Fields of records that are not called as their datasets."""
-
-AXES = {
-    "n": "items",
-    "p": "landmarks",
-    "q": "mesh vertices",
-    "k": "atoms",
-    "e": "edges",
-    "f": "faces",
-    "t": "half-steps",
-    "c": "components",
-    "a": "active transforms",
-    "w": "scales and numbers of landmarks",
-    "i": "landmarks of the detector",
-    "r": "coordinates of all landmarks",
-}
-
-OF_FILE = {
-    "camera_matrix": 2,
-    "distortion": 1,
-    "removed_distortion": 1,
-    "image_size": 1,
-    "extrinsic_rotation": 2,
-    "extrinsic_translation": 1,
-    "edges": 2,
-    "mirror_index": 1,
-}
-"""Datasets that no layout lists and that belong to the file when they have so many axes."""
-
-EDGES = "edges"  # (e, 2) of landmarks and results: pairs of landmarks that a line joins
-FRAME = "frame"  # (n,): the place of each item in its video, from 0
-LANDMARK_COVARIANCE = "landmark_covariance"  # (n, p, 2, 2) in the unit of the landmarks squared
-LABELS = OUTLIERS, CORRUPTED = "outliers", "corrupted"
-"""Datasets (n, p) of the landmarks that a fit calls outliers, and of those that were made so."""
-
-METRES_PER_UNIT = "metres_per_unit"  # (n,) of results: metres in one unit of the shape of an image
-METRES_FROM = "metres_from"  # attribute: by what that size was found, edges or spread
-
-INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
-INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
-"""Of a result: the landmarks of the files in 3D with their error bars, beside the joints."""
+def _table(text: str) -> dict[str, Column]:
+    """Return the columns of a text; a line has axes, kind, and names, with `!` where required."""
+    table: dict[str, Column] = {}
+    for line in text.strip().splitlines():
+        letters, kind, *names = line.split()
+        axes = tuple(int(axis) if axis.isdigit() else axis for axis in letters.split(","))
+        table |= {name.rstrip("!"): Column(axes, kind, name.endswith("!")) for name in names}
+    return table
 
 
-def _columns(axes: Axes, names: str, *, points: bool = False) -> dict[str, Column]:
-    """Return columns of numbers with the same axes."""
-    return {name: Column(axes, points=points) for name in names.split()}
-
-
-_NAMES = {"landmark_names": Column(("p",), "text", required=True)}
-_ITEMS = {
-    **_NAMES,
-    "item": Column(("n",), "text", required=True),
-    "sequence": Column(("n",), "text"),
-}
-_FACES = {"mesh_faces": Column(("f", 3), "index")}
-_EDGES = {EDGES: Column(("e", 2), "index")}
-_VERTICES = _columns(("n", "q", 3), "mesh_vertices", points=True)
-_SHAPES = {"shapes": Column(("n", "p", 3), required=True, points=True)}
+_ITEMS = """
+    p         text    landmark_names!
+    n         text    item! sequence"""
 
 LANDMARKS = Layout(
     "shapefit-landmarks",
     "landmarks",
-    {
-        **_ITEMS,
-        "landmarks": Column(("n", "p", 2), required=True, points=True),
-        "confidence": Column(("n", "p")),
-    },
+    _table(f"""{_ITEMS}
+    n,p,2     points  landmarks!
+    n,p       number  confidence"""),
     {},
 )
 
 SHAPES = Layout(
-    "shapefit-shapes", "shapes", {**_ITEMS, **_SHAPES, **_EDGES, **_VERTICES, **_FACES}, {}
+    "shapefit-shapes",
+    "shapes",
+    _table(f"""{_ITEMS}
+    n,p,3     points  shapes!
+    e,2       index   edges
+    n,q,3     points  mesh_vertices
+    f,3       index   mesh_faces"""),
+    _table("p index mirror_index"),
 )
 
-PROOF = {
-    "dual": Column(("n", "p", 2), points=True),
-    "convex_translation": Column(("n", 2)),
-    **_columns(("n",), "convex_objective convex_relative_gap"),
-    "transform_count": Column(("n",), "index", stored="int32"),
-    "transform_atom": Column(("a",), "index", counted_by="transform_count", stored="int32"),
-    "active_transforms": Column(("a", 2, 3), counted_by="transform_count"),
-}
+PROOF = _table("""
+    n,p,2     points  dual
+    n,2       number  convex_translation
+    n         number  convex_objective convex_relative_gap
+    n         index   transform_count
+    a         index   transform_atom
+    a,2,3     number  active_transforms""")
 """What proves the optimum of the convex program of a result, beside its landmarks and lambda."""
 
 RESULTS = Layout(
     "shapefit-result",
     "shapes",
-    {
-        **_ITEMS,
-        **_SHAPES,
-        **_columns(("n", "p", 2), "landmarks_fitted", points=True),
-        **_columns(("n", "k"), "coefficients"),
-        **_columns(("n", 3, 3), "rotation"),
-        **_columns(("n", 2), "translation"),
-        **_columns(("n",), "scale objective relative_gap"),
-        "iterations": Column(("n",), "index"),
-        "status": Column(("n",), "label"),
-        **_columns(("n", "p", 3), "shape_sd", points=True),
-        **_columns(("n", "k", 2, 3), "transforms"),
-        **_VERTICES,
-        **PROOF,
-    },
-    {
-        **_columns(
-            ("n",),
-            "lambda residual active_atoms tight metres_per_unit log_evidence p_value trusted "
-            "sequence_noise start_distance expected_error image_error sides_exchanged",
-        ),
-        **_columns(("n", 2), "focal principal_point"),
-        **_columns(("n", 3), "camera_translation position"),
-        **_columns(("n", "p"), "inlier_probability outliers"),
-        **_columns(("n", "p", 2), "landmarks"),
-        **_columns(("n", "p", 3), "shape_correlation"),
-        **_columns(("n", "r", "r"), "shape_covariance"),
-        **_columns(("n", "i", 3), f"{INPUT_SHAPES} {INPUT_SD} {INPUT_CORRELATION}"),
-        **_columns(("p", "p"), "landmark_map"),
-        **{name: Column(("n",), "text") for name in ("reasons", "omitted")},
-        INPUT_NAMES: Column(("i",), "text"),
-    },
+    _table(f"""{_ITEMS}
+    n,p,3     points  shapes! shape_sd
+    n,p,2     points  landmarks_fitted
+    n,k       number  coefficients
+    n,3,3     number  rotation
+    n,2       number  translation
+    n         number  scale objective relative_gap
+    n         index   iterations
+    n         text    status
+    n,k,2,3   number  transforms
+    n,q,3     points  mesh_vertices""")
+    | PROOF,
+    _table("""
+    n         number  lambda residual active_atoms tight metres_per_unit log_evidence p_value
+    n         number  trusted sequence_noise start_distance expected_error image_error
+    n         number  sides_exchanged
+    n,2       number  focal principal_point
+    n,3       number  camera_translation position
+    n,p       number  inlier_probability outliers
+    n,p,2     number  landmarks
+    n,p,3     number  shape_correlation
+    n,r,r     number  shape_covariance
+    n,i,3     number  input_shapes input_shape_sd input_shape_correlation
+    p,p       number  landmark_map
+    n         text    reasons omitted
+    i         text    input_landmark_names"""),
 )
 
 DICTIONARY = Layout(
     "shapefit-dictionary",
     "atoms",
-    {
-        **_NAMES,
-        "atoms": Column(("k", "p", 3), required=True, points=True),
-        "mean_shape": Column(("p", 3), required=True, points=True),
-        **_EDGES,
-        "mirror_index": Column(("p",), "index"),
-        **_columns(("k", "q", 3), "mesh_vertices", points=True),
-        **_FACES,
-        **_columns(("k",), "atom_scale"),
-        "atom_item": Column(("k",), "text"),
-        **_columns(("t",), "objective_trace"),
-        **_columns(("p",), "acceleration"),
-        **_columns(("e",), "bone_tolerance edge_length"),
-        **_columns(("e", "e"), "edge_covariance"),
-        **_columns((1,), "residual_variance"),
-        **_columns(("w", 4), "p_value_table"),
-        **_columns(("c",), "prior_weights"),
-        **_columns(("c", "p", 3), "prior_means", points=True),
-        **_columns(("c", "p", 3, "p", 3), "prior_covariances"),
-    },
+    _table("""
+    p         text    landmark_names!
+    k,p,3     points  atoms!
+    p,3       points  mean_shape!
+    e,2       index   edges
+    p         index   mirror_index
+    k,q,3     points  mesh_vertices
+    f,3       index   mesh_faces
+    k         number  atom_scale
+    k         text    atom_item
+    t         number  objective_trace
+    p         number  acceleration
+    e         number  bone_tolerance edge_length
+    e,e       number  edge_covariance
+    1         number  residual_variance
+    w,4       number  p_value_table
+    c         number  prior_weights
+    c,p,3     points  prior_means
+    c,p,3,p,3 number  prior_covariances"""),
     {},
 )
 

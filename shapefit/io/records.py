@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
-from shapefit.errors import input_error
 from shapefit.io.layout import (
+    COUNTS,
     EDGES,
     LABELS,
     LANDMARK_COVARIANCE,
@@ -30,7 +30,7 @@ Attribute = str | float | int
 Columns = Mapping[str, Any]
 Rows = NDArray[Any] | Sequence[int] | slice
 
-_TYPES = {"number": np.float64, "index": np.int64}
+_TYPES = {"number": np.float64, "points": np.float64, "index": np.int64, "text": np.str_}
 _FIELDS = ("landmark_names", "items", "sequences", "unit", "frame_rate", "y_axis", "attributes")
 
 
@@ -76,25 +76,21 @@ class Records:
         self.y_axis = None if self.LAYOUT is SHAPES else y_axis or "down"
         self.attributes: Mapping[str, Attribute] = attributes or {}
         self.per_item: dict[str, NDArray[Any]] = {}
-        self.whole = {name: self._as_array(name, value) for name, value in (whole or {}).items()}
-        for name, value in {self.LAYOUT.points: points, **(columns or {}), **named}.items():
-            if value is not None:
-                array = self._as_array(name, value)
-                per_item = self.LAYOUT.is_per_item(name, array.ndim)
-                (self.per_item if per_item else self.whole).setdefault(name, array)
-        self._check_axes()
-
-    def _as_array(self, name: str, value: Any) -> NDArray[Any]:
-        column = self.LAYOUT.datasets.get(name)
-        return np.asarray(value, _TYPES.get(column.kind) if column else None)
-
-    def _check_axes(self) -> None:
+        self.whole: dict[str, NDArray[Any]] = {}
         sizes = {"n": len(self), "p": len(self.landmark_names)}
-        for name, values in self.columns.items():
+        given = {self.LAYOUT.points: points, **(columns or {}), **named, **(whole or {})}
+        for name, value in given.items():
+            if value is None:
+                continue
             column = self.LAYOUT.datasets.get(name)
-            shape = values.swapaxes(-1, -2).shape if column and column.points else values.shape
-            axes = column.axes if column else ("n", *shape[1:])
-            if (column or name in self.per_item) and not fit_axes(axes, shape, sizes):
+            values = np.asarray(value, _TYPES.get(column.kind) if column else None)
+            per_item = name not in (whole or {}) and self.LAYOUT.is_per_item(name, values.ndim)
+            (self.per_item if per_item else self.whole)[name] = values
+            shape = values.shape
+            if column and column.kind == "points":
+                shape = values.swapaxes(-1, -2).shape
+            axes = column.axes if column else ("n", *shape[1:]) if per_item else shape
+            if not fit_axes(axes, shape, sizes):
                 raise ValueError(f"{name} has the shape {shape}; expected {axes} with {sizes}")
 
     def __getattr__(self, name: str) -> Any:
@@ -125,7 +121,7 @@ class Records:
     def lines(self) -> Integers | None:
         """Pairs of landmarks (e, 2) that a line joins, as far as they are such; None without."""
         edges = self.whole.get(EDGES)
-        if edges is None or edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
+        if edges is None or edges.shape[1:] != (2,) or edges.dtype.kind not in "iu":
             return None
         return edges[((edges >= 0) & (edges < len(self.landmark_names))).all(axis=1)]
 
@@ -138,16 +134,13 @@ class Records:
         if "further" in changes:
             changes = dict.fromkeys(self.further) | dict(changes.pop("further")) | changes
         whole = {name: changes.pop(name, values) for name, values in self.whole.items()}
-        whole = {name: values for name, values in whole.items() if values is not None}
         return type(self)(**fields, columns={**self.per_item, **changes}, whole=whole)
 
     def with_columns(self, columns: Columns | None = None, whole: Columns | None = None) -> Self:
         """Return the same with more columns, in place of those of the same names."""
-        per_item, of_file = columns or {}, whole or {}
-        rest = self.without({**per_item, **of_file})
-        fields = {name: getattr(self, name) for name in _FIELDS}
-        columns, whole = {**rest.per_item, **per_item}, {**rest.whole, **of_file}
-        return type(self)(**fields, columns=columns, whole=whole)
+        bare = self.without({**(columns or {}), **(whole or {})})
+        bare.whole |= whole or {}
+        return bare.replaced(**(columns or {}))
 
     def without(self, names: Collection[str]) -> Self:
         """Return the same without these columns."""
@@ -163,14 +156,50 @@ class Records:
         taken.items = tuple(self.items[row] for row in rows.tolist())
         if self.sequences is not None:
             taken.sequences = tuple(self.sequences[row] for row in rows.tolist())
-        chosen: Any = indices if isinstance(indices, slice) else rows  # a slice copies nothing
-        taken.per_item = {}
-        for name, values in self.per_item.items():
-            column = self.LAYOUT.datasets.get(name)
-            counts = column and self.per_item.get(column.counted_by)
-            pieces = chosen if counts is None else _counted_rows(counts, rows)
-            taken.per_item[name] = values[pieces]
+        pieces: Any = indices if isinstance(indices, slice) else rows  # a slice copies nothing
+        counted = {name for name, column in self.LAYOUT.datasets.items() if column.counted}
+        taken.per_item = {n: v[pieces] for n, v in self.per_item.items() if n not in counted}
+        if counted := counted & self.per_item.keys():
+            counts = self.per_item[COUNTS]
+            ends = np.cumsum(counts)
+            ranges = [np.arange(ends[row] - counts[row], ends[row]) for row in rows]
+            pieces = np.concatenate([np.empty(0, np.intp), *ranges])
+            taken.per_item |= {name: self.per_item[name][pieces] for name in counted}
         return taken
+
+    def arrange(
+        self, names: Sequence[str], place: str = "landmark_names", *, omit: bool = False
+    ) -> Self:
+        """Return the same items with the landmarks `names`, in that order.
+
+        Landmarks that images lack are unseen (NaN, confidence 0) and have no label; edges join the
+        landmarks that they joined; other columns stay as they are. Landmarks that `names` lacks are
+        left out with `omit`. Raises InputError at `place` for those otherwise, and for shapes that
+        lack one.
+        """
+        names, p = tuple(names), len(self.landmark_names)
+        if names == self.landmark_names:
+            return self
+        if not omit:
+            match_landmarks(names, self.landmark_names, place)
+        if self.LAYOUT is SHAPES:
+            match_landmarks(self.landmark_names, names, place)
+        column_of = {name: column for column, name in enumerate(self.landmark_names)}
+        columns = np.array([column_of.get(name, p) for name in names], np.intp)  # p: unseen
+        position = np.full(p + 1, -1)
+        position[columns] = np.arange(len(names))
+        position[p] = -1
+        changes = {self.LAYOUT.points: _with_unseen(self.points, 2, np.nan)[..., columns]}
+        for name in ("confidence", *LABELS, LANDMARK_COVARIANCE):
+            values = self.per_item.get(name)
+            if values is not None and values.shape[:2] == (len(self), p):
+                changes[name] = _with_unseen(values, 1, 0)[:, columns]
+        if (lines := self.lines) is not None:
+            moved = position[lines]
+            changes[EDGES] = moved[(moved >= 0).all(axis=1)]
+        if self.LAYOUT is SHAPES and (partners := self.whole.get("mirror_index")) is not None:
+            changes["mirror_index"] = position.take(partners[columns], mode="clip")
+        return self.replaced(landmark_names=names, **changes)
 
     def with_whole_points(self) -> Self:
         """Return the same items; a landmark with one unknown coordinate has none."""
@@ -184,8 +213,6 @@ class Records:
 
         Raises InputError at `place` where two landmarks would have one name.
         """
-        if not rename:
-            return self
         return self.replaced(landmark_names=renamed(self.landmark_names, rename, place))
 
 
@@ -202,27 +229,6 @@ class ShapeSet(Records):
     edges: Integers | None
     mesh_vertices: Floats | None
     mesh_faces: Integers | None
-
-    def arrange(self, names: Sequence[str], place: str = "landmark_names") -> Self:
-        """Return the same shapes with the same landmarks, in the order of `names`.
-
-        Raises InputError at `place` where the names are not those of this set.
-        """
-        names = tuple(names)
-        if self.landmark_names == names:
-            return self
-        match_landmarks(names, self.landmark_names, place)
-        columns = match_landmarks(self.landmark_names, names, place)
-        position = np.argsort(columns)
-        changes: dict[str, Any] = {"shapes": self.shapes[..., columns]}
-        if self.edges is not None:
-            changes["edges"] = position[self.edges]
-        if (index := self.whole.get("mirror_index")) is not None:
-            if not np.array_equal(np.sort(index, axis=None), np.arange(len(names))):
-                fix = "store the index of each landmark's mirror image, or remove it"
-                raise input_error(f"{place}:/mirror_index", "does not pair the landmarks", fix)
-            changes["mirror_index"] = position[index[columns]]
-        return self.replaced(landmark_names=names, **changes)
 
 
 class LandmarkSet(Records):
@@ -244,37 +250,6 @@ class LandmarkSet(Records):
     def visible(self) -> NDArray[np.bool_]:
         """Omega > 0 (n, p): the landmarks that have a place and confidence."""
         return self.weights() > 0
-
-    def arrange(
-        self, names: Sequence[str], place: str = "landmark_names", *, omit: bool = False
-    ) -> Self:
-        """Return the same images with the landmarks `names`, in that order.
-
-        Landmarks that this set lacks are unseen (NaN, confidence 0) and have no label; edges
-        join the landmarks that they joined; other columns stay as they are. Where this set has a
-        landmark that `names` lacks, `omit` leaves it out; without, that is an InputError at
-        `place`.
-        """
-        names = tuple(names)
-        if names == self.landmark_names:
-            return self
-        p, wanted = len(self.landmark_names), set(names)
-        retained = [j for j in range(p) if not omit or self.landmark_names[j] in wanted]
-        places = match_landmarks(names, [self.landmark_names[j] for j in retained], place)
-        points = np.full((len(self), 2, len(names)), np.nan)
-        points[..., places] = self.landmarks[..., retained]
-        changes: dict[str, Any] = {"landmarks": points}
-        for name in ("confidence", *LABELS, LANDMARK_COVARIANCE):
-            values = self.per_item.get(name)
-            if values is not None and values.shape[:2] == (len(self), p):
-                changes[name] = np.zeros((len(self), len(names), *values.shape[2:]), values.dtype)
-                changes[name][:, places] = values[:, retained]
-        if (lines := self.lines) is not None:
-            position = np.full(p, -1)
-            position[retained] = places
-            moved = position[lines]
-            changes[EDGES] = moved[(moved >= 0).all(axis=1)]
-        return self.replaced(landmark_names=names, **changes)
 
 
 class ResultSet(Records):
@@ -313,8 +288,8 @@ def concatenate(parts: Sequence[Record]) -> Record:
     return joined
 
 
-def _counted_rows(counts: Integers, items: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the rows of what is counted by `counts` (n,) that belong to these items."""
-    ends = np.cumsum(counts)
-    pieces = [np.arange(ends[item] - counts[item], ends[item]) for item in items]
-    return np.concatenate([np.empty(0, dtype=np.intp), *pieces])
+def _with_unseen(values: NDArray[Any], axis: int, unseen: float) -> NDArray[Any]:
+    """Return values with those of an unseen landmark behind them along an axis."""
+    shape = [*values.shape]
+    shape[axis] = 1
+    return np.concatenate([values, np.full(shape, unseen, values.dtype)], axis)

@@ -102,7 +102,7 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
 
     file_format = detect_format(path, options.format)
     if file_format is HDF5:
-        from shapefit.io.hdf5_records import hdf5_kind
+        from shapefit.io.hdf5_file import hdf5_kind
 
         return cast(Kind, hdf5_kind(path))
     if file_format is CSV:
@@ -383,12 +383,12 @@ def _open(
     if file_format is HDF5:
         file = _open_hdf5(path, form, **how)
     elif head:
-        from shapefit.io.tidy_table import read_csv_head
+        from shapefit.io.csv_file import read_csv_head
 
         records, share = read_csv_head(path, form.kind)
         file = SourceFile.of(name, records, share=share)
     else:
-        from shapefit.io.tidy_table import Spool, read_csv
+        from shapefit.io.csv_file import Spool, read_csv
 
         records, notes = read_csv(path, form.kind, gaps=gaps)
         file = SourceFile.of(name, records, notes=notes)
@@ -423,7 +423,7 @@ def _open_hdf5(
 
     It stays open, unless it is one of more than MAX_OPEN that `share` a source.
     """
-    from shapefit.io.hdf5_records import Hdf5Reader
+    from shapefit.io.hdf5_file import Hdf5Reader
 
     reader = Hdf5Reader(path, form, old=old)
     start, stop, _ = (rows or slice(None)).indices(reader.count)

@@ -8,13 +8,12 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from random import Random
-from typing import Any, Literal, get_args, get_origin
+from typing import Any
 
+import h5py
 import numpy as np
 from shapefit.cli.main import run
 
-from shapefit.config import CONFIGS
-from shapefit.config.model import keys_of
 from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
 from tests.io.readers import detector_files, tracker_files
@@ -28,8 +27,10 @@ from .spoil import (
     spoil_json,
     spoil_table,
     spoil_text_bytes,
-    spoil_words,
 )
+
+MOTION = Path(__file__).with_name("motion")
+"""Small files of 3D motion."""
 
 Command = tuple[str, ...]
 Make = Callable[[Random, Path], Command]
@@ -170,8 +171,9 @@ def make_tracker(rng: Random, folder: Path) -> Command:
 
 
 def make_detector(rng: Random, folder: Path) -> Command:
-    """Spoil a file of a detector of people, or one of its folder, and convert it."""
-    name = rng.choice(list(detector_files.WRITERS))
+    """Spoil a file of a detector of people, one of its folder, or of 3D motion, and convert it."""
+    shutil.copytree(MOTION, folder, dirs_exist_ok=True)
+    name = rng.choice((*detector_files.WRITERS, "m.trc", "m.bvh", "m.amc", "m.csv"))
     path = folder / name
     if path.is_dir():
         path = rng.choice(sorted(path.iterdir()))
@@ -183,26 +185,6 @@ def make_detector(rng: Random, folder: Path) -> Command:
         path.write_bytes(spoil_text_bytes(rng, path.read_bytes()))
     given = name if rng.random() < 0.7 else str(path.relative_to(folder))
     return ("convert", given, "-o", rng.choice(("out.h5", "out.csv")))
-
-
-MOTION = Path(__file__).with_name("motion")
-"""Small files of 3D motion, and a calibration."""
-
-
-def make_motion(rng: Random, folder: Path) -> Command:
-    """Spoil a file of 3D motion or a calibration, and read it."""
-    shutil.copytree(MOTION, folder, dirs_exist_ok=True)
-    name = rng.choice(("m.trc", "m.bvh", "m.asf", "m.amc", "m.csv", "m.toml"))
-    text = (folder / name).read_text()
-    for _ in range(rng.randrange(1, 4)):
-        text = spoil_words(rng, text)
-    (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))
-    if name == "m.toml":
-        return (*FIT, "--set=camera.calibration=m.toml", f"--set=camera.name={rng.choice('l0x')}")
-    source = "m.amc" if name == "m.asf" else name
-    if rng.random() < 0.5:
-        return ("convert", source, "-o", rng.choice(("out.h5", "out.csv")))
-    return ("learn-dict", source, *LEARN)
 
 
 # Configs
@@ -227,50 +209,16 @@ YAML_VALUES = (
     *("all", "auto", "[nose, neck, pelvis]", "item", "model", "weight", "none", "[0.3, 0.2]"),
 )
 
-KEYS = {
-    command: [
-        (".".join(way), key.field.annotation) for way, key in keys_of(CONFIGS[command]).items()
-    ]
-    for command in COMMANDS
-}
-
-
-def _setting(rng: Random, command: str) -> tuple[str, str]:
-    """Return a key and, in most cases, a value that its type admits."""
-    key, annotation = rng.choice(KEYS[command])
-    literal = get_origin(annotation) is Literal
-    kind = rng.choice([annotation] if literal else [annotation, *get_args(annotation)])
-    values: Any = YAML_VALUES
-    if rng.random() < 0.6:
-        numbers = {bool: ("true", "false"), int: range(8), float: (10 ** rng.uniform(-9, 9),)}
-        values = get_args(kind) if get_origin(kind) is Literal else numbers.get(kind, YAML_VALUES)
-    value = str(rng.choice(values))
-    if key == "k" and value.strip("'\"+-").isdigit():  # large ones are right and take long
-        value = str(min(int(value.strip("'\"+-")), 4))
-    return key, value
-
-
-def make_options(rng: Random, _folder: Path) -> Command:
-    """A good command with some options more."""
-    command = rng.choice(list(COMMANDS))
-    settings = [*COMMANDS[command].items()]
-    settings += [_setting(rng, command) for _ in range(rng.choice((1, 1, 2, 3)))]
-    if rng.random() < 0.1:
-        settings.append((rng.choice(("", "a", ".", "a..b", "output.x", "fit", "\x1b[2J")), "1"))
-    options = [f"{key}={value}".replace("\0", "") for key, value in settings]
-    # what a shell can hand over
-    encodable = [option.encode("utf-8", "replace").decode() for option in options]
-    return (command, *(word for option in encodable for word in ("--set", option)))
+KEYS = ("method", "camera", "outliers", "save", "lambda", "seed", "rename", "mirror", "views", "k")
+"""Keys that get any value, whether the command has them or not."""
 
 
 def make_yaml(rng: Random, folder: Path) -> Command:
-    """A good config with some keys more, spoiled as text."""
+    """A good config with some values of any kind, spoiled as text."""
     command = rng.choice(list(COMMANDS))
-    more = dict(_setting(rng, command) for _ in range(rng.choice((0, 1, 2))))
-    text = ""
-    for key, value in (COMMANDS[command] | more).items():
-        section, _, last = key.rpartition(".")
-        text += f"{section}: {{{last}: {value}}}\n" if section else f"{last}: {value}\n"
+    keys = rng.choices(KEYS, k=rng.choice((0, 1, 2)))
+    settings = COMMANDS[command] | {key: str(rng.choice(YAML_VALUES)) for key in keys}
+    text = "".join(f"{key}: {value}\n" for key, value in settings.items())
     for _ in range(rng.choice((0, 1, 1, 2))):
         text = _spoil_yaml(rng, text)
     (folder / "config.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
@@ -309,9 +257,59 @@ KINDS: Mapping[str, Make] = {
     "csv": make_table,
     "detectors": make_detector,
     "hdf5": make_hdf5,
-    "motion": make_motion,
     "trackers": make_tracker,
     "yaml": make_yaml,
-    "set": make_options,
 }
 """Kind -> what spoils the files of a folder and returns the command line that reads them."""
+
+
+# What once ended in an internal error, a crash, a hang or nonsense
+
+PMP = ("fit", "views.h5", "-d", "bases.h5", "-o", "out.h5", "--set=method=pmp")
+VIEW = ("view", "result.h5", "--truth", "shapes.h5", "-o", "out.html")
+PROJECT = ("project", "shapes.h5", "-o", "out.h5")
+
+Finding = tuple[str, Mapping[Any, Any], Command]
+
+FINDINGS: Mapping[str, Finding] = {
+    "items-that-nobody-wrote": ("shapes.h5",
+        {**dict.fromkeys(("sequence", "mesh_vertices", "mesh_faces", "weight", "model")),
+         "shapes": ((10**9, 15, 3), (1000, 15, 3)), "item": ((10**9,), (10**5,))}, PROJECT),
+    "further-dataset-without-end": ("views.h5", {"further": ((10**10,), (10**4,))}, FIT),
+    "a-chunk-for-each-value": ("dict.h5", {"objective_trace": ((10**6,), (1,))}, FIT),
+    "landmarks-whose-span-overflows": ("result.h5",
+        {"landmarks": np.resize([1e308, -1e308], (8, 15, 2))}, VIEW),
+    "zero-byte-in-an-item": ("views.h5",
+        {"item": np.array([f"a\0{i}".encode() for i in range(8)], "S4")}, FIT),
+    "dataset-whose-name-is-not-utf8": ("shapes.h5", {b"\xff\xfe": np.zeros(8)}, PROJECT),
+    "limbs-without-a-length": ("bases.h5", {"edges": np.array([[0, 0], [1, 1]])}, PMP),
+    "aliases-of-aliases": ("config.yaml", {0: aliases_of_aliases(8)}, ("eval", "-c",
+        "config.yaml")),
+    "table-without-end": ("", {}, ("fit", "/dev/zero", "-d", "dict.h5", "-o", "out.h5")),
+}  # fmt: skip
+"""Name -> the file that is changed, its changes, and the command line that reads it."""
+
+
+def edit(path: Path, changes: Mapping[Any, Any]) -> None:
+    """Change lines of a text by their numbers, or datasets and `@attributes` of an HDF5 file.
+
+    None deletes a dataset, and a tuple (shape, chunks) is one that nobody wrote.
+    """
+    if path.suffix != ".h5":
+        lines = path.read_text().splitlines() if path.exists() else [""]
+        lines = [changes.get(number, line) for number, line in enumerate(lines)]
+        path.write_text("\n".join(lines) + "\n")
+        return
+    with h5py.File(path, "r+") as file:
+        for name, value in changes.items():
+            if isinstance(name, str) and name.startswith("@"):
+                file.attrs[name[1:]] = value
+                continue
+            if name in set(file):
+                del file[name]
+            if isinstance(value, tuple):
+                shape, chunks = value
+                kind = "S1" if name == "item" else "f8"
+                file.create_dataset(name, shape, kind, chunks=chunks)
+            elif value is not None:
+                file[name] = value

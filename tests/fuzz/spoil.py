@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from copy import deepcopy
@@ -123,21 +122,6 @@ def spoil_text_bytes(rng: Random, data: bytes) -> bytes:
             case _:
                 return bytes(insert(rng, data, rng.choice(pieces)))
     return data
-
-
-def spoil_words(rng: Random, text: str) -> str:
-    """Replace a word, cut the text off, or drop and repeat lines."""
-    kind = rng.randrange(6)
-    if kind < 3:
-        words = re.split(r"(\s|,)", text)
-        words[rng.randrange(len(words))] = rng.choice(NUMBERS + NAMES)
-        return "".join(words)
-    if kind == 3:
-        return text[: rng.randrange(len(text) + 1)]
-    lines = text.split("\n")
-    place = rng.randrange(len(lines))
-    lines[place : place + rng.randrange(2)] = rng.choice(([], lines[:2], [lines[place]] * 2))
-    return "\n".join(lines)
 
 
 def spoil_json(rng: Random, path: Path) -> None:

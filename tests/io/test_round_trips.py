@@ -101,7 +101,6 @@ def result_sets(draw):
     shapes = draw(numbers((n, 3, p)))
     failed = draw(arrays(np.bool_, (n, 1, 1)))
     status = arrays(np.dtype("U6"), n, elements=st.sampled_from(["solved", "failed", ""]))
-    codes = arrays(np.int64, n, elements=st.integers(0, 3))
     counts = draw(arrays(np.int64, n, elements=st.integers(0, k)))
     total = int(counts.sum())
     proof = {
@@ -120,7 +119,7 @@ def result_sets(draw):
         objective=draw(optional(numbers(n, anything))),
         relative_gap=draw(optional(numbers(n, anything))),
         iterations=draw(optional(arrays(np.int64, n))),
-        status=draw(optional(status | codes)),
+        status=draw(optional(status)),
         transforms=draw(optional(numbers((n, k, 2, 3), anything))),
         mesh_vertices=draw(optional(numbers((n, 3, 2), anything))),
         y_axis=draw(st.sampled_from(["up", "down"])),

@@ -13,10 +13,10 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, printable
+from shapefit.io.csv_file import read_numbers
 from shapefit.io.readers.poses import Poses, image_labels, number_labels, of_frames, require
 from shapefit.io.readers.text import read_table, read_text
 from shapefit.io.readers.trackers import TrackerFile
-from shapefit.io.tidy_table import read_numbers
 
 HEADER = ("scorer", "individuals", "bodyparts", "coords")
 

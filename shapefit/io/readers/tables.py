@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.checks import warn_of_zeros
+from shapefit.io.csv_file import read_numbers
 from shapefit.io.formats import INDIVIDUALS
 from shapefit.io.readers.poses import (
     Poses,
@@ -32,7 +33,6 @@ from shapefit.io.readers.poses import (
 )
 from shapefit.io.readers.text import Table, read_json, read_table, read_text
 from shapefit.io.skeletons import installed_skeletons
-from shapefit.io.tidy_table import read_numbers
 
 # Headers.
 

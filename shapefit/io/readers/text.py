@@ -14,9 +14,9 @@ import orjson
 
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
+from shapefit.io.csv_file import read_numbers
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 from shapefit.io.readers.poses import require
-from shapefit.io.tidy_table import read_numbers
 
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 

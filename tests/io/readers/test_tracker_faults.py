@@ -73,7 +73,7 @@ def test_a_filter_that_is_not_there(write, problem):
         dataset = h5py.h5d.create(file.id, b"tracks", kind, space, creation)
         dataset.write_direct_chunk((0, 0, 0, 0), values.tobytes())
     text = problem(path)
-    assert text.startswith(":/tracks: is compressed in a way that is not built in here")
+    assert text.startswith(":/tracks: cannot be read (")
     assert text.endswith("write it again with gzip or without compression")
 
 

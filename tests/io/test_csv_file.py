@@ -19,10 +19,9 @@ from shapefit.io import (
     read_shapes,
     result_writer,
 )
-from shapefit.io.csv_file import read_rows, split_columns
+from shapefit.io.csv_file import read_csv, read_numbers, read_rows, split_columns
 from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet, concatenate
-from shapefit.io.tidy_table import read_csv, read_numbers
 from tests.io.files import load, save
 
 VIEWS = """\
@@ -173,8 +172,9 @@ def test_what_is_no_number_is_strange(text):
 # What is wrong
 
 
-UNSEEN = "write a finite number, or leave the cell empty where the landmark is unseen"
+UNSEEN = "write a finite number, or leave the cell empty where it is unknown"
 WEIGHT = "write 0 (hidden) or a positive number"
+HEADER = "write the header item,landmark,x,y[,confidence][,sequence], with commas"
 ONE_CELL = "write one cell per column"
 
 
@@ -216,16 +216,9 @@ ONE_CELL = "write one cell per column"
         (b"item,landmark,x,y\na,head,1,2\n\xe9,head,1,2\n",
          ["3: is not UTF-8 text; save it as CSV in UTF-8"]),
         ("item,landmark,x,y,confidense\n1,2,3,4,5\n",
-         ["1: unknown column 'confidense'; did you mean 'confidence'?"]),
-        (
-            "item,landmark,x,z,x\n1,2,3,4,5\n",
-            [
-                "1: the column 'x' repeats; keep one of them",
-                "1: unknown column 'z'; the columns are item,landmark,x,y[,confidence][,sequence]",
-                "1: there is no column 'y'; the columns are "
-                "item,landmark,x,y[,confidence][,sequence]",
-            ],
-        ),
+         [f"1: the header is 'item,landmark,x,y,confidense'; {HEADER}"]),
+        ("item,landmark,x\n1,2,3\n", [f"1: the header is 'item,landmark,x'; {HEADER}"]),
+        ("item,landmark,x,y,x\n", [f"1: the header is 'item,landmark,x,y,x'; {HEADER}"]),
         ("item,landmark,x,y\n" + "".join(f"\"item\n{i}\",head,{i},2\n" for i in range(30_000))
          + "last,head,bad,2\n", [f"60002: x is 'bad'; {UNSEEN}"]),
     ],
@@ -239,7 +232,7 @@ def test_every_bad_row_is_named_with_its_line(csv, problems, read_views, text, t
     ("rows", "line", "found"),
     [
         ('a,h,1,2\nb,"h"h,1,2\nc,h,1,2\n', 3, "a bad cell (',' expected after '\"')"),
-        ('a,h,1,2\nb,h,1,"2\n', 3, "a quote is never closed; put cells with commas"),
+        ('a,h,1,2\nb,h,1,"2\n', 3, "a bad cell (unexpected end of data); put cells with commas"),
         ('a,h,1,2\n"b,h,1,2\n' + "c,h,1,2\n" * 100_000, 3, "a bad cell (field larger than"),
     ],
 )
@@ -255,7 +248,9 @@ def test_shapes_must_be_finite_and_complete(csv, problems, cell, read_one):
     assert problems(read_one, path) == (f"{path}:3: {found}; write a finite number",)
     path = csv("item,landmark,x,y,z\na,head,1,2,3\na,foot,1,2,3\nb,foot,1,2,3\n")
     (line,) = problems(read_one, path)
-    assert line == f"{path}: item 'b' has no landmark 'head'; write every landmark of every item"
+    assert (
+        line == f"{path}: item 'b', landmark 'head' has no row; write every landmark of every item"
+    )
 
 
 HEAD = "item,landmark,x,y,z\n"
@@ -285,7 +280,7 @@ def test_a_table_whose_rows_share_nothing(tmp_path, problems, monkeypatch):
 
 def test_results_must_not_be_infinite(csv, problems):
     path = csv("item,landmark,x,y,z\na,head,1,2,-inf\n")
-    fix = "write a finite number, or leave the cell empty where the item failed"
+    fix = "write a finite number, or leave the cell empty where it is unknown"
     assert problems(read_results, path) == (f"{path}:2: z is '-inf'; {fix}",)
 
 
@@ -340,16 +335,13 @@ def test_items_without_landmarks_write_a_header(tmp_path):
     assert (tmp_path / "none.csv").read_text() == "item,landmark,x,y\n"
 
 
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
-@example([-1.2345678901234567e-300] * 20)  # as many digits as there are
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2))
+@example([-1.2345678901234567e-300] * 2)  # as many digits as there are
 def test_numbers_come_back_to_the_last_bit(values):
-    for as_python in (False, True):
-        name = csv_file.cells_of(["a"], np.zeros(1, np.int64))
-        row = csv_file.rows_of([name], np.array([values]), [], as_python=as_python)
-        cells = bytes(row).decode().removesuffix("\n").split(",")[1:]
-        assert read_numbers(cells)[0].tobytes() == np.array(values).tobytes()
-        if as_python:
-            assert cells == list(map(repr, values))
+    data: list[bytes] = []
+    csv_file.CsvWriter(data.append).append(LandmarkSet(np.array([values])[..., None], "a", "b"))
+    cells = bytes(data[-1]).decode().removesuffix("\n").split(",")[2:]
+    assert read_numbers(cells)[0].tobytes() == np.array(values).tobytes()
 
 
 @pytest.mark.parametrize("rows", [1, 5, 13])
@@ -385,7 +377,7 @@ class TestLargeTables:
 
     @pytest.fixture(autouse=True)
     def _small(self, monkeypatch):
-        monkeypatch.setattr("shapefit.io.tidy_table.MAX_IN_MEMORY", 12)
+        monkeypatch.setattr("shapefit.io.csv_file.MAX_IN_MEMORY", 12)
         monkeypatch.setattr(inputs, "BLOCK_BYTES", 40)
 
     def table(self, csv, order, sequences=True):
@@ -401,7 +393,7 @@ class TestLargeTables:
             assert source.notes == ()
             rows = concatenate(list(source.chosen(np.array([1, 2, 30]), 7)))
             names = [item for block in source.names() for item in block]
-        monkeypatch.setattr("shapefit.io.tidy_table.MAX_IN_MEMORY", 10**6)
+        monkeypatch.setattr("shapefit.io.csv_file.MAX_IN_MEMORY", 10**6)
         whole = load(path)
         same(concatenate(parts), whole)
         same(rows, whole.take([1, 2, 30]))
@@ -416,7 +408,7 @@ class TestLargeTables:
                 f"{path}: the rows of items do not stand together, so that it was read whole: "
                 "sort it by item",
             )
-        monkeypatch.setattr("shapefit.io.tidy_table.MAX_IN_MEMORY", 10**6)
+        monkeypatch.setattr("shapefit.io.csv_file.MAX_IN_MEMORY", 10**6)
         same(found, load(path))
 
     def test_from_a_pipe_they_must_stand_together(self, csv, standard_input, problems):
