@@ -88,10 +88,10 @@ def check_mesh(place: Place, columns: Mapping[str, Any], p: int) -> None:
 
 def warn_of_zeros(points: Floats) -> tuple[str, ...]:
     """Warn of many landmarks (..., 2) at exactly (0, 0), where detectors put what they miss."""
-    there = (points == 0).all(axis=-1)
-    if there.sum() <= AT_ZERO * there.size:
+    zeros = (points == 0).all(axis=-1)
+    if zeros.sum() <= AT_ZERO * zeros.size:
         return ()
-    fault = f"{int(there.sum())} of {counted(there.size, 'landmark')} are at exactly (0, 0)"
+    fault = f"{int(zeros.sum())} of {counted(zeros.size, 'landmark')} are at exactly (0, 0)"
     return (f"{fault}: if these were not found, leave them empty, or NaN",)
 
 

@@ -10,7 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.errors import abbreviate, input_error, listed
-from shapefit.io.formats import CSV, FIRST, HDF5, OWN, FileFormat, Head, named_format
+from shapefit.io.formats import (
+    CSV,
+    FIRST,
+    HDF5,
+    OWN,
+    FileFormat,
+    Head,
+    named_format,
+    own_format,
+)
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import deeplabcut, detections, markers, motion, tables, trackers
@@ -29,29 +38,27 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     Standard input and pipes are CSV. With another `name` than auto it is that format. Raises
     InputError as `require_file` does, for unknown names, and for files that are something else.
     """
-    if is_stream(path):
-        return CSV
-    if name != "auto":
+    if name != "auto" and not is_stream(path):
         chosen = named_format(name, FORMATS)
-        if path.is_dir() and not chosen.folders:
+        if path.is_dir() and not chosen.together:
             fix = f"name the files in it: '{path}/*{chosen.suffixes[0]}'"
             raise input_error(path, f"it is a folder, and {chosen.title} is a file", fix)
         return chosen
     if path.is_dir():
         return _detect_folder(path)
+    if (own := own_format(path)) is not None:
+        return own
     require_file(path)
     if not path.is_file():
         return CSV
     head = Head(path)
-    # Names decide between formats that share a beginning; ours come first.
-    for one in sorted(
-        FORMATS.values(), key=lambda f: f not in (HDF5, CSV) and not head.named(*f.suffixes)
-    ):
+    # Names decide between formats that share a beginning.
+    for one in sorted(FORMATS.values(), key=lambda one: not head.named(*one.suffixes)):
         if one.recognise(head):
             return one
     if head.bytes.startswith(HDF5_SIGNATURE):
         return HDF5
-    if path.name.lower().endswith(HDF5.suffixes):
+    if head.named(*HDF5.suffixes):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
     _refuse_unknown(head)
@@ -61,7 +68,7 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
 def _detect_folder(path: Path) -> FileFormat:
     """Return the format of a folder whose files are one recording."""
     names = sorted(os.listdir(path))
-    folders = [one for one in FORMATS.values() if one.folders]
+    folders = [one for one in FORMATS.values() if one.together]
     for one in folders:
         files = [path / name for name in names if name.lower().endswith(one.suffixes)]
         if any(file.is_file() and one.recognise(Head(file)) for file in files[:FIRST]):
@@ -81,28 +88,23 @@ def _refuse_unknown(head: Head) -> None:
         fix = "give the landmarks that a detector found in a video or images, not compressed"
         raise input_error(head.path, "is neither text nor of a known format", fix)
     if head.may_be_json:
-        content = read_json(head.path)  # names the line of damage
-        first = content[0] if isinstance(content, list) and content else content
-        keys = f"with {abbreviate(sorted(first))}" if isinstance(first, dict) else "without names"
-        kind = "an object" if isinstance(content, dict) else "a list of objects"
+        read_json(head.path)  # names the line of damage
+        keys = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
         fix = "give JSON of OpenPose, AlphaPose, MMPose, MediaPipe or COCO (docs/formats.md)"
-        raise input_error(head.path, f"is JSON of no known kind, {kind} {keys}", fix)
+        raise input_error(head.path, f"is JSON of no known kind, {keys}", fix)
 
 
 def group_inputs(
     paths: Sequence[Path], options: InputOptions
 ) -> list[tuple[FileFormat, tuple[Path, ...]]]:
     """Return the inputs in order, each with its format; files that are one recording together."""
-    groups: dict[tuple[str, str], tuple[FileFormat, list[Path]]] = {}
+    groups: dict[tuple[str, Path], tuple[FileFormat, list[Path]]] = {}
     for path in paths:
         one = detect_format(path, options.format)
         shared = one.together and not path.is_dir()
-        key = (one.title, str(path.parent)) if shared else ("", str(path))
+        key = (one.title, path.parent) if shared else ("", path)
         groups.setdefault(key, (one, []))[1].append(path)
     return [(one, tuple(files)) for one, files in groups.values()]
-
-
-# What recognises formats.
 
 
 def is_yolo(head: Head) -> bool:
@@ -172,62 +174,61 @@ def _json(kind: type, *keys: str) -> Callable[[Head], bool]:
 
 
 IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
+H5, JSON, TABLE = (".h5", ".hdf5"), (".json",), (".csv",)
 
 # fmt: off
 FORMATS: dict[str, FileFormat] = {
     **OWN,
     "deeplabcut-csv": FileFormat(
-        "a DeepLabCut or Lightning Pose CSV", (".csv",), EITHER,
-        is_deeplabcut_csv, deeplabcut.read_csv),
+        "a DeepLabCut or Lightning Pose CSV", TABLE, EITHER, is_deeplabcut_csv,
+        deeplabcut.read_csv),
     "deeplabcut-h5": FileFormat(
-        "a DeepLabCut HDF5 file", (".h5", ".hdf5"), EITHER,
+        "a DeepLabCut HDF5 file", H5, EITHER,
         lambda head: any(name.endswith("@pandas_type") for name in head.hdf5),
         deeplabcut.read_hdf5),
     "jabs-h5": FileFormat(
-        "a JABS pose file", (".h5",), IMAGES, _hdf5("poseest/points"), trackers.read_jabs),
+        "a JABS pose file", H5, IMAGES, _hdf5("poseest/points"), trackers.read_jabs),
     "movement-netcdf": FileFormat(
         "a movement netCDF file", (".nc", ".nc4"), EITHER, _hdf5("@ds_type"),
         trackers.read_movement),
     "nwb-ndx-pose": FileFormat(
         "an NWB file", (".nwb",), EITHER, _hdf5("@nwb_version"), trackers.read_nwb),
     "sleap-analysis-h5": FileFormat(
-        "a SLEAP analysis file", (".h5", ".hdf5"), IMAGES, _hdf5("tracks", "node_names"),
+        "a SLEAP analysis file", H5, IMAGES, _hdf5("tracks", "node_names"),
         trackers.read_sleap_analysis),
     "sleap-slp": FileFormat(
         "a SLEAP .slp file", (".slp",), IMAGES,
         _hdf5("metadata@format_id", "frames", "instances"), trackers.read_slp),
     "alphapose-json": FileFormat(
-        "an AlphaPose file of all images", (".json",), IMAGES, is_alphapose,
-        detections.read_alphapose),
+        "an AlphaPose file of all images", JSON, IMAGES, is_alphapose, detections.read_alphapose),
     "caliscope-csv": FileFormat(
-        "a caliscope CSV", (".csv",), IMAGES,
+        "a caliscope CSV", TABLE, IMAGES,
         lambda head: {"frame_index", "point_id", "img_loc_x", "img_loc_y"} <= {*head.columns},
         tables.read_caliscope),
     "coco-annotations": FileFormat(
-        "a file of COCO annotations", (".json",), IMAGES,
-        _json(dict, "images", "annotations", "categories"),
-        detections.read_coco_annotations),
+        "a file of COCO annotations", JSON, IMAGES,
+        _json(dict, "images", "annotations", "categories"), detections.read_coco_annotations),
     "coco-results": FileFormat(
-        "a file of COCO results", (".json",), IMAGES, _json(list, "image_id"),
+        "a file of COCO results", JSON, IMAGES, _json(list, "image_id"),
         detections.read_coco_results),
     "mmpose-video": FileFormat(
-        "an MMPose file", (".json",), IMAGES,
-        _json(object, "instances", "instance_info", "meta_info"), detections.read_mmpose_video),
+        "an MMPose file", JSON, IMAGES, _json(object, "instances", "instance_info", "meta_info"),
+        detections.read_mmpose_video),
     "mmpose-images": FileFormat(
-        "a set of MMPose files", (".json",), IMAGES, is_mmpose_images,
-        detections.read_image_files, together=True, folders=True),
+        "a set of MMPose files", JSON, IMAGES, is_mmpose_images, detections.read_image_files,
+        together=True),
     "openpose": FileFormat(
-        "a set of OpenPose files", (".json",), IMAGES, _json(dict, "people", "bodies", "version"),
-        detections.read_image_files, together=True, folders=True),
+        "a set of OpenPose files", JSON, IMAGES, _json(dict, "people", "bodies", "version"),
+        detections.read_image_files, together=True),
     "ultralytics-txt": FileFormat(
         "a set of YOLO pose labels", (".txt",), IMAGES, is_yolo, detections.read_yolo,
-        together=True, folders=True),
+        together=True),
     "acclaim": FileFormat(
         "an ASF/AMC motion", (".amc", ".asf"), SHAPES,
         lambda head: head.named(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#"),
         motion.read_acclaim),
     "anipose-csv": FileFormat(
-        "an anipose 3D CSV", (".csv",), SHAPES,
+        "an anipose 3D CSV", TABLE, SHAPES,
         lambda head: any(name.endswith("_ncams") for name in head.columns), tables.read_anipose),
     "bvh": FileFormat(
         "a BVH motion", (".bvh",), SHAPES,
@@ -240,7 +241,7 @@ FORMATS: dict[str, FileFormat] = {
         "a TRC file", (".trc",), SHAPES,
         lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", markers.read_trc),
     "vicon-csv": FileFormat(
-        "a Vicon Nexus CSV of trajectories", (".csv",), SHAPES,
+        "a Vicon Nexus CSV of trajectories", TABLE, SHAPES,
         lambda head: b"frame,sub frame," in head.text.lower().partition(b"trajectories")[2],
         markers.read_vicon),
     "table": FileFormat(
@@ -250,7 +251,7 @@ FORMATS: dict[str, FileFormat] = {
         "an array of landmarks", (".npy", ".npz"), IMAGES, is_array, tables.read_array,
         states_y_axis=False),
     "mediapipe": FileFormat(
-        "a file of MediaPipe's landmarks", (".json",), IMAGES, lambda head: _has_points(head.json),
+        "a file of MediaPipe's landmarks", JSON, IMAGES, lambda head: _has_points(head.json),
         detections.read_mediapipe),
 }
 # fmt: on

@@ -36,9 +36,6 @@ OURS = "shapefit-"
 FIRST = 20
 """Entries of JSON, and files of a folder, that decide its format."""
 
-GZIP_BITS = 31
-"""Of zlib, by which it reads what gzip wrote."""
-
 
 class Head:
     """What decides the format of a file: its first bytes, lines and columns, or keys."""
@@ -48,7 +45,8 @@ class Head:
         self.path, self.bytes = path, read_head(path, HEAD_BYTES)
         if self.bytes.startswith(GZIP_SIGNATURE):
             with suppress(zlib.error):
-                self.bytes = zlib.decompressobj(GZIP_BITS).decompress(self.bytes, HEAD_BYTES)
+                gzip_bits = 16 + zlib.MAX_WBITS
+                self.bytes = zlib.decompressobj(gzip_bits).decompress(self.bytes, HEAD_BYTES)
         self.text = self.bytes.removeprefix(BYTE_ORDER_MARK)
         self.lines = self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
         cells = self.lines[0].decode("utf-8", "replace").split(",")
@@ -74,12 +72,11 @@ class Head:
             with open_hdf5(self.path) as file:
                 if str(as_text(file.attrs.get("format", ""))).startswith(OURS):
                     return frozenset({OURS})
-                names = {*file, *(f"@{name}" for name in file.attrs)}
-                for name in file:
-                    node = file.get(name)
+                names = {*map(str, file), *(f"@{name}" for name in file.attrs)}
+                for name, node in file.items():
                     names |= {f"{name}@{attribute}" for attribute in getattr(node, "attrs", ())}
                     names |= {f"{name}/{inner}" for inner in getattr(node, "keys", tuple)()}
-                return frozenset(name for name in names if isinstance(name, str))
+                return frozenset(names)
         except Exception:  # h5py has many kinds of error for damaged files: the reader names it
             return frozenset()
 
@@ -104,10 +101,10 @@ class FileFormat(NamedTuple):
     """A format of files: `title` with its article, and endings of names.
 
     records are the kinds that it can hold; `recognise` decides by a Head. read_poses, of formats
-    of other tools, takes the paths that belong together: with `together` the files of a folder are
-    one recording, with `folders` a folder is an input. `write` takes a path and the layout of the
-    records, of the kinds `writes`, and OutputOptions if it is `in_metres`: upright, a sequence a
-    file; `angles` are written with it. states_y_axis: y points up or down in each of its files.
+    of other tools, takes the paths that belong together: with `together` a folder, or its files,
+    are one recording. `write` takes a path and the layout of the records, of the kinds `writes`,
+    and OutputOptions if it is `in_metres`: upright, a sequence a file; `angles` are written with
+    it. states_y_axis: y points up or down in each of its files.
     """
 
     title: str
@@ -116,7 +113,6 @@ class FileFormat(NamedTuple):
     recognise: Callable[[Head], bool] = lambda head: False
     read_poses: Callable[[tuple[Path, ...]], Any] | None = None
     together: bool = False
-    folders: bool = False
     write: Callable[..., Output] | None = None
     writes: tuple[str, ...] = ()
     in_metres: bool = False
@@ -137,17 +133,20 @@ def _write_csv(target: Path, form: Layout) -> Output:
 
 
 def _write_motion(name: str, target: Path, form: Layout, options: OutputOptions) -> Output:
-    from shapefit.io.writers import tables
-    from shapefit.io.writers.bvh import write_bvh
-    from shapefit.io.writers.motion import motion_output
+    from shapefit.io.writers import bvh, motion, tables
 
     if name == "c3d":
         tables.load_ezc3d()
-    writers = {"bvh": write_bvh, "c3d": tables.write_c3d, "trc": tables.write_trc}
-    writers |= {"mot": tables.write_mot, "metres": tables.write_metres}
-    writers |= {"angles": tables.write_angles}
+    writers = {
+        "bvh": bvh.write_bvh,
+        "c3d": tables.write_c3d,
+        "trc": tables.write_trc,
+        "mot": tables.write_mot,
+        "metres": tables.write_metres,
+        "angles": tables.write_angles,
+    }
     unit, angles = "mm" if name == "c3d" else "m", TARGETS[name].angles
-    return motion_output(target, options, writers[name], unit=unit, angles=angles)
+    return motion.motion_output(target, options, writers[name], unit=unit, angles=angles)
 
 
 ITEMS = ("landmarks", "shapes", "result")

@@ -69,8 +69,6 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
     Raises InputError where there are none, and where they are HDF5.
     """
     name = source_name(path)
-    if is_stream(path) and sys.stdin is None:
-        raise input_error(name, "is closed", "send data there, or name a file")
     with nullcontext(sys.stdin.buffer) if is_stream(path) else _open_text(path) as file:
         block = file.read(BLOCK_BYTES)
         if not block:

@@ -10,9 +10,10 @@ import numpy as np
 from shapefit.errors import input_error
 from shapefit.io.layout import EDGES, UNKNOWN_UNIT
 from shapefit.io.options import Direction
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.records import LandmarkSet, ResultSet
 
 SEPARATELY = "use files that agree, or process them separately"
+CONFIDENCE = "confidence"
 
 
 def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
@@ -20,83 +21,71 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
 
     The landmarks of images are those of all files in order of appearance, those of shapes and of
     results are the same in all. What differs between files of images, as cameras do, is of items.
-    y points as files state it, or as `y_axis`, or down. Raises InputError where files do not go
-    together, or state another direction than `y_axis`.
+    Confidence and edges may be in some files alone; the edges are those of the first that has any.
+    Raises InputError where files do not go together, or state another direction than `y_axis`.
     """
     heads = [file.head for file in files]
-    first = heads[0]
-    if isinstance(first, LandmarkSet):
+    names, differing = heads[0].landmark_names, set[str]()
+    if isinstance(heads[0], LandmarkSet):
         names = tuple(dict.fromkeys(name for head in heads for name in head.landmark_names))
-        edges = next((head.whole[EDGES] for head in heads if EDGES in head.whole), None)
-        heads = [_as_images(head, names, edges, "") for head in heads]
-        shared = set.intersection(*(set(head.whole) for head in heads))
-        differing = {n for n in shared if not all(_agree(heads[0], head, n) for head in heads)}
-        heads = [_per_item(head, differing) for head in heads]
-    elif isinstance(first, ShapeSet):
-        heads = [file.head.arrange(first.landmark_names, file.name) for file in files]
+        differing = {n for n in heads[0].whole if not all(_agree(heads[0], h, n) for h in heads)}
+    heads = [
+        _arrange(_per_item(head, differing - {EDGES}), names, file.name)
+        for file, head in zip(files, heads, strict=True)
+    ]
     for file, head in zip(files, heads, strict=True):
-        if head.landmark_names != heads[0].landmark_names:
-            fault = f"its landmarks are not those of {files[0].name}, in their order"
-            raise input_error(file.name, fault, SEPARATELY)
-        for name in sorted(_compared(head) | _compared(heads[0])):
+        for name in sorted((head.columns.keys() | heads[0].columns.keys()) - {CONFIDENCE, EDGES}):
             if not _agree(heads[0], head, name):
                 fault = f"its dataset {name} is not that of {files[0].name}"
                 raise input_error(file.name, fault, SEPARATELY)
-    unit = _agreed(files, "unit", [h.unit if h.unit != UNKNOWN_UNIT else None for h in heads])
-    changes: dict[str, Any] = {
-        "unit": unit or UNKNOWN_UNIT,
-        "frame_rate": _agreed(files, "frame_rate", [head.frame_rate for head in heads]),
-    }
-    if not isinstance(first, ShapeSet):
-        stated = _agreed(files, "y_axis", [file.y_axis for file in files])
-        changes["y_axis"] = stated or y_axis or "down"
-        if y_axis is not None and stated not in (None, y_axis):
-            file = next(file for file in files if file.y_axis is not None)
-            fix = "leave the key out; if the file is wrong, correct its attribute y_axis"
-            fault = f"states that y points {stated}, and `y_axis` is {y_axis}"
-            raise input_error(file.name, fault, fix)
-    for name in ("sequences", "confidence", "edges"):
-        values = (getattr(head, name, None) for head in heads)
-        if (value := next((v for v in values if v is not None), None)) is not None:
-            changes[name] = value
-    return heads[0].replaced(**changes)
+    places = [file.name for file in files]
+    units = [None if head.unit == UNKNOWN_UNIT else head.unit for head in heads]
+    stated = [*(file.y_axis for file in files), y_axis]
+    columns = {name: values for head in heads for name, values in head.per_item.items()}
+    whole = {name: values for head in reversed(heads) for name, values in head.whole.items()}
+    return (
+        heads[0]
+        .with_columns(columns, whole)
+        .replaced(
+            unit=_agreed("unit", places, units) or UNKNOWN_UNIT,
+            frame_rate=_agreed("frame_rate", places, [head.frame_rate for head in heads]),
+            y_axis=_agreed("y_axis", [*places, "y_axis"], stated) or "down",
+            sequences=next((head.sequences for head in heads if head.sequences is not None), None),
+        )
+    )
 
 
 def align_to(part: Any, head: Any, file: str) -> Any:
     """Return a part of one file with the landmarks and columns of the whole source."""
-    part = _per_item(part, part.whole.keys() & head.per_item.keys())
-    changes: dict[str, Any] = {"unit": head.unit, "frame_rate": head.frame_rate}
-    if head.sequences is not None and part.sequences is None:
-        changes["sequences"] = ("",) * len(part)
-    if isinstance(part, ResultSet):
-        return part.replaced(**changes, y_axis=head.y_axis, attributes=head.attributes)
-    if isinstance(part, ShapeSet):
-        return part.arrange(head.landmark_names, file).replaced(**changes, edges=head.edges)
-    if head.confidence is not None and part.confidence is None:
-        changes["confidence"] = np.ones((len(part), len(part.landmark_names)))
-    part = part.replaced(**changes, y_axis=head.y_axis)
-    return _as_images(part, head.landmark_names, head.whole.get(EDGES), file)
+    part = _per_item(part, head.per_item)
+    if CONFIDENCE in head.per_item and part.confidence is None:
+        part = part.replaced(confidence=np.ones((len(part), len(part.landmark_names))))
+    missing = head.sequences is not None and part.sequences is None
+    part = _arrange(part, head.landmark_names, file).replaced(
+        sequences=("",) * len(part) if missing else part.sequences,
+        unit=head.unit,
+        frame_rate=head.frame_rate,
+        y_axis=head.y_axis,
+        attributes=head.attributes,
+    )
+    return part.with_columns(whole={EDGES: head.whole[EDGES]}) if EDGES in head.whole else part
 
 
-def _as_images(images: LandmarkSet, names: tuple[str, ...], edges: Any, file: str) -> LandmarkSet:
-    """Return images with these landmarks, and with the edges of the first file that has any."""
-    images = images.arrange(names, file)
-    return images if edges is None else images.with_columns(whole={EDGES: edges})
+def _arrange(records: Any, names: tuple[str, ...], file: str) -> Any:
+    """Return records with these landmarks in this order. Raises InputError where it has others."""
+    if not isinstance(records, ResultSet):
+        return records.arrange(names, file)
+    if records.landmark_names != names:
+        fault = "its landmarks are not those of the other files, in their order"
+        raise input_error(file, fault, SEPARATELY)
+    return records
 
 
 def _per_item(records: Any, names: Collection[str]) -> Any:
     """Return records in which these columns of the file are columns of each item."""
-    if not names:
-        return records
-    n = len(records)
-    values = {name: records.whole[name] for name in names}
-    return records.with_columns({k: np.broadcast_to(v, (n, *v.shape)) for k, v in values.items()})
-
-
-def _compared(records: Any) -> set[str]:
-    """Return columns that all files need: those that no layout lists, meshes, all of results."""
-    columns = records.columns if isinstance(records, ResultSet) else records.further
-    return {*columns, *(records.columns.keys() & {"mesh_vertices", "mesh_faces"})}
+    n, values = len(records), {k: v for k, v in records.whole.items() if k in names}
+    columns = {name: np.broadcast_to(value, (n, *value.shape)) for name, value in values.items()}
+    return records.with_columns(columns) if columns else records
 
 
 def _agree(first: Any, head: Any, name: str) -> bool:
@@ -109,11 +98,11 @@ def _agree(first: Any, head: Any, name: str) -> bool:
     return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
 
 
-def _agreed(files: Sequence[Any], what: str, stated: Sequence[Any]) -> Any:
-    """Return what all files state, None if none does. Raises InputError where two differ."""
-    pairs = [(f.name, value) for f, value in zip(files, stated, strict=True) if value is not None]
-    for file, value in pairs:
+def _agreed(what: str, places: Sequence[str], stated: Sequence[Any]) -> Any:
+    """Return what all places state, None if none does. Raises InputError where two differ."""
+    pairs = [pair for pair in zip(places, stated, strict=True) if pair[1] is not None]
+    for place, value in pairs:
         if value != pairs[0][1]:
             fault = f"its {what} is '{value}', that of {pairs[0][0]} is '{pairs[0][1]}'"
-            raise input_error(file, fault, SEPARATELY)
+            raise input_error(place, fault, SEPARATELY)
     return pairs[0][1] if pairs else None

@@ -1,10 +1,12 @@
-"""Names of landmarks, matched and renamed; names of items, compared by hashes."""
+"""Names of landmarks, matched and renamed; items of several files, each with a name of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import chain
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,39 +61,50 @@ def renamed(names: tuple[str, ...], rename: Mapping[str, str], place: str) -> tu
     return tuple(first)
 
 
-def find_shared_item(
-    files: Sequence[tuple[Callable[[], Iterable[Sequence[str]]], Callable[[str, int], str]]],
-) -> str | None:
+def make_unique(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ...]]:
+    """Return files whose items begin with the file's name if two have an item, and a note of that.
+
+    Raises InputError for items that are twice in a file, and for files of one name.
+    """
+    shared = _find_shared_item(files)
+    if shared is None:
+        return files, ()
+    paths = [Path(file.name).with_suffix("").parts for file in files]
+    for depth in range(1, max(map(len, paths)) + 1):
+        prefixes = ["/".join(parts[-depth:]) for parts in paths]
+        if len({*prefixes}) == len(files):
+            note = f"items begin with the file, '{prefixes[0]}/...'"
+            named = [file.with_prefix(name) for file, name in zip(files, prefixes, strict=True)]
+            return named, (f"'{shared}' in more than one file: {note}",)
+    fault = f"the item '{shared}' is in two files of this name"
+    raise input_error(files[0].name, fault, "give each file once, under a name of its own")
+
+
+def _find_shared_item(files: Sequence[Any]) -> str | None:
     """Return an item that two files have; None where there is none.
 
-    Each file comes with what reads its items, block by block, and what names a row of a dataset.
-    Raises InputError for items without a name, and for those that occur twice in a file. Only names
-    whose hash is there twice are read again and compared: 8 bytes for each item.
+    Only names whose hash is there twice are read again and compared: 8 bytes for each item.
     """
 
-    def rows() -> Iterator[tuple[int, int, str]]:
-        for number, (blocks, _) in enumerate(files):
-            names = chain.from_iterable(blocks())
-            yield from ((number, row, name) for row, name in enumerate(names))
+    def items() -> Iterator[tuple[Any, int, str]]:
+        for file in files:
+            names = chain.from_iterable(file.blocks("item"))
+            yield from ((file, row, name) for row, name in enumerate(names))
 
-    def place(number: int, row: int) -> str:
-        return files[number][1]("item", row)
-
-    hashes = np.sort(np.fromiter((hash(name) for *_, name in rows()), np.int64))
-    again = {hash(""), *hashes[1:][hashes[1:] == hashes[:-1]].tolist()}
-    first: dict[str, tuple[int, int]] = {}
+    hashes = np.sort(np.fromiter((hash(name) for *_, name in items()), np.int64))
+    again = set(hashes[1:][hashes[1:] == hashes[:-1]].tolist())
+    first: dict[str, tuple[Any, int]] = {}
     shared, problems = None, []
-    for number, row, name in rows() if len(again) > 1 or hash("") in hashes else ():
+    for file, row, name in items() if again else ():
         if hash(name) not in again:
             continue
-        if not name:
-            problems.append(f"{place(number, row)}: is empty; name every item")
-        elif name in first and first[name][0] == number:
-            where = f"item '{name}' is also at {place(*first[name])}"
-            problems.append(f"{place(number, row)}: {where}; give every item a unique name")
-        elif name in first:
+        other, before = first.get(name, (None, 0))
+        if other is file:
+            where = f"item '{name}' is also at {file.place('item', before)}"
+            problems.append(f"{file.place('item', row)}: {where}; give every item a unique name")
+        elif other is not None:
             shared = shared or name
-        first[name] = number, row
+        first[name] = file, row
     if problems:
         raise input_problems(problems)
     return shared

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 if TYPE_CHECKING:
     from shapefit.geometry.cameras import Up
 
-
 Track = Literal["nearest", "none", "motion"]
 Direction = Literal["down", "up"]
 Markers = Literal["joints", "input"]
@@ -51,9 +50,8 @@ def input_options(config: Any, track: Track = "none") -> InputOptions:
 class OutputOptions:
     """How shapes get into files in metres.
 
-    height in metres of the body or the object, by default that of the training shapes; unit of
-    shapes whose files do not state it; up, the axis of the shapes, or of the world that the
-    extrinsics know, that points up; markers `input` are the landmarks that were lifted.
+    height in metres, by default that of the training shapes; unit of shapes whose files do not
+    state it; up, the axis that points up; markers `input` are the landmarks that were lifted.
     """
 
     height: float | None = None

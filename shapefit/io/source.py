@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, lru_cache, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Generic, Literal, Self, cast
@@ -13,27 +12,26 @@ from typing import Any, Generic, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import InputError, input_error
+from shapefit.errors import input_error
 from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
 from shapefit.io.formats import CSV, HDF5, FileFormat, check_holds, own_format, record_writer
 from shapefit.io.inputs import is_stream, source_name
-from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
+from shapefit.io.layout import FIELDS, LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
 from shapefit.io.merge import align_to, merge_heads
-from shapefit.io.names import find_shared_item, match_landmarks
+from shapefit.io.names import make_unique, match_landmarks
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
-CENTRED = 0.1
-"""Share of coordinates below 0 from which on they are no fractions of an image, but points about
-a centre in a unit of their own."""
-
 MAX_OPEN = 64
-"""HDF5 files that are open together; of more, each is open only while it is read."""
+"""HDF5 files that stay open together; of more, those that were read last."""
+
+CENTRED = 0.1
+"""Share of coordinates below 0 from which on they are no fractions of an image."""
 
 BLOCK = 1 << 12
-"""Images that are looked at, to see whether landmarks are fractions of an image."""
+"""Items whose names are read together, and images that are looked at."""
 
 OPTIONAL = frozenset(n for n, c in RESULTS.datasets.items() if not c.required) - {"sequence"}
 """Datasets of results that need not be read."""
@@ -44,18 +42,17 @@ def open_landmarks(
     options: InputOptions = AS_THEY_ARE,
     rows: slice | None = None,
     *,
-    check: bool = True,
     head: bool = False,
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
-    Large HDF5 is read by batches, CSV in one pass, all else whole; of one HDF5 file only `rows`, if
-    given. Raises InputError: at once for items that occur twice, files that do not go together, and
-    names to rename that no file has; for wrong values when they are read. Without `check` neither
-    is looked for. With `head` only the first rows of CSV are read.
+    HDF5 is read by batches, large CSV in one pass, all else whole; of HDF5 only `rows`, if given.
+    Raises InputError: at once for items that occur twice, files that do not go together, and names
+    to rename that no file has; for wrong values when they are read. With `head` nothing is checked,
+    and only the first rows of CSV are read.
     """
-    files = _open_all(LANDMARKS, paths, options, rows=rows, check=check, head=head)
-    return Source(files, options.y_axis, check=check)
+    files = _open(LANDMARKS, paths, options, rows=rows, head=head)
+    return Source(files, options.y_axis, check=not head)
 
 
 def open_shapes(
@@ -63,31 +60,25 @@ def open_shapes(
     options: InputOptions = AS_THEY_ARE,
     *,
     gaps: bool = False,
-    check: bool = True,
     head: bool = False,
 ) -> ShapeSource:
-    """Open files of shapes in any format as one source, checked as `open_landmarks` does.
+    """Open files of shapes, as `open_landmarks` does; landmarks in the order of the first file.
 
-    Landmarks are matched by name and stand in the order of the first file. With `gaps` a landmark
-    of an item may be unknown, NaN, and may lack its row in CSV.
+    With `gaps` a landmark of an item may be unknown, NaN, and may lack its row in CSV.
     """
-    files = _open_all(SHAPES, paths, options, gaps=gaps, check=check, head=head)
-    return Source(files, check=check)
+    return Source(_open(SHAPES, paths, options, gaps=gaps, head=head), check=not head)
 
 
 def open_results(
     paths: Sequence[Path],
     without: Collection[str] = PROOF,
     *,
-    check: bool = True,
+    head: bool = False,
     old: bool = False,
 ) -> ResultSource:
-    """Open results as one source, checked as `open_landmarks` does, `old` ones of version 1, too.
-
-    Datasets in `without` are not read, by default what proves the optimum.
-    """
-    files = _open_all(RESULTS, paths, AS_THEY_ARE, without=without, check=check, old=old)
-    return Source(files, check=check)
+    """Open results, as `open_landmarks` does, without some datasets; if `old`, of version 1."""
+    files = _open(RESULTS, paths, AS_THEY_ARE, without=without, old=old, head=head)
+    return Source(files, check=not head)
 
 
 def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
@@ -120,12 +111,9 @@ def source_of(
     records: Record, name: str, rename: Mapping[str, str], *, gaps: bool = False
 ) -> Source[Record]:
     """Return landmarks or shapes in memory as a source, checked as a file of this name is."""
-    place = place_in_memory(name)
-    check_values(records.columns, records.LAYOUT, place, records.landmark_names, gaps)
-    match_landmarks(records.landmark_names, tuple(rename), "rename")
-    records = records.with_whole_points().renamed(rename, name)
-    stated = records.y_axis if isinstance(records, LandmarkSet) else None
-    return Source([SourceFile.of(name, records, place, y_axis=stated)])
+    place, stated = place_in_memory(name), records.y_axis
+    file: SourceFile[Record] = SourceFile.of(name, records, place, y_axis=stated)
+    return Source(_prepared([file], records.LAYOUT, InputOptions(rename=rename), gaps))
 
 
 def read_shapes(
@@ -150,53 +138,58 @@ def write_shapes(path: Path, shapes: ShapeSet) -> None:
 
 @dataclass(frozen=True)
 class SourceFile(Generic[Record]):
-    """One file of a source: `head` has all but the items, `read` returns those of some rows.
+    """One file of a source: `read` returns the items of some rows, of none what all have in common.
 
-    texts reads the dataset item or sequence, block by block; `place` names a row of a dataset in
-    messages; y_axis is None where the file does not say it; share, of all items, those that were
-    read.
+    texts reads the dataset item or sequence of some rows; `place` names a row of a dataset in
+    messages; y_axis is None where the file does not say it; estimate is the number of items in the
+    file, if only the first `count` were read.
     """
 
     name: str
-    head: Record
     count: int
     read: Callable[[slice], Record]
-    texts: Callable[[str], Iterable[Sequence[str]]]
+    texts: Callable[[str, slice], Sequence[str] | None]
     place: Place
     close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
     y_axis: Direction | None = None
-    share: float = 1.0
+    estimate: int = 0
 
     @classmethod
-    def of(cls, name: str, records: Record, place: Place | None = None, **stated: Any) -> Self:
+    def of(cls, name: str, records: Any, place: Place | None = None, **stated: Any) -> Self:
         """Return records in memory as a file; without `place` messages name the item."""
         return cls(
-            name=name,
-            head=records.take(slice(0, 0)),
-            count=len(records),
-            read=records.take,
-            texts=lambda kind: [records.items if kind == "item" else records.sequences or ()],
-            place=place or (lambda _, row: f"{name}: item '{records.items[row]}'"),
+            name,
+            len(records),
+            records.take,
+            lambda dataset, rows: getattr(records.take(rows), FIELDS[dataset]),
+            place or (lambda _, row: f"{name}: item '{records.items[row]}'"),
             **stated,
         )
 
-    def changed(self, change: Callable[[Record], Record]) -> Self:
-        """Return a file that gives its records out changed, its head too."""
-        read = self.read
-        return replace(self, head=change(self.head), read=lambda rows: change(read(rows)))
+    @cached_property
+    def head(self) -> Record:
+        """No items: the landmarks, columns and unit of the file."""
+        return self.read(slice(0, 0))
 
-    def with_prefix(self, name: str) -> Self:
-        """Return the file with its items and sequences called `name/...`."""
+    def blocks(self, dataset: str) -> Iterator[Sequence[str]]:
+        """Read the dataset item or sequence, block by block; empty texts where there is none."""
+        for start in range(0, self.count, BLOCK):
+            stop = min(start + BLOCK, self.count)
+            yield self.texts(dataset, slice(start, stop)) or ("",) * (stop - start)
 
-        def longer(texts: Iterable[str]) -> tuple[str, ...]:
-            return tuple(text and f"{name}/{text}" for text in texts)
+    def with_prefix(self, prefix: str) -> Self:
+        """Return the file with `prefix/` before its items and sequences."""
 
-        def change(records: Record) -> Record:
-            sequences = None if records.sequences is None else longer(records.sequences)
-            return records.replaced(items=longer(records.items), sequences=sequences)
+        def longer(texts: Sequence[str] | None) -> tuple[str, ...] | None:
+            return None if texts is None else tuple(text and f"{prefix}/{text}" for text in texts)
 
-        return replace(self.changed(change), texts=lambda kind: map(longer, self.texts(kind)))
+        def read(rows: slice) -> Record:
+            records = self.read(rows)
+            items, sequences = longer(records.items), longer(records.sequences)
+            return records.replaced(items=items, sequences=sequences)
+
+        return replace(self, read=read, texts=lambda *which: longer(self.texts(*which)))
 
 
 class Source(Generic[Record]):
@@ -219,22 +212,16 @@ class Source(Generic[Record]):
         Raises InputError for files that do not go together, and, if `check`, for an item that is
         twice in one; where two files have an item, all items begin with the name of their file.
         """
-        self._files = files
-        try:
-            self._files = _make_unique(files) if check else files
-            self.count = sum(file.count for file in files)
-            self.estimate = round(sum(file.count / file.share for file in files))
-            filled = [file for file in self._files if file.count] or self._files[:1]
-            self.head: Record = merge_heads(filled, y_axis)  # what is empty may differ
-        except BaseException:
-            self.close()
-            raise
-        self.notes = tuple(note for file in self._files for note in file.notes)
-
-    @property
-    def states_y_axis(self) -> bool:
-        """Whether a file says where y points."""
-        return any(file.y_axis is not None for file in self._files)
+        self._files: Sequence[SourceFile[Record]] = files
+        self.notes = tuple(chain.from_iterable(file.notes for file in files))
+        if check:
+            self._files, note = make_unique(files)
+            self.notes = (*note, *self.notes)
+        filled = [file for file in self._files if file.count] or self._files[:1]
+        self.head: Record = merge_heads(filled, y_axis)  # what is empty may differ
+        self.count = sum(file.count for file in files)
+        self.estimate = sum(file.estimate or file.count for file in files)
+        self.states_y_axis = any(file.y_axis is not None for file in files)
 
     def batches(self, size: int, *, by_file: bool = False) -> Iterator[Record]:
         """Give out the items in order, `size` >= 1 at a time, `by_file` none of two files together.
@@ -274,24 +261,18 @@ class Source(Generic[Record]):
 
     def names(self) -> Iterator[Sequence[str]]:
         """Read the items, block by block."""
-        return chain.from_iterable(file.texts("item") for file in self._files)
+        return chain.from_iterable(file.blocks("item") for file in self._files)
 
     def sequences(self) -> Iterator[Sequence[str]]:
         """Read the sequences of all items, block by block; an empty text where there is none."""
-        for file in self._files:
-            missing = file.head.sequences is None
-            yield from [("",) * file.count] if missing else file.texts("sequence")
-
-    def close(self) -> None:
-        """Close the files."""
-        for file in self._files:
-            file.close()
+        return chain.from_iterable(file.blocks("sequence") for file in self._files)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        self.close()
+        for file in self._files:
+            file.close()
 
 
 LandmarkSource = Source[LandmarkSet]
@@ -300,210 +281,163 @@ ResultSource = Source[ResultSet]
 AnyRecords = ResultSet | ShapeSet | LandmarkSet
 
 
-def _make_unique(files: Sequence[SourceFile[Any]]) -> Sequence[SourceFile[Any]]:
-    """Return files whose items and sequences begin with the file's name if two have an item."""
-    shared = find_shared_item([(partial(file.texts, "item"), file.place) for file in files])
-    if shared is None:
-        return files
-    paths = [Path(file.name).with_suffix("").parts for file in files]
-    depths = range(1, max(map(len, paths)) + 1)
-    depth = next((d for d in depths if len({parts[-d:] for parts in paths}) == len(paths)), None)
-    if depth is None:
-        fault = f"the item '{shared}' is in two files of this name"
-        raise input_error(files[0].name, fault, "give each file once, under a name of its own")
-    named = [
-        file.with_prefix("/".join(parts[-depth:])) for file, parts in zip(files, paths, strict=True)
-    ]
-    example = f"'{'/'.join(paths[0][-depth:])}/...'"
-    note = f"'{shared}' in more than one file: items begin with the file, {example}"
-    return [replace(named[0], notes=(*named[0].notes, note)), *named[1:]]
-
-
-def _open_all(
+def _open(
     form: Layout,
     paths: Sequence[Path],
     options: InputOptions,
-    **how: Any,
-) -> list[SourceFile[Any]]:
-    """Open files of one layout, their landmarks renamed, and of these those that are retained."""
-    groups = _groups(paths, options)
-    if options.individual is not None and not any(group[0].read_poses for group in groups):
-        fix = "write that individual to a file by `shapefit convert`, and use this"
-        raise input_error(paths[0], "`individual` is for files of other tools", fix)
-    files = [_open(form, *group, options, share=len(groups), **how) for group in groups]
-    if rename := options.rename:
-        names = dict.fromkeys(name for file in files for name in file.head.landmark_names)
-        match_landmarks(tuple(names), tuple(rename), "rename")
-        files = [f.changed(lambda r, n=f.name: r.renamed(rename, n)) for f in files]  # type: ignore[misc]
-    if (retained := options.landmarks) is not None:
-        from shapefit.io.readers.items import keep_landmarks
-
-        files = [f.changed(lambda r, n=f.name: keep_landmarks(r, retained, n)) for f in files]  # type: ignore[misc]
-    return files
-
-
-def _groups(
-    paths: Sequence[Path], options: InputOptions
-) -> list[tuple[FileFormat, tuple[Path, ...]]]:
-    """Return inputs with their formats; the readers of other tools' are imported where needed."""
-    paths = list(dict.fromkeys(paths))
-    ours = [own_format(path) if options.format == "auto" else None for path in paths]
-    if all(ours):
-        return [(each, (path,)) for each, path in zip(ours, paths, strict=True) if each]
-    from shapefit.io.detect import group_inputs
-
-    return group_inputs(paths, options)
-
-
-def _open(
-    form: Layout,
-    file_format: FileFormat,
-    paths: tuple[Path, ...],
-    options: InputOptions,
     *,
     gaps: bool = False,
-    check: bool = True,
     head: bool = False,
-    **how: Any,
-) -> SourceFile[Any]:
-    """Open a file of any format; one that is read whole gives out parts of what was read."""
-    path, name = paths[0], source_name(paths[0])
-    notes: tuple[str, ...] = ()
-    records: Any
-    if file_format.read_poses is not None and form is not RESULTS:
-        from shapefit.io.readers import items
-
-        if form is LANDMARKS:
-            records, notes = items.read_landmarks(file_format, paths, options)
-            stated = records.y_axis if file_format.states_y_axis else None
-            return SourceFile.of(name, records, notes=notes, y_axis=stated)
-        records, notes = items.read_shapes(file_format, paths, options, gaps=gaps)
-        return _checked(SourceFile.of(name, records, notes=notes), form, gaps=True)
-    check_holds(path, form.kind, file_format)
-    if file_format is HDF5:
-        file = _open_hdf5(path, form, **how)
-    elif head:
-        from shapefit.io.csv_file import read_csv_head
-
-        records, share = read_csv_head(path, form.kind)
-        file = SourceFile.of(name, records, share=share)
-    else:
-        from shapefit.io.csv_file import Spool, read_csv
-
-        records, notes = read_csv(path, form.kind, gaps=gaps)
-        file = SourceFile.of(name, records, notes=notes)
-        if isinstance(records, Spool):
-            file = replace(file, texts=records.texts, close=records.close)
-        if form is LANDMARKS and file.head.confidence is None:
-            some = file.read(slice(0, min(file.count, BLOCK))).landmarks
-            zeros = tuple(f"{name}: {text}" for text in warn_of_zeros(some.swapaxes(1, 2)))
-            file = replace(file, notes=notes + zeros)
-        gaps = True  # the table has looked for them
-    file = _checked(file, form, gaps) if check else file
-    if form is LANDMARKS:
-        try:
-            file = _in_pixels(file, options) if check else file
-        except InputError:
-            file.close()
-            raise
-        file = _hiding(file, options.min_confidence)
-    return file
-
-
-def _open_hdf5(
-    path: Path,
-    form: Layout,
-    *,
-    share: int,
     rows: slice | None = None,
     without: Collection[str] = (),
     old: bool = False,
+) -> list[SourceFile[Any]]:
+    """Open files of one layout, each in its format; other tools' readers are imported if needed."""
+    paths = list(dict.fromkeys(paths))
+    ours = [own_format(path) if options.format == "auto" else None for path in paths]
+    groups: Any = [(known, (path,)) for known, path in zip(ours, paths, strict=True)]
+    if not all(ours):
+        from shapefit.io.detect import group_inputs
+
+        groups = group_inputs(paths, options)
+
+    @lru_cache(MAX_OPEN)
+    def reader(path: Path) -> Any:
+        from shapefit.io.hdf5_file import Hdf5Reader
+
+        return Hdf5Reader(path, form, old=old)
+
+    files = []
+    for file_format, group in groups:
+        if file_format.read_poses is not None and form is not RESULTS:
+            files.append(_of_poses(file_format, group, form, options, gaps))
+            continue
+        check_holds(group[0], form.kind, file_format)
+        if options.individual is not None:
+            fix = "write that individual to a file by `shapefit convert`, and use this"
+            raise input_error(group[0], "`individual` is for files of other tools", fix)
+        if file_format is HDF5:
+            files.append(_of_hdf5(group[0], reader, rows, without))
+        else:
+            files.append(_of_csv(group[0], form, gaps, head))
+        if form is LANDMARKS and not head:
+            files[-1] = _in_pixels(files[-1], options)
+    return _prepared(files, form, options, gaps, check=not head)
+
+
+def _of_poses(
+    file_format: FileFormat,
+    paths: tuple[Path, ...],
+    form: Layout,
+    options: InputOptions,
+    gaps: bool,
 ) -> SourceFile[Any]:
-    """Open a file of ours, or a part of its rows, but for some datasets.
+    """Read files of another tool."""
+    from shapefit.io.readers import items
 
-    It stays open, unless it is one of more than MAX_OPEN that `share` a source.
+    name = source_name(paths[0])
+    if form is SHAPES:
+        shapes, notes = items.read_shapes(file_format, paths, options, gaps=gaps)
+        return SourceFile.of(name, shapes, notes=notes)
+    images, notes = items.read_landmarks(file_format, paths, options)
+    stated = images.y_axis if file_format.states_y_axis else None
+    return SourceFile.of(name, images, notes=notes, y_axis=stated)
+
+
+def _of_hdf5(
+    path: Path, reader: Any, rows: slice | None, without: Collection[str]
+) -> SourceFile[Any]:
+    """Open a file of ours, or a part of its rows, but for some datasets."""
+    file = reader(path)
+    start, stop, _ = (rows or slice(None)).indices(file.count)
+
+    def within(part: slice) -> slice:
+        return slice(start + part.start, start + part.stop)
+
+    return SourceFile(
+        name=str(path),
+        count=stop - start,
+        read=lambda part: reader(path).records(within(part), without),
+        texts=lambda dataset, part: reader(path).read(dataset, within(part)),
+        place=lambda dataset, row: f"{path}:/{dataset}[{start + row}]",
+        close=reader.cache_clear,
+        y_axis=file.stated["y_axis"],
+    )
+
+
+def _of_csv(path: Path, form: Layout, gaps: bool, head: bool) -> SourceFile[Any]:
+    """Read a table of ours, with `head` its first rows."""
+    from shapefit.io.csv_file import Spool, read_csv, read_csv_head
+
+    name = source_name(path)
+    if head:
+        records, share = read_csv_head(path, form.kind)
+        return SourceFile.of(name, records, estimate=round(len(records) / share))
+    records, notes = read_csv(path, form.kind, gaps=gaps)
+    closing: Any = {"close": records.close} if isinstance(records, Spool) else {}
+    return SourceFile.of(name, records, notes=notes, **closing)
+
+
+def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
+    """Return a file of images with landmarks in pixels, and a warning of those at (0, 0).
+
+    Raises InputError where the first are fractions of an image, and there is no `image_size`.
     """
-    from shapefit.io.hdf5_file import Hdf5Reader
+    images = file.read(slice(0, min(file.count, BLOCK)))
+    if images.confidence is None:
+        zeros = warn_of_zeros(images.landmarks.swapaxes(1, 2))
+        file = replace(file, notes=(*file.notes, *(f"{file.name}: {text}" for text in zeros)))
+    values = images.landmarks[np.isfinite(images.landmarks)]
+    fractions = values.any() and np.abs(values).max() <= 1.5 and (values < 0).mean() <= CENTRED
+    if not fractions or images.unit not in ("px", UNKNOWN_UNIT):
+        return file
+    if options.image_size is None:
+        from shapefit.io.readers.items import size_needed
 
-    reader = Hdf5Reader(path, form, old=old)
-    start, stop, _ = (rows or slice(None)).indices(reader.count)
-
-    @contextmanager
-    def opened() -> Iterator[Hdf5Reader]:
-        nonlocal reader
-        if not reader.root:
-            reader = Hdf5Reader(path, form, old=old)
-        try:
-            yield reader
-        finally:
-            if share > MAX_OPEN:
-                reader.close()
-
-    def read(part: slice) -> Any:
-        with opened() as file:
-            return file.records(slice(start + part.start, start + part.stop), without)
-
-    def texts(name: str) -> Iterator[Sequence[str]]:
-        for first in range(start, stop, BLOCK):
-            with opened() as file:
-                block = file.read(name, slice(first, min(first + BLOCK, stop)))
-            yield block
-
-    def place(name: str, row: int) -> str:
-        return f"{path}:/{name}[{start + row}]"
-
-    stated = reader.stated["y_axis"]
-    close: Callable[[], None] = lambda: reader.close()  # noqa: E731 the one that is open then
-    try:
-        head = read(slice(0, 0))
-    except BaseException:
-        close()
-        raise
-    return SourceFile(str(path), head, stop - start, read, texts, place, close, y_axis=stated)
-
-
-def _checked(file: SourceFile[Any], form: Layout, gaps: bool) -> SourceFile[Any]:
-    """Return a file whose values are checked when they are read, and whose points are whole."""
+        raise size_needed(file.name)
+    size = np.array(options.image_size)[:, None]
 
     def read(rows: slice) -> Any:
         records = file.read(rows)
-        place = lambda name, row: file.place(name, rows.start + row)  # noqa: E731
-        check_values(records.columns, form, place, records.landmark_names, gaps)
-        return records if form is RESULTS else records.with_whole_points()
+        return records.replaced(landmarks=records.landmarks * size, unit="px")
 
     return replace(file, read=read)
 
 
-def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
-    """Return a file of ours with landmarks in pixels, if the first are fractions of an image.
+def _prepared(
+    files: Sequence[SourceFile[Any]],
+    form: Layout,
+    options: InputOptions,
+    gaps: bool,
+    *,
+    check: bool = True,
+) -> list[SourceFile[Any]]:
+    """Return files that check what they read, and change it by the options.
 
-    Raises InputError for fractions without `image_size`.
+    Points are whole, and hidden where their confidence is below the least; landmarks are renamed,
+    and only some of them retained.
     """
-    if file.head.unit not in ("px", UNKNOWN_UNIT):
-        return file
-    points = file.read(slice(0, min(file.count, BLOCK))).landmarks
-    values = points[np.isfinite(points)]
-    if not values.any() or np.abs(values).max() > 2 or (values < 0).mean() > CENTRED:
-        return file
-    from shapefit.io.readers import items, poses
+    if options.rename:
+        names = dict.fromkeys(name for file in files for name in file.head.landmark_names)
+        match_landmarks(tuple(names), tuple(options.rename), "rename")
 
-    if not poses.are_fractions(values):
-        return file
-    if options.image_size is None:
-        raise items.size_needed(file.name)
-    size = np.array(options.image_size)[:, None]
-    return file.changed(lambda r: r.replaced(landmarks=r.landmarks * size, unit="px"))
+    def read(file: SourceFile[Any], rows: slice) -> Any:
+        records = file.read(rows)
+        place = lambda dataset, row: file.place(dataset, rows.start + row)  # noqa: E731
+        if check:
+            check_values(records.columns, form, place, records.landmark_names, gaps)
+        if form is RESULTS:
+            return records
+        records = records.with_whole_points().renamed(options.rename, file.name)
+        if form is LANDMARKS and options.min_confidence and records.confidence is not None:
+            doubtful = records.confidence < options.min_confidence
+            points = np.where(doubtful[:, None], np.nan, records.landmarks)
+            weights = np.where(doubtful, 0, records.confidence)
+            records = records.replaced(landmarks=points, confidence=weights)
+        if options.landmarks is None:
+            return records
+        from shapefit.io.readers.items import keep_landmarks
 
+        return keep_landmarks(records, options.landmarks, file.name)
 
-def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:
-    """Return a file that hides landmarks whose confidence is below `least`."""
-    if not least or file.head.confidence is None:
-        return file
-
-    def hidden(images: Any) -> Any:
-        doubtful = images.confidence < least
-        points = np.where(doubtful[:, None], np.nan, images.landmarks)
-        weights = np.where(doubtful, 0, images.confidence)
-        return images.replaced(landmarks=points, confidence=weights)
-
-    return file.changed(hidden)
+    return [replace(file, read=partial(read, file)) for file in files]

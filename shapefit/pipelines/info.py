@@ -111,11 +111,11 @@ def describe(
         return title + describe_dictionary(paths[0]), ()
     source: Source[Any]
     if kind == "result":
-        source = open_results(paths, OPTIONAL, check=False, old=True)
+        source = open_results(paths, OPTIONAL, head=True, old=True)
     elif kind == "landmarks":
-        source = open_landmarks(paths, options, check=False, head=True)
+        source = open_landmarks(paths, options, head=True)
     else:
-        source = open_shapes(paths, options, gaps=True, check=False, head=True)
+        source = open_shapes(paths, options, gaps=True, head=True)
     with source:
         head, items = source.head, describe_items(source, "shape" if kind == "shapes" else "image")
         if kind == "result":

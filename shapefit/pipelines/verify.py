@@ -146,7 +146,7 @@ def verify_part(
     require_file(part.file)
     if not begins_with(part.file, HDF5_SIGNATURE):
         raise input_error(part.file, "is not HDF5, and tables hold points only", FIX)
-    with open_results([part.file], (), check=False) as results:
+    with open_results([part.file], (), head=True) as results:
         head, attributes = results.head, results.head.attributes
         fit = read_statement(attributes, part.file)
         fits.append(fit)

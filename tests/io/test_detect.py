@@ -41,7 +41,7 @@ def test_json_by_its_keys(tmp_path, name, content):
     ("text", "found"),
     [
         ('{"people": [', ":1: is not whole JSON"),
-        ('{"entries": [{"a": {"at": 0, "x": 1, "y": 2}}]}', "of no known kind, an object with"),
+        ('{"entries": [{"a": {"at": 0, "x": 1, "y": 2}}]}', "of no known kind, with entries"),
         ('[{"shapes": [], "imagePath": ""}]', "imagePath"),
     ],
 )

@@ -186,7 +186,10 @@ def test_results_that_do_not_go_together(tmp_path, results, problems):
     save(one, results.take([0]))
     part = results.take([1])
     for other, found in (
-        (part.replaced(landmark_names=tuple("abcd")), "its landmarks are not those of {}"),
+        (
+            part.replaced(landmark_names=tuple("abcd")),
+            "its landmarks are not those of the other files",
+        ),
         (part.replaced(rotation=None), "its dataset rotation is not that of {}"),
         (part.replaced(mesh_vertices=np.zeros((1, 3, 2))), "its dataset mesh_vertices is not"),
     ):
@@ -215,7 +218,7 @@ def shapefit(tmp_path, monkeypatch):
 def test_y_axis_against_what_a_file_states(shapefit, tmp_path):
     save(tmp_path / "a.h5", LandmarkSet(np.full((1, 2, 3), 20.0), "abc", ("i",), y_axis="down"))
     done = shapefit("convert a.h5 -o b.h5 --set y_axis=up")
-    assert (done.code, "states that y points down" in done.text) == (2, True)
+    assert (done.code, "y_axis: its y_axis is 'up', that of " in done.text) == (2, True)
     assert shapefit("convert a.h5 -o b.h5 --set y_axis=down").code == 0
 
 

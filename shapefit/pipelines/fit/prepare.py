@@ -228,7 +228,7 @@ def in_sequences(config: FitConfig) -> bool:
         return False
     options = replace(input_options(config, "motion"), rename={})
     try:
-        with open_landmarks(config.landmarks, options, check=False, head=True) as source:
+        with open_landmarks(config.landmarks, options, head=True) as source:
             return are_long(source.first(COUNTED).sequences)
     except InputError:  # no frames of a video; what is wrong with files is reported by the fit
         return False

@@ -148,7 +148,7 @@ def divide(
     That is after whole blocks of images, which start from each other, or between sequences.
     """
     try:
-        with open_landmarks(inputs, options, check=False) as source:
+        with open_landmarks(inputs, options, head=True) as source:
             total, cuts = source.count, list(range(0, source.count, whole_blocks(size)))
             if by_sequence:
                 names, cuts = list(chain.from_iterable(source.sequences())), [0]
@@ -189,7 +189,7 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
     try:
         return Source(files, check=False).first(FIRST)
     except InputError:
-        return files[0].read(slice(None))
+        return Source(files[:1]).first(FIRST)
 
 
 def do_parts(

@@ -116,6 +116,6 @@ def test_hdf5_of_another_kind_says_what_was_looked_for(tmp_path):
 
 
 def test_a_folder_in_a_format_of_files_is_refused(tmp_path):
-    for name in [name for name, form in FORMATS.items() if not form.folders]:
+    for name in [name for name, form in FORMATS.items() if not form.together]:
         with pytest.raises(InputError, match=r"it is a folder, and .* is a file; name the files"):
             find_kind(tmp_path, InputOptions(format=name))
