@@ -58,8 +58,8 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
 def align_to(part: Any, head: Any, file: str) -> Any:
     """Return a part of one file with the landmarks and columns of the whole source."""
     part = _per_item(part, head.per_item)
-    if CONFIDENCE in head.per_item and part.confidence is None:
-        part = part.replaced(confidence=np.ones((len(part), len(part.landmark_names))))
+    if CONFIDENCE in head.per_item and CONFIDENCE not in part.per_item:
+        part = part.with_columns({CONFIDENCE: np.ones((len(part), len(part.landmark_names)))})
     missing = head.sequences is not None and part.sequences is None
     part = _arrange(part, head.landmark_names, file).replaced(
         sequences=("",) * len(part) if missing else part.sequences,
