@@ -16,8 +16,6 @@ QUANTILES = {0.5: 2.3659738843753377, 0.9: 6.251388631170325}
 WIDTH_OF = 0.9
 """The ellipsoid whose width is reported, and that an image's share is of."""
 QUANTILE = QUANTILES[WIDTH_OF]
-FARTHEST = math.exp(5)
-"""Squared Mahalanobis distance beyond which no factor makes error bars true."""
 SMALLEST = 1e-12
 """Share of a variance that is left where correlations leave none."""
 
@@ -120,14 +118,14 @@ def bar_scale_factors(bars: ErrorBars) -> dict[str, float | None]:
 
     sqrt(r / q) for the distance r that as many of the m landmarks do not exceed as split
     conformal prediction requires, ceil((m + 1) level), and the quantile q of chi^2. None
-    where these are too few, or lie beyond `FARTHEST`.
+    where these are too few.
     """
     squares = np.sort(bars.square[~np.isnan(bars.square)])
     factors: dict[str, float | None] = {}
     for level, q in QUANTILES.items():
         rank = math.ceil((len(squares) + 1) * level)
-        exists = rank <= len(squares) and squares[rank - 1] <= FARTHEST
         # A little more, so that rounding leaves none of them out.
-        factor = math.sqrt(squares[rank - 1] / q) * (1 + 1e-9) if exists else None
+        enough = rank <= len(squares)
+        factor = math.sqrt(squares[rank - 1] / q) * (1 + 1e-9) if enough else None
         factors[f"{100 * level:.0f}%"] = factor
     return factors

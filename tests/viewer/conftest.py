@@ -179,7 +179,7 @@ N, NAMES = 600, ("head", "hand", "foot", "knee")
 @pytest.fixture(scope="session")
 def sequence(tmp_path_factory):
     """600 frames of four landmarks in two sequences; no two frames are alike."""
-    from tests.pipelines.view.files import write_result, write_truth
+    from tests.pipelines.view.conftest import write_result, write_truth
 
     folder = tmp_path_factory.mktemp("sequence")
     rng = np.random.default_rng(3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ from shapefit.io.names import match_landmarks
 from shapefit.io.records import Records, ResultSet, ShapeSet
 from shapefit.pipelines.items import BY_FRAME, BY_ITEM, find_truth, keys_of, named_items, subsample
 
+FOR_ALL = ("true_rotation", "rotation", "shape_correlation", "bounding_box")
+"""Datasets that are taken beside those that metrics need."""
 BOX_UNIT = "box"
 """Unit of distances in an image as shares of the diagonal of the object's box."""
 OF_JOINTS = {"landmarks", "confidence", "outliers", "corrupted", "dual", "landmarks_fitted"}
@@ -92,17 +95,27 @@ def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig)
         notes += others
         results, rows = results.take(retained), rows[retained]
         estimate, true = estimate[retained], true[retained]
-    rotation: Any = np.tile(np.eye(3), (len(results), 1, 1))
-    if config.truth_frame == "object":
-        rotation = find_dataset(file, results, "true_rotation")
-    arrays = {"estimate": estimate, "truth": true, "true_rotation": rotation}
+    data: dict[str, Any] = {"estimate": estimate, "truth": true}
+    needed = {*FOR_ALL, *chain(*(METRICS[metric].needs for metric in config.metrics))}
+    data |= {name: find_dataset(file, results, name) for name in needed - data.keys()}
+    if config.truth_frame == "camera":
+        data["true_rotation"] = np.tile(np.eye(3), (len(results), 1, 1))
+    bars = None
     with np.errstate(all="ignore"):  # overflow is not an error to report
-        metrics, frames = _comparable(config.metrics, arrays, results.rotation)
+        metrics, frames = _comparable(config.metrics, data)
         scale = in_blocks(m.truth_scale, estimate, true)
-        errors, lacking = _errors(file, results, metrics, arrays, scale, truth.unit)
-        bars = _error_bars(file, results, columns, arrays, scale, truth.unit)
-    if bars is None and results.shape_sd is not None:
-        lacking.append("the error bars are not compared, without `true_rotation` or `truth_frame`")
+        errors, lacking = _errors(file, metrics, data, scale, truth.unit, results.unit)
+        if results.shape_sd is not None and data["true_rotation"] is not None:
+            sides = estimate, true, data["true_rotation"]
+            deviation, correlation = (
+                None if values is None else values.take(columns, axis=2)
+                for values in (results.shape_sd, data["shape_correlation"])
+            )
+            square, width = in_blocks(find_squares, *sides, deviation, correlation)
+            bars = ErrorBars(square, {NORMALISED: width / scale[:, None], truth.unit: width})
+        elif results.shape_sd is not None:
+            text = "the error bars are not compared, without `true_rotation` or `truth_frame`"
+            lacking.append(text)
     common = in_blocks(m.visible_in_both, estimate, true)
     for values in errors.values():
         values[~common.any(axis=-1)] = np.nan
@@ -111,14 +124,14 @@ def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig)
     for (metric, _), values in errors.items():
         if METRICS[metric].optional:
             values[np.isnan(values) & lifted] = np.inf
-    sequences: Sequence[str | None] = results.sequences or ()
+    sequences = [name or ALL for name in results.sequences or ()]
     if results.sequences is None:
-        of_truth = truth.sequences or (ALL,) * len(truth)
-        nowhere = (rows < 0) & (truth.sequences is not None)
-        sequences = [None if no else of_truth[row] for row, no in zip(rows, nowhere, strict=True)]
+        of_truth = [name or ALL for name in truth.sequences or ("",) * len(truth)]
+        outside = "" if truth.sequences else ALL
+        sequences = [outside if row < 0 else of_truth[row] for row in rows.tolist()]
     return Measured(
         items=results.items,
-        sequences=tuple("" if name is None else name or ALL for name in sequences),
+        sequences=tuple(sequences),
         errors=errors,
         failures=failures,
         warnings=tuple(f"{file}: {text}" for text in (*notes, *frames, *lacking)),
@@ -194,29 +207,26 @@ def find_dataset(file: Path, results: ResultSet, name: str) -> Any:
     return np.swapaxes(numbers, 1, 2) if is_points else numbers
 
 
-def _comparable(
-    metrics: Sequence[str], arrays: Arrays, rotation: Floats | None
-) -> tuple[Sequence[str], list[str]]:
+def _comparable(metrics: Sequence[str], data: Mapping[str, Any]) -> tuple[Sequence[str], list[str]]:
     """Return the metrics without `rotation` where dictionary and truth have different frames.
 
-    Then shapes fit the truth with a small rotation, and their stated rotations (n, 3, 3) are far
-    from the true ones. And say so; and where the truth fits much better when it is mirrored.
+    Then shapes fit the truth with a small rotation, and their stated rotations are far from the
+    true ones. And say so; and where the truth fits much better when it is mirrored.
     """
-    some = list(subsample(SAMPLE, len(arrays["estimate"])))
-    e, x = arrays["estimate"][some], arrays["truth"][some]
+    some = list(subsample(SAMPLE, len(data["estimate"])))
+    names = ("estimate", "truth", "true_rotation", "rotation")
+    e, x, R, stated = (data[name] if data[name] is None else data[name][some] for name in names)
     error, mirrored = (
         float(np.median(np.nan_to_num(similarity(e, x * [[sign], [1], [1]]), nan=np.inf)))
         for sign in (1.0, -1.0)
     )
     notes = []
     if mirrored < MIRRORED * error < np.inf:
-        text = (
-            f"the shapes fit the truth better when it is mirrored ({mirrored:.3g} for {error:.3g})"
-        )
-        notes.append(f"{text}; is it left-handed? Change the sign of one of its axes")
-    if rotation is None or arrays["true_rotation"] is None:
+        text = "the shapes fit the truth better when it is mirrored"
+        fix = "is it left-handed? Change the sign of one of its axes"
+        notes.append(f"{text} ({mirrored:.3g} for {error:.3g}); {fix}")
+    if R is None or stated is None:
         return metrics, notes
-    stated, R = rotation[some], arrays["true_rotation"][some]
     whole = np.isfinite(np.concatenate([e, x, R, stated], axis=2)).all(axis=(1, 2))
     if "rotation" in metrics and whole.any():
         turn = similarity_transform(e[whole], R[whole] @ x[whole]).rotation
@@ -230,56 +240,34 @@ def _comparable(
 
 
 def _errors(
-    file: Path,
-    results: ResultSet,
-    metrics: Sequence[str],
-    arrays: Arrays,
-    scale: Floats,
-    unit: str,
+    file: Path, metrics: Sequence[str], data: Arrays, scale: Floats, unit: str, image_unit: str
 ) -> tuple[dict[Kind, Floats], list[str]]:
     """Errors (n,) in each metric and unit, and a warning about metrics that lack a dataset.
 
-    arrays holds the shapes and the true rotation; scale (n,) as `truth_scale` has it; unit is that
-    of the truth. Raises InputError where all metrics lack something.
+    scale (n,) as `truth_scale` has it; unit is that of the truth. Raises InputError where all
+    metrics lack something.
     """
     errors: dict[Kind, Floats] = {}
     lacking: dict[str, list[str]] = {}
     for name in metrics:
         metric = METRICS[name]
-        data = {
-            d: arrays[d] if d in arrays else find_dataset(file, results, d) for d in metric.needs
-        }
-        if absent := [f"`{dataset}`" for dataset, values in data.items() if values is None]:
-            if name != "expected":
-                lacking[name] = absent
+        if absent := [f"`{dataset}`" for dataset in metric.needs if data[dataset] is None]:
+            lacking |= {name: absent} if name != "expected" else {}
             continue
-        error: Floats = in_blocks(metric.function, *data.values())
+        error: Floats = in_blocks(metric.function, *(data[dataset] for dataset in metric.needs))
         by_unit = {metric.unit: error}
         if metric.unit == m.LENGTH:  # once, where the unit of the truth is `normalised`
             by_unit = {NORMALISED: error, unit: error} | {NORMALISED: error / scale}
         elif metric.unit == m.IMAGE:
-            box = m.box_diagonal(data["landmarks"], find_dataset(file, results, "bounding_box"))
-            by_unit = {results.unit: error, BOX_UNIT: error / box}
+            box = m.box_diagonal(data["landmarks"], data["bounding_box"])
+            by_unit = {image_unit: error, BOX_UNIT: error / box}
         for of_unit, values in by_unit.items():
             errors[name, of_unit] = np.where(np.isfinite(values), values, np.nan)
-    absent = [*dict.fromkeys(dataset for datasets in lacking.values() for dataset in datasets)]
+    absent = [*dict.fromkeys(chain(*lacking.values()))]
     text = f"no {listed(lacking, 'and')} without {listed(absent, 'and')}" if lacking else ""
     if not errors:
         raise input_error(file, text, "add the metric `similarity`, which needs only shapes")
     return errors, [text] if lacking else []
-
-
-def _error_bars(
-    file: Path, results: ResultSet, columns: Indices, arrays: Arrays, scale: Floats, unit: str
-) -> ErrorBars | None:
-    """Return how the truth lies in the error bars of the landmarks `columns`, None without any."""
-    if results.shape_sd is None or arrays["true_rotation"] is None:
-        return None
-    correlation = find_dataset(file, results, "shape_correlation")
-    correlation = None if correlation is None else correlation.take(columns, axis=2)
-    bars = results.shape_sd.take(columns, axis=2), correlation
-    square, width = in_blocks(find_squares, *arrays.values(), *bars)
-    return ErrorBars(square, {NORMALISED: width / scale[:, None], unit: width})
 
 
 def _failures(
@@ -290,15 +278,14 @@ def _failures(
     failed = np.any([~common.any(axis=-1), *map(np.isnan, certain.values())], axis=0)
     reasons = {}
     for i in np.flatnonzero(failed).tolist():
-        lost = ", ".join(
-            f"{metric} ({unit})" for (metric, unit), v in certain.items() if np.isnan(v[i])
-        )
-        reason = f"{common[i].sum()} landmarks are on both sides, and a value for {lost} is missing"
+        lost = [f"{name} ({unit})" for (name, unit), v in certain.items() if np.isnan(v[i])]
+        reason = f"{common[i].sum()} landmarks are on both sides, and a value for "
+        reason += f"{', '.join(lost)} is missing"
         if rows[i] < 0:
             reason = "it has no true shape"
         elif not np.isfinite(results.shapes[i]).any():
-            reason = "the results hold no shape"
-            reason += "" if results.status is None else f" (status {results.status[i]})"
+            status = "" if results.status is None else f" (status {results.status[i]})"
+            reason = f"the results hold no shape{status}"
         reasons[results.items[i]] = reason
     return reasons
 

@@ -107,10 +107,6 @@ def read_inputs(
             name: stack.enter_context(_open(paths, roles[name], options))
             for name, paths in config.files.items()
         }
-        place = ", ".join(sources)
-        if len({source.head.y_axis for source in sources.values() if source.states_y_axis}) > 1:
-            problem = "y points up in some files and down in others"
-            raise input_error(place, problem, "show them on pages of their own")
         rows, size = {}, 0
         for name, source in sources.items():
             every = enumerate(chain.from_iterable(source.names()))
@@ -126,7 +122,7 @@ def read_inputs(
         notes = [*(note for source in sources.values() for note in source.notes), *chosen.warnings]
     if not records:
         problem = "no item fits, or there are none"
-        raise input_error(place, problem, "correct `items`, or check the files")
+        raise input_error(", ".join(sources), problem, "correct `items`, or check the files")
     landmarks = tuple(dict.fromkeys(chain(*(one.landmark_names for one in records.values()))))
     items, sequences = _find_frames(list(records.values()))
     contents = [

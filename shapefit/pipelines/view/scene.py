@@ -41,8 +41,6 @@ MIDDLE, LEFT, RIGHT = 0, 1, 2
 OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
 WORD_LEFT = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])|(?<=[a-z])L$")
 """`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip, HipL."""
-FASTEST = 1e6
-"""Frames a second from which on a rate is none."""
 ERRORS = {
     EXPECTED: ("typical error", "Median over trusted frames of the error to expect: the mean "
                "distance between the shape and the true one after the best similarity, computed "
@@ -92,7 +90,7 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
     outliers = [one.values["outliers"] == 1 for one in results if "outliers" in one.values]
     recordings, times = find_recordings(contents, frames)
     rates = [config.frame_rate, *(one.records.frame_rate for one in (*contents, truth) if one)]
-    rate = next((rate for rate in rates if rate is not None and rate < FASTEST), None)
+    rate = next(filter(None, rates), None)
     video = any(name for name, _ in frames.sequences) or (rate is not None and len(times) > 1)
     shown_rate = (rate or USUAL_RATE) / frames.step
     y_down = any(one.role != "shapes" and one.records.y_axis != "up" for one in contents)
@@ -101,8 +99,6 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
     if floors:
         ground = f"Floor from resting feet: {'; '.join(map(str, floors.values()))}."
     pictures = {} if config.images is None else embed_images(config.images, frames.items)
-    if config.images is not None and len(pictures) < len(frames.items):
-        notes.append(f"{len(pictures)} of {counted(len(frames.items), 'frame')} have a picture.")
     facts = [counted(len(frames.items), "image")]
     if video:
         facts = [*_counts(recordings, times, frames)]

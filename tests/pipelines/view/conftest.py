@@ -1,4 +1,4 @@
-"""A desk to write files on and look at the page's JSON, and a dictionary with a mesh."""
+"""A desk to write small files on and look at the page, and a dictionary with a mesh."""
 
 import json
 import re
@@ -8,15 +8,41 @@ import numpy as np
 import pytest
 
 from shapefit.config import ViewConfig
+from shapefit.io import LandmarkSet, ResultSet, ShapeSet, result_writer, write_shapes
 from shapefit.pipelines.view.run import run
 from shapefit.pipelines.view.scene import make_scene
-from tests.pipelines.view.files import (
-    NAMES,
-    random_shapes,
-    write_landmarks,
-    write_result,
-    write_truth,
-)
+from tests.io.files import save
+
+NAMES = ("a", "b", "c", "d", "e")
+
+
+def random_shapes(rng, n, p=5):
+    return rng.normal(size=(n, 3, p)) * 10 + 100
+
+
+def settings(n, fields):
+    return {"landmark_names": NAMES, "items": tuple(f"i{i}" for i in range(n))} | fields
+
+
+def write_result(path, shapes, extras=None, attributes=None, **fields):
+    """Write a result of shapes (n, 3, p); what was seen is their x and y unless `extras` differ."""
+    n = len(shapes)
+    extras = {"landmarks": shapes[:, :2].swapaxes(1, 2)} if extras is None else extras
+    fields = {"unit": "px", "status": np.array(["optimal"] * n, dtype=object)} | fields
+    with result_writer(path) as writer:
+        writer.append(ResultSet(shapes=shapes, columns=extras, **settings(n, fields)))
+        writer.attributes.update(attributes or {})
+    return path
+
+
+def write_truth(path, shapes, **fields):
+    write_shapes(path, ShapeSet(shapes, **settings(len(shapes), fields)))
+    return path
+
+
+def write_landmarks(path, landmarks, **fields):
+    save(path, LandmarkSet(landmarks=landmarks, **settings(len(landmarks), fields)))
+    return path
 
 
 @pytest.fixture

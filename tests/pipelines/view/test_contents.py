@@ -280,7 +280,6 @@ def test_pictures_lie_under_their_frames(desk):
         "1": [2000, 1000], "3": [20, 10],
     }  # fmt: skip
     assert made.data["pictures"]["1"]["data"].startswith("data:image/jpeg;base64,")
-    assert "2 of 6 frames have a picture" in made.notes
 
 
 def test_pictures_of_a_video_are_numbered(desk):
