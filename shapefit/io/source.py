@@ -148,7 +148,7 @@ class SourceFile(Generic[Record]):
     name: str
     count: int
     read: Callable[[slice], Record]
-    texts: Callable[[str, slice], Sequence[str] | None]
+    texts: Callable[[str, slice], Sequence[str]]
     place: Place
     close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
@@ -174,20 +174,21 @@ class SourceFile(Generic[Record]):
 
     def blocks(self, dataset: str) -> Iterator[Sequence[str]]:
         """Read the dataset item or sequence, block by block; empty texts where there is none."""
+        missing = getattr(self.head, FIELDS[dataset]) is None
         for start in range(0, self.count, BLOCK):
             stop = min(start + BLOCK, self.count)
-            yield self.texts(dataset, slice(start, stop)) or ("",) * (stop - start)
+            yield ("",) * (stop - start) if missing else self.texts(dataset, slice(start, stop))
 
     def with_prefix(self, prefix: str) -> Self:
         """Return the file with `prefix/` before its items and sequences."""
 
-        def longer(texts: Sequence[str] | None) -> tuple[str, ...] | None:
-            return None if texts is None else tuple(text and f"{prefix}/{text}" for text in texts)
+        def longer(texts: Sequence[str]) -> tuple[str, ...]:
+            return tuple(text and f"{prefix}/{text}" for text in texts)
 
         def read(rows: slice) -> Record:
             records = self.read(rows)
-            items, sequences = longer(records.items), longer(records.sequences)
-            return records.replaced(items=items, sequences=sequences)
+            sequences = None if records.sequences is None else longer(records.sequences)
+            return records.replaced(items=longer(records.items), sequences=sequences)
 
         return replace(self, read=read, texts=lambda *which: longer(self.texts(*which)))
 
