@@ -128,7 +128,8 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
     """
     wanted, skeletons = options.keypoints, installed_skeletons()
     if wanted is not None and wanted not in (*skeletons, NUMBERED):
-        fix = f"use {listed(nearest_names(wanted, tuple(skeletons)) or skeletons)}"
+        near = nearest_names(wanted, tuple(skeletons))
+        fix = f"did you mean {near[0]}?" if near else f"use {listed(skeletons)}"
         raise input_error("keypoints", f"there is no skeleton {wanted!r}", fix)
     if poses.landmark_names is not None:
         return poses.landmark_names, ()
