@@ -141,12 +141,6 @@ def is_array(head: Head) -> bool:
     return archive or lists or head.bytes.startswith(b"\x93NUMPY")
 
 
-def is_alphapose(head: Head) -> bool:
-    """Whether each image of an object is as OpenPose writes it."""
-    frame = next(iter(head.json.values()), None) if isinstance(head.json, dict) else None
-    return isinstance(frame, dict) and bool({"people", "bodies"} & frame.keys())
-
-
 def is_mmpose_images(head: Head) -> bool:
     """Whether a list, which may be empty, has instances of one image."""
     named = "keypoints" in head.keys and "image_id" not in head.keys
@@ -199,8 +193,6 @@ FORMATS: dict[str, FileFormat] = {
     "sleap-slp": FileFormat(
         "a SLEAP .slp file", (".slp",), IMAGES,
         _hdf5("metadata@format_id", "frames", "instances"), trackers.read_slp),
-    "alphapose-json": FileFormat(
-        "an AlphaPose file of all images", JSON, IMAGES, is_alphapose, detections.read_alphapose),
     "caliscope-csv": FileFormat(
         "a caliscope CSV", TABLE, IMAGES,
         lambda head: {"frame_index", "point_id", "img_loc_x", "img_loc_y"} <= {*head.columns},
@@ -218,7 +210,7 @@ FORMATS: dict[str, FileFormat] = {
         "a set of MMPose files", JSON, IMAGES, is_mmpose_images, detections.read_image_files,
         together=True),
     "openpose": FileFormat(
-        "a set of OpenPose files", JSON, IMAGES, _json(dict, "people", "bodies", "version"),
+        "a set of OpenPose files", JSON, IMAGES, _json(dict, "people", "version"),
         detections.read_image_files, together=True),
     "ultralytics-txt": FileFormat(
         "a set of YOLO pose labels", (".txt",), IMAGES, is_yolo, detections.read_yolo,

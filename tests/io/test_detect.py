@@ -18,7 +18,6 @@ POINT = {"x": 0.5, "y": 0.25, "z": 0.0}
     [
         ("openpose", {"people": [{"pose_keypoints_2d": LONG}], "version": 1.3}),
         ("openpose", {"version": 1.3}),
-        ("alphapose-json", {"0.jpg": {"people": [{"pose_keypoints_2d": LONG}]}}),
         ("coco-annotations", {"info": {"version": "1.0"}, "annotations": [], "images": []}),
         ("coco-results", [{"keypoints": LONG, "image_id": 1}]),
         ("mmpose-images", [{"keypoints": PAIRS, "keypoint_scores": LONG}]),

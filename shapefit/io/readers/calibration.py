@@ -32,8 +32,7 @@ KEYS = {
 }
 """A field of `CalibratedCamera` -> what tools call it, in small letters."""
 
-MOST_BYTES = 1 << 20
-"""Of a calibration in YAML."""
+MOST_BYTES = 1 << 20  # of a calibration in YAML
 
 OF_TOOLS = "give the calibration of anipose, Pose2Sim, caliscope or OpenCV (TOML, YAML, JSON)"
 CORRECT = (

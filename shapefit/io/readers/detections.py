@@ -1,7 +1,6 @@
-"""Detections of people and animals: OpenPose, AlphaPose, COCO, MMPose, MediaPipe, YOLO.
+"""Detections of people and animals: OpenPose, COCO (and AlphaPose), MMPose, MediaPipe, YOLO.
 
-Their tools write x, y and a confidence of each landmark, the people of a frame in any order, as a
-rule without an identity over frames. They differ in where the people of a frame stand.
+Files differ in where the people of a frame stand, as a rule without an identity over frames.
 """
 
 from __future__ import annotations
@@ -31,8 +30,7 @@ from shapefit.io.readers.poses import (
 from shapefit.io.readers.text import floats, read_json, read_text
 from shapefit.io.skeletons import skeletons_of_size
 
-Detection = tuple[Sequence[Any], int, Any]
-"""x, y and confidence of each landmark, [] where nothing was seen; the image; who it is."""
+Detection = tuple[Sequence[Any], int, Any]  # x, y, confidence of all landmarks; image; who it is
 
 
 # One file per image.
@@ -48,13 +46,13 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
     for number, file in enumerate(files):
         with parsing(file, "a file of people", "remove it from the folder, or export it again"):
             content = read_json(file)
-            people = content if isinstance(content, list) else _people_of(content)
-            detections += _detections(people, number)
+            if isinstance(content, dict):
+                content = content.get("people", None if content.keys() - {"version"} else [])
+            detections += _detections(content, number)
     return _as_poses(paths[0], labels, detections, **fields)
 
 
-BOX, DATA = 5, "data.yaml"
-"""Numbers of a line of YOLO before its landmarks, and the file that says what they are."""
+BOX, DATA = 5, "data.yaml"  # numbers of YOLO before landmarks, and the file that names those
 
 
 def read_yolo(paths: tuple[Path, ...]) -> Poses:
@@ -147,18 +145,6 @@ def _find_images(
 # One file of all images.
 
 
-def read_alphapose(paths: tuple[Path, ...]) -> Poses:
-    """Read AlphaPose's one file of all images: {image: {people: [{pose_keypoints_2d}]}}.
-
-    Its layout `cmu` says `bodies` and `joints`. The folder `sep-json` beside it is OpenPose's.
-    """
-    content = read_json(paths[0])
-    detections: list[Detection] = []
-    for number, frame in enumerate(content.values()):
-        detections += _detections(_people_of(frame), number)
-    return _as_poses(paths[0], image_labels([*content]), detections)
-
-
 def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose write it.
 
@@ -240,8 +226,6 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
 
 
 BODIES = ("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "keypoints", "hand_landmarks")
-"""Keys of bodies, the first that an object has; landmarks in metres (`world`) are not read."""
-
 SCORES = ("visibility", "score", "confidence", "presence")
 
 
@@ -253,7 +237,7 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
     """
     content = read_json(paths[0])
     if isinstance(content, dict):
-        content = content.get("frames") or content.get("results") or [content]
+        content = content.get("frames", [content])
     elif _is_body(content):
         content = [content]
     bodies = [(body, number) for number, frame in enumerate(content) for body in _bodies(frame)]
@@ -291,18 +275,13 @@ def _bodies(frame: Any) -> Iterator[list[dict[str, Any]]]:
 # What all have in common.
 
 
-POSE = ("pose_keypoints_2d", "pose_keypoints", "joints", "keypoints")
+POSE = ("pose_keypoints_2d", "pose_keypoints", "keypoints")
 WHO = ("person_id", "track_id", "idx")
 
 
 def _first(content: Mapping[str, Any], keys: Sequence[str], default: Any = None) -> Any:
     """Return the value of the first key that an object has."""
     return next((content[key] for key in keys if content.get(key) is not None), default)
-
-
-def _people_of(frame: Mapping[str, Any]) -> Any:
-    """Return the people of a frame; None where it is not of this kind."""
-    return _first(frame, ("people", "bodies"), [] if [*frame] == ["version"] else None)
 
 
 def _detections(people: Any, image: int, *, needed: bool = False) -> list[Detection]:
@@ -314,8 +293,7 @@ def _detections(people: Any, image: int, *, needed: bool = False) -> list[Detect
     require(isinstance(people, list), "no list of people")
     for person in people:
         numbers = _first(person, POSE, None if needed else [])
-        require(numbers is not None, "a person without keypoints")
-        require(isinstance(numbers, list), "keypoints that are no list")
+        require(isinstance(numbers, list), "a person without a list of keypoints")
         if numbers and isinstance(numbers[0], list):
             scores = _first(person, ("keypoint_scores",), [1.0] * len(numbers))
             scored = zip(numbers, scores, strict=True)

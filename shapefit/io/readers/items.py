@@ -115,16 +115,14 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
     return fields, tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
 
 
-NUMBERED = "numbered"
-"""In place of a skeleton: landmarks are called 0, 1 and so on."""
+NUMBERED = "numbered"  # landmarks are called 0, 1 and so on
 
 
 def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...], Notes]:
     """Return the names of the landmarks, and a note of what was assumed.
 
-    They are those of the file, else of the skeleton `keypoints`, else of the one that its format
-    implies, else their numbers. Raises InputError for skeletons that do not fit, and where several
-    may be meant.
+    They are those of the file, else of the skeleton `keypoints`, else of the usual one, else their
+    numbers. Raises InputError for skeletons that do not fit, and where several may be meant.
     """
     wanted, skeletons = options.keypoints, installed_skeletons()
     if wanted is not None and wanted not in (*skeletons, NUMBERED):
@@ -147,8 +145,8 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
         problem = f"{count} landmarks, and {chosen} has {len(names)}"
         raise input_error(poses.name, problem, f"use {listed((*fitting, NUMBERED))}")
     versions = [name for name in fitting if name.startswith(chosen) and name != chosen]
-    note = f"{count} landmarks without names taken as those of {chosen}"
-    note += "".join(f"; `keypoints={other}` if they are not" for other in versions)
+    others = "".join(f"; `keypoints={other}` if they are not" for other in versions)
+    note = f"{count} landmarks without names taken as those of {chosen}{others}"
     return names, () if wanted or not versions else (note,)
 
 
@@ -169,9 +167,8 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
         poses = replace(poses, individual=track_people(poses))
     people, wanted = poses.individuals, options.individual
     if wanted is not None and wanted not in people:
-        fix = "its format names none; leave out `individual`, or join people with `track: nearest`"
-        fix = f"name one of {abbreviate(people)}" if people else fix
-        raise input_error(poses.name, f"has no individual {wanted!r}", fix)
+        names = abbreviate(people) or "nobody: join people with `track: nearest`"
+        raise input_error(poses.name, f"has no individual {wanted!r}", f"it names {names}")
     poses, rows = _hide(poses, options.min_confidence)
     items, sequences = _name_items(poses, named)
     if wanted is not None:
@@ -222,8 +219,7 @@ def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
     return items, sequences
 
 
-MIN_SHARE = 0.9
-"""Of the shapes of a file in which a landmark must be known to be learned from."""
+MIN_SHARE = 0.9  # of the shapes of a file in which a landmark that is learned from is known
 
 
 def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, Notes]:
@@ -231,10 +227,8 @@ def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, 
 
     Raises InputError where no landmark is.
     """
-    if not len(shapes):
-        return shapes, notes
     finite = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
-    often: Flags = np.asarray(finite.mean(axis=0) >= MIN_SHARE)
+    often: Flags = np.asarray(finite.sum(axis=0) >= MIN_SHARE * len(shapes))
     if not often.any():
         problem = f"no landmark is known in {MIN_SHARE:.0%} of its {counted(len(shapes), 'shape')}"
         raise input_error(name, problem, "give shapes with fewer gaps")

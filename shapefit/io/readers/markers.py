@@ -78,8 +78,7 @@ def _read_points(
     return as_metres(unit)[0] * points, frames
 
 
-COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
-"""Lists of labels under POINT that are no points: what a model computed is stored beside them."""
+COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")  # by a model: no points
 
 
 def read_c3d(paths: tuple[Path, ...]) -> Poses:

@@ -14,8 +14,7 @@ from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import Poses, check_names, make_unique, of_frames, parsing, require
 from shapefit.io.readers.text import floats, read_table, read_text
 
-Channel = tuple[bool, int]
-"""Whether it turns, and the axis."""
+Channel = tuple[bool, int]  # whether it turns, and the axis
 
 
 @dataclass
@@ -86,10 +85,7 @@ def _channel(axis: str, kind: str) -> Channel:
 
 
 def read_bvh(paths: tuple[Path, ...]) -> Poses:
-    """Return the joints of a BVH file, in its unit, and then the ends of the last bones.
-
-    The end of joint J is `J_end`. Raises InputError for a tree or a motion that cannot be read.
-    """
+    """Return the joints of a BVH file, in its unit, and then the ends of bones, `JOINT_end`."""
     path, text = paths[0], read_text(paths[0])
     joints, lines, seconds = _read_hierarchy(path, text)
     channels = [joint.name for joint in joints for _ in joint.channels]
@@ -113,10 +109,7 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, float]:
-    """Return the joints, ends without channels, the lines before the motion, and the frame time.
-
-    Raises InputError, naming the line.
-    """
+    """Return joints, ends without channels, lines before the motion, frame time; or InputError."""
     joints: list[Joint] = []
     above: list[int] = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -182,8 +175,8 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
 def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:
     """Return the bones of an ASF file, the root first, their unit, and what lengths are times.
 
-    Lengths are in inches / `length`, as the motion capture database of CMU has them (0.45), and
-    given out in metres; with `length 1` their unit is unknown. Raises InputError, naming the line.
+    Lengths are in inches / `length`, as in CMU's database (0.45), and given out in metres; with
+    `length 1` their unit is unknown. Raises InputError, naming the line.
     """
     units: dict[str, str] = {}
     root = {"name": ["root"], "dof": ["TX", "TY", "TZ", "RX", "RY", "RZ"], "axis": []}

@@ -34,11 +34,9 @@ class Poses:
     confidence  (N, p), NaN where a landmark has none (then 1); None where the format has none
     frame       (N,), the position of the frame in its video, from 0, never falling in a video
     label       (N,), what the file calls the frame: a number, a time, an image
-    individual  (N,), names, "" for a pose without identity over frames; None where the file has
-                one body, whose poses are one sequence
+    individual  (N,), "" for a pose without identity over frames; None for one body, one sequence
     video       what items begin with: one text, or (N,) where a file holds several videos
-    landmark_names  None where the file has none: then `keypoints` names them, or else `skeleton`,
-                which the format implies
+    landmark_names  None where the file has none: `keypoints` or the usual `skeleton` names them
     frame_rate  in Hz
     edges       pairs of landmarks, by position
     size_needed of fractions of the image: whether they are useless without `image_size`
@@ -197,8 +195,6 @@ def check_names(names: Sequence[str], what: str) -> None:
 # Names.
 
 ENDINGS = re.compile(r"\.(?:analysis|predictions|pkg|pose)$", re.IGNORECASE)
-"""What the names of files have before their suffix, and their videos have not."""
-
 IMAGES = re.compile(r"\.(?:png|jpe?g|tiff?|bmp)$", re.IGNORECASE)
 
 

@@ -1,8 +1,7 @@
 """Tables of no known tool, of caliscope and anipose, and NumPy's arrays of landmarks.
 
-A *wide* table has a row per image, and columns for each landmark; a *long* one has a row per
-landmark of an image. Cells are separated by `,`, `;` or tabs; with the latter two the decimal point
-may be a comma.
+A *wide* table has a row per image, a *long* one a row per landmark of an image. Cells are separated
+by `,`, `;` or tabs; with the latter two the decimal point may be a comma.
 """
 
 from __future__ import annotations
@@ -77,10 +76,8 @@ class Header(NamedTuple):
 
 
 def parse_header(line: str) -> Header | None:
-    """Return what the columns of a header hold; None where it is not that of a table of landmarks.
-
-    A long table has columns landmark, x, y, and item or frame; a wide one has columns NAME_x and
-    NAME_y, or x_NAME and y_NAME, of two landmarks at least.
+    """Return what columns hold; None unless they are landmark, x, y, and item or frame, or NAME_x
+    and NAME_y, or x_NAME and y_NAME, of two landmarks at least.
     """
     for delimiter in sorted((",", ";", "\t"), key=line.count, reverse=True):
         names = [cell.strip() for cell in line.replace('"', "").split(delimiter)]
@@ -113,8 +110,7 @@ def parse_header(line: str) -> Header | None:
 Grid = tuple[Floats, Sequence[str], Mapping[str, Sequence[str]]]
 """What a table holds: values (n, p, axes); landmarks (p); cells (n) of item, frame and so on."""
 
-METRES = {"frame", "time", "landmark", "x", "y", "z", "sd", "trusted"}
-"""Columns of the tables in metres that are written here."""
+METRES = {"frame", "time", "landmark", "x", "y", "z", "sd", "trusted"}  # as they are written here
 
 
 def read_any_table(paths: tuple[Path, ...], *, triangulated: bool = False) -> Poses:
@@ -149,7 +145,6 @@ def read_any_table(paths: tuple[Path, ...], *, triangulated: bool = False) -> Po
         notes += (f"columns left out: {abbreviate([*map(printable, header.others)])}",)
     if points.shape[2] == 3 and confidence is not None and not triangulated:
         points = points[..., :2]
-        notes += ("z left out, the depth that a detector guesses beside its confidence",)
     if "individual" in cells:
         fields["individual"] = [*map(_individual, cells["individual"])]
     if "sequence" in cells:

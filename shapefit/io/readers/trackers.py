@@ -70,8 +70,8 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     """Read an analysis file, whose array `tracks` is (track, xy, node, frame), as SLEAP writes it,
     or (frame, track, node, xy).
 
-    Newer files name the axes in the attribute `dims`; in older ones the lengths decide: of
-    `node_names`, and of `track_occupancy`, which is (frame, track) in both.
+    Newer files name the axes in the attribute `dims`; in older ones the lengths decide: those of
+    `node_names`, and of `track_occupancy` (frame, track).
     """
     with TrackerFile(paths[0]) as file:
         nodes, names = file.texts("node_names"), file.texts("track_names")
@@ -115,10 +115,8 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     its track in the frame. Before version 1.1 the middle of the first pixel was at 0.5.
     """
     with TrackerFile(paths[0]) as file:
-        tracks, videos = (
-            [json.loads(text) for text in file.texts(name)]
-            for name in ("tracks_json", "videos_json")
-        )
+        tracks = [str(json.loads(text)[1]) for text in file.texts("tracks_json")]
+        videos = [json.loads(text) for text in file.texts("videos_json")]
         names, edges = _read_skeleton(json.loads(file.text("json", "metadata")))
         shift = 0.0 if file.number("format_id", "metadata") >= 1.1 else 0.5
         frames, instances = file.rows("frames"), file.rows("instances")
@@ -152,7 +150,7 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     replaced = np.array([key in placed and key[2] >= 0 for key in keys], bool)
     replaced = ~user & (replaced | np.isin(instances["instance_id"], origins))
     lost = int(replaced.sum())
-    individuals = (*make_unique([str(name) for _, name, *_ in tracks]), "")
+    individuals = (*make_unique(tracks), "")
     files = [about.get("filename") or about["backend"].get("filename") for about in videos]
     video_names = make_unique([PureWindowsPath(str(name or "video")).stem for name in files])
     return Poses(
@@ -171,10 +169,7 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_skeleton(about: Any) -> tuple[tuple[str, ...], Edges]:
-    """Return the nodes of the one skeleton, and its edges.
-
-    The type of a link, 1 for bones, is stated in full first, later by its place among those.
-    """
+    """Return the nodes of the one skeleton, and its edges: links whose type, or its place, is 1."""
     (skeleton,) = about["skeletons"]
     ids = [node["id"] for node in skeleton["nodes"]]
     types: list[int] = []
@@ -260,15 +255,11 @@ def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
 POSES_OF_NWB = ("PoseEstimationSeries", "PoseEstimation")
 UNITS = {"m": "m", "meter": "m", "meters": "m", "metres": "m"}
 
-Series = tuple[Floats, Floats, Floats, float, str]
-"""Of a landmark: points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, unit."""
+Series = tuple[Floats, Floats, Floats, float, str]  # points, confidence, times, rate or 0, unit
 
 
 def read_nwb(paths: tuple[Path, ...]) -> Poses:
-    """Read every PoseEstimation below `processing`, at the times of its series; one skeleton.
-
-    Raises ValueError where there is none, and for animals of one name in several modules.
-    """
+    """Read all PoseEstimations of `processing`; ValueError where there is none, or one twice."""
     series: dict[tuple[str, str], Series] = {}
     with TrackerFile(paths[0]) as file:
         groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
@@ -328,6 +319,7 @@ def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
+    """Return points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, and unit."""
     data, start, rate = f"{group}/data", f"{group}/starting_time", 0.0
     points = file.numbers(data) * (file.number("conversion", data) or 1.0)
     points += file.attribute("offset", data) or 0.0

@@ -25,11 +25,9 @@ REACH, REACH_PER_GAP, FARTHEST = 0.35, 0.1, 1.0
 """How far landmarks go in a frame beyond the motion so far, in diagonals of the box (who runs
 crosses a fifth of it at 30 Hz); what each missed frame adds; and the largest reach."""
 
-LONGEST_GAP, SMOOTH_MOTION = 15, 3
-"""Frames without a detection that a track survives, and for which its motion is continued."""
+LONGEST_GAP, SMOOTH_MOTION = 15, 3  # frames that a track goes on unseen, and is expected to move
 
-FORGETTING = 0.3
-"""Share of a frame's motion in the smooth motion of a track."""
+FORGETTING = 0.3  # share of a frame's motion in the smooth motion of a track
 
 
 class _Detections(NamedTuple):
@@ -157,14 +155,11 @@ def _costs(
 
 
 def assign(cost: Floats, allowed: Flags) -> list[tuple[int, int]]:
-    """Return the pairs of least cost among those allowed, after as many as possible.
-
-    Where the best of each row are different columns they are the optimum; else scipy finds it.
-    """
+    """Return as many pairs as possible of those allowed, of least cost."""
     padded = np.where(allowed, cost, np.inf)
     rows = np.flatnonzero(allowed.any(axis=1))
     best = padded[rows].argmin(axis=1) if len(rows) else rows
-    if len({*best.tolist()}) == len(rows):
+    if len({*best.tolist()}) == len(rows):  # the optimum, without the import
         return list(zip(rows.tolist(), best.tolist(), strict=True))
     from scipy.optimize import linear_sum_assignment
 

@@ -18,11 +18,8 @@ from shapefit.geometry.joint_rotations import Rig, find_rig, forward_kinematics
 from shapefit.io.skeletons import part_names
 from shapefit.io.writers.motion import Motion
 
-TIP = 0.25
-"""Length of what follows the last joint of a limb, in bones before it: there has to be an end."""
-
-DECIMALS = 6
-"""Of metres and degrees."""
+TIP = 0.25  # length of the end after the last joint of a limb, in bones before it
+DECIMALS = 6  # of metres and degrees
 
 ROTATIONS = "Zrotation Xrotation Yrotation"
 

@@ -27,17 +27,12 @@ ANKLE_TO_SHOULDER = 0.818 - 0.039
 """Share of the height of a person between the heights of ankles and shoulders (R. Drillis and R.
 Contini, Body segment parameters, 1966)."""
 
-EXTENT_PERCENTILE = 95.0
-"""Of the frames of a sequence: a few that went wrong do not count."""
-
-FARTHEST = 100.0
-"""Metres from a camera to the origin of its world in any room or arena."""
+EXTENT_PERCENTILE = 95.0  # of the frames of a sequence: a few that went wrong do not count
+FARTHEST = 100.0  # metres from a camera to the origin of its world in any room or arena
 
 
 class MetricShapes(NamedTuple):
-    """points (n, 3, p) in metres; factor (n,), the metres in a unit of each shape; in words where
-    axes and size come from.
-    """
+    """points (n, 3, p) in metres; factor (n,), metres in a unit; where axes and size come from."""
 
     points: Floats
     factor: Floats
@@ -115,10 +110,8 @@ def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats
 def _factor(
     records: Shapes3D, upright: Floats, options: OutputOptions, place: str
 ) -> tuple[Floats, str]:
-    """Return the metres (n,) in a unit of each shape, and by what.
-
-    By the unit, or of results by the training shapes: constant unless edges tell their lengths. The
-    height overrides both.
+    """Return the metres (n,) in a unit of each shape, and by what: the height, the unit, or the
+    training shapes, for all shapes the same unless edges say their lengths.
     """
     n, unit = len(records), records.unit
     if options.unit and metres_in(unit) not in (None, metres_in(options.unit)):
@@ -128,10 +121,8 @@ def _factor(
     metres = metres_in(unit)
     factor, size = (None if metres is None else np.full(n, metres)), "the unit as given"
     if metres is None and isinstance(records, ResultSet):
-        factor, size = (
-            _per_item(records, METRES_PER_UNIT, (), place),
-            "the size of the training shapes",
-        )
+        factor = _per_item(records, METRES_PER_UNIT, (), place)
+        size = "the size of the training shapes"
         if factor is not None and records.attributes.get(METRES_FROM) != "edges":
             factor = np.full(n, _median(factor))
     if options.height is None:
@@ -156,10 +147,7 @@ def _factor(
 
 
 def _in_the_image(upright: Floats, factor: Floats) -> Floats:
-    """Place shapes of unknown depth, which move in the plane of the image on one scale.
-
-    The first is at x = z = 0, the lowest landmark at y = 0.
-    """
+    """Place shapes of unknown depth in the plane of the image, the first at 0, the lowest y 0."""
     middle = upright.mean(axis=2, keepdims=True)
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
     if not len(placed):

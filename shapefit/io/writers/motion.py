@@ -49,20 +49,17 @@ FOCAL_SD, SCALE_SD = 0.18, 0.05
 """Of the logarithm of the distance to a body: by a focal length that is assumed (lenses have .8 to
 1.5 widths), and by a known one."""
 
-USUAL_RATE = 25.0
-"""Frames a second where nobody says."""
+USUAL_RATE = 25.0  # frames a second, where it is unknown
 
 NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Every frame of a sequence from its first to its last.
+    """Every frame of a sequence, from the number `first` on.
 
-    points (f, 3, p) and their deviations (f, p) in metres, angles and their deviations (f, a) in
-    degrees, nan where unknown; first, the number of the first frame; rate in Hz, 1 where it is not
-    known; edges (e, 2) between landmarks; axes and size in words; trusted (f,): true, false, or ""
-    where the records do not say.
+    points (f, 3, p) and deviations (f, p) in metres, angles and deviations (f, a) in degrees, nan
+    where unknown; rate in Hz, 1 where unknown; edges (e, 2); trusted (f,): true, false, or "".
     """
 
     name: str
@@ -86,11 +83,8 @@ class Motion:
         return self.first + np.arange(len(self.points), dtype=np.int64)
 
 
-Track = tuple[str, Shapes3D, Integers]
-"""A sequence: its name, its items and their frames (n,), in the order of these."""
-
-Write = Callable[[Path, Motion], str | None]
-"""Fills a new file, and others beside it, with a motion; may return a note for the summary."""
+Track = tuple[str, Shapes3D, Integers]  # a sequence: its name, and items by their frames (n,)
+Write = Callable[[Path, Motion], str | None]  # fills a new file; may return a note for the summary
 
 
 class MotionWriter(RecordWriter[Shapes3D]):
@@ -125,9 +119,8 @@ def motion_output(
 ) -> Iterator[MotionWriter]:
     """Give a writer to a file per sequence; all appear on a clean exit.
 
-    One sequence goes to `target`; several are named after it: man.trc becomes man_NAME.trc.
-    `angles`, whether joint angles are written. Raises InputError where the files cannot be written;
-    earlier ones then stay.
+    One sequence goes to `target`; several are named after it: man.trc becomes man_NAME.trc. Raises
+    InputError where the files cannot be written; earlier ones then stay.
     """
     check_output(target)
     writer = MotionWriter(options, angles=angles)

@@ -24,10 +24,7 @@ TRC_COLUMNS = (
 
 
 def write_trc(path: Path, motion: Motion) -> None:
-    """Write one motion as TRC, the table that OpenSim reads; joint angles go to NAME_angles.csv.
-
-    The last cell of the first line, where readers expect nothing, says which way is up.
-    """
+    """Write one motion as TRC, which OpenSim reads, and its joint angles to NAME_angles.csv."""
     if motion.angle_names:
         write_angles(path.with_name(f"{path.stem}_angles.csv"), motion)
     count, p, rate = len(motion.points), len(motion.landmark_names), f"{motion.rate:.10g}"
@@ -93,10 +90,7 @@ MAX_ANGLE_SD = 15.0
 
 
 def write_angles(path: Path, motion: Motion) -> None:
-    """Write a row per frame of one motion: each angle and its standard deviation.
-
-    The last column names the angles that are uncertain, see `MAX_ANGLE_SD`.
-    """
+    """Write each angle of a motion and its standard deviation, and the uncertain ones."""
     names = _angle_names(path, motion)
     header = [column for name in names for column in (name, f"{name}_sd")]
     # (f, a, 2) -> an angle and its deviation after the other
@@ -108,9 +102,7 @@ def write_angles(path: Path, motion: Motion) -> None:
 
 
 def write_mot(path: Path, motion: Motion) -> None:
-    """Write the joint angles of one motion as OpenSim reads them; gaps and uncertain angles (see
-    `MAX_ANGLE_SD`) are NaN.
-    """
+    """Write the joint angles of a motion as OpenSim reads them, NaN where they are uncertain."""
     names = _angle_names(path, motion)
     angles = np.where(motion.angle_deviations > MAX_ANGLE_SD, np.nan, motion.angles)
     table = np.column_stack([motion.frames / motion.rate, angles])
@@ -141,12 +133,13 @@ def write_c3d(path: Path, motion: Motion) -> None:
     Raises InputError for more frames or landmarks, or longer names, than a file can hold.
     """
     names, last = motion.landmark_names, motion.first + len(motion.points)
-    if max([len(names), *(len(name.encode()) for name in names)]) > MAX_LABELS:
-        problem = f"C3D holds {MAX_LABELS} landmarks at most, with names of {MAX_LABELS} bytes"
-        raise input_error(path.name, problem, "write TRC, or rename the landmark")
-    if not len(motion.points) or last > MAX_FRAMES:
-        problem = f"C3D holds the frames 1 to {MAX_FRAMES:,}, and these run to {last:,}"
-        raise input_error(path.name, problem, "write TRC, or shorter sequences")
+    labels = max([len(names), *(len(name.encode()) for name in names)])
+    if labels > MAX_LABELS or not len(motion.points) or last > MAX_FRAMES:
+        problem = (
+            f"C3D holds {MAX_LABELS} landmarks at most, with names of {MAX_LABELS} bytes, and "
+        )
+        problem += f"the frames 1 to {MAX_FRAMES:,}: these are {len(names)}, and run to {last:,}"
+        raise input_error(path.name, problem, "write TRC")
     points = 1000 * motion.points.transpose(1, 2, 0)  # (f, 3, p) -> (3, p, f)
     visible = np.isfinite(points).all(axis=0)
     file = load_ezc3d().c3d()

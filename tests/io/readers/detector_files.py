@@ -101,18 +101,6 @@ def write_yolo(path: Path, points: Floats, confidence: Floats) -> None:
         (path / f"image_{frame:05d}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def write_alphapose(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write AlphaPose's one file of all images."""
-    images = {
-        f"{frame}.jpg": {
-            "version": "AlphaPose",
-            "people": [{"pose_keypoints_2d": p} for p in people],
-        }
-        for frame, people in enumerate(_flat(points, confidence))
-    }
-    _write(path, images)
-
-
 def write_wide(path: Path, points: Floats, confidence: Floats) -> None:
     """Write a row per frame of the first person, cells parted by semicolons, decimal commas."""
     numbers = range(points.shape[2])
@@ -159,7 +147,6 @@ def write_mediapipe(path: Path, points: Floats, confidence: Floats) -> None:
 
 
 WRITERS: Mapping[str, Callable[[Path, Floats, Floats], None]] = {
-    "alphapose.json": write_alphapose,
     "openpose": write_openpose,
     "results.json": write_results,
     "annotations.json": write_annotations,

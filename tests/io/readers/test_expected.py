@@ -46,7 +46,7 @@ def test_no_entry_is_left_out(real_data):
     assert [entry["path"] for entry in ENTRIES if not is_read(entry)] == []
 
 
-WITHOUT_REAL_FILES = {"alphapose-json", "anipose-csv", "arrays", "mediapipe", "table"}
+WITHOUT_REAL_FILES = {"anipose-csv", "arrays", "mediapipe", "table"}
 WITHOUT_REAL_FILES |= {"mmpose-images", "mmpose-video", "vicon-csv"}
 """Formats of which there are made files only; files of Acclaim lie beside the motion capture."""
 

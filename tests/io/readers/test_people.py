@@ -41,12 +41,6 @@ def entry(image, category, *keypoints, **further):
     return {"image_id": image, "category_id": category, "keypoints": list(keypoints), **further}
 
 
-def alphapose(people, keypoints, score=0.5):
-    one = {keypoints: [1.0, 2.0, score] * 17 + [0, 0, 0]}
-    found = {"7.jpg": [one, one], "9.jpg": [], "10.jpg": [one]}
-    return {image: {"version": "AlphaPose v0.3", people: own} for image, own in found.items()}
-
-
 def instance(points=17, score=0.5, **further):
     return {"keypoints": [[1.0, 2.0]] * points, "keypoint_scores": [score] * points, **further}
 
@@ -56,7 +50,6 @@ CALISCOPE = "sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y
 CALISCOPE += "0,1,5,0.1,0,10,20\n0,1,5,0.1,100,30,40\n0,2,5,0.1,32,50,60\n1,1,7,0.2,0,,\n"
 RAT = "names: {0: rat}\nkpt_shape: [2, 3]\nkpt_names: {0: [nose, tail]}\n"
 BOX = "0 .5 .5 .1 .1"
-ALPHAPOSE = {"items": ["a/7/0", "a/7/1", "a/10/0"], "seen": [[True] * 17 + [False]] * 3}
 
 CASES = [
     # OpenPose: files in order of their numbers, one recording
@@ -93,16 +86,6 @@ CASES = [
         {
             "items": ["cam/0/0", "cam/0/1"],
             "notes": ["numbers of people are not used, as 1 of them occur twice in a frame"],
-        },
-    ),
-    # AlphaPose, whose scores of COCO's models go to 6
-    ({"a.json": alphapose("people", "pose_keypoints_2d")}, ALPHAPOSE),
-    ({"a.json": alphapose("bodies", "joints")}, ALPHAPOSE),
-    (
-        {"a.json": alphapose("people", "pose_keypoints_2d", 4.5)},
-        {
-            "confidence": [[0.75] * 17 + [0]] * 3,
-            "notes": ["confidences divided by 6, the largest that AlphaPose states"],
         },
     ),
     # COCO: visibility decides, categories are joined

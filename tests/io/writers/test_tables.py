@@ -118,17 +118,13 @@ LONG, MANY = ("x" * 256,), tuple(map(str, range(256)))
 
 
 @pytest.mark.parametrize(
-    ("shapes", "problem"),
-    [
-        (still(("a",), MAX_FRAMES - 1), "frames 1 to 65,535, and these run to 65,536; write TRC"),
-        (still(("a",), frames=0), "frames 1 to 65,535, and these run to 0; write TRC"),
-        (still(LONG), "C3D holds 255 landmarks at most, with names of 255 bytes; write TRC"),
-        (still(MANY), "C3D holds 255 landmarks at most, with names of 255 bytes; write TRC"),
-    ],
+    "shapes", [still(("a",), MAX_FRAMES - 1), still(("a",), frames=0), still(LONG), still(MANY)]
 )
-def test_more_than_a_c3d_file_can_hold_is_refused(tmp_path, problems, shapes, problem):
+def test_more_than_a_c3d_file_can_hold_is_refused(tmp_path, problems, shapes):
     (line,) = problems(save, tmp_path / "man.c3d", shapes)
-    assert problem in line
+    assert (
+        "C3D holds 255 landmarks at most, with names of 255 bytes, and the frames 1 to 65" in line
+    )
     assert not list(tmp_path.iterdir())
 
 
