@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import shapefit
-
-from .conftest import run_command, same_file
+from tests.api.conftest import run_command, same_file
 
 
 def test_what_is_read_is_written_as_it_was(tmp_path, sample, people, views):

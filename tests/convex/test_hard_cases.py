@@ -8,7 +8,7 @@ import pytest
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import solve_newton
 from shapefit.geometry.rotations import random_rotations
-from tests.convex.certificate import lambda_max
+from tests.convex.conftest import lambda_max
 
 Arrays = dict[str, np.ndarray | float]
 STEPS = 300

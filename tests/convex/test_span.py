@@ -8,7 +8,7 @@ import pytest
 from shapefit.convex import span
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solver import Status, solve_newton
-from tests.convex.certificate import certify_transforms
+from tests.convex.conftest import certify_transforms
 
 P, K, N = 240, 12, 12
 

@@ -1,9 +1,10 @@
-"""Learning: a falling objective, planted atoms, dead atoms, the atom update, sizes, PCA bases."""
+"""The certificate of a coding, by other means than the coding itself."""
 
 import numpy as np
 import pytest
 
-from shapefit.dictionary.coding import objectives, sparse_code
+from shapefit.arrays import Floats
+from shapefit.dictionary.coding import flat, objectives, sparse_code
 from shapefit.dictionary.learning import (
     learn,
     principal_components,
@@ -12,7 +13,108 @@ from shapefit.dictionary.learning import (
     update_atoms,
 )
 from shapefit.geometry.normalisation import normalise
-from tests.dictionary.conftest import duality_gaps
+
+
+def duality_gaps(shapes: Floats, atoms: Floats, beta: float, coefficients: Floats) -> Floats:
+    """objective - D(t R) >= objective - optimum for each shape; (n,), for beta > 0.
+
+    The dual is max D(Y) = <Y, S> - 1/2 ||Y||^2 subject to <B_i, Y> <= beta. Y = t R with the
+    residual R and the best t >= 0 that is feasible.
+    """
+    X, B = flat(shapes), flat(atoms)
+    R = X - coefficients @ B
+    correlation, energy, highest = (R * X).sum(axis=1), (R**2).sum(axis=1), (R @ B.T).max(axis=1)
+    free = np.divide(correlation, energy, out=np.zeros_like(energy), where=energy > 0)
+    feasible = np.divide(beta, highest, out=np.full_like(energy, np.inf), where=highest > 0)
+    t = np.clip(free, 0.0, feasible)
+    dual = t * correlation - 0.5 * t**2 * energy
+    return objectives(shapes, atoms, beta, coefficients) - dual
+
+
+PRICE = 0.3
+
+
+@pytest.fixture
+def atoms(rng):
+    return rng.standard_normal((12, 3, 6))
+
+
+@pytest.fixture
+def coded(rng, atoms):
+    mixed = np.tensordot(rng.random((40, 12)) * (rng.random((40, 12)) < 0.4), atoms, axes=1)
+    return mixed + 0.3 * rng.standard_normal(mixed.shape)
+
+
+class TestOptimality:
+    def test_kkt_certificate(self, coded, atoms):
+        C = sparse_code(coded, atoms, PRICE)
+        slope = (C @ flat(atoms) - flat(coded)) @ flat(atoms).T + PRICE
+        assert (C >= 0).all()
+        assert (slope >= -1e-11).all()
+        np.testing.assert_allclose(slope[C > 0], 0, atol=1e-11)
+        assert (C > 0).any(axis=1).all()
+        assert (C == 0).any(axis=1).all()
+
+    def test_planted_optimum(self, rng):
+        # Choose the residual Y, scale the atoms so that <B_i, Y> = beta for those in use and less
+        # for the others; then S = sum c_i B_i + Y has the coefficients c.
+        Y = rng.standard_normal((3, 6))
+        atoms = rng.standard_normal((10, 3, 6))
+        overlap = np.tensordot(atoms, Y, axes=2)
+        used = np.arange(10) < 4
+        wanted = np.where(used, PRICE, 0.8 * PRICE)
+        atoms *= (wanted / np.abs(overlap) * np.where(used, np.sign(overlap), 1))[:, None, None]
+        c = np.where(used, rng.uniform(1, 3, 10), 0)
+        S = np.tensordot(c, atoms, axes=1) + Y
+        np.testing.assert_allclose(sparse_code(S[None], atoms, PRICE)[0], c, atol=1e-10)
+
+
+class TestHostileAtoms:
+    """Atoms that depend on each other, exactly and nearly; more atoms than dimensions."""
+
+    def families(self, rng):
+        few = rng.standard_normal((8, 3, 4))
+        plane = np.tensordot(rng.standard_normal((20, 2)), few[:2], axes=1)
+        yield "copies", np.concatenate([few, few])
+        yield "scaled copies", np.concatenate([few, 1.3 * few, 0.2 * few])
+        yield "near copies", np.concatenate([few, few + 1e-6 * rng.standard_normal(few.shape)])
+        yield "overcomplete", rng.standard_normal((100, 3, 4))
+        yield "positive overcomplete", np.abs(rng.standard_normal((100, 3, 4)))
+        yield "one plane", plane
+        yield "with zeros", np.concatenate([few, np.zeros((2, 3, 4))])
+
+    @pytest.mark.parametrize("beta", [1.0, 0.1, 1e-3])
+    def test_certificate(self, rng, beta):
+        coded = rng.standard_normal((50, 3, 4))
+        energy = 0.5 * (coded**2).sum(axis=(1, 2))
+        for name, atoms in self.families(rng):
+            C = sparse_code(coded, atoms, beta)
+            gaps = duality_gaps(coded, atoms, beta, C)
+            assert (C >= 0).all(), name
+            assert (gaps <= 1e-7 * energy).all(), name
+            for c in C:  # atoms in use are independent
+                assert np.linalg.matrix_rank(flat(atoms)[c > 0]) == (c > 0).sum(), name
+
+
+class TestStart:
+    def test_the_start_does_not_change_the_answer(self, coded, atoms, rng):
+        start = 10 * rng.random((40, 12))
+        warm = sparse_code(coded, atoms, PRICE, start=start)
+        np.testing.assert_allclose(warm, sparse_code(coded, atoms, PRICE), atol=1e-10)
+
+
+@pytest.mark.parametrize("size", [0.01, 1.0, 100.0])
+def test_the_tolerance_is_a_share_of_the_shape(coded, atoms, size):
+    # No single coefficient, set to its best, would move the shape by more than the tolerance.
+    B = size * flat(atoms)
+    C = sparse_code(coded, size * atoms, size * PRICE, tolerance=0.1)
+    slope = (C @ B - flat(coded)) @ B.T + size * PRICE
+    squares = (B**2).sum(axis=1)
+    moves = np.abs(np.maximum(C - slope / squares, 0) - C) * np.sqrt(squares)
+    shares = (moves / np.linalg.norm(flat(coded), axis=1)[:, None]).max(axis=1)
+    assert (shares <= 0.1).all()
+    assert shares.max() > 0.01
+
 
 BETA = 0.1
 

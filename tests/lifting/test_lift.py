@@ -1,6 +1,6 @@
 """Normalising, failing and scaling back, for any method; no shape that is not finite counts."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 
 import numpy as np
@@ -8,14 +8,17 @@ import pytest
 
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
+from shapefit.lifting.degeneracy import FLAT, find_degenerate
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import (
     LEAST,
     NOT_FINITE,
+    Group,
     Program,
     choose_lambda,
     fail_nonfinite,
     lift,
+    merge,
     noise_dual_norm,
 )
 from shapefit.lifting.methods import Settings, choose_method
@@ -159,3 +162,108 @@ def test_one_coordinate_that_is_not_finite_fails_its_image(lifting, value):
         assert np.isnan(after[1]).all()
         others = [0, 2, 3, 4]
         np.testing.assert_array_equal(after[others], before[others])
+
+
+ORDER = np.array([3, 0, 6, 1, 5, 2, 4])
+PARTS = (slice(0, 3), slice(3, 4), slice(4, 7))
+
+
+@pytest.fixture
+def atoms(rng):
+    return normalise(rng.standard_normal((5, 3, 8))).points
+
+
+@pytest.fixture
+def run(rng, atoms):
+    """Return the function that lifts some of seven images, one of them degenerate."""
+    landmarks = 10 * rng.standard_normal((7, 2, 8)) + 50
+    weights = np.ones((7, 8))
+    weights[5, 2:] = 0
+
+    def run(images=slice(None), retained=slice(None), method="convex"):
+        B = atoms[retained]
+        settings = Settings(solve=solve_newton, mean_shape=normalise(B.mean(axis=0)).points)
+        estimator = choose_method(method, settings)
+        return lift(landmarks[images], weights[images], B, PROGRAM, estimator)
+
+    return run
+
+
+def one_by_one(run, **options):
+    return [Group(run([i], **options), np.array([i]), np.arange(5)) for i in ORDER]
+
+
+@pytest.mark.parametrize("method", ["convex", "convex+refine", "mean-shape"])
+def test_images_lifted_one_by_one_are_those_lifted_alone(run, atoms, method):
+    merged = merge(one_by_one(run, method=method), atoms)
+    assert merged.failures.keys() == {5}
+    for i in range(7):
+        alone = run([i], method=method)
+        for one, other in ((merged, alone), (merged.estimate, alone.estimate)):
+            for field in fields(one):
+                values = getattr(one, field.name)
+                if isinstance(values, np.ndarray):
+                    np.testing.assert_array_equal(values[i], getattr(other, field.name)[0])
+        assert merged.estimate.status[i] is alone.estimate.status[0]
+        assert merged.failures.get(i) == alone.failures.get(0)
+
+
+def test_atoms_that_a_group_lacked_have_no_part(run, atoms):
+    retained = np.array([0, 2, 3])
+    some, rest = np.array([4, 1]), np.array([0, 2, 3, 5, 6])
+    part = run(some, retained)
+    merged = merge([Group(part, some, retained), Group(run(rest), rest, np.arange(5))], atoms)
+    assert merged.estimate.coefficients.shape == (7, 5)
+    np.testing.assert_array_equal(merged.estimate.coefficients[some][:, [1, 4]], 0)
+    np.testing.assert_array_equal(merged.estimate.transforms.dense()[some][:, [1, 4]], 0)
+    np.testing.assert_array_equal(
+        merged.estimate.transforms.dense()[some][:, retained], part.estimate.transforms.dense()
+    )
+    np.testing.assert_array_equal(
+        merged.estimate.coefficients[some][:, retained], part.estimate.coefficients
+    )
+    np.testing.assert_array_equal(merged.problem.atoms, atoms)
+    np.testing.assert_array_equal(merged.problem.landmarks[some], part.problem.landmarks)
+
+
+TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])
+
+
+@pytest.mark.parametrize(
+    ("landmarks", "weights", "reason"),
+    [
+        (TRIANGLE, [0, 0, 0, 0], "all landmarks are hidden"),
+        (TRIANGLE, [1, 1, 0, 0], "only 2 visible landmarks, 3 are needed"),
+        (TRIANGLE, [0, 0, 0, 0.1], "only 1 visible landmarks, 3 are needed"),
+        (np.full((2, 4), 7.3), [1, 1, 1, 1], "all visible landmarks are at one point"),
+        (np.zeros((2, 4)), [1, 1, 1, 1], "all visible landmarks are at one point"),
+        ([[0, 1, 2, 9], [1, 3, 5, 0]], [1, 1, 1, 0], "all visible landmarks lie on one line"),
+    ],
+)
+def test_a_degenerate_image_is_found_with_its_reason(landmarks, weights, reason):
+    found = find_degenerate(
+        np.array([TRIANGLE, landmarks], dtype=float), np.array([np.ones(4), weights], dtype=float)
+    )
+    assert found == {1: reason}
+
+
+def test_how_thin_a_line_is_counts_beside_its_length():
+    x = np.linspace(-1, 1, 20)
+    across = (-1.0) ** np.arange(20)
+    across -= x * (x @ across) / (x @ x)
+    wide, long = np.linalg.norm(across), np.linalg.norm(x)
+    thin = [np.stack([x, share * FLAT * long / wide * across]) for share in (0.7, 1.4)]
+    found = find_degenerate(np.array(thin), np.ones((2, 20)))
+    assert found == {0: "all visible landmarks lie on one line"}
+
+
+def test_coordinates_that_cannot_be_squared_are_found():
+    images = np.stack([1e200 * TRIANGLE, TRIANGLE, 1e-200 * TRIANGLE, 1e-318 * TRIANGLE])
+    images = np.concatenate([images, [1.7e308 * (2 * TRIANGLE - 1)]])
+    with np.errstate(all="raise", under="ignore"):
+        found = find_degenerate(images, np.ones((5, 4)))
+    assert list(found) == [0, 2, 3, 4]
+    assert found[0] == "coordinates too large, up to 1e+200: use a larger unit"
+    assert found[2].startswith("landmarks too close together, within 7e-201: use a smaller unit")
+    assert "too close together" in found[3]
+    assert "too large" in found[4]

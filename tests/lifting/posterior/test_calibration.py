@@ -9,7 +9,7 @@ from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.calibration import Calibration, calibrate
 from shapefit.lifting.posterior.method import lift_to_posterior
-from tests.lifting.posterior.pinhole import RESIDUAL_VARIANCE, P, Scene
+from tests.lifting.posterior.conftest import RESIDUAL_VARIANCE, P, Scene
 
 N = 60
 

@@ -11,9 +11,7 @@ from shapefit.lifting.sequences import clips
 from shapefit.lifting.sequences.clips import Motion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.lifting.trust import IMAGE_ERROR, expected_error
-from tests.lifting.posterior.conftest import draw_component
-from tests.lifting.posterior.dense import shares_of
-from tests.lifting.posterior.pinhole import P, Scene
+from tests.lifting.posterior.conftest import P, Scene, draw_component, shares_of
 
 N = 20
 

@@ -9,8 +9,7 @@ import pytest
 import shapefit
 from shapefit.config import load_config
 from shapefit.pipelines import convert
-
-from .conftest import run_command
+from tests.api.conftest import run_command
 
 
 @pytest.fixture(scope="module")

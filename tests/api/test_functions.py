@@ -1,5 +1,6 @@
 """`shapefit.learn` and `fit` make what the commands make, bit for bit, and refuse the same."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,7 @@ import shapefit
 from shapefit.config import load_config
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.run import run
-
-from .conftest import run_command, same_file
+from tests.api.conftest import run_command, same_file
 
 
 @pytest.mark.parametrize("method", ["sparse-coding", "pca-bases", "exemplars"])
@@ -168,3 +168,114 @@ def test_a_config_file_is_read_as_the_command_reads_it(tmp_path, people, views, 
     fit = shapefit.fit(shapefit.read_landmarks(views), people["sparse-coding"], config=file)
     shapefit.write_results(tmp_path / "function.h5", fit)
     same_file(tmp_path / "command.h5", tmp_path / "function.h5")
+
+
+@pytest.fixture(scope="module")
+def chain(people, views):
+    return shapefit.fit(
+        shapefit.read_landmarks(views), shapefit.read_dictionary(people["sparse-coding"])
+    )
+
+
+def test_errors_and_sums_are_those_of_the_command(tmp_path, chain, sample):
+    shapefit.write_results(tmp_path / "result.h5", chain)
+    metrics = ["similarity", "reprojection"]
+    run_command(
+        "eval", results={"result": str(tmp_path / "result.h5")},
+        truth=str(sample / "people_test.h5"), output=str(tmp_path / "report"),
+        metrics=metrics, groups={"all": "*"}, plots=False,
+    )  # fmt: skip
+    truth = shapefit.read_shapes(sample / "people_test.h5")
+    found = shapefit.evaluate(chain, truth, metrics=metrics, groups={"all": "*"})
+    with (tmp_path / "report/per_image.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    written = {(r["metric"], r["unit"], r["item"]): float(r["error"]) for r in rows}
+    for (metric, unit), values in found.errors.items():
+        for item, value in zip(found.items, values, strict=True):
+            assert written.pop((metric, unit, item)) == value
+    assert not written
+    with (tmp_path / "report/report.csv").open(newline="", encoding="utf-8") as file:
+        means = [float(row["mean"]) for row in csv.DictReader(file)]
+    assert means == [summary.mean for summary in found.summaries]
+    assert 0.05 < found.mean("similarity") < 0.5
+    assert found.mean("similarity", "m") < found.mean("similarity")
+    with pytest.raises(ValueError, match="no camera was measured"):
+        found.mean("camera")
+
+
+def test_arrays_are_matched_by_their_order(chain, sample):
+    truth = shapefit.read_shapes(sample / "people_test.h5")
+    rows = [truth.items.index(item) for item in chain.items]
+    with pytest.warns(UserWarning, match="no camera and rotation without `true_rotation`"):
+        named = shapefit.evaluate(chain, truth)
+    assert {metric for metric, _ in named.errors} >= {"similarity", "reprojection"}
+    with pytest.raises(shapefit.InputError, match="truth: has 3 shapes for 150 images"):
+        shapefit.evaluate(chain, truth.shapes[:3])
+    for result in (chain, chain.shapes):
+        plain = shapefit.evaluate(result, truth.shapes[rows], metrics=["similarity"])
+        np.testing.assert_array_equal(
+            plain.errors["similarity", "normalised"], named.errors["similarity", "normalised"]
+        )
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"metrics": ["simlarity"]}, "did you mean 'similarity'"),
+        ({"metrics": []}, "expected a list, each similarity, camera"),
+        ({"match": "model"}, "there is no dataset 'model' with one name"),
+        ({"plots": True}, r"^evaluate\.plots: is a key of reports only"),
+        ({"groups": {"a": "nobody*"}}, "no sequence matches any group"),
+    ],
+)
+def test_what_is_wrong_is_an_error_with_its_place(chain, sample, changes, message):
+    truth = shapefit.read_shapes(sample / "people_test.h5")
+    with pytest.raises(shapefit.InputError, match=message):
+        shapefit.evaluate(chain, truth, **({"metrics": ["similarity"]} | changes))
+
+
+@pytest.fixture
+def program(rng):
+    atoms = rng.normal(size=(6, 3, 9))
+    M = np.zeros((6, 2, 3))
+    M[1], M[4] = 0.8 * np.eye(3)[:2], -0.3 * np.eye(3)[1:]
+    W = np.einsum("kab,kbp->ap", M, atoms) + 0.05 * rng.normal(size=(2, 9)) + [[3.0], [-2.0]]
+    return W, atoms
+
+
+def test_the_dual_proves_the_optimum(program):
+    """A feasible dual bounds every objective from below, and this one from 1e-6 below."""
+    W, B = program
+    weights = np.array([1, 1, 0.5, 1, 0, 1, 2, 1, 1])
+    found = shapefit.solve(W, B, 0.2, weights=weights)
+    assert found.status == "optimal"
+    residual = weights * (W - np.einsum("kab,kbp->ap", found.transforms, B))
+    residual -= weights * found.translation[:, None]
+    norms = np.linalg.norm(found.transforms, 2, axis=(1, 2))
+    objective = (residual**2).sum() / 2 + 0.2 * norms.sum()
+    assert found.objective == pytest.approx(objective, rel=1e-12)
+    weighted = weights * found.dual
+    dual_norms = np.linalg.norm(weighted @ B.swapaxes(1, 2), "nuc", axis=(1, 2))
+    Y = found.dual * min(1.0, 0.2 / dual_norms.max())
+    np.testing.assert_allclose((weights * Y).sum(axis=1), 0, atol=1e-9)
+    bound = (W * weights * Y).sum() - (Y**2).sum() / 2
+    assert 0 <= objective - bound <= 2e-6 * objective
+
+
+def test_images_together_are_those_alone(program):
+    W, B = program
+    hidden = W.copy()
+    hidden[:, 2] = np.nan
+    both = shapefit.solve([W, hidden], B, 0.1)
+    assert both.status == ("optimal", "optimal")
+    for number, image in enumerate((W, hidden)):
+        alone = shapefit.solve(image, B, 0.1)
+        np.testing.assert_allclose(both.transforms[number], alone.transforms, atol=1e-6)
+
+
+def test_what_does_not_fit_is_refused(program):
+    W, B = program
+    with pytest.raises(ValueError, match=r"must be \(n, 2, p\), \(k, 3, p\)"):
+        shapefit.solve(W[:, :5], B, 0.1)
+    with pytest.raises(ValueError, match="'huge' is not a valid Loss"):
+        shapefit.solve(W, B, 0.1, loss="huge")

@@ -7,7 +7,7 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.method import face, find_rays, noise_of_rays
 from shapefit.lifting.posterior.posterior import find_posterior
-from tests.lifting.posterior.pinhole import RESIDUAL_VARIANCE, P, Scene
+from tests.lifting.posterior.conftest import RESIDUAL_VARIANCE, P, Scene
 
 
 def posterior(prior, landmarks, starts, slopes=None):
