@@ -262,17 +262,6 @@ def test_the_dual_proves_the_optimum(program):
     assert 0 <= objective - bound <= 2e-6 * objective
 
 
-def test_images_together_are_those_alone(program):
-    W, B = program
-    hidden = W.copy()
-    hidden[:, 2] = np.nan
-    both = shapefit.solve([W, hidden], B, 0.1)
-    assert both.status == ("optimal", "optimal")
-    for number, image in enumerate((W, hidden)):
-        alone = shapefit.solve(image, B, 0.1)
-        np.testing.assert_allclose(both.transforms[number], alone.transforms, atol=1e-6)
-
-
 def test_what_does_not_fit_is_refused(program):
     W, B = program
     with pytest.raises(ValueError, match=r"must be \(n, 2, p\), \(k, 3, p\)"):

@@ -45,6 +45,14 @@ def test_give_is_the_deviation_of_lengths_within_each_sequence(film):
     np.testing.assert_allclose(find_bone_tolerance(film, BONES, sequences), expected, rtol=1e-10)
 
 
+@pytest.mark.parametrize("names", [["a", "b"], ["a", "b", "b"]])
+def test_mean_lengths_are_those_of_each_sequence_however_short(film, names):
+    lengths, mean, number = find_lengths(film[: len(names)], BONES, names)
+    expected = [lengths[np.array(names) == name].mean(axis=0) for name in "ab"]
+    np.testing.assert_allclose(mean, expected)
+    assert number.tolist() == ["ab".index(name) for name in names]
+
+
 def test_many_bodies_say_how_bodies_differ(rng):
     true = np.array([[0.8, 0.6, 0], [0.6, 0.8, 0], [0, 0, 0.4]])
     bodies = np.exp(rng.multivariate_normal(np.log([0.3, 0.4, 0.5]), true, 500))

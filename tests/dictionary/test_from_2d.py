@@ -167,16 +167,6 @@ def test_planted_shapes_are_recovered_and_the_objective_never_falls(plant, noise
     assert relative_error(states[-1].in_camera, made.shapes) < most
 
 
-def test_depth_is_judged_determined_where_views_turn_only(plant):
-    made = plant(80, noise=0.01)
-    *_, state = learn(made.images)
-    assert evaluate_class(made.images, state).fine
-    object_frame = np.swapaxes(made.views.rotation, 1, 2) @ made.shapes
-    front = replace(made.images, landmarks=object_frame[:, :2])
-    *_, state = learn(front)
-    assert evaluate_class(front, state).verdict == ALIKE
-
-
 @pytest.mark.parametrize(("turn", "learned"), [(150, False), (1500, True)])
 def test_halves_disagree_where_each_pose_is_seen_from_one_side(rng, turn, learned):
     n, p = 80, 20

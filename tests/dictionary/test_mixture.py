@@ -37,6 +37,14 @@ def test_no_round_lowers_the_objective(shrinkage):
     assert (np.diff(trace) >= -1e-8 * np.abs(trace[1:])).all()
 
 
+def test_one_component_is_the_gaussian_of_all_shapes(rng):
+    shapes = rng.normal(size=(50, 3, 2))
+    found = learn_mixture(shapes, 1, shrinkage=0.0, floor=1e-9).mixture
+    np.testing.assert_allclose(found.covariances[0], np.cov(shapes.reshape(50, 6).T, bias=True))
+    with pytest.raises(ValueError, match=r"within 1\.\.50, is 51"):
+        learn_mixture(shapes, 51, shrinkage=0.0, floor=1e-9)
+
+
 def test_a_component_that_dies_is_left_out():
     """Of shapes that are all but one, components of one place give way."""
     shapes = np.zeros((50, 3, 3)) + 1e-9 * np.random.default_rng(0).normal(size=(50, 3, 3))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.geometry.normalisation import centroid, normalise, std
+from shapefit.geometry.normalisation import as_metres, centroid, metres_in, normalise, std
 
 
 @pytest.fixture
@@ -40,6 +40,16 @@ def test_hidden_points_do_not_matter(points, visible, garbage):
     np.testing.assert_array_equal(result.points, clean.points)
     np.testing.assert_array_equal(result.scale, clean.scale)
     np.testing.assert_array_equal(result.centroid, clean.centroid)
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [("m", 1), ("dm", 0.1), (" Centimetres ", 0.01), ("MM", 1e-3), ("µm", 1e-6), ("in", 0.0254),
+     ("feet", 0.3048), ("px", None)],
+)  # fmt: skip
+def test_units_of_length(unit, metres):
+    assert metres_in(unit) == metres
+    assert as_metres(unit) == ((1, unit) if metres is None else (metres, "m"))
 
 
 def test_points_too_far_apart_for_their_squares_are_infinitely_spread():

@@ -4,14 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-import h5py
 import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from shapefit.convex.problem import Loss, Problem, build_problem
+from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solver import Status, solve_newton
-from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.global_optimum import find_optimum
@@ -90,29 +88,6 @@ def test_one_landmark_is_degenerate_and_other_losses_are_refused(make_scene):
         find_optimum(replace(problem, loss=Loss.ABSOLUTE))
     with pytest.raises(ValueError, match="starts"):
         find_optimum(problem, np.zeros((2, 3, 3)))
-
-
-@pytest.mark.real_data
-def test_people_are_certified_and_no_descent_gets_below_the_bound(real_data, rng):
-    """Every 1,500th frame of subject 13, from random views, with atoms drawn from subject 86."""
-    with h5py.File(real_data / "mocap/subject86_24fps.h5") as file:
-        shapes = file["shapes"][::150].swapaxes(1, 2)
-        names = file["landmark_names"][:]
-    with h5py.File(real_data / "mocap/subject13_24fps.h5") as file:
-        assert (file["landmark_names"][:] == names).all()
-        truth = file["shapes"][::1500].swapaxes(1, 2)
-    atoms = normalise(shapes).points
-    R = random_rotations(len(truth), rng)
-    problem = build_problem(normalise((R @ truth)[:, :2]).points, atoms, 0.1)
-    mean = atoms.mean(axis=0)
-    settings = Settings(solve=partial(solve_newton, tolerance=1e-6), mean_shape=mean)
-    found = choose_method("global", settings)(problem)
-    assert set(found.status) == {Status.OPTIMAL}
-    for name in ("convex+refine", "alternate"):
-        other = choose_method(name, settings)(problem).objective
-        assert (found.objective <= other * (1 + 1e-9)).all()
-    starts = random_rotations(30 * len(truth), rng).reshape(len(truth), 30, 3, 3)
-    assert (objective_of(problem, starts) >= found.objective * (1 - found.relative_gap)).all()
 
 
 def best_at(problem: Problem, image: int, rows: np.ndarray) -> tuple[float, np.ndarray]:

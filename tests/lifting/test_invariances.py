@@ -170,18 +170,6 @@ def test_a_change_of_the_images_or_the_class(case, rng, name, change):
     assert np.isfinite(base.shapes).all()
 
 
-@pytest.mark.parametrize("name", METHODS)
-def test_threads_change_no_bit(case, name):
-    many = replace(
-        case, landmarks=np.tile(case.landmarks, (20, 1, 1)), weights=np.tile(case.weights, (20, 1))
-    )
-    if name == "global":
-        many = case
-    one, three = many.estimate(name, threads=1), many.estimate(name, threads=3)
-    for field in ("shapes", "objective", "iterations", "rotation", "coefficients"):
-        np.testing.assert_array_equal(getattr(one, field), getattr(three, field))
-
-
 @pytest.mark.parametrize(
     "name", [name for name, (method, loss) in METHODS.items()
              if loss is Loss.SQUARED and method != "posterior"],

@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import Status, solve_newton
-from shapefit.dictionary.learning import principal_components
-from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
+from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import read_shapes
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.matching_pursuit import Pursuit, lift_by_pursuit, minimise_on_sphere, pursue
 from shapefit.lifting.methods import Settings
@@ -207,35 +203,6 @@ class TestEstimate:
         found = lift(shapes[:, :2], scene.weights, scene.bases, Program(lam=0.1), estimator)
         assert not found.failures
         np.testing.assert_allclose(found.shapes, shapes, atol=1e-9)
-
-    @pytest.mark.real_data
-    def test_motion_capture_comes_near_the_published_error(self, real_data: Path):
-        """Every 40th frame of subject 13: the paper has 0.390, the mean pose alone gives 0.53.
-
-        The mean over sequences of their means. A camera of one scale instead of two gives 0.37.
-        """
-        training = read_shapes([real_data / "mocap" / "subject86_24fps.h5"])
-        sequences = np.array(training.sequences)[::3]
-        aligned = generalised_procrustes(normalise(training.shapes[::3]).points)
-        mean = normalise(aligned.mean).points
-        parts = [aligned.shapes[sequences == name] for name in np.unique(sequences)]
-        bases = np.concatenate([principal_components(part) for part in parts])
-        test = read_shapes([real_data / "mocap" / "subject13_24fps.h5"])
-        names, first, counts = np.unique(test.sequences, return_index=True, return_counts=True)
-        sequence = np.searchsorted(names, test.sequences)
-        turns = (np.arange(len(test)) - first[sequence]) / counts[sequence]
-        landmarks = project(test.shapes, turntable(turns, "y"))[::40]
-        ones = np.ones((len(landmarks), 15))
-        found = lift(landmarks, ones, bases, Program(lam=0.1), method(mean, training.edges))
-        truth = normalise(test.shapes[::40]).points
-        moved = similarity_transform(found.shapes, truth).apply(found.shapes)
-        errors = np.linalg.norm(moved - truth, axis=1).mean(axis=1)
-        by_sequence = [errors[sequence[::40] == i].mean() for i in range(len(names))]
-        assert np.mean(by_sequence) == pytest.approx(0.390, abs=0.03)
-        assert found.estimate.active_atoms.mean() < 7
-        assert sum(status is Status.CONVERGED for status in found.estimate.status) > 0.95 * len(
-            ones
-        )
 
 
 def minimiser(G, g, radius=RADIUS, before=None):
