@@ -236,6 +236,19 @@ def solve(
     return find_posterior(w, v, np.zeros((n, p, 2, 2)), prior, starts, **options)
 
 
+def assert_regions_hold(found: Posterior, truth: Floats) -> None:
+    """Regions of 50 and 90% hold as many of the true points (n, 3, p)."""
+    n, _, p = truth.shape
+    apart = (truth - found.mean).transpose(0, 2, 1)
+    blocks = found.covariance.reshape(n, 3, p, 3, p)
+    C = np.stack([blocks[:, :, j, :, j] for j in range(p)], axis=1)
+    square = np.einsum("npa,npa->np", apart, np.linalg.solve(C, apart[..., None])[..., 0])
+    for share, bound in ((0.5, 2.366), (0.9, 6.251)):  # quantiles of chi^2 with 3 degrees
+        inside = (square < bound).mean(axis=1)  # landmarks of one image go together
+        error = inside.std() / np.sqrt(n)
+        assert inside.mean() == pytest.approx(share, abs=4 * error + 0.02)
+
+
 RESIDUAL_VARIANCE, P = 0.003, 12
 
 

@@ -8,7 +8,6 @@ import shapefit
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
-from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
 from shapefit.lifting.posterior.p_value import (
@@ -18,6 +17,7 @@ from shapefit.lifting.posterior.p_value import (
     moments_at,
 )
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
+from tests.lifting.posterior.conftest import draw_images
 
 IMAGES, RESIDUAL_VARIANCE, CHANCE, DENSITY = 800, 0.006, 0.02, 0.05
 
@@ -42,14 +42,9 @@ def planted(count: int) -> Mixture:
 
 def draw(prior: Mixture, chance: float = 0.0):
     """Images of the model: landmarks (n, 2, p), rotations, and which landmarks are outliers."""
-    rng, p = np.random.default_rng(7), prior.means.shape[2]
-    k = rng.choice(len(prior), size=IMAGES, p=prior.weights)
-    roots = np.linalg.cholesky(prior.covariances)[k]
-    x = prior.means[k] + (roots @ rng.normal(size=(IMAGES, 3 * p, 1))).reshape(-1, 3, p)
-    R = random_rotations(IMAGES, rng)
-    w = (R @ x)[:, :2] + np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=(IMAGES, 2, p))
-    side = DENSITY**-0.5
-    outliers = rng.random((IMAGES, p)) < chance
+    _, w, R = draw_images(prior, IMAGES, 7, RESIDUAL_VARIANCE)
+    rng, side = np.random.default_rng(8), DENSITY**-0.5
+    outliers = rng.random(w.shape[::2]) < chance
     return np.where(outliers[:, None], rng.uniform(-side / 2, side / 2, w.shape), w), R, outliers
 
 

@@ -7,7 +7,7 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
 from tests.lifting.posterior import conftest as dense
-from tests.lifting.posterior.conftest import draw_images, shares_of, solve
+from tests.lifting.posterior.conftest import assert_regions_hold, draw_images, shares_of, solve
 
 
 def solve_one(scene, R, outliers=(0.0, 0.05)):
@@ -100,17 +100,11 @@ def test_every_mode_that_counts_is_stationary(draw_mixture, p, size, residual_va
     prior = draw_mixture(3, k=2, p=p, size=size)
     w, starts = draw_views(prior, 20, residual_variance, 8)
     found = solve(prior, w, starts, residual_variance, modes=8)
-    ones = np.ones(p)
-    judged = 0
+    ones, none, judged = np.ones(p), np.zeros((p, 2, 2)), 0
     for i, m in np.argwhere(shares_of(found.modes) > 0.01):
         k = found.modes.component[i, m]
-        scene = dense.Observation(
-            w[i],
-            residual_variance * ones,
-            np.zeros((p, 2, 2)),
-            prior.means[k],
-            prior.covariances[k],
-        )
+        gaussian = prior.means[k], prior.covariances[k]
+        scene = dense.Observation(w[i], residual_variance * ones, none, *gaussian)
 
         def value(R, s, scene=scene):
             return dense.log_likelihood(scene, R, s, (0, 0.05), ones)
@@ -153,20 +147,14 @@ def test_images_that_single_precision_loses_are_found_in_double(draw_mixture, ex
     y[:, 2] -= y[:, 2].mean(axis=1, keepdims=True)
     assert np.isfinite(found.log_evidence).all()
     assert np.abs(found.mean - y).max() < 0.05
-    best = -np.inf
-    for component in range(2):
-        scenes = [
-            dense.Observation(
-                w, np.full(9, tiny), np.zeros((9, 2, 2)), prior.means[component], C[component]
-            )
-            for w in y[:, :2]
-        ]
-        at_truth = [
-            np.log(prior.weights[component])
-            + dense.log_likelihood(scene, R[i], 1.0, (0, 0.05), np.ones(9))
-            for i, scene in enumerate(scenes)
-        ]
-        best = np.maximum(best, at_truth)
+
+    def at_truth(i, component):
+        gaussian = prior.means[component], C[component]
+        scene = dense.Observation(y[i, :2], np.full(9, tiny), np.zeros((9, 2, 2)), *gaussian)
+        log_weight = np.log(prior.weights[component])
+        return log_weight + dense.log_likelihood(scene, R[i], 1.0, (0, 0.05), np.ones(9))
+
+    best = [max(at_truth(i, component) for component in range(2)) for i in range(64)]
     # the evidence is that of the best view within the volume of the views that are as good
     assert np.abs(found.log_evidence - best).max() < 60
 
@@ -186,18 +174,11 @@ def test_climbs_are_compared_with_their_weights():
 
 
 def test_regions_hold_what_they_say_for_shapes_of_the_model(draw_mixture):
-    prior, residual_variance, n, p = draw_mixture(4, size=0.1), 0.005, 600, 7
+    prior, residual_variance, n = draw_mixture(4, size=0.1), 0.005, 600
     y, w, R = draw_images(prior, n, 6, residual_variance)
     found = solve(prior, w, R[:, None], residual_variance, covariance=True)
     y[:, 2] -= y[:, 2].mean(axis=1, keepdims=True)
-    blocks = found.covariance.reshape(n, 3, p, 3, p)
-    apart = (y - found.mean).transpose(0, 2, 1)
-    C = np.stack([blocks[:, :, j, :, j] for j in range(p)], axis=1)
-    square = np.einsum("npa,npa->np", apart, np.linalg.solve(C, apart[..., None])[..., 0])
-    for share, bound in ((0.5, 2.366), (0.9, 6.251)):  # quantiles of chi^2 with 3 degrees
-        inside = (square < bound).mean(axis=1)  # landmarks of one image go together
-        error = inside.std() / np.sqrt(n)
-        assert inside.mean() == pytest.approx(share, abs=4 * error + 0.02)
+    assert_regions_hold(found, y)
 
 
 def test_a_gross_landmark_is_disbelieved_and_the_others_stay(draw_mixture):
@@ -241,18 +222,12 @@ def test_components_together_are_those_alone(draw_mixture):
     prior, residual_variance = draw_mixture(8, k=13, p=9, size=0.1), 0.01
     _, w, R = draw_images(prior, 12, 9, residual_variance)
     w[2:, :, 3], w[5, :, [0, 7]] = np.nan, np.nan
-    outliers = Outliers(0.02)
-    together = solve(prior, w, R[:, None], residual_variance, outliers=outliers)
-    alone = [
-        solve(
-            Mixture(np.ones(1), mean[None], C[None]),
-            w,
-            R[:, None],
-            residual_variance,
-            outliers=outliers,
-        )
-        for mean, C in zip(prior.means, prior.covariances, strict=True)
-    ]
+
+    def posterior(prior):
+        return solve(prior, w, R[:, None], residual_variance, outliers=Outliers(0.02))
+
+    together, parts = posterior(prior), zip(prior.means, prior.covariances, strict=True)
+    alone = [posterior(Mixture(np.ones(1), mean[None], C[None])) for mean, C in parts]
     logs = np.log(prior.weights)[:, None] + np.stack([one.log_evidence for one in alone])
     evidence = np.logaddexp.reduce(logs)
     assert together.log_evidence == pytest.approx(evidence, abs=0.02)
