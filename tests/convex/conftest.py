@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
-from shapefit import core
-from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem, build_problem
-from shapefit.convex.solver import Solution, Status
-from shapefit.convex.transforms import Transforms, nuclear_norm
+from shapefit.convex.solver import Status
+from shapefit.convex.transforms import nuclear_norm
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 
@@ -52,21 +49,11 @@ def make_problem(rng: np.random.Generator) -> Callable[..., Problem]:
     return make
 
 
-@pytest.fixture
-def judge() -> Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return the certificate in plain NumPy: objective P, bound D and relative residual."""
-    return numpy_certificate
+def judge(problem, transforms, translation, dual):
+    """Return objective P, bound D and relative residual.
 
-
-@pytest.fixture
-def assert_certified() -> Callable[[Problem, Solution, float], None]:
-    return check_certificate
-
-
-def numpy_certificate(
-    problem: Problem, transforms: np.ndarray, translation: np.ndarray, dual: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Straight from docs/method.md, one image at a time, every norm by an SVD."""
+    Straight from docs/method.md, one image at a time, every norm by an SVD.
+    """
     found = []
     quadratic, robust = problem.loss.has_quadratic, np.isfinite(problem.bound)
     for image in range(len(problem.landmarks)):
@@ -98,10 +85,10 @@ def numpy_certificate(
     return P, D, residual
 
 
-def check_certificate(problem: Problem, solution: Solution, tolerance: float) -> None:
+def assert_certified(problem, solution, tolerance):
     """All images are OPTIMAL, and the independent certificate says so too."""
     assert set(solution.status) == {Status.OPTIMAL}
-    P, D, residual = numpy_certificate(
+    P, D, residual = judge(
         problem, solution.transforms.dense(), solution.translation, solution.dual
     )
     rounding = 1e-15 * np.abs(problem.landmarks).max() * problem.landmarks[0].size  # of W - T
@@ -113,53 +100,8 @@ def check_certificate(problem: Problem, solution: Solution, tolerance: float) ->
         assert (D - P <= tolerance * P * (1 + 1e-6)).all()
 
 
-@dataclass(frozen=True)
-class Certificate:
-    """D <= optimum <= P, and the points that prove it.
-
-    objective P and relative_gap (P - D) / P (n,); residual (n,), ||Omega o (W - sum M_i B_i -
-    T 1^T)||_F / ||Omega o (W - mean)||_F; translation T (n, 2) and errors E (n, 2, p), weighted,
-    that go with the transforms; dual Y (n, 2, p), feasible.
-    """
-
-    objective: Floats
-    relative_gap: Floats
-    residual: Floats
-    translation: Floats
-    errors: Floats
-    dual: Floats
-
-
-def certify_transforms(
-    problem: Problem, transforms: Floats, dual: Floats, errors: Floats | None = None
-) -> Certificate:
-    """P = f(Omega o (W - sum M_i B_i - T 1^T)) + lambda sum ||M_i||_2 and its dual bound D.
-
-    D = <Y, Omega o W> - f*(Y), f* the conjugate of the loss, with ||(Omega o Y) B_i^T||_* <=
-    lambda for all i and Y omega = 0. transforms M (n, k, 2, 3); dual Y (n, 2, p), any: it is made
-    orthogonal to omega and scaled until it is feasible; errors E (n, 2, p), weighted, 0 if not
-    given, from which T follows: the mean of what transforms and errors leave of the landmarks,
-    weighted by omega^2 where the loss has a quadratic. Under the EXACT loss
-    P counts lambda sum ||M_i||_2 alone and means something where the residual is small.
-    """
-    n, _, p = problem.landmarks.shape
-    E = np.zeros((n, 2, p)) if errors is None else np.array(errors, dtype=np.float64)
-    Y = np.array(dual, dtype=np.float64)
-    objective, gap, residual, T = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 2))
-    core.certify(
-        **problem.arrays, delta=float(problem.loss.has_quadratic), bound=problem.bound, threads=0,
-        **Transforms.of(transforms).arrays, translation=T, dual=Y, errors=E,
-        objective=objective, relative_gap=gap, residual=residual,
-    )  # fmt: skip
-    return Certificate(objective, gap, residual, T, E, Y)
-
-
-def lambda_max(problem: Problem) -> Floats:
-    """max_i ||(omega^2 o (W - mean)) B_i^T||_*, the least lambda whose optimum is zero, (n,).
-
-    The mean is weighted by omega^2. Squared loss only: raises ValueError for any other.
-    """
-    problem.require_squared("lambda_max")
+def lambda_max(problem):
+    """max_i ||(omega^2 o (W - mean)) B_i^T||_* (n,): the least lambda whose optimum is zero."""
     square = problem.weights[:, None, :] ** 2
     W = np.where(square > 0, problem.landmarks, 0.0)
     mean = (square * W).sum(axis=2, keepdims=True) / square.sum(axis=2, keepdims=True)

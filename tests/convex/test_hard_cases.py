@@ -8,7 +8,7 @@ import pytest
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import solve_newton
 from shapefit.geometry.rotations import random_rotations
-from tests.convex.conftest import lambda_max
+from tests.convex.conftest import assert_certified, lambda_max
 
 Arrays = dict[str, np.ndarray | float]
 STEPS = 300
@@ -112,18 +112,14 @@ def make(name: str, loss: Loss, rng: np.random.Generator) -> Problem:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_hard_case(
-    name: str, loss: Loss, rng: np.random.Generator, assert_certified: Callable
-) -> None:
+def test_hard_case(name, loss, rng):
     problem, tolerance = make(name, loss, rng), 1e-6
     solution = solve_newton(problem, tolerance=tolerance, max_iterations=STEPS)
     assert_certified(problem, solution, tolerance)
 
 
 @pytest.mark.parametrize("factor", [1e-6, 1e-4, 1e-2, 0.5, 0.999, 1 - 1e-9, 1.0, 1 + 1e-9, 10.0])
-def test_lambda_from_a_millionth_to_ten_times_the_largest(
-    loss: Loss, factor: float, rng: np.random.Generator, assert_certified: Callable
-) -> None:
+def test_lambda_from_a_millionth_to_ten_times_the_largest(loss, factor, rng):
     squared = make("nothing special", Loss.SQUARED, rng)
     lam = factor * lambda_max(squared)
     if loss is Loss.EXACT:
@@ -133,7 +129,7 @@ def test_lambda_from_a_millionth_to_ten_times_the_largest(
         assert_certified(problem, solve_newton(problem, tolerance=tolerance), tolerance)
 
 
-def test_robust_losses_place_the_translation_without_atoms(rng: np.random.Generator) -> None:
+def test_robust_losses_place_the_translation_without_atoms(rng):
     """All atoms zero: what is left is a median, or Huber's mean, of each coordinate."""
     landmarks = rng.standard_normal((6, 2, 9))
     landmarks[:, :, 0] += 100

@@ -1,6 +1,5 @@
 """Statuses of the fast solver, each with its certificate, and the symmetries of the program."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,19 +8,16 @@ import pytest
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.convex.transforms import nuclear_norm
+from tests.convex.conftest import assert_certified, judge
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-8])
-def test_every_image_is_certified(
-    make_problem: Callable[..., Problem], assert_certified: Callable, loss: Loss, tolerance: float
-) -> None:
+def test_every_image_is_certified(make_problem, loss, tolerance):
     problem = make_problem(40, loss=loss)
     assert_certified(problem, solve_newton(problem, tolerance=tolerance), tolerance)
 
 
-def test_iteration_limit_comes_with_its_honest_gap(
-    make_problem: Callable[..., Problem], judge: Callable, loss: Loss
-) -> None:
+def test_iteration_limit_comes_with_its_honest_gap(make_problem, loss):
     problem = make_problem(20, loss=loss)
     found = solve_newton(problem, max_iterations=2)
     assert Status.ITERATION_LIMIT in found.status
@@ -35,7 +31,7 @@ def test_iteration_limit_comes_with_its_honest_gap(
         assert (status is Status.OPTIMAL) == (met and abs(gap) <= 1e-4)
 
 
-def test_few_visible_landmarks(make_problem: Callable[..., Problem], loss: Loss) -> None:
+def test_few_visible_landmarks(make_problem, loss):
     problem = make_problem(70, loss=loss)
     weights = problem.weights.copy()
     weights[3, 1:] = 0
@@ -53,9 +49,7 @@ def test_few_visible_landmarks(make_problem: Callable[..., Problem], loss: Loss)
     np.testing.assert_allclose(alone.objective, found.objective[[2, 5]], rtol=2e-4)
 
 
-def test_overflow_is_a_numerical_failure_and_spares_the_next(
-    make_problem: Callable[..., Problem], loss: Loss
-) -> None:
+def test_overflow_is_a_numerical_failure_and_spares_the_next(make_problem, loss):
     problem = make_problem(3, loss=loss)
     landmarks = problem.landmarks.copy()
     landmarks[1] *= 1e200
@@ -63,7 +57,7 @@ def test_overflow_is_a_numerical_failure_and_spares_the_next(
     assert found.status == (Status.OPTIMAL, Status.NUMERICAL_FAILURE, Status.OPTIMAL)
 
 
-def test_exact_program_without_a_solution_is_never_optimal(rng: np.random.Generator) -> None:
+def test_exact_program_without_a_solution_is_never_optimal(rng):
     problem = build_problem(
         rng.standard_normal((5, 2, 9)), rng.standard_normal((1, 3, 9)), 1.0, loss=Loss.EXACT
     )
@@ -74,9 +68,7 @@ def test_exact_program_without_a_solution_is_never_optimal(rng: np.random.Genera
 
 @pytest.mark.parametrize("second", [1.0, 1 - 1e-9, 1e-9, 0.0])
 @pytest.mark.parametrize("size", [1e-60, 1.0, 1e60])
-def test_the_nuclear_norm_is_the_sum_of_singular_values(
-    rng: np.random.Generator, second: float, size: float
-) -> None:
+def test_the_nuclear_norm_is_the_sum_of_singular_values(rng, second, size):
     U, V = (np.linalg.qr(rng.standard_normal((m, m)))[0] for m in (2, 3))
     blocks = size * (U @ np.diag([1.0, second]) @ V[:2])
     np.testing.assert_allclose(nuclear_norm(blocks), size * (1 + second), rtol=1e-14)
@@ -149,7 +141,7 @@ def plant(seed: int, loss: Loss, *, weighted: bool, k: int = 9, p: int = 14) -> 
 
 @pytest.mark.parametrize("weighted", [False, True], ids=["plain", "weighted"])
 @pytest.mark.parametrize("seed", range(5))
-def test_planted_optimum_is_found(loss: Loss, seed: int, weighted: bool) -> None:
+def test_planted_optimum_is_found(loss, seed, weighted):
     planted = plant(seed, loss, weighted=weighted)
     found = solve_newton(planted.problem, tolerance=1e-11)
     assert found.status == (Status.OPTIMAL,)
@@ -206,9 +198,7 @@ def assert_agreement(problem: Problem) -> None:
 
 
 @pytest.mark.parametrize(("n", "k", "p"), [(80, 3, 5), (60, 7, 8), (40, 12, 10)])
-def test_squared_loss_on_random_images(
-    make_problem: Callable[..., Problem], rng: np.random.Generator, n: int, k: int, p: int
-) -> None:
+def test_squared_loss_on_random_images(make_problem, rng, n, k, p):
     problem = make_problem(n, k, p)
     lam = 10 ** rng.uniform(-2, 0.5, n)
     assert_agreement(build_problem(problem.landmarks, problem.atoms, lam, weights=problem.weights))
@@ -216,7 +206,5 @@ def test_squared_loss_on_random_images(
 
 @pytest.mark.parametrize("loss", [Loss.EXACT, Loss.ABSOLUTE, Loss.SPARSE_ERROR])
 @pytest.mark.parametrize(("k", "p"), [(4, 6), (9, 9)])
-def test_other_losses_on_random_images(
-    make_problem: Callable[..., Problem], loss: Loss, k: int, p: int
-) -> None:
+def test_other_losses_on_random_images(make_problem, loss, k, p):
     assert_agreement(make_problem(10, k, p, loss=loss))
