@@ -48,12 +48,6 @@ class Flat:
         )
 
 
-@pytest.fixture
-def convex():
-    solve = partial(solve_newton, tolerance=1e-10, max_iterations=2000)
-    return choose_method("convex", Settings(solve=solve, mean_shape=np.zeros((3, 0))))
-
-
 def test_methods_see_normalised_landmarks_and_their_answer_is_scaled_back(make_scene):
     scene = make_scene(n=5)
     landmarks, flat = 37.0 * scene.landmarks + 400.0, Flat()
