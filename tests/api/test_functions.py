@@ -79,6 +79,16 @@ def test_arrays_and_matrices_of_cameras_are_enough(people, views):
     assert np.abs(one - named.shapes[:3]).max() > 1
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_coefficients_have_either_sign_where_signed_says_so(people, views):
+    images = shapefit.read_landmarks(views)[:8]
+    for signed in (False, True):
+        found = shapefit.fit(
+            images, people["sparse-coding"], lam=1e-3, method="alternate", signed=signed
+        )
+        assert (found.coefficients < 0).any() == signed
+
+
 def test_what_the_command_warns_of_is_a_warning(people, views):
     atoms, images = people["sparse-coding"], shapefit.read_landmarks(views)
     with pytest.warns(UserWarning, match="empty shape") as caught:

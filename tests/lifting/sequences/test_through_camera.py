@@ -80,6 +80,8 @@ def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
     """And covariances have the variances of the bars, which grow by landmark."""
     monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest=np.inf))
     motion = Motion(np.array([[0, 1]]), np.full(P, 0.05), np.ones(1))
+    lifting.estimate.deviation[7] *= 1e3  # an image that says nothing has the bars of a neighbour
+    lifting.estimate.covariance[7] *= 1e6
     images = lifting.estimate.covariance * lifting.scale[:, None, None] ** 2
     expected = expected_error(lifting.shapes, images)
 
