@@ -270,12 +270,6 @@ class Spool:
                 parts.append(self._part(number).take(inner))
         return concatenate(parts)
 
-    def texts(self, name: str) -> Iterator[Sequence[str]]:
-        """Read the items, or the sequences, part by part."""
-        for number in range(len(self._offsets)):
-            images = self._part(number)
-            yield images.items if name == "item" else images.sequences or ()
-
     def close(self) -> None:
         """Close the file, with which it is gone."""
         self._file.close()

@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from shapefit.errors import abbreviate, input_error, listed
-from shapefit.io.formats import (
-    CSV,
-    FIRST,
-    HDF5,
-    OWN,
-    FileFormat,
-    Head,
-    named_format,
-    own_format,
-)
+from shapefit.io.formats import CSV, FIRST, HDF5, OWN, FileFormat, Head, named_format, own_format
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import deeplabcut, detections, markers, motion, tables, trackers
@@ -27,9 +17,6 @@ from shapefit.io.readers.text import decode, read_json
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
 """Bytes that no text has."""
-
-CALIBRATION = re.compile(rb"\b(?:camera_|intrinsic_)?matrix\"?\s*[=:]", re.IGNORECASE)
-"""What a calibration has near its beginning, in TOML, YAML or JSON."""
 
 
 def detect_format(path: Path, name: str = "auto") -> FileFormat:
@@ -73,17 +60,13 @@ def _detect_folder(path: Path) -> FileFormat:
         files = [path / name for name in names if name.lower().endswith(one.suffixes)]
         if any(file.is_file() and one.recognise(Head(file)) for file in files[:FIRST]):
             return one
-    inner = [str(path / name) for name in names if (path / name).is_dir()]
-    fix = f"name the folders in it: {abbreviate(inner, 3)}" if inner else "name the files in it"
     kinds = listed(one.title for one in folders)
+    fix = "name the files in it, or a folder of such files"
     raise input_error(path, f"it is a folder, and holds none of these: {kinds}", fix)
 
 
 def _refuse_unknown(head: Head) -> None:
     """Raise InputError for a file of no format, unless it may be a table of text."""
-    if CALIBRATION.search(head.text):
-        fault = "is a calibration of cameras, not landmarks"
-        raise input_error(head.path, fault, "give it as --calibration")
     if CONTROL & {*head.bytes} and not head.bytes.startswith((b"\xff\xfe", b"\xfe\xff")):
         fix = "give the landmarks that a detector found in a video or images, not compressed"
         raise input_error(head.path, "is neither text nor of a known format", fix)

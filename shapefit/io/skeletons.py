@@ -9,7 +9,6 @@ parameters theta. Skeletons, by which files without names are named, and parts o
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,6 +25,8 @@ PEOPLE = (
 
 FURTHER = ("rheel", "rball", "rtoe", "lheel", "lball", "ltoe", "rhand", "lhand", "spine")
 """Its further joints, which only some training files mark."""
+
+JOINTS = (*PEOPLE, *FURTHER)
 
 Weights = Mapping[str, float]
 """Weights of joints, by their names."""
@@ -92,28 +93,16 @@ def _data() -> Any:
 @cache
 def installed_skeletons() -> Mapping[str, Skeleton]:
     """Return the skeletons of detectors by their names."""
-    return {
-        name: Skeleton(
-            name, tuple(_expanded(rows["landmarks"], " ").split()), _bones(rows["bones"])
-        )
-        for name, rows in _data()["skeletons"].items()
-    }
+    skeletons = {}
+    for name, rows in _data()["skeletons"].items():
+        names = tuple(rows["landmarks"].split())
+        skeletons[name] = Skeleton(name, names, _bones(rows["bones"]))
+    return skeletons
 
 
 def _bones(text: str) -> tuple[tuple[str, str], ...]:
     """Return the pairs of chains such as `a-b-c`, separated by spaces."""
-    chains = (chain.split("-") for chain in _expanded(text, "-").split())
-    return tuple(pair for chain in chains for pair in pairwise(chain))
-
-
-def _expanded(text: str, delimiter: str) -> str:
-    """Return a text in which ranges such as `face_0..67` are written out."""
-
-    def names(match: re.Match[str]) -> str:
-        stem, first, last = match.groups()
-        return delimiter.join(f"{stem}{number}" for number in range(int(first), int(last) + 1))
-
-    return re.sub(r"(\w*?)(\d+)\.\.(\d+)", names, text)
+    return tuple(pair for chain in text.split() for pair in pairwise(chain.split("-")))
 
 
 def skeletons_of_size(count: int) -> tuple[str, ...]:
@@ -130,29 +119,29 @@ def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
     place = {name: number for number, name in enumerate(names)}
     bones = [_bones(text) for text in _data()["further_bones"].values()]
     bones[1:1] = [skeleton.bones for skeleton in installed_skeletons().values()]
-    best = max(bones, key=lambda pairs: len({n for pair in pairs for n in pair} & place.keys()))
-    if 2 * len({name for pair in best for name in pair} & place.keys()) <= len(place):
+    marked = [len({name for pair in pairs for name in pair} & place.keys()) for pairs in bones]
+    if 2 * max(marked) <= len(place):
         return ()
+    best = bones[marked.index(max(marked))]
     return tuple((place[a], place[b]) for a, b in best if a in place and b in place)
 
 
 @cache
 def parts_of_the_body() -> Mapping[str, Part]:
     """Return the joints, and the parts of the body that detectors mark, by their names."""
-    joints = {joint: Part(joint, {joint: 1.0}) for joint in (*PEOPLE, *FURTHER)}
+    joints = {joint: Part(joint, {joint: 1.0}) for joint in JOINTS}
     return joints | {name: Part(**values) for name, values in _data()["parts"].items()}
 
 
 @cache
 def _marked() -> Mapping[str, str]:
     """Return the part of the body that a landmark of any detector marks."""
-    marked = _data()["marked"].items()
-    return {name: part for part, names in marked for name in names.split()}
+    return {name: part for part, names in _data()["marked"].items() for name in names.split()}
 
 
 def part_names(names: Iterable[str]) -> dict[str, str]:
     """Return the part of the body of those of the names that are joints, or mark a part."""
-    part_of = {joint: joint for joint in (*PEOPLE, *FURTHER)} | dict(_marked())
+    part_of = {**{joint: joint for joint in JOINTS}, **_marked()}
     return {name: part_of[name] for name in names if name in part_of}
 
 
@@ -169,7 +158,7 @@ def people_joints(names: Iterable[str]) -> dict[str, str]:
 
 def joint_columns(names: Sequence[str]) -> dict[str, int]:
     """Return the joints of a body that landmarks stand for, by any skeleton -> their columns."""
-    joints = {name: name for name in names if name in (*PEOPLE, *FURTHER)} | people_joints(names)
+    joints = {name: name for name in names if name in JOINTS} | people_joints(names)
     return {joints[name]: column for column, name in enumerate(names) if name in joints}
 
 
