@@ -97,11 +97,10 @@ def atomic_path(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def staged_files(folder: Path) -> Iterator[Path]:
-    """Give a hidden folder whose files move into `folder` on a clean exit.
+    """Give a hidden folder whose files move into `folder`, which is made for them, on a clean exit.
 
-    On any error before they are gone. What else the folder holds stays; without files it is not
-    made. Raises InputError where they cannot be written, and before any moves where something is in
-    the way of one.
+    On any error before they are gone. Raises InputError where they cannot be written, and before
+    any moves where something is in the way of one.
     """
     around = folder if folder.is_dir() else folder.parent
     with storage_errors(folder), _temporary(around, "") as staging:

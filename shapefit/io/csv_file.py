@@ -75,10 +75,9 @@ def read_csv(
 ) -> tuple[Any, tuple[str, ...]]:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with `[,sequence]`.
 
-    Return records, or a Spool of landmarks of more than `most` rows, and warnings. Items and
-    landmarks stand in order of appearance. A landmark that has no row or lacks a coordinate is NaN,
-    its confidence 0; shapes need all unless `gaps`. Raises InputError for the first wrong cells, by
-    line.
+    Return records, or a Spool of landmarks of more than `most` rows, and warnings. A landmark that
+    has no row or lacks a coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises
+    InputError for the first wrong cells, by line.
     """
     table, spool = _Table(path, kind, gaps), Spool()
     for lines, cells in table.blocks:
@@ -91,7 +90,6 @@ def read_csv(
     spool.append(rest)
     if not spool.repeats():
         return spool, ()
-    spool.close()
     fault = "the rows of items do not stand together"
     if is_stream(path) or not path.is_file():
         raise input_error(table.name, fault, "sort them by item, or name the file itself")
@@ -233,10 +231,7 @@ def _numbering(*texts: str) -> defaultdict[str, int]:
 
 
 class Spool:
-    """Images of a large table in a temporary file without a name, in parts of some thousands.
-
-    Those of a part are read together; the last part that was read is kept.
-    """
+    """Images of a large table in a temporary file, in parts, of which the last one read is kept."""
 
     def __init__(self) -> None:
         self._names: tuple[str, ...] = ()
@@ -269,10 +264,6 @@ class Spool:
             if (start <= rows.start or inner.stop > 0) and rows.start < self._starts[number + 1]:
                 parts.append(self._part(number).take(inner))
         return concatenate(parts)
-
-    def close(self) -> None:
-        """Close the file, with which it is gone."""
-        self._file.close()
 
     def _part(self, number: int) -> LandmarkSet:
         """Read the images of a part; landmarks that came later are unseen in it."""
@@ -312,9 +303,8 @@ def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
 def open_table(path: Path) -> tuple[list[str], Iterator[Block]]:
     """Open a file, a pipe or standard input: its columns, and blocks of rows that are not empty.
 
-    Where the header has spaces around its names, so have the cells, and they are taken away. Raises
-    InputError for text that is not UTF-8, for cells that are no CSV, for other separators than
-    commas, and for rows with too few or too many cells.
+    Where the header has spaces around its names, they are taken from the cells, too. Raises
+    InputError for text that is no CSV in UTF-8 with commas, and for rows of another width.
     """
     name, texts = source_name(path), _read_texts(path)
     _, text = next(texts)
@@ -336,10 +326,7 @@ def open_table(path: Path) -> tuple[list[str], Iterator[Block]]:
 
 
 def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield the text of an input, whole lines at a time, and the number of the first.
-
-    Raises InputError as `read_text_blocks` does, and for text that is not UTF-8.
-    """
+    """Yield the text of an input, whole lines at a time, and the number of the first."""
     name, line, rest = source_name(path), 1, b""
     for block in chain(read_text_blocks(path), [b""]):
         data = rest + block
@@ -400,10 +387,7 @@ def split_columns(text: str, width: int) -> list[list[str]] | None:
 
 
 def read_rows(texts: Iterable[str], line: int, name: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield line and cells of each row that is not empty; texts begin with `line`.
-
-    Raises InputError after the last row that can be read, naming the line of the next one.
-    """
+    """Yield line and cells of each row that is not empty; texts begin with `line`."""
     lines = chain.from_iterable(StringIO(text, newline="") for text in texts)
     reader = csv.reader(lines, strict=True)
     start = line
@@ -471,10 +455,7 @@ class CsvWriter(RecordWriter[Records]):
 
 
 def _columns(record: Records) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
-    """Return the columns beside `item` and `landmark`, in their order in a file.
-
-    First the numbers (n, p) each, then what is the same in all rows of an item, (n,) texts each.
-    """
+    """Return the columns beside `item` and `landmark`: numbers (n, p) each, and texts (n,) each."""
     numbers = {"xyz"[axis]: values for axis, values in enumerate(record.points.swapaxes(0, 1))}
     texts: dict[str, Sequence[str]] = {}
     if isinstance(record, LandmarkSet) and record.confidence is not None:

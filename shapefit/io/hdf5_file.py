@@ -43,24 +43,17 @@ Array = NDArray[Any]
 
 CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
 
-LIBVER = ("v110", "v110")
-"""Version of HDF5 from which on all metadata have checksums; 1.10 and later read it."""
-
-PLAIN_ATTRIBUTES = frozenset(
-    {"format", "version", "unit", "y_axis", "frame_rate", "attributes_sha256"}
-)
+PLAIN_ATTRIBUTES = "format", "version", "unit", "y_axis", "frame_rate", "attributes_sha256"
 """Root attributes that the formats define, or once did."""
 PREFIX = "shapefit_"
 """Before the names of other attributes of these names."""
 
 STORED = {
-    "number": ("biuf", "numbers"),
-    "points": ("biuf", "numbers"),
+    **dict.fromkeys(("number", "points"), ("biuf", "numbers")),
     "index": ("iu", "integers"),
     "text": ("O", "UTF-8 text"),
 }
 """Types of NumPy that the kinds of datasets can have in files, O for text, and what they hold."""
-
 
 DAMAGED = "the file may be cut off or damaged: copy or make it again"
 
@@ -77,8 +70,8 @@ MOST_COMPRESSED = 2000
 def open_hdf5(path: Path) -> h5py.File:
     """Open a file to read.
 
-    Raises what h5py raises, and InputError for pipes, and for files that hold links to others,
-    datasets whose values are in others, and virtual datasets: nothing outside is touched.
+    Raises what h5py raises, and InputError for pipes, links to other files, and datasets whose
+    values are in others, or virtual: nothing outside is touched.
     """
     if path.is_fifo():  # opening it would wait for whoever writes
         raise input_error(path, "is a pipe, and HDF5 cannot come through one", "save it to a file")
@@ -268,10 +261,7 @@ class Hdf5Reader(Hdf5File):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """unit, y_axis and frame_rate, None where the file does not say it.
-
-        Raises InputError for a direction that is not up or down, and a rate that is not > 0.
-        """
+        """unit, y_axis and frame_rate, None where the file does not say it, checked."""
         y_axis, rate = self._attributes.get("y_axis"), self._attributes.get("frame_rate")
         positive = rate is None or (isinstance(rate, int | float) and 0 < rate < math.inf)
         if not positive or y_axis not in (None, "up", "down"):
@@ -283,19 +273,16 @@ class Hdf5Reader(Hdf5File):
 
     def records(self, rows: slice, without: Collection[str] = ()) -> Any:
         """Return the items in these rows, without some datasets."""
-        columns: dict[str, Any] = {}
-        whole: dict[str, Any] = {}
-        for name in sorted(self._names.keys() - {*without}):
-            (columns if self._is_per_item(name) else whole)[name] = self.read(name, rows)
-        kind: Any = KINDS[self.form.kind]
-        return kind(
+        columns = {name: self.read(name, rows) for name in sorted(self._names.keys() - {*without})}
+        whole = {name: columns.pop(name) for name in [*columns] if not self._is_per_item(name)}
+        return KINDS[self.form.kind](
             landmark_names=whole.pop("landmark_names"),
             items=columns.pop("item"),
             sequences=columns.pop("sequence", None),
             columns=columns,
             whole=whole,
-            **self.stated,
             attributes=self.attributes if self.form is RESULTS else None,
+            **self.stated,
         )
 
     def fields(self) -> dict[str, Any]:
@@ -384,10 +371,7 @@ class Hdf5Reader(Hdf5File):
                 yield f"{self.place(name)}: {fault}; {wanted}"
 
     def _is_per_item(self, name: str) -> bool:
-        """Whether a dataset has rows for items.
-
-        Those that no layout lists have an attribute that states it, in version 2.
-        """
+        """Whether a dataset has rows for items, by its layout, or by its attribute in version 2."""
         dataset = self.dataset(self._names.get(name, name))
         if name in self.form.all or self._attributes["version"] == 1:
             per_item = self.form.is_per_item(name, dataset.ndim)
@@ -406,23 +390,21 @@ def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
         _Output(path, "w+b") as output,
     ):
         try:
-            with h5py.File(output, "w", libver=LIBVER, rdcc_nbytes=4 * CHUNK_BYTES) as file:
+            with h5py.File(
+                output, "w", libver=("v110", "v110"), rdcc_nbytes=4 * CHUNK_BYTES
+            ) as file:
                 writer = Hdf5Writer(file, form, output)
                 yield writer
                 writer.finish()
         finally:
-            output.check()
+            if output.error is not None:
+                raise output.error
 
 
 class _Output(io.FileIO):
     """A file for HDF5, which crashes where it cannot write: the first error is kept for later."""
 
     error: OSError | None = None
-
-    def check(self) -> None:
-        """Raise the error, if there was one."""
-        if self.error is not None:
-            raise self.error
 
     def write(self, data: Any) -> int:
         """Write all of it, or keep the error."""
@@ -446,10 +428,8 @@ class _Output(io.FileIO):
 class Hdf5Writer(RecordWriter[Any]):
     """Appends records of one layout to an HDF5 file.
 
-    Datasets per item are chunked and extended along their first axis, what is not per item comes
-    from the first record; `attributes` become root attributes at the end, those of the records
-    too. Texts per item are held until then, when their greatest length is known. Datasets stay open
-    to the end: what HDF5 cannot write when one of them is closed by itself is no error.
+    What is not per item comes from the first record. `attributes`, those of records too, become
+    root attributes at the end. Texts per item are held until then, when their length is known.
     """
 
     def __init__(self, file: Any, form: Layout, output: _Output) -> None:
@@ -522,7 +502,8 @@ class Hdf5Writer(RecordWriter[Any]):
         start = len(dataset)
         dataset.resize(start + len(values), axis=0)
         dataset[start:] = values
-        self._output.check()
+        if self._output.error is not None:
+            raise self._output.error
 
 
 def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, Array]]:

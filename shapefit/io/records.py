@@ -172,10 +172,9 @@ class Records:
     ) -> Self:
         """Return the same items with the landmarks `names`, in that order.
 
-        Landmarks that images lack are unseen (NaN, confidence 0) and have no label; edges join the
-        landmarks that they joined; other columns stay as they are. Landmarks that `names` lacks are
-        left out with `omit`. Raises InputError at `place` for those otherwise, and for shapes that
-        lack one.
+        Landmarks that images lack are unseen (NaN, confidence 0) and have no label; edges move with
+        their landmarks. Landmarks that `names` lacks are left out with `omit`. Raises InputError at
+        `place` for those otherwise, and for shapes that lack one.
         """
         names, p = tuple(names), len(self.landmark_names)
         if names == self.landmark_names:

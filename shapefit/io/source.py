@@ -368,15 +368,14 @@ def _of_hdf5(
 
 def _of_csv(path: Path, form: Layout, gaps: bool, head: bool) -> SourceFile[Any]:
     """Read a table of ours, with `head` its first rows."""
-    from shapefit.io.csv_file import Spool, read_csv, read_csv_head
+    from shapefit.io.csv_file import read_csv, read_csv_head
 
     name = source_name(path)
     if head:
         records, share = read_csv_head(path, form.kind)
         return SourceFile.of(name, records, estimate=round(len(records) / share))
     records, notes = read_csv(path, form.kind, gaps=gaps)
-    closing: Any = {"close": records.close} if isinstance(records, Spool) else {}
-    return SourceFile.of(name, records, notes=notes, **closing)
+    return SourceFile.of(name, records, notes=notes)
 
 
 def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:

@@ -95,68 +95,50 @@ def make_base_files(folder: Path) -> None:
 # Our own files
 
 
-def _method(rng: Random) -> str:
-    losses = ("outliers=none", "outliers=l1", "outliers=sparse-error")
-    methods = ("convex+refine", "alternate", "mean-shape", "global")
-    return rng.choice([*losses, *(f"method={name}" for name in methods)])
-
-
-def make_table(rng: Random, folder: Path) -> Command:
-    """Spoil one of our CSV files, and read it."""
-    name = rng.choice(("shapes.csv", "views.csv", "result.csv"))
-    spoil_table(rng, folder / name)
-    out = rng.choice(("out.h5", "out.csv"))
-    if name == "views.csv":
-        return ("fit", name, "-d", "dict.h5", "-o", out, "--set=threads=1", "--set", _method(rng))
-    view = ("view", name, "-o", "out.html")
-    if name == "result.csv":
-        return rng.choice((("eval", name, *TRUTH), view))
-    return rng.choice((*_of_shapes(name, out), view))
-
-
 TRUTH = ("--truth", "shapes.h5", "-o", "out", NO_PLOTS)
-FITS = (
-    *("export.folder=out_meshes", "leave_one_out=model", "outliers=ransac", "lambda=auto"),
-    *("camera={focal: 1000}", "noise=0.1", "save.proof=false", "tolerance=0.1"),
+VERIFY = ("-d", "dict.h5", "--landmarks", "views.h5")
+OF_SHAPES = (
+    ("learn-dict", "{}", *LEARN),
+    ("learn-dict", "{}", "-o", "out.h5", "--set=method=exemplars"),
+    ("project", "{}", "-o", "out.csv", "--set=hidden=0.2", "--set=noise=0.1"),
+    ("eval", "result.h5", "--truth", "{}", "-o", "out", NO_PLOTS),
+    *(("convert", "{}", "-o", f"out.{suffix}") for suffix in ("trc", "bvh", "metres.csv")),
+    ("view", "{}", "-o", "out.html"),
 )
-MOTION_FILES = ("out.trc", "out.bvh", "out.c3d", "out.mot", "out.metres.csv")
-
-
-def make_hdf5(rng: Random, folder: Path) -> Command:
-    """Spoil one of our HDF5 files, and read it."""
-    dictionaries, results = ("dict.h5", "exemplars.h5", "bases.h5"), ("result.h5", "refined.h5")
-    name = rng.choice(("views.h5", "shapes.h5", *dictionaries, "result.h5", *results))
-    spoil_hdf5(rng, folder / name)
-    out = rng.choice(("out.h5", "out.csv"))
-    verify = ("-d", "dict.h5", "--landmarks", "views.h5")
-    if name == "shapes.h5":
-        method = f"method={rng.choice(('exemplars', 'pca-bases'))}"
-        motion = ("convert", name, "-o", rng.choice(MOTION_FILES))
-        learn = ("learn-dict", name, "-o", "out.h5", "--set", method)
-        return rng.choice((*_of_shapes(name, out), learn, motion))
-    if name in results:
-        page = ("view", "views.h5", name, "--truth", "shapes.h5", "-o", "out.html")
-        motion = ("convert", name, "-o", rng.choice(MOTION_FILES), "--height", "1.8")
-        return rng.choice((("eval", name, *TRUTH), ("verify", name, *verify), page, motion))
-    if rng.random() < 0.1:
-        if name == "views.h5":
-            return rng.choice((("verify", "result.h5", *verify), ("view", name, "-o", "out.html")))
-        view = ("view", "result.h5", "-d", name, "-o", "out.html")
-        return rng.choice((("verify", "result.h5", "-d", name), view))
-    dictionary = name if name in dictionaries else "dict.h5"
-    chosen = "method=pmp" if name == "bases.h5" else _method(rng)
-    further = ("--set", rng.choice(FITS)) if rng.random() < 0.4 else ()
-    fit = ("fit", "views.h5", "-d", dictionary, "-o", out, "--set=threads=1", "--set", chosen)
-    return (*fit, *further)
-
-
-def _of_shapes(name: str, out: str) -> tuple[Command, ...]:
-    """Return command lines that read shapes."""
-    return (
-        ("learn-dict", name, *LEARN),
-        ("project", name, "-o", out, "--set", "hidden=0.2", "--set", "noise=0.1"),
-        ("eval", "result.h5", "--truth", name, "-o", "out", NO_PLOTS),
+OF_IMAGES = tuple(
+    ("fit", "{}", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1", f"--set={setting}")
+    for setting in (
+        *("outliers=none", "outliers=l1", "outliers=sparse-error", "outliers=ransac"),
+        *("method=convex+refine", "method=alternate", "method=mean-shape", "method=global"),
+        *("export.folder=out_meshes", "leave_one_out=model", "lambda=auto", "noise=0.1"),
     )
+)
+OF_RESULTS = (
+    ("eval", "{}", *TRUTH),
+    ("verify", "{}", *VERIFY),
+    ("view", "views.h5", "{}", "--truth", "shapes.h5", "-o", "out.html"),
+    ("convert", "{}", "-o", "out.trc", "--height", "1.8"),
+)
+OF_DICTIONARIES = (
+    ("fit", "views.h5", "-d", "{}", "-o", "out.h5", "--set=threads=1"),
+    ("fit", "views.h5", "-d", "{}", "-o", "out.h5", "--set=method=pmp"),
+    ("verify", "result.h5", "-d", "{}"),
+)
+READ_BY = {
+    **dict.fromkeys(("shapes.h5", "shapes.csv"), OF_SHAPES),
+    **dict.fromkeys(("views.h5", "views.csv"), OF_IMAGES),
+    **dict.fromkeys(("result.h5", "refined.h5"), OF_RESULTS),
+    **dict.fromkeys(("dict.h5", "exemplars.h5", "bases.h5"), OF_DICTIONARIES),
+    "result.csv": (OF_RESULTS[0], ("view", "{}", "-o", "out.html")),
+}
+"""Good files, and the commands that read them."""
+
+
+def make_ours(rng: Random, folder: Path) -> Command:
+    """Spoil one of our files, and read it."""
+    name = rng.choice([*READ_BY])
+    (spoil_table if name.endswith(".csv") else spoil_hdf5)(rng, folder / name)
+    return tuple(word.format(name) for word in rng.choice(READ_BY[name]))
 
 
 # Files of other tools
@@ -254,9 +236,8 @@ def aliases_of_aliases(depth: int) -> str:
 
 
 KINDS: Mapping[str, Make] = {
-    "csv": make_table,
     "detectors": make_detector,
-    "hdf5": make_hdf5,
+    "ours": make_ours,
     "trackers": make_tracker,
     "yaml": make_yaml,
 }

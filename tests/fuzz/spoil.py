@@ -46,38 +46,27 @@ def spoil_table(rng: Random, path: Path) -> None:
     rows = [line.split(",") for line in path.read_text().splitlines()]
     for _ in range(rng.choice((0, 1, 1, 2, 3))):
         if rows[0]:  # a header without any column cannot be spoiled further
-            rng.choice((_cells, _header, _columns, _rows))(rng, rows)
+            rng.choice((_cells, _cells, _columns, _rows))(rng, rows)
     data = ("\n".join(",".join(row) for row in rows) + "\n").encode("utf-8", "surrogatepass")
     path.write_bytes(spoil_text_bytes(rng, data) if rng.random() < 0.4 else data)
 
 
 def _cells(rng: Random, rows: Rows) -> None:
-    """Change one cell, some of a column, or the size of all numbers."""
-    kind, place = rng.randrange(3), rng.randrange(len(rows[0]))
-    factor = 10.0 ** rng.uniform(-330, 308)
-    for row in [rng.choice(rows[1:] or rows)] if kind == 0 else rows[1:]:
-        if kind < 2 and place < len(row):
+    """Change one cell, or some of a column; at times those of the header."""
+    place = rng.randrange(len(rows[0]))
+    for row in rng.choice(([rows[0]], [rng.choice(rows)], rows[1:])):
+        if place < len(row):
             row[place] = rng.choice((row[place], *rng.choice((NUMBERS, NAMES))))
-        for number in range(2, min(5, len(row))) if kind == 2 else ():
-            with suppress(ValueError):
-                row[number] = str(float(row[number] or "nan") * factor)
-
-
-def _header(rng: Random, rows: Rows) -> None:
-    names = ("item", "landmark", "x", "y", "z", "confidence", "sequence", *NAMES)
-    rows[0][rng.randrange(len(rows[0]))] = rng.choice(names)
 
 
 def _columns(rng: Random, rows: Rows) -> None:
     """Drop a column, or add one."""
-    if rng.random() < 0.5:
-        place = rng.randrange(len(rows[0]))
-        rows[:] = [row[:place] + row[place + 1 :] for row in rows]
-        return
-    name = rng.choice(("confidence", "sequence", "z", "weight"))
-    values = (rng.choice(NUMBERS + NAMES), str(rng.random()), "95")
+    place, name = rng.randrange(len(rows[0])), rng.choice(("confidence", "sequence", "z", "weight"))
     for number, row in enumerate(rows):
-        row.append(name if number == 0 else rng.choice(values))
+        value = rng.choice(NUMBERS + NAMES)
+        row[place : place + 1] = (
+            [] if place % 2 else [*row[place : place + 1], name if number == 0 else value]
+        )
 
 
 def _rows(rng: Random, rows: Rows) -> None:

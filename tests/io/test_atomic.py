@@ -217,12 +217,6 @@ class TestManyFiles:
             {"new": "mine"} if obstacle == "file" else {}
         )
 
-    def test_a_full_disk_names_the_folder(self, tmp_path):
-        message = r"out: cannot be written: No space left"
-        with pytest.raises(InputError, match=message), staged_files(tmp_path / "out"):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        assert os.listdir(tmp_path) == []
-
     def test_without_files_there_is_no_folder(self, tmp_path):
         with staged_files(tmp_path / "out"):
             pass

@@ -75,12 +75,6 @@ def test_a_stream_a_pipe_and_another_suffix(csv, standard_input, tmp_path, read_
     writer.join()
 
 
-@pytest.mark.parametrize("text", ["item,landmark,x,y", "item,landmark,x,y\n\n"])
-def test_a_header_alone_is_zero_images(csv, text, read_views):
-    views = read_views(csv(text))
-    assert views.landmarks.shape == (0, 2, 0)
-
-
 names = st.text(st.sampled_from("ab1. é'\t\u2028\x0b"), min_size=1, max_size=4)
 odd_names = st.text(st.sampled_from("ab \",\n\r'"), min_size=1, max_size=4)
 
@@ -264,10 +258,6 @@ def test_a_coordinate_whose_square_overflows_is_named(csv, problems, value):
         assert line.startswith(f"{path}: item 'a': landmark 'foot' is (4.0, {float(value)}, 6.0); ")
 
 
-def test_the_largest_coordinate_is_read(csv):
-    assert read_shapes([csv(f"{HEAD}a,head,1,2,3\na,foot,4,1e150,6\n")]).shapes.max() == 1e150
-
-
 def test_a_table_whose_rows_share_nothing(tmp_path, problems, monkeypatch):
     path = tmp_path / "diagonal.csv"
     rows = (f"item {row},landmark {row},0,0" for row in range(6_000))
@@ -276,12 +266,6 @@ def test_a_table_whose_rows_share_nothing(tmp_path, problems, monkeypatch):
     (line,) = problems(open_landmarks, [path])
     assert line.startswith(f"{path}: it takes ")
     assert "this machine has 100 MB; divide the file" in line
-
-
-def test_results_must_not_be_infinite(csv, problems):
-    path = csv("item,landmark,x,y,z\na,head,1,2,-inf\n")
-    fix = "write a finite number, or leave the cell empty where it is unknown"
-    assert problems(read_results, path) == (f"{path}:2: z is '-inf'; {fix}",)
 
 
 def test_ten_problems_are_told_and_the_rest_counted(csv, problems, read_views):
@@ -342,14 +326,6 @@ def test_numbers_come_back_to_the_last_bit(values):
     csv_file.CsvWriter(data.append).append(LandmarkSet(np.array([values])[..., None], "a", "b"))
     cells = bytes(data[-1]).decode().removesuffix("\n").split(",")[2:]
     assert read_numbers(cells)[0].tobytes() == np.array(values).tobytes()
-
-
-@pytest.mark.parametrize("rows", [1, 5, 13])
-def test_records_are_written_in_blocks_of_whole_items(tmp_path, monkeypatch, landmarks, rows):
-    save(tmp_path / "whole.csv", landmarks)
-    monkeypatch.setattr(csv_file, "ROWS", rows)
-    save(tmp_path / "parts.csv", landmarks)
-    assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 
 
 def test_minus_one_without_a_confidence_is_unseen(csv):
@@ -419,9 +395,3 @@ class TestLargeTables:
             "standard input: the rows of items do not stand together; "
             "sort them by item, or name the file itself"
         )
-
-    def test_a_wrong_row_far_into_the_file_is_named_by_its_line(self, csv, problems):
-        path = self.table(csv, [(i, j) for i in range(40) for j in range(4)])
-        path.write_text(path.read_text() + "x,a,oops,1,1,s\n")
-        (line,) = problems(open_landmarks, [path])
-        assert line.startswith(f"{path}:162: x is 'oops'; write a finite number")

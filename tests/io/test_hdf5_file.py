@@ -17,7 +17,6 @@ from shapefit.io import (
     ResultSet,
     ShapeSet,
     inputs,
-    landmark_writer,
     open_landmarks,
     read_dictionary,
     read_results,
@@ -121,19 +120,6 @@ def test_other_types_of_numbers_and_texts_are_read(landmark_file, landmarks, edi
     assert (images.confidence == 1).all()
 
 
-def test_optional_datasets_may_be_missing(shape_file, dictionary_file, result_file, edit):
-    edit(shape_file, sequence=None, edges=None, mesh_vertices=None, mesh_faces=None)
-    shapes = read_shapes([shape_file])
-    assert shapes.sequences is shapes.edges is shapes.mesh_vertices is shapes.mesh_faces is None
-    edit(dictionary_file, edges=None, mesh_vertices=None, mesh_faces=None, objective_trace=None)
-    edit(dictionary_file, atom_scale=None, atom_item=None)
-    dictionary = read_dictionary(dictionary_file)
-    assert dictionary.objective_trace.shape == (0,)
-    assert dictionary.atom_scale is dictionary.atom_items is None
-    edit(result_file, coefficients=None, status=None, transforms=None)
-    assert read_results(result_file).coefficients is None
-
-
 # Version 1
 
 
@@ -165,12 +151,6 @@ def test_results_and_dictionaries_of_version_1_are_converted(tmp_path, results, 
     assert len(old.atom_items) == 7
 
 
-def test_landmarks_of_version_1_hold_the_same(landmark_file, same):
-    before = load(landmark_file)
-    to_version_1(landmark_file)
-    same(before, load(landmark_file))
-
-
 # What is wrong
 
 
@@ -180,20 +160,6 @@ def test_a_missing_file_or_a_folder(reader, tmp_path, problems):
     (line,) = problems(reader, tmp_path)
     assert line.startswith(f"{tmp_path}: it is a folder")
     assert "; name the files in it" in line
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "fault"),
-    [
-        ("x.h5", "", "is empty (0 bytes); make or copy the file again"),
-        ("x.csv", "", "is empty (0 bytes); make or copy the file again"),
-        ("x.h5", "item,landmark,x,y\n", "is not an HDF5 file; give an HDF5 file, or name it .csv"),
-    ],
-)
-def test_an_empty_file_or_another_one(reader, tmp_path, problems, name, text, fault):
-    (tmp_path / name).write_text(text)
-    (line,) = problems(reader, tmp_path / name)
-    assert line.startswith(f"{tmp_path / name}: {fault}")
 
 
 OTHER_FORMAT = "is a shapefit-shapes file; give a shapefit-landmarks file"
@@ -309,20 +275,6 @@ def test_datasets_that_are_wrong(request, problems, edit, kind, datasets, lines)
     told = problems(READERS[kind], edit(path, **made))
     for line, wanted in zip(told, lines, strict=True):
         assert wanted in ("*", line.removeprefix(f"{path}:/").replace(str(path), "{path}"))
-
-
-def test_faults_far_into_the_file_are_named_by_their_row(tmp_path, problems, landmarks, edit):
-    bad = landmarks.landmarks.copy()
-    bad[4, 0, 3] = np.inf
-    path = tmp_path / "views.h5"
-    save(path, landmarks.replaced(landmarks=bad))
-    (line,) = problems(load, path)
-    assert line.startswith(f"{path}:/landmarks[4]: landmark 'foot' is (inf, ")
-    edit(path, item=[*landmarks.items[:4], "image 1"])
-    (line,) = problems(open_landmarks, [path])
-    assert line == (
-        f"{path}:/item[4]: item 'image 1' is also at {path}:/item[1]; give every item a unique name"
-    )
 
 
 # What damage does
@@ -638,24 +590,3 @@ def test_memory_is_flat_in_the_number_of_images(tmp_path, run_python):
     done = run_python(MAKE + MEMORY, tmp_path)
     assert done.stderr == ""
     assert int(done.stdout) < 12e6
-
-
-@pytest.mark.parametrize(("name", "library"), [("views.h5", "h5py"), ("views.csv", "orjson")])
-def test_only_the_library_of_the_file_is_imported(tmp_path, run_python, landmarks, name, library):
-    with landmark_writer(tmp_path / name) as writer:
-        writer.append(landmarks)
-    script = """
-import sys
-from pathlib import Path
-from shapefit.io import *
-heavy = {"h5py", "orjson", "scipy", "numba", "trimesh", "matplotlib"}
-assert not heavy & set(sys.modules)
-path = Path(sys.argv[1])
-with open_landmarks([path]) as source, landmark_writer(path.with_stem("again")) as writer:
-    for chunk in source.batches(10):
-        writer.append(chunk)
-print(*heavy & set(sys.modules))
-"""
-    done = run_python(script, tmp_path / name)
-    assert done.stderr == ""
-    assert done.stdout.split() == [library]
