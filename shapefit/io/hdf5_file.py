@@ -6,9 +6,10 @@ texts have a fixed length, since HDF5 has no checksums for texts of any length.
 
 from __future__ import annotations
 
-import io
+import errno
 import math
 import os
+import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,6 +43,9 @@ from shapefit.io.records import KINDS, Attribute
 Array = NDArray[Any]
 
 CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
+
+SPARE = 1 << 21
+"""Bytes that are reserved on the disk beside what is written."""
 
 PLAIN_ATTRIBUTES = "format", "version", "unit", "y_axis", "frame_rate", "attributes_sha256"
 """Root attributes that the formats define, or once did."""
@@ -387,42 +391,41 @@ def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
     with (
         atomic_path(target) as path,
         storage_errors(target, None),
-        _Output(path, "w+b") as output,
+        _system_errors(),
+        path.open("r+b") as space,
     ):
-        try:
-            with h5py.File(
-                output, "w", libver=("v110", "v110"), rdcc_nbytes=4 * CHUNK_BYTES
-            ) as file:
-                writer = Hdf5Writer(file, form, output)
-                yield writer
-                writer.finish()
-        finally:
-            if output.error is not None:
-                raise output.error
+        _reserve(space, SPARE)  # before HDF5 has anything to write
+        with h5py.File(
+            path, "w", libver=("v110", "v110"), rdcc_nbytes=4 * CHUNK_BYTES, locking=False
+        ) as file:
+            writer = Hdf5Writer(file, form, space)
+            yield writer
+            writer.finish()
+            size = file.id.get_filesize()
+        space.truncate(size)
 
 
-class _Output(io.FileIO):
-    """A file for HDF5, which crashes where it cannot write: the first error is kept for later."""
+def _reserve(file: Any, size: int) -> None:
+    """Make an open file so large on the disk, where the system can."""
+    try:
+        os.posix_fallocate(file.fileno(), 0, size)
+    except AttributeError:  # macOS has no such function
+        pass
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
+            raise
 
-    error: OSError | None = None
 
-    def write(self, data: Any) -> int:
-        """Write all of it, or keep the error."""
-        try:
-            rest = memoryview(data)
-            while rest and self.error is None:
-                rest = rest[super().write(rest) :]
-        except OSError as error:
-            self.error = error
-        return len(data)
-
-    def truncate(self, size: int | None = None) -> int:
-        """Cut the file off, or keep the error."""
-        try:
-            super().truncate(size)
-        except OSError as error:
-            self.error = self.error or error
-        return size or 0
+@contextmanager
+def _system_errors() -> Iterator[None]:
+    """Turn what HDF5 raises where the system refuses to write into the OSError behind it."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        number = re.search(r"errno = (\d+)", str(error))
+        if number is None:
+            raise
+        raise OSError(int(number[1]), os.strerror(int(number[1]))) from error
 
 
 class Hdf5Writer(RecordWriter[Any]):
@@ -432,9 +435,10 @@ class Hdf5Writer(RecordWriter[Any]):
     root attributes at the end. Texts per item are held until then, when their length is known.
     """
 
-    def __init__(self, file: Any, form: Layout, output: _Output) -> None:
+    def __init__(self, file: Any, form: Layout, space: Any) -> None:
         super().__init__()
-        self._file, self._form, self._output = file, form, output
+        self._file, self._form, self._space = file, form, space
+        self._needed = self._reserved = 0
         self._first: Any = None
         self._whole: dict[str, Array] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
@@ -468,6 +472,7 @@ class Hdf5Writer(RecordWriter[Any]):
                 self._write_rows(name, block.astype(h5py.string_dtype("utf-8", width)))
         for name, values in self._whole.items():
             stored = _encoded(values) if values.dtype.kind in "OU" else values
+            self._need(2 * stored.nbytes)
             checked = stored.size > 0 and stored.ndim > 0  # HDF5 has no checksum for one value
             self._open[name] = self._file.create_dataset(name, data=stored, fletcher32=checked)
         for name in self._shapes.keys() - self._form.datasets.keys():
@@ -477,6 +482,7 @@ class Hdf5Writer(RecordWriter[Any]):
             stated[name] = getattr(self._first, name, None)
         for name, value in self.attributes.items():
             stated[PREFIX + name if name in PLAIN_ATTRIBUTES else name] = value
+        self._need(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in stated.items():
             if value is not None:
                 self._file.attrs[name] = value
@@ -486,10 +492,12 @@ class Hdf5Writer(RecordWriter[Any]):
     def _write_rows(self, name: str, values: Array) -> None:
         """Write rows of a dataset behind those that are there, in chunks of a power of two."""
         rest = values.shape[1:]
+        self._need(values.nbytes)
         if name not in self._open:
             row_bytes = max(values.itemsize * math.prod(rest), 1)
             rows = max(1, min(CHUNK_BYTES // row_bytes, max(len(values), MIN_CHUNK_ROWS)))
             rows = 1 << (rows.bit_length() - 1)
+            self._need(rows * row_bytes)
             self._open[name] = self._file.create_dataset(
                 name,
                 shape=(0, *rest),
@@ -502,8 +510,13 @@ class Hdf5Writer(RecordWriter[Any]):
         start = len(dataset)
         dataset.resize(start + len(values), axis=0)
         dataset[start:] = values
-        if self._output.error is not None:
-            raise self._output.error
+
+    def _need(self, size: int) -> None:
+        """Reserve space for bytes to come, as HDF5 crashes on a full disk."""
+        self._needed += size + size // 50  # for metadata
+        if self._needed > self._reserved:
+            self._reserved = self._needed + SPARE + min(self._needed, 7 * SPARE)
+            _reserve(self._space, self._reserved)
 
 
 def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, Array]]:
