@@ -1,4 +1,4 @@
-"""`shapefit.learn` and `fit` make what the commands make, bit for bit, and refuse the same."""
+"""`learn`, `fit`, `evaluate` and `solve` do what the commands do, bit for bit, and refuse the same."""
 
 import csv
 from pathlib import Path
@@ -81,11 +81,9 @@ def test_arrays_and_matrices_of_cameras_are_enough(people, views):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_coefficients_have_either_sign_where_signed_says_so(people, views):
-    images = shapefit.read_landmarks(views)[:8]
+    images, atoms = shapefit.read_landmarks(views)[:8], people["sparse-coding"]
     for signed in (False, True):
-        found = shapefit.fit(
-            images, people["sparse-coding"], lam=1e-3, method="alternate", signed=signed
-        )
+        found = shapefit.fit(images, atoms, lam=1e-3, method="alternate", signed=signed)
         assert (found.coefficients < 0).any() == signed
 
 
@@ -150,27 +148,15 @@ def test_dictionaries_that_cannot_be_are_refused(people, views):
 
 CONFIGS = {
     "camera": "camera: {focal: 900, principal_point: [10, 20]}\nmethod: convex+refine",
-    "calibration": "{camera: {calibration: rig/cameras.toml, name: left}, method: convex+refine}",
     "names": "rename: {rwrist: unused}",
     "installed": "",
 }
-"""A config of every kind: what a file beside it gives counts in Python, too."""
-
-TOML = """[left]
-name = "left"
-size = [640.0, 480.0]
-matrix = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]
-distortions = [0.0, 0.0, 0.0, 0.0]
-rotation = [0.0, 0.0, 0.0]
-translation = [0.0, 0.0, 0.0]
-"""
+"""Configs of a file, and an installed one."""
 
 
 @pytest.mark.parametrize("name", CONFIGS)
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_config_file_is_read_as_the_command_reads_it(tmp_path, people, views, name):
-    (tmp_path / "rig").mkdir()
-    (tmp_path / "rig/cameras.toml").write_text(TOML)
     (tmp_path / "mine.yaml").write_text(f"{CONFIGS[name]}\n")
     file = Path("people") if name == "installed" else tmp_path / "mine.yaml"
     paths = {"landmarks": str(views), "dictionary": str(people["sparse-coding"])}

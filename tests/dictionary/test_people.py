@@ -42,11 +42,10 @@ def test_it_has_what_all_methods_need(people):
     assert (people.acceleration > 0).all()
     assert people.bone_tolerance.shape == (24,)
     assert people.edge_covariance.shape == (24, 24)
-    sides = {"r": "l", "l": "r"}
-    for j, i in enumerate(people.mirror_index.tolist()):
-        name, other = JOINTS[j], JOINTS[i]
-        paired = name[0] in sides and f"r{name[1:]}" in JOINTS
-        assert other == (sides[name[0]] + name[1:] if paired else name)
+    swapped = {"r": "l", "l": "r"}
+    partners = {JOINTS[j]: JOINTS[i] for j, i in enumerate(people.mirror_index) if i != j}
+    assert all(partners[name] == swapped[name[0]] + name[1:] for name in partners)
+    assert {f"{side}{joint}" for side in "lr" for joint in ("hip", "wrist", "toe")} <= {*partners}
 
 
 def test_its_prior_does_not_know_left_from_right(people):

@@ -80,13 +80,9 @@ def test_failing_images_are_named_and_leave_the_others_alone(make_scene):
         assert np.isnan(found.shapes[image]).all()
         assert np.isnan(found.scale[image])
         np.testing.assert_array_equal(flat.problem.weights[image], 0.0)
-    for image in (0, 4, 5):
-        visible = scene.weights[image] > 0
-        np.testing.assert_allclose(
-            found.landmarks_fitted[image][:, visible],
-            scene.landmarks[image][:, visible],
-            rtol=1e-12,
-        )
+    shown = np.isfinite(scene.landmarks) & np.isin(np.arange(6), [0, 4, 5])[:, None, None]
+    fitted = found.landmarks_fitted[shown]
+    np.testing.assert_allclose(fitted, scene.landmarks[shown], rtol=1e-12)
 
 
 @pytest.mark.parametrize(

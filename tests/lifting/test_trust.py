@@ -27,16 +27,8 @@ GOOD = {
 
 
 def reasons(**changes) -> str:
-    case = GOOD | changes
-    found = find_reasons(
-        case["shape"][None],
-        np.array([case["expected"]]),
-        np.array([case["seen"]]),
-        np.array([case["p_value"]]),
-        np.array([case["distance"]]),
-        (case["status"],),
-    )
-    return str(found[0])
+    case = {name: np.array([value]) for name, value in (GOOD | changes).items()}
+    return str(find_reasons(*case.values())[0])
 
 
 @pytest.mark.parametrize(

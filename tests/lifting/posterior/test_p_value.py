@@ -64,9 +64,7 @@ def find(prior: Mixture, hidden: int = 0):
         solve=solve_newton,
         mean_shape=np.tensordot(prior.weights, prior.means, 1),
         needs={"prior": prior, "p_value_table": table_of(prior)},
-        posterior=PosteriorOptions(
-            residual_variance=RESIDUAL_VARIANCE, outlier_rate=CHANCE, outlier_density=DENSITY
-        ),
+        posterior=PosteriorOptions(residual_variance=RESIDUAL_VARIANCE),
     )
     found = lift_to_posterior(problem, settings)
     return with_p_value(found, problem, settings).further["p_value"]
