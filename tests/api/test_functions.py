@@ -1,4 +1,4 @@
-"""`learn`, `fit`, `evaluate` and `solve` do what the commands do, bit for bit, and refuse the same."""
+"""`learn`, `fit`, `evaluate`, `solve` do as the commands do, bit for bit, and refuse the same."""
 
 import csv
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Planted problems: shapes from a known Gaussian, seen from random views."""
+"""Learning from 2D: dense Gaussians as judge, planted shapes, outliers, and depth that is lost."""
 
 from dataclasses import replace
 from functools import partial

@@ -1,4 +1,4 @@
-"""The certificate of a coding, by other means than the coding itself."""
+"""Coding and learning: certificates, planted optima and atoms, a falling objective, PCA bases."""
 
 import numpy as np
 import pytest

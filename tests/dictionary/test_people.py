@@ -1,4 +1,4 @@
-"""The dictionary `people` of the package: whole, small, with its origin, and without any pose."""
+"""The dictionary `people`: whole, small, with its origin; and feet and hands that few bodies have."""
 
 import json
 
