@@ -1,4 +1,4 @@
-"""Problems of all kinds, real views, and a certificate in plain NumPy as independent judge."""
+"""Problems of all kinds, and a certificate in plain NumPy as independent judge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The door of the core: what it refuses, and the stub that follows from its list of arguments."""
+"""The core: what its door refuses, its stub, and the solver's tests at each instruction set."""
 
 import os
 import subprocess

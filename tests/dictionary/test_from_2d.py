@@ -1,4 +1,4 @@
-"""Learning from 2D: dense Gaussians as judge, planted shapes, outliers, and depth that is lost."""
+"""Learning from 2D: dense Gaussians as judge, planted shapes, outliers, depth that is lost."""
 
 from dataclasses import replace
 from functools import partial

@@ -1,4 +1,4 @@
-"""The dictionary `people`: whole, small, with its origin; and feet and hands that few bodies have."""
+"""The dictionary `people`: whole, small, with its origin; and joints that few bodies have."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Cameras: known points, known views, and the full turn of the turntable."""
+"""Cameras: known points and views, the turntable, and OpenCV's lens against its own inverse."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Normalising, failing and scaling back, for any method; no shape that is not finite counts."""
+"""Lifting by any method: normalising, degenerate images, failures, scaling back, joined groups."""
 
 from dataclasses import fields, replace
 from functools import partial

@@ -1,4 +1,4 @@
-"""Refinement under perspective: planted shapes, stationarity, another solver, symmetries."""
+"""Refinement under perspective: planted shapes, another solver, fields that belong together."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Placing projected shapes on landmarks, and putting some estimates among others."""
+"""Shapes of transforms by SVDs; placing them on landmarks, and joining estimates."""
 
 from dataclasses import fields, replace
 

@@ -1,4 +1,4 @@
-"""Alternation, the pose of a known shape, and one rotation for all transforms."""
+"""One rotation: alternation, poses, synchronisation, and refinement without outliers."""
 
 from dataclasses import replace
 from functools import partial

@@ -1,4 +1,4 @@
-"""Scenes whose posterior is known."""
+"""Scenes whose posterior is known, the posterior in plain NumPy as judge, and pinhole cameras."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""The posterior under one Gaussian beside a dense computation of the same."""
+"""The posterior beside a dense one: modes that are maxima, mixtures, regions, outliers."""
 
 import numpy as np
 import pytest

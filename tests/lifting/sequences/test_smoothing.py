@@ -1,4 +1,4 @@
-"""The inference over a sequence: optimality, planted bodies, copies of a frame, error bars."""
+"""The inference over a sequence against its objective written out densely, and planted bodies."""
 
 import itertools
 from dataclasses import replace
