@@ -38,7 +38,6 @@ OF_FILE = {
 
 EDGES = "edges"  # (e, 2) of landmarks and results: pairs of landmarks that a line joins
 FRAME = "frame"  # (n,): the place of each item in its video, from 0
-LANDMARK_COVARIANCE = "landmark_covariance"  # (n, p, 2, 2) in the unit of the landmarks squared
 LABELS = OUTLIERS, CORRUPTED = "outliers", "corrupted"
 """Datasets (n, p) of the landmarks that a fit calls outliers, and of those that were made so."""
 

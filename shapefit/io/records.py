@@ -15,7 +15,6 @@ from shapefit.io.layout import (
     COUNTS,
     EDGES,
     LABELS,
-    LANDMARK_COVARIANCE,
     LANDMARKS,
     RESULTS,
     SHAPES,
@@ -189,7 +188,7 @@ class Records:
         position[columns] = np.arange(len(names))
         position[p] = -1
         changes = {self.LAYOUT.points: _with_unseen(self.points, 2, np.nan)[..., columns]}
-        for name in ("confidence", *LABELS, LANDMARK_COVARIANCE):
+        for name in ("confidence", *LABELS):
             values = self.per_item.get(name)
             if values is not None and values.shape[:2] == (len(self), p):
                 changes[name] = _with_unseen(values, 1, 0)[:, columns]

@@ -95,14 +95,12 @@ def lift(
     atoms: Floats,
     program: Program,
     estimator: Estimator,
-    covariance: Floats | None = None,
     camera: Camera | None = None,
 ) -> Lifting:
     """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3, p).
 
-    covariance (n, p, 2, 2) of the landmarks' measurement, where it is known; without it the noise
-    of the program is that of every landmark. camera of the images, for a method that looks through
-    it. `estimator` is a method with its settings, see choose_method.
+    camera of the images, for a method that looks through it. `estimator` is a method with its
+    settings, see choose_method.
     """
     norm, failures = normalise_visible(landmarks, weights)
     fine = np.isfinite(norm.scale)
@@ -115,7 +113,7 @@ def lift(
         loss=program.loss,
         beta=program.beta,
     )
-    noise = find_noise(program, covariance, size, weights.shape)
+    noise = find_noise(program, size, weights.shape)
     if camera is not None:
         middle = np.where(fine[:, None], norm.centroid, 0.0)
         near = camera.normalised_as(replace(norm, centroid=middle, scale=size))
@@ -140,13 +138,8 @@ def lift(
     return Lifting(shapes, fitted, translation, scale, problem, found, failures, view)
 
 
-def find_noise(
-    program: Program, covariance: Floats | None, scale: Floats, shape: tuple[int, ...]
-) -> Floats | None:
+def find_noise(program: Program, scale: Floats, shape: tuple[int, ...]) -> Floats | None:
     """Covariance (n, p, 2, 2) of the noise of landmarks (n, p) that are normalised by scale."""
-    if covariance is not None:
-        given: Floats = covariance / scale[:, None, None, None] ** 2
-        return given
     if program.noise == 0:
         return None
     deviation = np.minimum(program.noise / scale, NOISIEST)

@@ -117,8 +117,7 @@ class Method:
     perspective    "refined": under a perspective camera it is followed by a refinement; "own": it
                    looks through the camera itself; "none"
     sequences      lifts whole sequences: its images are followed by the stage of sequences
-    precisions     weighs landmarks by their precision: `landmark_covariance` counts; without one a
-                   confidence says whether a landmark was seen, see `min_confidence`
+    precisions     a confidence only says whether a landmark was seen, see `min_confidence`
     tolerance      the default of `tolerance`
     """
 

@@ -7,9 +7,6 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
 
-IN_SPAN = 1e-6
-"""Relative distance of an atom from the span of the training shapes that is still rounding."""
-
 
 def carry_mesh(mesh_vertices: Floats, normalised: Normalised, rotations: Floats) -> Floats:
     """R_j (V_j - centroid_j 1^T) / scale_j: normalise and turn meshes as their landmarks were.
@@ -19,20 +16,6 @@ def carry_mesh(mesh_vertices: Floats, normalised: Normalised, rotations: Floats)
     """
     centred = mesh_vertices - normalised.centroid[..., None]
     return rotations @ (centred / normalised.scale[..., None, None])
-
-
-def mesh_of_atoms(atoms: Floats, shapes: Floats, mesh_vertices: Floats) -> Floats:
-    """A V with A = argmin ||A||_F over A S = B: mix meshes as the landmarks were mixed.
-
-    atoms B (k, 3, p), each a linear combination of the training shapes S (n, 3, p), as exemplars
-    and learned atoms are; mesh_vertices V (n, 3, q), those of the shapes -> (k, 3, q). Raises
-    ValueError where an atom is no such combination.
-    """
-    B, S = atoms.reshape(len(atoms), -1), shapes.reshape(len(shapes), -1)
-    A = np.linalg.lstsq(S.T, B.T)[0].T
-    if (np.linalg.norm(A @ S - B, axis=1) > IN_SPAN * np.linalg.norm(B, axis=1)).any():
-        raise ValueError("an atom is not a linear combination of the training shapes")
-    return np.tensordot(A, mesh_vertices, axes=1)
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:

@@ -62,16 +62,13 @@ def find_truth(place: str | Path, match: str, images: Keys, truth: Keys) -> NDAr
     By item or by frame and sequence: of the same name, else of one that ends alike (`cam01/anna`
     and `anna`), else of any, as long as that is one. Raises InputError where no image has one.
     """
-    rows = find_rows(images.items, truth.items)
-    if match == BY_FRAME:
-        rows = find_frames(images, truth)
+    by_frame = match == BY_FRAME
+    rows = find_frames(images, truth) if by_frame else find_rows(images.items, truth.items)
     if (rows < 0).all():
         fault = f"none of its {len(rows)} images is in the truth, which has no '{images.items[0]}'"
         fix = "give the truth of these images, or set `match`: to `frame` where both are the "
-        fix += (
-            f"frames of one recording, or to a dataset that names such items as '{truth.items[0]}'"
-        )
-        raise input_error(place, fault, fix)
+        fix += "frames of one recording, or to a dataset that names such items as "
+        raise input_error(place, fault, f"{fix}'{truth.items[0]}'")
     return rows
 
 

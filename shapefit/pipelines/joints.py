@@ -39,20 +39,17 @@ def match_names(
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
         dictionary = dictionary.marked({*names, *joints.markers})
-        listed = dictionary.landmark_names
-        parts = {name: part for name, part in joints.parts.items() if joints_of(part) <= {*listed}}
-        joints = Joints(listed, parts, find_markers(parts, names, listed))
+        joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     listed = dictionary.landmark_names
-    unknown = [name for name in names if joints.names.get(name, name) not in set(listed)]
+    unknown = [name for name in names if joints.names.get(name, name) not in listed]
     matching = len(names) - len(unknown)
     if unknown and matching < FEWEST_LANDMARKS:
-        fault = (
-            f"{matching or 'none'} of the {counted(len(names), 'landmark')} "
-            f"{'are' if matching > 1 else 'is'} in the dictionary, at least {FEWEST_LANDMARKS} "
-            f"must be (files: {abbreviate(names, 10)}; dictionary: {abbreviate(listed, 10)})"
-        )
+        number, verb = counted(len(names), "landmark"), "are" if matching > 1 else "is"
+        fault = f"{matching or 'none'} of the {number} {verb} in the dictionary, at least "
+        fault += f"{FEWEST_LANDMARKS} must be (files: {abbreviate(names, 10)}; dictionary: "
         fix = "give a dictionary of such objects, or name landmarks alike: "
-        raise input_error(place, fault, fix + "`rename: {FILE: DICTIONARY}`")
+        fix += "`rename: {FILE: DICTIONARY}`"
+        raise input_error(place, f"{fault}{abbreviate(listed, 10)})", fix)
     return Matched(dictionary, joints, unknown, in_place)
 
 
@@ -169,28 +166,17 @@ class Joints:
 
 
 def find_joints(names: Sequence[str], joints: Sequence[str], *, in_place: bool = True) -> Joints:
-    """Return the landmarks that stand for joints which files lack: at these without `in_place`."""
-    parts = {
-        name: part if in_place else Part(part.joint, {part.joint: 1.0} if part.joint else {})
-        for name, part in people_parts([name for name in names if name not in set(joints)]).items()
-        if joints_of(part) <= set(joints) and (in_place or (part.alone and part.joint))
-    }
-    return Joints(tuple(joints), parts, find_markers(parts, names, joints))
+    """Return the landmarks that stand for joints which files lack: at these without `in_place`.
 
-
-def joints_of(part: Part) -> set[str]:
-    """Return the joints of which a landmark is a sum."""
-    return set(part.fixed).union(*part.along.values())
-
-
-def find_markers(
-    parts: Mapping[str, Part], names: Sequence[str], joints: Sequence[str]
-) -> dict[str, tuple[str, ...]]:
-    """Return the landmarks that stand for each joint, where some do.
-
-    Of several those stand for it that deviate least, such as the top of the head in place of ears,
-    together if they are pairs, and none if they are alike.
+    Of several those stand for a joint that deviate least, such as the top of the head in place of
+    ears, together if they are pairs, and none if they are alike.
     """
+    parts = {}
+    for name, part in people_parts([name for name in names if name not in joints]).items():
+        used = set(part.fixed).union(*part.along.values())
+        if used <= set(joints) and (in_place or (part.alone and part.joint)):
+            at_joint = {part.joint: 1.0} if part.joint else {}
+            parts[name] = part if in_place else Part(part.joint, at_joint)
     markers: dict[str, tuple[str, ...]] = {}
     for joint in joints:
         meant = [name for name, part in parts.items() if part.joint == joint and joint not in names]
@@ -198,7 +184,7 @@ def find_markers(
         nearest = tuple(name for name in meant if parts[name].std == least)
         if nearest and (len(nearest) == 1 or not any(parts[name].alone for name in nearest)):
             markers[joint] = nearest
-    return markers
+    return Joints(tuple(joints), parts, markers)
 
 
 def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> LandmarkSet:

@@ -71,7 +71,7 @@ def check_dictionary(dictionary: Dictionary, place: str | Path, *, mixes_atoms: 
     mixes_atoms: whether the shapes are combinations of the atoms, as the meshes then are.
     """
     if dictionary.mesh_vertices is None:
-        fix = "learn it from shapes with `mesh_vertices` and `mesh_faces`"
+        fix = "learn it by `method: exemplars` from shapes with `mesh_vertices` and `mesh_faces`"
         raise input_error(place, "has no mesh to export", fix)
     if not mixes_atoms:
         fault = "the result has no coefficients to combine the meshes of the atoms"

@@ -56,11 +56,8 @@ def run(config: ProjectConfig) -> Iterator[Result]:
             first = batch * BATCH
             writer.append(project(shapes, turns[first : first + len(shapes)], config, batch))
             yield Result(done=len(shapes), total=source.count)
-        writer.attributes.update(
-            version=__version__,
-            config=config.as_json(),
-            inputs=json.dumps(digests(config.shapes)),
-        )
+        inputs = json.dumps(digests(config.shapes))
+        writer.attributes |= {"version": __version__, "config": config.as_json(), "inputs": inputs}
     warnings = nothing_in(source.count, "shapes") + writer.summary.warnings
     yield Result(total=source.count, warnings=warnings, written=(config.output,))
 
@@ -91,7 +88,8 @@ def project(shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int) 
         landmarks = add_noise(landmarks, config.noise, stream(config.seed, NOISE, batch))
     if config.hidden > 0:
         landmarks = hide(landmarks, config.hidden, stream(config.seed, HIDDEN, batch))
-    further = {name: v for name, v in shapes.further.items() if name != CORRUPTED}
+    carried = shapes.further.keys() - {CORRUPTED}
+    per_item = {name: v for name, v in shapes.per_item.items() if name in carried}
     return LandmarkSet(
         landmarks=landmarks,
         landmark_names=shapes.landmark_names,
@@ -100,9 +98,8 @@ def project(shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int) 
         unit=shapes.unit if camera.scale is None else "px",
         y_axis=config.y_axis,
         frame_rate=shapes.frame_rate,
-        columns={name: v for name, v in shapes.per_item.items() if name in further}
-        | {TRUE_ROTATION: rotations},
-        whole={name: v for name, v in shapes.whole.items() if name in further},
+        columns=per_item | {TRUE_ROTATION: rotations},
+        whole={name: v for name, v in shapes.whole.items() if name in carried},
     )
 
 

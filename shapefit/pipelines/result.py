@@ -76,10 +76,10 @@ def add_up(
     for warning in warnings:
         text = warning if isinstance(warning, str) else f"{warning.noun} {warning.text}"
         before = total.get(text)
-        if isinstance(before, Counted) and isinstance(warning, Counted):
-            total[text] = before + warning
-        elif before is None and len(total) >= most:
+        if before is None and len(total) >= most:
             omitted += 1
+        elif isinstance(before, Counted) and isinstance(warning, Counted):
+            total[text] = before + warning
         else:
             total[text] = warning
     return omitted

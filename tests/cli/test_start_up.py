@@ -21,7 +21,7 @@ OF_OTHER_FITS = """
     shapefit.evaluation shapefit.lifting.perspective
     shapefit.lifting.outliers.ransac shapefit.lifting.sequences shapefit.lifting.posterior.method
     shapefit.meshes shapefit.pipelines.export.meshes shapefit.pipelines.export.pictures
-    shapefit.pipelines.partition.executors shapefit.pipelines.fit.sequences tqdm trimesh
+    shapefit.pipelines.partition.run shapefit.pipelines.fit.sequences tqdm trimesh
 """
 NEEDED = "numpy h5py pydantic shapefit.config.commands.fit shapefit.io.csv_file"
 

@@ -1,12 +1,13 @@
-"""Landmarks fitted from file to file, as the command does it."""
+"""Landmarks fitted from file to file, as the command does it, and what the results tell."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from shapefit.config import FitConfig
 from shapefit.io import LandmarkSet, ResultSet, read_results
 from shapefit.pipelines.fit.run import run
-from shapefit.pipelines.result import Result
+from shapefit.pipelines.result import Counted, Result
 from tests.io.files import save
 
 
@@ -25,3 +26,26 @@ def fit_images(
     """Write images to views.h5 in a folder and fit them there, to result.h5."""
     save(folder / "views.h5", images)
     return fit_file(folder / "views.h5", dictionary, folder / "result.h5", **keys)
+
+
+def done(outcomes: Iterable[Result]) -> int:
+    """Count the items that were done."""
+    return sum(outcome.done for outcome in outcomes)
+
+
+def failures(outcomes: Iterable[Result]) -> dict[str, str]:
+    """Return the items that failed, each once, and why."""
+    told = [each for outcome in outcomes for each in outcome.failures]
+    reasons = {each.item: each.reason for each in told}
+    assert len(reasons) == len(told)
+    return reasons
+
+
+def warnings(outcomes: Iterable[Result]) -> list[str | Counted]:
+    """Return all warnings."""
+    return [warning for outcome in outcomes for warning in outcome.warnings]
+
+
+def texts(outcomes: Iterable[Result]) -> list[str]:
+    """Return the text of each warning."""
+    return list(map(str, warnings(outcomes)))

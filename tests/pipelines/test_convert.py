@@ -11,7 +11,7 @@ from shapefit.io import read_results, read_shapes, write_shapes
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.convert import run
 from tests.io.files import load, save
-from tests.pipelines.told import warnings
+from tests.pipelines.fitted import warnings
 
 NAMES = ("a", "b", "c", "d")
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"

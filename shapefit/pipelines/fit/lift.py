@@ -20,7 +20,6 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import Camera
 from shapefit.io import LandmarkSet
-from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
 from shapefit.lifting.lift import BETA, Group, Lifting, Program, lift, merge
 from shapefit.lifting.methods import (
@@ -31,7 +30,7 @@ from shapefit.lifting.methods import (
     Settings,
     choose_method,
 )
-from shapefit.pipelines.fit.camera import IMAGE_SIZE, camera_of, read_dataset
+from shapefit.pipelines.fit.camera import IMAGE_SIZE, camera_of
 from shapefit.pipelines.items import named_items
 from shapefit.threads import on_threads
 
@@ -161,7 +160,6 @@ def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
         dictionary.atoms,
         lifter.program,
         choose_method(lifter.method, settings_of(lifter)),
-        find_covariance(images) if method.precisions else None,
         camera if method.perspective == "own" else None,
     )
     if searches:
@@ -185,7 +183,7 @@ def with_p_values(lifting: Lifting, lifter: Lifter) -> Lifting:
 def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
     """Weights (n, p): the confidence; with a prior, that does not count, 1 from a least one on."""
     weights = images.weights()
-    if not lifter.row.precisions or LANDMARK_COVARIANCE in images.columns:
+    if not lifter.row.precisions:
         return weights
     least = MIN_CONFIDENCE if lifter.min_confidence is None else lifter.min_confidence
     visible = (weights > 0) & (weights >= least) & ~at_border(images, lifter)
@@ -207,18 +205,6 @@ def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
     for edge in edges:
         marked[:, edge] |= np.any(np.all(near[..., edge], axis=2), axis=1)[:, None]
     return marked
-
-
-def find_covariance(images: LandmarkSet) -> Floats | None:
-    """Return the covariance (n, p, 2, 2) of the landmarks that came with them, if it did."""
-    if LANDMARK_COVARIANCE not in images.columns:
-        return None
-    visible = images.visible()[..., None, None]
-    C = np.where(visible, read_dataset(images, LANDMARK_COVARIANCE, (visible.shape[1], 2, 2)), 0.0)
-    if (C.mT != C).any() or (np.linalg.eigvalsh(C) < -1e-9 * abs(C).max(initial=0)).any():
-        fix = "give symmetric, positive semi-definite matrices"
-        raise input_error(LANDMARK_COVARIANCE, "holds a matrix that is no covariance", fix)
-    return C
 
 
 def find_inliers(

@@ -11,7 +11,6 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
-from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.posterior.method import scale_of_bars
@@ -91,16 +90,14 @@ def restore_sides(
 
 
 def exchange_sides(images: LandmarkSet, partner: Integers, rows: Flags) -> LandmarkSet:
-    """Exchange left and right of some images (n,), and all that is known of these landmarks."""
+    """Exchange left and right of some images (n,), landmarks and confidences."""
     if not rows.any():
         return images
-    w = np.where(rows[:, None, None], images.landmarks[..., partner], images.landmarks)
-    changed = {"landmarks": w}
-    for name in ("confidence", LANDMARK_COVARIANCE):
-        if (values := images.columns.get(name)) is not None:  # (n, p, ...)
-            of_image = rows.reshape(-1, *(1,) * (values.ndim - 1))
-            changed[name] = np.where(of_image, values[:, partner], values)
-    return images.replaced(**changed)
+    w, confidence = images.landmarks, images.confidence
+    landmarks = np.where(rows[:, None, None], w[..., partner], w)
+    if confidence is not None:
+        confidence = np.where(rows[:, None], confidence[:, partner], confidence)
+    return images.replaced(landmarks=landmarks, confidence=confidence)
 
 
 def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> Lifting:

@@ -38,7 +38,7 @@ from shapefit.geometry.procrustes import (
     rotation_onto,
 )
 from shapefit.io import ShapeSet, match_landmarks
-from shapefit.meshes.dense import carry_mesh, mesh_of_atoms
+from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.result import Failure, Result
 
 Learning = Generator[Result, None, Dictionary]
@@ -261,7 +261,7 @@ def pca_bases(training: TrainingShapes) -> Dictionary:
 
 
 def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning:
-    """Learn atoms by sparse coding; meshes are mixed as the shapes are, where these give atoms."""
+    """Learn atoms by sparse coding, without meshes."""
     shapes, rounds = training.alignment.shapes, config.iterations
     k = number_of_atoms(len(shapes), config)
     for learned in learn(shapes, k, config.beta, iterations=rounds):
@@ -269,21 +269,12 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
         yield Result(done=1, total=rounds, unit="round", note=note)
     atoms, C = learned.atoms, learned.coefficients
     error = np.linalg.norm(shapes - np.tensordot(C, atoms, axes=1)) / np.linalg.norm(shapes)
-    meshes, warning = None, ""
-    if training.mesh_vertices is not None:
-        try:
-            meshes = mesh_of_atoms(atoms, shapes, training.mesh_vertices)
-        except ValueError as fault:
-            warning = f"the meshes are left out: {fault}"
     learned_from = f"learned {counted(k, 'atom')} from {counted(len(shapes), 'shape')}"
     result = f"{learned_from} (reconstruction error {error:.1%})"
-    warnings = (warning,) if warning else ()
-    yield Result(total=rounds, warnings=warnings, rows=(("Result", result),))
+    yield Result(total=rounds, rows=(("Result", result),))
     return replace(
         training.dictionary,
         atoms=atoms,
-        mesh_vertices=meshes,
-        mesh_faces=None if meshes is None else training.original.mesh_faces,
         atom_scale=scale_of_atoms(atoms, C, training.scale),
         objective_trace=learned.trace,
     )

@@ -11,7 +11,7 @@ from shapefit.errors import InputError
 from shapefit.evaluation import metrics
 from shapefit.io import write_shapes
 from shapefit.pipelines.evaluate import run as evaluate
-from tests.pipelines.told import texts
+from tests.pipelines.fitted import texts
 
 from .conftest import N
 

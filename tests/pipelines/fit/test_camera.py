@@ -13,7 +13,7 @@ from shapefit.pipelines.fit.camera import camera_of, choose_camera, find_camera,
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
 from tests.io.files import load, save
-from tests.pipelines.told import failures
+from tests.pipelines.fitted import failures
 
 SIZE = np.array([1280, 720])
 MATRIX = np.array([[800.0, 0, 640], [0, 820, 360], [0, 0, 1]])

@@ -1,6 +1,9 @@
 """`fit` from files to files: shapes that come back, images that fail, what is stored."""
 
 import json
+import os
+import subprocess
+import sys
 import warnings
 from functools import partial
 from pathlib import Path
@@ -8,16 +11,18 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from shapefit.cli.main import run
 
+from shapefit import core
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import LandmarkSet, read_dictionary, read_results, write_dictionary
 from shapefit.lifting.lift import lift
 from shapefit.lifting.methods import METHODS
-from tests.pipelines.told import failures, texts
+from tests.pipelines.fitted import failures, texts
 
 PRIORLESS = [name for name, m in METHODS.items() if "prior" not in {n.name for n in m.needs}]
 """Methods that the plain dictionary of these tests serves; the others have tests of their own."""
@@ -261,3 +266,26 @@ class TestRecord:
             gap = (primal - (Y * weights * w).sum() + 0.5 * (Y**2).sum()) / primal
             assert gap == pytest.approx(data["relative_gap"][i], abs=1e-12)
             assert 0 <= gap <= 1e-4
+
+
+COMMAND = Path(sys.executable).with_name("shapefit")
+
+
+@pytest.mark.parametrize("loss", ["outliers=none", "outliers=sparse-error"])
+def test_levels_of_the_processor_have_one_optimum_and_a_proof(world, tmp_path, loss):
+    """A level is chosen when the core is loaded: each has a process of its own."""
+    views, dictionary = world.images("people"), world.dictionary("people")
+    found = {}
+    for level in core.LEVELS:
+        output = tmp_path / f"{level}.h5"
+        command = [COMMAND, "fit", views, "-d", dictionary, "-o", output, "--set", loss]
+        environment = os.environ | {"SHAPEFIT_LEVEL": str(level)}
+        command += ["--set", "tolerance=1e-9"]
+        subprocess.run(command, env=environment, check=True, capture_output=True, timeout=120)
+        found[level] = read_results(output)
+        words = ["verify", output, "-d", dictionary, "--landmarks", views, "-q"]
+        assert run(list(map(str, words))) == 0
+    first, *others = found.values()
+    for other in others:
+        np.testing.assert_array_equal(other.status, first.status)
+        np.testing.assert_allclose(other.objective, first.objective, rtol=1e-7)

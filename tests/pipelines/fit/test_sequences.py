@@ -32,8 +32,7 @@ from shapefit.pipelines.fit.sequences import (
 )
 from shapefit.pipelines.learn_dict import run as learning
 from tests.io.files import load, save
-from tests.pipelines.fitted import fit_file
-from tests.pipelines.told import warnings
+from tests.pipelines.fitted import fit_file, warnings
 
 
 @pytest.fixture(scope="module")

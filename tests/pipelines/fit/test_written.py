@@ -1,14 +1,19 @@
-"""`fit` writes TRC, tables and meshes, and what it stores lets `convert` do so later."""
+"""`fit` writes TRC, tables, meshes and angles, and what it stores lets `convert` do so later."""
 
+import csv
+from pathlib import Path
+
+import h5py
 import numpy as np
 import pytest
 
 from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
+from shapefit.geometry.joint_angles import known_angles, measure_angles
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import write_dictionary
-from shapefit.io.skeletons import FURTHER, PEOPLE
+from shapefit.io.skeletons import FURTHER, PEOPLE, joint_columns
 from shapefit.pipelines.convert import run as convert
 from shapefit.pipelines.fit.run import run as fit
 from tests.io.files import save
@@ -106,3 +111,38 @@ def test_a_real_man_is_as_large_as_a_man_and_stands_on_his_feet(real_data, tmp_p
     assert ((man["head"][:, 1] - feet) > 1.0).all()
     # The calibration has the floor at 0, the camera's place is as good as the size of the man.
     assert min(man[joint][:, 1].min() for joint in PEOPLE) == pytest.approx(0, abs=0.15)
+
+
+HINGES = tuple(f"{joint}_{side}" for joint in ("knee_angle", "elbow_flex") for side in "rl")
+QUANTILE = 1.645
+"""Of the normal distribution: 90% lie within so many deviations."""
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_hinges_of_a_man_on_a_beam(real_data, tmp_path):
+    errors, deviations = [], []
+    for camera in ("cam01", "cam03"):
+        landmarks = real_data / f"detected/pose2sim_balancing/{camera}.h5"
+        output = tmp_path / f"{camera}.angles.csv"
+        arguments = {"landmarks": [str(landmarks)], "dictionary": "people", "output": str(output)}
+        rate = ["frame_rate=60"]
+        list(fit(load_config("fit", Path("sequences"), rate, arguments)))
+        with output.open() as file:
+            rows = list(csv.DictReader(file))
+        with h5py.File(landmarks) as file:
+            joints = joint_columns(file["landmark_names"].asstr()[()])
+            shapes = file["true_shapes"][()].swapaxes(1, 2)
+        truth = dict(
+            zip(
+                (angle.name for angle in known_angles(joints)),
+                measure_angles(shapes, np.array([0.0, -1.0, 0.0]), joints)[0].T,
+                strict=True,
+            )
+        )
+        for name in HINGES:
+            errors.append(np.array([float(row[name]) for row in rows]) - truth[name])
+            deviations.append(np.array([float(row[f"{name}_sd"]) for row in rows]))
+    distance = np.abs(errors)
+    assert distance.mean() == pytest.approx(13.6, rel=0.02)
+    assert (distance <= QUANTILE * np.array(deviations)).mean() == pytest.approx(0.936, abs=0.02)

@@ -1,7 +1,6 @@
 """`learn-dict` of 3D shapes: what is learned from, atoms by three methods, priors, meshes."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +14,10 @@ from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.procrustes import generalised_procrustes, mirror, rotation_onto
 from shapefit.io import digest, read_dictionary, read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
-from shapefit.meshes.dense import carry_mesh, mesh_of_atoms
-from shapefit.pipelines.learn_dict import from_3d
 from shapefit.pipelines.learn_dict.from_3d import every_nth
 from shapefit.pipelines.learn_dict.run import run
+from tests.pipelines.fitted import failures, warnings
 from tests.pipelines.learn_dict.conftest import EDGES, FACES
-from tests.pipelines.told import failures, warnings
 
 LEARNED = {"k": 4, "iterations": 5}
 EXEMPLARS = {"method": "exemplars"}
@@ -66,37 +63,6 @@ class TestSparseCoding:
         grown = dictionary.atom_scale * std(dictionary.atoms)
         share = learned.coefficients / learned.coefficients.sum(axis=0)
         np.testing.assert_allclose(grown, share.T @ normalised.scale, rtol=1e-12)
-
-    @pytest.mark.parametrize("align", ["all", "none"])
-    def test_vertices_go_with_the_landmarks_on_which_they_lie(self, make, models, align):
-        dictionary, outcomes = make(models, align=align, **LEARNED)
-        assert warnings(outcomes) == []
-        np.testing.assert_allclose(
-            dictionary.mesh_vertices, dictionary.atoms[:, :, :4], rtol=0, atol=1e-12
-        )
-        np.testing.assert_array_equal(dictionary.mesh_faces, FACES)
-
-    def test_meshes_mixed_otherwise_follow_the_mixture(self, make, models, rng):
-        meshes = rng.standard_normal((12, 3, 7))
-        dictionary, _ = make(models.replaced(mesh_vertices=meshes), **LEARNED)
-        normalised = normalise(models.shapes)
-        alignment = generalised_procrustes(normalised.points)
-        carried = carry_mesh(meshes, normalised, alignment.rotations)
-        expected = mesh_of_atoms(dictionary.atoms, alignment.shapes, carried)
-        np.testing.assert_array_equal(dictionary.mesh_vertices, expected)
-
-    def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(self, make, models, monkeypatch):
-        def learn_elsewhere(shapes, *settings, **options):
-            *_, learned = learn(shapes, *settings, **options)
-            bent = learned.atoms + 0.1 * np.sin(np.arange(15)).reshape(3, 5)
-            yield replace(learned, atoms=bent - bent.mean(axis=-1, keepdims=True))
-
-        monkeypatch.setattr(from_3d, "learn", learn_elsewhere)
-        dictionary, outcomes = make(models.take([0, 1, 2, 3]), **LEARNED)
-        assert warnings(outcomes) == [
-            "the meshes are left out: an atom is not a linear combination of the training shapes"
-        ]
-        assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
 
 
 class TestExemplars:

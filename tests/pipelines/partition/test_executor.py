@@ -18,9 +18,8 @@ import pytest
 from shapefit.config import load_config
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
-from shapefit.pipelines.partition.executor import Job, do_jobs, result_of
 from shapefit.pipelines.partition.manifest import Part
-from shapefit.pipelines.partition.run import find_parts
+from shapefit.pipelines.partition.run import Job, do_jobs, find_parts, result_of
 from tests.cli.conftest import run_in
 from tests.pipelines.partition.made import entries, make_dictionary, make_images
 from tests.pipelines.partition.made import same_bits as same_results

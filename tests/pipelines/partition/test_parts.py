@@ -15,10 +15,10 @@ from shapefit.errors import InputError
 from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
-from shapefit.pipelines.partition import executor as parting
+from shapefit.pipelines.partition import run as parting
 from shapefit.pipelines.partition.run import find_parts, run
+from tests.pipelines.fitted import done, failures
 from tests.pipelines.partition.made import NAMES, entries, make_dictionary, make_images, same_bits
-from tests.pipelines.told import done, failures
 
 OUT = Path("out")
 MANIFEST = OUT / "manifest.jsonl"
