@@ -187,7 +187,9 @@ class Records:
         position = np.full(p + 1, -1)
         position[columns] = np.arange(len(names))
         position[p] = -1
-        changes = {self.LAYOUT.points: _with_unseen(self.points, 2, np.nan)[..., columns]}
+        # sums round by the order in memory, and results with them
+        points = np.ascontiguousarray(_with_unseen(self.points, 2, np.nan)[..., columns])
+        changes = {self.LAYOUT.points: points}
         for name in ("confidence", *LABELS):
             values = self.per_item.get(name)
             if values is not None and values.shape[:2] == (len(self), p):

@@ -188,7 +188,7 @@ def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
     sample = min(total, LARGEST) if lifter.row.has_prior else 0
     liftings = total + sample * len(FACTORS) ** 2
     for number in (1, TIMED):  # the first call also imports
-        timed = images.take(evenly(len(images), number))
+        timed = images.take(slice(None, None, max(1, -(-len(images) // number))))
         began = time.perf_counter()
         lift_images(timed, lifter)
         seconds = (time.perf_counter() - began) / max(len(timed), 1)

@@ -191,8 +191,7 @@ def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> Integers:
             partners[[first, second]] = second, first
     else:
         partners = shapes.columns.get("mirror_index", points)
-    numbers = partners.shape == points.shape and partners.dtype.kind in "iu"
-    moved = numbers and np.isin(partners, points).all() and (partners != points).any()
+    moved = np.isin(partners, points).all() and (partners != points).any()
     if not moved or (partners[partners] != points).any():
         fault = "`mirror`, or the dataset `mirror_index` of the shapes, does not pair landmarks"
         fix = "name each landmark of a pair once, `mirror: {rhip: lhip}`"

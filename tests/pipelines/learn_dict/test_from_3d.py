@@ -214,8 +214,8 @@ class TestMirror:
 
     @pytest.mark.parametrize(
         "index",
-        [None, [1, 2, 0, 3, 4], [1, 0, 3, 5, 4], [0, 1, 2, 3, 4], [1, 0, 3, 2], [1.0] * 5],
-        ids=["absent", "cycle", "too high", "nobody has a partner", "too few", "no integers"],
+        [None, [1, 2, 0, 3, 4], [1, 0, 3, 5, 4], [0, 1, 2, 3, 4]],
+        ids=["absent", "cycle", "too high", "nobody has a partner"],
     )
     def test_an_index_that_pairs_nothing_is_refused(self, make, faces, index):
         further = {} if index is None else {"mirror_index": np.array(index)}
