@@ -137,10 +137,12 @@ def digests(paths: Iterable[Path]) -> dict[str, str]:
 def digest(path: Path) -> str:
     """SHA-256 of the file in hexadecimal; `stream` for what cannot be read twice (`-`, a pipe).
 
-    That of a folder is the digest of the names and digests of its files, in their order.
+    That of a folder is the digest of the names and digests of its files, in their order, but for
+    hidden ones, such as a result that is being written there.
     """
     if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.is_file())
+        shown = (file for file in path.iterdir() if not file.name.startswith("."))
+        files = sorted(file for file in shown if file.is_file())
         text = "".join(f"{path_text(file.name)} {digest(file)}\n" for file in files)
         return hashlib.sha256(text.encode()).hexdigest()
     if not is_stream(path):

@@ -15,7 +15,6 @@ from shapefit.geometry.procrustes import generalised_procrustes, similarity_tran
 from shapefit.geometry.rotations import rotation_about
 from shapefit.meshes.dense import (
     carry_mesh,
-    mesh_of_atoms,
     metric_scale,
 )
 from shapefit.meshes.pictures import (
@@ -64,20 +63,6 @@ def test_a_mesh_is_carried_as_its_landmarks_are(rng):
     normalised, alignment = normalised_models(shapes)
     carried = carry_mesh(shapes, normalised, alignment.rotations)
     np.testing.assert_allclose(carried, alignment.shapes, atol=1e-13)
-
-
-def test_atoms_mixed_from_shapes_have_meshes_mixed_alike(rng):
-    shapes, meshes = rng.normal(size=(5, 3, 7)), rng.normal(size=(5, 3, 20))
-    mixture = rng.normal(size=(4, 5))
-    mixed = mesh_of_atoms(np.tensordot(mixture, shapes, 1), shapes, meshes)
-    np.testing.assert_allclose(mixed, np.tensordot(mixture, meshes, 1), atol=1e-12)
-    np.testing.assert_allclose(mesh_of_atoms(shapes[3:], shapes, meshes), meshes[3:], atol=1e-12)
-
-
-def test_an_atom_out_of_the_span_of_the_shapes_is_refused(rng):
-    shapes, meshes = rng.normal(size=(5, 3, 7)), rng.normal(size=(5, 3, 20))
-    with pytest.raises(ValueError, match="not a linear combination"):
-        mesh_of_atoms(shapes[:2] + 1e-3 * rng.normal(size=(2, 3, 7)), shapes, meshes)
 
 
 def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):
