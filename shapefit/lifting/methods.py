@@ -239,12 +239,12 @@ def find_conflict(fit: Any) -> str | None:
     of_prior = [f"prior.{key}" for key in sorted(fit.prior.model_fields_set)]
     of_prior += ["skeleton"] if "skeleton" in given and fit.skeleton is not None else []
     of_prior += ["save.covariance"] if fit.save.covariance else []
-    if fit.outliers in ROBUST and fit.loss not in method.losses:
+    if fit.outliers in ROBUST and fit.outliers not in method.losses:
         fault, fix = f"does not support `outliers: {fit.outliers}`", "use `method: convex`"
     elif fit.leave_one_out and method.has_prior:
         fault = "has a prior that was learned from all shapes; `leave_one_out` needs another"
         fix = "use another method, or a dictionary learned without the shapes"
-    elif fit.camera.model == "perspective" and method.perspective == "none":
+    elif fit.camera.focal not in ("auto", "none") and method.perspective == "none":
         fault, fix = "has no perspective camera", "leave out `camera.focal`"
     elif of_prior and not method.has_prior:
         priors = listed(f"`method: {key}`" for key, row in METHODS.items() if row.has_prior)

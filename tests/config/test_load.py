@@ -171,7 +171,7 @@ MINE = {"landmarks": ("a.h5",), "dictionary": "b.h5", "output": "r.h5"}
 
 def test_the_settings_of_a_preset_count_without_its_data(folder):
     config = load_config("fit", Path("cars"), (), MINE)
-    assert (config.method, config.lam, config.camera.model) == ("convex+refine", 1.0, "perspective")
+    assert (config.method, config.lam, config.camera.focal) == ("convex+refine", 1.0, "files")
     assert config.landmarks == (folder / "a.h5",)
     assert config.data is config.leave_one_out is config.camera.principal_point is None
     report = load_config("eval", Path("cars"), (), EVAL)

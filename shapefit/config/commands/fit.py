@@ -20,7 +20,6 @@ from shapefit.config.paths import (
 from shapefit.lifting.methods import (
     AUTO,
     METHODS,
-    ROBUST,
     PosteriorOptions,
     find_conflict,
     summarise,
@@ -47,13 +46,6 @@ class CameraConfig(ConfigModel):
     """File of cameras: TOML of anipose, Pose2Sim, caliscope or FreeMoCap, or OpenCV's."""
     name: Text | None = None
     """The camera of the calibration, by section, name or port; not needed if there is one."""
-
-    @property
-    def model(self) -> str:
-        """The model of the projection: auto, weak-perspective or perspective."""
-        if self.focal == "auto":
-            return "auto"
-        return "weak-perspective" if self.focal == "none" else "perspective"
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
@@ -130,28 +122,6 @@ class FitConfig(MetresConfig):
     """Threads to solve with; 0 is one per core."""
     signed: Annotated[bool, HIDDEN] = False
     """Coefficients of either sign, for methods that alternate between shape and rotation."""
-
-    @property
-    def loss(self) -> str:
-        """The data term of the convex program."""
-        return self.outliers if self.outliers in ROBUST else "squared"
-
-    @property
-    def searches_outliers(self) -> bool:
-        """Whether outliers are rejected before the fit."""
-        return self.outliers not in ("none", *ROBUST)
-
-    @property
-    def solver_tolerance(self) -> float:
-        """The tolerance given, or that of the method."""
-        return METHODS[self.method].tolerance if self.tolerance is None else self.tolerance
-
-    @property
-    def saves_proof(self) -> bool:
-        """Whether the certificate is stored."""
-        if self.save.proof is not None:
-            return self.save.proof
-        return not METHODS[self.method].has_prior
 
     @model_validator(mode="after")
     def _belong_together(self) -> Self:

@@ -105,7 +105,8 @@ def find_extent(images: LandmarkSet) -> float:
 
 def camera_of(config: CameraConfig) -> Callable[[LandmarkSet], Camera] | None:
     """Return what gives the cameras of images by a config, None for weak perspective."""
-    return partial(find_camera, config=config) if config.model == "perspective" else None
+    assumed = config.focal in ("auto", "none")
+    return None if assumed else partial(find_camera, config=config)
 
 
 def find_camera(images: LandmarkSet, config: CameraConfig | None = None) -> Camera:

@@ -25,6 +25,7 @@ from shapefit.lifting.lift import BETA, Group, Lifting, Program, lift, merge
 from shapefit.lifting.methods import (
     METHODS,
     MIN_CONFIDENCE,
+    ROBUST,
     Method,
     PosteriorOptions,
     Settings,
@@ -98,14 +99,15 @@ def lifter_of(config: FitConfig, dictionary: Dictionary) -> Lifter:
     lam, prior = None if config.lam == "auto" else config.lam, config.prior
     beta, noise = config.outlier_threshold or BETA, config.noise or 0.0
     threshold = config.outlier_threshold or RANSAC_THRESHOLD
+    loss = Loss(config.outliers) if config.outliers in ROBUST else Loss.SQUARED
     chosen = {
         "dictionary": dictionary,
         "camera": camera_of(config.camera),
-        "program": Program(lam, Loss(config.loss), beta, noise),
+        "program": Program(lam, loss, beta, noise),
         "residual_variance": prior.residual_variance,
         "posterior": PosteriorOptions(bar_scale=prior.bar_scale, covariance=config.save.covariance),
         "prior_scale": prior.scale or 1.0,
-        "outlier_threshold": threshold if config.searches_outliers else None,
+        "outlier_threshold": threshold if config.outliers == "ransac" else None,
     }
     return Lifter(**shared | chosen)
 

@@ -218,8 +218,10 @@ def choose_method(
         given = config.prior.model_fields_set
         values = OF_PEOPLE[config.method].items()
         config = config.changed(prior={key: value for key, value in values if key not in given})
-    resolved = {"tolerance": config.solver_tolerance, "save": {"proof": config.saves_proof}}
-    return config.changed(**resolved), line
+    row, tolerance, proof = METHODS[config.method], config.tolerance, config.save.proof
+    tolerance = row.tolerance if tolerance is None else tolerance
+    proof = not row.has_prior if proof is None else proof
+    return config.changed(tolerance=tolerance, save={"proof": proof}), line
 
 
 def in_sequences(config: FitConfig) -> bool:

@@ -55,7 +55,7 @@ def as_result(
         **estimate.further,
         **trusted(lifting, scaled, setup),
         **of_camera(lifting, setup),
-        **(proof(lifting, config.method, failed) if config.saves_proof else {}),
+        **(proof(lifting, config.method, failed) if config.save.proof else {}),
         "shape_covariance": by_landmark(scaled.covariance) if config.save.covariance else None,
     }
     stored = {name: values for name, values in datasets.items() if values is not None}
