@@ -20,4 +20,5 @@ def median(values: NDArray[Any]) -> float:
 
 def evenly(n: int, most: int) -> NDArray[np.intp]:
     """Return at most so many indices out of n that lie evenly."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.intp))
+    rows = np.linspace(0, n - 1, min(n, most)).astype(np.intp)
+    return rows[np.diff(rows, prepend=-1) > 0]  # np.unique imports numpy.ma

@@ -9,6 +9,7 @@ from shapefit.cli.main import run
 
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io import read_results
+from shapefit.pipelines.meshes import write_meshes
 from tests.pipelines.fitted import fit_file
 
 SMOOTH = 30
@@ -151,9 +152,10 @@ def cars(world, tmp_path_factory):
     folder = tmp_path_factory.mktemp("cars")
     cameras = {"weak": {}, "perspective": {"focal": "files"}}
     for name, camera in cameras.items():
-        export = {"folder": folder / name}
-        keys = {"method": "convex+refine", "camera": camera, "export": export, "lambda": 1.0}
-        fit_file(world.images("cars"), world.dictionary("cars"), folder / f"{name}.h5", **keys)
+        keys = {"method": "convex+refine", "camera": camera, "lambda": 1.0}
+        result, dictionary = folder / f"{name}.h5", world.dictionary("cars")
+        fit_file(world.images("cars"), dictionary, result, **keys)
+        list(write_meshes((result,), dictionary, folder / name, "ply"))
     return folder
 
 
