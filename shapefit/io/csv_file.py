@@ -375,11 +375,10 @@ def split_columns(text: str, width: int) -> list[list[str]] | None:
     text = text.removesuffix("\n")
     letters = np.frombuffer(text.encode() + b"\n", np.uint8)
     ends, commas = np.flatnonzero(letters == ord("\n")), np.flatnonzero(letters == ord(","))
-    if len(commas) != len(ends) * (width - 1):
+    first, last = commas[:: width - 1], commas[width - 2 :: width - 1]  # of each line
+    if len(commas) != len(ends) * (width - 1) or (last > ends).any():
         return None
-    if (commas[width - 2 :: width - 1] > ends).any() or (
-        commas[:: width - 1][1:] < ends[:-1]
-    ).any():
+    if (first[1:] < ends[:-1]).any():
         return None
     cells = text.replace("\n", ",").split(",")
     columns = [cells[column::width] for column in range(width)]

@@ -186,7 +186,6 @@ class Records:
         columns = np.array([column_of.get(name, p) for name in names], np.intp)  # p: unseen
         position = np.full(p + 1, -1)
         position[columns] = np.arange(len(names))
-        position[p] = -1
         # sums round by the order in memory, and results with them
         points = np.ascontiguousarray(_with_unseen(self.points, 2, np.nan)[..., columns])
         changes = {self.LAYOUT.points: points}

@@ -123,6 +123,7 @@ def test_a_landmark_with_half_a_position_is_unseen(csv, cells, read_views):
 
 
 @given(st.text(st.sampled_from('aaa,,,\n\n"\r'), min_size=1, max_size=12))
+@example("a,a,a\na")
 @settings(max_examples=300)
 def test_what_is_split_is_never_read_in_another_way(text):
     columns = split_columns(text, 2)
