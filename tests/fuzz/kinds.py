@@ -16,7 +16,7 @@ from shapefit.cli.main import run
 
 from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
-from tests.io.readers import detector_files, tracker_files
+from tests.io.readers.made import DETECTORS, TRACKERS
 
 from .spoil import (
     NAMES,
@@ -68,9 +68,9 @@ def make_base_files(folder: Path) -> None:
     )
     write_shapes(Path("shapes.h5"), meshed)
     write_shapes(Path("shapes.csv"), few)
-    for files, (n, p) in ((tracker_files, (5, 4)), (detector_files, (4, 5))):
+    for writers, (n, p) in ((TRACKERS, (5, 4)), (DETECTORS, (4, 5))):
         points = rng.integers(1, 600, (n, 2, p, 2)).astype(float)
-        for name, write in files.WRITERS.items():
+        for name, write in writers.items():
             write(folder / name, points, rng.uniform(size=(n, 2, p)))
     learn = ("learn-dict", "shapes.h5")
     camera = ("--set", "camera.view=random", "--set", "hidden=0.1")
@@ -146,7 +146,7 @@ def make_ours(rng: Random, folder: Path) -> Command:
 
 def make_tracker(rng: Random, folder: Path) -> Command:
     """Spoil a file of a tracker of animals, and convert it."""
-    name = rng.choice(list(tracker_files.WRITERS))
+    name = rng.choice(list(TRACKERS))
     with suppress(ValueError, IndexError):  # changes that need a row with cells
         (spoil_table if name.endswith(".csv") else spoil_hdf5)(rng, folder / name)
     return ("convert", name, "-o", rng.choice(("out.h5", "out.csv")))
@@ -155,7 +155,7 @@ def make_tracker(rng: Random, folder: Path) -> Command:
 def make_detector(rng: Random, folder: Path) -> Command:
     """Spoil a file of a detector of people, one of its folder, or of 3D motion, and convert it."""
     shutil.copytree(MOTION, folder, dirs_exist_ok=True)
-    name = rng.choice((*detector_files.WRITERS, "m.trc", "m.bvh", "m.amc", "m.csv"))
+    name = rng.choice((*DETECTORS, "m.trc", "m.bvh", "m.amc", "m.csv"))
     path = folder / name
     if path.is_dir():
         path = rng.choice(sorted(path.iterdir()))

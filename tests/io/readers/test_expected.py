@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.io.detect import FORMATS, detect_format, group_inputs
+from shapefit.io.detect import FORMATS, group_inputs
 from shapefit.io.layout import FRAME
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.readers.items import read_poses
@@ -44,19 +44,6 @@ READ = [entry for entry in ENTRIES if is_read(entry)] or [ABSENT]
 
 def test_no_entry_is_left_out(real_data):
     assert [entry["path"] for entry in ENTRIES if not is_read(entry)] == []
-
-
-WITHOUT_REAL_FILES = {"anipose-csv", "arrays", "mediapipe", "table"}
-WITHOUT_REAL_FILES |= {"mmpose-images", "mmpose-video", "vicon-csv"}
-"""Formats of which there are made files only; files of Acclaim lie beside the motion capture."""
-
-
-def test_every_format_is_read_from_a_real_file_where_there_is_one(real_data):
-    names = {known.title: name for name, known in FORMATS.items()}
-    files = [real_data / "formats" / entry["path"] for entry in ENTRIES]
-    files.append(real_data / "mocap/asfamc/86/86_01.amc")
-    found = {names[detect_format(path).title] for path in files}
-    assert found == FORMATS.keys() - WITHOUT_REAL_FILES - {"hdf5", "csv"}
 
 
 @pytest.fixture(params=READ, ids=lambda entry: entry["path"])

@@ -1,14 +1,20 @@
 """What is wrong with a file of a detector or a tracker is said with its place and a fix."""
 
+import gzip
 import json
+import pickle
 
 import numpy as np
 import pytest
 
 from shapefit.errors import InputError
+from shapefit.io import inputs, open_landmarks
+from shapefit.io.detect import FORMATS, detect_format
+from shapefit.io.options import InputOptions
+from shapefit.io.source import find_kind
 from tests.io.files import load_shapes
 
-from .conftest import read_images as read
+from .made import read_images as read
 from .test_motion import ANIPOSE, BVH, FLY, FRAMES, HEAD, ROWS, TREE, VICON
 
 PERSON = "pose_keypoints_2d"
@@ -36,8 +42,6 @@ REFUSED = [
     ("0.json", {"people": [{PERSON: 3}]}, "a person without a list of keypoints"),
     ("0.json", {"people": [{PERSON: [1, 2]}]}, "a person of 2 numbers, not 3"),
     ("0.json", {"people": [{PERSON: [1, "a", 2]}]}, "string to float: 'a'.*; export it again"),
-    ("0.json", {"shapes": [], "imagePath": ""}, "is JSON of no known kind, an object"),
-    ("0.json", [1, 2, 3], "a list of objects without names"),
     # COCO
     ("a.json", annotated(1, 2, 2), "cannot reshape array of size 3"),
     ("a.json", annotated(1, 2, 2, category=7), "a.json: cannot be read as .* has no 7"),
@@ -141,3 +145,101 @@ def test_what_is_wrong_is_named(tmp_path, name, content, message):
     keypoints = {} if name.endswith((".csv", ".txt", ".npy")) else {"keypoints": "numbered"}
     with pytest.raises(InputError, match=message):
         load_shapes(path) if shapes else read(path, **keypoints)
+
+
+# Files that are no recordings: each is named for what it is, in one line.
+
+TEXT = b"scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1,2,0.5\n"
+
+
+def refusal(path) -> str:
+    with pytest.raises(InputError) as error, open_landmarks([path]):
+        pass
+    text = str(error.value)
+    assert text.startswith(str(path))
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize("name", ["walk.json", "walk.csv", "walk.csv.gz", "walk"])
+@pytest.mark.parametrize(
+    "content",
+    [gzip.compress(b"\0" + TEXT), pickle.dumps({"weight": 1}, 2), b"CDF\2" + bytes(60)],
+    ids=[
+        "gzip of no text",
+        "pickle",
+        "netcdf 3",
+    ],  # contents hold the time, and make no stable names
+)
+def test_files_that_are_not_text(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert "neither text nor of a known format; give the landmarks that a" in refusal(path)
+
+
+TIDY = b"item,landmark,x,y\ni,a,250,5\ni,b,75,125\n"
+TRACKS = b"frame,track_id,nose_x,nose_y,hip_x,hip_y\n0,1,10,20,30,50\n0,2,11,21,31,51\n"
+ARRAY = b"[[[1,2],[3,4]]]"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("t.csv", TIDY), ("w.csv", TRACKS), ("d.csv", TEXT), ("a.json", ARRAY), ("bare", TIDY)],
+)
+def test_text_that_gzip_made_smaller(tmp_path, monkeypatch, name, content):
+    (tmp_path / name).write_bytes(content)
+    packed = tmp_path / f"{name}.gz"
+    packed.write_bytes(gzip.compress(content))
+    options = InputOptions(keypoints="numbered")
+    plain, found = (whole(path, options) for path in (tmp_path / name, packed))
+    np.testing.assert_array_equal(found.landmarks, plain.landmarks)
+    assert (found.items, found.sequences) == (plain.items, plain.sequences)
+    assert detect_format(packed) is detect_format(tmp_path / name)
+    packed.write_bytes(gzip.compress(content)[:-8])  # cut off
+    assert "cannot be unpacked" in refusal(packed)
+    packed.write_bytes(gzip.compress(content + b" " * 5_000_000))
+    assert packed.stat().st_size < 10_000
+    monkeypatch.setattr(inputs, "LARGEST_BYTES", 1_000_000)
+    if content != TIDY:  # which is read block by block
+        assert "more than 1 MB of text, and it is read whole" in refusal(packed)
+
+
+def whole(path, options):
+    with open_landmarks([path], options) as source:
+        return source.whole()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("calibration.toml", '[cam_0]\nname = "A"\nmatrix = [[1.0, 0.0], [0.0, 1.0]]\n'),
+        ("calibration.yaml", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n"),
+        ("calibration.json", '{"cam_0": {"matrix": [[1, 0], [0, 1]], "size": [3, 4]}}'),
+    ],
+)
+def test_a_calibration_is_no_file_of_landmarks(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_text(content)
+    assert refusal(path).endswith(
+        "is a calibration of cameras, not landmarks; give it as --calibration"
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("scorer;a;a;a", "separates its cells by semicolons; save it with commas"),
+        ("scorer\ta\ta\ta", "separates its cells by tabs; save it with commas"),
+        ("track,frame_idx,instance.score,nose.x,nose.y,nose.score", "the header is 'track,frame_"),
+    ],
+)
+def test_tables_of_another_kind(tmp_path, line, found):
+    path = tmp_path / "walk.csv"
+    path.write_text(f"{line}\n")
+    assert found in refusal(path)
+
+
+def test_a_folder_in_a_format_of_files_is_refused(tmp_path):
+    for name in [name for name, form in FORMATS.items() if not form.together]:
+        with pytest.raises(InputError, match=r"it is a folder, and .* is a file; name the files"):
+            find_kind(tmp_path, InputOptions(format=name))

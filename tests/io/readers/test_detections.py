@@ -1,5 +1,6 @@
 """JSON and labels of detectors: made files, and what is read from them."""
 
+import json
 import os
 
 import numpy as np
@@ -8,9 +9,23 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io.readers.detections import read_coco_annotations
 
-from .conftest import read_images as read
+from .made import read_images as read
 
 NAN = np.nan
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Write contents as JSON (or text) under a name, and return the path."""
+
+    def write(name, contents):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        text = contents if isinstance(contents, str) else json.dumps(contents)
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
 
 
 def person(points=17, **further):
@@ -319,14 +334,3 @@ def test_the_layout_of_lines_is_found(rng, tmp_path, count, mark, tail):
     found, _ = read(tmp_path)
     assert np.allclose(found.landmarks.swapaxes(1, 2), points)
     assert (found.landmark_names[0] == "nose") == (count == 17)
-
-
-def test_files_in_any_order_are_read_by_their_names(rng, tmp_path):
-    paths = [tmp_path / f"a_{frame}.txt" for frame in (1, 2, 10)]
-    for path in paths:
-        cells = " ".join(f"{x:.3f} {y:.3f} 2" for x, y in rng.uniform(0.1, 0.9, (4, 2)))
-        path.write_text(f"0 0.5 0.5 0.2 0.4 {cells}\n")
-    in_order, reversed_order = read(*paths)[0], read(*paths[::-1])[0]
-    assert [item.split("/")[1] for item in in_order.items] == ["1", "2", "10"]
-    assert in_order.items == reversed_order.items
-    np.testing.assert_array_equal(in_order.landmarks, reversed_order.landmarks)

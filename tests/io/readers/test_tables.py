@@ -9,9 +9,9 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
 from shapefit.io.detect import detect_format
-from tests.io.readers.detector_files import write_array, write_long, write_mediapipe, write_wide
 
-from .conftest import read_images as read
+from .made import read_images as read
+from .made import write_array, write_long, write_mediapipe, write_wide
 
 NAMES = [f"point{number}" for number in range(4)]
 
@@ -64,6 +64,7 @@ WIDE = "frame,nose_x,nose_y,tail_x,tail_y\n7,1,2,30,40\n8,5,6,70,80\n"
         WIDE.replace("frame,", "").replace("7,1", "1").replace("8,5", "5"),
         WIDE.replace(",", "\t").upper(),
         WIDE.replace("_", "."),
+        "frame,x_nose,y_nose,x_tail,y_tail\n" + WIDE.partition("\n")[2],
         "\ufeff" + WIDE.replace("\n", "\r\n"),
         "Frame;Body Part;x;y\n8;nose;5,0;6,0\n7;tail;30,0;40,0\n7;nose;1;2\n8;tail;70;80\n",
         "video,frame,x1,y1,x2,y2\nv,7,1,2,30,40\nv,8,5,6,70,80\n",
@@ -190,15 +191,6 @@ def test_columns_of_individuals(tmp_path, column, cells, names):
     same, _ = read(table(tmp_path / "t.csv", wide))
     assert same.items == images.items
     np.testing.assert_array_equal(same.landmarks, images.landmarks)
-
-
-def test_axes_may_stand_before_the_names_of_landmarks(tmp_path):
-    text = "frame,x_nose,y_nose,score_nose,x_tail,y_tail\n7,1,2,0.5,30,40\n"
-    images, notes = read(table(tmp_path / "t.csv", text))
-    assert images.landmark_names == ("nose", "tail")
-    assert images.landmarks[0].T.tolist() == [[1, 2], [30, 40]]
-    assert images.confidence.tolist() == [[0.5, 1]]
-    assert notes == ()
 
 
 def test_tables_in_metres_are_shapes_in_metres(tmp_path):
