@@ -35,14 +35,9 @@ def read_images(*paths: Path, **options: Any) -> tuple[LandmarkSet, tuple[str, .
         return source.whole(), source.notes
 
 
-def landmark_names(count: int) -> tuple[str, ...]:
-    """Return names for landmarks."""
-    return tuple(f"point{number}" for number in range(count))
-
-
-def individual_names(count: int) -> tuple[str, ...]:
-    """Return names for individuals."""
-    return tuple(f"animal{number}" for number in range(count))
+def landmark_names(count: int, kind: str = "point") -> tuple[str, ...]:
+    """Return names for landmarks, or for something else."""
+    return tuple(f"{kind}{number}" for number in range(count))
 
 
 def _columns(points: Floats, confidence: Floats) -> tuple[list[tuple[str, ...]], Floats]:
@@ -52,7 +47,7 @@ def _columns(points: Floats, confidence: Floats) -> tuple[list[tuple[str, ...]],
     values = points if d == 3 else np.concatenate([points, confidence[..., None]], axis=-1)
     columns = [
         ("net", *((who,) if many > 1 else ()), landmark, axis)
-        for who in individual_names(many)
+        for who in landmark_names(many, "animal")
         for landmark in landmark_names(p)
         for axis in axes
     ]
@@ -60,7 +55,6 @@ def _columns(points: Floats, confidence: Floats) -> tuple[list[tuple[str, ...]],
 
 
 def write_deeplabcut_csv(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write a table of predictions as CSV."""
     columns, rows = _columns(points, confidence)
     levels = ["scorer", "individuals", "bodyparts", "coords"]
     if points.shape[1] == 1:
@@ -80,7 +74,6 @@ def pickled(columns: Sequence[tuple[str, ...]]) -> bytes:
 
 
 def write_deeplabcut_hdf5(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write a table of predictions as PyTables stores it."""
     columns, rows = _columns(points, confidence)
     table = np.zeros(len(rows), [("index", "<i8"), ("values_block_0", "<f8", rows.shape[1:])])
     table["index"], table["values_block_0"] = np.arange(len(rows)), rows
@@ -94,7 +87,6 @@ def write_deeplabcut_hdf5(path: Path, points: Floats, confidence: Floats) -> Non
 
 
 def write_deeplabcut_fixed(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write a table of labels in the fixed layout of pandas."""
     columns, rows = _columns(points, confidence)
     with h5py.File(path, "w") as file:
         group = file.create_group("df_with_missing")
@@ -112,13 +104,12 @@ def write_deeplabcut_fixed(path: Path, points: Floats, confidence: Floats) -> No
 
 
 def write_sleap_analysis(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write an analysis file in SLEAP's order of axes."""
     n, many, p, _ = points.shape
     with h5py.File(path, "w") as file:
         file.create_dataset("tracks", data=points.transpose(1, 3, 2, 0), compression="gzip")
         file.create_dataset("point_scores", data=confidence.transpose(1, 2, 0), compression="gzip")
         file["node_names"] = np.array(landmark_names(p), "S")
-        file["track_names"] = np.array(individual_names(many), "S")
+        file["track_names"] = np.array(landmark_names(many, "animal"), "S")
         file["track_occupancy"] = np.ones((n, many), "u1")
         file["edge_inds"] = np.array([[0, 1]])
 
@@ -156,7 +147,7 @@ def write_slp(
         skeleton = {"nodes": [{"id": number} for number in range(p)], "links": links}
         nodes = [{"name": name} for name in landmark_names(p)]
         metadata.attrs["json"] = json.dumps({"skeletons": [skeleton], "nodes": nodes})
-        tracks = [json.dumps([0, name]) for name in individual_names(many)]
+        tracks = [json.dumps([0, name]) for name in landmark_names(many, "animal")]
         file["tracks_json"] = np.array(tracks, "S")
         file["videos_json"] = np.array([json.dumps({"backend": {"filename": "video.mp4"}})], "S")
 
@@ -171,7 +162,6 @@ def _points(points: Floats, score: Floats | None = None) -> NDArray[Any]:
 
 
 def write_nwb(path: Path, points: Floats, confidence: Floats, *, rate: float = 30.0) -> None:
-    """Write a PoseEstimation for each individual, with a skeleton."""
     _, many, p, _ = points.shape
     text = h5py.string_dtype()
     with h5py.File(path, "w") as file:
@@ -180,7 +170,7 @@ def write_nwb(path: Path, points: Floats, confidence: Floats, *, rate: float = 3
         skeleton = module.create_group("Skeletons/Skeleton")
         skeleton.create_dataset("nodes", data=list(landmark_names(p)), dtype=text)
         skeleton["edges"] = np.array([[0, 1]], "u1")
-        for who, name in enumerate(individual_names(many)):
+        for who, name in enumerate(landmark_names(many, "animal")):
             group = module.create_group(name)
             group.attrs["neurodata_type"] = "PoseEstimation"
             for landmark, node in enumerate(landmark_names(p)):
@@ -194,14 +184,13 @@ def write_nwb(path: Path, points: Floats, confidence: Floats, *, rate: float = 3
 
 
 def write_movement(path: Path, points: Floats, confidence: Floats, *, plural: bool = True) -> None:
-    """Write poses as xarray stores them, with the names of axes of older or newer versions."""
     n, many, p, d = points.shape
     ending = "s" if plural else ""
     scales = {
         "time": np.arange(n) / 30,
         "space": list("xyz"[:d]),
         f"keypoint{ending}": list(landmark_names(p)),
-        f"individual{ending}": list(individual_names(many)),
+        f"individual{ending}": list(landmark_names(many, "animal")),
     }
     with h5py.File(path, "w") as file:
         file.attrs["ds_type"], file.attrs["fps"] = "poses", np.array([30.0])
@@ -256,14 +245,12 @@ def _write(path: Path, contents: Any) -> None:
 
 
 def write_openpose(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write a file per frame into a folder."""
     for frame, people in enumerate(_flat(points, confidence)):
         found = [{"person_id": [-1], "pose_keypoints_2d": person} for person in people]
         _write(path / f"v_{frame:012d}_keypoints.json", {"version": 1.3, "people": found})
 
 
 def write_results(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write COCO results."""
     frames = enumerate(_flat(points, confidence))
     found = [
         {"image_id": frame, "category_id": 1, "keypoints": person, "score": 0.5}
@@ -293,7 +280,6 @@ def write_annotations(path: Path, points: Floats, confidence: Floats) -> None:
 
 
 def write_mmpose(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write MMPose's predictions of a video, with names."""
     names = {str(number): f"point{number}" for number in range(points.shape[2])}
     info = [
         {
@@ -309,7 +295,6 @@ def write_mmpose(path: Path, points: Floats, confidence: Floats) -> None:
 
 
 def write_caliscope(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write a row per point of the first person."""
     lines = ["sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y"]
     for frame, people in enumerate(points):
         lines += [
@@ -320,7 +305,6 @@ def write_caliscope(path: Path, points: Floats, confidence: Floats) -> None:
 
 
 def write_yolo(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write labels of an image per frame into a folder, and data.yaml."""
     path.mkdir(parents=True, exist_ok=True)
     shape = f"kpt_shape: [{points.shape[2]}, 3]\nnames: {{0: person}}\n"
     (path / "data.yaml").write_text(shape, encoding="utf-8")
@@ -340,7 +324,6 @@ def write_wide(path: Path, points: Floats, confidence: Floats) -> None:
 
 
 def write_long(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write a row per landmark of the first person."""
     lines = ["Filename,Bodypart,X,Y,Score"]
     for frame, (people, certain) in enumerate(zip(points, confidence, strict=True)):
         lines += [
@@ -351,7 +334,6 @@ def write_long(path: Path, points: Floats, confidence: Floats) -> None:
 
 
 def write_array(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write the first person as an array of NumPy, or an archive of one and its confidences."""
     if path.suffix == ".npz":
         np.savez(path, keypoints=points[:, 0], scores=confidence[:, 0])
     else:
@@ -359,7 +341,6 @@ def write_array(path: Path, points: Floats, confidence: Floats) -> None:
 
 
 def write_mediapipe(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write lists of x, y, z and visibility."""
     named = ("x", "y", "z", "visibility")
     found = [
         [
