@@ -121,6 +121,12 @@ def test_a_file_of_nwb_whose_series_differ_in_time(tmp_path, points, confidence,
     assert np.flatnonzero(seen).tolist() == [2, 5]
     assert found.landmarks[5, :, 1].tolist() == [3, 4]
     assert found.confidence[:, 1].tolist() == [0, 0, 0.5, 0, 0, 0.75, 0]
+    with h5py.File(path, "a") as file:
+        for series in file["processing/behavior/animal0"].values():
+            if "starting_time" in series:
+                del series["starting_time"]
+                series["timestamps"] = np.arange(7) / 30
+    assert read(path).frame_rate == pytest.approx(30)
 
 
 @pytest.mark.parametrize("stated", [False, True])
