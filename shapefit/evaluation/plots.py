@@ -49,11 +49,9 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
         parts.append(f'<path d="M{LEFT} {y}h24" stroke="{colour}" stroke-width="3"/>')
         parts.append(_text(LEFT + 32, y + 4, escape(name), "start"))
     size = f'width="{WIDTH + LEFT + 20}" height="{below + LINE * len(errors)}"'
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif" font-size="12">'
-    )
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif"'
     back = '<rect width="100%" height="100%" fill="#fff"/>'
-    return "\n".join([head, back, *parts, "</svg>\n"])
+    return "\n".join([f'{head} font-size="12">', back, *parts, "</svg>\n"])
 
 
 def _ticks(largest: float) -> Floats:

@@ -1,1 +1,0 @@
-"""The certificate of the convex program, recomputed from a result without the solver."""

@@ -1,1 +1,0 @@
-"""`view`: results, shapes and landmarks as one page."""

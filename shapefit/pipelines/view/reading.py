@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
-from shapefit.errors import InputError, abbreviate, input_error
-from shapefit.evaluation.metrics import FEWEST_LANDMARKS
+from shapefit.errors import InputError, input_error
 from shapefit.io import ResultSet, ShapeSet, open_landmarks, open_shapes
 from shapefit.io.detect import detect_format
-from shapefit.io.formats import CSV, HDF5
+from shapefit.io.formats import CSV
 from shapefit.io.layout import FRAME
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
@@ -142,18 +141,17 @@ def read_inputs(
 def _role(path: Path, options: InputOptions) -> Role:
     """Return what a file is shown as. CSV with a column z is a result: shapes before a camera."""
     kind = find_kind(path, options)
-    if kind == "dictionary":
-        fix = "give results, shapes or landmarks"
-        raise input_error(path, "is a shapefit-dictionary file", fix)
-    return "result" if kind == "shapes" and detect_format(path, options.format) is CSV else kind
+    if kind == "dictionary" or (kind == "shapes" and detect_format(path, options.format) is CSV):
+        return "result"
+    return kind
 
 
 def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
-    """Open files of a kind; only in our own files must shapes have all landmarks."""
+    """Open files of a kind."""
     if role == "landmarks":
         return open_landmarks(paths, options)
     if role == "shapes":
-        return open_shapes(paths, options, gaps=detect_format(paths[0], options.format) is not HDF5)
+        return open_shapes(paths, options, gaps=True)
     return open_results(paths, OPTIONAL - READ)
 
 
@@ -235,10 +233,7 @@ def _true_content(
     config: ViewConfig, truth: ShapeSet, contents: Sequence[Content], landmarks: Sequence[str]
 ) -> Content:
     """Return the true shapes of the frames. Raises InputError where there is none of any."""
-    names, place = truth.landmark_names, next(iter(config.files.values()))[0]
-    if len(set(landmarks) & set(names)) < FEWEST_LANDMARKS:
-        fault = f"fewer than 3 of its landmarks ({abbreviate(landmarks)}) are in the truth"
-        raise input_error(place, fault, f"`rename` those of the truth ({abbreviate(names)})")
+    place = next(iter(config.files.values()))[0]
     true_rows = np.full(len(contents[0].rows), -1)
     errors: list[InputError] = []
     for content in contents:

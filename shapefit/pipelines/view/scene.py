@@ -74,10 +74,8 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
     observed = first_known(in_images) if in_images else None
     layers, meshes, space_unit = make_layers(contents, truth, dictionary, observed, notes)
     length = in_usual_units(layers)
-    edges, meshed = (
-        _edges(contents, truth, dictionary, landmarks),
-        any("blend" in x for x in layers),
-    )
+    edges = _edges(contents, truth, dictionary, landmarks)
+    meshed = any("blend" in layer for layer in layers)
     if results and observed is None:
         notes.append("The results hold no observed landmarks; add the landmark file to see them.")
     given = [one.rows >= 0 for one in contents if one.role == "landmarks"]
