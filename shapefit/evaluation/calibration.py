@@ -48,10 +48,9 @@ def find_squares(
     """d^T C^-1 d, d = e_j - y_j, of the truth y = a R x + t placed in the image; and the width.
 
     a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2, t on z takes the centroid of the
-    depths to that of the estimate. Depths have no part in a: an error of a depth would become one
-    of x and y, where the error bars are tight. What a placement with the weights w = 1 / sd^2 takes
-    off the variance of x_j, its leverage h_j, is given back: d_x / sqrt(1 - h) (studentised
-    residuals).
+    depths to that of the estimate (why: docs/metrics.md). What this takes off the variance of x_j,
+    its leverage h_j with the weights 1 / sd^2, is given back: d_x / sqrt(1 - h), as in studentised
+    residuals.
 
     estimate e and deviation (n, 3, p) in the camera frame, truth x (n, 3, p), rotation R (n, 3, 3)
     from its frame there, correlation (n, 3, p) of x with y, x with z, y with z, or None for none

@@ -26,7 +26,7 @@ BARS = [f"in {level:.0%} bars" for level in QUANTILES]
 BARS_90, RATIO = (BARS[-1], "%"), ("expected / error", "")
 """Columns of error bars, and of mean expected over mean measured errors."""
 MOST_SHOWN = 10
-"""Failed images of a method that the page lists."""
+"""Failed images of a method that the page lists; report.json has all."""
 ABSENT = "–"
 """Cell of a number that does not exist."""
 SUMMARY = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
@@ -173,8 +173,6 @@ def report_markdown(report: Document, plot: str = "") -> str:
     for method in report["methods"]:
         name, failures = method["name"], method["failures"]
         failed += [f"{name}, {one['item']}: {one['reason']}" for one in failures[:MOST_SHOWN]]
-        if (more := len(failures) - MOST_SHOWN) > 0:
-            failed.append(f"{name}: {more} more, all listed in report.json")
     for title, lines in (("Failed", failed), ("Warnings", report["warnings"])):
         if lines:
             blocks += [f"## {title}", "\n".join(f"- {' '.join(line.split())}" for line in lines)]

@@ -12,11 +12,11 @@ import numpy as np
 from shapefit.config import CONFIGS, InfoConfig
 from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning
-from shapefit.errors import InputError, abbreviate, counted, input_error, listed
+from shapefit.errors import InputError, abbreviate, counted, listed
 from shapefit.io import open_landmarks, open_shapes, read_dictionary
 from shapefit.io.detect import detect_format, group_inputs
 from shapefit.io.formats import FileFormat
-from shapefit.io.inputs import is_stream, source_name
+from shapefit.io.inputs import source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import installed_skeletons
@@ -42,9 +42,6 @@ def run(config: InfoConfig) -> Iterator[Result]:
     if not config.files:
         yield Result(note=describe_installed())
         return
-    if any(map(is_stream, config.files)):
-        problem = "standard input can be read only once"
-        raise input_error("-", problem, "save it to a file and name that")
     options = input_options(config)
     folders = find_folders(config.files)
     descriptions = [describe_folder(folder, manifest) for folder, manifest in folders.items()]

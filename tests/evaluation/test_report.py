@@ -124,14 +124,6 @@ def test_the_page_has_groups_and_methods_down_and_metrics_across():
     ]
 
 
-@pytest.mark.parametrize(("failed", "more"), [(10, ""), (11, "1 more"), (25, "15 more")])
-def test_many_failures_are_cut_in_the_page(failed, more):
-    text = report_markdown(make_report({"all": ("s",)}, failed))
-    assert text.count("no shape") == 10
-    assert more in text
-    assert bool(more) == (" more, all listed in report.json" in text)
-
-
 def test_the_few_lines_say_errors_images_and_what_bars_hold():
     assert short_lines(make_report({"all": ("s",)})) == [
         "convex   error aligned 30.0 mean, 20.0 median (mm); rotation 18.0 mean, 3.0 median (deg); "

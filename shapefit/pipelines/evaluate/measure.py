@@ -27,8 +27,6 @@ from shapefit.pipelines.items import BY_FRAME, BY_ITEM, find_truth, keys_of, nam
 
 FOR_ALL = ("true_rotation", "rotation", "shape_correlation", "bounding_box")
 """Datasets that are taken beside those that metrics need."""
-BOX_UNIT = "box"
-"""Unit of distances in an image as shares of the diagonal of the object's box."""
 OF_JOINTS = {"landmarks", "confidence", "outliers", "corrupted", "dual", "landmarks_fitted"}
 OF_JOINTS |= {"shape_correlation", "shape_covariance"}
 """Datasets with an axis of the joints, which results have for these but not for the input."""
@@ -260,7 +258,7 @@ def _errors(
             by_unit = {NORMALISED: error, unit: error} | {NORMALISED: error / scale}
         elif metric.unit == m.IMAGE:
             box = m.box_diagonal(data["landmarks"], data["bounding_box"])
-            by_unit = {image_unit: error, BOX_UNIT: error / box}
+            by_unit = {image_unit: error, "box": error / box}
         for of_unit, values in by_unit.items():
             errors[name, of_unit] = np.where(np.isfinite(values), values, np.nan)
     absent = [*dict.fromkeys(chain(*lacking.values()))]
@@ -279,8 +277,7 @@ def _failures(
     reasons = {}
     for i in np.flatnonzero(failed).tolist():
         lost = [f"{name} ({unit})" for (name, unit), v in certain.items() if np.isnan(v[i])]
-        reason = f"{common[i].sum()} landmarks are on both sides, and a value for "
-        reason += f"{', '.join(lost)} is missing"
+        reason = f"{common[i].sum()} landmarks are on both sides, and no {', '.join(lost)}"
         if rows[i] < 0:
             reason = "it has no true shape"
         elif not np.isfinite(results.shapes[i]).any():

@@ -110,12 +110,8 @@ def used_in_training(
 
     A fit with `leave_one_out` ignores, in each image, the atoms of the shape that it shows.
     """
-    try:
-        training, config = (
-            parse_json(attributes.get(name, "{}")) for name in ("training_inputs", "config")
-        )
-    except ValueError:
-        return []
+    names = ("training_inputs", "config")
+    training, config = (parse_json(attributes.get(name, "{}")) for name in names)
     same = [file for file, digest in truth.items() if digest in training.values()]
     if not same or config.get("leave_one_out"):
         return []

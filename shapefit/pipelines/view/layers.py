@@ -13,7 +13,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import metrics
 from shapefit.geometry.normalisation import as_metres
 from shapefit.geometry.procrustes import similarity_transform
-from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
+from shapefit.io.layout import METRES_PER_UNIT
 from shapefit.io.writers.motion import ANGLE_SD, ANGLES, angle_names
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.trust import REASONS
@@ -26,8 +26,6 @@ EXPECTED, AGAINST_TRUTH = "expected error", "error against the truth"
 """Names of measures that the header of the page states."""
 MOST_MESHES = 200
 """Meshes of a file of shapes that a page holds; a file with more is shown without."""
-SMALL = 0.01
-"""Metres below which lengths are given in millimetres."""
 SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
 
 Layer = dict[str, Any]
@@ -184,19 +182,15 @@ def _measure(name: str, values: Floats, unit: str = "", sd: Floats | None = None
 
 
 def in_usual_units(layers: Sequence[Layer]) -> tuple[str, float]:
-    """Make the lengths in metres of layers all cm or all mm; return that unit and its number.
-
-    Units that are not known are not named.
-    """
+    """Make the lengths in metres of layers all cm or all mm; return that unit and its number."""
     measures = [measure for layer in layers for measure in layer["measures"]]
     lengths = [measure["values"] for measure in measures if measure["unit"] == "m"]
-    small = any(np.nanmedian(values) < SMALL for values in lengths if np.isfinite(values).any())
+    # Below a centimetre in millimetres.
+    small = any(np.nanmedian(values) < 0.01 for values in lengths if np.isfinite(values).any())
     unit, many = ("mm", 1000.0) if small else ("cm", 100.0)
     for measure in measures:
         if measure["unit"] == "m":
             measure |= {"unit": unit, "values": many * measure["values"]}
-        elif measure["unit"] == UNKNOWN_UNIT:
-            measure["unit"] = ""
     return unit, many
 
 

@@ -20,7 +20,7 @@ from shapefit.errors import InputError, input_error
 from shapefit.io import ResultSet, ShapeSet, open_landmarks, open_shapes
 from shapefit.io.detect import detect_format
 from shapefit.io.formats import CSV
-from shapefit.io.layout import FRAME
+from shapefit.io.layout import FRAME, UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import people_joints
@@ -216,6 +216,8 @@ def _content(
 ) -> Content:
     """Return records, whose rows (n,) are those of the frames, with their joint angles."""
     columns = columns_of(records.landmark_names, landmarks)
+    if records.unit == UNKNOWN_UNIT:
+        records = records.replaced(unit="")
     if role in ("result", "shapes"):  # no file states which axis of the world is up
         records = records.with_columns(angle_columns(records.without([EXTRINSIC_ROTATION]), None))
     values = {}

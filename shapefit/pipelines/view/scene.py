@@ -20,7 +20,7 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
 from shapefit.io import read_dictionary
-from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
+from shapefit.io.layout import METRES_PER_UNIT
 from shapefit.io.options import AS_KNOWN
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.motion import find_floors, video_of
@@ -54,8 +54,6 @@ MOST_BYTES = 14_000_000
 LONGEST_SIDE = 960
 """Pixels of the longest side of a picture on the page."""
 SUFFIXES = (".jpg", ".jpeg", ".png")
-Picture = dict[str, Any]
-"""A data URL, and the size in the pixels of the file."""
 LAST_NUMBER = re.compile(r"(\d{1,12})\D*$")
 
 
@@ -83,8 +81,8 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
     if shown and not np.any(shown):
         notes.append("No shape matches the landmarks: give those that the results were fitted to.")
     if not edges and not meshed:
-        text = "No edges are known, so landmarks are points; -d DICT.h5 or --truth may have them."
-        notes.append(text)
+        fix = "-d DICT.h5 or --truth may have them."
+        notes.append(f"No edges are known, so landmarks are points; {fix}")
     outliers = [one.values["outliers"] == 1 for one in results if "outliers" in one.values]
     recordings, times = find_recordings(contents, frames)
     rates = [config.frame_rate, *(one.records.frame_rate for one in (*contents, truth) if one)]
@@ -109,9 +107,9 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
         "landmarks": landmarks,
         "edges": edges,
         "layers": layers,
-        "unit": _shown(contents[0].records.unit),
-        "space_unit": _shown(space_unit),
-        "length": length if space_unit == "m" else (_shown(space_unit), 1),
+        "unit": contents[0].records.unit,
+        "space_unit": space_unit,
+        "length": length if space_unit == "m" else (space_unit, 1),
         "y_down": y_down,
         "grounds": [_ground(floors.get(video_of(name)), y_down) for name, _ in frames.sequences],
         "frame_rate": shown_rate,
@@ -256,12 +254,7 @@ def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None
     return None
 
 
-def _shown(unit: str) -> str:
-    """Return a unit as the page has it: nothing for one that is not known."""
-    return "" if unit == UNKNOWN_UNIT else unit
-
-
-def embed_images(folder: Path, items: Sequence[str]) -> dict[int, Picture]:
+def embed_images(folder: Path, items: Sequence[str]) -> dict[int, dict[str, Any]]:
     """Return the pictures of the frames that have one.
 
     A file is called by the item, or by what follows its last slash; or else the files are the
@@ -295,8 +288,8 @@ def _number(text: str) -> int:
     return int(end[1]) if end else -1
 
 
-def _embed(path: Path) -> Picture:
-    """Return an image as the page holds it. Raises InputError for what is no image."""
+def _embed(path: Path) -> dict[str, Any]:
+    """Return an image as data URL with its size. Raises InputError for what is no image."""
     from PIL import Image
 
     data = BytesIO()

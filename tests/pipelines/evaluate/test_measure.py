@@ -103,12 +103,12 @@ def test_another_dataset_can_name_the_truth(results, truth):
 FAILURES = {
     "shape": ({"shapes": np.nan}, "the results hold no shape (status degenerate input)"),
     "landmarks": ({"shapes": [[1, 2, *[np.nan] * 3]] * 3}, "2 landmarks are on both sides"),
-    "nan box": ({"bounding_box": [0, 0, np.nan, 4]}, "5 landmarks are on both sides, and a value "
-                "for reprojection (box) is missing"),
-    "overflow": ({"landmarks_fitted": 1e300}, "5 landmarks are on both sides, and a value for "
+    "nan box": ({"bounding_box": [0, 0, np.nan, 4]}, "5 landmarks are on both sides, and no "
+                "reprojection (box)"),
+    "overflow": ({"landmarks_fitted": 1e300}, "5 landmarks are on both sides, and no "
                  "reprojection (px), reproject"),
     "empty": ({"shapes": [[9.0] * 5] * 3, "rotation": np.nan}, "5 landmarks are on both sides, and "
-              "a value for rotation (deg) is missing"),
+              "no rotation (deg)"),
 }  # fmt: skip
 
 

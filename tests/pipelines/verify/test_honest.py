@@ -187,7 +187,7 @@ def test_csv_cannot_be_verified_and_chunks_do_not_matter(
 ):
     path = tmp_path / "shapes.csv"
     path.write_text("item,landmark,x,y,z\na,b,0,0,0\n")
-    with pytest.raises(InputError, match="to a name in .h5"):
+    with pytest.raises(InputError, match="give a result that `shapefit fit` wrote"):
         verify(path, dictionaries["people"])
     monkeypatch.setattr("shapefit.pipelines.verify.CHUNK", 16)
     found = verify(fitted("cars", lam=1.0, leave_one_out="true_model"), dictionaries["cars"])
