@@ -9,73 +9,33 @@ import pytest
 
 PROJECT = Path(__file__).resolve().parents[1]
 
-LEFT = {
-    "anybody": "NO_IDENTITY",
-    "belief": "inlier_probability",
-    "beliefs": "inlier probabilities",
-    "believed": "used",
-    "common_head": "merge_metadata",
-    "conform": "align_to",
-    "depth_is_open": "depth_ambiguity",
-    "doubt": "reasons",
-    "doubts": "reasons",
-    "find_places": "forward_kinematics",
-    "gross": "outlier",
-    "gross_chance": "outlier_rate",
-    "grossly": "outlier",
-    "haste": "acceleration_scale",
-    "laid_onto": "aligned",
-    "leave_out": "omit",
-    "left_out": "omitted",
-    "misfit": "residual_variance",
-    "most_held": "max_in_memory",
-    "obeyed": "used",
-    "parquet": None,
-    "plausibility": "p_value",
-    "prior_width": "prior_scale",
-    "rigged": "fit_rig",
-    "says_something": "is_informative",
-    "steadied": "smoothed",
-    "straightened": "undistorted",
-    "surprise": "squared_mahalanobis",
-    "told_apart": "make_unique",
-    "widening": "bar_scale",
-}
+
+def words_in(table: str) -> dict[str, str]:
+    """Return the words of a table with the terms in their place."""
+    return dict(re.findall(r"(\w+):\s+([^;]+)", table))
+
+
+LEFT = words_in("""
+anybody: NO_IDENTITY; belief: inlier_probability; beliefs: inlier probabilities; believed: used;
+common_head: merge_metadata; conform: align_to; depth_is_open: depth_ambiguity; doubt: reasons;
+doubts: reasons; find_places: forward_kinematics; gross: outlier; gross_chance: outlier_rate;
+grossly: outlier; haste: acceleration_scale; laid_onto: aligned; leave_out: omit; left_out:
+omitted; misfit: residual_variance; most_held: max_in_memory; obeyed: used; parquet: None;
+plausibility: p_value; prior_width: prior_scale; rigged: fit_rig; says_something: is_informative;
+steadied: smoothed; straightened: undistorted; surprise: squared_mahalanobis; told_apart:
+make_unique; widening: bar_scale
+""")
 """Words that the code and its texts no longer use, with the terms in their place."""
 
-LEFT_NAMES = {
-    "apart": "residual, std or distance",
-    "asked": "used",
-    "called": "with_prefix",
-    "climb": "ascent",
-    "decompose": "svd_and_prox",
-    "expect": "require or posterior_mean",
-    "factorise_block": "cholesky_inverse",
-    "foreign": "readers",
-    "gone": "removed",
-    "held": "in_memory",
-    "hope": "predicted_gain",
-    "judge": "evaluate",
-    "judged": "evaluated",
-    "kept": "retained",
-    "near_and_far": "depth_ambiguity",
-    "nobody": "NO_IDENTITY",
-    "of_files": "restrict_to",
-    "pull": "linear_term",
-    "recorder": "read_poses",
-    "room": "workspace",
-    "said": "message",
-    "scale_of": "fit_scale",
-    "seen": "visible or observed",
-    "settled": "verified",
-    "sight": "observations",
-    "spread": "std, subsample or scatter",
-    "steady": "smooth",
-    "still": "tolerance",
-    "strange": "invalid",
-    "stretch": "block or bone_scale",
-    "told": "reported",
-}
+LEFT_NAMES = words_in("""
+apart: residual, std or distance; asked: used; called: with_prefix; climb: ascent; decompose:
+svd_and_prox; expect: require or posterior_mean; factorise_block: cholesky_inverse; foreign:
+readers; gone: removed; held: in_memory; hope: predicted_gain; judge: evaluate; judged: evaluated;
+kept: retained; near_and_far: depth_ambiguity; nobody: NO_IDENTITY; of_files: restrict_to; pull:
+linear_term; recorder: read_poses; room: workspace; said: message; scale_of: fit_scale; seen:
+visible or observed; settled: verified; sight: observations; spread: std, subsample or scatter;
+steady: smooth; still: tolerance; strange: invalid; stretch: block or bone_scale; told: reported
+""")
 """Words that may stand in a sentence, but not in the name of a function, variable or parameter."""
 
 FILLERS = {"each", "found", "known", "own"}

@@ -106,20 +106,6 @@ def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
     assert done.err == ("" if quiet else "Wrote   report/report.md\n")
 
 
-def test_each_command_calls_its_pipeline_with_its_config(shapefit, fake_pipeline):
-    for line, pipeline, command in (
-        ("learn-dict shapes.h5 -o d.h5", "learn_dict.run", "learn-dict"),
-        ("fit views.h5 -d dict.h5 -o -", "fit.run", "fit"),
-        ("fit views.h5 -d dict.h5 -o parts/", "partition.run", "fit"),
-        ("fit views.h5 -d dict.h5 -o manifest.jsonl", "fit.run", "fit"),
-        ("project shapes.h5 -o v.h5", "projection", "project"),
-        (EVAL, "evaluate.run", "eval"),
-    ):
-        configs = fake_pipeline(pipeline, [Result(done=1)])
-        assert shapefit(*line.split()).code == 0
-        assert [type(config) for config in configs] == [CONFIGS[command]]
-
-
 def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
     configs = fake_pipeline("fit.run", [Result()])
     line = f"{FIT} v*.h5 dict.h5 -o out.csv --set lambda=1e-3 --set outliers=l1"

@@ -163,3 +163,23 @@ def test_a_full_disk_behind_standard_output_is_no_internal_error(fitted, command
     assert (code, out) == (2, "")
     assert "Error: standard output: " in told
     assert "free some" in told
+
+
+UNCOMPILED = """
+import sys
+sys.meta_path = [finder for finder in sys.meta_path if "Redirecting" not in type(finder).__name__]
+sys.path.insert(0, "")
+import shapefit
+shapefit.fit
+"""
+"""Python in a clone, into whose environment `pip install .` has put the package."""
+
+
+def test_sources_that_hide_the_installed_package_say_what_to_do(project: Path):
+    done = subprocess.run(
+        [sys.executable, "-c", UNCOMPILED], cwd=project, capture_output=True, text=True, check=False
+    )
+    assert "No module named" not in done.stderr
+    assert f"InputError: {project / 'shapefit'}: " in done.stderr
+    assert "pip install -e '.[plots]'" in done.stderr
+    assert "another folder" in done.stderr

@@ -1,17 +1,23 @@
-"""The paper's experiments: what is planted, what is made wrong, and slices of each experiment."""
+"""The experiments of the paper, and the bounds of cars and of optimality beside them."""
 
 import csv
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
 import shapefit
+from benchmarks.lower_bounds import best_combination, nearest_atom
+from benchmarks.optimality import sections
 from experiments import pages, sensitivity
 from experiments.__main__ import write_points, write_recovery
+from shapefit.evaluation.metrics import similarity
+from shapefit.geometry.rotations import random_rotations
 
 
 def table(page):
@@ -62,15 +68,6 @@ class TestCorruption:
             place = (w[boxed] - low[:, None]) / (high - low)[:, None]
             place = (place[wrong[boxed]] + 0.1) / 1.2
             assert kstest(place.ravel(), "uniform").pvalue > 1e-3
-
-    def test_what_is_drawn_depends_on_the_place_of_the_image_alone(self, images):
-        few, many = (sensitivity.corrupt(images, share) for share in (0.2, 0.6))
-        chosen = few.extras["corrupted"]
-        assert (many.extras["corrupted"] | ~chosen).all()
-        np.testing.assert_array_equal(few.landmarks[chosen], many.landmarks[chosen])
-        part = sensitivity.corrupt(images[:1200], 0.6)
-        np.testing.assert_array_equal(part.landmarks, many.landmarks[:1200])
-        assert (sensitivity.corrupt(images, 0.6, seed=1).landmarks != many.landmarks).any()
 
 
 @pytest.fixture(scope="module")
@@ -170,3 +167,73 @@ def test_published_rows_are_added_to_a_report_once(reports):
     assert "- Sequences 14_31 and 14_36 are one motion." in page
     assert pages.add_published("mocap", folder) == page
     assert (folder / "report.md").read_text(encoding="utf-8") == f"# Errors\n\n{page}"
+
+
+BEST = [1.0, 2.0, 4.0, np.nan]
+
+
+def write_result(
+    path: Path, *, signed: bool = False, status: list[str] | None = None, **data: list[float]
+):
+    with h5py.File(path, "w") as file:
+        file.attrs["config"] = json.dumps({"signed": signed})
+        for name, values in data.items():
+            file[name] = values
+        if status is not None:
+            file.create_dataset("status", data=status, dtype=h5py.string_dtype())
+
+
+@pytest.fixture
+def optima(tmp_path):
+    status = ["optimal", "iteration limit", "optimal", "degenerate"]
+    gap = [0.01, 0.03, 0.0, np.nan]
+    write_result(tmp_path / "global.h5", objective=BEST, relative_gap=gap, status=status)
+    refined = [1.0, 2.5, 4.0, np.nan]
+    write_result(tmp_path / "refine.h5", objective=refined, relative_gap=[0.1, 0.5, 0.0, np.nan])
+    write_result(tmp_path / "alternate-nonnegative.h5", objective=[1.005, 2.0, 6.0, np.nan])
+    return tmp_path
+
+
+def cells(page: str) -> dict[str, list[str]]:
+    lines = [line.strip("|").split("|") for line in page.splitlines() if line.startswith("|")]
+    return {first.strip(): [entry.strip() for entry in rest] for first, *rest in lines}
+
+
+def test_excess_and_the_parts_of_the_gap(optima):
+    _, text, table = sections(optima)
+    found = cells(table)
+    assert found["Convex+refine"] == ["33.33%", "25% (25%)", "20.00%", "6.67%", "13.33%"]
+    search = (1 - 1 / 1.005 + 1 - 4 / 6) / 3
+    assert found["Alternate, c >= 0"] == ["33.33%", "50% (50%)", "–", f"{search:.2%}", "–"]
+    assert found["the better of both"][:2] == ["0.00%", "0% (0%)"]
+    assert "Certified to 1%: 66.67% of 3 images; largest gap 3.00%." in text
+
+
+def test_results_of_another_model_are_refused(optima):
+    write_result(optima / "alternate-nonnegative.h5", signed=True, objective=BEST)
+    with pytest.raises(ValueError, match="another model"):
+        sections(optima)
+
+
+@pytest.fixture
+def atoms(rng):
+    """Variants of one shape, as exemplars are: a rotation fits all of them or none."""
+    atoms = rng.standard_normal((3, 9)) + 0.4 * rng.standard_normal((4, 3, 9))
+    return atoms - atoms.mean(axis=-1, keepdims=True)
+
+
+def test_the_nearest_atom_is_the_one_that_the_shape_was_made_from(atoms, rng):
+    made_from = np.array([2, 0, 3, 2])
+    noise = 0.01 * rng.standard_normal((4, 3, 9))
+    shapes = 5 * random_rotations(4, rng) @ (atoms[made_from] + noise) + 7
+    np.testing.assert_allclose(
+        nearest_atom(shapes, atoms), similarity(atoms[made_from], shapes), rtol=1e-12
+    )
+
+
+def test_a_combination_of_atoms_is_found_whichever_way_it_is_turned_and_sized(atoms, rng):
+    c = np.abs(rng.standard_normal((6, 4)))
+    mixed = np.einsum("nk,kap->nap", c, atoms)
+    shapes = 3 * random_rotations(6, rng) @ mixed + rng.standard_normal((6, 3, 1))
+    np.testing.assert_allclose(best_combination(shapes, atoms), 3 * mixed, atol=1e-3)
+    np.testing.assert_allclose(similarity(best_combination(shapes, atoms), shapes), 0, atol=1e-3)
