@@ -70,31 +70,26 @@ def csv_kind(path: Path) -> str:
     return "shapes" if "z" in columns else "landmarks"
 
 
-def read_csv(
-    path: Path, kind: str, *, gaps: bool = False, most: int | None = None
-) -> tuple[Any, tuple[str, ...]]:
+def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with `[,sequence]`.
 
-    Return records, or a Spool of landmarks of more than `most` rows, and warnings. A landmark that
-    has no row or lacks a coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises
-    InputError for the first wrong cells, by line.
+    Return records, or a Spool of many landmarks. A landmark that has no row or lacks a coordinate
+    is NaN, its confidence 0; shapes need all unless `gaps`. Raises InputError for the first wrong
+    cells, by line, and for large tables in which the rows of an item do not stand together.
     """
     table, spool = _Table(path, kind, gaps), Spool()
     for lines, cells in table.blocks:
         table.take(lines, cells)
-        if kind == "landmarks" and table.size > (most or MAX_IN_MEMORY):
+        if kind == "landmarks" and table.size > MAX_IN_MEMORY:
             spool.append(table.pop_complete())
     rest = table.records()
     if not len(spool):
-        return rest, ()
+        return rest
     spool.append(rest)
-    if not spool.repeats():
-        return spool, ()
-    fault = "the rows of items do not stand together"
-    if is_stream(path) or not path.is_file():
-        raise input_error(table.name, fault, "sort them by item, or name the file itself")
-    records, _ = read_csv(path, kind, most=sys.maxsize)
-    return records, (f"{path}: {fault}, so that it was read whole: sort it by item",)
+    if spool.repeats():
+        fault = "the rows of items do not stand together, and the table is large"
+        raise input_error(table.name, fault, "sort its rows by item")
+    return spool
 
 
 def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:

@@ -374,8 +374,7 @@ def _of_csv(path: Path, form: Layout, gaps: bool, head: bool) -> SourceFile[Any]
     if head:
         records, share = read_csv_head(path, form.kind)
         return SourceFile.of(name, records, estimate=round(len(records) / share))
-    records, notes = read_csv(path, form.kind, gaps=gaps)
-    return SourceFile.of(name, records, notes=notes)
+    return SourceFile.of(name, read_csv(path, form.kind, gaps=gaps))
 
 
 def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:

@@ -105,7 +105,7 @@ def test_neither_order_nor_quotes_nor_blocks_count(
     path.write_bytes(out.getvalue().encode())
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(inputs, "BLOCK_BYTES", size)
-        views, _ = read_csv(path, "landmarks")
+        views = read_csv(path, "landmarks")
     assert views.items == tuple(dict.fromkeys(items[i] for i, _ in rows))
     assert views.landmark_names == tuple(dict.fromkeys(landmarks[j] for _, j in rows))
     found = {
@@ -376,23 +376,13 @@ class TestLargeTables:
         same(rows, whole.take([1, 2, 30]))
         assert tuple(names) == whole.items
 
-    def test_scattered_rows_are_read_whole_and_it_is_said(self, csv, monkeypatch, same):
-        order = [(i, j) for j in range(4) for i in range(40)]
-        path = self.table(csv, order)
-        with open_landmarks([path]) as source:
-            found = source.whole()
-            assert source.notes == (
-                f"{path}: the rows of items do not stand together, so that it was read whole: "
-                "sort it by item",
-            )
-        monkeypatch.setattr("shapefit.io.csv_file.MAX_IN_MEMORY", 10**6)
-        same(found, load(path))
-
-    def test_from_a_pipe_they_must_stand_together(self, csv, standard_input, problems):
-        order = [(i, j) for j in range(4) for i in range(40)]
-        standard_input(self.table(csv, order).read_text())
-        (line,) = problems(open_landmarks, [Path("-")])
-        assert line == (
-            "standard input: the rows of items do not stand together; "
-            "sort them by item, or name the file itself"
+    @pytest.mark.parametrize("stream", [False, True])
+    def test_their_rows_must_stand_together(self, csv, standard_input, problems, stream):
+        path = self.table(csv, [(i, j) for j in range(4) for i in range(40)])
+        if stream:
+            standard_input(path.read_text())
+        (line,) = problems(open_landmarks, [Path("-") if stream else path])
+        assert line.endswith(
+            ": the rows of items do not stand together, and the table is large; "
+            "sort its rows by item"
         )
