@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Sequence
 from itertools import islice
 from pathlib import Path
@@ -17,6 +18,9 @@ from shapefit.io.readers.text import decode, read_json
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
 """Bytes that no text has."""
+
+CALIBRATION = re.compile(rb"\b(?:camera_|intrinsic_)?matrix\"?\s*[=:]", re.IGNORECASE)
+"""What a calibration has near its beginning, in TOML, YAML or JSON."""
 
 
 def detect_format(path: Path, name: str = "auto") -> FileFormat:
@@ -39,8 +43,7 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if not path.is_file():
         return CSV
     head = Head(path)
-    # Names decide between formats that share a beginning.
-    for one in sorted(FORMATS.values(), key=lambda one: not head.named(*one.suffixes)):
+    for one in FORMATS.values():
         if one.recognise(head):
             return one
     if head.bytes.startswith(HDF5_SIGNATURE):
@@ -67,6 +70,9 @@ def _detect_folder(path: Path) -> FileFormat:
 
 def _refuse_unknown(head: Head) -> None:
     """Raise InputError for a file of no format, unless it may be a table of text."""
+    if CALIBRATION.search(head.text):
+        fault = "is a calibration of cameras, not landmarks"
+        raise input_error(head.path, fault, "give it as --calibration")
     if CONTROL & {*head.bytes} and not head.bytes.startswith((b"\xff\xfe", b"\xfe\xff")):
         fix = "give the landmarks that a detector found in a video or images, not compressed"
         raise input_error(head.path, "is neither text nor of a known format", fix)

@@ -131,6 +131,20 @@ def whole(path, options):
 
 
 @pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("calibration.toml", '[cam_0]\nname = "A"\nmatrix = [[1.0, 0.0], [0.0, 1.0]]\n'),
+        ("calibration.yaml", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n"),
+        ("calibration.json", '{"cam_0": {"matrix": [[1, 0], [0, 1]], "size": [3, 4]}}'),
+    ],
+)
+def test_a_calibration_is_no_file_of_landmarks(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_text(content)
+    assert "is a calibration of cameras, not landmarks; give it as --cal" in refusal(path)
+
+
+@pytest.mark.parametrize(
     ("line", "found"),
     [
         ("scorer;a;a;a", "separates its cells by semicolons; save it with commas"),

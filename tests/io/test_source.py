@@ -20,6 +20,7 @@ from shapefit.io import (
     write_shapes,
 )
 from shapefit.io.checks import LIMIT, check_mesh, input_problems
+from shapefit.io.options import InputOptions
 from shapefit.io.readers.items import keep_landmarks
 from shapefit.io.source import open_results
 from tests.cli.conftest import run_in
@@ -139,6 +140,25 @@ def test_batches_run_over_the_ends_of_files_unless_asked(
             assert start == 5
         chosen = [item for part in source.chosen(np.array([0, 3, 4]), 2) for item in part.items]
         assert chosen == [landmarks.items[row] for row in (0, 3, 4)]
+
+
+def test_wrong_values_of_a_later_batch_are_named_by_their_row(tmp_path, landmarks, problems):
+    points = landmarks.landmarks.copy()
+    points[3, 0, 3] = np.inf
+    save(tmp_path / "a.h5", landmarks.replaced(landmarks=points))
+    for rows in (None, slice(1, None)):
+        with open_landmarks([tmp_path / "a.h5"], rows=rows) as source:
+            (line,) = problems(list, source.batches(2))
+        assert line.startswith(f"{tmp_path / 'a.h5'}:/landmarks[3]: landmark 'foot' is (inf, ")
+
+
+def test_landmarks_of_low_confidence_are_hidden(tmp_path, landmarks):
+    save(tmp_path / "a.h5", landmarks)
+    with open_landmarks([tmp_path / "a.h5"], InputOptions(min_confidence=0.5)) as source:
+        images = source.whole()
+    low = landmarks.confidence < 0.5
+    assert np.isnan(images.landmarks.swapaxes(1, 2)[low]).all()
+    np.testing.assert_array_equal(images.confidence, np.where(low, 0, landmarks.confidence))
 
 
 def test_landmarks_of_files_are_united(tmp_path, landmarks):
