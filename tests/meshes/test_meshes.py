@@ -77,15 +77,6 @@ def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):
         assert residual_variance(shape, centred) < 1e-12
 
 
-def test_the_metric_size_of_a_mixture_is_the_mean_of_the_sizes_of_its_parts(box):
-    atoms = np.stack([box(4, 3, 2), 2 * box(4, 3, 2)])
-    # in metres twice and once the first box; shares 0.6 and 0.4 of the shape's length
-    coefficients, atom_scale = np.array([[0.6, 0.2]]), np.array([2.0, 0.5])
-    factor = metric_scale(atoms, coefficients, atom_scale)
-    metric = factor * np.tensordot(coefficients, atoms, axes=1)
-    np.testing.assert_allclose(metric[0], (0.6 * 2 + 0.4 * 1) * box(4, 3, 2))
-
-
 def test_without_coefficients_there_is_no_metric_size(rng):
     factor = metric_scale(rng.normal(size=(2, 3, 4)), np.array([[0.0, 0], [1, 0]]), np.ones(2))
     np.testing.assert_array_equal(np.isnan(factor), [True, False])

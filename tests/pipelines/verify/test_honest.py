@@ -63,13 +63,6 @@ def test_an_honest_result_is_accepted(
         assert found.data["certified"] == (n if certified else 0)
 
 
-def test_pursuit_is_accepted(world, verify):
-    result = world.fit("people", "bases of people", method="pmp")
-    found = verify(result, world.dictionary("bases of people"), [world.images("people")])
-    assert (found.failures, found.data["certified"]) == ({}, 0)
-    assert "has no certificate" in found.note
-
-
 @pytest.fixture(scope="session")
 def tables(landmarks, tmp_path_factory):
     """The images of people in two sequences: as a table, and with other names as HDF5."""
