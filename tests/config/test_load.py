@@ -1,6 +1,7 @@
 """Files, options and arguments become one checked config."""
 
 import io
+import json
 import math
 import os
 from pathlib import Path
@@ -105,6 +106,15 @@ def test_globs_are_sorted_and_name_each_file_once(folder, shapes, names):
     path = write(folder, f"shapes: {shapes}\noutput: d.h5\n")
     found = load_config("learn-dict", path, ["data=far"]).shapes
     assert found == tuple(folder / name for name in names.split())
+
+
+def test_a_folder_of_results_stands_for_the_parts_that_are_done(folder):
+    lines = [{"shapefit": "1"}, {"file": "p10.h5", "status": "done"}]
+    lines += [{"file": f"p{n}.h5", "status": s} for n, s in ((9, "done"), (8, "failed"))]
+    text = "".join(f"{json.dumps(line)}\n" for line in lines)
+    (folder / "far/manifest.jsonl").write_text(f"{text}cut off")
+    config = load_config("convert", None, (), {"files": "far", "output": "o.h5"})
+    assert config.files == (folder / "far/p9.h5", folder / "far/p10.h5")
 
 
 def test_results_have_the_names_of_their_files_or_of_a_mapping(folder):
