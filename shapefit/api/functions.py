@@ -44,8 +44,7 @@ from shapefit.pipelines.fit.prepare import (
     prepare,
     warn_of_dictionary,
 )
-from shapefit.pipelines.fit.record import attributes_of
-from shapefit.pipelines.fit.run import Counts, lift_source, result_of, warn_of_all
+from shapefit.pipelines.fit.run import Counts, attributes_of, lift_source, result_of, warn_of_all
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.result import Counted, Result, add_up
 

@@ -100,10 +100,6 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     line = f"{counted(len(given), 'image')}: {judgement.verdict}; {evidence}; {outliers}"
     yield Result(line=line)
     verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
-    if verdict == "doubtful":
-        fault = "depth is doubtful: each half of the images by itself gives shapes "
-        fault += f"{judgement.half_distance:.2f} of their size apart: give poses from more sides"
-        yield Result(warnings=(fault,))
     made = yield from learn_mixtures(given, images, state, config)
     made, decided_by = resolve_depth(given, made, config.flip)
     if decided_by == OPEN:
