@@ -40,7 +40,7 @@ from shapefit.threads import side_by_side
 from shapefit.verification import certificate
 from shapefit.verification.certificate import Claims, Program
 
-CHUNK = 512
+CHUNK = 2048
 """Images that are checked together."""
 UNDISTORTED = 1e-8
 """Of the largest coordinate by which landmarks without the distortion of a lens may be off."""
