@@ -40,7 +40,7 @@ FLOORS_HEADER = """\
 MARGIN = 0.8
 
 NOISE = 0.9
-"""Ratio to the release before under which a case is slower, whatever its floor."""
+"""Ratio to the release before under which a case without a floor is slower."""
 
 SAME = 1e-3
 """Relative difference up to which two certified sums of objectives are those of one program."""
@@ -153,7 +153,7 @@ class Table:
         """Judge a row and return its line."""
         self.rows.append(row)
         floor = self.floors.get(row.case)
-        least = max(NOISE, floor or 0.0)
+        least = NOISE if floor is None else floor
         faults = [
             (row.ratio < least, f"ratio {row.ratio:.2f} is under {least:.2f}"),
             (row.certified and row.well < 1, f"only {row.well:.2%} are certified"),
