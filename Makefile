@@ -194,6 +194,7 @@ mutants: $(READY)
 
 faults: $(ALL_READY)
 	$(BIN)/python -m tests.fuzz.faults
+	$(BIN)/python -m tests.fuzz.faults --kill 200
 
 pictures: demo $(ALL_READY)
 	$(BIN)/python tools/page_pictures.py

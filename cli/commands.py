@@ -353,7 +353,7 @@ def run_command(spec: Spec, **options: Any) -> int:
     output = getattr(config, "output", None)
     if given["json"] and output == Path("-"):
         raise click.UsageError("--json and the output both go to stdout; name a file as output")
-    outcomes = run_pipeline(spec.name, config)
+    results = run_pipeline(spec.name, config)
     gc.freeze()  # or the first look for cycles goes through all that was imported
     gc.enable()
     report = Report(
@@ -367,7 +367,7 @@ def run_command(spec: Spec, **options: Any) -> int:
         read=read_names(spec, config) if spec.has_config else "",
         following=spec.following.format(output=getattr(output, "name", "")),
     )
-    code = report.follow(outcomes)
+    code = report.follow(results)
     for path in report.written if given.get("open") else ():
         import webbrowser
 

@@ -1,4 +1,4 @@
-"""What a command did, summed up from the outcomes of its pipeline, and how far it is."""
+"""What a command did, summed up from the results of its pipeline, and how far it is."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def tell(text: str) -> None:
 
 @dataclass
 class Report:
-    """The sum of a pipeline's outcomes; memory does not grow with the number of items.
+    """The sum of a pipeline's results; memory does not grow with the number of items.
 
     `read` names the inputs, and `following` the next command, where the pipeline does not. With
     `to_stdout` the last note is the result of the command, for standard output; with `as_json`
@@ -66,27 +66,27 @@ class Report:
     _unlisted: int = 0
     _started: float = field(default_factory=time.monotonic)
 
-    def follow(self, outcomes: Iterator[Result]) -> int:
+    def follow(self, results: Iterator[Result]) -> int:
         """Run a pipeline to its end, show its progress and its sum; return the exit code."""
         with ExitStack() as stack:
-            stack.enter_context(closing(outcomes))  # type: ignore[type-var]
+            stack.enter_context(closing(results))  # type: ignore[type-var]
             bar: Any = None
             if sys.stderr is not None and sys.stderr.isatty() and not self.quiet:
                 from tqdm import tqdm
 
                 bar = stack.enter_context(tqdm(desc=self.command, dynamic_ncols=True))
             shown, silent = time.monotonic(), bar is None and not self.quiet
-            for outcome in outcomes:
-                self.add(outcome)
+            for result in results:
+                self.add(result)
                 if bar is not None:
                     bar.total, bar.unit = self.total, f" {self.unit}"
-                    note = "" if self.to_stdout else printable(outcome.note)
+                    note = "" if self.to_stdout else printable(result.note)
                     bar.set_postfix_str(note, refresh=False)
-                    bar.update(outcome.done)
-                    if outcome.line:
+                    bar.update(result.done)
+                    if result.line:
                         bar.clear()
-                if outcome.line and not self.quiet:
-                    tell(outcome.line)
+                if result.line and not self.quiet:
+                    tell(result.line)
                 elif silent and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
                     shown = time.monotonic()
                     of = f"/{self.total:,}" if self.total and self.done <= self.total else ""
@@ -100,23 +100,23 @@ class Report:
             tell(line)
         return self.exit_code
 
-    def add(self, outcome: Result) -> None:
+    def add(self, result: Result) -> None:
         """Add what became of one more part of the work."""
         from shapefit.pipelines.result import add_up
 
         most = sys.maxsize if self.verbose else MAX_LISTED
-        self.done += outcome.done
-        self.unit = outcome.unit or self.unit
-        self.failed += len(outcome.failures)
-        self.total = self.total if outcome.total is None else outcome.total
-        self._failures += outcome.failures[: most - len(self._failures)]
-        self._unlisted += add_up(self._warnings, outcome.warnings, most)
-        reasons = (d if self.verbose else replace(d, items=()) for d in outcome.reasons)
+        self.done += result.done
+        self.unit = result.unit or self.unit
+        self.failed += len(result.failures)
+        self.total = self.total if result.total is None else result.total
+        self._failures += result.failures[: most - len(self._failures)]
+        self._unlisted += add_up(self._warnings, result.warnings, most)
+        reasons = (d if self.verbose else replace(d, items=()) for d in result.reasons)
         add_up(self._untrusted, reasons)  # type: ignore[arg-type]
-        self.written += outcome.written
-        self.note = outcome.note or self.note
-        self.rows |= dict(outcome.rows)
-        self.data = outcome.data or self.data
+        self.written += result.written
+        self.note = result.note or self.note
+        self.rows |= dict(result.rows)
+        self.data = result.data or self.data
 
     @property
     def untrusted(self) -> int:

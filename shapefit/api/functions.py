@@ -126,10 +126,10 @@ def fit(
         reasons = setup.matched.warnings()
         for batch in lift_source(source, setup):
             counts.add(batch.record)
-            outcome = result_of(batch, setup)
+            result = result_of(batch, setup)
             records.append(batch.record)
-            failures |= {failure.item: failure.reason for failure in outcome.failures}
-            add_up(messages, outcome.warnings)
+            failures |= {failure.item: failure.reason for failure in result.failures}
+            add_up(messages, result.warnings)
     warn((*messages.values(), *reasons, *warn_of_all(counts, setup, source.head)))
     whole = concatenate(records)
     attributes = {**whole.attributes, **attributes_of(setup, {})}
@@ -187,13 +187,13 @@ def learn(
     config = config_of("learn-dict", coding | options)
     given = shapes if isinstance(shapes, Shapes | Fit) else Shapes(shapes)
     training = source_of(given.record(), "shapes", config.rename).whole()
-    made, outcomes = _ended(learn_from_shapes(training, config, {}))
+    made, results = _ended(learn_from_shapes(training, config, {}))
     dictionary = with_p_value_table(made)
-    failures = [failure for outcome in outcomes for failure in outcome.failures]
+    failures = [failure for result in results for failure in result.failures]
     if failures:
         unused = f"{failures[0].item}, for one: {failures[0].reason}"
         warn([f"{counted(len(failures), 'shape')} cannot be used; {unused}"])
-    warn(message for outcome in outcomes for message in outcome.warnings)
+    warn(message for result in results for message in result.warnings)
     return Dictionary.of(dictionary)
 
 

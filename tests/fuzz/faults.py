@@ -1,6 +1,7 @@
 """Every call that writes fails once; outputs are old or new: `python -m tests.fuzz.faults`.
 
-The process runs with `failing_calls.c` preloaded; each case is forked from it.
+The process runs with `failing_calls.c` preloaded; each case is forked from it. `--kill` kills
+commands at so many of these moments instead.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import ctypes
 import errno
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -42,6 +44,7 @@ def main() -> int:
     """Preload the shim, then run every case; exit code 1 where one of them fails."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz.faults", description=__doc__)
     parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS))
+    parser.add_argument("--kill", type=int, default=0, help="kill -9 at so many moments instead")
     parser.add_argument("--quick", action="store_true", help="one of the errors for each call")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -70,6 +73,10 @@ def run(arguments: argparse.Namespace, folder: Path) -> int:
         bench = Bench(*COMMANDS[name], base, folder / "case")
         plan = [(call, error) for call in range(bench.calls) for error in ERRORS]
         plan = plan[:: len(ERRORS) + 1] if arguments.quick else plan
+        if arguments.kill:
+            share = -(-arguments.kill // len(arguments.commands))
+            moments = [number * bench.calls // share for number in range(share)]
+            plan = [(call, -signal.SIGKILL) for call in moments]
         wrong = [problem for case in plan if (problem := bench.try_case(*case))]
         for problem in wrong[:20]:
             print(f"{name}: {problem}", flush=True)
@@ -107,6 +114,9 @@ class Bench:
         shutil.copytree(self._retained, out)
         code, _ = self._run(self._command, call, error)
         word = f"call {call}, error {error}, exit code {code}"
+        if error < 0 and code == error:  # the next run puts back what this one was replacing
+            again, _ = self._run(self._command)
+            return f"{word}: the next run ends with {again}" if again else ""
         files = content(out)
         hidden = sorted(name for name in files if ".partial" in name)
         if code not in (0, 2) or hidden:

@@ -44,7 +44,7 @@ UNREAD = (OPTIONAL - READ) | OF_FILE.keys()
 def run(config: EvalConfig) -> Iterator[Result]:
     """Measure the results of every method, then write the tables and the plot.
 
-    One outcome a method, with the images that failed, and a last one with the errors in a few lines
+    One result a method, with the images that failed, and a last one with the errors in a few lines
     as its note. The folder has nothing new before all is written. Raises InputError for files that
     cannot be read or compared, images that leave every metric undefined, groups that no sequence
     belongs to, and an output folder that cannot be written.

@@ -18,7 +18,7 @@ from shapefit.pipelines.result import Result
 
 
 def run(config: LearnDictConfig) -> Iterator[Result]:
-    """Learn the dictionary and write it; one outcome per round, sequence or set of exemplars.
+    """Learn the dictionary and write it; one result per round, sequence or set of exemplars.
 
     Files of 2D landmarks alone are learned from as such. Raises InputError for files that cannot be
     read or written, and as the ways of learning do.
