@@ -120,7 +120,7 @@ def solve_in_span(problem: Problem, solve: Callable[[Problem], Solution], thread
         solved.append(solution)
     back = np.argsort(np.concatenate(order))
     transforms = Transforms.joined([solution.transforms for solution in solved]).take(back)
-    status = np.array([each for solution in solved for each in solution.status])[back]
+    status = np.array([value for solution in solved for value in solution.status])[back]
     translation = np.zeros((n, 2))
     objective, gap, residual = np.full((3, n), np.nan)
     core.certify(

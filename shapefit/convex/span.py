@@ -50,8 +50,8 @@ class Reduced:
         if self.basis is None:
             return dual
         w = weighted(given.landmarks[self.rows], given.weights[self.rows])
-        found: Floats = w + (dual - w @ self.basis) @ self.basis.T
-        return found
+        expanded: Floats = w + (dual - w @ self.basis) @ self.basis.T
+        return expanded
 
 
 def is_worth_reducing(problem: Problem) -> bool:
@@ -117,5 +117,5 @@ def weighted(points: Floats, weights: Floats) -> Floats:
     points = np.where(squares > 0, points, 0.0)  # what hidden landmarks hold is irrelevant
     total = np.maximum(squares.sum(axis=-1, keepdims=True), np.finfo(float).tiny)
     mean = (squares * points).sum(axis=-1, keepdims=True) / total
-    found: Floats = weights[:, None] * (points - mean)
-    return found
+    scaled: Floats = weights[:, None] * (points - mean)
+    return scaled

@@ -44,8 +44,8 @@ def find_acceleration(shapes: Floats, sequences: Sequence[str]) -> Floats | None
     second = (y[2:] - 2 * y[1:-1] + y[:-2])[together]
     if len(second) < FEWEST:
         return None
-    found: Floats = np.maximum(np.sqrt((second**2).mean(axis=(0, 1))), LEAST)
-    return found
+    acceleration: Floats = np.maximum(np.sqrt((second**2).mean(axis=(0, 1))), LEAST)
+    return acceleration
 
 
 def find_bone_tolerance(shapes: Floats, edges: Integers, sequences: Sequence[str]) -> Floats:

@@ -59,8 +59,8 @@ def sparse_code(
 def objectives(shapes: Floats, atoms: Floats, beta: float, coefficients: Floats) -> Floats:
     """1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji for each shape; (n,)."""
     left = flat(shapes) - coefficients @ flat(atoms)
-    found: Floats = 0.5 * np.einsum("nd,nd->n", left, left) + beta * coefficients.sum(axis=1)
-    return found
+    values: Floats = 0.5 * np.einsum("nd,nd->n", left, left) + beta * coefficients.sum(axis=1)
+    return values
 
 
 def flat(shapes: Floats) -> Floats:

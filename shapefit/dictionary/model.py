@@ -137,17 +137,22 @@ class Dictionary:
     @property
     def depends_on(self) -> NDArray[np.int64]:
         """Return the landmark that each one (p,) of those groups depends on, -1 for the others."""
-        found = np.full(len(self.landmark_names), -1)
+        indices = np.full(len(self.landmark_names), -1)
         for other, landmarks in self.groups.values():
             for name in landmarks:
-                found[self.landmark_names.index(name)] = self.landmark_names.index(other)
-        return found
+                indices[self.landmark_names.index(name)] = self.landmark_names.index(other)
+        return indices
 
     def marked(self, landmarks: Collection[str]) -> Dictionary:
         """Return the dictionary without the groups of `WHERE_MARKED` that hold none of these."""
-        retained = [text for text, (_, own) in self.groups.items() if set(own) & set(landmarks)]
+        retained = [
+            text for text, (_, members) in self.groups.items() if set(members) & set(landmarks)
+        ]
         dropped = {
-            name for text, (_, own) in self.groups.items() if text not in retained for name in own
+            name
+            for text, (_, members) in self.groups.items()
+            if text not in retained
+            for name in members
         }
         if not dropped:
             return self
@@ -218,23 +223,23 @@ def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
     """E ||x_i - x_j||^2 (e,) of the edges ij: of the means, and the trace of the covariance."""
     i, j = edges.T
     second = prior.by_landmark + np.einsum("kap,kbq->kpaqb", prior.means, prior.means)
-    own = np.einsum("k,kpaqa->pq", prior.weights, second)
-    found: Floats = own[i, i] + own[j, j] - own[i, j] - own[j, i]
-    return found
+    moments = np.einsum("k,kpaqa->pq", prior.weights, second)
+    squares: Floats = moments[i, i] + moments[j, j] - moments[i, j] - moments[j, i]
+    return squares
 
 
 def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
     """Say of a class that was learned from 2D landmarks how sure its depth is; else nothing."""
-    known = dictionary.provenance
-    if LEARNED_FROM not in known:
+    provenance = dictionary.provenance
+    if LEARNED_FROM not in provenance:
         return ()
-    verdict = known.get(VERDICT, "of an earlier version, which stored no verdict")
-    line = f"the class was learned from 2D {known[LEARNED_FROM]}: {verdict}; near and far "
+    verdict = provenance.get(VERDICT, "of an earlier version, which stored no verdict")
+    line = f"the class was learned from 2D {provenance[LEARNED_FROM]}: {verdict}; near and far "
     if dictionary.depth_ambiguity:
         line += (
             f"{OPEN}, so that no image is trusted: learn it again with "
             "`flip=true` or `flip=false`, as results show it"
         )
     else:
-        line += known[DEPTH_AMBIGUITY]
+        line += provenance[DEPTH_AMBIGUITY]
     return (line,)

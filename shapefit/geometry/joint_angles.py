@@ -43,7 +43,7 @@ def measure_angles(
     each joint; covariance (n, 3p, 3p) of x, y, z of one landmark after the other, or (n, p, 3, 3)
     of independent landmarks; without one deviations are nan. Unknown points have nan angles.
     """
-    angles = known_angles(joints)
+    angles = measurable_angles(joints)
     n, _, p = shapes.shape
     upward = np.broadcast_to(np.asarray(up, np.float64), (n, 3)).T
     values, deviations = np.full((2, n, len(angles)), np.nan)
@@ -64,7 +64,7 @@ def measure_angles(
     return np.degrees(values), np.degrees(deviations)
 
 
-def known_angles(joints: Iterable[str]) -> tuple[JointAngle, ...]:
+def measurable_angles(joints: Iterable[str]) -> tuple[JointAngle, ...]:
     """Return the angles whose joints are all among these."""
     return tuple(angle for angle in ANGLES if {*angle.joints} <= {*joints})
 

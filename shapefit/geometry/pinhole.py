@@ -91,26 +91,26 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
     coefficients (..., 8). They are found by Newton's method, along the path from the axis on which
     the lens turns nothing over. NaN where there are none: the model bends back before that.
     """
-    found = np.array(points, dtype=np.float64)
-    size = np.maximum(np.linalg.norm(found, axis=-2), _EXACT)
+    undistorted = np.array(points, dtype=np.float64)
+    size = np.maximum(np.linalg.norm(undistorted, axis=-2), _EXACT)
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
-            reached, across, along, skew = distort(found, coefficients)
+            reached, across, along, skew = distort(undistorted, coefficients)
             x, y = np.moveaxis(points - reached, -2, 0)
             step = np.stack([along * x - skew * y, across * y - skew * x], axis=-2)
             step /= (across * along - skew**2)[..., None, :]
-            longest = np.maximum(np.linalg.norm(found, axis=-2), size)
+            longest = np.maximum(np.linalg.norm(undistorted, axis=-2), size)
             length = np.linalg.norm(step, axis=-2)
             step *= np.minimum(1.0, 0.5 * longest / np.maximum(length, _EXACT))[..., None, :]
-            found = found + step
+            undistorted = undistorted + step
             if not (length > _EXACT * longest).any():
                 break
-        reached = distort(found, coefficients)[0]
+        reached = distort(undistorted, coefficients)[0]
         right = np.linalg.norm(points - reached, axis=-2) <= 1e-9 * size
         for share in np.linspace(0.0, 1.0, 17):  # nor does the lens bend back on the way there
-            _, across, along, skew = distort(share * found, coefficients)
+            _, across, along, skew = distort(share * undistorted, coefficients)
             right &= (across + along > 0) & (across * along > skew**2)
-    return np.where(right[..., None, :], found, np.nan)
+    return np.where(right[..., None, :], undistorted, np.nan)
 
 
 def distort(points: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:

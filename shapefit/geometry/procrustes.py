@@ -81,13 +81,15 @@ def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Float
     estimate e and truth x (n, 3, p) -> (n,). Landmarks that are not finite on one side do not
     count; nan where fewer than `fewest` do.
     """
-    known: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
-    count = known.sum(axis=1)
-    first = known.argmax(axis=1)[:, None, None] if known.size else np.zeros((len(truth), 1, 1), int)
+    finite: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
+    count = finite.sum(axis=1)
+    first = (
+        finite.argmax(axis=1)[:, None, None] if finite.size else np.zeros((len(truth), 1, 1), int)
+    )
     centre = []
     for points in (estimate, truth):
-        filled = np.where(known[:, None], points, np.take_along_axis(points, first, axis=2))
-        centre.append(np.where(coincide(filled)[:, None, None], 0.0, centred(filled, known)))
+        filled = np.where(finite[:, None], points, np.take_along_axis(points, first, axis=2))
+        centre.append(np.where(coincide(filled)[:, None, None], 0.0, centred(filled, finite)))
     e, x = centre
     R, scale = _scaled_rotation(e, x)
     distance = np.sqrt(((scale[:, None, None] * (R @ e) - x) ** 2).sum(axis=1))
@@ -103,11 +105,11 @@ def coincide(points: Floats) -> Flags:
     return np.asarray(extent <= 4 * np.finfo(np.float64).eps * size)
 
 
-def centred(points: Floats, known: Flags) -> Floats:
-    """Points (n, d, p) less the mean of those that are known (n, p); 0 where they are not."""
-    points = np.where(known[:, None], points, 0.0)
-    mean = points.sum(axis=-1, keepdims=True) / np.maximum(known.sum(axis=-1), 1)[:, None, None]
-    return np.where(known[:, None], points - mean, 0.0)
+def centred(points: Floats, finite: Flags) -> Floats:
+    """Points (n, d, p) less the mean of the finite ones (n, p); 0 where they are not."""
+    points = np.where(finite[:, None], points, 0.0)
+    mean = points.sum(axis=-1, keepdims=True) / np.maximum(finite.sum(axis=-1), 1)[:, None, None]
+    return np.where(finite[:, None], points - mean, 0.0)
 
 
 def _scaled_rotation(X: Floats, Y: Floats) -> tuple[Floats, Floats]:

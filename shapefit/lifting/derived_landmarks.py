@@ -73,8 +73,8 @@ def place_dependents(
     R += np.where(shared, residual_variance, 0.0)
     given = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
     across = C[:, every][:, :, rest]
-    own = C[:, every][:, :, every] - across @ np.linalg.solve(given, across.swapaxes(1, 2))
-    K = own[:, :, :q] @ np.linalg.inv(own[:, :q, :q] + R)
+    conditional = C[:, every][:, :, every] - across @ np.linalg.solve(given, across.swapaxes(1, 2))
+    K = conditional[:, :, :q] @ np.linalg.inv(conditional[:, :q, :q] + R)
     T = np.tile(np.eye(3 * p), (len(C), 1, 1))
     for column, (landmark, other) in enumerate(zip(o, on, strict=True)):
         T[:, every, landmark] -= K[..., column]

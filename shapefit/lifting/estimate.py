@@ -89,7 +89,7 @@ class Estimate:
 
     def status_words(self) -> NDArray[np.object_]:
         """Return the words of all statuses (n,); to ask each one takes ten times as long."""
-        words = {id(each): each.value for each in Status}
+        words = {id(status): status.value for status in Status}
         return np.array([*map(words.__getitem__, map(id, self.status))], dtype=object)
 
     def in_unit(self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0) -> Estimate:
@@ -162,7 +162,7 @@ def join_images(records: Sequence[Any], order: Integers) -> Any:
     if isinstance(first, Mapping):
         return {key: join_images([record[key] for record in records], order) for key in first}
     if is_dataclass(first):
-        names = [each.name for each in fields(first) if each.name != "atoms"]
+        names = [entry.name for entry in fields(first) if entry.name != "atoms"]
         parts = {name: [getattr(record, name) for record in records] for name in names}
         joined = {name: join_images(part, order) for name, part in parts.items()}
         return replace(first, **joined)  # type: ignore[type-var]

@@ -118,24 +118,24 @@ def lift(
         middle = np.where(fine[:, None], norm.centroid, 0.0)
         near = camera.normalised_as(replace(norm, centroid=middle, scale=size))
         problem = replace(problem, camera=near)
-    found = estimator(replace(problem, noise=noise))
+    estimate = estimator(replace(problem, noise=noise))
     for status, reason in REASONS.items():
-        if status in found.status:
-            ended = np.fromiter((each is status for each in found.status), bool, len(fine))
+        if status in estimate.status:
+            ended = np.fromiter((value is status for value in estimate.status), bool, len(fine))
             failures |= dict.fromkeys(np.flatnonzero(ended & fine).tolist(), reason)
             fine &= ~ended
     scale = np.where(fine, norm.scale, np.nan)
-    translation = scale[:, None] * found.translation + norm.centroid
-    view, t = None, found.camera_translation
+    translation = scale[:, None] * estimate.translation + norm.centroid
+    view, t = None, estimate.camera_translation
     if camera is not None and t is not None:
         view = PerspectiveView(np.where(fine[:, None], t, np.nan), camera)
         scale = np.sqrt(camera.focal.prod(axis=1)) / (camera.sign * view.translation[:, 2])
-    shapes = scale[:, None, None] * found.shapes
+    shapes = scale[:, None, None] * estimate.shapes
     shapes[:, :2] += translation[:, :, None]
     fitted = shapes[:, :2]
     if view is not None:
-        fitted = project(view.camera, found.shapes + view.translation[..., None])
-    return Lifting(shapes, fitted, translation, scale, problem, found, failures, view)
+        fitted = project(view.camera, estimate.shapes + view.translation[..., None])
+    return Lifting(shapes, fitted, translation, scale, problem, estimate, failures, view)
 
 
 def find_noise(program: Program, scale: Floats, shape: tuple[int, ...]) -> Floats | None:

@@ -22,20 +22,20 @@ ACTIVE = 1e-6
 def lift_convex(problem: Problem, settings: Settings) -> Estimate:
     """Solve the convex program and complete each transform (paper, section Reconstruction)."""
     solution = settings.solve(problem)
-    found = reconstruct(solution.transforms, problem.atoms, threads=settings.threads)
+    reconstruction = reconstruct(solution.transforms, problem.atoms, threads=settings.threads)
     return Estimate(
-        shapes=found.shapes,
+        shapes=reconstruction.shapes,
         translation=solution.translation,
-        rotation=found.rotation,
+        rotation=reconstruction.rotation,
         objective=solution.objective,
         residual=solution.residual,
         iterations=solution.iterations,
         status=solution.status,
-        coefficients=found.coefficients,
-        active_atoms=found.active_atoms,
+        coefficients=reconstruction.coefficients,
+        active_atoms=reconstruction.active_atoms,
         transforms=solution.transforms,
         relative_gap=solution.relative_gap,
-        tight=found.tight,
+        tight=reconstruction.tight,
         outliers=find_outliers(problem, solution),
         convex_proof=ConvexProof.of(solution),
     )

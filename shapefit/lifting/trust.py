@@ -112,7 +112,7 @@ def find_reasons(
     sides (n,), see `SIDES`; depth_ambiguity, see `Dictionary`.
     """
     failed = ~np.isfinite(shapes).all(axis=(1, 2))
-    stopped = np.array([each is Status.ITERATION_LIMIT for each in status], dtype=bool)
+    stopped = np.array([value is Status.ITERATION_LIMIT for value in status], dtype=bool)
     with np.errstate(invalid="ignore"):
         far = (start_distance > LIMITS.max_distance) & (visible >= LIMITS.fewest_visible)
         rules = (
@@ -145,8 +145,8 @@ def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> flo
 
     nan where these are fewer than `fewest_images`.
     """
-    known = start_distance[np.isfinite(start_distance) & (visible >= LIMITS.fewest_visible)]
-    return median(known) if len(known) >= LIMITS.fewest_images else float("nan")
+    distances = start_distance[np.isfinite(start_distance) & (visible >= LIMITS.fewest_visible)]
+    return median(distances) if len(distances) >= LIMITS.fewest_images else float("nan")
 
 
 def cover_mirror_image(estimate: Estimate) -> Estimate:
@@ -203,11 +203,11 @@ def expected_error(shapes: Floats, covariance: Floats) -> Floats:
     either is not finite.
     """
     n, _, p = shapes.shape
-    known: Flags = np.asarray(
+    finite: Flags = np.asarray(
         np.isfinite(shapes).all(axis=(1, 2)) & np.isfinite(covariance).all(axis=(1, 2))
     )
-    S = np.where(known[:, None, None], shapes, np.eye(3, p))
-    C = np.where(known[:, None, None], covariance, 0.0)
+    S = np.where(finite[:, None, None], shapes, np.eye(3, p))
+    C = np.where(finite[:, None, None], covariance, 0.0)
     x, y, z = (S - S.mean(axis=2, keepdims=True)).transpose(1, 0, 2)
     zero, one = np.zeros_like(x), np.ones_like(x)
     directions = np.array(
@@ -232,4 +232,4 @@ def expected_error(shapes: Floats, covariance: Floats) -> Floats:
     some = trace > 0
     share = np.divide(A, trace[..., None, None], out=np.zeros_like(A), where=some[..., None, None])
     length = np.sqrt(trace) * (1 - (share**2).sum(axis=(2, 3)) / 4)
-    return np.where(known, CALIBRATED * length.mean(axis=1), np.nan)
+    return np.where(finite, CALIBRATED * length.mean(axis=1), np.nan)

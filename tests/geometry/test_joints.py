@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from shapefit.geometry.joint_angles import ANGLES, known_angles, measure_angles
+from shapefit.geometry.joint_angles import ANGLES, measurable_angles, measure_angles
 from shapefit.geometry.joint_rotations import find_bones, find_rig, find_tree, forward_kinematics
 from shapefit.geometry.rotations import exponential, rotation_about
 
@@ -58,7 +58,7 @@ def measured(joints, up=UP, covariance=None):
     shapes = np.stack([np.atleast_2d(points) for points in joints.values()], axis=-1)
     columns = {name: number for number, name in enumerate(joints)}
     values, sd = measure_angles(shapes, up, columns, covariance)
-    names = [angle.name for angle in known_angles(columns)]
+    names = [angle.name for angle in measurable_angles(columns)]
     return dict(zip(names, values.T, strict=True)), dict(zip(names, sd.T, strict=True))
 
 

@@ -84,25 +84,27 @@ def evaluate_class(images: Images, state: State) -> Judgement:
     """Judge whether depth was learned, by hiding landmarks of a sample of the images."""
     some = images.hiding(state.outliers)[evenly(len(images), SAMPLE)]
     hidden = hide(some.weights > 0)
-    known = some.hiding(hidden)
-    n, p = known.weights.shape
-    rigid = rigid_state(known)
-    W, _ = complete(known, RANK)
-    flat, evidence_of_flat = flat_state(known, W, np.zeros(n)), -np.inf
+    remaining = some.hiding(hidden)
+    n, p = remaining.weights.shape
+    rigid = rigid_state(remaining)
+    W, _ = complete(remaining, RANK)
+    flat, evidence_of_flat = flat_state(remaining, W, np.zeros(n)), -np.inf
     angle = roll_angles(W)
     if np.abs(angle).max() > ROLLED:
-        rolled = flat_state(known, W, angle)
-        evidence_of_flat = rolled.objective - price_of_views(known, rolled, ROLL)
+        rolled = flat_state(remaining, W, angle)
+        evidence_of_flat = rolled.objective - price_of_views(remaining, rolled, ROLL)
     evidence_of_flat = max(evidence_of_flat, flat.objective)
-    *_, learned = improve(known, rigid, ROUNDS)
+    *_, learned = improve(remaining, rigid, ROUNDS)
     forward = state.views.rotation[:, 2]
-    half_distance = halves_distance(known, learned)
+    half_distance = halves_distance(remaining, learned)
     closest = np.abs(forward @ forward[evenly(len(forward), SAMPLE)].T).min()
-    gain = (learned.objective - price_of_views(known, learned, TURNS) - evidence_of_flat) / (n * p)
+    gain = (learned.objective - price_of_views(remaining, learned, TURNS) - evidence_of_flat) / (
+        n * p
+    )
     size = np.linalg.svd(state.model.mean, compute_uv=False)
     deep = gain > GAIN
     deforms = np.sqrt(learned.model.covariance.trace()) / np.linalg.norm(learned.model.mean)
-    residual = (predict(known, learned) - some.landmarks)[hidden[:, None].repeat(2, axis=1)]
+    residual = (predict(remaining, learned) - some.landmarks)[hidden[:, None].repeat(2, axis=1)]
     hidden_error = float(np.sqrt((residual**2).mean())) if residual.size else float("nan")
     same = half_distance < max(SAME * deforms, CLOSE)
     doubtful = deep or same or gain > REST
@@ -149,18 +151,18 @@ def halves_distance(images: Images, learned: State) -> float:
     of what was learned is less where the halves show the same poses from other sides.
     Near and far of a half may be exchanged.
     """
-    n, found = len(images), []
+    n, distances = len(images), []
     for half in (np.arange(n // 2), np.arange(n // 2, n)):
         *_, by_itself = improve(images[half], rigid_state(images[half]), ROUNDS)
         X, tried = learned.in_camera[half], by_itself.in_camera
         size = np.linalg.norm(X, axis=(1, 2))
         mirrored = tried * np.array([1.0, 1.0, -1.0])[:, None]
-        found.append(
+        distances.append(
             min(
                 float((np.linalg.norm(X - Y, axis=(1, 2)) / size).mean()) for Y in (tried, mirrored)
             )
         )
-    return float(np.mean(found))
+    return float(np.mean(distances))
 
 
 def price_of_views(images: Images, state: State, axes: slice) -> float:

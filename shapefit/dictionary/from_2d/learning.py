@@ -99,8 +99,8 @@ class State:
     def in_camera(self) -> Floats:
         """Shapes s R x (n, 3, p) in the frame of the camera."""
         s = np.exp(self.views.log_scale)[:, None, None]
-        found: Floats = s * (self.views.rotation @ self.shapes)
-        return found
+        points: Floats = s * (self.views.rotation @ self.shapes)
+        return points
 
 
 def learn(images: Images) -> Iterator[State]:
@@ -113,16 +113,16 @@ def learn(images: Images) -> Iterator[State]:
     ranks = tuple(sorted({min(rank, images.landmarks.shape[2] - 1) for rank in RANKS}))
     some = evenly(len(images), TRIAL_IMAGES)
     hidden = hide(images[some].weights > 0)
-    known = images[some].hiding(hidden)
+    remaining = images[some].hiding(hidden)
     W, _ = complete(images, max(RANKS))
     starts = find_views(W, ranks)
-    trials = [run_trial(known, W[some], views[some]) for views in starts]
+    trials = [run_trial(remaining, W[some], views[some]) for views in starts]
     best = int(np.argmax([trial.objective for trial in trials]))
     first = first_state(images, W, starts[best])
     W, outliers = complete(images, max(RANKS), doubting=True)
     if outliers[some].any():
         (views,) = find_views(W, ranks[best : best + 1])
-        without = replace(known, outliers=outliers[some] & ~hidden)
+        without = replace(remaining, outliers=outliers[some] & ~hidden)
         doubting = run_trial(without, W[some], views[some])
         errors = [hidden_error(images[some], hidden, of) for of in (doubting, trials[best])]
         if errors[0] < CLEARLY * errors[1]:
@@ -149,9 +149,9 @@ def hidden_error(images: Images, hidden: Mask, state: State) -> float:
 
 def predict(images: Images, state: State) -> Floats:
     """Return where the model has all landmarks (n, 2, p), hidden ones too."""
-    found = posterior_mean(images, state.views, state.model)
-    shapes = replace(state, shapes=found.shapes).in_camera
-    placed: Floats = shapes[:, :2] + found.translation[:, :, None]
+    expected = posterior_mean(images, state.views, state.model)
+    shapes = replace(state, shapes=expected.shapes).in_camera
+    placed: Floats = shapes[:, :2] + expected.translation[:, :, None]
     return placed
 
 
@@ -194,21 +194,21 @@ def learn_round(images: Images, state: State, *, hold: bool) -> State:
     for at in range(0, n, BLOCK):
         rows = slice(at, at + BLOCK)
         block, views = replace(images[rows], outliers=outliers[rows]), state.views[rows]
-        found = posterior_mean(block, views, model, slopes=not hold)
+        expected = posterior_mean(block, views, model, slopes=not hold)
         if doubting or not hold:
-            doubted = change_inliers(block, found.flip_gain) if doubting else outliers[rows]
-            moved = views if hold else ascent(views, found, damping[rows])
+            doubted = change_inliers(block, expected.flip_gain) if doubting else outliers[rows]
+            moved = views if hold else ascent(views, expected, damping[rows])
             then = posterior_mean(replace(block, outliers=doubted), moved, model)
-            better = then.log_density > found.log_density
-            found, views = choose(better, then, found), choose(better, moved, views)
+            better = then.log_density > expected.log_density
+            expected, views = choose(better, then, expected), choose(better, moved, views)
             outliers[rows] = np.where(better[:, None], doubted, outliers[rows])
         if not hold:
             damping[rows] = np.clip(np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3)
         rotation[rows], log_scale[rows] = views.rotation, views.log_scale
-        shapes[rows] = found.shapes
-        density += float(found.log_density.sum())
-        covariance += scatter(found, views, model)
-        residual_variance += float(found.residual_variance.sum())
+        shapes[rows] = expected.shapes
+        density += float(expected.log_density.sum())
+        covariance += scatter(expected, views, model)
+        residual_variance += float(expected.residual_variance.sum())
     mean = shapes.mean(axis=0)
     centred = (shapes - mean).reshape(n, 3 * p)
     noise = residual_variance / (2 * int(((images.weights > 0) & ~outliers).sum()))
@@ -228,8 +228,8 @@ def learn_round(images: Images, state: State, *, hold: bool) -> State:
 
 def sequence_means(values: Floats, sequence: Indices) -> Floats:
     """Means (sequences,) of values (n,)."""
-    found: Floats = np.bincount(sequence, values) / np.maximum(np.bincount(sequence), 1)
-    return found
+    means: Floats = np.bincount(sequence, values) / np.maximum(np.bincount(sequence), 1)
+    return means
 
 
 def complete(images: Images, rank: int, *, doubting: bool = False) -> tuple[Floats, Mask]:
@@ -264,7 +264,7 @@ def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:
     """Return the views of landmarks W (n, 2, p), complete and centred, for each rank r."""
     n, _, p = W.shape
     U = np.linalg.svd(W.reshape(2 * n, p), full_matrices=False)[0]
-    found = []
+    views = []
     L = (U * np.sqrt(2 * n / 3)).reshape(n, 2, -1)
     Q = rigid_upgrade(L[:, :, :3])
     for r in range(3, max(ranks) + 1):
@@ -272,8 +272,8 @@ def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:
         if r in ranks:
             rows = L[:, :, :r] @ Q
             log_scale = np.log(np.maximum((rows**2).sum(axis=(1, 2)) / 2, 1e-4)) / 2
-            found.append(Views(complete_rotation(rows), log_scale))
-    return found
+            views.append(Views(complete_rotation(rows), log_scale))
+    return views
 
 
 def rigid_upgrade(L: Floats) -> Floats:
@@ -285,8 +285,8 @@ def rigid_upgrade(L: Floats) -> Floats:
     G = np.empty((3, 3))
     G[i, j] = G[j, i] = np.linalg.lstsq(products.reshape(-1, 6), target, rcond=None)[0]
     size, axes = np.linalg.eigh(G)
-    found: Floats = axes * np.sqrt(np.maximum(size, 1e-2 * max(size[-1], 1e-2)))
-    return found
+    upgrade: Floats = axes * np.sqrt(np.maximum(size, 1e-2 * max(size[-1], 1e-2)))
+    return upgrade
 
 
 def upgrade(L: Floats, Q: Floats) -> Floats:

@@ -123,8 +123,8 @@ class Gaussian:
     def covariance(self) -> Floats:
         """V V^T + rho I (3p, 3p), all x first, then y, then z."""
         V = self.modes.reshape(self.mean.size, -1)
-        found: Floats = V @ V.T + self.rest * np.eye(len(V))
-        return found
+        C: Floats = V @ V.T + self.rest * np.eye(len(V))
+        return C
 
 
 @dataclass(frozen=True)
@@ -213,12 +213,14 @@ def posterior_mean(
         # each landmark with itself
         uBM = np.repeat(u, 2, axis=1)[..., None] * (half @ root.transpose(0, 2, 1))
         K = uBM[..., :q].reshape(n, p, 2, q).transpose(1, 0, 2, 3).reshape(p, 2 * n, q)
-        own = (K @ V.transpose(0, 2, 1)).reshape(p, n, 2, 3).transpose(1, 0, 3, 2)
+        of_landmark = (K @ V.transpose(0, 2, 1)).reshape(p, n, 2, 3).transpose(1, 0, 3, 2)
         stays = (gain / s[:, None])[:, :, None, None] * (np.eye(2) - BK)
-        own = own.sum(axis=1) + PR.transpose(0, 2, 1) @ stays.sum(axis=1)
+        of_landmark = of_landmark.sum(axis=1) + PR.transpose(0, 2, 1) @ stays.sum(axis=1)
         D = s[:, None, None, None] * np.einsum("oca,nai->noci", TURNS, views.rotation)
         moved = np.einsum("noci,nip->nopc", D, shapes, optimize=True)
-        gradient = np.einsum("nopc,npc->no", moved, alpha) - np.einsum("noci,nic->no", D, own)
+        gradient = np.einsum("nopc,npc->no", moved, alpha) - np.einsum(
+            "noci,nic->no", D, of_landmark
+        )
         J = np.einsum("noci,ip->nopc", D, model.mean, optimize=True).reshape(n, DIRECTIONS, -1)
         JB = J @ uB @ root
         uJ = J * np.repeat(u, 2, axis=1)[:, None]
@@ -254,36 +256,36 @@ def change_inliers(images: Images, flip_gain: Floats) -> Mask:
     return outliers
 
 
-def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:
+def scatter(expected: Expected, views: Views, model: Gaussian) -> Floats:
     """sum_n Cov x_n (3p, 3p)."""
-    n, _, p = found.shapes.shape
+    n, _, p = expected.shapes.shape
     q = model.modes.shape[2]
     PR = views.rotation[:, :2]
     # x = mu + (I - gain R^T P^T P R) V z - gain / s R^T P^T t + ..: columns of z, then of t
     D = np.empty((n, 3, p, q + 2))
     RPPR = (PR.transpose(0, 2, 1) @ PR).reshape(3 * n, 3)
     turned = (RPPR @ model.modes.reshape(3, p * q)).reshape(n, 3, p, q)
-    turned *= found.gain[:, None, :, None]
+    turned *= expected.gain[:, None, :, None]
     np.subtract(model.modes, turned, out=D[..., :q])
-    back = np.exp(-views.log_scale)[:, None] * found.gain
+    back = np.exp(-views.log_scale)[:, None] * expected.gain
     D[..., q:] = -np.einsum("np,nci->nipc", back, PR)
-    half = (D.reshape(n, 3 * p, q + 2) @ found.root).transpose(1, 0, 2).reshape(3 * p, -1)
+    half = (D.reshape(n, 3 * p, q + 2) @ expected.root).transpose(1, 0, 2).reshape(3 * p, -1)
     total: Floats = half @ half.T
-    retained = np.einsum("np,nci,ncj->pij", found.gain, PR, PR, optimize=True)
-    own = model.rest * (n * np.eye(3) - retained)
+    retained = np.einsum("np,nci,ncj->pij", expected.gain, PR, PR, optimize=True)
+    rest = model.rest * (n * np.eye(3) - retained)
     blocks = total.reshape(3, p, 3, p)
     for j in range(p):
-        blocks[:, j, :, j] += own[j]
+        blocks[:, j, :, j] += rest[j]
     return total
 
 
-def ascent(views: Views, found: Expected, damping: Floats) -> Views:
+def ascent(views: Views, expected: Expected, damping: Floats) -> Views:
     """Take a damped scoring step of each view (n,) towards more log density."""
-    assert found.gradient is not None
-    assert found.information is not None
-    trace = found.information.trace(axis1=1, axis2=2)[:, None, None] / DIRECTIONS
-    H = found.information + (damping[:, None, None] * trace + 1e-12) * np.eye(DIRECTIONS)
-    step = np.linalg.solve(H, found.gradient[..., None])[..., 0]
+    assert expected.gradient is not None
+    assert expected.information is not None
+    trace = expected.information.trace(axis1=1, axis2=2)[:, None, None] / DIRECTIONS
+    H = expected.information + (damping[:, None, None] * trace + 1e-12) * np.eye(DIRECTIONS)
+    step = np.linalg.solve(H, expected.gradient[..., None])[..., 0]
     step *= np.minimum(1.0, LONGEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
     return Views(exponential(step[:, :3]) @ views.rotation, views.log_scale + step[:, 3])
 
@@ -311,7 +313,7 @@ def split_ppca(mean: Floats, covariance: Floats, left: int = 1, most: int = MOST
 
 def choose(mask: Mask, yes: Record, no: Record) -> Record:
     """Return the record whose rows are those of `yes` where the mask (n,) is True, else of `no`."""
-    pairs = ((getattr(yes, each.name), getattr(no, each.name)) for each in fields(yes))
+    pairs = ((getattr(yes, entry.name), getattr(no, entry.name)) for entry in fields(yes))
     rows = (
         None if a is None or b is None else np.where(mask.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
         for a, b in pairs

@@ -15,7 +15,7 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, Up, nearest_axis_up
 from shapefit.geometry.floor import Body, Floor, find_floor
-from shapefit.geometry.joint_angles import known_angles, measure_angles
+from shapefit.geometry.joint_angles import measurable_angles, measure_angles
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import check_output, file_stem, staged_files
 from shapefit.io.layout import EDGES, FRAME, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, METRES_PER_UNIT
@@ -203,7 +203,7 @@ def video_of(sequence: str) -> str:
 
 def angle_names(names: Sequence[str]) -> Names:
     """Return the names of the joint angles that landmarks determine; none unless it is a body."""
-    return tuple(angle.name for angle in known_angles(joint_columns(names)))
+    return tuple(angle.name for angle in measurable_angles(joint_columns(names)))
 
 
 def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
@@ -213,7 +213,7 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
     `up`, y by default. Without `shape_covariance` deviations are two to three times as large.
     """
     joints = joint_columns(record.landmark_names)
-    if not known_angles(joints):
+    if not measurable_angles(joints):
         return {}
     upward: Floats = TO_Y_UP[up or "y"][1]
     covariance = None

@@ -85,8 +85,8 @@ def calibrate(
         return Calibration(np.nan, np.full(square.shape[1], np.nan), np.nan, 0)
     by_landmark = np.array(
         [
-            np.quantile(known, LEVEL) / QUANTILE if len(known) >= FEWEST else np.nan
-            for known in (column[np.isfinite(column)] for column in square.T)
+            np.quantile(squares, LEVEL) / QUANTILE if len(squares) >= FEWEST else np.nan
+            for squares in (column[np.isfinite(column)] for column in square.T)
         ]
     )
     return Calibration(
@@ -99,23 +99,24 @@ def calibrate(
 
 def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Floats:
     """d^2 (n, p) of seen landmarks from what the others predict, nan where that is nothing."""
-    known: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
-    visible: Flags = np.asarray((problem.weights > 0) & known[:, None])
+    finite: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
+    visible: Flags = np.asarray((problem.weights > 0) & finite[:, None])
     image, hidden = np.nonzero(visible)
     square = np.full(visible.shape, np.nan)
     if not len(image):
         return square
-    each = np.arange(len(image))
+    rows = np.arange(len(image))
     others = problem.take(image)
-    others.weights[each, hidden] = 0.0
-    found = find_from(others, rotation[image][:, None], settings)
+    others.weights[rows, hidden] = 0.0
+    posterior = find_from(others, rotation[image][:, None], settings)
     noise, w, slope = find_noise(problem), problem.landmarks, np.zeros((len(image), 2))
     if problem.camera is not None:
         rays = find_rays(w, problem.camera)
         w, slope = rays.landmarks, rays.slopes[image, :, hidden]
         noise = noise_of_rays(noise, rays, problem.camera)
     mean, sd, mixed = (
-        values[each, :, hidden] for values in (found.mean, found.deviation, found.correlation)
+        values[rows, :, hidden]
+        for values in (posterior.mean, posterior.deviation, posterior.correlation)
     )
     x, y, z = sd.T
     xy, xz, yz = mixed.T * np.array([x * y, x * z, y * z])
@@ -124,12 +125,12 @@ def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Fl
     P[:, :, 2] = -slope
     C = np.array([[x * x, xy, xz], [xy, y * y, yz], [xz, yz, z * z]]).transpose(2, 0, 1)
     omega = problem.weights[image, hidden]
-    of_landmark = found.scale**2 * settings.posterior.residual_variance / omega**2
+    of_landmark = posterior.scale**2 * settings.posterior.residual_variance / omega**2
     S = P @ C @ P.swapaxes(1, 2) + noise[image, hidden]
     S += of_landmark[:, None, None] * np.eye(2)
     away = w[image, :, hidden] - (P @ mean[..., None])[..., 0]
-    known = np.isfinite(S).all(axis=(1, 2)) & np.isfinite(away).all(axis=1)
-    S[~known] = np.eye(2)
+    finite = np.isfinite(S).all(axis=(1, 2)) & np.isfinite(away).all(axis=1)
+    S[~finite] = np.eye(2)
     distance = np.einsum("ni,ni->n", away, np.linalg.solve(S, away[..., None])[..., 0])
-    square[image, hidden] = np.where(known, distance, np.nan)
+    square[image, hidden] = np.where(finite, distance, np.nan)
     return square

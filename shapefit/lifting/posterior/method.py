@@ -65,36 +65,36 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     visible, camera = problem.weights > 0, problem.camera
     if camera is not None:
         starts = face(starts, problem.landmarks, visible, camera)
-    found = find_from(problem, starts, settings, modes, options.covariance)
-    lost = np.isnan(found.log_evidence)
+    posterior = find_from(problem, starts, settings, modes, options.covariance)
+    lost = np.isnan(posterior.log_evidence)
     status = np.full(len(lost), Status.ITERATION_LIMIT, dtype=object)
-    status[found.stationary] = Status.CONVERGED
+    status[posterior.stationary] = Status.CONVERGED
     status[lost] = Status.NUMERICAL_FAILURE
     status[failed] = np.array(solution.status, dtype=object)[failed]
-    translation = found.mean[:, :2].mean(axis=2)
-    shapes = found.mean.copy()
+    translation = posterior.mean[:, :2].mean(axis=2)
+    shapes = posterior.mean.copy()
     shapes[:, :2] -= translation[:, :, None]
     grow = scale_of_bars(options.bar_scale, options.growth, problem.weights.shape[1])
     estimate = Estimate(
         shapes=np.where(lost[:, None, None], 0.0, shapes),
         translation=np.where(lost[:, None], 0.0, translation),
-        rotation=found.rotation,
-        objective=-found.log_evidence,
+        rotation=posterior.rotation,
+        objective=-posterior.log_evidence,
         residual=fit_translation(problem, shapes[:, :2], translation).residual,
-        iterations=solution.iterations + found.rounds,
+        iterations=solution.iterations + posterior.rounds,
         status=tuple(status.tolist()),
-        deviation=grow * found.deviation,
-        covariance=grow_covariance(found.covariance, grow),
-        posterior_modes=found.modes if modes else None,
+        deviation=grow * posterior.deviation,
+        covariance=grow_covariance(posterior.covariance, grow),
+        posterior_modes=posterior.modes if modes else None,
         convex_proof=ConvexProof.of(solution),
         further={
-            "log_evidence": found.log_evidence,
-            SQUARED_MAHALANOBIS: found.squared_mahalanobis,
-            "inlier_probability": np.where(visible, found.inlier_probability, np.nan),
-            CORRELATION: found.correlation.swapaxes(1, 2).astype(np.float32),
+            "log_evidence": posterior.log_evidence,
+            SQUARED_MAHALANOBIS: posterior.squared_mahalanobis,
+            "inlier_probability": np.where(visible, posterior.inlier_probability, np.nan),
+            CORRELATION: posterior.correlation.swapaxes(1, 2).astype(np.float32),
         },
     )
-    return estimate if camera is None else look_through(estimate, found, problem, camera)
+    return estimate if camera is None else look_through(estimate, posterior, problem, camera)
 
 
 def scale_of_bars(bar_scale: float, growth: Sequence[float], landmarks: int) -> Floats:
@@ -146,20 +146,20 @@ def find_from(
     )
 
 
-def with_p_value(found: Estimate, problem: Problem, settings: Settings) -> Estimate:
-    """Return what `lift_to_posterior` found with p-values and start distances."""
-    further = dict(found.further)
+def with_p_value(estimate: Estimate, problem: Problem, settings: Settings) -> Estimate:
+    """Return the estimate of `lift_to_posterior` with p-values and start distances."""
+    further = dict(estimate.further)
     further[P_VALUE] = find_p_values(
         further.pop(SQUARED_MAHALANOBIS),
         (problem.weights > 0).sum(axis=1),
         np.nansum(further["inlier_probability"], axis=1),
         settings.needs["p_value_table"],
     )
-    further[START_DISTANCE] = find_start_distance(found, problem, settings)
-    return replace(found, further=further)
+    further[START_DISTANCE] = find_start_distance(estimate, problem, settings)
+    return replace(estimate, further=further)
 
 
-def find_start_distance(found: Estimate, problem: Problem, settings: Settings) -> Floats:
+def find_start_distance(estimate: Estimate, problem: Problem, settings: Settings) -> Floats:
     """Similarity distance (n,) of the inliers of posteriors from those of their convex shapes.
 
     In units of the size of the former; nan where either does not exist. The convex program knows
@@ -167,14 +167,14 @@ def find_start_distance(found: Estimate, problem: Problem, settings: Settings) -
     outliers, and with the landmarks that weak perspective would have of the shapes found,
     c + (w - c) (t_z + Z_j) / t_z.
     """
-    assert found.convex_proof is not None
-    M, camera, t = found.convex_proof.transforms, problem.camera, found.camera_translation
-    inliers = np.nan_to_num(found.further["inlier_probability"]) >= MOSTLY
+    assert estimate.convex_proof is not None
+    M, camera, t = estimate.convex_proof.transforms, problem.camera, estimate.camera_translation
+    inliers = np.nan_to_num(estimate.further["inlier_probability"]) >= MOSTLY
 
     def distance(M: Transforms, rows: NDArray[np.intp]) -> Floats:
         start = reconstruct(M, problem.atoms, threads=settings.threads).shapes
         shown = inliers[rows] & (M.count > 0)[:, None]
-        return relative_distance(np.where(shown[:, None], start, np.nan), found.shapes[rows])
+        return relative_distance(np.where(shown[:, None], start, np.nan), estimate.shapes[rows])
 
     start_distance = distance(M, np.arange(len(inliers)))
     again = camera is not None or (inliers != (problem.weights > 0)).any(axis=1)
@@ -186,7 +186,7 @@ def find_start_distance(found: Estimate, problem: Problem, settings: Settings) -
     landmarks = part.landmarks
     if part.camera is not None and t is not None:
         c, tz = part.camera.centre[..., None], t[far, 2][:, None]
-        landmarks = c + (landmarks - c) * ((tz + found.shapes[far, 2]) / tz)[:, None]
+        landmarks = c + (landmarks - c) * ((tz + estimate.shapes[far, 2]) / tz)[:, None]
     norm, _ = normalise_visible(landmarks, part.weights)
     solved = settings.solve(replace(part, landmarks=norm.points, camera=None))
     start_distance[far] = np.fmin(start_distance[far], distance(solved.transforms, far))
@@ -200,10 +200,10 @@ def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
     of the standard deviation of those x_j that count. (n,), nan where fewer than three do.
     """
     errors = similarity_errors(estimate, shapes)
-    known = np.isfinite(estimate)
-    count = np.maximum(known.sum(axis=2), 1)
-    mean = np.where(known, shapes, 0.0).sum(axis=2) / count
-    away = np.where(known, shapes - mean[..., None], 0.0)
+    finite = np.isfinite(estimate)
+    count = np.maximum(finite.sum(axis=2), 1)
+    mean = np.where(finite, shapes, 0.0).sum(axis=2) / count
+    away = np.where(finite, shapes - mean[..., None], 0.0)
     size = np.sqrt((away**2).sum(axis=2) / count).mean(axis=1)
     return np.divide(errors, size, out=np.full_like(errors, np.nan), where=size > 0)
 
@@ -223,13 +223,13 @@ def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Flo
 
 
 def look_through(
-    estimate: Estimate, found: Posterior, problem: Problem, camera: Camera
+    estimate: Estimate, posterior: Posterior, problem: Problem, camera: Camera
 ) -> Estimate:
     """The same estimate with shapes in the unit of the dictionary, placed before the camera."""
-    lost, size = np.isnan(found.scale), found.scale[:, None, None]
-    middle, focal = found.mean[:, :2].mean(axis=2), find_rays(problem.landmarks, camera).focal
-    t = np.concatenate([middle, camera.sign * focal[:, None]], axis=1) / found.scale[:, None]
-    shapes = found.mean / size
+    lost, size = np.isnan(posterior.scale), posterior.scale[:, None, None]
+    middle, focal = posterior.mean[:, :2].mean(axis=2), find_rays(problem.landmarks, camera).focal
+    t = np.concatenate([middle, camera.sign * focal[:, None]], axis=1) / posterior.scale[:, None]
+    shapes = posterior.mean / size
     shapes[:, :2] -= t[:, :2, None]
     projected = project(camera, shapes + t[..., None])
     # what is hidden may lie behind the camera, and counts for nothing

@@ -113,7 +113,7 @@ def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
     w = (R @ (prior.means[k] + away.reshape(DRAWS, 3, p)))[:, :2]
     w += np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=w.shape)
     shown = rng.random((DRAWS, p)).argsort(axis=1) < count
-    found = find_posterior(
+    posterior = find_posterior(
         landmarks=w,
         residual_variance=np.where(shown, RESIDUAL_VARIANCE, np.inf),
         noise=np.zeros((DRAWS, p, 2, 2)),
@@ -122,10 +122,10 @@ def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
         outliers=Outliers(PosteriorOptions.outlier_rate, PosteriorOptions.outlier_density),
     )
     # images without a posterior, and those whose landmarks happen to look like outliers
-    known = found.squared_mahalanobis[np.isfinite(found.squared_mahalanobis)]
-    inliers = np.nanmean(np.where(shown, found.inlier_probability, 0.0).sum(axis=1))
-    mean = float(known.mean())
-    return mean - float(2 * inliers - VIEWED), float(known.var()) / (2 * mean)
+    squares = posterior.squared_mahalanobis[np.isfinite(posterior.squared_mahalanobis)]
+    inliers = np.nanmean(np.where(shown, posterior.inlier_probability, 0.0).sum(axis=1))
+    mean = float(squares.mean())
+    return mean - float(2 * inliers - VIEWED), float(squares.var()) / (2 * mean)
 
 
 def exceeds(x: Floats, mean: Floats, variance: Floats) -> Floats:
@@ -135,4 +135,4 @@ def exceeds(x: Floats, mean: Floats, variance: Floats) -> Floats:
     """
     c = variance / (3 * mean) ** 2
     z = (np.cbrt(x / mean) - (1 - c)) / np.sqrt(c)
-    return np.array([0.5 * erfc(each) for each in (z / np.sqrt(2)).tolist()])
+    return np.array([0.5 * erfc(value) for value in (z / np.sqrt(2)).tolist()])

@@ -65,15 +65,15 @@ GAP = 1e-6
 class Motion:
     """How bodies move and are built, in units of the size of their landmarks.
 
-    bones (e, 2) keep their lengths but for deviations of give (e,); acceleration (p,), the root of
-    the mean square of the second difference of a coordinate from frame to frame; known, what is
-    known of the lengths; rate, images a second.
+    bones (e, 2) keep their lengths with standard deviations bone_tolerance (e,); acceleration (p,),
+    the root of the mean square of the second difference of a coordinate from frame to frame; usual,
+    the usual lengths; rate, images a second.
     """
 
     bones: Indices
     acceleration: Floats
-    give: Floats
-    known: Lengths | None = None
+    bone_tolerance: Floats
+    usual: Lengths | None = None
     rate: float = 24.0
 
 
@@ -117,9 +117,9 @@ class Refined(NamedTuple):
 
 def lift_frames(problem: Problem, settings: Settings) -> Estimate:
     """Return the posterior of each image, with the modes from which sequences are inferred."""
-    found = lift_to_posterior(problem, settings, modes=CONSTANTS.modes)
+    posterior = lift_to_posterior(problem, settings, modes=CONSTANTS.modes)
     unknown = np.full(len(problem.landmarks), np.nan)
-    return replace(found, further={**found.further, NOISE: unknown})
+    return replace(posterior, further={**posterior.further, NOISE: unknown})
 
 
 def refine_lifting(
@@ -139,31 +139,35 @@ def refine_lifting(
     The covariances of the modes are written over. All but the shapes and what is known of them
     stays that of the images.
     """
-    found = lifting.estimate
-    modes = found.posterior_modes
+    estimate = lifting.estimate
+    modes = estimate.posterior_modes
     weights = lifting.problem.weights
     visible = (weights > 0)[:, None]
-    own, own_mixed, of_images = found.deviation, found.further[CORRELATION], found.covariance
+    image_sd, image_mixed, of_images = (
+        estimate.deviation,
+        estimate.further[CORRELATION],
+        estimate.covariance,
+    )
     assert modes is not None  # as lift_frames returns them, with covariances
-    assert own is not None
+    assert image_sd is not None
     assert of_images is not None
-    centre = lifting.translation - lifting.scale[:, None] * found.translation
+    centre = lifting.translation - lifting.scale[:, None] * estimate.translation
     clips = Clips(
         landmarks=np.where(visible, landmarks, np.nan),
-        trust=np.nan_to_num(found.further["inlier_probability"]) * weights**2,
+        trust=np.nan_to_num(estimate.further["inlier_probability"]) * weights**2,
         points=lifting.shapes,
         scale=lifting.scale,
         centre=centre,
         modes=modes,
         residual_variance=residual_variance,
         noise=noise,
-        deviation=lifting.scale[:, None, None] * own / bar_scale,
+        deviation=lifting.scale[:, None, None] * image_sd / bar_scale,
     )
     refined = refine_clips(clips, sequences, motion, threads)
     single = np.isnan(refined.noise)[:, None, None]
     grow = bar_scale / lifting.scale[:, None]  # (n, p), of what is in the unit of the landmarks
-    rows = nearest_known(is_informative(clips), split(sequences))
-    images = (own[rows], own_mixed[rows].swapaxes(1, 2).astype(np.float64))
+    rows = nearest_informative(is_informative(clips), split(sequences))
+    images = (image_sd[rows], image_mixed[rows].swapaxes(1, 2).astype(np.float64))
     smoothed = (refined.deviation * grow[:, None], refined.correlation)
     constant = refined.noise[:, None] * grow
     bars, correlation = add_common_error(smoothed, images, constant)
@@ -177,7 +181,7 @@ def refine_lifting(
     covariance[:, axes, axes] += np.tile(constant, 3) ** 2
     covariance[single[:, 0, 0]] = of_images[single[:, 0, 0]]
     stopped = ~refined.converged
-    status = found.status
+    status = estimate.status
     if stopped.any():
         limit = Status.ITERATION_LIMIT
         status = tuple(limit if s else old for s, old in zip(stopped, status, strict=True))
@@ -186,14 +190,14 @@ def refine_lifting(
         shapes=refined.points,
         landmarks_fitted=refined.points[:, :2].copy(),
         estimate=replace(
-            found,
+            estimate,
             status=status,
-            deviation=np.where(single, own, bars),
+            deviation=np.where(single, image_sd, bars),
             covariance=covariance,
             posterior_modes=None,
             further={
-                **found.further,
-                CORRELATION: np.where(single, own_mixed, mixed),
+                **estimate.further,
+                CORRELATION: np.where(single, image_mixed, mixed),
                 NOISE: refined.noise,
                 IMAGE_ERROR: lifting.scale * expected_error(lifting.shapes, of_images),
             },
@@ -218,46 +222,46 @@ def refine_clips(
     noise = np.full(len(clips.points), np.nan)
     d, converged = 3 * clips.points.shape[2], np.ones(len(noise), bool)
     covariance = np.full((len(noise), d, d), np.nan)
-    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise, covariance, converged)
+    refined = Refined(clips.points.copy(), unknown, unknown.copy(), noise, covariance, converged)
     finite: Flags = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
-    known = is_informative(clips)
+    informative = is_informative(clips)
     clips = replace(
         clips,
-        scale=np.where(known, clips.scale, np.nan),
-        points=np.where(known[:, None, None], clips.points, np.nan),
+        scale=np.where(informative, clips.scale, np.nan),
+        points=np.where(informative[:, None, None], clips.points, np.nan),
     )
-    there = np.concatenate([[0], np.cumsum(known)])
+    there = np.concatenate([[0], np.cumsum(informative)])
     long = [clip for clip in split(sequences) if there[clip.stop] - there[clip.start] >= FEWEST]
 
     def refine(clip: slice) -> None:
-        refine_clip(clips, clip, known[clip], finite[clip], motion, found)
+        refine_clip(clips, clip, informative[clip], finite[clip], motion, refined)
 
     on_threads(refine, long, threads)
-    return found
+    return refined
 
 
 def is_informative(clips: Clips) -> Flags:
     """Which images (n,) have a posterior that is not wider than `CONSTANTS.widest`."""
     finite = np.isfinite(clips.points).all(axis=(1, 2))
     width = np.sqrt((clips.deviation**2).mean(axis=(1, 2)))
-    known: Flags = finite & (width < CONSTANTS.widest * clips.scale)
-    return known
+    informative: Flags = finite & (width < CONSTANTS.widest * clips.scale)
+    return informative
 
 
 def split(sequences: Sequence[str]) -> list[slice]:
     """Slices of equal neighbours in `sequences` (n,), in pieces of at most `LONGEST`."""
     values = np.array(sequences, dtype=object)
     ends = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist(), len(values)]
-    found = []
+    slices = []
     for start, stop in pairwise(ends):
         pieces = -(-(stop - start) // LONGEST)
         cuts = [start + (stop - start) * k // pieces for k in range(pieces + 1)] if pieces else []
-        found += [slice(a, b) for a, b in pairwise(cuts)]
-    return found
+        slices += [slice(a, b) for a, b in pairwise(cuts)]
+    return slices
 
 
 def refine_clip(
-    clips: Clips, clip: slice, there: Flags, finite: Flags, motion: Motion, found: Refined
+    clips: Clips, clip: slice, there: Flags, finite: Flags, motion: Motion, refined: Refined
 ) -> None:
     """Refine one sequence from the images that are `there` (t,); write down the finite ones."""
     size = median(clips.scale[clip][there])
@@ -265,28 +269,28 @@ def refine_clip(
     if clips.noise is not None:
         sigma = min(max(clips.noise / size, CONSTANTS.least_noise), sigma)
     frames = int(there.sum()) * sigma**2 / clips.residual_variance
-    known = weigh_lengths(motion.known, frames)
+    usual = weigh_lengths(motion.usual, frames)
 
     def infer(visible: Observations, rigid: bool = True) -> Smoothed:
         lag = max(1, round(CONSTANTS.memory * motion.rate))
         scale = find_acceleration_scale(visible, motion.acceleration, lag)
         stiffness = (motion.acceleration * scale) ** -2
-        model = Model(motion.bones, stiffness, motion.give, known)
+        model = Model(motion.bones, stiffness, motion.bone_tolerance, usual)
         if not rigid:
-            model = Model(motion.bones[:0], stiffness, motion.give[:0])
+            model = Model(motion.bones[:0], stiffness, motion.bone_tolerance[:0])
         return smooth(visible, model, sigma)
 
     def store(smoothed: Smoothed, unit: Floats) -> float:
         """Write a sequence down in the unit of the landmarks; return its energy."""
         u = unit[finite][:, None, None]
-        found.converged[rows] = smoothed.converged
-        found.points[rows] = u * smoothed.points[finite]
-        found.deviation[rows] = u * smoothed.deviation[finite]
-        found.correlation[rows] = smoothed.correlation[finite]
-        found.noise[rows] = size * sigma
+        refined.converged[rows] = smoothed.converged
+        refined.points[rows] = u * smoothed.points[finite]
+        refined.deviation[rows] = u * smoothed.deviation[finite]
+        refined.correlation[rows] = smoothed.correlation[finite]
+        refined.noise[rows] = size * sigma
         for row in rows:
             t = row - clip.start
-            found.covariance[row] = unit[t] ** 2 * smoothed.covariance[t]
+            refined.covariance[row] = unit[t] ** 2 * smoothed.covariance[t]
         return smoothed.energy
 
     rows = np.arange(clip.start, clip.stop)[finite]
@@ -298,12 +302,12 @@ def refine_clip(
     other = infer(visible)
     if other.energy < energy:
         store(other, size * growth)
-    moved = found.points[clip] - clips.points[clip]
+    moved = refined.points[clip] - clips.points[clip]
     square = ((moved / clips.deviation[clip])[there] ** 2).mean(axis=(1, 2))
     if median(square) > CONSTANTS.farthest:
         points = infer(visible, rigid=False).points
-        found.points[rows] = ((size * growth)[:, None, None] * points)[finite]
-        found.converged[rows], found.noise[rows] = True, np.nan
+        refined.points[rows] = ((size * growth)[:, None, None] * points)[finite]
+        refined.converged[rows], refined.noise[rows] = True, np.nan
 
 
 def find_growth(scale: Floats, there: Flags, width: float) -> Floats:
@@ -312,8 +316,8 @@ def find_growth(scale: Floats, there: Flags, width: float) -> Floats:
     By lines through the logarithms within a Gaussian window of so many frames about each
     (local linear regression).
     """
-    known = np.flatnonzero(there)
-    level = np.interp(np.arange(len(scale)), known, np.log(scale[known]))
+    rows = np.flatnonzero(there)
+    level = np.interp(np.arange(len(scale)), rows, np.log(scale[rows]))
     weight = np.where(there, 1.0, GAP)
     reach = min(int(4 * width) + 1, len(scale) - 1)
     k = np.arange(-reach, reach + 1)
@@ -325,35 +329,35 @@ def find_growth(scale: Floats, there: Flags, width: float) -> Floats:
     S0, S1, S2 = (total(weight, power) for power in range(3))
     T0, T1 = (total(weight * level, power) for power in range(2))
     line = (S2 * T0 - S1 * T1) / (S0 * S2 - S1**2)
-    growth: Floats = np.exp(line - line[known].mean())
+    growth: Floats = np.exp(line - line[rows].mean())
     return growth
 
 
-def weigh_lengths(known: Lengths | None, frames: float) -> Lengths | None:
-    """Return the known lengths with the precision (1 + r^2 t) Q, for t frames.
+def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
+    """Return the usual lengths with the precision (1 + r^2 t) Q, for t frames.
 
     What t images say of the lengths has the variance P (1 / t + r^2), as their deviations have the
     share r in common; the objective takes it for P / t. So images would count (1 + r^2 t) times too
     much beside Q: their errors do not average out, however many they are. Frames whose landmarks
     are stated to be exacter count for the share sigma^2 / v of their variance that is left.
     """
-    if known is None:
+    if usual is None:
         return None
-    return known._replace(precision=(1 + CONSTANTS.shared**2 * frames) * known.precision)
+    return usual._replace(precision=(1 + CONSTANTS.shared**2 * frames) * usual.precision)
 
 
 def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
     """What the images of a clip say, in the given unit."""
-    known = np.isfinite(clips.scale[clip])
-    grow = np.where(known, clips.scale[clip], unit) / unit
-    centre = np.where(known[:, None], clips.centre[clip], 0.0) / unit
+    finite = np.isfinite(clips.scale[clip])
+    grow = np.where(finite, clips.scale[clip], unit) / unit
+    centre = np.where(finite[:, None], clips.centre[clip], 0.0) / unit
     means = clips.modes.mean[clip] * grow[:, None, None, None]
     means[:, :, :2] += centre[:, None, :, None]
     return observe(
         landmarks=clips.landmarks[clip] / unit,
         trust=clips.trust[clip],
         start=clips.points[clip] / unit,
-        log_evidence=np.where(known[:, None], clips.modes.log_evidence[clip], -np.inf),
+        log_evidence=np.where(finite[:, None], clips.modes.log_evidence[clip], -np.inf),
         means=means,
         covariances=clips.modes.covariance[clip],
         residual_variance=clips.residual_variance,
@@ -380,9 +384,9 @@ def find_acceleration_scale(visible: Observations, acceleration: Floats, lag: in
     second = w[2 * lag :] - 2 * w[lag:-lag] + w[: -2 * lag]
     P, N = (median_variance(second[lag:] + sign * second[:-lag]) for sign in (1, -1))
     moving = np.maximum(2.5 * P - 0.5 * N, 0.0) / 8.2 / lag**3
-    known = np.isfinite(moving)
-    expected = (acceleration[known] ** 2).sum()
-    return float(np.sqrt(max(moving[known].sum() / expected, 1.0))) if known.any() else 1.0
+    finite = np.isfinite(moving)
+    expected = (acceleration[finite] ** 2).sum()
+    return float(np.sqrt(max(moving[finite].sum() / expected, 1.0))) if finite.any() else 1.0
 
 
 def median_variance(values: Floats) -> Floats:
@@ -406,25 +410,25 @@ def add_common_error(
     Correlations of x with y, x with z, and y with z of each landmark. A correlation of a landmark
     that has no deviation is 0.
     """
-    (own, mixed), (image, image_mixed), share = smoothed, images, CONSTANTS.shared
-    deviation = np.hypot(np.hypot(own, share * image), constant[:, None])
+    (single, mixed), (image, image_mixed), share = smoothed, images, CONSTANTS.shared
+    deviation = np.hypot(np.hypot(single, share * image), constant[:, None])
     correlation = np.empty_like(deviation)
     for row, (a, b) in enumerate(PAIRS):
-        covariance = mixed[:, row] * own[:, a] * own[:, b]
+        covariance = mixed[:, row] * single[:, a] * single[:, b]
         covariance = covariance + share**2 * image_mixed[:, row] * image[:, a] * image[:, b]
         product = deviation[:, a] * deviation[:, b]
         correlation[:, row] = covariance / np.where(product == 0, 1.0, product)
     return deviation, correlation
 
 
-def nearest_known(known: Flags, clips: Iterable[slice]) -> NDArray[np.intp]:
-    """Row (n,) of the nearest frame of the same clip that is known (n,), its own where none is.
+def nearest_informative(informative: Flags, clips: Iterable[slice]) -> NDArray[np.intp]:
+    """Row (n,) of the nearest informative frame of the same clip, its own where none is.
 
     An image that says nothing has a covariance that says nothing of the errors of its frame.
     """
-    rows = np.arange(len(known))
+    rows = np.arange(len(informative))
     for clip in clips:
-        there, lacking = np.flatnonzero(known[clip]), np.flatnonzero(~known[clip])
+        there, lacking = np.flatnonzero(informative[clip]), np.flatnonzero(~informative[clip])
         if len(there) and len(lacking):
             nearest = np.abs(lacking[:, None] - there).argmin(axis=1)
             rows[clip.start + lacking] = clip.start + there[nearest]

@@ -69,18 +69,18 @@ def find_changes(landmarks: Floats, pairs: NDArray[np.integer]) -> Floats:
     frame = np.where(visible, np.arange(len(visible))[:, None], -1)
     before = np.full_like(frame, -1)
     before[1:] = np.maximum.accumulate(frame, axis=0)[:-1]
-    known = visible & (before >= 0) & (np.arange(len(visible))[:, None] - before <= REMEMBERED)
-    D = np.where(known[:, None], difference, 0.0)
+    recent = visible & (before >= 0) & (np.arange(len(visible))[:, None] - before <= REMEMBERED)
+    D = np.where(recent[:, None], difference, 0.0)
     last = np.take_along_axis(difference, np.maximum(before, 0)[:, None], axis=0)
-    last = np.where(known[:, None], last, 0.0)
+    last = np.where(recent[:, None], last, 0.0)
     same, other = ((D - last) ** 2).sum(axis=1), ((D + last) ** 2).sum(axis=1)
-    least = np.where(known, np.minimum(same, other), np.nan)
+    least = np.where(recent, np.minimum(same, other), np.nan)
     step = np.sqrt([_median(column) for column in least.T])
     size = np.sqrt(_median((difference**2).sum(axis=1).ravel()))
     # 1.177 is the median of a Rayleigh variable
     s2 = np.maximum(step / 1.177, max(LEAST_STEP * size, 1e-150)) ** 2
     S = (DEGREES + 2) / 2 * np.log((DEGREES + same / s2) / (DEGREES + other / s2))
-    total: Floats = np.where(known, S, 0.0).sum(axis=1)
+    total: Floats = np.where(recent, S, 0.0).sum(axis=1)
     return total
 
 
@@ -102,5 +102,5 @@ def likeliest_states(change: Floats) -> Flags:
 
 
 def _median(values: Floats) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else 0.0
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else 0.0

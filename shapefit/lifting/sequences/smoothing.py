@@ -97,14 +97,14 @@ class Lengths(NamedTuple):
 class Model:
     """How frames of a sequence hang together, in units of the size of its landmarks.
 
-    bones (e, 2); stiffness 1/a^2 (p,); give b (e,), by which a bone differs from its length; known,
-    what is known of these lengths.
+    bones (e, 2); stiffness 1/a^2 (p,); bone_tolerance b (e,), the deviation of a bone from its
+    length; usual, the usual lengths.
     """
 
     bones: Indices
     stiffness: Floats
-    give: Floats
-    known: Lengths | None = None
+    bone_tolerance: Floats
+    usual: Lengths | None = None
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def smooth(
     t, _, p = visible.start.shape
     points = visible.start.reshape(t, 3 * p).copy()
     lengths = mean_lengths(visible.start, model.bones)
-    hold, known = fixed_lengths(model, lengths)
+    hold, usual = fixed_lengths(model, lengths)
     end = np.empty(2)
     deviation, correlation = np.empty((2, t, 3 * p))
     covariance = np.empty((t, 3 * p, 3 * p))
@@ -187,9 +187,9 @@ def smooth(
         log_det=visible.log_det,
         stiffness=model.stiffness,
         bones=np.ascontiguousarray(model.bones, np.int64).reshape(-1, 2),
-        rigidity=model.give**-2.0,
+        rigidity=model.bone_tolerance**-2.0,
         hold=hold,
-        known=known,
+        known=usual,
         most_rounds=max_rounds,
         tolerance=TOLERANCE,
         points=points,
@@ -218,16 +218,16 @@ def further_weight(visible: Observations, noise: float) -> Floats:
 
 
 def fixed_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
-    """Weights H = Q / (g k)(g k)^T (e, e) and lengths g k (e,) of known bones; 0 of the others."""
+    """Weights H = Q / (g k)(g k)^T (e, e) and usual lengths g k (e,); 0 for bones without one."""
     e = len(model.bones)
-    known, shorter = np.zeros((2, e))
-    if model.known is None:
-        return np.zeros((e, e)), known
-    usual = model.known.usual
+    fixed, shorter = np.zeros((2, e))
+    if model.usual is None:
+        return np.zeros((e, e)), fixed
+    usual = model.usual.usual
     there = np.isfinite(usual)
-    known[there] = usual[there] * fit_scale(lengths, usual)
-    shorter[there] = 1 / known[there]
-    return model.known.precision * np.outer(shorter, shorter), known
+    fixed[there] = usual[there] * fit_scale(lengths, usual)
+    shorter[there] = 1 / fixed[there]
+    return model.usual.precision * np.outer(shorter, shorter), fixed
 
 
 def mean_lengths(points: Floats, bones: Indices) -> Floats:
@@ -237,10 +237,10 @@ def mean_lengths(points: Floats, bones: Indices) -> Floats:
     return mean
 
 
-def fit_scale(lengths: Floats, known: Floats) -> float:
-    """Scale g at which known lengths (e,), nan where unknown, agree best with others."""
-    there = np.isfinite(known)
-    return float(np.exp(np.log(lengths[there] / known[there]).mean()))
+def fit_scale(lengths: Floats, usual: Floats) -> float:
+    """Scale g at which usual lengths (e,), nan where unknown, agree best with others."""
+    there = np.isfinite(usual)
+    return float(np.exp(np.log(lengths[there] / usual[there]).mean()))
 
 
 def observe(
@@ -262,23 +262,23 @@ def observe(
     t, k = log_evidence.shape[0], min(CONSTANTS.modes, log_evidence.shape[1])
     d = 3 * landmarks.shape[2]
     there = np.isfinite(log_evidence[:, :k])
-    known = there[:, 0]
-    start = fill(start, known)
-    best = np.where(known, log_evidence[:, 0], 0.0)[:, None]
+    present = there[:, 0]
+    start = fill(start, present)
+    best = np.where(present, log_evidence[:, 0], 0.0)[:, None]
     log_share = np.where(there, log_evidence[:, :k], -np.inf) - best
-    log_share[~known, 0] = 0.0
+    log_share[~present, 0] = 0.0
     log_share = log_share - np.log(np.exp(log_share).sum(axis=1, keepdims=True))
     mean = np.where(there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d))
     precision, log_det = find_precisions(
         np.ascontiguousarray(covariances[:, :k]),
         np.where(there, np.reshape(grow, (-1, 1)) ** 2, 0.0),
         np.where(there, CONSTANTS.least_noise, CONSTANTS.widest) ** 2,
-        there | ~known[:, None] & (np.arange(k) == 0),
+        there | ~present[:, None] & (np.arange(k) == 0),
     )
     return Observations(
         landmarks=landmarks,
         trust=np.where(
-            np.isfinite(landmarks).all(axis=1) & known[:, None], np.nan_to_num(trust), 0.0
+            np.isfinite(landmarks).all(axis=1) & present[:, None], np.nan_to_num(trust), 0.0
         ),
         start=start,
         residual_variance=residual_variance,
@@ -304,13 +304,13 @@ def find_precisions(
     return covariances, log_det
 
 
-def fill(points: Floats, known: NDArray[np.bool_]) -> Floats:
-    """Points (t, 3, p) with the frames that are not known between their neighbours in time."""
-    if known.all():
+def fill(points: Floats, present: NDArray[np.bool_]) -> Floats:
+    """Points (t, 3, p) with missing frames interpolated between their neighbours in time."""
+    if present.all():
         return points
-    if not known.any():
-        raise ValueError("no frame is known")
+    if not present.any():
+        raise ValueError("no frame is present")
     frames = np.arange(len(points))
-    flat = points[known].reshape(int(known.sum()), -1)
-    filled = [np.interp(frames, frames[known], column) for column in flat.T]
+    flat = points[present].reshape(int(present.sum()), -1)
+    filled = [np.interp(frames, frames[present], column) for column in flat.T]
     return np.stack(filled, axis=1).reshape(points.shape)

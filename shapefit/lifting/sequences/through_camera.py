@@ -41,16 +41,16 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
     )
     grow = (lifting.scale / size)[:, None, None]
     flat = np.zeros((len(size), 2))
-    found = lifting.estimate
+    estimate = lifting.estimate
     middle = rays.focal[:, None] * view.translation[:, :2] / np.abs(view.translation[:, 2:])
-    points = lifting.scale[:, None, None] * found.shapes
+    points = lifting.scale[:, None, None] * estimate.shapes
     points[:, :2] += middle[..., None]
     weak = replace(
         lifting,
         shapes=points,
         translation=flat,
         scale=size,
-        estimate=replace(found, translation=flat).in_unit(grow),
+        estimate=replace(estimate, translation=flat).in_unit(grow),
         perspective=None,
     )
     depth = view.camera.sign * points[:, 2:] / rays.focal[:, None, None]

@@ -75,7 +75,7 @@ def make_layers(
     guide = next(filter(has_camera, results), results[0])
     in_camera, in_metres = space = _space(guide)
     stay = [_space(content) == space for content in results] + [False] * len(others)
-    target = first_known([one["points"] for one, stays in zip(layers, stay, strict=True) if stays])
+    target = first_finite([one["points"] for one, stays in zip(layers, stay, strict=True) if stays])
     shown = []
     for layer, stays in zip(layers, stay, strict=True):
         placed = layer if stays else _aligned(layer, target)
@@ -87,7 +87,7 @@ def make_layers(
     return shown, meshes, "m" if in_metres else "" if in_camera else guide.records.unit
 
 
-def first_known(arrays: Sequence[Floats]) -> Floats:
+def first_finite(arrays: Sequence[Floats]) -> Floats:
     """Return points (n, d, p): of each frame those of the first array that has any."""
     points = arrays[0]
     for further in arrays[1:]:

@@ -29,7 +29,7 @@ from shapefit.pipelines.view.layers import (
     AGAINST_TRUTH,
     EXPECTED,
     Layer,
-    first_known,
+    first_finite,
     has_camera,
     in_usual_units,
     make_layers,
@@ -69,7 +69,7 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
     results = [content for content in contents if content.role == "result"]
     in_images = [content.points for content in contents if content.role == "landmarks"]
     in_images += [one.values["landmarks"] for one in results if "landmarks" in one.values]
-    observed = first_known(in_images) if in_images else None
+    observed = first_finite(in_images) if in_images else None
     layers, meshes, space_unit = make_layers(contents, truth, dictionary, observed, notes)
     length = in_usual_units(layers)
     edges = _edges(contents, truth, dictionary, landmarks)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shapefit.lifting.sequences.clips import PAIRS, add_common_error, nearest_known
+from shapefit.lifting.sequences.clips import PAIRS, add_common_error, nearest_informative
 from shapefit.lifting.sequences.smoothing import CONSTANTS
 
 T, P = 9, 4
@@ -33,4 +33,4 @@ def test_covariances_are_added(rng):
 def test_an_image_that_says_nothing_has_the_bars_of_its_neighbour():
     known = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1], dtype=bool)
     clips = (slice(0, 5), slice(5, 7), slice(7, 9))
-    assert nearest_known(known, clips).tolist() == [0, 0, 0, 4, 4, 5, 6, 8, 8]
+    assert nearest_informative(known, clips).tolist() == [0, 0, 0, 4, 4, 5, 6, 8, 8]

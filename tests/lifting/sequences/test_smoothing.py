@@ -53,7 +53,7 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
     if case == "known lengths":
         longer = smoothing.mean_lengths(body, model.bones) * [1.3, 1, 0.8, np.nan]
         known = np.diag([1.0, 1, 1, 0]) - 0.2 * np.outer([1, 1, 1, 0], [1, 1, 1, 0])
-        model = replace(model, known=Lengths(longer, known / 0.002**2))
+        model = replace(model, usual=Lengths(longer, known / 0.002**2))
     if case == "far":
         visible = replace(visible, start=visible.start + 2)
     found = smooth(visible, model, 0.1, max_rounds=1)
@@ -67,10 +67,10 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
     along, size = judge.bones(y)
     M = np.zeros((frames, 3, y.shape[1] // 3, e))
     for b, (i, j) in enumerate(model.bones):
-        M[:, :, i, b] = -along[:, :, b] / size[:, None, b] / model.give[b] ** 2
+        M[:, :, i, b] = -along[:, :, b] / size[:, None, b] / model.bone_tolerance[b] ** 2
         M[:, :, j, b] = -M[:, :, i, b]
     M = M.reshape(-1, e)
-    own = np.diag(frames / model.give**2 + 1e-9) + judge.hold
+    own = np.diag(frames / model.bone_tolerance**2 + 1e-9) + judge.hold
     whole = np.block([[A, M], [M.T, own]])
     step = np.linalg.solve(whole, judge.gradient(y, lengths))
     shrink = min(1.0, 0.5 / np.abs(step[: y.size]).max())
@@ -118,7 +118,7 @@ def only_mode(visible):
 def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames):
     """Of the whole energy, by differences of its gradient: bones that are too short count, too."""
     visible = only_mode(images(body[:frames], noise=0.02))
-    model = replace(model, give=np.full(4, 0.1))
+    model = replace(model, bone_tolerance=np.full(4, 0.1))
     found = smooth(visible, model, 0.03, max_rounds=100)
     y = found.points.reshape(frames, -1)
     judge = Objective(visible, model, 0.03)
@@ -157,7 +157,7 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, 
         precision=precision[None],
         log_det=log_det[None],
     )
-    free = replace(model, bones=model.bones[:0], give=model.give[:0])
+    free = replace(model, bones=model.bones[:0], bone_tolerance=model.bone_tolerance[:0])
     noise = (1 / residual_variance + weight[0, 0]) ** -0.5
     found = smooth(visible, free, noise, max_rounds=50)
     w = np.append(landmarks, np.zeros(5))
@@ -265,7 +265,7 @@ def test_errors_that_images_share_do_not_outweigh_known_lengths(images, body, mo
     off = {}
     for frames, known in itertools.product((20, 200), (usual, None)):
         visible = images(np.repeat(short, frames, axis=0), depth=0.2, sure=0.2)
-        weighed = replace(model, known=known or weigh_lengths(usual, frames))
+        weighed = replace(model, usual=known or weigh_lengths(usual, frames))
         found = smooth(visible, weighed, 0.1, max_rounds=50).lengths
         off[frames, known is None] = np.log((found / true)[:3].mean() * true[3] / found[3])
     assert off[200, True] < 0.7 * off[200, False]
@@ -296,7 +296,7 @@ class Objective:
         for f, frame in enumerate(y):
             total -= np.logaddexp.reduce(self.log_terms(f, frame))
         total += 0.5 * (lengths - self.known) @ self.hold @ (lengths - self.known)
-        return total + 0.5 * (((self.bones(y)[1] - lengths) / self.model.give) ** 2).sum()
+        return total + 0.5 * (((self.bones(y)[1] - lengths) / self.model.bone_tolerance) ** 2).sum()
 
     def log_terms(self, f, frame):
         """Log of share times normal density of each mode, without the constant."""
@@ -356,6 +356,6 @@ class Objective:
                 row = np.zeros((3, d // 3))
                 row[:, i[b]] = along[f, :, b] / size[f, b]
                 row[:, j[b]] = -row[:, i[b]]
-                block += np.outer(row, row) / self.model.give[b] ** 2
+                block += np.outer(row, row) / self.model.bone_tolerance[b] ** 2
             whole[f * d : (f + 1) * d, f * d : (f + 1) * d] += block
         return whole
