@@ -57,8 +57,6 @@ demo: $(RUNS)
 	$(call chain,demo)
 	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml
 	$(SHAPEFIT) fit -c configs/demo/cars/fit.yaml
-	$(SHAPEFIT) convert results/demo/cars/result.h5 -d results/demo/cars/dictionary.h5 \
-	    -o results/demo/cars/meshes --to glb
 	$(SHAPEFIT) eval -c configs/demo/cars/eval.yaml
 	@echo "Meshes, pictures and a report of cars are in results/demo/cars."
 	@echo
@@ -120,7 +118,6 @@ CAR_METHODS := $(basename $(notdir $(wildcard configs/cars/methods/*.yaml)))
 cars: $(RUNS)
 	$(SHAPEFIT) learn-dict -c configs/cars/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/cars/fit.yaml $(SET_DATA) || [ $$? -eq 1 ]
-	$(SHAPEFIT) convert results/cars/result.h5 -d results/cars/dictionary.h5 -o results/cars/meshes --to ply
 	for method in $(CAR_METHODS); do \
 	    $(SHAPEFIT) fit -c configs/cars/methods/$$method.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(SHAPEFIT) eval -c configs/cars/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]

@@ -126,7 +126,7 @@ def test_people_of_the_sample_data(project, tmp_path):
 def test_cars_of_the_sample_data(project, tmp_path):
     run = runner(project, tmp_path)
     run("learn-dict", "demo/cars/learn-dict")
-    run("fit", "demo/cars/fit")
+    run("fit", "demo/cars/fit", "--set", "export={}")
     run("eval", "demo/cars/eval")
     check_all("Perspective", CARS, report(tmp_path / "results/demo/cars/report/report.csv"))
 
@@ -245,7 +245,7 @@ def test_the_posterior_and_sequences_on_motion_capture(project, real_data, peopl
 def test_real_cars(project, real_data, tmp_path):
     run = runner(project, tmp_path, f"data={real_data / 'cars'}")
     run("learn-dict", "cars/learn-dict")
-    run("fit", "cars/fit")
+    run("fit", "cars/fit", "--set", "export={}")
     for path in sorted((project / "configs/cars/methods").glob("*.yaml")):
         run("fit", f"cars/methods/{path.stem}")
     run("eval", "cars/eval")

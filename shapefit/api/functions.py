@@ -284,7 +284,7 @@ def config_of(
     Raises InputError for each problem, with the name of its argument.
     """
     prefix = f"{FUNCTIONS[command]}."
-    for key in given.keys() & {*FILES[command], "data"}:
+    for key in given.keys() & {*FILES[command], "data", "export"}:
         fix = "it is for files: use the command line, or the functions of shapefit that write"
         raise input_error(f"{prefix}{key}", f"there is no argument `{key}`", fix)
     path = None if config is None else Path(config)

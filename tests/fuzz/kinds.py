@@ -110,7 +110,7 @@ OF_IMAGES = tuple(
     for setting in (
         *("outliers=none", "outliers=l1", "outliers=sparse-error", "outliers=ransac"),
         *("method=convex+refine", "method=alternate", "method=mean-shape", "method=global"),
-        *("leave_one_out=model", "lambda=auto", "noise=0.1"),
+        *("export.folder=out_meshes", "leave_one_out=model", "lambda=auto", "noise=0.1"),
     )
 )
 OF_RESULTS = (

@@ -1,4 +1,4 @@
-"""Meshes of results: what `convert` writes is opened again by trimesh."""
+"""Meshes of results: what `convert` and `export` of `fit` write is opened again by trimesh."""
 
 import json
 import struct
@@ -67,18 +67,51 @@ def test_the_mesh_is_that_of_the_coefficients(tmp_path, cars, to):
         assert 3.3 < length < 5.6
 
 
-def test_an_item_is_a_file_in_the_folder(tmp_path, cars, world):
+def test_fit_writes_what_convert_writes(tmp_path, cars, world):
     path, _ = cars
     images = load(world.images("cars")).take(slice(0, 108, 40))
     landmarks = images.landmarks.copy()
     landmarks[1, :, 2:] = np.nan
     images = images.replaced(landmarks=landmarks, items=("../up", "gone", "a:b/c"))
-    fit_images(tmp_path, images, path, method="convex+refine")
+    keys = {"method": "convex+refine", "export": {"folder": str(tmp_path / "of_fit")}}
+    _, outcomes = fit_images(tmp_path, images, path, **keys)
+    missing = "1 image without a shape and a mesh"
+    assert missing in [text for outcome in outcomes for text in outcome.warnings]
     outcomes = convert(tmp_path / "result.h5", path, tmp_path / "converted")
-    assert outcomes[-1].warnings == ("1 image without a shape and a mesh",)
+    assert outcomes[-1].warnings == (missing,)
     files = sorted((tmp_path / "converted").rglob("*.ply"))
-    names = [path.relative_to(tmp_path / "converted").as_posix() for path in files]
-    assert names == ["%2E%2E/up.ply", "a%3Ab/c.ply"]
+    assert [str(each.relative_to(tmp_path / "converted")) for each in files] == [
+        "%2E%2E/up.ply",
+        "a%3Ab/c.ply",
+    ]
+    for each in files:
+        same = tmp_path / "of_fit" / each.relative_to(tmp_path / "converted")
+        assert same.read_bytes() == each.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("change", "keys", "message"),
+    [
+        ({"mesh_vertices": None, "mesh_faces": None}, {}, "has no mesh to export"),
+        ({}, {"method": "pmp"}, "no coefficients to combine the meshes of the atoms"),
+        ({}, {"export": {"folder": "-"}}, "give the name of a folder"),
+        ({}, {"export": {"folder": "views.h5"}}, "it is not a folder"),
+    ],
+)
+def test_fit_refuses_before_an_image_is_lifted(
+    tmp_path, cars, world, monkeypatch, change, keys, message
+):
+    changed = tmp_path / "changed.h5"
+    write_dictionary(changed, replace(read_dictionary(cars[0]), **change))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        "shapefit.pipelines.fit.run.lift_batch", lambda *_: pytest.fail("an image was lifted")
+    )
+    images = load(world.images("cars")).take(slice(3))
+    keys = {"export": {"folder": str(tmp_path / "meshes")}} | keys
+    with pytest.raises(InputError, match=message):
+        fit_images(tmp_path, images, changed, **keys)
+    assert not (tmp_path / "result.h5").exists()
 
 
 def test_convert_names_what_is_missing(tmp_path, cars, world):
@@ -87,13 +120,6 @@ def test_convert_names_what_is_missing(tmp_path, cars, world):
         convert(result, None, tmp_path / "meshes")
     with pytest.raises(InputError, match="its landmarks are not those of"):
         convert(result, world.dictionary("people"), tmp_path / "meshes")
-    without = tmp_path / "without.h5"
-    bare = replace(read_dictionary(cars[0]), mesh_vertices=None, mesh_faces=None)
-    write_dictionary(without, bare)
-    with pytest.raises(InputError, match="has no mesh to export"):
-        convert(result, without, tmp_path / "meshes")
-    with pytest.raises(InputError, match="no coefficients to combine the meshes of the atoms"):
-        convert(world.fit("cars", method="mean-shape"), cars[0], tmp_path / "meshes")
     assert not (tmp_path / "meshes").exists()
 
 

@@ -14,6 +14,7 @@ from shapefit.config.paths import (
     DictionaryPath,
     InputPaths,
     OptionalInputPath,
+    OptionalPath,
     OutputOrFolder,
     find_dictionaries,
 )
@@ -81,6 +82,15 @@ class SaveConfig(ConfigModel):
     """The covariance of all landmarks of an image, `shape_covariance` (n, 3p, 3p) (large)."""
 
 
+class ExportConfig(ConfigModel):
+    """Mesh files of the fitted shapes, one per image."""
+
+    folder: OptionalPath = None
+    """Folder to write mesh files to; none writes none."""
+    format: Literal["obj", "ply", "glb"] = "ply"
+    """Format of the files."""
+
+
 class FitConfig(MetresConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
@@ -118,6 +128,7 @@ class FitConfig(MetresConfig):
     leave_one_out: Text | None = None
     """Dataset with the training shape that the fit of an image must not use, or `item`."""
     save: SaveConfig = section(SaveConfig)
+    export: ExportConfig = section(ExportConfig)
     threads: Annotated[int, Field(ge=0, le=1024)] = 0
     """Threads to solve with; 0 is one per core."""
     signed: Annotated[bool, HIDDEN] = False

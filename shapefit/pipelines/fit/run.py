@@ -21,7 +21,7 @@ from shapefit.convex.solver import Status
 from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import abbreviate, counted
+from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -30,7 +30,7 @@ from shapefit.io import (
     open_landmarks,
     read_dictionary,
 )
-from shapefit.io.formats import find_target_format, result_writer
+from shapefit.io.formats import HDF5, find_target_format, result_writer
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.skeletons import joint_columns
@@ -106,6 +106,7 @@ def run(
         setup = yield from prepare(
             config, dictionary, names, lambda: source.first(FIRST), count, estimates
         )
+        check_export(setup, output)
         options, counts = OutputOptions(height=config.height, markers=config.markers), Counts()
         with (
             result_writer(output, options) as writer,
@@ -120,6 +121,24 @@ def run(
             others = digests(preparing.files_of(setup.config).values())
             writer.attributes.update(attributes_of(setup, {**(inputs or {}), **others}))
     yield summary_of(source, setup, counts, method, writer.summary)
+    if config.export.folder is not None:
+        yield from export_meshes(config, output, config.export.folder)
+
+
+def check_export(setup: Setup, result: Path) -> None:
+    """Raise InputError where a result will have no meshes, if the config asks for them."""
+    export, method = setup.config.export, setup.lifter.row
+    if export.folder is not None:
+        from shapefit.io.atomic import check_folder
+        from shapefit.pipelines.meshes import check_dictionary
+
+        if find_target_format(result) is not HDF5:
+            fix = "write the result as HDF5, -o result.h5"
+            raise input_error("export.folder", "meshes are made of a result in HDF5", fix)
+        check_folder(export.folder)
+        refined = setup.lifter.camera is not None and method.perspective == "refined"
+        mixes, place = method.mixes_atoms or refined, setup.config.dictionary
+        check_dictionary(setup.dictionary, place, mixes_atoms=mixes)
 
 
 def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Batch, None, None]:
@@ -442,3 +461,11 @@ def rows_of(
     if output.suffix.lower() in VIEWED:
         name = output.name if output.parent == Path.cwd() else str(output)
         yield "Next", f"shapefit view {output.stem + '*.trc' if output.suffix == '.trc' else name}"
+
+
+def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Result]:
+    """Write the meshes of a result, as `convert` does."""
+    from shapefit.pipelines.meshes import write_meshes
+
+    for part in write_meshes((result,), config.dictionary, folder, config.export.format):
+        yield replace(part, done=0, total=None)  # its images are counted already

@@ -104,6 +104,9 @@ def run(config: FitConfig) -> Iterator[Result]:
     if any(map(is_stream, config.landmarks)):
         fault = "standard input cannot be divided into parts"
         raise input_error("landmarks", fault, "save it to a file and name that")
+    if config.export.folder is not None:
+        fix = "leave it out; `shapefit convert FOLDER -d DICT -o meshes/ --to ply` writes them"
+        raise input_error("export.folder", "is not written for a folder of results", fix)
     manifest = read_manifest(folder.path)
     dictionary = once(read_dictionary, config.dictionary, find_state(config.dictionary))
     if config.method == AUTO and manifest is not None:
