@@ -42,7 +42,7 @@ def list_levels() -> tuple[str, ...]:
 
 
 def choose_level() -> str:
-    """Return the best level, or that which the environment names."""
+    """Return the best instruction level, or the one that SHAPEFIT_LEVEL names."""
     wanted = os.environ.get("SHAPEFIT_LEVEL") or LEVELS[0]
     if wanted not in LEVELS:
         raise InputError(

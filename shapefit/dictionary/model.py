@@ -144,7 +144,7 @@ class Dictionary:
         return indices
 
     def marked(self, landmarks: Collection[str]) -> Dictionary:
-        """Return the dictionary without the groups of `WHERE_MARKED` that hold none of these."""
+        """Return the dictionary without the optional joints (toes) that no landmark marks."""
         retained = [
             text for text, (_, members) in self.groups.items() if set(members) & set(landmarks)
         ]

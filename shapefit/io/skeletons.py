@@ -60,6 +60,11 @@ class Part:
     std: float = 0.0
     alone: bool = True
 
+    @property
+    def joints(self) -> set[str]:
+        """The joints between which it lies."""
+        return set(self.fixed).union(*self.along.values())
+
     def weights(self, theta: Mapping[str, float]) -> dict[str, float]:
         """Return the weights of the joints at a theta."""
         total = dict(self.fixed)
@@ -157,7 +162,7 @@ def people_joints(names: Iterable[str]) -> dict[str, str]:
 
 
 def joint_columns(names: Sequence[str]) -> dict[str, int]:
-    """Return the joints of a body that landmarks stand for, by any skeleton -> their columns."""
+    """Return the column of each joint of a body, by the names of any installed skeleton."""
     joints = {name: name for name in names if name in JOINTS} | people_joints(names)
     return {joints[name]: column for column, name in enumerate(names) if name in joints}
 

@@ -40,7 +40,7 @@ TRUSTED, REASONS, P_VALUE = "trusted", "reasons", "p_value"
 """Datasets (n,) of a result: true or false, why not, and a p-value."""
 
 START_DISTANCE = "start_distance"
-"""Dataset (n,): similarity distance of the seen landmarks of a shape from those of the convex
+"""Dataset (n,): similarity distance of the visible landmarks of a shape from those of the convex
 program's, in units of the size of the shape."""
 
 
@@ -107,7 +107,7 @@ def find_reasons(
 ) -> NDArray[np.object_]:
     """Return why each of n images is not to be trusted, "" where it is.
 
-    shapes (n, 3, p), nan where there is none, and their expected errors (n,), in one unit; seen
+    shapes (n, 3, p), nan where there is none, and their expected errors (n,), in one unit; visible
     (n,), how many landmarks are; p_value and start_distance (n,), nan where nothing can be said;
     sides (n,), see `SIDES`; depth_ambiguity, see `Dictionary`.
     """
@@ -141,7 +141,7 @@ def contradicts(kappa: float, distance: float) -> bool:
 
 
 def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> float:
-    """Median start distance (n,) of the images with enough landmarks `seen` (n,).
+    """Median start distance (n,) of the images with enough landmarks `visible` (n,).
 
     nan where these are fewer than `fewest_images`.
     """

@@ -19,11 +19,12 @@ def carry_mesh(mesh_vertices: Floats, normalised: Normalised, rotations: Floats)
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
-    """(sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i = 1.
+    """Return the length of a normalised unit: the weighted mean of the lengths in the atoms.
 
-    The length of a normalised unit, so that an image's shape is as large as its atoms are on
-    average: an image does not determine whether a car is small or far away. atoms B (k, 3, p), the
-    landmarks; coefficients (n, k); atom_scale s (k,): atom i measures s_i B_i in the unit wanted
+    (sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i = 1, so that
+    the shape of an image is as large as its atoms are on average: an image does not determine
+    whether a car is small or far away. atoms B (k, 3, p), the landmarks; coefficients (n, k);
+    atom_scale s (k,): atom i measures s_i B_i in the unit wanted
     -> (n,), nan where all coefficients are 0.
     """
     size = np.linalg.norm(atoms, axis=(1, 2))

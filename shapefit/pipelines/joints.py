@@ -39,7 +39,7 @@ def match_names(
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
         dictionary = dictionary.marked({*names, *joints.markers})
-        joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
+        joints = joints.among(dictionary.landmark_names)
     listed = dictionary.landmark_names
     unknown = [name for name in names if joints.names.get(name, name) not in listed]
     matching = len(names) - len(unknown)
@@ -144,6 +144,11 @@ class Joints:
         used = {name for marker in markers for name in self.parts[marker].along}
         return tuple(name for name in THETA if name in used)
 
+    def among(self, joints: Sequence[str]) -> Joints:
+        """Return the same for a dictionary without joints for which no landmark stands."""
+        parts = {n: p for n, p in self.parts.items() if p.joints <= set(joints)}
+        return Joints(tuple(joints), parts, self.markers)
+
     def rows(self, landmarks: Sequence[str], theta: Mapping[str, float]) -> Floats:
         """Weights (m, p) of the joints that give the landmarks."""
         weights = np.zeros((len(landmarks), len(self.joint_names)))
@@ -173,8 +178,7 @@ def find_joints(names: Sequence[str], joints: Sequence[str], *, in_place: bool =
     """
     parts = {}
     for name, part in people_parts([name for name in names if name not in joints]).items():
-        used = set(part.fixed).union(*part.along.values())
-        if used <= set(joints) and (in_place or (part.alone and part.joint)):
+        if part.joints <= set(joints) and (in_place or (part.alone and part.joint)):
             at_joint = {part.joint: 1.0} if part.joint else {}
             parts[name] = part if in_place else Part(part.joint, at_joint)
     markers: dict[str, tuple[str, ...]] = {}
