@@ -131,7 +131,7 @@ def read_points(paths):
 
 
 @contextmanager
-def write_points(target, form):
+def write_points(target, form, options):
     with atomic_path(target) as path, path.open("w") as file:
         yield Writer(file)
 
@@ -157,7 +157,7 @@ FORMATS["points"] = TARGETS["points"] = FileFormat(
     suffixes=(".points",),
     recognise=lambda head: head.bytes.startswith(b"POINTS"),
     records=("landmarks",), read_poses=toy.read_points,
-    write=toy.write_points, writes=("landmarks",),
+    write=toy.write_points,
 )
 """
 

@@ -70,7 +70,7 @@ def write_results(path: File, result: Fit) -> None:
     target = Path(path)
     in_metres = find_target_format(target).in_metres
     options = OutputOptions(height=stated_height(result) if in_metres else None)
-    with io.result_writer(target, options) as writer:
+    with io.result_writer(target, options=options) as writer:
         writer.append(result.record())
         writer.attributes.update(result.attributes)
 

@@ -53,8 +53,6 @@ def check_finite(
     points without names of landmarks are vertices.
     """
     fix = f"write a finite number, at most {LARGEST:g}, or leave the item out"
-    if gaps:
-        fix = f"write a number of at most {LARGEST:g}, or NaN where the landmark is unknown"
     bad = ~(np.abs(points) <= LARGEST) & ~(gaps & np.isnan(points))
     _refuse(place, name, points, bad, names, fix)
 

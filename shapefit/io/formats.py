@@ -5,6 +5,7 @@ The formats of other tools that are read are in `io/detect.py`, which imports al
 
 from __future__ import annotations
 
+import os
 import zlib
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
@@ -23,7 +24,6 @@ from shapefit.io.inputs import (
 )
 from shapefit.io.layout import LANDMARKS, RESULTS, Layout
 from shapefit.io.options import AS_KNOWN, OutputOptions, RecordWriter
-from shapefit.io.records import LandmarkSet, ResultSet
 
 Output = AbstractContextManager[RecordWriter[Any]]
 
@@ -102,9 +102,9 @@ class FileFormat(NamedTuple):
 
     records are the kinds that it can hold; `recognise` decides by a Head. read_poses, of formats
     of other tools, takes the paths that belong together: with `together` a folder, or its files,
-    are one recording. `write` takes a path and the layout of the records, of the kinds `writes`,
-    and OutputOptions if it is `in_metres`: upright, a sequence a file; `angles` are written with
-    it. states_y_axis: y points up or down in each of its files.
+    are one recording. `write` takes a path, the layout of the records, and OutputOptions, of use
+    if it is `in_metres`: upright, a sequence a file; `angles` are written with it. states_y_axis:
+    y points up or down in each of its files.
     """
 
     title: str
@@ -114,43 +114,34 @@ class FileFormat(NamedTuple):
     read_poses: Callable[[tuple[Path, ...]], Any] | None = None
     together: bool = False
     write: Callable[..., Output] | None = None
-    writes: tuple[str, ...] = ()
     in_metres: bool = False
     angles: bool = False
     states_y_axis: bool = True
 
 
-def _write_hdf5(target: Path, form: Layout) -> Output:
+def _write_hdf5(target: Path, form: Layout, _options: OutputOptions) -> Output:
     from shapefit.io.hdf5_file import hdf5_output
 
     return hdf5_output(target, form)
 
 
-def _write_csv(target: Path, form: Layout) -> Output:
+def _write_csv(target: Path, _form: Layout, _options: OutputOptions) -> Output:
     from shapefit.io.csv_file import csv_output
 
     return csv_output(target)
 
 
-def _write_motion(name: str, target: Path, form: Layout, options: OutputOptions) -> Output:
+def _write_motion(name: str, target: Path, _form: Layout, options: OutputOptions) -> Output:
     from shapefit.io.writers import bvh, motion, tables
 
     if name == "c3d":
         tables.load_ezc3d()
-    writers = {
-        "bvh": bvh.write_bvh,
-        "c3d": tables.write_c3d,
-        "trc": tables.write_trc,
-        "mot": tables.write_mot,
-        "metres": tables.write_metres,
-        "angles": tables.write_angles,
-    }
+    write = bvh.write_bvh if name == "bvh" else getattr(tables, f"write_{name}")
     unit, angles = "mm" if name == "c3d" else "m", TARGETS[name].angles
-    return motion.motion_output(target, options, writers[name], unit=unit, angles=angles)
+    return motion.motion_output(target, options, write, unit=unit, angles=angles)
 
 
 ITEMS = ("landmarks", "shapes", "result")
-ALL = (*ITEMS, "dictionary")
 INDIVIDUALS = frozenset(
     ["individual", "person", "person_id", "track", "track_id", "animal", "subject", "id"]
 )
@@ -159,10 +150,9 @@ INDIVIDUALS = frozenset(
 HDF5 = FileFormat(
     "an HDF5 file",
     (".h5", ".hdf5", ".hdf", ".he5"),
-    ALL,
+    (*ITEMS, "dictionary"),
     lambda head: OURS in head.hdf5,
     write=_write_hdf5,
-    writes=ALL,
 )
 CSV = FileFormat(
     "a CSV file",
@@ -174,7 +164,6 @@ CSV = FileFormat(
         and not head.named(*HDF5.suffixes)
     ),
     write=_write_csv,
-    writes=ITEMS,
     states_y_axis=False,
 )
 OWN = {"hdf5": HDF5, "csv": CSV}
@@ -183,8 +172,8 @@ TARGETS = OWN | {
     name: FileFormat(
         title,
         (suffix,),
+        ("shapes", "result"),
         write=partial(_write_motion, name),
-        writes=("shapes", "result"),
         in_metres=True,
         angles=name in ("trc", "mot", "angles"),
     )
@@ -204,11 +193,10 @@ def own_format(path: Path) -> FileFormat | None:
     """Return the format of a file that is ours, of standard input CSV; None for something else."""
     if is_stream(path):
         return CSV
-    try:
-        head = Head(path) if path.is_file() else None
-    except OSError:  # who opens the file reports it
+    if not path.is_file() or not os.access(path, os.R_OK):  # `require_file` says so
         return None
-    return next((own for own in OWN.values() if head is not None and own.recognise(head)), None)
+    head = Head(path)
+    return next((own for own in OWN.values() if own.recognise(head)), None)
 
 
 def named_format(name: str, formats: Mapping[str, FileFormat], key: str = "format") -> FileFormat:
@@ -226,42 +214,30 @@ def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
         raise input_error(source_name(path), f"is {file_format.title}, not {able}", fix)
 
 
-def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[LandmarkSet]]:
-    """Give a writer of landmarks for use in a `with`; `append` takes one record or more.
-
-    The file, in the format of its name, replaces `target` on a clean exit and leaves nothing behind
-    on an error. Raises InputError where it cannot be written.
-    """
-    return record_writer(target, LANDMARKS)
-
-
-def result_writer(
-    target: Path, options: OutputOptions = AS_KNOWN
-) -> AbstractContextManager[RecordWriter[ResultSet]]:
-    """Write results, as `landmark_writer` writes landmarks."""
-    return record_writer(target, RESULTS, options=options)
-
-
 def record_writer(
     target: Path, form: Layout, to: str = "auto", options: OutputOptions = AS_KNOWN
-) -> AbstractContextManager[RecordWriter[Any]]:
-    """Write records of one layout, in the format `to`, or in that of the target's name.
+) -> Output:
+    """Give a writer of records of one layout for use in a `with`; `append` takes one or more.
 
-    Raises InputError where that format cannot hold them, or has no use for the options.
+    The file, in the format `to`, or in that of its name, replaces `target` on a clean exit and
+    leaves nothing behind on an error. Raises InputError where that format cannot hold the records,
+    or has no use for the options.
     """
     file_format = check_target_format(target, form.kind, to)
     if is_stream(target) and file_format is not CSV:
         fault = "files of this format cannot go to standard output"
         raise input_error("output", fault, "name a file")
+    given = vars(options).items() - vars(AS_KNOWN).items()
+    if given and not file_format.in_metres:
+        fault = f"{file_format.title} keeps the unit and the axes of what is written"
+        fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"
+        raise input_error(min(given)[0], fault, fix)
     assert file_format.write is not None
-    if file_format.in_metres:
-        return file_format.write(target, form, options)
-    for name, value in vars(options).items():
-        if value != getattr(AS_KNOWN, name):
-            fault = f"{file_format.title} keeps the unit and the axes of what is written"
-            fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"
-            raise input_error(name, fault, fix)
-    return file_format.write(target, form)
+    return file_format.write(target, form, options)
+
+
+landmark_writer = partial(record_writer, form=LANDMARKS)
+result_writer = partial(record_writer, form=RESULTS)
 
 
 def find_target_format(path: Path, name: str = "auto") -> FileFormat:
@@ -285,10 +261,9 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
 def check_target_format(path: Path, kind: str, name: str = "auto") -> FileFormat:
     """Return the format of an output. Raises InputError where it cannot hold records of a kind."""
     target = find_target_format(path, name)
-    if kind not in target.writes:
-        fix = "give it a name in .h5"
-        if kind == "landmarks" and target.in_metres:
-            fix = "lift them with `shapefit fit` first, or write .h5 or .csv"
-        fault = f"{'2D landmarks' if kind == 'landmarks' else f'a {kind}'} cannot be "
-        raise input_error(path, fault + target.title.split()[1], fix)
+    if kind not in target.records:
+        what, fix = f"a {kind}", "give it a name in .h5"
+        if kind == "landmarks":
+            what, fix = "2D landmarks", "lift them with `shapefit fit` first, or write .h5 or .csv"
+        raise input_error(path, f"{what} cannot be {target.title.split()[1]}", fix)
     return target

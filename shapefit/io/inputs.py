@@ -8,6 +8,7 @@ import sys
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import IO, cast
 
@@ -35,14 +36,6 @@ def is_stream(path: Path) -> bool:
 def source_name(path: Path) -> str:
     """Name of the input in messages."""
     return "standard input" if is_stream(path) else str(path)
-
-
-def begins_with(path: Path, *signatures: bytes) -> bool:
-    """Whether a file begins with one of these bytes; pipes are left alone."""
-    try:
-        return path.is_file() and read_head(path, 8).startswith(signatures)
-    except OSError:  # who opens the file reports it
-        return False
 
 
 def read_head(path: Path, size: int) -> bytes:
@@ -76,9 +69,8 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
         if block.startswith(HDF5_SIGNATURE):
             fault = "is HDF5, which cannot come through a pipe"
             raise input_error(name, fault, "name the file itself, or send CSV")
-        while block:
-            yield block
-            block = file.read(BLOCK_BYTES)
+        yield block
+        yield from iter(partial(file.read, BLOCK_BYTES), b"")
 
 
 def read_whole(path: Path) -> bytes:
@@ -94,7 +86,7 @@ def read_whole(path: Path) -> bytes:
 @contextmanager
 def _open_text(path: Path) -> Iterator[IO[bytes]]:
     """Open the bytes of a file of text, also of one that gzip made smaller."""
-    packed = begins_with(path, GZIP_SIGNATURE)
+    packed = path.is_file() and read_head(path, 2) == GZIP_SIGNATURE  # pipes are left alone
     with cast(IO[bytes], gzip.open(path)) if packed else path.open("rb") as file:
         try:
             yield file
@@ -117,9 +109,6 @@ def machine_memory() -> int:
 
 def in_words(size: int) -> str:
     """Return a number of bytes as a person reads it: 6.7 GB."""
-    value, unit = float(size), "bytes"
-    for larger in ("kB", "MB", "GB", "TB", "PB"):
-        if value < 1000:
-            break
-        value, unit = value / 1000, larger
-    return f"{value:.3g} {unit}"
+    units = ("bytes", "kB", "MB", "GB", "TB", "PB")
+    power = min((len(str(size)) - 1) // 3, len(units) - 1)
+    return f"{size / 1000**power:.3g} {units[power]}"

@@ -26,11 +26,14 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
     """
     heads = [file.head for file in files]
     names, differing = heads[0].landmark_names, set[str]()
+    places = [file.name for file in files]
+    if isinstance(heads[0], ResultSet):
+        _agreed("list of landmarks", places, [", ".join(head.landmark_names) for head in heads])
     if isinstance(heads[0], LandmarkSet):
         names = tuple(dict.fromkeys(name for head in heads for name in head.landmark_names))
         differing = {n for n in heads[0].whole if not all(_agree(heads[0], h, n) for h in heads)}
     heads = [
-        _arrange(_per_item(head, differing - {EDGES}), names, file.name)
+        _per_item(head, differing - {EDGES}).arrange(names, file.name)
         for file, head in zip(files, heads, strict=True)
     ]
     for file, head in zip(files, heads, strict=True):
@@ -38,7 +41,6 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
             if not _agree(heads[0], head, name):
                 fault = f"its dataset {name} is not that of {files[0].name}"
                 raise input_error(file.name, fault, SEPARATELY)
-    places = [file.name for file in files]
     units = [None if head.unit == UNKNOWN_UNIT else head.unit for head in heads]
     stated = [*(file.y_axis for file in files), y_axis]
     columns = {name: values for head in heads for name, values in head.per_item.items()}
@@ -61,7 +63,7 @@ def align_to(part: Any, head: Any, file: str) -> Any:
     if CONFIDENCE in head.per_item and CONFIDENCE not in part.per_item:
         part = part.with_columns({CONFIDENCE: np.ones((len(part), len(part.landmark_names)))})
     missing = head.sequences is not None and part.sequences is None
-    part = _arrange(part, head.landmark_names, file).replaced(
+    part = part.arrange(head.landmark_names, file).replaced(
         sequences=("",) * len(part) if missing else part.sequences,
         unit=head.unit,
         frame_rate=head.frame_rate,
@@ -69,16 +71,6 @@ def align_to(part: Any, head: Any, file: str) -> Any:
         attributes=head.attributes,
     )
     return part.with_columns(whole={EDGES: head.whole[EDGES]}) if EDGES in head.whole else part
-
-
-def _arrange(records: Any, names: tuple[str, ...], file: str) -> Any:
-    """Return records with these landmarks in this order. Raises InputError where it has others."""
-    if not isinstance(records, ResultSet):
-        return records.arrange(names, file)
-    if records.landmark_names != names:
-        fault = "its landmarks are not those of the other files, in their order"
-        raise input_error(file, fault, SEPARATELY)
-    return records
 
 
 def _per_item(records: Any, names: Collection[str]) -> Any:
@@ -89,11 +81,9 @@ def _per_item(records: Any, names: Collection[str]) -> Any:
 
 
 def _agree(first: Any, head: Any, name: str) -> bool:
-    """Whether a column of two files is per item in both, with rows of one shape, or the same."""
-    if name in first.per_item and name in head.per_item:
-        return bool(first.per_item[name].shape[1:] == head.per_item[name].shape[1:])
-    one, other = first.whole.get(name), head.whole.get(name)
-    if one is None or other is None:
+    """Whether heads, without items, have the same column: of items, rows of one shape."""
+    one, other = first.columns.get(name), head.columns.get(name)
+    if one is None or other is None or (name in first.whole) != (name in head.whole):
         return False
     return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
 

@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from shapefit.errors import abbreviate, input_error
 from shapefit.io.checks import LIMIT, input_problems
 
-MOST_COMPARED = 1000
-"""Names that a name is compared with, to say which it is like."""
-
 
 def match_landmarks(
     have: Sequence[str], want: Sequence[str], place: str = "landmark_names"
@@ -43,7 +40,7 @@ def match_landmarks(
 
 def nearest_names(name: str, names: Sequence[str]) -> list[str]:
     """Return the up to three of the names that look most like a name."""
-    return get_close_matches(name, names[:MOST_COMPARED], n=3, cutoff=0.5)
+    return get_close_matches(name, names, n=3, cutoff=0.5)
 
 
 def renamed(names: tuple[str, ...], rename: Mapping[str, str], place: str) -> tuple[str, ...]:

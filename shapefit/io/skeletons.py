@@ -1,9 +1,6 @@
 """The landmarks of the usual detectors of people, and where they lie among the joints of `people`.
 
-    w = (fixed + sum_k theta_k along_k) x + e,    e of standard deviation `std`
-
-for the joints x of the dictionary: each landmark is a row of weights, which depend on a few
-parameters theta. Skeletons, by which files without names are named, and parts of the body stand in
+Skeletons, by which files without names are named, and parts of the body stand in
 `data/skeletons.toml`.
 """
 
@@ -28,9 +25,6 @@ FURTHER = ("rheel", "rball", "rtoe", "lheel", "lball", "ltoe", "rhand", "lhand",
 
 JOINTS = (*PEOPLE, *FURTHER)
 
-Weights = Mapping[str, float]
-"""Weights of joints, by their names."""
-
 
 class Parameter(NamedTuple):
     """A number in which skeletons and bodies differ: its mean, and the std of its logarithm."""
@@ -47,7 +41,7 @@ cameras; the standard deviations cover six others."""
 
 @dataclass(frozen=True)
 class Part:
-    """A part of the body among the joints: w = (fixed + sum_k theta_k along_k) x + e.
+    """A part of the body among the joints x: w = (fixed + sum_k theta_k along_k) x + e.
 
     It stands for a `joint` in a fit, if any: `alone`, or as the mean of all such parts. Weights in
     `fixed` add up to 1, those in `along`, by parameter, to 0; `std` is the standard deviation of e
@@ -55,8 +49,8 @@ class Part:
     """
 
     joint: str | None = None
-    fixed: Weights = field(default_factory=dict)
-    along: Mapping[str, Weights] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    along: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     std: float = 0.0
     alone: bool = True
 
@@ -80,12 +74,6 @@ class Skeleton(NamedTuple):
     name: str
     landmark_names: tuple[str, ...]
     bones: tuple[tuple[str, str], ...]
-
-    @property
-    def edges(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of numbers of landmarks that a bone or a line of the face joins."""
-        place = {name: number for number, name in enumerate(self.landmark_names)}
-        return tuple((place[a], place[b]) for a, b in self.bones)
 
 
 @cache

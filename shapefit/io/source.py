@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
-from shapefit.io.formats import CSV, HDF5, FileFormat, check_holds, own_format, record_writer
+from shapefit.io.formats import CSV, HDF5, check_holds, own_format, record_writer
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import FIELDS, LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
 from shapefit.io.merge import align_to, merge_heads
@@ -51,8 +51,7 @@ def open_landmarks(
     to rename that no file has; for wrong values when they are read. With `head` nothing is checked,
     and only the first rows of CSV are read.
     """
-    files = _open(LANDMARKS, paths, options, rows=rows, head=head)
-    return Source(files, options.y_axis, check=not head)
+    return _open(LANDMARKS, paths, options, rows=rows, head=head)
 
 
 def open_shapes(
@@ -66,7 +65,7 @@ def open_shapes(
 
     With `gaps` a landmark of an item may be unknown, NaN, and may lack its row in CSV.
     """
-    return Source(_open(SHAPES, paths, options, gaps=gaps, head=head), check=not head)
+    return _open(SHAPES, paths, options, gaps=gaps, head=head)
 
 
 def open_results(
@@ -77,8 +76,7 @@ def open_results(
     old: bool = False,
 ) -> ResultSource:
     """Open results, as `open_landmarks` does, without some datasets; if `old`, of version 1."""
-    files = _open(RESULTS, paths, AS_THEY_ARE, without=without, old=old, head=head)
-    return Source(files, check=not head)
+    return _open(RESULTS, paths, without=without, old=old, head=head)
 
 
 def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
@@ -285,14 +283,14 @@ AnyRecords = ResultSet | ShapeSet | LandmarkSet
 def _open(
     form: Layout,
     paths: Sequence[Path],
-    options: InputOptions,
+    options: InputOptions = AS_THEY_ARE,
     *,
     gaps: bool = False,
     head: bool = False,
     rows: slice | None = None,
     without: Collection[str] = (),
     old: bool = False,
-) -> list[SourceFile[Any]]:
+) -> Source[Any]:
     """Open files of one layout, each in its format; other tools' readers are imported if needed."""
     paths = list(dict.fromkeys(paths))
     ours = [own_format(path) if options.format == "auto" else None for path in paths]
@@ -308,10 +306,17 @@ def _open(
 
         return Hdf5Reader(path, form, old=old)
 
-    files = []
+    files: list[SourceFile[Any]] = []
     for file_format, group in groups:
+        name = source_name(group[0])
         if file_format.read_poses is not None and form is not RESULTS:
-            files.append(_of_poses(file_format, group, form, options, gaps))
+            from shapefit.io.readers import items
+
+            read: Any = partial(items.read_shapes, gaps=gaps)
+            read = items.read_landmarks if form is LANDMARKS else read
+            records, notes = read(file_format, group, options)
+            stated = records.y_axis if file_format.states_y_axis else None
+            files.append(SourceFile.of(name, records, notes=notes, y_axis=stated))
             continue
         check_holds(group[0], form.kind, file_format)
         if options.individual is not None:
@@ -320,29 +325,18 @@ def _open(
         if file_format is HDF5:
             files.append(_of_hdf5(group[0], reader, rows, without))
         else:
-            files.append(_of_csv(group[0], form, gaps, head))
+            from shapefit.io.csv_file import read_csv, read_csv_head
+
+            records, share = (
+                read_csv_head(group[0], form.kind)
+                if head
+                else (read_csv(group[0], form.kind, gaps=gaps), 1.0)
+            )
+            files.append(SourceFile.of(name, records, estimate=round(len(records) / share)))
         if form is LANDMARKS and not head:
             files[-1] = _in_pixels(files[-1], options)
-    return _prepared(files, form, options, gaps, check=not head)
-
-
-def _of_poses(
-    file_format: FileFormat,
-    paths: tuple[Path, ...],
-    form: Layout,
-    options: InputOptions,
-    gaps: bool,
-) -> SourceFile[Any]:
-    """Read files of another tool."""
-    from shapefit.io.readers import items
-
-    name = source_name(paths[0])
-    if form is SHAPES:
-        shapes, notes = items.read_shapes(file_format, paths, options, gaps=gaps)
-        return SourceFile.of(name, shapes, notes=notes)
-    images, notes = items.read_landmarks(file_format, paths, options)
-    stated = images.y_axis if file_format.states_y_axis else None
-    return SourceFile.of(name, images, notes=notes, y_axis=stated)
+    prepared = _prepared(files, form, options, gaps, check=not head)
+    return Source(prepared, options.y_axis, check=not head)
 
 
 def _of_hdf5(
@@ -364,17 +358,6 @@ def _of_hdf5(
         close=reader.cache_clear,
         y_axis=file.stated["y_axis"],
     )
-
-
-def _of_csv(path: Path, form: Layout, gaps: bool, head: bool) -> SourceFile[Any]:
-    """Read a table of ours, with `head` its first rows."""
-    from shapefit.io.csv_file import read_csv, read_csv_head
-
-    name = source_name(path)
-    if head:
-        records, share = read_csv_head(path, form.kind)
-        return SourceFile.of(name, records, estimate=round(len(records) / share))
-    return SourceFile.of(name, read_csv(path, form.kind, gaps=gaps))
 
 
 def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:

@@ -34,9 +34,9 @@ def test_landmarks_are_in_pairs_and_joined_by_bones(skeleton: Skeleton) -> None:
     assert len(set(paired)) == len(paired)
     unpaired = {name.lower() for i, name in enumerate(names) if i not in paired}
     assert {name for name in unpaired if not name.startswith("face_")} <= UNPAIRED
-    bones = {frozenset(edge) for edge in skeleton.edges}
-    assert len(bones) == len(skeleton.edges)
-    assert {i for edge in skeleton.edges for i in edge} == set(range(len(names)))
+    bones = {frozenset(map(names.index, bone)) for bone in skeleton.bones}
+    assert len(bones) == len(skeleton.bones)
+    assert {i for bone in bones for i in bone} == set(range(len(names)))
     swap = dict(pairs) | {left: right for right, left in pairs}
     assert {frozenset(swap.get(i, i) for i in bone) for bone in bones} == bones
 

@@ -208,7 +208,7 @@ def test_results_that_do_not_go_together(tmp_path, results, problems):
     for other, found in (
         (
             part.replaced(landmark_names=tuple("abcd")),
-            "its landmarks are not those of the other files",
+            "its list of landmarks is 'a, b, c, d', that of {} is",
         ),
         (part.replaced(rotation=None), "its dataset rotation is not that of {}"),
         (part.replaced(mesh_vertices=np.zeros((1, 3, 2))), "its dataset mesh_vertices is not"),

@@ -109,7 +109,7 @@ def run(
         check_export(setup, output)
         options, counts = OutputOptions(height=config.height, markers=config.markers), Counts()
         with (
-            result_writer(output, options) as writer,
+            result_writer(output, options=options) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
             for batch in batches:
