@@ -210,7 +210,7 @@ FORMATS: dict[str, FileFormat] = {
         motion.read_acclaim),
     "anipose-csv": FileFormat(
         "an anipose 3D CSV", TABLE, SHAPES,
-        lambda head: any(name.endswith("_ncams") for name in head.columns), tables.read_anipose),
+        lambda head: any(name.endswith("_ncams") for name in head.columns), tables.read_any_table),
     "bvh": FileFormat(
         "a BVH motion", (".bvh",), SHAPES,
         lambda head: head.text.upper().split(maxsplit=2)[:2] == [b"HIERARCHY", b"ROOT"],
@@ -228,12 +228,12 @@ FORMATS: dict[str, FileFormat] = {
     "table": FileFormat(
         "a table of landmarks", (".csv", ".tsv", ".txt"), EITHER, is_table, tables.read_any_table,
         states_y_axis=False),
-    "arrays": FileFormat(
-        "an array of landmarks", (".npy", ".npz"), IMAGES, is_array, tables.read_array,
-        states_y_axis=False),
     "mediapipe": FileFormat(
         "a file of MediaPipe's landmarks", JSON, IMAGES, lambda head: _has_points(head.json),
         detections.read_mediapipe),
+    "arrays": FileFormat(
+        "an array of landmarks", (".npy", ".npz"), IMAGES, is_array, tables.read_array,
+        states_y_axis=False),
 }
 # fmt: on
 """Those of the package come first; the others are asked in this order."""

@@ -102,7 +102,7 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
         return cast(Kind, file_format.records[0])
     from shapefit.io.readers.items import read_poses
 
-    return "landmarks" if read_poses(file_format, (path,)).dimensions == 2 else "shapes"
+    return "landmarks" if read_poses(file_format, (path,)).points.shape[2] == 2 else "shapes"
 
 
 def source_of(
@@ -374,9 +374,9 @@ def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
     if not fractions or images.unit not in ("px", UNKNOWN_UNIT):
         return file
     if options.image_size is None:
-        from shapefit.io.readers.items import size_needed
+        from shapefit.io.readers.items import FRACTIONS, SIZE_FIX
 
-        raise size_needed(file.name)
+        raise input_error(file.name, FRACTIONS, SIZE_FIX)
     size = np.array(options.image_size)[:, None]
 
     def read(rows: slice) -> Any:

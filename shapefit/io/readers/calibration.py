@@ -32,8 +32,6 @@ KEYS = {
 }
 """A field of `CalibratedCamera` -> what tools call it, in small letters."""
 
-MOST_BYTES = 1 << 20  # of a calibration in YAML
-
 OF_TOOLS = "give the calibration of anipose, Pose2Sim, caliscope or OpenCV (TOML, YAML, JSON)"
 CORRECT = (
     "give a matrix without skew, 4, 5 or 8 of OpenCV's k1 k2 p1 p2 k3 k4 k5 k6, and the rotation "
@@ -86,7 +84,6 @@ def _read_content(path: Path) -> Any:
         return tomllib.loads(path.read_bytes().decode())
     from ruamel.yaml import YAML
 
-    require(path.stat().st_size <= MOST_BYTES, f"more than {MOST_BYTES} bytes of YAML")
     # OpenCV writes a directive and tags that YAML does not have
     text = re.sub(r"\A%YAML.*|!!opencv-[\w-]+", "", path.read_text("utf-8"))
     # ruamel.yaml takes minutes to read these two
@@ -118,12 +115,14 @@ def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
     require(not fisheye, "a fisheye lens, whose model is another one")
     matrix = _array(table, "matrix", (3, 3))
     assert matrix is not None
-    rest = matrix - np.diag(np.diag(matrix))
-    rest[:2, 2] = 0.0
-    proper = matrix[0, 0] > 0 and matrix[1, 1] > 0 and np.allclose(matrix[2], [0, 0, 1])
+    proper = np.diag([matrix[0, 0], matrix[1, 1], 1.0])
+    proper[:2, 2] = matrix[:2, 2]
     rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in matrix)
-    unskewed = proper and np.abs(rest).max() <= 1e-6 * np.abs(matrix).max()
-    require(unskewed, f"an impossible camera matrix, {rows}, not fx 0 cx, 0 fy cy, 0 0 1")
+    unskewed = np.abs(matrix - proper).max() <= 1e-6 * np.abs(matrix).max()
+    require(
+        unskewed and (proper.diagonal() > 0).all(),
+        f"an impossible camera matrix, {rows}, not fx 0 cx, 0 fy cy, 0 0 1",
+    )
     if {"image_width", "image_height"} <= table.keys():
         table = {"size": [table["image_width"], table["image_height"]], **table}
     given = _array(table, "distortion")

@@ -80,8 +80,6 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
             images = _names_of_codes(file, f"{key}/axis1")
             index = np.array(["/".join(filter(None, row)) for row in images], object)
             index = index if images else np.ravel(file.rows(f"{key}/axis1"))
-    numeric = {block.dtype.kind for block in blocks} <= {*"biuf"}
-    require(numeric, "pickled values; save it as CSV")
     numbered = index.dtype.kind in "iuf"
     labels = number_labels(index) if numbered else image_labels([*map(str, index.tolist())])
     values = np.concatenate(blocks, axis=1).astype(np.float64)

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Flags
-from shapefit.errors import InputError, abbreviate, counted, input_error, listed
+from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES, FRAME
@@ -53,8 +52,8 @@ def _read_kind(form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions:
     if kind not in form.records:
         raise input_error(name, f"is {form.title}, which holds no {kind}", fix)
     poses = read_poses(form, paths)
-    if poses.dimensions != dimensions:
-        raise input_error(name, f"{form.title} of {poses.dimensions}D points", fix)
+    if (d := poses.points.shape[2]) != dimensions:
+        raise input_error(name, f"{form.title} of {d}D points", fix)
     return poses
 
 
@@ -84,17 +83,12 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
         poses = replace(poses, points=poses.points * options.image_size, unit="px")
     elif poses.unit == FRACTION:
         if poses.size_needed:
-            raise size_needed(poses.name)
+            raise input_error(poses.name, FRACTIONS, SIZE_FIX)
         note = f"{FRACTIONS}, so figures are squeezed where it is not square; {SIZE_FIX}"
         poses = replace(poses, notes=(*poses.notes, note))
     fields, notes = _fields(poses, options)
     edges = {EDGES: np.array(poses.edges, np.int64)} if poses.edges else {}
     return LandmarkSet(**fields, y_axis=options.y_axis, whole=edges), notes
-
-
-def size_needed(name: str) -> InputError:
-    """Return the error for fractions of images whose size is not known."""
-    return input_error(name, FRACTIONS, SIZE_FIX)
 
 
 def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]:
@@ -236,7 +230,7 @@ def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, 
     if names := np.array(shapes.landmark_names, object)[~often].tolist():
         text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes ({abbreviate(names)})"
         notes += (f"{name}: {counted(len(names), 'landmark')} {text}",)
-        shapes = _columns(shapes, np.flatnonzero(often))
+        shapes = _with_landmarks(shapes, [n for n in shapes.landmark_names if n not in names])
     if not rows.all():
         omitted = counted(int((~rows).sum()), "shape")
         notes += (f"{name}: {omitted} left out, in which a landmark is unknown",)
@@ -250,32 +244,22 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
     """
     if len(set(names)) < len(names):
         raise input_error("landmarks", "a name is there twice", "name each landmark once")
-    columns = match_landmarks(records.landmark_names, names, f"{place}: landmarks")
+    match_landmarks(records.landmark_names, names, f"{place}: landmarks")
     if isinstance(records, LandmarkSet):
         return records.arrange(names, place, omit=True)
-    return _columns(records, columns)
+    return _with_landmarks(records, names)
 
 
-def _columns(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
+def _with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
     """Return the shapes with some of their landmarks, and the edges between those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the nearest of
     its ancestors that stays. The index of mirrored landmarks does not stay.
     """
-    changes: dict[str, Any] = {name: None for name in ("mirror_index",) if name in shapes.whole}
     if shapes.edges is not None:
-        place = {old: new for new, old in enumerate(columns.tolist())}
-        pairs, parents = [], {child: parent for parent, child in shapes.edges.tolist()}
-        tree = len(parents) == len(shapes.edges)
-        for above, below in shapes.edges.tolist():
-            steps = len(parents) if tree else 0  # at most: damaged edges can be a ring
-            while steps and above not in place:
-                above, steps = parents.get(above, above), steps - 1
-            if above in place and below in place:
-                pairs.append([place[above], place[below]])
-        changes["edges"] = np.array(pairs, np.int64).reshape(-1, 2)
-    return shapes.replaced(
-        shapes=shapes.shapes[:, :, columns],
-        landmark_names=tuple(shapes.landmark_names[number] for number in columns.tolist()),
-        **changes,
-    )
+        edges, stay = shapes.edges.tolist(), [name in names for name in shapes.landmark_names]
+        parents = {below: above for above, below in edges}
+        for _ in parents if len(parents) == len(edges) else ():  # damaged edges can be a ring
+            edges = [[above if stay[above] else parents.get(above, above), n] for above, n in edges]
+        shapes = shapes.replaced(edges=np.array(edges, np.int64).reshape(-1, 2))
+    return shapes.without(["mirror_index"]).arrange(names, omit=True)

@@ -89,11 +89,6 @@ class Poses:
         return len(self.points)
 
     @property
-    def dimensions(self) -> int:
-        """2 for landmarks, 3 for shapes."""
-        return self.points.shape[2]
-
-    @property
     def individuals(self) -> tuple[str, ...]:
         """The names of the individuals, in order of their first poses."""
         return tuple(filter(None, dict.fromkeys(self.individual or ())))
@@ -139,7 +134,6 @@ def of_frames(
         confidence = confidence.reshape(n * many, p)
     if individuals is not None:
         check_names(individuals, "individual")
-        require(len(individuals) == many, f"{len(individuals)} names of {many} individuals")
         individuals = [*individuals] * n
     defaults: dict[str, Any] = {
         "name": str(path),
@@ -157,13 +151,10 @@ def of_frames(
 
 def unit_of(points: Floats) -> dict[str, Any]:
     """Return the fields `unit` and `size_needed` of points (n, p, d) whose file states no unit."""
-    fraction = points.shape[2] == 2 and are_fractions(points[np.isfinite(points)])
+    finite = points[np.isfinite(points)]
+    inside = finite.size > 0 and bool(finite.min() >= -0.5 and finite.max() <= 1.5)
+    fraction = inside and points.shape[2] == 2
     return {"unit": FRACTION if fraction else UNKNOWN_UNIT, "size_needed": fraction}
-
-
-def are_fractions(coordinates: Floats) -> bool:
-    """Whether coordinates are fractions of an image, in it or near it, rather than pixels."""
-    return coordinates.size > 0 and bool(coordinates.min() >= -0.5 and coordinates.max() <= 1.5)
 
 
 @contextmanager

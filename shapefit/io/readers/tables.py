@@ -113,16 +113,17 @@ Grid = tuple[Floats, Sequence[str], Mapping[str, Sequence[str]]]
 METRES = {"frame", "time", "landmark", "x", "y", "z", "sd", "trusted"}  # as they are written here
 
 
-def read_any_table(paths: tuple[Path, ...], *, triangulated: bool = False) -> Poses:
-    """Read a table of no known tool.
+def read_any_table(paths: tuple[Path, ...]) -> Poses:
+    """Read a table of no known tool, or the 3D points that anipose writes, in its unit.
 
-    z is a third coordinate, unless there is a confidence and it was not `triangulated`: then it is
-    the depth that detectors guess, which is left out. Landmarks that are numbered have no names.
+    z beside a confidence is the depth that detectors guess, which is left out, except anipose's;
+    otherwise it is a third coordinate. Landmarks that are numbered have no names.
     """
     path, text = paths[0], read_text(paths[0])
     header = parse_header(text.partition("\n")[0])
     require(header, "it does not name columns of landmarks, see docs/formats.md")
     assert header is not None
+    triangulated = any(name.endswith("_ncams") for name in header.names)
     table = read_table(path, text, header.names, header.delimiter, after=1)
     columns = header.landmarks.values() or [header.roles]
     axes = [axis for axis in OF_POINTS if any(axis in places for places in columns)]
@@ -219,17 +220,11 @@ def _whole_numbers(cells: Sequence[str]) -> list[int]:
 def _frames(cells: Sequence[str], videos: Sequence[str] | None) -> tuple[Integers, Integers]:
     """Return the positions of frames in their videos, from the first on, and their order."""
     frames, videos = _whole_numbers(cells), videos or [""] * len(cells)
-    start: dict[str, int] = {}
-    for video, frame in zip(videos, frames, strict=True):
-        start[video] = min(frame, start.get(video, frame))
-    rank = {video: number for number, video in enumerate(start)}
-    order = np.lexsort((frames, [rank[video] for video in videos]))
-    return np.array(frames, np.int64) - np.array([start[v] for v in videos], np.int64), order
-
-
-def read_anipose(paths: tuple[Path, ...]) -> Poses:
-    """Read the 3D points that anipose writes, in its unit; their score is their confidence."""
-    return read_any_table(paths, triangulated=True)
+    rank = {video: number for number, video in enumerate(dict.fromkeys(videos))}
+    ranks = np.array([rank[video] for video in videos], np.intp)
+    order = np.lexsort((frames, ranks))
+    first = order[np.searchsorted(ranks[order], ranks)]  # of its video
+    return np.array(frames, np.int64) - np.array(frames, np.int64)[first], order
 
 
 def read_caliscope(paths: tuple[Path, ...]) -> Poses:
@@ -290,7 +285,6 @@ def of_array(
         numeric = points.dtype.kind in "biuf" and points.ndim == 3 and points.shape[2] in (2, 3)
         require(numeric, f"{points.dtype} of the shape {points.shape}")
         points = points.astype(np.float64)
-        points = np.where(np.isfinite(points), points, np.nan)
         if points.shape[2] == 3:
             require(scores is None, "three numbers of each landmark beside its confidence")
             points, scores = points[..., :2], points[..., 2]

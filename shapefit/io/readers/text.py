@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,17 +39,13 @@ def read_json(path: Path, *, keep: bool = False) -> Any:
 
 
 def _parse_json(path: Path) -> Any:
-    import json
-
     data = read_whole(path).removeprefix(BYTE_ORDER_MARK)
     try:
         return orjson.loads(data)
     except orjson.JSONDecodeError as error:
-        try:
+        with suppress(ValueError, RecursionError):
             if _NOT_JSON.search(data):
                 return json.loads(data)
-        except (ValueError, RecursionError):
-            pass
         problem = f"is not whole JSON ({error.msg})"
         raise input_error(f"{path}:{error.lineno}", problem, "make or copy it again") from error
 
@@ -138,22 +136,20 @@ class Table(NamedTuple):
 def read_table(
     path: Path,
     text: str,
-    names: Sequence[str] = (),
+    names: Sequence[str],
     delimiter: str = ",",
     *,
-    after: int = 0,
+    after: int,
     padded: bool = False,
 ) -> Table:
     """Return the rows with any content in a text, after so many lines; quotes do not count.
 
-    Without names the first row has them. `padded` rows may have other numbers of empty cells at
-    their end. Raises InputError for rows of other widths.
+    `padded` rows may have other numbers of empty cells at their end. Raises InputError for rows of
+    other widths.
     """
     blank = f" \t{delimiter}"
     numbered = enumerate(text.replace('"', "").split("\n"), 1)
     rows = [(line, row) for line, row in numbered if line > after and row.strip(blank)]
-    if not names and rows:
-        names = [cell.strip() for cell in rows.pop(0)[1].split(delimiter)]
     for number, (line, row) in enumerate(rows):
         count = row.count(delimiter) + 1
         if padded and delimiter in row and count != len(names):

@@ -105,34 +105,7 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
     steps = detections.motion[tracks] * np.minimum(passed, SMOOTH_MOTION)[:, None]
     expected = detections.points[tracks]
     expected[..., :2] += steps[:, None]
-    pairs = assign(*_costs(detections, tracks, rows, expected, steps, passed))
-    who, which = np.array(pairs, np.intp).reshape(-1, 2).T
-    before, after = tracks[who], rows[which]
-    points = detections.points[after]
-    moved = (points - detections.points[before])[..., :2]
-    common = ~np.isnan(moved[..., :1])
-    number = common.sum(axis=1)
-    mean = np.where(common, moved, 0.0).sum(axis=1) / np.maximum(number, 1)
-    smooth = detections.motion[before]
-    motion = smooth + FORGETTING * (mean / passed[who, None] - smooth)
-    detections.motion[after] = np.where(number > 0, motion, smooth)
-    detections.points[after] = np.where(np.isnan(points), expected[who], points)
-    detections.size[after] = np.maximum(detections.size[after], 0.95 * detections.size[before])
-    return np.array([who, which])
 
-
-def _costs(
-    detections: _Detections,
-    tracks: Integers,
-    rows: Integers,
-    expected: Floats,
-    steps: Floats,
-    passed: Integers,
-) -> tuple[Floats, Flags]:
-    """Return the cost (T, D) of each track and detection, and which pairs may be one person.
-
-    Tracks are expected at (T, p, d), `steps` (T, 2) from where they were, so many frames ago.
-    """
     boxes, others = (detections.boxes[tracks] + np.tile(steps, 2))[:, None], detections.boxes[rows]
     reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
     scale = np.maximum(detections.size[tracks, None], detections.size[rows])
@@ -151,7 +124,21 @@ def _costs(
     shared = np.maximum(sides, 0).prod(axis=-1)
     areas = sum((box[..., 2:] - box[..., :2]).prod(axis=-1) for box in (boxes, others))
     overlap = shared / np.maximum(areas - shared, 1e-12)
-    return ratio + (1 - overlap) / 2, ratio <= 1
+    pairs = assign(ratio + (1 - overlap) / 2, ratio <= 1)
+
+    who, which = np.array(pairs, np.intp).reshape(-1, 2).T
+    before, after = tracks[who], rows[which]
+    points = detections.points[after]
+    moved = (points - detections.points[before])[..., :2]
+    both = ~np.isnan(moved[..., :1])
+    number = both.sum(axis=1)
+    mean = np.where(both, moved, 0.0).sum(axis=1) / np.maximum(number, 1)
+    smooth = detections.motion[before]
+    motion = smooth + FORGETTING * (mean / passed[who, None] - smooth)
+    detections.motion[after] = np.where(number > 0, motion, smooth)
+    detections.points[after] = np.where(np.isnan(points), expected[who], points)
+    detections.size[after] = np.maximum(detections.size[after], 0.95 * detections.size[before])
+    return np.array([who, which])
 
 
 def assign(cost: Floats, allowed: Flags) -> list[tuple[int, int]]:
