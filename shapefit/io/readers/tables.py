@@ -219,12 +219,12 @@ def _whole_numbers(cells: Sequence[str]) -> list[int]:
 
 def _frames(cells: Sequence[str], videos: Sequence[str] | None) -> tuple[Integers, Integers]:
     """Return the positions of frames in their videos, from the first on, and their order."""
-    frames, videos = _whole_numbers(cells), videos or [""] * len(cells)
+    frames, videos = np.array(_whole_numbers(cells), np.int64), videos or [""] * len(cells)
     rank = {video: number for number, video in enumerate(dict.fromkeys(videos))}
     ranks = np.array([rank[video] for video in videos], np.intp)
     order = np.lexsort((frames, ranks))
     first = order[np.searchsorted(ranks[order], ranks)]  # of its video
-    return np.array(frames, np.int64) - np.array(frames, np.int64)[first], order
+    return frames - frames[first], order
 
 
 def read_caliscope(paths: tuple[Path, ...]) -> Poses:

@@ -77,7 +77,7 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
         nodes, names = file.texts("node_names"), file.texts("track_names")
         tracks, dims = file.numbers("tracks"), file.attribute("dims", "tracks")
         scores = file.numbers_if_any("point_scores")
-        occupancy = np.shape(file.numbers_if_any("track_occupancy"))  # () for none
+        occupancy = getattr(file.numbers_if_any("track_occupancy"), "shape", None)
         edges = file.edges("edge_inds", len(nodes))
 
     sleap = tracks.shape[1:3] == (2, len(nodes)), tracks.shape[3::-3] == occupancy
