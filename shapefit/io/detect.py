@@ -51,7 +51,17 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if head.named(*HDF5.suffixes):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
-    _refuse_unknown(head)
+    if CALIBRATION.search(head.text):
+        fault = "is a calibration of cameras, not landmarks"
+        raise input_error(path, fault, "give it as --calibration")
+    if CONTROL & {*head.bytes} and not head.bytes.startswith((b"\xff\xfe", b"\xfe\xff")):
+        fix = "give the landmarks that a detector found in a video or images, not compressed"
+        raise input_error(path, "is neither text nor of a known format", fix)
+    if head.may_be_json:
+        read_json(path)  # names the line of damage
+        keys = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
+        fix = "give JSON of OpenPose, AlphaPose, MMPose, MediaPipe or COCO (docs/formats.md)"
+        raise input_error(path, f"is JSON of no known kind, {keys}", fix)
     return CSV
 
 
@@ -66,21 +76,6 @@ def _detect_folder(path: Path) -> FileFormat:
     kinds = listed(one.title for one in folders)
     fix = "name the files in it, or a folder of such files"
     raise input_error(path, f"it is a folder, and holds none of these: {kinds}", fix)
-
-
-def _refuse_unknown(head: Head) -> None:
-    """Raise InputError for a file of no format, unless it may be a table of text."""
-    if CALIBRATION.search(head.text):
-        fault = "is a calibration of cameras, not landmarks"
-        raise input_error(head.path, fault, "give it as --calibration")
-    if CONTROL & {*head.bytes} and not head.bytes.startswith((b"\xff\xfe", b"\xfe\xff")):
-        fix = "give the landmarks that a detector found in a video or images, not compressed"
-        raise input_error(head.path, "is neither text nor of a known format", fix)
-    if head.may_be_json:
-        read_json(head.path)  # names the line of damage
-        keys = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
-        fix = "give JSON of OpenPose, AlphaPose, MMPose, MediaPipe or COCO (docs/formats.md)"
-        raise input_error(head.path, f"is JSON of no known kind, {keys}", fix)
 
 
 def group_inputs(

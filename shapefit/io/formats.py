@@ -119,19 +119,16 @@ class FileFormat(NamedTuple):
     states_y_axis: bool = True
 
 
-def _write_hdf5(target: Path, form: Layout, _options: OutputOptions) -> Output:
-    from shapefit.io.hdf5_file import hdf5_output
+def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Output:
+    """Write the format of this name; only its module is imported."""
+    if name == "hdf5":
+        from shapefit.io.hdf5_file import hdf5_output
 
-    return hdf5_output(target, form)
+        return hdf5_output(target, form)
+    if name == "csv":
+        from shapefit.io.csv_file import csv_output
 
-
-def _write_csv(target: Path, _form: Layout, _options: OutputOptions) -> Output:
-    from shapefit.io.csv_file import csv_output
-
-    return csv_output(target)
-
-
-def _write_motion(name: str, target: Path, _form: Layout, options: OutputOptions) -> Output:
+        return csv_output(target)
     from shapefit.io.writers import bvh, motion, tables
 
     if name == "c3d":
@@ -152,7 +149,7 @@ HDF5 = FileFormat(
     (".h5", ".hdf5", ".hdf", ".he5"),
     (*ITEMS, "dictionary"),
     lambda head: OURS in head.hdf5,
-    write=_write_hdf5,
+    write=partial(_write, "hdf5"),
 )
 CSV = FileFormat(
     "a CSV file",
@@ -163,7 +160,7 @@ CSV = FileFormat(
         and INDIVIDUALS.isdisjoint(head.columns)
         and not head.named(*HDF5.suffixes)
     ),
-    write=_write_csv,
+    write=partial(_write, "csv"),
     states_y_axis=False,
 )
 OWN = {"hdf5": HDF5, "csv": CSV}
@@ -173,7 +170,7 @@ TARGETS = OWN | {
         title,
         (suffix,),
         ("shapes", "result"),
-        write=partial(_write_motion, name),
+        write=partial(_write, name),
         in_metres=True,
         angles=name in ("trc", "mot", "angles"),
     )

@@ -27,6 +27,9 @@ LARGEST_BYTES = 1 << 30
 ALWAYS_FITS = 1 << 26
 """Bytes that nobody needs to ask for."""
 
+MEMORY = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+"""Bytes of memory of this machine."""
+
 
 def is_stream(path: Path) -> bool:
     """Whether the path is `-`: standard input or output."""
@@ -97,14 +100,9 @@ def _open_text(path: Path) -> Iterator[IO[bytes]]:
 
 def check_fits(place: str, size: int, what: str = "it") -> None:
     """Raise InputError at `place` where `size` bytes are more than this machine has memory."""
-    if size > ALWAYS_FITS and size > (memory := machine_memory()):
-        fault = f"{what} takes {in_words(size)} of memory, and this machine has {in_words(memory)}"
+    if size > max(ALWAYS_FITS, MEMORY):
+        fault = f"{what} takes {in_words(size)} of memory, and this machine has {in_words(MEMORY)}"
         raise input_error(place, fault, "divide the file, or use a machine with more memory")
-
-
-def machine_memory() -> int:
-    """Bytes of memory of this machine."""
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def in_words(size: int) -> str:

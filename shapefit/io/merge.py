@@ -90,9 +90,9 @@ def _agree(first: Any, head: Any, name: str) -> bool:
 
 def _agreed(what: str, places: Sequence[str], stated: Sequence[Any]) -> Any:
     """Return what all places state, None if none does. Raises InputError where two differ."""
-    pairs = [pair for pair in zip(places, stated, strict=True) if pair[1] is not None]
-    for place, value in pairs:
-        if value != pairs[0][1]:
-            fault = f"its {what} is '{value}', that of {pairs[0][0]} is '{pairs[0][1]}'"
-            raise input_error(place, fault, SEPARATELY)
-    return pairs[0][1] if pairs else None
+    place_of = {v: place for place, v in zip(places, stated, strict=True) if v is not None}
+    first, *others = place_of or (None,)
+    for value in others:
+        fault = f"its {what} is '{value}', that of {place_of[first]} is '{first}'"
+        raise input_error(place_of[value], fault, SEPARATELY)
+    return first

@@ -107,7 +107,7 @@ def skeletons_of_size(count: int) -> tuple[str, ...]:
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
     """Return the bones of the skeleton that names most of the landmarks, as pairs of positions.
 
-    None where no skeleton names more than half of them.
+    There are none where no skeleton names more than half of them.
     """
     place = {name: number for number, name in enumerate(names)}
     bones = [_bones(text) for text in _data()["further_bones"].values()]

@@ -502,9 +502,9 @@ def test_the_limit_is_what_is_free(shape_file, dictionary_file, result_file, pro
     monkeypatch.setattr(inputs, "ALWAYS_FITS", 0)
     readers = (lambda path: read_shapes([path]), read_dictionary, read_results)
     for read, path in zip(readers, (shape_file, dictionary_file, result_file), strict=True):
-        monkeypatch.setattr(inputs, "machine_memory", lambda: 10**5)
+        monkeypatch.setattr(inputs, "MEMORY", 10**5)
         read(path)
-        monkeypatch.setattr(inputs, "machine_memory", lambda: 10)
+        monkeypatch.setattr(inputs, "MEMORY", 10)
         (line,) = problems(read, path)
         assert line.startswith(f"{path}:/")
         assert "and this machine has 10 bytes; " in line
