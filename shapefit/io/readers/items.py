@@ -49,11 +49,9 @@ def read_shapes(
 def _read_kind(form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int) -> Poses:
     """Return the poses in these files. Raises InputError where they are not of this kind."""
     name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
-    if kind not in form.records:
-        raise input_error(name, f"is {form.title}, which holds no {kind}", fix)
     poses = read_poses(form, paths)
     if (d := poses.points.shape[2]) != dimensions:
-        raise input_error(name, f"{form.title} of {d}D points", fix)
+        raise input_error(name, f"is {form.title} of {d}D points", fix)
     return poses
 
 

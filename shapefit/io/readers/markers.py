@@ -33,7 +33,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     require(count and names[0].lower() == "frame#", "no names of markers in line 4, above X1 Y1")
     require(not any(names[3::3] + names[4::3]), "names that do not stand above an X")
     labels = [*names[2:], *[""] * (3 * count)][: 3 * count : 3]
-    points, frames = _read_points(path, text, labels, about.get("units", ""), 5, delimiter)
+    points, frames = _read_points(path, text, labels, 5, delimiter)
     origin, notes = np.asarray((points == 0).all(axis=2)), list[str]()
     lost = int(float(about.get("numframes", 0))) - len(points)
     if lost > 0:
@@ -41,8 +41,8 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     if origin.any():
         notes.append(f"{int(origin.sum())} points at exactly 0, 0, 0 taken for missing")
     points = np.where(origin[..., None], np.nan, points)
-    (rate,) = floats([about["datarate"]])
-    return _of_markers(path, points, labels, frames, rate, about.get("units", ""), notes)
+    (rate,), unit = floats([about["datarate"]]), about.get("units", "")
+    return _of_markers(path, points, labels, rate, unit, labels=frames, notes=tuple(notes))
 
 
 def read_vicon(paths: tuple[Path, ...]) -> Poses:
@@ -60,14 +60,14 @@ def read_vicon(paths: tuple[Path, ...]) -> Poses:
     count = axes.count("X")
     require(axes == ["Frame", "Sub Frame", *"XYZ" * count], "other columns than X, Y and Z")
     labels = [*labels[2:], *[""] * (3 * count)][: 3 * count : 3]
-    points, frames = _read_points(path, "\n".join(lines[:end]), labels, unit, start + 4)
-    return _of_markers(path, points, labels, frames, floats([rate])[0], unit)
+    points, frames = _read_points(path, "\n".join(lines[:end]), labels, start + 4)
+    return _of_markers(path, points, labels, floats([rate])[0], unit, labels=frames)
 
 
 def _read_points(
-    path: Path, text: str, labels: Sequence[str], unit: str, after: int, delimiter: str = ","
+    path: Path, text: str, labels: Sequence[str], after: int, delimiter: str = ","
 ) -> tuple[Floats, list[str]]:
-    """Return points (n, m, 3) in metres where the unit is known, and the labels of the frames.
+    """Return points (n, m, 3), and the labels of the frames.
 
     A row, after so many lines, is a frame, a cell that does not count, and x, y, z of each marker.
     """
@@ -75,7 +75,7 @@ def _read_points(
     table = read_table(path, text, columns, delimiter, after=after, padded=True)
     points = table.numbers(range(2, len(columns))).reshape(-1, len(labels), 3)
     frames = [frame or str(number) for number, frame in enumerate(table.texts(0)[0])]
-    return as_metres(unit)[0] * points, frames
+    return points, frames
 
 
 COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")  # by a model: no points
@@ -114,12 +114,12 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     unit, start = (texts("UNITS") or [""])[0], int(file["header"]["points"]["first_frame"])
     return _of_markers(
         path,
-        as_metres(unit)[0] * points[:, markers],
+        points[:, markers],
         [labels[number] for number in markers],
-        [str(start + frame) for frame in range(len(points))],
         float([*np.ravel(about.get("RATE", {}).get("value", ())), 0.0][0]),
         unit,
-        [note] if lost else [],
+        labels=[str(start + frame) for frame in range(len(points))],
+        notes=(note,) if lost else (),
     )
 
 
@@ -137,28 +137,24 @@ def _check_length(path: Path) -> None:
 
 
 def _of_markers(
-    path: Path,
-    points: Floats,
-    labels: Sequence[str],
-    frames: Sequence[str],
-    rate: float,
-    unit: str,
-    notes: Sequence[str] = (),
+    path: Path, points: Floats, markers: Sequence[str], rate: float, unit: str, **fields: Any
 ) -> Poses:
-    """Return the one body of markers (n, m, 3); `subject:` before all labels is the individual."""
-    names = make_unique(labels)
+    """Return the one body of markers (n, m, 3), in metres where the unit is known.
+
+    `subject:` before all their names is the individual; `fields` are those of `of_frames`.
+    """
+    names, (factor, unit) = make_unique(markers), as_metres(unit)
     subjects = {name.rpartition(":")[0] for name in names if not name.startswith("*")}
     individuals = [*subjects] if len(subjects) == 1 and any(subjects) else None
     if individuals:
         names = tuple(name.rpartition(":")[2] for name in names)
     return of_frames(
         path,
-        points,
-        labels=frames,
+        factor * points,
         video=path.stem,
         landmark_names=names,
         individuals=individuals,
         frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
-        unit=as_metres(unit)[1] or UNKNOWN_UNIT,
-        notes=tuple(notes),
+        unit=unit or UNKNOWN_UNIT,
+        **fields,
     )

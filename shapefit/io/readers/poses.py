@@ -104,10 +104,9 @@ class Poses:
         changes: dict[str, Any] = {}
         for field in PER_POSE:
             values = getattr(self, field)
-            if isinstance(values, np.ndarray):
-                changes[field] = values[rows]
-            elif values is not None and not isinstance(values, str):
-                changes[field] = [values[row] for row in rows.tolist()]
+            if values is not None and not isinstance(values, str):
+                array = isinstance(values, np.ndarray)
+                changes[field] = values[rows] if array else [values[row] for row in rows.tolist()]
         return replace(self, **changes)
 
 

@@ -129,7 +129,6 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
     axes = [axis for axis in OF_POINTS if any(axis in places for places in columns)]
     values, names, cells = (_read_wide if header.landmarks else _read_long)(table, header, axes)
     fields: dict[str, Any] = {}
-    notes: tuple[str, ...] = ()
     order = _by_number(names)
     if order is None:
         fields["landmark_names"] = tuple(map(printable, names))
@@ -143,7 +142,7 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
         rate = round(float(steps[0] / steps[1]), 6) if steps.all() else 1.0
         fields |= {"unit": "m", "frame_rate": None if rate == 1 else rate}
     elif header.others and not triangulated:
-        notes += (f"columns left out: {abbreviate([*map(printable, header.others)])}",)
+        fields["notes"] = (f"columns left out: {abbreviate([*map(printable, header.others)])}",)
     if points.shape[2] == 3 and confidence is not None and not triangulated:
         points = points[..., :2]
     if "individual" in cells:
@@ -155,7 +154,7 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
     labels = cells.get("item") or cells.get("frame")
     if labels and not {"frame", "sequence"} & cells.keys():
         fields = {"individual": [""] * len(points), "unordered": not are_series(labels), **fields}
-    poses = of_bodies(path, points, confidence, labels, notes=notes, **fields)
+    poses = of_bodies(path, points, confidence, labels=labels, **fields)
     return poses.take(rows) if "frame" in cells else poses
 
 
@@ -295,21 +294,13 @@ def of_array(
         return of_bodies(path, points, scores, **fields)
 
 
-def of_bodies(
-    path: Path,
-    points: Floats,
-    confidence: Floats | None,
-    labels: Sequence[str] | None = None,
-    *,
-    notes: tuple[str, ...] = (),
-    **fields: Any,
-) -> Poses:
-    """Return the poses of points (n, p, 2 or 3), one body per image; labels (n) name the images.
+def of_bodies(path: Path, points: Floats, confidence: Floats | None, **fields: Any) -> Poses:
+    """Return the poses of points (n, p, 2 or 3), one body per image.
 
-    `fields` are those of Poses. Raises ValueError for confidences below 0.
+    `fields` are those of `of_frames`. Raises ValueError for confidences below 0.
     """
     require(confidence is None or not (confidence < 0).any(), "a confidence below 0")
     points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
     if points.shape[2] == 2 and confidence is None:
-        notes += warn_of_zeros(points)
-    return of_frames(path, points, confidence, labels, notes=notes, **unit_of(points) | fields)
+        fields["notes"] = (*fields.get("notes", ()), *warn_of_zeros(points))
+    return of_frames(path, points, confidence, **unit_of(points) | fields)

@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,23 +23,21 @@ from shapefit.io.readers.poses import require
 
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
-_last: tuple[Any, Any] = (None, None)
-
 
 def read_json(path: Path, *, keep: bool = False) -> Any:
     """Return the content of a JSON file, and `keep` it for the next call: 0.7 of the time in all.
 
     NaN and Infinity, which Python writes, are read, too. Raises InputError, naming the line.
     """
-    global _last
     state = os.stat(path)
-    key = (str(path), state.st_mtime_ns, state.st_size)
-    content = _last[1] if _last[0] == key else _parse_json(path)
-    _last = (key, content) if keep else (None, None)
+    content = _parse_json(path, state.st_mtime_ns, state.st_size)
+    if not keep:
+        _parse_json.cache_clear()
     return content
 
 
-def _parse_json(path: Path) -> Any:
+@lru_cache(maxsize=1)
+def _parse_json(path: Path, _time: int, _size: int) -> Any:
     data = read_whole(path).removeprefix(BYTE_ORDER_MARK)
     try:
         return orjson.loads(data)

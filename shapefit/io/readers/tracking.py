@@ -34,7 +34,7 @@ class _Detections(NamedTuple):
     """N detections; the last one of a track also has the landmarks that were seen before.
 
     points (N, p, 2 or 3), weights (N, p), frame (N,), motion (N, 2) in pixels a frame, boxes (N, 4)
-    and size (N,).
+    of least and largest x and y, and size (N,), their diagonals.
     """
 
     points: Floats
@@ -57,9 +57,13 @@ def track_people(poses: Poses) -> Sequence[str] | None:
         weights *= np.clip(np.nan_to_num(poses.confidence, nan=1.0), 0, 1)
     points = np.clip(poses.points, -1e100, 1e100)  # their squares do not overflow
     points[weights == 0] = np.nan
-    detections = _Detections(
-        points, weights, np.asarray(poses.frame), np.zeros((len(poses), 2)), *_boxes(points)
-    )
+    finite = np.isfinite(points[..., :2])
+    low = np.where(finite, points[..., :2], np.inf).min(axis=1, initial=np.inf)
+    high = np.where(finite, points[..., :2], -np.inf).max(axis=1, initial=-np.inf)
+    boxes = np.concatenate([low, high], axis=1)
+    size = np.maximum(np.sqrt(((high - low) ** 2).sum(axis=1)), 1e-9)
+    motion = np.zeros((len(poses), 2))
+    detections = _Detections(points, weights, np.asarray(poses.frame), motion, boxes, size)
     anonymous = np.array([not who for who in poses.individual], bool)
     rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
     videos, frames = poses.videos, poses.frame.tolist()
@@ -84,16 +88,6 @@ def track_people(poses: Poses) -> Sequence[str] | None:
     free = (name for n in count(1) if (name := f"person {n}") not in taken)
     names = [*islice(free, following), ""]  # the last is that of -1
     return [who or names[n] for who, n in zip(poses.individual, number.tolist(), strict=True)]
-
-
-def _boxes(points: Floats) -> tuple[Floats, Floats]:
-    """Return the boxes (N, 4) around points (N, p, d), least and largest x and y; the diagonals."""
-    flat = points[..., :2]
-    finite = np.isfinite(flat)
-    low = np.where(finite, flat, np.inf).min(axis=1, initial=np.inf)
-    high = np.where(finite, flat, -np.inf).max(axis=1, initial=-np.inf)
-    size = np.sqrt(((high - low) ** 2).sum(axis=1))
-    return np.concatenate([low, high], axis=1), np.maximum(size, 1e-9)
 
 
 def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Integers:
