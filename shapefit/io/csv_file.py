@@ -13,6 +13,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import lru_cache
 from io import SEEK_END, StringIO
 from itertools import chain, count, islice
 from pathlib import Path
@@ -86,7 +87,7 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
     if not len(spool):
         return rest
     spool.append(rest)
-    if spool.repeats():
+    if len(np.unique(np.concatenate(spool.hashes))) < len(spool):
         fault = "the rows of items do not stand together, and the table is large"
         raise input_error(table.name, fault, "sort its rows by item")
     return spool
@@ -170,7 +171,7 @@ class _Table:
         self._parts.append((lines.astype(np.int32), item, landmark, *points, confidence))
 
     def records(self) -> Any:
-        """Return what was taken. Raises InputError for double rows, and for what shapes lack."""
+        """Return what was taken. Raises InputError for double rows."""
         items, names = tuple(self._items), tuple(self._landmarks)
         n, p, d = len(items), len(names), len(self._axes)
         check_fits(self.name, n * p * 8 * (d + 3))
@@ -181,25 +182,14 @@ class _Table:
             cells, row = item * np.int64(p) + landmark, np.arange(len(lines))
             first[cells[::-1]] = row[::-1]
             again = np.flatnonzero(first[cells] != row)
-            absent = np.flatnonzero(first < 0) if self._complete else again[:0]
-            faults = [
-                (
-                    f":{lines[k]}",
-                    cells[k],
-                    f"is also on line {lines[first[cells[k]]]}; keep one of them",
-                )
-                for k in again[:LIMIT]
-            ]
-            faults += [
-                ("", cell, "has no row; write every landmark of every item")
-                for cell in absent[:LIMIT]
-            ]
-            problems = [
-                f"{self.name}{at}: item '{items[cell // p]}', landmark '{names[cell % p]}' {fault}"
-                for at, cell, fault in faults
-            ]
-            if problems:
-                raise input_problems(problems, len(again) + len(absent))
+            if len(again):
+                problems = [
+                    f"{self.name}:{lines[k]}: item '{items[item[k]]}', landmark "
+                    f"'{names[landmark[k]]}' is also on line {lines[first[cells[k]]]}; "
+                    "keep one of them"
+                    for k in again[:LIMIT]
+                ]
+                raise input_problems(problems, len(again))
             for plane, column in zip(planes, values, strict=True):
                 plane[cells] = column
         points = np.ascontiguousarray(planes[:d].reshape(d, n, p).swapaxes(0, 1))
@@ -232,8 +222,8 @@ class Spool:
         self._names: tuple[str, ...] = ()
         self._file = TemporaryFile()  # noqa: SIM115 gone with the source
         self._starts, self._offsets = [0], list[int]()
-        self._hashes: list[NDArray[np.int64]] = []
-        self._last: tuple[int, LandmarkSet] | None = None
+        self.hashes: list[NDArray[np.int64]] = []
+        self._part = lru_cache(1)(self._read)
 
     def __len__(self) -> int:
         return self._starts[-1]
@@ -243,13 +233,8 @@ class Spool:
         self._names = images.landmark_names
         self._offsets.append(self._file.seek(0, SEEK_END))
         self._starts.append(len(self) + len(images))
-        self._hashes.append(np.fromiter(map(hash, images.items), np.int64, len(images)))
+        self.hashes.append(np.fromiter(map(hash, images.items), np.int64, len(images)))
         pickle.dump(images, self._file, pickle.HIGHEST_PROTOCOL)
-
-    def repeats(self) -> bool:
-        """Whether an item is there twice, as its rows do not stand together."""
-        hashes = np.sort(np.concatenate(self._hashes))
-        return bool((hashes[1:] == hashes[:-1]).any())
 
     def take(self, rows: slice) -> LandmarkSet:
         """Return the images of these rows."""
@@ -260,12 +245,10 @@ class Spool:
                 parts.append(self._part(number).take(inner))
         return concatenate(parts)
 
-    def _part(self, number: int) -> LandmarkSet:
+    def _read(self, number: int) -> Any:
         """Read the images of a part; landmarks that came later are unseen in it."""
-        if self._last is None or self._last[0] != number:
-            self._file.seek(self._offsets[number])
-            self._last = number, pickle.load(self._file).arrange(self._names)
-        return self._last[1]
+        self._file.seek(self._offsets[number])
+        return pickle.load(self._file).arrange(self._names)
 
 
 def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
@@ -306,10 +289,6 @@ def open_table(path: Path) -> tuple[list[str], Iterator[Block]]:
     first, _, rest = text.partition("\n")
     _, header = next(read_rows([first], 1, name), (1, [""]))
     columns = [column.strip() for column in header]
-    for letter, word in ((";", "semicolons"), ("\t", "tabs")):
-        if letter in first and len(columns) == 1:
-            fix = "save it with commas between the cells, and with decimal points"
-            raise input_error(f"{name}:1", f"separates its cells by {word}", fix)
 
     def blocks() -> Iterator[Block]:
         for lines, cells in _divided(chain([(2, rest)], texts), len(columns), name):
@@ -370,10 +349,7 @@ def split_columns(text: str, width: int) -> list[list[str]] | None:
     text = text.removesuffix("\n")
     letters = np.frombuffer(text.encode() + b"\n", np.uint8)
     ends, commas = np.flatnonzero(letters == ord("\n")), np.flatnonzero(letters == ord(","))
-    first, last = commas[:: width - 1], commas[width - 2 :: width - 1]  # of each line
-    if len(commas) != len(ends) * (width - 1) or (last > ends).any():
-        return None
-    if (first[1:] < ends[:-1]).any():
+    if (np.diff(np.searchsorted(commas, ends), prepend=0) != width - 1).any():
         return None
     cells = text.replace("\n", ",").split(",")
     columns = [cells[column::width] for column in range(width)]

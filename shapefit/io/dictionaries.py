@@ -78,13 +78,12 @@ def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
     if all(part is None for part in parts):
         return None
     fault = "its prior is no mixture: shares that add up to 1, means and covariances"
-    if any(part is None for part in parts):
-        raise input_error(place(PRIOR[0], None), fault, AGAIN)
-    mixture = Mixture.of_landmarks(weights, means, covariances)
-    shares = (weights > 0).all() and abs(weights.sum() - 1) < 1e-6
-    if not (shares and np.isfinite(means).all() and _is_covariance(mixture.covariances)):
-        raise input_error(place(PRIOR[0], None), fault, AGAIN)
-    return mixture
+    if not any(part is None for part in parts):
+        mixture = Mixture.of_landmarks(weights, means, covariances)
+        shares = (weights > 0).all() and abs(weights.sum() - 1) < 1e-6
+        if shares and np.isfinite(means).all() and _is_covariance(mixture.covariances):
+            return mixture
+    raise input_error(place(PRIOR[0], None), fault, AGAIN)
 
 
 def _is_covariance(C: Floats) -> bool:

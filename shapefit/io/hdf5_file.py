@@ -12,6 +12,7 @@ import os
 import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -74,23 +75,18 @@ MOST_COMPRESSED = 2000
 def open_hdf5(path: Path) -> h5py.File:
     """Open a file to read.
 
-    Raises what h5py raises, and InputError for pipes, links to other files, and datasets whose
-    values are in others, or virtual: nothing outside is touched.
+    Raises what h5py raises, and InputError for links to other files, and datasets whose values are
+    in others, or virtual: nothing outside is touched.
     """
-    if path.is_fifo():  # opening it would wait for whoever writes
-        raise input_error(path, "is a pipe, and HDF5 cannot come through one", "save it to a file")
     file = h5py.File(os.fspath(path), "r", rdcc_nbytes=CACHE_BYTES)
     links: list[tuple[bytes, int]] = []
     try:
         file.id.links.visit(lambda name, info: links.append((name, info.type)), info=True)
         for name, kind in links:
-            node = h5py.h5o.open(file.id, name) if kind == h5py.h5l.TYPE_HARD else None
-            inside = node is not None or kind == h5py.h5l.TYPE_SOFT
-            if isinstance(node, h5py.h5d.DatasetID):
-                creation = node.get_create_plist()
-                virtual = creation.get_layout() == h5py.h5d.VIRTUAL
-                inside = not virtual and creation.get_external_count() == 0
-            if not inside:
+            outside = kind not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)
+            if kind == h5py.h5l.TYPE_HARD and isinstance(node := file[name], h5py.Dataset):
+                outside = node.is_virtual or node.external is not None
+            if outside:
                 place = f"{path}:/{printable(name.decode('utf-8', 'replace'))}"
                 fix = "copy the values into this file (h5repack, or h5py with expand_external)"
                 raise input_error(place, "has its values in another file or dataset", fix)
@@ -105,7 +101,7 @@ class Hdf5File:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._datasets: dict[str, Any] = {}
+        self._datasets: dict[str, Any] = {}  # h5py takes long to look up their types and shapes
         with self.damage():
             self.root = open_hdf5(path)
 
@@ -158,22 +154,15 @@ class Hdf5File:
         with self.damage(name):
             return isinstance(self.root.get(name), h5py.Dataset)
 
-    def dataset(self, name: str) -> Any:
-        """Return a dataset, which stays open: h5py takes long to look up its type and shape."""
-        if name not in self._datasets:
-            if not self.is_dataset(name):
-                raise self.fault(name, "there is no such dataset")
-            with self.damage(name):
-                self._datasets[name] = self.root[name]
-        return self._datasets[name]
-
     def rows(self, name: str, rows: slice | tuple[Any, ...] = ()) -> Any:
         """Return rows of a dataset as they stand in the file, texts as str; `()` is all of it.
 
         Raises InputError where they are more than memory or the file can hold.
         """
-        dataset = self.dataset(name)
+        if name not in self._datasets and not self.is_dataset(name):
+            raise self.fault(name, "there is no such dataset")
         with self.damage(name):
+            dataset = self._datasets.get(name) or self.root[name]
             shape: tuple[int, ...] = dataset.shape or ()
             width = dataset.dtype.itemsize
             text = h5py.check_string_dtype(dataset.dtype) is not None
@@ -214,12 +203,12 @@ def hdf5_kind(path: Path) -> str:
 def _check_format(file: Hdf5File, *formats: str) -> str:
     """Return the attribute `format`. Raises InputError where it is none of these."""
     stated = as_text(file.attribute("format"))
-    if stated is None:
-        fix = "give a file of DeepLabCut, SLEAP, JABS, NWB (nwb_version) or movement (ds_type), or"
-        fix += f" set it, in a file of shapefit, to {listed(formats)}"
-        raise input_error(file.path, "has no root attribute format", fix)
     if stated not in formats:
-        raise input_error(file.path, f"is a {stated} file", f"give a {listed(formats)} file")
+        fault, fix = f"is a {stated} file", f"give a {listed(formats)} file"
+        if stated is None:
+            fault = "has no root attribute format"
+            fix += ", or one of DeepLabCut, SLEAP, JABS, NWB or movement"
+        raise input_error(file.path, fault, fix)
     return str(stated)
 
 
@@ -235,10 +224,9 @@ class Hdf5Reader(Hdf5File):
         super().__init__(path)
         self.form = form
         self._sizes: dict[str, int] = {}
-        self._ends: Integers | None = None
         try:
             self._attributes = self._read_attributes(old)
-            self._names = self._find_datasets()
+            self._open_datasets()
             if problems := list(self._problems()):
                 raise input_problems(problems)
             names = self.read("landmark_names")
@@ -277,7 +265,8 @@ class Hdf5Reader(Hdf5File):
 
     def records(self, rows: slice, without: Collection[str] = ()) -> Any:
         """Return the items in these rows, without some datasets."""
-        columns = {name: self.read(name, rows) for name in sorted(self._names.keys() - {*without})}
+        names = sorted(self._datasets.keys() - {*without})
+        columns = {name: self.read(name, rows) for name in names}
         whole = {name: columns.pop(name) for name in [*columns] if not self._is_per_item(name)}
         return KINDS[self.form.kind](
             landmark_names=whole.pop("landmark_names"),
@@ -292,7 +281,7 @@ class Hdf5Reader(Hdf5File):
     def fields(self) -> dict[str, Any]:
         """Return all datasets of the layout by their fields, None for those that are absent."""
         return {
-            FIELDS.get(name, name): self.read(name) if name in self._names else None
+            FIELDS.get(name, name): self.read(name) if name in self._datasets else None
             for name in self.form.datasets
         }
 
@@ -304,13 +293,11 @@ class Hdf5Reader(Hdf5File):
         """
         column = self.form.datasets.get(name)
         kind = column.kind if column else None
-        if column and column.counted:
-            if self._ends is None:
-                self._ends = self._row_ends(name)
+        if column and column.axes[0] == "a":
             start, stop, _ = rows.indices(self.count)
             rows = slice(int(self._ends[start]), int(self._ends[max(start, stop)]))
         per_item = self._is_per_item(name)
-        values = np.asarray(self.rows(self._names.get(name, name), rows if per_item else ()))
+        values = np.asarray(self.rows(name, rows if per_item else ()))
         if kind == "text":
             return tuple(values)
         if kind is None:
@@ -319,12 +306,13 @@ class Hdf5Reader(Hdf5File):
             array = np.asarray(values, np.int64 if kind == "index" else np.float64)
         return np.ascontiguousarray(array.swapaxes(-1, -2)) if kind == "points" else array
 
-    def _row_ends(self, name: str) -> Integers:
-        """Return where the rows of items begin in a counted dataset, and the last ends (n + 1,)."""
+    @cached_property
+    def _ends(self) -> Integers:
+        """Where the rows of items begin in counted datasets, and the last ends (n + 1,)."""
         counts = self.read(COUNTS)
         ends = np.cumsum([0, *counts])
         if (counts < 0).any() or ends[-1] != self._sizes["a"]:
-            fault = f"does not count the {self._sizes['a']} rows of {name}"
+            fault = f"does not count the {self._sizes['a']} rows of transforms"
             raise self.fault(COUNTS, fault, "the file was changed: fit again")
         return ends
 
@@ -343,8 +331,8 @@ class Hdf5Reader(Hdf5File):
             raise input_error(self.path, f"has the root attribute version {version!r}", fix)
         return root
 
-    def _find_datasets(self) -> dict[str, str]:
-        """Return where each dataset lies, by its name of today."""
+    def _open_datasets(self) -> None:
+        """Open all datasets, by their names of today."""
         nodes: dict[Any, Any] = {}
         with self.damage():
             self.root.visititems(lambda name, node: nodes.update({name: node}))  # no soft links
@@ -352,23 +340,22 @@ class Hdf5Reader(Hdf5File):
             if not all(isinstance(name, str) for name in nodes):
                 raise ValueError("a name is not UTF-8")
         renamed = RENAMED if self._attributes["version"] == 1 else {}
-        names = [name for name, node in nodes.items() if isinstance(node, h5py.Dataset)]
-        return {renamed.get(name, name): name for name in names}
+        for name, node in nodes.items():
+            if isinstance(node, h5py.Dataset):
+                self._datasets[renamed.get(name, name)] = node
 
     def _problems(self) -> Iterator[str]:
         """Yield what is wrong with the kind or shape of each dataset."""
         for name, column in self.form.all.items():
             letters, values = STORED[column.kind]
             fault = "there is no such dataset" if column.required else ""
-            if name in self._names:
-                dataset = self.dataset(self._names[name])
+            if name in self._datasets:
+                dataset = self._datasets[name]
                 text = h5py.check_string_dtype(dataset.dtype) is not None
-                shape = dataset.shape or ()
                 kind = "O" if text else dataset.dtype.kind.replace("O", "?")
-                fits = fit_axes(column.axes, shape, self._sizes)
-                fault = "" if fits else f"has the shape {shape}"
-                if kind not in letters:
-                    fault = f"holds values of type {'text' if text else dataset.dtype}"
+                fits = fit_axes(column.axes, dataset.shape or (), self._sizes)
+                what = f"{'text' if text else dataset.dtype} {dataset.shape}"
+                fault = "" if fits and kind in letters else f"holds {what}"
             if fault:
                 axes = tuple(self._sizes.get(str(axis), axis) for axis in column.axes)
                 wanted = f"store {values} {axes}".replace("'", "")
@@ -376,7 +363,7 @@ class Hdf5Reader(Hdf5File):
 
     def _is_per_item(self, name: str) -> bool:
         """Whether a dataset has rows for items, by its layout, or by its attribute in version 2."""
-        dataset = self.dataset(self._names.get(name, name))
+        dataset = self._datasets[name]
         if name in self.form.all or self._attributes["version"] == 1:
             per_item = self.form.is_per_item(name, dataset.ndim)
         else:
@@ -388,21 +375,21 @@ class Hdf5Reader(Hdf5File):
 @contextmanager
 def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
     """Give a writer to a file that appears on a clean exit."""
-    with (
-        atomic_path(target) as path,
-        storage_errors(target, None),
-        _system_errors(),
-        path.open("r+b") as space,
-    ):
+    options = {"libver": ("v110", "v110"), "rdcc_nbytes": 4 * CHUNK_BYTES, "locking": False}
+    with atomic_path(target) as path, storage_errors(target, None), path.open("r+b") as space:
         _reserve(space, SPARE)  # before HDF5 has anything to write
-        with h5py.File(
-            path, "w", libver=("v110", "v110"), rdcc_nbytes=4 * CHUNK_BYTES, locking=False
-        ) as file:
-            writer = Hdf5Writer(file, form, space)
-            yield writer
-            writer.finish()
-            size = file.id.get_filesize()
-        space.truncate(size)
+        try:
+            with h5py.File(path, "w", **options) as file:
+                writer = Hdf5Writer(file, form, space)
+                yield writer
+                writer.finish()
+                size = file.id.get_filesize()
+        except (OSError, RuntimeError) as error:
+            number = re.search(r"errno = (\d+)", str(error))
+            if number is None:
+                raise
+            raise OSError(int(number[1]), os.strerror(int(number[1]))) from error
+        space.truncate(min(size, path.stat().st_size))  # closing can make it shorter
 
 
 def _reserve(file: Any, size: int) -> None:
@@ -414,18 +401,6 @@ def _reserve(file: Any, size: int) -> None:
     except OSError as error:
         if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
             raise
-
-
-@contextmanager
-def _system_errors() -> Iterator[None]:
-    """Turn what HDF5 raises where the system refuses to write into the OSError behind it."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        number = re.search(r"errno = (\d+)", str(error))
-        if number is None:
-            raise
-        raise OSError(int(number[1]), os.strerror(int(number[1]))) from error
 
 
 class Hdf5Writer(RecordWriter[Any]):

@@ -61,11 +61,6 @@ class Column(NamedTuple):
     required: bool = False
 
     @property
-    def counted(self) -> bool:
-        """Whether COUNTS holds how many of its rows belong to each item."""
-        return self.axes[0] == "a"
-
-    @property
     def per_item(self) -> bool:
         """Whether it gets longer with more items."""
         return self.axes[0] in ("n", "a")

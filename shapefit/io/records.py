@@ -22,7 +22,7 @@ from shapefit.io.layout import (
     Layout,
     fit_axes,
 )
-from shapefit.io.names import match_landmarks, renamed
+from shapefit.io.names import match_landmarks
 
 Names = tuple[str, ...]
 Attribute = str | float | int
@@ -143,10 +143,7 @@ class Records:
 
     def without(self, names: Collection[str]) -> Self:
         """Return the same without these columns."""
-        bare = copy(self)
-        bare.per_item = {name: v for name, v in self.per_item.items() if name not in names}
-        bare.whole = {name: v for name, v in self.whole.items() if name not in names}
-        return bare
+        return self.replaced(**dict.fromkeys(names))
 
     def take(self, indices: Rows) -> Self:
         """Return the items at these indices (numbers, a mask or a slice), in their order."""
@@ -156,7 +153,7 @@ class Records:
         if self.sequences is not None:
             taken.sequences = tuple(self.sequences[row] for row in rows.tolist())
         pieces: Any = indices if isinstance(indices, slice) else rows  # a slice copies nothing
-        counted = {name for name, column in self.LAYOUT.datasets.items() if column.counted}
+        counted = {name for name, column in self.LAYOUT.datasets.items() if column.axes[0] == "a"}
         taken.per_item = {n: v[pieces] for n, v in self.per_item.items() if n not in counted}
         if counted := counted & self.per_item.keys():
             counts = self.per_item[COUNTS]
@@ -187,12 +184,12 @@ class Records:
         position = np.full(p + 1, -1)
         position[columns] = np.arange(len(names))
         # sums round by the order in memory, and results with them
-        points = np.ascontiguousarray(_with_unseen(self.points, 2, np.nan)[..., columns])
-        changes = {self.LAYOUT.points: points}
+        padded = np.pad(self.points, [(0, 0), (0, 0), (0, 1)], constant_values=np.nan)
+        changes = {self.LAYOUT.points: np.ascontiguousarray(padded[..., columns])}
         for name in ("confidence", *LABELS):
             values = self.per_item.get(name)
             if values is not None and values.shape[:2] == (len(self), p):
-                changes[name] = _with_unseen(values, 1, 0)[:, columns]
+                changes[name] = np.pad(values, [(0, 0), (0, 1)])[:, columns]
         if (lines := self.lines) is not None:
             moved = position[lines]
             changes[EDGES] = moved[(moved >= 0).all(axis=1)]
@@ -206,13 +203,6 @@ class Records:
         if not unknown.any():
             return self
         return self.replaced(**{self.LAYOUT.points: np.where(unknown, np.nan, self.points)})
-
-    def renamed(self, rename: Mapping[str, str], place: str = "rename") -> Self:
-        """Return the same items, the landmarks renamed (old name -> new).
-
-        Raises InputError at `place` where two landmarks would have one name.
-        """
-        return self.replaced(landmark_names=renamed(self.landmark_names, rename, place))
 
 
 class ShapeSet(Records):
@@ -285,10 +275,3 @@ def concatenate(parts: Sequence[Record]) -> Record:
         name: np.concatenate([part.per_item[name] for part in parts]) for name in first.per_item
     }
     return joined
-
-
-def _with_unseen(values: NDArray[Any], axis: int, unseen: float) -> NDArray[Any]:
-    """Return values with those of an unseen landmark behind them along an axis."""
-    shape = [*values.shape]
-    shape[axis] = 1
-    return np.concatenate([values, np.full(shape, unseen, values.dtype)], axis)

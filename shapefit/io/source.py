@@ -18,7 +18,7 @@ from shapefit.io.formats import CSV, HDF5, check_holds, own_format, record_write
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import FIELDS, LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
 from shapefit.io.merge import align_to, merge_heads
-from shapefit.io.names import make_unique, match_landmarks
+from shapefit.io.names import make_unique, match_landmarks, renamed
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
@@ -410,7 +410,8 @@ def _prepared(
             check_values(records.columns, form, place, records.landmark_names, gaps)
         if form is RESULTS:
             return records
-        records = records.with_whole_points().renamed(options.rename, file.name)
+        names = renamed(records.landmark_names, options.rename, file.name)
+        records = records.with_whole_points().replaced(landmark_names=names)
         if form is LANDMARKS and options.min_confidence and records.confidence is not None:
             doubtful = records.confidence < options.min_confidence
             points = np.where(doubtful[:, None], np.nan, records.landmarks)

@@ -19,6 +19,7 @@ from shapefit.dictionary.model import WHERE_MARKED, Dictionary, mapped
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES
+from shapefit.io.names import renamed
 from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
 from shapefit.lifting.lift import Lifting
@@ -204,8 +205,8 @@ def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> Landmark
         if confidence is not None:
             confidence = confidence.copy()
             confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count
-    changed = images.replaced(landmarks=landmarks, confidence=confidence)
-    return changed.renamed(joints.names, place)
+    names = renamed(images.landmark_names, joints.names, place)
+    return images.replaced(landmarks=landmarks, confidence=confidence, landmark_names=names)
 
 
 def is_of_people(names: Sequence[str]) -> bool:

@@ -174,7 +174,7 @@ VERSION = "this program reads version 2, a number"
         ("version", None, f"has the root attribute version None; {VERSION}"),
         ("version", [1, 2], f"has the root attribute version [1, 2]; {VERSION}"),
         ("version", h5py.Empty("f"), f"has the root attribute version None; {VERSION}"),
-        ("format", None, "has no root attribute format; give a file of DeepLabCut, SLEAP"),
+        ("format", None, "has no root attribute format; give a shapefit-landmarks file"),
         ("format", "shapefit-shapes", OTHER_FORMAT),
         ("format", [1, 2], "is a [1, 2] file; give a shapefit-landmarks file"),
         ("format", b"\xff", "cannot be read ("),
@@ -220,12 +220,12 @@ PER_ATOM = ("mesh_vertices", "atom_scale", "atom_item")
 FAULTS = [
     ("landmarks", {"item": None, "landmarks": np.zeros((5, 2, 4)), "confidence": np.zeros((4, 4))},
      ["item: there is no such dataset; store UTF-8 text (n,)",
-      "landmarks: has the shape (5, 2, 4); store numbers (5, 4, 2)",
-      "confidence: has the shape (4, 4); store numbers (5, 4)"]),
+      "landmarks: holds float64 (5, 2, 4); store numbers (5, 4, 2)",
+      "confidence: holds float64 (4, 4); store numbers (5, 4)"]),
     ("shapes", {"shapes": "text", "item": np.arange(5), "edges": np.zeros((1, 2))},
-     ["item: holds values of type int64; store UTF-8 text (5,)",
-      "shapes: holds values of type text; store numbers (5, 4, 3)",
-      "edges: holds values of type float64; store integers (1, 2)"]),
+     ["item: holds int64 (5,); store UTF-8 text (5,)",
+      "shapes: holds text (); store numbers (5, 4, 3)",
+      "edges: holds float64 (1, 2); store integers (1, 2)"]),
     ("shapes", {"landmark_names": ["a", "b", "a", "c"]},
      ["landmark_names: holds an empty name, or one twice; give every landmark a unique name"]),
     ("shapes", {"landmark_names": ["a", "", "b", "c"]},
@@ -254,8 +254,8 @@ FAULTS = [
        ["atom_scale: holds numbers that cannot be; make the dictionary again"])
       for value in (0.0, -1.0, np.nan, np.inf)),
     ("dictionary", {"atom_scale": np.ones(6), "atom_item": ["x"] * 8},
-     ["atom_scale: has the shape (6,); store numbers (7,)",
-      "atom_item: has the shape (8,); store UTF-8 text (7,)"]),
+     ["atom_scale: holds float64 (6,); store numbers (7,)",
+      "atom_item: holds text (8,); store UTF-8 text (7,)"]),
     *((kind, {"item": ["a", "b", "c", "b", "b"]},
        [f"item[{row}]: item 'b' is also at {{path}}:/item[{other}]; give every item a unique name"
         for row, other in ((3, 1), (4, 3))])

@@ -222,8 +222,7 @@ def test_a_calibration_is_no_file_of_landmarks(tmp_path, content):
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ("scorer;a;a;a", "separates its cells by semicolons; save it with commas"),
-        ("scorer\ta\ta\ta", "separates its cells by tabs; save it with commas"),
+        ("scorer;a;a;a", "the header is 'scorer;a;a;a'; write the header"),
         ("track,frame_idx,instance.score,nose.x,nose.y,nose.score", "the header is 'track,frame_"),
     ],
 )
