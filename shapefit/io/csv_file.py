@@ -348,8 +348,9 @@ def split_columns(text: str, width: int) -> list[list[str]] | None:
         return None
     text = text.removesuffix("\n")
     letters = np.frombuffer(text.encode() + b"\n", np.uint8)
-    ends, commas = np.flatnonzero(letters == ord("\n")), np.flatnonzero(letters == ord(","))
-    if (np.diff(np.searchsorted(commas, ends), prepend=0) != width - 1).any():
+    marks = letters[(letters == ord(",")) | (letters == ord("\n"))]
+    ends = np.flatnonzero(marks == ord("\n"))
+    if not np.array_equal(ends, np.arange(width - 1, len(marks), width)):
         return None
     cells = text.replace("\n", ",").split(",")
     columns = [cells[column::width] for column in range(width)]
