@@ -159,8 +159,7 @@ def _array(table: Mapping[str, Any], field: str, shape: tuple[int, ...] = ()) ->
     values = np.array(given["data"] if isinstance(given, dict) else given, np.float64)
     if isinstance(given, dict):
         values = values.reshape(int(given["rows"]), int(given["cols"]))
-    if shape == (3,) and values.size == 3:
-        values = values.ravel()
+    values = values.ravel() if len(shape) == 1 else values
     fits = np.isfinite(values).all() and shape in ((), values.shape)
     require(fits, f"{field} is {str(given)[:60]}, not {' x '.join(map(str, shape))} numbers")
     return values

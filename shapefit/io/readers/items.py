@@ -93,7 +93,6 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
     """Return what landmarks and shapes both have, and notes."""
     names, assumed = _landmark_names(poses, options)
     poses, items, sequences = select(poses, options)
-    scored = {} if poses.confidence is None else {"confidence": poses.confidence}
     fields = {
         # poses (n, p, d), records (n, d, p)
         "points": np.ascontiguousarray(poses.points.transpose(0, 2, 1)),
@@ -102,7 +101,7 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
         "sequences": sequences if any(sequences) else None,
         "unit": poses.unit,
         "frame_rate": poses.frame_rate,
-        "columns": {FRAME: poses.frame} | scored,
+        "columns": {FRAME: poses.frame, "confidence": poses.confidence},
     }
     return fields, tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
 

@@ -214,10 +214,7 @@ def are_series(names: Sequence[str]) -> bool:
 def number_labels(values: NDArray[Any]) -> list[str]:
     """Return frames or seconds as text, to the microsecond. Raises ValueError for no number."""
     require(np.isfinite(values).all(), "a frame without a number")
-    return [
-        str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0").rstrip(".")
-        for value in values.tolist()
-    ]
+    return [f"{value:.6f}".rstrip("0").rstrip(".") for value in values.tolist()]
 
 
 def make_unique(labels: Sequence[str]) -> tuple[str, ...]:

@@ -242,7 +242,6 @@ def read_caliscope(paths: tuple[Path, ...]) -> Poses:
         video=[f"{stem}/port {video.rpartition('/')[2]}" for video in poses.videos],
         landmark_names=tuple(body.get(number, str(number)) for number in sorted(ids)),
         unit="px",
-        size_needed=False,
         notes=(),
     )
 
