@@ -184,7 +184,7 @@ def check_names(names: Sequence[str], what: str) -> None:
 
 # Names.
 
-ENDINGS = re.compile(r"\.(?:analysis|predictions|pkg|pose)$", re.IGNORECASE)
+ENDINGS = re.compile(r"(?:\.(?:analysis|predictions|pkg|pose)|_pose_est(?:_v\d+)?)$", re.IGNORECASE)
 IMAGES = re.compile(r"\.(?:png|jpe?g|tiff?|bmp)$", re.IGNORECASE)
 
 
@@ -206,9 +206,8 @@ def are_series(names: Sequence[str]) -> bool:
     """Whether names differ in one number alone, and may be frames: there is one in 100 at least."""
     matches = [match for name in names if (match := LAST_NUMBER.match(name))]
     numbers = {int(match[2]) for match in matches}
-    if len({(m[1], m[3]) for m in matches}) > 1 or len(numbers) < len(names):
-        return False
-    return not numbers or max(numbers) - min(numbers) < 100 * len(numbers)
+    alike = len({(m[1], m[3]) for m in matches}) <= 1 and len(numbers) == len(names)
+    return alike and (not numbers or max(numbers) - min(numbers) < 100 * len(numbers))
 
 
 def number_labels(values: NDArray[Any]) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PureWindowsPath
-from re import sub
 from typing import Any
 
 import h5py
@@ -204,7 +203,6 @@ def read_jabs(paths: tuple[Path, ...]) -> Poses:
         paths[0],
         np.where(confidence[..., None] > 0, points, np.nan),
         confidence,
-        video=sub(r"_pose_est(_v\d+)?$", "", video_name(paths[0])),
         landmark_names=MOUSE,
         edges=LINES,
     )
