@@ -229,6 +229,7 @@ class Hdf5Reader(Hdf5File):
             self._open_datasets()
             if problems := list(self._problems()):
                 raise input_problems(problems)
+            self.count = self._sizes.get("n", 0)
             names = self.read("landmark_names")
             if "" in names or len({*names}) < len(names):
                 fault = "holds an empty name, or one twice"
@@ -236,11 +237,6 @@ class Hdf5Reader(Hdf5File):
         except BaseException:
             self.close()
             raise
-
-    @property
-    def count(self) -> int:
-        """Number of items."""
-        return self._sizes["n"]
 
     @property
     def attributes(self) -> dict[str, Attribute]:
@@ -396,10 +392,8 @@ def _reserve(file: Any, size: int) -> None:
     """Make an open file so large on the disk, where the system can."""
     try:
         os.posix_fallocate(file.fileno(), 0, size)
-    except AttributeError:  # macOS has no such function
-        pass
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
+    except (AttributeError, OSError) as error:  # macOS has no such function
+        if getattr(error, "errno", None) not in (None, errno.EINVAL, errno.EOPNOTSUPP):
             raise
 
 
@@ -453,10 +447,9 @@ class Hdf5Writer(RecordWriter[Any]):
         for name in self._shapes.keys() - self._form.datasets.keys():
             self._open[name].attrs[PER_ITEM] = True
         stated: dict[str, Any] = {"format": self._form.name, "version": VERSION}
-        for name in ("unit", "y_axis", "frame_rate"):
-            stated[name] = getattr(self._first, name, None)
-        for name, value in self.attributes.items():
-            stated[PREFIX + name if name in PLAIN_ATTRIBUTES else name] = value
+        stated |= {n: getattr(self._first, n, None) for n in ("unit", "y_axis", "frame_rate")}
+        prefixes = dict.fromkeys(PLAIN_ATTRIBUTES, PREFIX)
+        stated |= {prefixes.get(n, "") + n: value for n, value in self.attributes.items()}
         self._need(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in stated.items():
             if value is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 Axes = tuple[str | int, ...]
@@ -66,9 +67,6 @@ class Column(NamedTuple):
         return self.axes[0] in ("n", "a")
 
 
-Table = Mapping[str, Column]
-
-
 class Layout(NamedTuple):
     """The datasets of one kind of file.
 
@@ -78,8 +76,8 @@ class Layout(NamedTuple):
 
     name: str
     points: str
-    datasets: Table
-    further: Table
+    datasets: Mapping[str, Column]
+    further: Mapping[str, Column] = MappingProxyType({})
 
     @property
     def kind(self) -> str:
@@ -87,7 +85,7 @@ class Layout(NamedTuple):
         return self.name.removeprefix("shapefit-")
 
     @property
-    def all(self) -> Table:
+    def all(self) -> dict[str, Column]:
         """All datasets that it lists."""
         return {**self.datasets, **self.further}
 
@@ -117,7 +115,6 @@ LANDMARKS = Layout(
     _table(f"""{_ITEMS}
     n,p,2     points  landmarks!
     n,p       number  confidence"""),
-    {},
 )
 
 SHAPES = Layout(
@@ -193,7 +190,6 @@ DICTIONARY = Layout(
     c         number  prior_weights
     c,p,3     points  prior_means
     c,p,3,p,3 number  prior_covariances"""),
-    {},
 )
 
 LAYOUTS = {layout.name: layout for layout in (LANDMARKS, SHAPES, RESULTS, DICTIONARY)}

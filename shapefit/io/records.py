@@ -200,8 +200,6 @@ class Records:
     def with_whole_points(self) -> Self:
         """Return the same items; a landmark with one unknown coordinate has none."""
         unknown = np.isnan(self.points).any(axis=1, keepdims=True)
-        if not unknown.any():
-            return self
         return self.replaced(**{self.LAYOUT.points: np.where(unknown, np.nan, self.points)})
 
 
@@ -215,9 +213,6 @@ class ShapeSet(Records):
     LAYOUT = SHAPES
 
     shapes: Floats
-    edges: Integers | None
-    mesh_vertices: Floats | None
-    mesh_faces: Integers | None
 
 
 class LandmarkSet(Records):
