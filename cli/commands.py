@@ -6,10 +6,11 @@ import gc
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from textwrap import wrap
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +19,7 @@ import click
 from .report import Report, tell
 
 if TYPE_CHECKING:
+    from shapefit.config.reference import Row
     from shapefit.pipelines.result import Result
 
 TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
@@ -459,7 +461,7 @@ def run_pipeline(command: str, config: Any) -> Iterator[Result]:
 def list_keys(command: str, section: str, option_json: bool) -> int:
     """Print the config keys of a command, or those of one section."""
     from shapefit.config import CONFIGS
-    from shapefit.config.reference import keys_text, rows
+    from shapefit.config.reference import rows
 
     table = rows(CONFIGS[command], section)
     if option_json:
@@ -468,6 +470,16 @@ def list_keys(command: str, section: str, option_json: bool) -> int:
         return 0
     click.echo(keys_text(table, min(100, shutil.get_terminal_size().columns)), nl=False)
     return 0
+
+
+def keys_text(table: Sequence[Row], width: int) -> str:
+    """Return a table of keys for a terminal."""
+    lines = []
+    for row in table:
+        default = row.default if row.default == "required" else f"default {row.default}"
+        lines += [f"{row.name}: {row.expects}; {default}"]
+        lines += [*wrap(row.meaning, width, initial_indent="    ", subsequent_indent="    ")]
+    return "\n".join(lines) + "\n"
 
 
 config_command = click.Command(

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from textwrap import dedent, wrap
+from textwrap import dedent
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
@@ -48,16 +48,6 @@ def rows(model: type[BaseModel], section: str = "") -> list[Row]:
             "config", f"there is no key or section '{section}'", f"name one of: {names}"
         )
     return selected
-
-
-def keys_text(table: Sequence[Row], width: int) -> str:
-    """Return a table of keys for a terminal."""
-    lines = []
-    for row in table:
-        default = row.default if row.default == "required" else f"default {row.default}"
-        lines += [f"{row.name}: {row.expects}; {default}"]
-        lines += [*wrap(row.meaning, width, initial_indent="    ", subsequent_indent="    ")]
-    return "\n".join(lines) + "\n"
 
 
 def _default(key: Key) -> str:
