@@ -130,7 +130,7 @@ Lanes propose(const Ascent<Lanes>& at, Lanes* step) {
     return 0.5 * slope;
 }
 
-// Newton's step, where it is small, and then nothing is left to ascent; returns what it gains.
+// Newton's step where it is small, after which the gradient is 0; returns its gain.
 template <class Lanes>
 Lanes take_last_step(Ascent<Lanes>& at) {
     Lanes down[VIEW], step[VIEW], gain = {}, length = {};
@@ -204,7 +204,7 @@ void ascent(const PosteriorData& data, const Observed<Number<Lanes>>& observed, 
     }
 }
 
-// The Hessian at the end by differences of gradients, the inlier_probability held, and Newton's last step. A lane
+// The Hessian at the end by differences of gradients, inlier probabilities held, and Newton's last step. A lane
 // is still moving where that step is not small: it stands on no stationary point.
 template <class Lanes>
 void finish(const PosteriorData& data, const Observed<Number<Lanes>>& observed,

@@ -9,9 +9,9 @@
 // the expected shape is X = R mu + R C A^T alpha. The log likelihood of the m seen landmarks w is that of y less
 // (2 m - 2) log s. Derivatives are over theta: R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s.
 //
-// q_j is the inlier_probability that landmark j is an inlier. an outlier is uniform with the density u per area
-// of landmarks, u s^2 in the unit of shapes; with the chance g of that the value is the variational
-// bound, u for u s^2,
+// q_j is the probability that landmark j is an inlier. Outliers are uniform with the density u per area of
+// landmarks, u s^2 in the unit of shapes. With the prior probability g of an outlier the value is the
+// variational bound, u for u s^2,
 //
 //     log N(y; A mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 - g)
 //                         - (1 + q_j) log q_j - (1 - q_j) log(1 - q_j),
@@ -52,7 +52,7 @@ struct PosteriorData {
     Tensor<double> rotation = from("rotation", "n 3 3");  // of the most likely mode
     Vector<double> scale = from("scale", "n");  // likewise
     Vector<double> log_evidence = from("log_evidence", "n");  // of the image
-    // squared Mahalanobis distance of the landmarks, noise of landmark j over its inlier_probability
+    // squared Mahalanobis distance of the landmarks, noise of landmark j over its inlier probability
     Vector<double> squared_mahalanobis = from("squared_mahalanobis", "n");
     Vector<bool> stationary = from("stationary", "n");  // whether an ascent ended on a maximum
     Vector<int64_t> rounds = from("rounds", "n");  // steps taken by all ascents together
@@ -72,7 +72,7 @@ constexpr int VIEW = 4;             // numbers of theta
 constexpr double TAU_SQUARE = 900;  // variance of the translation in the unit of shapes: wide
 // Curvature that a prior adds to that of the view, in any direction: none is less certain than a radian.
 constexpr double CURVATURE_OF_PRIOR = 1;
-// Beside what N / q takes away from D^-1 the rest must still count, see `predict`.
+// So that D^-1 is not lost to rounding beside what N / q takes from it, see `predict`.
 template <class Lanes>
 constexpr double MIN_INLIER_PROBABILITY = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;
 
@@ -434,7 +434,7 @@ Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
            all<Lanes>(LOG_TWO_PI);
 }
 
-// Add the terms of the inlier_probability to the value; the next inlier_probability.
+// Add the terms of the inlier probabilities to the value; the next inlier probabilities.
 template <class Lanes>
 void believe(const PosteriorData& data, const Observed<Number<Lanes>>& observed, const LaneView<Lanes>& view, Lanes shrunk,
              const Lanes* inlier_probability,

@@ -6,9 +6,9 @@ namespace shapefit {
 namespace {
 
 constexpr double SAME_VIEW = 1e-2;    // rotations as close are one mode (Frobenius norm)
-constexpr double NO_MAXIMUM = 50;     // what a point that is none loses, in log evidence
-constexpr double NEGLIGIBLE = 6;      // a mode so far below the best in log evidence is left out
-constexpr double LAPLACE = 1;         // by which the view integrated out may lift one over another
+constexpr double NO_MAXIMUM = 50;     // subtracted from the log evidence of a point that is no maximum
+constexpr double NEGLIGIBLE = 6;      // modes this far below the best in log evidence are left out
+constexpr double LAPLACE = 1;         // by which integrating over the view may change their order
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
 struct Mode {
@@ -17,7 +17,7 @@ struct Mode {
     double log_scale;
     double log_evidence;
     double squared_mahalanobis;
-    bool stationary;            // nothing is left to ascent, and every way leads down
+    bool stationary;            // the gradient is 0, and every direction leads down
     double root[VIEW * VIEW];   // W with W^T W = (H + I)^-1, the covariance of the view
     double* inlier_probability;  // (m,)
 };
@@ -56,7 +56,7 @@ Curvature weigh_view(const Ascent<Doubles>& at, long lane, double* root_of) {
 
 // The point on which ascent i ended, with its evidence.
 void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
-    const Climbs<Doubles>& ascents = search.arrived;
+    const Ascents<Doubles>& ascents = search.arrived;
     Ascent<Doubles>& at = ascents[i];
     const long lane = i % WIDTH;
     const Curvature curvature = weigh_view(at, lane, mode.root);

@@ -1,4 +1,4 @@
-// The ascents of an image side by side, as many in a block as lanes; what has finished makes room.
+// The ascents of an image side by side, one a lane; those that have finished are dropped.
 #pragma once
 
 #include "ascent.hpp"
@@ -10,7 +10,7 @@ constexpr long QUICK = 16;  // rounds in single precision; what takes longer sta
 constexpr long MOST_ROUNDS = 200;  // in double
 constexpr double AGREEMENT = 1;    // of single and double precision at the end, in log likelihood
 constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
-constexpr double GAIN_FACTOR = 2;  // how many times what a step promises an ascent may still gain
+constexpr double GAIN_FACTOR = 2;  // an ascent may still gain this many times the predicted gain
 
 // The components as the lanes take them, side by side: mu (3 p, K), and C_jk (9, K) for k <= j; many of
 // them in rows of whole pairs of vectors.
@@ -64,8 +64,8 @@ template <class Lanes>
 }
 
 template <class Lanes>
-struct Climbs {
-    Climbs(Workspace& workspace, long most, long p)
+struct Ascents {
+    Ascents(Workspace& workspace, long most, long p)
         : p(p),
           pair(workspace.zeros<long>(most + width<Lanes>)),
           lanes(workspace.zeros<Ascent<Lanes>>((most + width<Lanes> - 1) / width<Lanes>)) {
@@ -80,7 +80,7 @@ struct Climbs {
     long blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
     // Copy ascent i of some ascents, or of these, where i is not before the end.
     template <class Others>
-    void append(const Climbs<Others>& from, long i) {
+    void append(const Ascents<Others>& from, long i) {
         const long to_lane = count % width<Lanes>, lane = i % width<Others>;
         each_pair((*this)[count], from[i], p, [=](Lanes& to, const Others& given) {
             to[to_lane] = static_cast<Number<Lanes>>(given[lane]);
@@ -114,11 +114,11 @@ struct Side {
     Observed<Number<Lanes>> observed;
     Pack<Lanes> pack;
     AscentSpace<Lanes> space;
-    Climbs<Lanes> ascents;
+    Ascents<Lanes> ascents;
 };
 
-// A short way up in single precision; the end, and a long way, in double: also where single precision
-// loses its way.
+// Ascents begin in single precision; their end, and those that take long, are in double, as is everything
+// where single precision fails.
 struct Search {
     Search(Workspace& workspace, const PosteriorData& data)
         : going(workspace, data),
@@ -127,7 +127,7 @@ struct Search {
 
     Side<Singles> going;
     Side<Doubles> late;
-    Climbs<Doubles> arrived;
+    Ascents<Doubles> arrived;
 };
 
 // Component `of` of each lane, as far as it is seen.
@@ -149,7 +149,7 @@ void fetch(Places<Lanes> of, Side<Lanes>& side) {
 
 // The components of one block of ascents.
 template <class Lanes>
-void fetch(long b, const Climbs<Lanes>& ascents, Side<Lanes>& side) {
+void fetch(long b, const Ascents<Lanes>& ascents, Side<Lanes>& side) {
     Places<Lanes> of;
     for (int lane = 0; lane < width<Lanes>; ++lane)
         of[lane] = ascents.pair[b * width<Lanes> + lane] % side.components.count;
@@ -185,7 +185,7 @@ inline double first_scale(const PosteriorData& data, const Observed<double>& obs
 // One more ascent, from its start.
 template <class Lanes>
 void add_ascent(const PosteriorData& data, long image, long pair, const Observed<double>& observed,
-           Climbs<Lanes>& ascents) {
+           Ascents<Lanes>& ascents) {
     const long K = data.means.size[0], lane = ascents.count % width<Lanes>;
     const double* R = data.starts[image][pair / K].data;
     LaneView<Lanes>& view = ascents[ascents.count].view;
@@ -197,14 +197,14 @@ void add_ascent(const PosteriorData& data, long image, long pair, const Observed
 }
 
 template <class Lanes>
-double value_of(const PosteriorData& data, const Climbs<Lanes>& ascents, long i) {
+double value_of(const PosteriorData& data, const Ascents<Lanes>& ascents, long i) {
     return ascents[i].found.value[i % width<Lanes>] +
            data.log_weights[ascents.pair[i] % data.means.size[0]];
 }
 
-// Those that have arrived leave, and so do those without predicted_gain to come near the best.
+// Ascents that have converged leave, and so do those that cannot come near the best any more.
 template <class Lanes>
-void drop_finished(const PosteriorData& data, double least, Climbs<Lanes>& going, Search& search) {
+void drop_finished(const PosteriorData& data, double least, Ascents<Lanes>& going, Search& search) {
     const long count = going.count;
     going.count = 0;
     for (long i = 0; i < count; ++i) {
@@ -245,7 +245,7 @@ long run_ascents(const PosteriorData& data, long rounds, double margin, double& 
 // Every start under every component.
 template <class Lanes>
 void add_all(const PosteriorData& data, long image, const Observed<double>& observed,
-               Climbs<Lanes>& ascents) {
+               Ascents<Lanes>& ascents) {
     ascents.count = 0;
     for (long i = 0; i < data.starts.size[1]; ++i)
         if (is_finite(data.starts[image][i].data[0]))
@@ -256,7 +256,7 @@ void add_all(const PosteriorData& data, long image, const Observed<double>& obse
 // The likelihood in double precision and its Hessian, where those stand that are near the best.
 // Whether one of them stands on a stationary point, and all are worth what the ascent took them for.
 inline bool finish_all(const PosteriorData& data, double margin, Search& search) {
-    Climbs<Doubles>& arrived = search.arrived;
+    Ascents<Doubles>& arrived = search.arrived;
     Side<Doubles>& late = search.late;
     double best = -INFINITE;
     for (long i = 0; i < arrived.count; ++i) best = larger(value_of(data, arrived, i), best);
@@ -284,7 +284,7 @@ inline bool finish_all(const PosteriorData& data, double margin, Search& search)
 inline long ascend_all(const PosteriorData& data, long image, double margin, Search& search) {
     Side<Singles>& going = search.going;
     Side<Doubles>& late = search.late;
-    Climbs<Doubles>& arrived = search.arrived;
+    Ascents<Doubles>& arrived = search.arrived;
     double best = -INFINITE;
     going.observed.take(data, image);
     add_all(data, image, late.observed, going.ascents);
@@ -297,7 +297,7 @@ inline long ascend_all(const PosteriorData& data, long image, double margin, Sea
     steps += run_ascents(data, MOST_ROUNDS, margin, best, late, search);
     for (long i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
     if (finish_all(data, margin, search)) return steps;
-    // single precision does not do
+    // single precision failed
     best = -INFINITE;
     arrived.count = 0;
     add_all(data, image, late.observed, late.ascents);
