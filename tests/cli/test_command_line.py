@@ -71,7 +71,7 @@ TOLD = {
         rf"(Failed: [^\n]*\n){{27}}{READ}Result.*\n"),
     "many warnings": (FIT, [Result(warnings=(f"w{n}",)) for n in range(27)], 0,
         rf"(Warning: w1?\d\n){{20}}Warning: and 7 more\n{READ}Result.*\n"),
-    "failures alone": (f"{FIT} -q", [Result(failures=FAILING[:1], warnings=("odd",))], 1,
+    "failures alone": (f"{FIT} -q", [Result(failures=FAILING[:1], warnings=("odd",), line="a")], 1,
         r"Failed: img_0: hidden\n"),
     "no forged line": (FIT, [Result(failures=(Failure(FORGED, "bad"),), warnings=(FORGED,))], 1,
         rf"Warning: x\\x1b[^\n]*\nFailed: x\\x1b[^\n]*\n{READ}Result[^\n]*\n"),

@@ -84,7 +84,7 @@ def test_arrange_matches_by_name_and_hides_what_is_not_there(landmarks):
     np.testing.assert_array_equal(arranged.confidence[:, [2, 4, 3, 0]], landmarks.confidence)
     assert np.isnan(arranged.landmarks[..., 1]).all()
     assert (arranged.confidence[:, 1] == 0).all()
-    joined = landmarks.with_columns(whole={"edges": np.array([[0, 1], [0, 3]])})
+    joined = landmarks.with_columns(whole={"edges": np.array([[0, 1], [0, 3], [0, 9]])})
     assert joined.arrange(("foot", "head"), omit=True).whole["edges"].tolist() == [[1, 0]]
 
 

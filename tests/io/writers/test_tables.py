@@ -217,6 +217,8 @@ def test_angles_beside_and_alone(leg, tmp_path):
     sd = np.degrees(0.1 / 4 * np.sqrt(1 + 4 + 1))
     assert float(rows[0]["knee_angle_r_sd"]) == pytest.approx(sd, rel=0.01)
     assert [row["knee_angle_r"] for row in rows[2:]] == ["", ""]
+    save(tmp_path / "leg.angles.csv", leg.replaced(shape_sd=6 * leg.shape_sd))  # of 21 degrees
+    assert rows_of(tmp_path / "leg.angles.csv")[0]["uncertain"] == "knee_angle_r"
 
 
 def test_deviations_know_how_errors_go_together(leg, tmp_path, rng):

@@ -222,6 +222,7 @@ def test_one_individual_is_measured_against_one_truth(truth, rng, who, match):
 
 def test_a_mirrored_truth_is_named(results, truth):
     mirrored = truth.replaced(shapes=truth.shapes * [[-1.0], [1.0], [1.0]])
+    mirrored.shapes[0, :, 2:] = np.nan
     (warning,) = measured(results, mirrored, metrics=SHAPES).warnings
     assert "fit the truth better when it is mirrored" in warning
     assert "left-handed" in warning

@@ -123,6 +123,12 @@ class TestPrior:
         with pytest.raises(InputError, match=message):
             make(shapes.replaced(edges=None), prior=prior, **EXEMPLARS)
 
+    def test_shapes_stay_unturned_where_bones_vary(self, make, models):
+        models, none = models.replaced(edges=np.array([[0, 1], [0, 2], [0, 3], [0, 4]])), "none"
+        priors = [{"components": 1, "bone_scale": scale} for scale in (0, 1e-9)]
+        a, b = (make(models, align=none, prior=prior, **EXEMPLARS)[0].prior for prior in priors)
+        np.testing.assert_allclose(a.means, b.means, atol=1e-6)
+
     @pytest.mark.parametrize(("number", "components"), [(20, 1), (320, 2)])
     def test_a_component_for_every_150_shapes(self, make, rng, number, components):
         points = rng.normal(size=(number, 3, 5))
