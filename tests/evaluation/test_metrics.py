@@ -52,6 +52,7 @@ class TestSimilarity:
         estimate = np.stack([2 * SQUARE, SQUARE * np.array([3, 3, 1, 1])])
         error = metrics.similarity(estimate, np.stack([SQUARE, SQUARE]))
         np.testing.assert_allclose(error, [0, 0.4], atol=1e-12)
+        np.testing.assert_allclose(metrics.expected(SQUARE[None] / 9, SQUARE[None], error[1:]), 3.6)
 
     def test_ignores_any_similarity_of_the_estimate(self, estimate, truth, rng):
         error = metrics.similarity(estimate, truth)

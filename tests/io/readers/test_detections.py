@@ -40,7 +40,7 @@ HIDDEN = person()
 HIDDEN["pose_keypoints_2d"] = [0, 0, 0, *HIDDEN["pose_keypoints_2d"][3:]]
 NOBODY = {"pose_keypoints_2d": []}
 
-MOUSE = {"id": 1, "name": "mouse", "keypoints": ["nose", "tail"], "skeleton": [[1, 2]]}
+MOUSE = {"id": 1, "name": "mouse", "keypoints": ["nose", "tail"], "skeleton": [[1, 2], [1, 3]]}
 FLY = {"id": 5, "name": "fly", "keypoints": ["head", "nose"]}
 
 

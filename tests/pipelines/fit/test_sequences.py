@@ -106,12 +106,10 @@ def test_sequences_of_one_image_are_single_images(people, tmp_path):
 def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 10)).replaced(frame_rate=None)
     path = written(tmp_path / "unknown.h5", images)
-    assumed, told = fitted(people, path)
-    assert any("frame rate is unknown" in text for text in told)
+    assert any("frame rate is unknown" in text for text in fitted(people, path)[1])
     result, warnings = fitted(people, path, frame_rate=24)
     assert not any("frame rate" in text for text in warnings)
     assert result.frame_rate == 24
-    np.testing.assert_array_equal(assumed.shapes, result.shapes)
 
 
 def test_sequences_out_of_order_are_an_error(people, tmp_path):
@@ -259,7 +257,7 @@ def test_exchanged_frames_are_put_back_with_their_scores(rng):
     score = np.tile(np.linspace(0.2, 0.9, 8), (t, 1))
     items = tuple(map(str, range(t)))
     clean = LandmarkSet(w, tuple("abcdefgh"), items, ("walk",) * t, confidence=score)
-    lifter = SimpleNamespace(dictionary=SimpleNamespace(mirror_index=partner), frame_rate=24.0)
+    lifter = SimpleNamespace(dictionary=SimpleNamespace(mirror_index=partner), frame_rate=None)
 
     def restore(wrong):
         landmarks = np.where(wrong[:, None, None], w[..., partner], w)
