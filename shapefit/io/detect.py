@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.errors import abbreviate, input_error, listed
-from shapefit.io.formats import CSV, FIRST, HDF5, OWN, FileFormat, Head, named_format, own_format
+from shapefit.io.formats import CSV, FIRST, HDF5, OURS, FileFormat, Head, named_format, our_format
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import deeplabcut, detections, markers, motion, tables, trackers
@@ -37,8 +37,8 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
         return chosen
     if path.is_dir():
         return _detect_folder(path)
-    if (own := own_format(path)) is not None:
-        return own
+    if (ours := our_format(path)) is not None:
+        return ours
     require_file(path)
     if not path.is_file():
         return CSV
@@ -156,7 +156,7 @@ H5, JSON, TABLE = (".h5", ".hdf5"), (".json",), (".csv",)
 
 # fmt: off
 FORMATS: dict[str, FileFormat] = {
-    **OWN,
+    **OURS,
     "deeplabcut-csv": FileFormat(
         "a DeepLabCut or Lightning Pose CSV", TABLE, EITHER, is_deeplabcut_csv,
         deeplabcut.read_csv),

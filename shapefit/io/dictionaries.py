@@ -14,7 +14,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory
-from shapefit.io.formats import HDF5, check_holds, own_format, record_writer
+from shapefit.io.formats import HDF5, check_holds, our_format, record_writer
 from shapefit.io.layout import DICTIONARY, FIELDS
 
 AGAIN = "make the dictionary again"
@@ -30,7 +30,7 @@ PRIOR = ("prior_weights", "prior_means", "prior_covariances")
 
 def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
     """Read a dictionary, with `old` one of version 1, too. Raises InputError for what is wrong."""
-    if own_format(path) is not HDF5:
+    if our_format(path) is not HDF5:
         from shapefit.io.detect import detect_format
 
         check_holds(path, DICTIONARY.kind, detect_format(path))

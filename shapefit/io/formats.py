@@ -23,14 +23,14 @@ from shapefit.io.inputs import (
     source_name,
 )
 from shapefit.io.layout import LANDMARKS, RESULTS, Layout
-from shapefit.io.options import AS_KNOWN, OutputOptions, RecordWriter
+from shapefit.io.options import BY_DEFAULT, OutputOptions, RecordWriter
 
 Output = AbstractContextManager[RecordWriter[Any]]
 
 HEAD_BYTES = 4096
 """Of a file that decide its format, where it is neither JSON nor HDF5."""
 
-OURS = "shapefit-"
+MARK = "shapefit-"
 """Beginning of the attribute `format` of our HDF5."""
 
 FIRST = 20
@@ -62,7 +62,7 @@ class Head:
         """The names in the root of an HDF5 file, and one level below; empty for damaged ones.
 
         `@name` is an attribute of the root, `group/name` and `group@name` are below. Of files of
-        ours it is OURS alone.
+        ours it is MARK alone.
         """
         if not self.bytes.startswith(HDF5_SIGNATURE):
             return frozenset()
@@ -70,8 +70,8 @@ class Head:
 
         try:
             with open_hdf5(self.path) as file:
-                if str(as_text(file.attrs.get("format", ""))).startswith(OURS):
-                    return frozenset({OURS})
+                if str(as_text(file.attrs.get("format", ""))).startswith(MARK):
+                    return frozenset({MARK})
                 names = {*map(str, file), *(f"@{name}" for name in file.attrs)}
                 for name, node in file.items():
                     names |= {f"{name}@{attribute}" for attribute in getattr(node, "attrs", ())}
@@ -94,7 +94,7 @@ class Head:
     def keys(self) -> frozenset[str]:
         """The keys of a JSON object, or of the first objects in a list."""
         objects = self.json[:FIRST] if isinstance(self.json, list) else [self.json]
-        return frozenset(key for each in objects if isinstance(each, dict) for key in each)
+        return frozenset(key for entry in objects if isinstance(entry, dict) for key in entry)
 
 
 class FileFormat(NamedTuple):
@@ -148,7 +148,7 @@ HDF5 = FileFormat(
     "an HDF5 file",
     (".h5", ".hdf5", ".hdf", ".he5"),
     (*ITEMS, "dictionary"),
-    lambda head: OURS in head.hdf5,
+    lambda head: MARK in head.hdf5,
     write=partial(_write, "hdf5"),
 )
 CSV = FileFormat(
@@ -163,9 +163,9 @@ CSV = FileFormat(
     write=partial(_write, "csv"),
     states_y_axis=False,
 )
-OWN = {"hdf5": HDF5, "csv": CSV}
+OURS = {"hdf5": HDF5, "csv": CSV}
 
-TARGETS = OWN | {
+TARGETS = OURS | {
     name: FileFormat(
         title,
         (suffix,),
@@ -186,14 +186,14 @@ TARGETS = OWN | {
 """The formats that can be written, by their names."""
 
 
-def own_format(path: Path) -> FileFormat | None:
+def our_format(path: Path) -> FileFormat | None:
     """Return the format of a file that is ours, of standard input CSV; None for something else."""
     if is_stream(path):
         return CSV
     if not path.is_file() or not os.access(path, os.R_OK):  # `require_file` says so
         return None
     head = Head(path)
-    return next((own for own in OWN.values() if own.recognise(head)), None)
+    return next((row for row in OURS.values() if row.recognise(head)), None)
 
 
 def named_format(name: str, formats: Mapping[str, FileFormat], key: str = "format") -> FileFormat:
@@ -206,13 +206,13 @@ def named_format(name: str, formats: Mapping[str, FileFormat], key: str = "forma
 def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
     """Raise InputError unless a file is in one of our formats that can hold records of a kind."""
     if file_format.read_poses is not None or kind not in file_format.records:
-        able = listed(own.title for own in OWN.values() if kind in own.records)
+        able = listed(row.title for row in OURS.values() if kind in row.records)
         fix = f"give a shapefit-{kind} file"
         raise input_error(source_name(path), f"is {file_format.title}, not {able}", fix)
 
 
 def record_writer(
-    target: Path, form: Layout, to: str = "auto", options: OutputOptions = AS_KNOWN
+    target: Path, form: Layout, to: str = "auto", options: OutputOptions = BY_DEFAULT
 ) -> Output:
     """Give a writer of records of one layout for use in a `with`; `append` takes one or more.
 
@@ -224,7 +224,7 @@ def record_writer(
     if is_stream(target) and file_format is not CSV:
         fault = "files of this format cannot go to standard output"
         raise input_error("output", fault, "name a file")
-    given = vars(options).items() - vars(AS_KNOWN).items()
+    given = vars(options).items() - vars(BY_DEFAULT).items()
     if given and not file_format.in_metres:
         fault = f"{file_format.title} keeps the unit and the axes of what is written"
         fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"

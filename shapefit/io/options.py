@@ -60,7 +60,7 @@ class OutputOptions:
     markers: Markers = "joints"
 
 
-AS_KNOWN = OutputOptions()
+BY_DEFAULT = OutputOptions()
 
 
 @dataclass(frozen=True, kw_only=True)

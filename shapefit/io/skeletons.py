@@ -101,7 +101,7 @@ def _bones(text: str) -> tuple[tuple[str, str], ...]:
 def skeletons_of_size(count: int) -> tuple[str, ...]:
     """Return the names of the skeletons of so many landmarks, the usual one first."""
     skeletons = installed_skeletons().values()
-    return tuple(each.name for each in skeletons if len(each.landmark_names) == count)
+    return tuple(one.name for one in skeletons if len(one.landmark_names) == count)
 
 
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
-from shapefit.io.formats import CSV, HDF5, check_holds, own_format, record_writer
+from shapefit.io.formats import CSV, HDF5, check_holds, our_format, record_writer
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import FIELDS, LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
 from shapefit.io.merge import align_to, merge_heads
@@ -293,8 +293,8 @@ def _open(
 ) -> Source[Any]:
     """Open files of one layout, each in its format; other tools' readers are imported if needed."""
     paths = list(dict.fromkeys(paths))
-    ours = [own_format(path) if options.format == "auto" else None for path in paths]
-    groups: Any = [(known, (path,)) for known, path in zip(ours, paths, strict=True)]
+    ours = [our_format(path) if options.format == "auto" else None for path in paths]
+    groups: Any = [(row, (path,)) for row, path in zip(ours, paths, strict=True)]
     if not all(ours):
         from shapefit.io.detect import group_inputs
 

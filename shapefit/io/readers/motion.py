@@ -256,4 +256,4 @@ def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]
             cells[name] += reversed(row)
     sizes = [(bone.name, len(labels) * count[bone.name]) for bone in bones]
     values = [np.array(floats(cells[name] or ["0"] * size, size)) for name, size in sizes]
-    return labels, np.hstack([each.reshape(len(labels), -1) for each in values])
+    return labels, np.hstack([block.reshape(len(labels), -1) for block in values])

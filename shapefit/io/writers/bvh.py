@@ -63,9 +63,9 @@ def _without_gaps(points: Floats) -> Floats:
     """Return points (f, 3, p) over gaps in a straight line; nan what is never known."""
     points, frames = points.copy(), np.arange(len(points))
     for track in points.reshape(len(points), -1).T:
-        known = np.isfinite(track)
-        if known.any():
-            track[:] = np.interp(frames, frames[known], track[known])
+        finite = np.isfinite(track)
+        if finite.any():
+            track[:] = np.interp(frames, frames[finite], track[finite])
     return points
 
 

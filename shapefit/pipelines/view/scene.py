@@ -21,7 +21,7 @@ from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
 from shapefit.io import read_dictionary
 from shapefit.io.layout import METRES_PER_UNIT
-from shapefit.io.options import AS_KNOWN
+from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.motion import find_floors, video_of
 from shapefit.lifting.trust import REASONS
@@ -208,7 +208,7 @@ def _floors(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]
     if not has_camera(result) or METRES_PER_UNIT not in result.values:
         return {}
     records = result.records.replaced(frame_rate=rate) if frames.step > 1 else result.records
-    return find_floors(records, AS_KNOWN, result.name)
+    return find_floors(records, BY_DEFAULT, result.name)
 
 
 def _ground(floor: Floor | None, y_down: bool) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from shapefit.io.layout import (
     METRES_PER_UNIT,
     RESULTS,
 )
-from shapefit.io.options import AS_KNOWN, OutputOptions
+from shapefit.io.options import BY_DEFAULT, OutputOptions
 from shapefit.io.records import ResultSet, concatenate
 from shapefit.io.writers import tables
 from shapefit.io.writers.metres import find_stature, in_metres
@@ -324,28 +324,28 @@ def test_other_cameras_keep_their_axes(tmp_path, walk, change, axes):
 def test_a_given_height_does_not_decide_whether_there_is_a_floor(walk, height):
     stated, given = (
         find_floors(walk, options, "")["film"]
-        for options in (AS_KNOWN, OutputOptions(height=height))
+        for options in (BY_DEFAULT, OutputOptions(height=height))
     )
     assert (given.pitch, given.pitch_sd) == pytest.approx((stated.pitch, stated.pitch_sd), abs=1e-6)
 
 
 def test_what_is_not_trusted_or_not_visible_shows_no_floor(walk):
     reasons = np.array(["wide error bars"] * len(walk), dtype=object)
-    assert list(find_floors(walk, AS_KNOWN, "")) == ["film"]
-    assert find_floors(walk.with_columns({"reasons": reasons}), AS_KNOWN, "") == {}
+    assert list(find_floors(walk, BY_DEFAULT, "")) == ["film"]
+    assert find_floors(walk.with_columns({"reasons": reasons}), BY_DEFAULT, "") == {}
     landmarks = np.zeros((len(walk), len(planted.JOINTS), 2))
     landmarks[5:8, ANKLES] = np.nan  # a gap
-    gap = find_floors(walk.with_columns({"landmarks": landmarks}), AS_KNOWN, "")["film"]
-    np.testing.assert_array_equal(gap.up, find_floors(walk, AS_KNOWN, "")["film"].up)
+    gap = find_floors(walk.with_columns({"landmarks": landmarks}), BY_DEFAULT, "")["film"]
+    np.testing.assert_array_equal(gap.up, find_floors(walk, BY_DEFAULT, "")["film"].up)
     landmarks[:, ANKLES] = np.nan
-    assert find_floors(walk.with_columns({"landmarks": landmarks}), AS_KNOWN, "") == {}
+    assert find_floors(walk.with_columns({"landmarks": landmarks}), BY_DEFAULT, "") == {}
 
 
 def test_individuals_of_a_video_share_the_floor_and_videos_do_not(walk):
     other = seen(planted.walk(heading=1.0), "film/bert", away=8.0)
     level = seen(planted.walk(), "other/anna", height=0.5, pitch=-5.0)
     alone, both = (
-        find_floors(one, AS_KNOWN, "") for one in (walk, concatenate([walk, other, level]))
+        find_floors(one, BY_DEFAULT, "") for one in (walk, concatenate([walk, other, level]))
     )
     assert list(both) == ["film", "other"]
     assert both["film"].height_sd < alone["film"].height_sd
@@ -358,7 +358,7 @@ def test_an_assumed_focal_length_widens_the_bars(walk):
 
     def height_sd(focal):
         columns = {"focal": np.full((n, 2), focal), "principal_point": centre}
-        return find_floors(walk.with_columns(columns), AS_KNOWN, "")["film"].height_sd
+        return find_floors(walk.with_columns(columns), BY_DEFAULT, "")["film"].height_sd
 
     assert height_sd(ASSUMED_FOCAL * 1920) > 1.04 * height_sd(1800.0)
 
