@@ -24,7 +24,7 @@ SHIM = Path(__file__).with_name("failing_calls.c")
 
 OLD, NEW = ("--set=threads=1", "--set=lambda=0.3"), ("--set=threads=1", "--set=lambda=0.1")
 FIT = ("fit", "views.h5", "-d", "dict.h5")
-MESHES = ("-o", "out/r.h5", "--set", "export.folder=out/meshes")
+MESHES = ("fit", "views.h5", "-d", "exemplars.h5", "-o", "out/r.h5", "--set=export.folder=out/m")
 LEARN = ("learn-dict", "shapes.h5", "-o", "out/d.h5", "--set", "iterations=2", "--set", "k=3")
 EVAL = ("eval", "--truth", "shapes.h5", "-o", "out/report", "--set=plots=false")
 PROJECT = ("project", "shapes.h5", "-o", "out/v.h5")
@@ -32,7 +32,7 @@ PROJECT = ("project", "shapes.h5", "-o", "out/v.h5")
 COMMANDS = {
     "fit to HDF5": ((*FIT, "-o", "out/r.h5", *OLD), (*FIT, "-o", "out/r.h5", *NEW)),
     "fit to CSV": ((*FIT, "-o", "out/r.csv", *OLD), (*FIT, "-o", "out/r.csv", *NEW)),
-    "fit with meshes": ((*FIT, *MESHES, *OLD), (*FIT, *MESHES, *NEW)),
+    "fit with meshes": ((*MESHES, *OLD), (*MESHES, *NEW)),
     "learn-dict": ((*LEARN, "--set=beta=0.3"), (*LEARN, "--set=beta=0.1")),
     "project": (PROJECT, (*PROJECT, "--set=noise=0.1")),
     "eval": ((*EVAL, "result.csv"), (*EVAL, "result.h5")),
