@@ -146,7 +146,7 @@ def verify_part(
         head, attributes = results.head, results.head.attributes
         fit = read_statement(attributes, part.file)
         fits.append(fit)
-        missing = required(fit, head.columns) - head.columns.keys()
+        missing = sorted(required(fit, head.columns) - head.columns.keys())
         wrong = [Failure(name, "is missing, and every such fit writes it") for name in missing]
         digest_of_config = hashlib.sha256(str(attributes["config"]).encode()).hexdigest()
         if digest_of_config != attributes.get("config_digest"):
