@@ -44,9 +44,8 @@ def rows(model: type[BaseModel], section: str = "") -> list[Row]:
     selected = [row for row in table if not section or f"{row.name}.".startswith(f"{section}.")]
     if not selected:
         names = ", ".join(dict.fromkeys(row.name.partition(".")[0] for row in table))
-        raise input_error(
-            "config", f"there is no key or section '{section}'", f"name one of: {names}"
-        )
+        fault = f"there is no key or section '{section}'"
+        raise input_error("config", fault, f"name one of: {names}")
     return selected
 
 
@@ -89,9 +88,9 @@ def _words(kind: Any) -> list[str]:
     if origin is tuple:
         number = "" if Ellipsis in inner else f" of {len(inner)} items"
         return [f"a list{number}, each {_phrase(inner[0])}"]
-    return (
-        [f"a mapping to values, each {_phrase(inner[1])}"] if origin else WORDS[kind].split(" or ")
-    )
+    if origin is not None:
+        return [f"a mapping to values, each {_phrase(inner[1])}"]
+    return WORDS[kind].split(" or ")
 
 
 def meaning(key: Key) -> str:

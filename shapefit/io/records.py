@@ -138,12 +138,16 @@ class Records:
     def with_columns(self, columns: Columns | None = None, whole: Columns | None = None) -> Self:
         """Return the same with more columns, in place of those of the same names."""
         bare = self.without({**(columns or {}), **(whole or {})})
+        bare.per_item |= columns or {}
         bare.whole |= whole or {}
-        return bare.replaced(**(columns or {}))
+        return bare.replaced()
 
     def without(self, names: Collection[str]) -> Self:
         """Return the same without these columns."""
-        return self.replaced(**dict.fromkeys(names))
+        bare = copy(self)
+        bare.per_item = {name: v for name, v in self.per_item.items() if name not in names}
+        bare.whole = {name: v for name, v in self.whole.items() if name not in names}
+        return bare
 
     def take(self, indices: Rows) -> Self:
         """Return the items at these indices (numbers, a mask or a slice), in their order."""

@@ -144,6 +144,14 @@ def test_columns_are_added_replaced_and_removed():
     assert not hasattr(shapes, "confidence")
 
 
+@pytest.mark.parametrize("name", ["further", "items"])
+def test_a_column_may_have_any_name(landmarks, name):
+    more = landmarks.with_columns({name: np.arange(5)}, {"camera": np.ones(3)})
+    assert more.per_item[name].tolist() == [*range(5)]
+    assert "camera" in more.whole
+    assert more.without([name, "camera"]).columns.keys() == landmarks.columns.keys()
+
+
 def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_landmarks():
     partners = np.array([0, 2, 1, 3])
     shapes = ShapeSet(
