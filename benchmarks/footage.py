@@ -40,7 +40,7 @@ from shapefit.geometry.procrustes import rotation_onto
 from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import write_shapes
 from shapefit.io.atomic import atomic_path
-from shapefit.io.options import AS_KNOWN
+from shapefit.io.options import BY_DEFAULT
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import (
     PEOPLE,
@@ -353,7 +353,7 @@ def measure_floor(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         fit = shapefit.fit(shapefit.Landmarks.of(images), dictionary, config="sequences")
-    found = find_floors(fit.record(), AS_KNOWN, body)
+    found = find_floors(fit.record(), BY_DEFAULT, body)
     errors, deviations = np.full((2, len(clips), 3), np.nan)
     names = np.array(truth.sequences)
     for number, clip in enumerate(clips):
