@@ -18,6 +18,12 @@ def median(values: NDArray[Any]) -> float:
     return float((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)
 
 
+def finite_median(values: NDArray[Any], default: float = float("nan")) -> float:
+    """Median of the finite ones among numbers (n,), the default where there is none."""
+    finite = values[np.isfinite(values)]
+    return median(finite) if len(finite) else default
+
+
 def evenly(n: int, most: int) -> NDArray[np.intp]:
     """Return at most so many indices out of n that lie evenly."""
     rows = np.linspace(0, n - 1, min(n, most)).astype(np.intp)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, finite_median
 from shapefit.errors import input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
 from shapefit.geometry.floor import Floor
@@ -124,7 +124,7 @@ def _factor(
         factor = _per_item(records, METRES_PER_UNIT, (), place)
         size = "the size of the training shapes"
         if factor is not None and records.attributes.get(METRES_FROM) != "edges":
-            factor = np.full(n, _median(factor))
+            factor = np.full(n, finite_median(factor))
     if options.height is None:
         if factor is None:
             fix = "give it, e.g. `height=1.78`"
@@ -142,7 +142,7 @@ def _factor(
     elif factor is None and isinstance(records, ResultSet):
         whole, tall = 1 / np.where(stature > 0, stature, np.nan), 1.0
     else:
-        tall = _median(whole * stature)
+        tall = finite_median(whole * stature)
     return whole * (options.height / tall if tall > 0 else np.nan), f"height {options.height:g} m"
 
 
@@ -153,7 +153,7 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
     if not len(placed):
         return upright
     points = factor[:, None, None] * (upright - middle)
-    points += _median(factor) * (middle - middle[placed[0]])
+    points += finite_median(factor) * (middle - middle[placed[0]])
     points[:, 1] -= np.nanmin(points[:, 1])
     return points
 
@@ -184,9 +184,3 @@ def _per_item(records: ResultSet, name: str, shape: tuple[int, ...], place: str)
         fix = f"give numbers of the shape {shape}, or one such for each image"
         raise input_error(place, f"its dataset {name} has the shape {values.shape}", fix)
     return np.broadcast_to(np.asarray(values, np.float64), whole)
-
-
-def _median(values: Floats) -> float:
-    """Return the median of the finite values, nan without any."""
-    finite = values[np.isfinite(values)]
-    return float(np.median(finite)) if len(finite) else float("nan")

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, finite_median
 from shapefit.lifting.sequences.smoothing import CONSTANTS
 
 DEGREES = 3.0
@@ -75,8 +75,8 @@ def find_changes(landmarks: Floats, pairs: NDArray[np.integer]) -> Floats:
     last = np.where(recent[:, None], last, 0.0)
     same, other = ((D - last) ** 2).sum(axis=1), ((D + last) ** 2).sum(axis=1)
     least = np.where(recent, np.minimum(same, other), np.nan)
-    step = np.sqrt([_median(column) for column in least.T])
-    size = np.sqrt(_median((difference**2).sum(axis=1).ravel()))
+    step = np.sqrt([finite_median(column, 0.0) for column in least.T])
+    size = np.sqrt(finite_median((difference**2).sum(axis=1).ravel(), 0.0))
     # 1.177 is the median of a Rayleigh variable
     s2 = np.maximum(step / 1.177, max(LEAST_STEP * size, 1e-150)) ** 2
     S = (DEGREES + 2) / 2 * np.log((DEGREES + same / s2) / (DEGREES + other / s2))
@@ -99,8 +99,3 @@ def likeliest_states(change: Floats) -> Flags:
         state[t] = now
         now = int(came[t, now])
     return state
-
-
-def _median(values: Floats) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.median(finite)) if len(finite) else 0.0
