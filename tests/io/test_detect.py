@@ -136,6 +136,9 @@ def whole(path, options):
         ("calibration.toml", '[cam_0]\nname = "A"\nmatrix = [[1.0, 0.0], [0.0, 1.0]]\n'),
         ("calibration.yaml", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n"),
         ("calibration.json", '{"cam_0": {"matrix": [[1, 0], [0, 1]], "size": [3, 4]}}'),
+        ("cameras", "[cam_0]\nmatrix = [[1.0]]\n"),
+        ("cameras", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n"),
+        ("cameras", '{"cam_0": {"matrix": [[1, 0], [0, 1]], "size": [3, 4]}}'),
     ],
 )
 def test_a_calibration_is_no_file_of_landmarks(tmp_path, name, content):

@@ -1,17 +1,11 @@
 """What is wrong with a file of a detector or a tracker is said with its place and a fix."""
 
-import gzip
 import json
-import pickle
 
 import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import inputs, open_landmarks
-from shapefit.io.detect import FORMATS, detect_format
-from shapefit.io.options import InputOptions
-from shapefit.io.source import find_kind
 from tests.io.files import load_shapes
 
 from .made import read_images as read
@@ -145,94 +139,3 @@ def test_what_is_wrong_is_named(tmp_path, name, content, message):
     keypoints = {} if name.endswith((".csv", ".txt", ".npy")) else {"keypoints": "numbered"}
     with pytest.raises(InputError, match=message):
         load_shapes(path) if shapes else read(path, **keypoints)
-
-
-# Files that are no recordings: each is named for what it is, in one line.
-
-TEXT = b"scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1,2,0.5\n"
-
-
-def refusal(path) -> str:
-    with pytest.raises(InputError) as error, open_landmarks([path]):
-        pass
-    text = str(error.value)
-    assert text.startswith(str(path))
-    assert "\n" not in text
-    return text
-
-
-@pytest.mark.parametrize("name", ["walk.json", "walk.csv", "walk.csv.gz", "walk"])
-@pytest.mark.parametrize(
-    "content",
-    [gzip.compress(b"\0" + TEXT), pickle.dumps({"weight": 1}, 2), b"CDF\2" + bytes(60)],
-    ids=[
-        "gzip of no text",
-        "pickle",
-        "netcdf 3",
-    ],  # contents hold the time, and make no stable names
-)
-def test_files_that_are_not_text(tmp_path, name, content):
-    path = tmp_path / name
-    path.write_bytes(content)
-    assert "neither text nor of a known format; give the landmarks that a" in refusal(path)
-
-
-TIDY = b"item,landmark,x,y\ni,a,250,5\ni,b,75,125\n"
-TRACKS = b"frame,track_id,nose_x,nose_y,hip_x,hip_y\n0,1,10,20,30,50\n0,2,11,21,31,51\n"
-ARRAY = b"[[[1,2],[3,4]]]"
-
-
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [("t.csv", TIDY), ("w.csv", TRACKS), ("d.csv", TEXT), ("a.json", ARRAY), ("bare", TIDY)],
-)
-def test_text_that_gzip_made_smaller(tmp_path, monkeypatch, name, content):
-    (tmp_path / name).write_bytes(content)
-    packed = tmp_path / f"{name}.gz"
-    packed.write_bytes(gzip.compress(content))
-    options = InputOptions(keypoints="numbered")
-    plain, found = (whole(path, options) for path in (tmp_path / name, packed))
-    np.testing.assert_array_equal(found.landmarks, plain.landmarks)
-    assert (found.items, found.sequences) == (plain.items, plain.sequences)
-    assert detect_format(packed) is detect_format(tmp_path / name)
-    packed.write_bytes(gzip.compress(content)[:-8])  # cut off
-    assert "cannot be unpacked" in refusal(packed)
-    packed.write_bytes(gzip.compress(content + b" " * 5_000_000))
-    assert packed.stat().st_size < 10_000
-    monkeypatch.setattr(inputs, "LARGEST_BYTES", 1_000_000)
-    if content != TIDY:  # which is read block by block
-        assert "more than 1 MB of text, and it is read whole" in refusal(packed)
-
-
-def whole(path, options):
-    with open_landmarks([path], options) as source:
-        return source.whole()
-
-
-@pytest.mark.parametrize(
-    "content",
-    ["[cam_0]\nmatrix = [[1.0]]\n", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n",
-     '{"cam_0": {"matrix": [[1, 0], [0, 1]], "size": [3, 4]}}'],
-)  # fmt: skip
-def test_a_calibration_is_no_file_of_landmarks(tmp_path, content):
-    (tmp_path / "cameras").write_text(content)
-    assert "is a calibration of cameras, not landmarks; give" in refusal(tmp_path / "cameras")
-
-
-@pytest.mark.parametrize(
-    ("line", "found"),
-    [
-        ("scorer;a;a;a", "the header is 'scorer;a;a;a'; write the header"),
-        ("track,frame_idx,instance.score,nose.x,nose.y,nose.score", "the header is 'track,frame_"),
-    ],
-)
-def test_tables_of_another_kind(tmp_path, line, found):
-    path = tmp_path / "walk.csv"
-    path.write_text(f"{line}\n")
-    assert found in refusal(path)
-
-
-def test_a_folder_in_a_format_of_files_is_refused(tmp_path):
-    for name in [name for name, form in FORMATS.items() if not form.together]:
-        with pytest.raises(InputError, match=r"it is a folder, and .* is a file; name the files"):
-            find_kind(tmp_path, InputOptions(format=name))
