@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
-from contextvars import copy_context
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
@@ -15,17 +14,10 @@ Part = TypeVar("Part")
 Done = TypeVar("Done")
 
 
-WAITING = 16
-"""Threads that ask disks and stores, which answer several as fast as one."""
-
-
-def on_threads(
-    work: Callable[[Part], Done], parts: Iterable[Part], threads: int = WAITING
-) -> list[Done]:
+def on_threads(work: Callable[[Part], Done], parts: Iterable[Part], threads: int) -> list[Done]:
     """Return what `work` makes of each part, in their order; `threads` = 0 means one per core.
 
-    Context variables (copies and options of stores) are those of this thread. Work gains from
-    threads where it waits for a disk or a store, or releases the GIL.
+    Work gains from threads where it waits for a disk, or releases the GIL.
     """
     tasks = list(parts)
     workers = min(threads or os.cpu_count() or 1, len(tasks))
@@ -33,9 +25,8 @@ def on_threads(
         return [work(part) for part in tasks]
     from concurrent.futures import ThreadPoolExecutor
 
-    contexts = [copy_context() for _ in tasks]
     with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(lambda context, part: context.run(work, part), contexts, tasks))
+        return list(pool.map(work, tasks))
 
 
 def side_by_side(

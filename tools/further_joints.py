@@ -36,7 +36,8 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import lateral_axis, mirror, rotation_onto
 from shapefit.io import ShapeSet, digests, read_dictionary, read_shapes, write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of
-from shapefit.pipelines.learn_dict.from_3d import FEWEST_COPIES, every_nth, with_p_value_table
+from shapefit.lifting.posterior.p_value import with_p_value_table
+from shapefit.pipelines.learn_dict.from_3d import FEWEST_COPIES, every_nth
 
 JOINTS = (*PEOPLE, *FURTHER)
 GROUPS = "rankle:rheel,rball,rtoe lankle:lheel,lball,ltoe rwrist:rhand lwrist:lhand neck:spine"

@@ -45,7 +45,7 @@ from shapefit.pipelines.fit.prepare import (
     warn_of_dictionary,
 )
 from shapefit.pipelines.fit.run import Counts, attributes_of, lift_source, result_of, warn_of_all
-from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
+from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.result import Counted, Result, add_up
 
 Made = TypeVar("Made")
@@ -126,7 +126,7 @@ def fit(
         reasons = setup.matched.warnings()
         for batch in lift_source(source, setup):
             counts.add(batch.record)
-            result = result_of(batch, setup)
+            result = result_of(batch)
             records.append(batch.record)
             failures |= {failure.item: failure.reason for failure in result.failures}
             add_up(messages, result.warnings)
@@ -188,6 +188,8 @@ def learn(
     given = shapes if isinstance(shapes, Shapes | Fit) else Shapes(shapes)
     training = source_of(given.record(), "shapes", config.rename).whole()
     made, results = _ended(learn_from_shapes(training, config, {}))
+    from shapefit.lifting.posterior.p_value import with_p_value_table
+
     dictionary = with_p_value_table(made)
     failures = [failure for result in results for failure in result.failures]
     if failures:

@@ -9,6 +9,7 @@ moments under the model are found by drawing images from it, once, when a dictio
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import erfc
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture, widen
+from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.methods import PosteriorOptions
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
@@ -80,6 +82,13 @@ def moments_at(table: Floats, scale: float) -> Floats:
     moments: Floats = (1 - share) * rows[low] + share * rows[high]
     moments[:, 2] = np.exp(moments[:, 2])
     return moments
+
+
+def with_p_value_table(dictionary: Dictionary) -> Dictionary:
+    """Return the dictionary with the table of its prior, if it has one, by which fits judge."""
+    if dictionary.prior is None:
+        return dictionary
+    return replace(dictionary, p_value_table=draw_table(dictionary.prior))
 
 
 def draw_table(prior: Mixture, scales: tuple[float, ...] = SCALES) -> Floats:

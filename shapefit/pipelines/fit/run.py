@@ -116,7 +116,7 @@ def run(
                 if inputs is None:  # while the next batch is lifted
                     inputs = digests(config.landmarks)
                 counts.add(batch.record)
-                yield result_of(batch, setup, count)
+                yield result_of(batch, count)
                 writer.append(batch.record)
             others = digests(preparing.files_of(setup.config).values())
             writer.attributes.update(attributes_of(setup, {**(inputs or {}), **others}))
@@ -335,7 +335,7 @@ def attributes_of(setup: Setup, inputs: Mapping[str, str]) -> dict[str, str | fl
     }
 
 
-def result_of(batch: Batch, setup: Setup, total: int | None = None) -> Result:
+def result_of(batch: Batch, total: int | None = None) -> Result:
     """Return the result of a batch of a total of images: failures, and whom not to trust."""
     items, lifting, by_reason = batch.images.items, batch.lifting, dict[str, list[str]]()
     for item, reason in zip(items, batch.record.columns.get(trust.REASONS, ()), strict=False):

@@ -99,15 +99,6 @@ def learn_from_shapes(
     return replace(made, prior=prior, provenance=provenance)
 
 
-def with_p_value_table(made: Dictionary) -> Dictionary:
-    """Return the dictionary with the table of its prior, if it has one, by which fits judge."""
-    if made.prior is None:
-        return made
-    from shapefit.lifting.posterior.p_value import draw_table
-
-    return replace(made, p_value_table=draw_table(made.prior))
-
-
 def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingShapes:
     """Take every n-th shape of each sequence, double them by mirroring, normalise, and align.
 

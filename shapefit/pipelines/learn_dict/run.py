@@ -13,7 +13,7 @@ from shapefit.io.layout import DICTIONARY
 from shapefit.io.options import input_options
 from shapefit.io.source import find_kind
 from shapefit.pipelines.learn_dict.from_2d import learn_from_landmarks
-from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
+from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.result import Result
 
 
@@ -35,5 +35,7 @@ def run(config: LearnDictConfig) -> Iterator[Result]:
         with open_shapes(config.shapes, options) as source:
             notes, shapes = source.notes, source.whole()
         dictionary = yield from learn_from_shapes(shapes, config, digests(config.shapes))
+    from shapefit.lifting.posterior.p_value import with_p_value_table  # after the learning
+
     write_dictionary(config.output, with_p_value_table(dictionary))
     yield Result(warnings=notes, written=(config.output,))
