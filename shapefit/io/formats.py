@@ -133,9 +133,16 @@ def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Out
 
     if name == "c3d":
         tables.load_ezc3d()
-    write = bvh.write_bvh if name == "bvh" else getattr(tables, f"write_{name}")
+    writers = {
+        "bvh": bvh.write_bvh,
+        "c3d": tables.write_c3d,
+        "trc": tables.write_trc,
+        "mot": tables.write_mot,
+        "metres": tables.write_metres,
+        "angles": tables.write_angles,
+    }
     unit, angles = "mm" if name == "c3d" else "m", TARGETS[name].angles
-    return motion.motion_output(target, options, write, unit=unit, angles=angles)
+    return motion.motion_output(target, options, writers[name], unit=unit, angles=angles)
 
 
 ITEMS = ("landmarks", "shapes", "result")

@@ -327,11 +327,10 @@ def _open(
         else:
             from shapefit.io.csv_file import read_csv, read_csv_head
 
-            records, share = (
-                read_csv_head(group[0], form.kind)
-                if head
-                else (read_csv(group[0], form.kind, gaps=gaps), 1.0)
-            )
+            if head:
+                records, share = read_csv_head(group[0], form.kind)
+            else:
+                records, share = read_csv(group[0], form.kind, gaps=gaps), 1.0
             files.append(SourceFile.of(name, records, estimate=round(len(records) / share)))
         if form is LANDMARKS and not head:
             files[-1] = _in_pixels(files[-1], options)

@@ -337,10 +337,8 @@ def _as_poses(
         notes.append("confidences divided by 6, the largest that AlphaPose states")
     missing = ~np.isfinite(values).all(axis=2) | (hide_unscored & ~(confidence > 0))
     points = np.where(missing[..., None], np.nan, points)
-    images, who = (
-        [image for _, image, _ in detections],
-        [name_individual(w) for *_, w in detections],
-    )
+    images = [image for _, image, _ in detections]
+    who = [name_individual(w) for *_, w in detections]
     times = Counter(zip(images, who, strict=True))
     if doubles := sum(number > 1 for (_, name), number in times.items() if name):
         # Some tools number the people of each frame anew.
