@@ -152,7 +152,7 @@ def prepare(
     """Make what lifts a total of images with these landmarks; `first` gives those of the sample."""
     method, camera = METHODS[config.method], None
     if method.has_prior and dictionary.p_value_table is None:
-        from shapefit.pipelines.learn_dict.from_3d import with_p_value_table
+        from shapefit.lifting.posterior.p_value import with_p_value_table
 
         dictionary = with_p_value_table(dictionary)  # not learned by this version
     place = ", ".join(map(str, config.landmarks)) + ": landmark names"
@@ -167,7 +167,7 @@ def prepare(
         lifter = lifter_of(config, matched.dictionary)
         if config.leave_one_out is not None:
             check_omitted(images, lifter)
-        if text := announce_time(matched.arrange(images, place), lifter, total):
+        if total > 1 and (text := announce_time(matched.arrange(images, place), lifter, total)):
             yield Result(line=text)
         estimates = estimate(config, dictionary, matched, images)
     config = config.changed(**estimates.values)
