@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -39,6 +40,12 @@ PACKAGE = sorted((PROJECT / "shapefit").rglob("*.py"))
 CLI = sorted((PROJECT / "cli").rglob("*.py"))
 
 
+@cache
+def parse(source: str) -> ast.Module:
+    """Return the tree of a source, which nobody changes."""
+    return ast.parse(source)
+
+
 def module_of(path: Path) -> str:
     parts = path.relative_to(PROJECT).with_suffix("").parts
     parts = ("shapefit", *parts) if parts[0] == "cli" else parts
@@ -66,14 +73,14 @@ def upward_imports(source: str, module: str, *, package: bool = False) -> list[s
     own = PYTHON_FACE if module == "shapefit" else room_of(module)
     return [
         f"{module} imports {name}"
-        for name in imports(ast.parse(source), module, package=package)
+        for name in imports(parse(source), module, package=package)
         if (room := room_of(name)) and (own is None or ROOMS.index(room) > ROOMS.index(own))
     ]
 
 
 def talk(source: str, module: str, *, package: bool = False) -> list[str]:
     """Return the uses of print and click."""
-    tree = ast.parse(source)
+    tree = parse(source)
     used = [*imports(tree, module, package=package)]
     used += [node.id for node in ast.walk(tree) if isinstance(node, ast.Name)]
     return [f"{module} uses {n}" for n in used if n == "print" or n.split(".")[0] == "click"]

@@ -69,13 +69,13 @@ def people(sample, tmp_path_factory) -> dict[str, Path]:
 
 @pytest.fixture(scope="session")
 def views(sample, tmp_path_factory) -> Path:
-    """150 frames of three sequences with confidences, some of them 0, and unseen landmarks."""
+    """48 frames of three sequences with confidences, some of them 0, and unseen landmarks."""
     rng = np.random.default_rng(5)
     truth = shapefit.read_shapes(sample / "people_test.h5")
-    rows = np.concatenate([np.arange(50), 80 + np.arange(50), 320 + np.arange(50)])
-    points = 300 * truth.shapes[rows][..., :2] + rng.standard_normal((150, 15, 2))
-    points[rng.random((150, 15)) < 0.1] = np.nan
-    confidence = rng.uniform(0.3, 1, (150, 15)) * (rng.random((150, 15)) > 0.05)
+    rows = np.concatenate([start + np.arange(16) for start in (0, 80, 320)])
+    points = 300 * truth.shapes[rows][..., :2] + rng.standard_normal((48, 15, 2))
+    points[rng.random((48, 15)) < 0.1] = np.nan
+    confidence = rng.uniform(0.3, 1, (48, 15)) * (rng.random((48, 15)) > 0.05)
     images = shapefit.Landmarks(
         points,
         truth.landmark_names,

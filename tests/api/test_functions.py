@@ -55,7 +55,7 @@ def test_fit_finds_what_the_command_finds(tmp_path, people, views, method):
     fit = shapefit.fit(shapefit.read_landmarks(views), dictionary, method=method)
     shapefit.write_results(tmp_path / "function.h5", fit)
     same_file(tmp_path / "command.h5", tmp_path / "function.h5")
-    assert (len(fit), fit.attributes["method"]) == (150, method)
+    assert (len(fit), fit.attributes["method"]) == (48, method)
 
 
 def test_arrays_and_matrices_of_cameras_are_enough(people, views):
@@ -67,7 +67,7 @@ def test_arrays_and_matrices_of_cameras_are_enough(people, views):
     assert plain.items[:2] == ("0", "1")
     assert plain.landmarks_fitted is None  # which are the x and y of the shapes
     shapes = (plain.shapes.shape, plain.rotation.shape, plain.coefficients.shape)
-    assert shapes == ((150, 15, 3), (150, 3, 3), (150, 24))
+    assert shapes == ((48, 15, 3), (48, 3, 3), (48, 24))
     assert (set(plain.status), plain.shape_sd, plain.p_value) == ({"optimal"}, None, None)
     assert not plain.failures
     matrix = np.array([[900.0, 0, 320], [0, 900, 240], [0, 0, 1]])
@@ -101,8 +101,8 @@ OPTIONS = [
     ({"output": "x.h5"}, r"^fit\.output: there is no argument `output`; it is for files"),
     ({"camera": np.eye(2)}, r"camera_matrix: has the shape \(2, 2\)"),
     ({"camera": {"name": "left"}}, r"fit\.camera: `name` names a camera"),
-    ({"weights": np.ones((2, 15))}, r"confidence: has the shape \(2, 15\); it must be \(150, 15\)"),
-    ({"weights": np.full((150, 15), -1)}, r"^landmarks\.confidence\[0\]: landmark 'pelvis' is"),
+    ({"weights": np.ones((2, 15))}, r"confidence: has the shape \(2, 15\); it must be \(48, 15\)"),
+    ({"weights": np.full((48, 15), -1)}, r"^landmarks\.confidence\[0\]: landmark 'pelvis' is"),
 ]
 
 
@@ -205,7 +205,7 @@ def test_arrays_are_matched_by_their_order(chain, sample):
     with pytest.warns(UserWarning, match="no camera and rotation without `true_rotation`"):
         named = shapefit.evaluate(chain, truth)
     assert {metric for metric, _ in named.errors} >= {"similarity", "reprojection"}
-    with pytest.raises(shapefit.InputError, match="truth: has 3 shapes for 150 images"):
+    with pytest.raises(shapefit.InputError, match="truth: has 3 shapes for 48 images"):
         shapefit.evaluate(chain, truth.shapes[:3])
     for result in (chain, chain.shapes):
         plain = shapefit.evaluate(result, truth.shapes[rows], metrics=["similarity"])

@@ -54,13 +54,13 @@ def test_one_image_has_the_method_for_single_images(keypoints):
     np.testing.assert_array_equal(config[0].shapes, alone.shapes)
 
 
-def test_a_prior_without_a_table_has_one_drawn(keypoints):
+def test_a_prior_without_a_table_has_one_drawn(world):
     """As one of an earlier version, or of arrays: p-values are about those of the stored one."""
-    people = shapefit.read_dictionary("people")
+    people = shapefit.read_dictionary(world.dictionary("people with a prior"))
     learned = {name: values for name, values in people.learned.items() if name != "p_value_table"}
-    given = {"keypoints": "body_25", "method": "posterior", "camera": {"focal": "none"}}
+    images = shapefit.read_landmarks(world.images("people"))
     stored, drawn = (
-        shapefit.fit(keypoints[:3], one, **given)
+        shapefit.fit(images, one, method="posterior", camera={"focal": "none"})
         for one in (people, people.replaced(learned=learned))
     )
     np.testing.assert_allclose(drawn.p_value, stored.p_value, atol=0.02)

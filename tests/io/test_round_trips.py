@@ -168,7 +168,7 @@ def check_table(same, found, record, retained):
     same(found, type(record)(**bare))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(record=shape_sets())
 def test_shapes(folder, same, record):
     write_shapes(folder / "shapes.h5", record)
@@ -178,7 +178,7 @@ def test_shapes(folder, same, record):
     check_table(same, read_shapes([folder / "shapes.csv"]), record, retained)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(record=landmark_sets(), size=st.integers(1, 5))
 def test_landmarks(folder, same, record, size):
     retained = {"landmarks", "confidence", "landmark_names", "items", "sequences"}
@@ -196,7 +196,7 @@ def test_landmarks(folder, same, record, size):
             check_table(same, found, record, retained)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(record=result_sets(), size=st.integers(1, 5))
 def test_results(folder, same, record, size):
     retained = {"shapes", "landmark_names", "items", "sequences"}
@@ -213,7 +213,7 @@ def test_results(folder, same, record, size):
             check_table(same, read_results(path), record, retained)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(dictionary=dictionaries())
 def test_dictionary(folder, same, dictionary):
     write_dictionary(folder / "dict.h5", dictionary)

@@ -114,7 +114,7 @@ class TestPursuit:
 
     @pytest.mark.parametrize("keys", [{}, {"hidden": 0.15, "weighted": True}])
     def test_mixtures_of_the_mean_and_few_bases_are_recovered(self, make_scene, keys):
-        scene = make_scene(n=20, k=6, active=2, **keys)
+        scene = make_scene(n=6, k=6, active=2, **keys)
         found = scene.pursue(goal=1e-22, change=1e-24, most_rounds=20_000)
         S = scene.mix(found)
         moved = similarity_transform(S, scene.shapes).apply(S)

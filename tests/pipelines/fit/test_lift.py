@@ -15,6 +15,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.lifting import trust
+from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines.fit.lift import Lifter, at_border, weigh
 from tests.io.files import load
 from tests.pipelines.fitted import done, failures, warnings
@@ -248,7 +249,8 @@ def with_prior(dictionary, atoms, rng):
     B = 0.1 * rng.standard_normal((2, 30, 30))
     C = B @ B.swapaxes(1, 2) / 30 + 0.01 * np.eye(30)
     means = 5 * np.stack([atoms[:3].mean(axis=0), atoms[3:].mean(axis=0)])
-    write_dictionary(dictionary, replace(known, prior=Mixture(np.array([0.7, 0.3]), means, C)))
+    made = replace(known, prior=Mixture(np.array([0.7, 0.3]), means, C))
+    write_dictionary(dictionary, with_p_value_table(made))
     return dictionary
 
 

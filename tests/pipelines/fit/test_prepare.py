@@ -17,6 +17,7 @@ from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
+from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines import joints
 from shapefit.pipelines.fit import prepare as preparing
 from shapefit.pipelines.fit.prepare import (
@@ -239,8 +240,14 @@ def planted(tmp_path_factory):
     C = root @ root.T * 8 / 3 + 1e-3 * np.eye(3 * P)
     prior = Mixture(np.ones(1), mean[None], C[None])
     path = tmp_path_factory.mktemp("sample") / "dictionary.h5"
-    made = Dictionary(
-        mean[None] / 4, NAMES, mean, prior=prior, residual_variance=np.array([RESIDUAL_VARIANCE])
+    made = with_p_value_table(
+        Dictionary(
+            mean[None] / 4,
+            NAMES,
+            mean,
+            prior=prior,
+            residual_variance=np.array([RESIDUAL_VARIANCE]),
+        )
     )
     write_dictionary(path, made)
 
@@ -409,7 +416,7 @@ def test_the_error_of_a_gain_counts_that_neighbours_resemble_each_other(rng):
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) / np.std(means) < 1.1
 
 
-N, SIZE, FOCAL = 60, (1920, 1080), 2000.0
+N, SIZE, FOCAL = 30, (1920, 1080), 2000.0
 BODIES = 2.5
 """Distance of the camera in heights of a body, of 4.7 units of normalised shapes."""
 

@@ -1,6 +1,8 @@
 """`learn-dict` of 2D landmarks: what is learned lifts them; what cannot be learned is said."""
 
 from dataclasses import replace
+from functools import cache, partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,9 +21,10 @@ from tests.pipelines.fitted import fit_file
 N, P = 60, 10
 
 
-@pytest.fixture
-def class_of_shapes(rng):
+@pytest.fixture(scope="module")
+def class_of_shapes():
     """60 shapes (n, 3, p) before the camera, which bend in two ways."""
+    rng = np.random.default_rng(20150607)
     mean = rng.standard_normal((3, P))
     bends = 0.15 * rng.standard_normal((2, 3, P))
     bent = mean + np.einsum("nk,kip->nip", rng.standard_normal((N, 2)), bends)
@@ -29,27 +32,43 @@ def class_of_shapes(rng):
     return shapes - shapes.mean(axis=2, keepdims=True)
 
 
+def learn_in(folder, landmarks, further=None, **changes):
+    """Write landmarks (n, 2, p), learn from them, and return outcomes."""
+    images = LandmarkSet(
+        landmarks=100.0 * landmarks + 300.0,
+        landmark_names=tuple(f"p{j}" for j in range(landmarks.shape[2])),
+        items=tuple(f"image{i}" for i in range(len(landmarks))),
+    )
+    save(folder / "images.h5", images.replaced(**further or {}))
+    given = {"shapes": folder / "images.h5", "output": folder / "dict.h5", "k": 5}
+    return list(learn_dict.run(LearnDictConfig(**given | changes)))
+
+
 @pytest.fixture
 def learn(tmp_path):
     """Return a function that writes landmarks (n, 2, p), learns from them, and returns outcomes."""
-
-    def run(landmarks, further=None, **changes):
-        images = LandmarkSet(
-            landmarks=100.0 * landmarks + 300.0,
-            landmark_names=tuple(f"p{j}" for j in range(landmarks.shape[2])),
-            items=tuple(f"image{i}" for i in range(len(landmarks))),
-        )
-        save(tmp_path / "images.h5", images.replaced(**further or {}))
-        given = {"shapes": tmp_path / "images.h5", "output": tmp_path / "dict.h5", "k": 5}
-        return list(learn_dict.run(LearnDictConfig(**given | changes)))
-
-    return run
+    return partial(learn_in, tmp_path)
 
 
-def lift(tmp_path):
-    """Fit the images by what was learned of them."""
-    files = (tmp_path / name for name in ("images.h5", "dict.h5", "result.h5"))
-    return fit_file(*files, method="posterior")[0]
+def lift(folder):
+    """Fit the images by what was learned of them; return the result and the outcomes."""
+    files = (folder / name for name in ("images.h5", "dict.h5", "result.h5"))
+    return fit_file(*files, method="posterior")
+
+
+@pytest.fixture(scope="module")
+def learned(class_of_shapes, tmp_path_factory):
+    """Return what learns from the class and lifts it, once with each value of `flip`."""
+
+    @cache
+    def make(flip):
+        folder = tmp_path_factory.mktemp("learned")
+        keys = {} if flip is None else {"flip": flip}
+        outcomes = learn_in(folder, class_of_shapes[:, :2], **keys)
+        result, of_fit = lift(folder)
+        return SimpleNamespace(folder=folder, outcomes=outcomes, result=result, of_fit=of_fit)
+
+    return make
 
 
 def error(result, truth, sign):
@@ -60,38 +79,37 @@ def error(result, truth, sign):
 
 
 def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
-    learn, tmp_path, class_of_shapes
+    learned, class_of_shapes
 ):
-    outcomes = learn(class_of_shapes[:, :2])
-    assert any("learned; hidden landmarks" in outcome.line for outcome in outcomes)
-    assert any("near and far" in str(text) for outcome in outcomes for text in outcome.warnings)
-    errors = [error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)]
+    made = learned(None)
+    assert any("learned; hidden landmarks" in outcome.line for outcome in made.outcomes)
+    told = [str(text) for outcome in made.outcomes for text in outcome.warnings]
+    assert any("near and far" in text for text in told)
+    errors = [error(made.result, class_of_shapes, sign) for sign in (1, -1)]
     assert min(errors) < 0.1
     # landmarks that might be pixels: what was learned is seen as it was learned
-    assert "focal" not in lift(tmp_path).columns
-    learn(class_of_shapes[:, :2], flip=True)
-    flipped = [error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)]
+    assert "focal" not in made.result.columns
+    flipped = [error(learned(True).result, class_of_shapes, sign) for sign in (1, -1)]
     assert int(np.argmin(flipped)) != int(np.argmin(errors))
     assert min(flipped) < 0.1
 
 
-def description(tmp_path):
+def description(folder):
     """What `info` says of the dictionary that was learned."""
-    return next(iter(info.run(InfoConfig(files=(tmp_path / "dict.h5",))))).note
+    return next(iter(info.run(InfoConfig(files=(folder / "dict.h5",))))).note
 
 
 def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
-    learn, tmp_path, class_of_shapes
+    learned, class_of_shapes
 ):
-    learn(class_of_shapes[:, :2])
-    files = [tmp_path / name for name in ("images.h5", "dict.h5", "result.h5")]
-    result, outcomes = fit_file(*files, method="posterior")
+    folder, result, outcomes = learned(None).folder, learned(None).result, learned(None).of_fit
+    files = [folder / name for name in ("images.h5", "dict.h5", "result.h5")]
     assert not result.columns["trusted"].any()
     assert (result.columns["reasons"] == "near and far not told apart").mean() > 0.9
     texts = [str(text) for each in outcomes for text in each.warnings]
     (warning,) = [text for text in texts if "learned from 2D" in text]
     assert "learned from 2D landmarks: learned; near and far open" in warning
-    assert "near and far open" in description(tmp_path)
+    assert "near and far open" in description(folder)
     request = verify.Request(files[2], files[1], (files[0],))
     assert not [each.failures for each in verify.run(request) if each.failures]
     found = result.shapes - result.shapes.mean(axis=2, keepdims=True)
@@ -101,11 +119,10 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
 
 
 @pytest.mark.parametrize("flip", [True, False])
-def test_who_states_what_is_near_has_images_trusted(learn, tmp_path, class_of_shapes, flip):
-    learn(class_of_shapes[:, :2], flip=flip)
-    result = lift(tmp_path)
-    assert result.columns["trusted"].mean() > 0.9
-    assert "learned; near and far stated by `flip`" in description(tmp_path)
+def test_who_states_what_is_near_has_images_trusted(learned, flip):
+    made = learned(flip)
+    assert made.result.columns["trusted"].mean() > 0.9
+    assert "learned; near and far stated by `flip`" in description(made.folder)
 
 
 def test_the_verdict_stays_with_the_dictionary(tmp_path):
@@ -129,7 +146,7 @@ def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, s
     camera = np.array([[400 * size, 0, 300], [0, 400 * size, 300], [0, 0, 1.0]])
     learn(visible, {"further": {"camera_matrix": camera}})
     assert "near and far told by perspective" in description(tmp_path)
-    found = lift(tmp_path)
+    found, _ = lift(tmp_path)
     assert found.columns["trusted"].any()
     assert error(found, shapes, 1) < 0.3 < error(found, shapes, -1)
 
@@ -175,7 +192,8 @@ def test_missing_landmarks_and_confidences_and_sequences_are_taken(
         "sequences": ("a",) * (N // 2) + ("b",) * (N - N // 2),
     }
     learn(landmarks, further)
-    assert min(error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)) < 0.2
+    found, _ = lift(tmp_path)
+    assert min(error(found, class_of_shapes, sign) for sign in (1, -1)) < 0.2
 
 
 def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes):

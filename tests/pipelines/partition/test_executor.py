@@ -47,9 +47,8 @@ def command(output: str, *options: object) -> list[str]:
 
 
 def fit(folder: Path, output: str, *options: object) -> str:
-    """Run fit to its end; return what it reports."""
-    keys = {"capture_output": True, "text": True, "timeout": LIMIT, "check": False}
-    done = subprocess.run(command(output, *options), cwd=folder, **keys)
+    """Run fit to its end, in this process; return what it reports."""
+    done = run_in(folder, *command(output, *options)[1:])
     assert done.returncode == 0, done.stderr
     return done.stderr
 
@@ -143,7 +142,7 @@ class TestProcesses:
         while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < end:
             time.sleep(0.05)
         assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
-        goes_on(data, output, "--workers", 2)
+        goes_on(data, output)
 
     def test_a_part_that_kills_its_process_is_named(self, data, monkeypatch, tmp_path):
         """The others are done, although they were under way when the processes died."""

@@ -91,13 +91,14 @@ METHODS = [
     *("convex", "convex+refine", "alternate", "mean-shape", "global", "pmp"),
     *("posterior", "sequences"),
 ]
-FORMS = [*((form, method) for form in ("csv", "hdf5", "folder") for method in METHODS)]
+FORMS = [(form, True) for form in ("csv", "hdf5", "folder")] + [("hdf5", False)]
+"""Form of the images, and whether there are several files of them and parts of the result."""
 
 
-@pytest.mark.parametrize(("form", "method"), FORMS)
-@pytest.mark.parametrize("parts", [False, True], ids=["whole", "parts"])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("form", "parts"), FORMS)
 def test_every_kind_of_file_is_accepted(
-    verify, world, dictionaries, tables, persons, tmp_path, form, method, parts
+    verify, world, dictionaries, tables, persons, tmp_path, form, parts, method
 ):
     files = persons if form == "folder" else tables[form]
     files = files if parts else files[:1]
