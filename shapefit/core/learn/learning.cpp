@@ -1,6 +1,7 @@
-// Codes of shapes for given atoms.
+// Codes of shapes for given atoms, and factors of many small precisions.
 #include "../base/registry.hpp"
 #include "../base/active_set.hpp"
+#include "../base/small_matrices.hpp"
 
 namespace shapefit {
 
@@ -54,5 +55,27 @@ void code(const CodingData& data, Range range) {
 }
 
 const Exported<code> code_exported{"code"};
+
+struct FactorData {
+    Arguments& from;
+    Tensor<const double> matrices = from("matrices", "n d d");  // M = L L^T
+    Tensor<double> inverses = from("inverses", "n d d");        // L^-1
+    Vector<double> log_det = from("log_det", "n");  // of M, nan where it is not positive definite
+};
+
+void invert_factors(const FactorData& data, Range range) {
+    const long d = data.matrices.size[1], D = padded(d);
+    Workspace workspace;
+    double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
+    for (long image = range.first; image < range.last; ++image) {
+        for (long i = 0; i < D; ++i)
+            for (long j = 0; j < D; ++j)
+                S[i * D + j] = i < d && j < d ? data.matrices[image][i][j] : i == j;
+        data.log_det[image] = cholesky_inverse(S, V, D, D);
+        for (long i = 0; i < d; ++i) memcpy(data.inverses[image][i].data, V + i * D, d * sizeof(double));
+    }
+}
+
+const Exported<invert_factors> invert_factors_exported{"invert_factors"};
 
 }  // namespace shapefit

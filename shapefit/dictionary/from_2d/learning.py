@@ -64,7 +64,7 @@ EXACT = 5e-4
 SIZE_STD, SCALE = 0.1, 0.01
 """First deviation of log s, and that of the images that its prior stands for."""
 
-BLOCK = 256
+BLOCK = 16
 """Images at a time: what they take fits in the cache."""
 
 COMPLETION_ROUNDS = 30

@@ -28,8 +28,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dtrtri
 
+from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.geometry.rotations import exponential
 
@@ -131,9 +131,9 @@ class Gaussian:
 class Expected:
     """Of n images: log_density (n,), shapes E x (n, 3, p) and translation (n, 2).
 
-    root (n, q + 2, q + 2), the upper factor U of M^-1 = U U^T, and gain (n, p) = s^2 rho / v, from
-    which covariances follow; gradient (n, 4) and information (n, 4, 4) of the log density by the
-    view, None where they were not asked for; residual_variance
+    spread (n, 3p, q + 2), a root of the covariance of shapes but for what landmarks alone tell, and
+    gain (n, p) = s^2 rho / v, from which that follows; gradient (n, 4) and information (n, 4, 4) of
+    the log density by the view, None where they were not asked for; residual_variance
     (n,), the sum over the visible landmarks of omega^2 E |e|^2; flip_gain (n, p), the log density
     that an image gains where one landmark becomes an outlier, or stops to be one.
     """
@@ -142,7 +142,7 @@ class Expected:
     flip_gain: Floats
     shapes: Floats
     translation: Floats
-    root: Floats
+    spread: Floats
     gain: Floats
     gradient: Floats | None
     information: Floats | None
@@ -154,8 +154,9 @@ def posterior_mean(
 ) -> Expected:
     """Expectation step: shapes given their images, with the slopes of the log density by the views.
 
-    The gradient is that of the expected log density of image and shape together (Fisher's
-    identity); the information is that of the mean shape, the covariance held.
+    With U U^T = M^-1 all that is needed of it follows from V U, by landmark. The gradient is that
+    of the expected log density of image and shape together (Fisher's identity); the information is
+    that of the mean shape, the covariance held.
     """
     n, _, p = images.landmarks.shape
     q = model.modes.shape[2]
@@ -167,69 +168,65 @@ def posterior_mean(
     rest = (s**2 * model.rest)[:, None]
     v = rest + model.noise / np.where(there, omega, 1.0) ** 2
     u = np.where(visible, 1.0 / v, 0.0)
-    V = model.modes.transpose(1, 0, 2)  # (p, 3, q)
-    B = np.empty((n, p, 2, q + 2))
-    B[..., :q] = np.einsum("nci,piq->npcq", sPR, V, optimize=True)
-    B[..., q:] = np.eye(2)
+    B = np.zeros((n, 2, p, q + 2))
+    B[..., :q] = (sPR.reshape(2 * n, 3) @ model.modes.reshape(3, p * q)).reshape(n, 2, p, q)
+    B[:, 0, :, q] = B[:, 1, :, q + 1] = 1.0
     flat = B.reshape(n, 2 * p, q + 2)
-    mean = np.einsum("nci,ip->ncp", sPR, model.mean)
-    r = np.where(there[:, None], images.landmarks - mean, 0.0).transpose(0, 2, 1)  # (n, p, 2)
-    uB = (u[:, :, None, None] * B).reshape(n, 2 * p, q + 2)
-    M = uB.transpose(0, 2, 1) @ flat
+    r = np.where(there[:, None], images.landmarks - sPR @ model.mean, 0.0)
+    M = (u[:, None, :, None] * B).reshape(flat.shape).transpose(0, 2, 1) @ flat
     M[:, np.arange(q), np.arange(q)] += 1.0
     M[:, [q, q + 1], [q, q + 1]] += FLAT
-    L = np.linalg.cholesky(M)
-    root = np.array([dtrtri(one, lower=1)[0].T for one in L])
-    linear_term = uB.transpose(0, 2, 1) @ r.reshape(n, -1, 1)
-    z = (root @ (root.transpose(0, 2, 1) @ linear_term))[..., 0]
-    left = r - (flat @ z[..., None]).reshape(n, p, 2)
-    alpha = u[:, :, None] * left
-    log_density = -0.5 * np.einsum("npc,npc->n", r, alpha)
-    log_density -= np.log(np.einsum("nqq->nq", L)).sum(axis=1)
+    inverses, log_det = np.empty_like(M), np.empty(n)
+    core.invert_factors(matrices=M, inverses=inverses, log_det=log_det, threads=1)
+    root = inverses.transpose(0, 2, 1)
+    linear_term = (u[:, None] * r).reshape(n, 1, 2 * p) @ flat
+    z = (root @ (linear_term @ root)[:, 0, :, None])[..., 0]
+    left = r - (flat @ z[..., None]).reshape(n, 2, p)
+    alpha = u[:, None] * left
+    log_density = -0.5 * ((r * alpha).sum(axis=(1, 2)) + log_det)
     log_density -= np.where(visible, np.log(2 * np.pi * v), 0.0).sum(axis=1)
     log_density += OUTLIERS * (there & ~visible).sum(axis=1)
     deviation = views.log_scale - model.log_size[images.sequence]
     variance = model.size_variance
     log_density -= 0.5 * (deviation**2 / variance + np.log(2 * np.pi * variance))
     gain = rest * u
-    shapes = (
-        model.mean
-        + np.einsum("piq,nq->nip", V, z[:, :q])
-        + np.einsum("np,nci,npc->nip", gain / s[:, None], PR, left, optimize=True)
-    )
-    half = flat @ root
-    blocks = half.reshape(n, p, 2, q + 2)
-    H = blocks @ blocks.transpose(0, 1, 3, 2)  # what the others leave open of a landmark
-    BK = u[:, :, None, None] * H
+    back = gain / s[:, None]
+    RP = PR.transpose(0, 2, 1)
+    V = model.modes.reshape(3 * p, q)
+    shapes = model.mean + (z[:, :q] @ V.T).reshape(n, 3, p) + back[:, None] * (RP @ left)
+    VU = (V @ root[:, :q]).reshape(n, 3, -1)
+    half = (sPR @ VU).reshape(n, 2, p, q + 2)
+    half += root[:, q:, None]
+    # H = B M^-1 B^T of each landmark with itself: what the others leave open of it
+    H = np.einsum("ncpk,ndpk->npcd", half, half)
+    half *= u[:, None, :, None]
+    weighted = half.reshape(n, 2, -1)
     share = np.where(visible, 1 - gain, 0.0)
     flip_gain = np.where(there, flip_gain_of(left, H, v, visible), -np.inf)
-    of_view = np.einsum("npcc->np", BK) * v
     residual_variance = (
-        omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
+        omega**2 * share**2 * ((left**2).sum(axis=1) + H[..., 0, 0] + H[..., 1, 1])
+        + 2 * omega**2 * share * rest
     ).sum(axis=1)
     gradient = information = None
     if slopes:
         # d log p = alpha^T dA x^ - tr(dA C A^T Sigma^-1), of which the second takes the blocks of
         # each landmark with itself
-        uBM = np.repeat(u, 2, axis=1)[..., None] * (half @ root.transpose(0, 2, 1))
-        K = uBM[..., :q].reshape(n, p, 2, q).transpose(1, 0, 2, 3).reshape(p, 2 * n, q)
-        of_landmark = (K @ V.transpose(0, 2, 1)).reshape(p, n, 2, 3).transpose(1, 0, 3, 2)
-        stays = (gain / s[:, None])[:, :, None, None] * (np.eye(2) - BK)
-        of_landmark = of_landmark.sum(axis=1) + PR.transpose(0, 2, 1) @ stays.sum(axis=1)
+        stays = back[..., None, None] * (np.eye(2) - u[..., None, None] * H)
+        of_landmark = weighted @ VU.transpose(0, 2, 1) + stays.sum(axis=1) @ PR
         D = s[:, None, None, None] * np.einsum("oca,nai->noci", TURNS, views.rotation)
-        moved = np.einsum("noci,nip->nopc", D, shapes, optimize=True)
-        gradient = np.einsum("nopc,npc->no", moved, alpha) - np.einsum(
-            "noci,nic->no", D, of_landmark
-        )
-        J = np.einsum("noci,ip->nopc", D, model.mean, optimize=True).reshape(n, DIRECTIONS, -1)
-        JB = J @ uB @ root
-        uJ = J * np.repeat(u, 2, axis=1)[:, None]
+        moved = alpha @ shapes.transpose(0, 2, 1)
+        gradient = np.einsum("noci,nci->no", D, moved - of_landmark)
+        J = (D.reshape(-1, 3) @ model.mean).reshape(n, DIRECTIONS, 2 * p)
+        uJ = J * np.tile(u, 2)[:, None]
+        JB = uJ @ flat @ root
         information = J @ uJ.transpose(0, 2, 1) - JB @ JB.transpose(0, 2, 1)
         gradient[:, 3] -= deviation / variance
         information[:, 3, 3] += 1 / variance
+    spread = VU
+    spread -= (s * model.rest)[:, None, None] * RP @ weighted
     return Expected(
-        log_density, flip_gain, shapes, z[:, q:], root, gain, gradient, information,
-        residual_variance,
+        log_density, flip_gain, shapes, z[:, q:], spread.reshape(n, 3 * p, -1), gain, gradient,
+        information, residual_variance,
     )  # fmt: skip
 
 
@@ -237,7 +234,7 @@ def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Mask) -> Floats:
     """Log density gained (n, p) where one landmark becomes an outlier, or one stops to be one."""
     A = np.eye(2) + np.where(visible, -1 / v, 1 / v)[..., None, None] * H
     size = np.maximum(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2, 1e-12)
-    a, b = left[..., 0], left[..., 1]
+    a, b = left[:, 0], left[:, 1]
     square = A[..., 1, 1] * a**2 - 2 * A[..., 0, 1] * a * b + A[..., 0, 0] * b**2
     alone = -0.5 * square / (size * v) - np.log(2 * np.pi * v)
     alone += np.where(visible, 0.5, -0.5) * np.log(size)
@@ -259,18 +256,9 @@ def change_inliers(images: Images, flip_gain: Floats) -> Mask:
 def scatter(expected: Expected, views: Views, model: Gaussian) -> Floats:
     """sum_n Cov x_n (3p, 3p)."""
     n, _, p = expected.shapes.shape
-    q = model.modes.shape[2]
     PR = views.rotation[:, :2]
-    # x = mu + (I - gain R^T P^T P R) V z - gain / s R^T P^T t + ..: columns of z, then of t
-    D = np.empty((n, 3, p, q + 2))
-    RPPR = (PR.transpose(0, 2, 1) @ PR).reshape(3 * n, 3)
-    turned = (RPPR @ model.modes.reshape(3, p * q)).reshape(n, 3, p, q)
-    turned *= expected.gain[:, None, :, None]
-    np.subtract(model.modes, turned, out=D[..., :q])
-    back = np.exp(-views.log_scale)[:, None] * expected.gain
-    D[..., q:] = -np.einsum("np,nci->nipc", back, PR)
-    half = (D.reshape(n, 3 * p, q + 2) @ expected.root).transpose(1, 0, 2).reshape(3 * p, -1)
-    total: Floats = half @ half.T
+    spread = expected.spread.transpose(1, 0, 2).reshape(3 * p, -1)
+    total: Floats = spread @ spread.T
     retained = np.einsum("np,nci,ncj->pij", expected.gain, PR, PR, optimize=True)
     rest = model.rest * (n * np.eye(3) - retained)
     blocks = total.reshape(3, p, 3, p)
