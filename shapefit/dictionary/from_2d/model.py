@@ -131,7 +131,7 @@ class Gaussian:
 class Expected:
     """Of n images: log_density (n,), shapes E x (n, 3, p) and translation (n, 2).
 
-    spread (n, 3p, q + 2), a root of the covariance of shapes but for what landmarks alone tell, and
+    root (n, 3p, q + 2), a root of the covariance of shapes but for what landmarks alone tell, and
     gain (n, p) = s^2 rho / v, from which that follows; gradient (n, 4) and information (n, 4, 4) of
     the log density by the view, None where they were not asked for; residual_variance
     (n,), the sum over the visible landmarks of omega^2 E |e|^2; flip_gain (n, p), the log density
@@ -142,7 +142,7 @@ class Expected:
     flip_gain: Floats
     shapes: Floats
     translation: Floats
-    spread: Floats
+    root: Floats
     gain: Floats
     gradient: Floats | None
     information: Floats | None
@@ -178,9 +178,9 @@ def posterior_mean(
     M[:, [q, q + 1], [q, q + 1]] += FLAT
     inverses, log_det = np.empty_like(M), np.empty(n)
     core.invert_factors(matrices=M, inverses=inverses, log_det=log_det, threads=1)
-    root = inverses.transpose(0, 2, 1)
+    U = inverses.transpose(0, 2, 1)
     linear_term = (u[:, None] * r).reshape(n, 1, 2 * p) @ flat
-    z = (root @ (linear_term @ root)[:, 0, :, None])[..., 0]
+    z = (U @ (linear_term @ U)[:, 0, :, None])[..., 0]
     left = r - (flat @ z[..., None]).reshape(n, 2, p)
     alpha = u[:, None] * left
     log_density = -0.5 * ((r * alpha).sum(axis=(1, 2)) + log_det)
@@ -194,9 +194,9 @@ def posterior_mean(
     RP = PR.transpose(0, 2, 1)
     V = model.modes.reshape(3 * p, q)
     shapes = model.mean + (z[:, :q] @ V.T).reshape(n, 3, p) + back[:, None] * (RP @ left)
-    VU = (V @ root[:, :q]).reshape(n, 3, -1)
+    VU = (V @ U[:, :q]).reshape(n, 3, -1)
     half = (sPR @ VU).reshape(n, 2, p, q + 2)
-    half += root[:, q:, None]
+    half += U[:, q:, None]
     # H = B M^-1 B^T of each landmark with itself: what the others leave open of it
     H = np.einsum("ncpk,ndpk->npcd", half, half)
     half *= u[:, None, :, None]
@@ -218,14 +218,14 @@ def posterior_mean(
         gradient = np.einsum("noci,nci->no", D, moved - of_landmark)
         J = (D.reshape(-1, 3) @ model.mean).reshape(n, DIRECTIONS, 2 * p)
         uJ = J * np.tile(u, 2)[:, None]
-        JB = uJ @ flat @ root
+        JB = uJ @ flat @ U
         information = J @ uJ.transpose(0, 2, 1) - JB @ JB.transpose(0, 2, 1)
         gradient[:, 3] -= deviation / variance
         information[:, 3, 3] += 1 / variance
-    spread = VU
-    spread -= (s * model.rest)[:, None, None] * RP @ weighted
+    root = VU
+    root -= (s * model.rest)[:, None, None] * RP @ weighted
     return Expected(
-        log_density, flip_gain, shapes, z[:, q:], spread.reshape(n, 3 * p, -1), gain, gradient,
+        log_density, flip_gain, shapes, z[:, q:], root.reshape(n, 3 * p, -1), gain, gradient,
         information, residual_variance,
     )  # fmt: skip
 
@@ -257,8 +257,8 @@ def scatter(expected: Expected, views: Views, model: Gaussian) -> Floats:
     """sum_n Cov x_n (3p, 3p)."""
     n, _, p = expected.shapes.shape
     PR = views.rotation[:, :2]
-    spread = expected.spread.transpose(1, 0, 2).reshape(3 * p, -1)
-    total: Floats = spread @ spread.T
+    root = expected.root.transpose(1, 0, 2).reshape(3 * p, -1)
+    total: Floats = root @ root.T
     retained = np.einsum("np,nci,ncj->pij", expected.gain, PR, PR, optimize=True)
     rest = model.rest * (n * np.eye(3) - retained)
     blocks = total.reshape(3, p, 3, p)

@@ -152,26 +152,26 @@ def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
     b, _ = slope_and_correlation(x, y[: len(x)])
     z = x - b * (y[: len(x)] - freedom)
     mean = float(np.nanmean(z))
-    believed = np.where(shown[: len(x)], inliers, 0.0).sum(axis=1)
-    excess = mean - float(2 * np.nanmean(believed) - VIEWED)
+    number = np.where(shown[: len(x)], inliers, 0.0).sum(axis=1)
+    excess = mean - float(2 * np.nanmean(number) - VIEWED)
     return excess, float(np.nanvar(z) + 2 * freedom * b**2) / (2 * mean)
 
 
 def slope_and_correlation(x: Floats, y: Floats) -> tuple[float, float]:
     """Of x (n,), nan where there is no posterior, over y (n,)."""
-    found = np.isfinite(x)
-    C = np.cov(x[found], y[found])
+    finite = np.isfinite(x)
+    C = np.cov(x[finite], y[finite])
     return float(C[0, 1] / C[1, 1]), float(C[0, 1] / np.sqrt(C[0, 0] * C[1, 1]))
 
 
 def true_distances(prior: Mixture, k: Integers, R: Floats, w: Floats, shown: Flags) -> Floats:
     """Squared Mahalanobis distances (n,) of shown landmarks at the true components and views."""
-    rows, seen = np.arange(len(k))[:, None], np.nonzero(shown)[1].reshape(len(k), -1)
-    P, m = R[:, None, None, :2], seen.shape[1]
-    C = prior.by_landmark[k[:, None, None], seen[:, :, None], :, seen[:, None], :]
+    rows, index = np.arange(len(k))[:, None], np.nonzero(shown)[1].reshape(len(k), -1)
+    P, m = R[:, None, None, :2], index.shape[1]
+    C = prior.by_landmark[k[:, None, None], index[:, :, None], :, index[:, None], :]
     S = (P @ C @ P.swapaxes(3, 4) + WIDE * np.eye(2)).transpose(0, 1, 3, 2, 4)
     S = S.reshape(len(k), 2 * m, 2 * m) + RESIDUAL_VARIANCE * np.eye(2 * m)
-    r = (w - (R @ prior.means[k])[:, :2])[rows, :, seen].reshape(len(k), 2 * m, 1)
+    r = (w - (R @ prior.means[k])[:, :2])[rows, :, index].reshape(len(k), 2 * m, 1)
     squares: Floats = (r * np.linalg.solve(S, r)).sum(axis=(1, 2))
     return squares
 
