@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import webbrowser
@@ -9,6 +10,7 @@ from itertools import count
 from pathlib import Path
 
 import pytest
+from shapefit.cli import main
 from shapefit.cli.commands import COMMANDS
 
 from shapefit.config import CONFIGS, load_config
@@ -196,6 +198,18 @@ def test_the_shell_completes_commands_and_options():
     assert complete("shapefit learn") == ["learn-dict"]
     assert complete("shapefit fit --key") == ["--keypoints"]
     assert "#compdef shapefit" in complete("shapefit", "zsh_source")
+
+
+def test_a_process_has_one_thread_of_blas_where_nobody_says_how_many(monkeypatch):
+    """Those of several processes would wait for one another."""
+    monkeypatch.setattr("sys.argv", ["shapefit", "--version"])
+    monkeypatch.setattr("gc.disable", lambda: None)
+    monkeypatch.setattr("signal.getsignal", lambda _number: signal.SIG_IGN)  # so they stay
+    for stated, used in (("", "1"), ("3", "3")):
+        monkeypatch.setattr("os.environ", {"OPENBLAS_NUM_THREADS": stated} if stated else {})
+        with pytest.raises(SystemExit) as ended:
+            main.main()
+        assert (ended.value.code, os.environ["OPENBLAS_NUM_THREADS"]) == (0, used)
 
 
 def test_what_a_terminal_would_obey_is_shown_as_an_escape():

@@ -140,7 +140,7 @@ def test_groups_are_summed_up():
 
 
 def test_factors_undo_what_error_bars_lack(rng):
-    """Errors twice as large as the bars, all of them or the larger half, and too few of them."""
+    """Errors twice as large as the bars, all of them or the larger half; few, and too few."""
     z = np.sort((rng.standard_normal((40_000, 3)) ** 2).sum(axis=1))
 
     def factors(squares):
@@ -149,4 +149,6 @@ def test_factors_undo_what_error_bars_lack(rng):
     assert list(factors(4 * z).values()) == pytest.approx([2, 2], rel=0.01)
     outer = np.where(z > np.quantile(z, 0.6), 4 * z, z)
     assert list(factors(outer).values()) == pytest.approx([1, 2], rel=0.01)
-    assert factors(z[:3])["90%"] is None
+    fifth_and_ninth = np.sqrt(np.array([5, 9]) / [*QUANTILES.values()])
+    assert list(factors(np.arange(1.0, 10)).values()) == pytest.approx(fifth_and_ninth)
+    assert factors(z[:8])["90%"] is None

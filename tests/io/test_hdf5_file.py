@@ -1,9 +1,12 @@
 """HDF5: what is stored and read, what each fault says, what damage, links and full disks do."""
 
+import errno
 import multiprocessing
 import os
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
+from unittest.mock import Mock
 
 import h5py
 import numpy as np
@@ -556,6 +559,18 @@ try:
 except InputError as error:
     print(error)
 """
+
+
+def test_a_full_disk_is_told_and_one_that_cannot_reserve_is_not(shapes, tmp_path, monkeypatch):
+    reserve = Mock()
+    monkeypatch.setattr(os, "posix_fallocate", reserve)
+    for number in (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSPC):
+        reserve.side_effect = OSError(number, "refused")
+        with (
+            pytest.raises(InputError, match="No space") if number == errno.ENOSPC else nullcontext()
+        ):
+            write_shapes(tmp_path / f"{number}.h5", shapes)
+        assert (tmp_path / f"{number}.h5").exists() == (number != errno.ENOSPC)
 
 
 @pytest.mark.parametrize("limit", [0, 1_000, 300_000, 2_500_000])

@@ -21,7 +21,7 @@ translation = [1.0, 2.0, 3.0]
 [cam_1]
 port = 7
 size = [640, 480]
-matrix = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
+matrix = [[500, 1e-4, 320], [0, 500, 240], [0, 0, 1]]  # but for rounding
 distortions = [-0.1, 0.01, 0.001, 0.002]
 rotation = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
 translation = [1, 2, 3]

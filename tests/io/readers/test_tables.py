@@ -194,13 +194,13 @@ def test_columns_of_individuals(tmp_path, column, cells, names):
 
 
 def test_tables_in_metres_are_shapes_in_metres(tmp_path):
-    """As `convert -o NAME.metres.csv` writes them."""
-    rows = [f"{n},{n / 25:.10g},{name},{n},2,3,,true" for n in (7, 8) for name in ("nose", "tail")]
+    """As `convert -o NAME.metres.csv` writes them, with ten digits of the time."""
+    rows = [f"{n},{n / 120:.10g},{name},{n},2,3,,true" for n in (7, 8) for name in ("nose", "tail")]
     text = "\n".join(["frame,time,landmark,x,y,z,sd,trusted", *rows]) + "\n"
     with open_shapes([table(tmp_path / "man.metres.csv", text)]) as source:
         shapes = source.whole()
         assert source.notes == ()
-    assert (shapes.unit, shapes.frame_rate, len(shapes)) == ("m", 25.0, 2)
+    assert (shapes.unit, shapes.frame_rate, len(shapes)) == ("m", 120.0, 2)
     assert shapes.shapes[1].T.tolist() == [[8, 2, 3], [8, 2, 3]]
 
 

@@ -94,6 +94,7 @@ def test_jabs(tmp_path, rng, read, problem):
     np.testing.assert_array_equal(found.landmarks.swapaxes(1, 2), points[:, 0])
     assert found.confidence[3].tolist() == [0.5, 0.5, 0, *[0.5] * 9]
     assert (found.items[0], found.landmark_names[:2]) == ("mouse/0", ("NOSE", "LEFT_EAR"))
+    assert {*found.lines.ravel()} == {*range(12)}  # no landmark stands alone
     with h5py.File(tmp_path / JABS, "a") as file:
         values = file["poseest/points"][:]
         del file["poseest/points"]
@@ -121,12 +122,14 @@ def test_a_file_of_nwb_whose_series_differ_in_time(tmp_path, points, confidence,
     assert np.flatnonzero(seen).tolist() == [2, 5]
     assert found.landmarks[5, :, 1].tolist() == [3, 4]
     assert found.confidence[:, 1].tolist() == [0, 0, 0.5, 0, 0, 0.75, 0]
-    with h5py.File(path, "a") as file:
-        for series in file["processing/behavior/animal0"].values():
-            if "starting_time" in series:
-                del series["starting_time"]
-                series["timestamps"] = np.arange(7) / 30
-    assert read(path).frame_rate == pytest.approx(30)
+    for late, rate in ((0.0199, pytest.approx(30)), (0.02005, None)):  # of the usual step
+        with h5py.File(path, "a") as file:
+            for number in (0, 2, 3):
+                series = file[f"processing/behavior/animal0/point{number}"]
+                for name in {"starting_time", "timestamps"} & series.keys():
+                    del series[name]
+                series["timestamps"] = np.append(np.arange(6), 6 + late) / 30
+        assert read(path).frame_rate == rate
 
 
 @pytest.mark.parametrize("stated", [False, True])
@@ -284,9 +287,10 @@ def test_the_unit_of_shapes_in_nwb_is_that_of_all_series(tmp_path, rng, units, u
         for number in range(4):
             data = file[f"processing/behavior/animal0/point{number}/data"]
             data.attrs["unit"] = units[number % len(units)]
+            data.attrs["conversion"] = 0.001
     shapes, _ = load_shapes(tmp_path / "poses.nwb")
     assert shapes.unit == unit
-    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), points[:, 0])
+    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), points[:, 0] / 1000)
 
 
 @pytest.fixture

@@ -162,6 +162,15 @@ def test_the_reach_grows_with_the_frames_that_are_missed(missed, moved, same):
     assert (found[0] == found[1]) == same
 
 
+@pytest.mark.parametrize(("moved", "same"), [(0.7, True), (0.8, False)])
+def test_who_is_missed_is_expected_to_walk_on_for_three_frames(moved, same):
+    """And then to stand: 4 missed frames add 0.4 to the reach of 0.35."""
+    step = np.array([0.2 * SIZE, 0])
+    walk = [FIGURE + number * step for number in range(30)]
+    found = follow([*walk, walk[-1] + 3 * step + (moved * SIZE, 0)], [*range(30), 34])
+    assert (found[0] == found[-1]) == same
+
+
 @pytest.mark.parametrize(("frames", "same"), [(2, True), (60, False)])
 def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
     """It is at least 0.95 of that in the frame before: for some frames hidden limbs count."""
