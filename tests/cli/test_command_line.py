@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from shapefit.cli import main
-from shapefit.cli.commands import COMMANDS
+from shapefit.cli.commands import COMMANDS, make_options
 
 from shapefit.config import CONFIGS, load_config
 from shapefit.config.model import keys_of
@@ -162,6 +162,10 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipel
     lines = [line for line in shapefit(*FIT.split()).err.splitlines() if "/90 images, " in line]
     assert 2 <= len(lines) <= 4
     assert lines[0].startswith("fit: ")
+
+
+def test_every_option_says_what_it_is_for():
+    assert all(option.help for spec in COMMANDS for option in make_options(spec.options).values())
 
 
 @pytest.mark.parametrize("command", NAMES)

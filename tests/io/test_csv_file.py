@@ -327,6 +327,12 @@ def test_numbers_come_back_to_the_last_bit(values):
     assert read_numbers(cells)[0].tobytes() == np.array(values).tobytes()
 
 
+def test_one_landmark_has_one_row_an_item(tmp_path, same):
+    images = LandmarkSet(np.arange(10.0, 16).reshape(3, 2, 1), ("a",), ("i", "j", "k"))
+    save(tmp_path / "one.csv", images)
+    same(load(tmp_path / "one.csv"), images)
+
+
 def test_minus_one_without_a_confidence_is_unseen(csv):
     header, rows = "item,landmark,x,y", ["a,nose,-1,-1", "a,tail,50,-1", "a,ear,60,70"]
     visible = load(csv("\n".join([header, *rows]))).visible()
@@ -373,6 +379,17 @@ class TestLargeTables:
         same(concatenate(parts), whole)
         same(rows, whole.take([1, 2, 30]))
         assert tuple(names) == whole.items
+
+    def test_their_items_are_estimated_by_the_length_of_the_first_lines(self, csv, monkeypatch):
+        path = self.table(csv, [(i, j) for i in range(40) for j in range(4)])
+        with open_landmarks([path], head=True) as source:
+            assert source.count < source.estimate == pytest.approx(40, abs=4)
+        rows = [f"{'i' * (100_000 if i < 11 else 1)}{i},a,1,2\n" for i in range(99)]
+        monkeypatch.setattr(inputs, "BLOCK_BYTES", 1 << 20)
+        monkeypatch.setattr("shapefit.io.csv_file.MAX_IN_MEMORY", 80)
+        path = csv("item,landmark,x,y\n" + "".join(rows))
+        with open_landmarks([path], head=True) as source:
+            assert source.count == source.estimate == 99  # and no fewer than were read
 
     @pytest.mark.parametrize("stream", [False, True])
     def test_their_rows_must_stand_together(self, csv, standard_input, problems, stream):

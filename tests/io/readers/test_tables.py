@@ -211,6 +211,13 @@ def test_videos_stand_as_they_appear_and_begin_at_0(tmp_path):
     assert images.columns["frame"].tolist() == [0, 2, 0]
 
 
+def test_of_two_columns_of_one_meaning_the_first_counts(tmp_path):
+    text = WIDE.replace("tail_y", "tail_y,frame_no").replace("0\n", "0,3\n")
+    images, notes = read(table(tmp_path / "t.csv", text))
+    assert images.items == ("t/7", "t/8")
+    assert notes[0].endswith("columns left out: frame_no")
+
+
 def test_numbers_that_do_not_begin_at_0_or_1_are_names(tmp_path):
     text = "frame,x5,y5,x6,y6\n0,10,20,30,40\n"
     images, _ = read(table(tmp_path / "t.csv", text), keypoints="numbered")
