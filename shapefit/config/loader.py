@@ -167,7 +167,7 @@ def read_yaml(text: str, name: str, places: Places | None = None, folder: Path =
     except MarkedYAMLError as error:
         mark, problem = error.problem_mark or error.context_mark, error.problem or error.context
         place = position(mark) if mark else place
-    except (YAMLError, ValueError) as error:
+    except (YAMLError, ValueError, LookupError) as error:  # the last of `!!bool x`
         problem = str(error).splitlines()[0]
     except RecursionError:
         problem = "lists or mappings are nested too deeply, or an alias contains itself"

@@ -62,6 +62,8 @@ fit | skeleton: {head: 2, neck: 1} | 4:21 | expected a mapping of head, hips and
 fit | image_size: [1, -2] | 4:17 | expected a list of 2 items, each a number > 0, found -2
 fit | noise: 1; noise: 2 | 5:1 | not valid YAML: found duplicate key 'noise'
 fit | noise: !!int x | 1:1 | not valid YAML: invalid literal for int()
+fit | noise: !!bool x | 1:1 | not valid YAML: 'x'
+fit | noise: |;   ;    x | 6:4 | not valid YAML: more indented follow up line than first in a block scalar
 fit | lam: 1 | 4:1 | unknown key 'lam'; did you mean 'lambda'?
 eval | metrics: [camra] | 4:11 | expected a list, each similarity, camera, rotation, reprojection, expected, precision or recall, found 'camra'; did you mean 'camera'?
 eval | groups: {A: 3} | 4:10 | expected a mapping to values, each a text, found 3
