@@ -34,12 +34,6 @@ def test_what_is_read_is_written_as_it_was(tmp_path, sample, people, views):
     assert found.attributes["method"] == "convex"
 
 
-def test_a_file_that_is_not_there_is_an_error(tmp_path):
-    for read in (shapefit.read_shapes, shapefit.read_landmarks, shapefit.read_dictionary):
-        with pytest.raises(shapefit.InputError, match=r"nowhere\.h5"):
-            read(tmp_path / "nowhere.h5")
-
-
 def test_every_name_is_there_and_no_other():
     assert set(shapefit.__all__) <= set(dir(shapefit))
     for name in shapefit.__all__:

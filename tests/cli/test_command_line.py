@@ -13,7 +13,7 @@ import pytest
 from shapefit.cli import main
 from shapefit.cli.commands import COMMANDS, make_options
 
-from shapefit.config import CONFIGS, load_config
+from shapefit.config import CONFIGS
 from shapefit.config.model import keys_of
 from shapefit.config.reference import rows
 from shapefit.errors import InputError, path_text, printable
@@ -177,16 +177,6 @@ def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
     assert (told.code, told.err) == (0, "")
     printed = {line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"}
     assert printed == {way[0] for way in keys_of(CONFIGS[command])}
-
-
-def test_a_printed_config_serves_once_its_inputs_are_given(shapefit, fake_pipeline, folder):
-    configs = fake_pipeline("fit.run", [])
-    printed = shapefit("fit", "--set", "lambda=2", "--print-config").out
-    (folder / "printed.yaml").write_text(printed)
-    inputs = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": "result.h5"}
-    config = load_config("fit", folder / "printed.yaml", (), inputs)
-    assert config == load_config("fit", None, ("lambda=2",), inputs)
-    assert configs == []
 
 
 def complete(words: str, kind: str = "bash_complete") -> list[str]:

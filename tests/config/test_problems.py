@@ -155,12 +155,6 @@ def test_results_of_one_name_must_be_named_apart(folder):
     assert "would both be called 'a'" in told
 
 
-@pytest.mark.parametrize("name", ["poeple", "models/people"])
-def test_what_is_no_name_of_a_dictionary(folder, name):
-    problem = only_problem("fit", "", f"dictionary={name}")
-    assert problem == f"--set dictionary={name}: no file {folder / name}; check the spelling"
-
-
 def test_one_file_is_not_several(folder):
     (folder / "b.h5").touch()
     told = only_problem("fit", "", "dictionary='*.h5'")

@@ -106,8 +106,6 @@ def test_arrange_moves_labels_with_their_landmarks(landmarks, rng, kind):
 def test_arrays_of_wrong_shape_are_a_programmers_error(rng):
     with pytest.raises(ValueError, match="shapes has the shape"):
         ShapeSet(rng.normal(size=(2, 4, 3)), ("a", "b", "c", "d"), ("x", "y"))
-    with pytest.raises(ValueError, match="shapes has the shape"):
-        ShapeSet(np.zeros((2, 3)), ("a",), ("x", "y"))
     with pytest.raises(ValueError, match="confidence has the shape"):
         LandmarkSet(
             landmarks=np.zeros((2, 2, 1)),
@@ -120,10 +118,10 @@ def test_arrays_of_wrong_shape_are_a_programmers_error(rng):
 
 
 def test_columns_belong_to_the_file_or_to_its_items():
-    columns = {"angle": np.zeros((3, 2)), "camera_matrix": np.eye(3)}
+    columns = {"angle": np.zeros((3, 2)), "camera_matrix": np.eye(3), "mirror_index": np.arange(3)}
     whole = {"colours": np.zeros((4, 3)), "K": np.eye(3)}
     shapes = ShapeSet(np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns=columns, whole=whole)
-    assert shapes.whole.keys() == {"camera_matrix", "colours", "K"}
+    assert shapes.whole.keys() == {"camera_matrix", "mirror_index", "colours", "K"}
     assert shapes.per_item.keys() == {"shapes", "angle"}
     assert shapes.further.keys() == columns.keys() | whole.keys()
     assert shapes.take([1]).whole["K"].shape == (3, 3)
@@ -150,19 +148,6 @@ def test_a_column_may_have_any_name(landmarks, name):
     assert more.per_item[name].tolist() == [*range(5)]
     assert "camera" in more.whole
     assert more.without([name, "camera"]).columns.keys() == landmarks.columns.keys()
-
-
-def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_landmarks():
-    partners = np.array([0, 2, 1, 3])
-    shapes = ShapeSet(
-        shapes=np.zeros((4, 3, 4)),
-        landmark_names=tuple("abcd"),
-        items=tuple("wxyz"),
-        columns={"mirror_index": partners, "mass": np.arange(4.0)},
-    )
-    some = shapes.take([2, 0])
-    np.testing.assert_array_equal(some.columns["mirror_index"], partners)
-    np.testing.assert_array_equal(some.columns["mass"], [2, 0])
 
 
 @pytest.mark.parametrize(

@@ -236,23 +236,3 @@ def test_chunks_of_a_file_must_go_together(tmp_path, landmarks, suffix):
     with pytest.raises(ValueError, match="nothing was appended"):
         write()
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.real_data
-def test_real_files_come_back_as_they_were(tmp_path, real_data, same):
-    for name in ("mocap/subject13_29_120fps_exact.h5", "cars/models.h5", "cars/fg3dcar_shapes.h5"):
-        shapes = read_shapes([real_data / name])
-        write_shapes(tmp_path / "again.h5", shapes)
-        same(read_shapes([tmp_path / "again.h5"]), shapes)
-    with open_landmarks([real_data / "cars/annotated_cars.h5"]) as source:
-        assert source.count == 1195
-        with landmark_writer(tmp_path / "cars.h5") as writer:
-            chunks = list(source.batches(500))
-            for chunk in chunks:
-                writer.append(chunk)
-    assert {"true_model", "true_rotation", "camera_matrix"} <= set(chunks[0].further)
-    with open_landmarks([tmp_path / "cars.h5"]) as source:
-        same(concatenate(list(source.batches(200))), concatenate(chunks))
-    plain = shapes.replaced(edges=None, further={}, unit="unknown")
-    write_shapes(tmp_path / "again.csv", shapes)
-    same(read_shapes([tmp_path / "again.csv"]), plain)

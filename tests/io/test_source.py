@@ -24,7 +24,7 @@ from shapefit.io.options import InputOptions
 from shapefit.io.readers.items import keep_landmarks
 from shapefit.io.source import open_results
 from tests.cli.conftest import run_in
-from tests.io.files import load, save
+from tests.io.files import save
 
 SEPARATELY = "use files that agree, or process them separately"
 
@@ -234,28 +234,6 @@ def shapefit(tmp_path, monkeypatch):
         return SimpleNamespace(code=done.returncode, text=done.stdout + done.stderr)
 
     return run
-
-
-def test_y_axis_against_what_a_file_states(shapefit, tmp_path):
-    save(tmp_path / "a.h5", LandmarkSet(np.full((1, 2, 3), 20.0), "abc", ("i",), y_axis="down"))
-    done = shapefit("convert a.h5 -o b.h5 --set y_axis=up")
-    assert (done.code, "y_axis: its y_axis is 'up', that of " in done.text) == (2, True)
-    assert shapefit("convert a.h5 -o b.h5 --set y_axis=down").code == 0
-
-
-TIDY = "item,landmark,x,y\ni,a,.25,.5\ni,b,.75,.125\nj,a,.1,.9\nj,b,.3,1.02\n"
-
-
-def test_fractions_in_our_own_table_need_the_size(shapefit, tmp_path):
-    (tmp_path / "a.csv").write_text(TIDY)
-    refused = shapefit("convert a.csv -o b.h5")
-    assert (refused.code, "image_size=[" in refused.text) == (2, True)
-    assert shapefit("convert a.csv -o b.h5 --set image_size=[200,100]").code == 0
-    images = load(tmp_path / "b.h5")
-    assert images.unit == "px"
-    np.testing.assert_allclose(images.landmarks[0], [[50, 150], [50, 12.5]])
-    (tmp_path / "a.csv").write_text("item,landmark,x,y\ni,a,-.25,.5\ni,b,.25,-.5\n")
-    assert load(tmp_path / "a.csv").landmarks.min() == -0.5  # about a centre: no fractions
 
 
 def test_one_individual_of_a_file(shapefit, tmp_path):
