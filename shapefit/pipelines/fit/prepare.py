@@ -284,6 +284,7 @@ def estimate(
     bar_scale = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
     config = config.changed(camera=camera, prior=bars)
     lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
+    lifter = replace(lifter, posterior=replace(lifter.posterior, covariance=True))
     in_file = draw_sample(images.take(np.flatnonzero(weigh(images, lifter).any(axis=1))))
     sample = matched.arrange(in_file, "landmarks")
 
@@ -298,9 +299,12 @@ def estimate(
     if of_scale:
         lifting = lift_sample(sample, lifter)
     growth, numbers, of_bars = calibrate_bars(sample, lifting, lifter, bar_scale)
-    if numbers and trust.contradicts(numbers[KAPPA], numbers[DISTANCE]) and not warning:
-        fix = "are the names of the landmarks right, and does the dictionary have such shapes?"
-        warning = f"{NO_TRUST}{of_bars}; {fix}"
+    if numbers and not warning:
+        share = trusted_share(lifting, growth)
+        by_chance = share < trust.LIMITS.min_trusted and doubtful_share(lifting) > DOUBTFUL
+        if by_chance or trust.contradicts(numbers[KAPPA], numbers[DISTANCE]):
+            fix = "are the names of the landmarks right, and does the dictionary have such shapes?"
+            warning = f"{NO_TRUST}{of_bars}; {share:.0%} of a sample would be; {fix}"
     scale = {"scale": lifter.prior_scale, "residual_variance": lifter.variance}
     return Estimates(
         {"camera": camera, "prior": {**bars, **scale}, "skeleton": skeleton},
@@ -485,6 +489,20 @@ def calibrate_bars(
         line += f"; median distance from the convex shape {distance:.2f}"
     numbers = {KAPPA: calibration.kappa, **inside, DISTANCE: distance}
     return tuple(calibration.growth(bar_scale).tolist()), numbers, line
+
+
+def trusted_share(lifting: Lifting, growth: Sequence[float]) -> float:
+    """Return the share of images that the rule for images trusts, covariances grown by growth."""
+    from shapefit.lifting.posterior.method import grow_covariance
+
+    estimate = lifting.estimate
+    covariance = grow_covariance(estimate.covariance, np.sqrt(growth))
+    assert covariance is not None  # as `estimate` asks for
+    expected = trust.expected_error(estimate.shapes, covariance)
+    visible = np.isfinite(estimate.further["inlier_probability"]).sum(axis=1)
+    numbers = (estimate.further[trust.P_VALUE], estimate.further[trust.START_DISTANCE])
+    reasons = trust.find_reasons(estimate.shapes, expected, visible, *numbers, estimate.status)
+    return float((reasons == "").mean())
 
 
 def check_names(

@@ -17,6 +17,7 @@ from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
+from shapefit.lifting import trust
 from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines import joints
 from shapefit.pipelines.fit import prepare as preparing
@@ -482,6 +483,17 @@ def test_another_skeleton_of_as_many_landmarks_is_named(warnings_of, poses, mean
     (warning,) = [text for text in warnings_of(wrong) if "is it" in text]
     assert warning.startswith("no shape of this file is to be trusted")
     assert f"is it {meant}? Set `keypoints: {meant}`" in warning
+
+
+def test_images_that_pass_by_chance_are_not_trusted(tmp_path, poses, monkeypatch):
+    monkeypatch.setattr(trust, "contradicts", lambda kappa, distance: False)
+    images, few = film(poses, "body_25"), slice(0, 19)  # as many as no other skeleton has
+    wrong = images.replaced(
+        landmarks=images.landmarks[..., few], landmark_names=images.landmark_names[1:20]
+    )
+    result, outcomes = fit_images(tmp_path, wrong, "people", method="posterior")
+    assert not result.columns["trusted"].any()
+    assert any("% of a sample would be; are the names" in text for text in texts(outcomes))
 
 
 @pytest.mark.parametrize("angle", [0, 90, 180])
