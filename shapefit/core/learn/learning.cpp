@@ -16,12 +16,8 @@ struct CodingData {
     Vector<bool> unsettled = from("unsettled", "n");  // where the moves did not become smaller
 };
 
-namespace {
-
 constexpr long MOST_ROUNDS = 10000;
 constexpr double DEPENDENT = 1e-12;  // share of an atom's square outside the span of the others
-
-}  // namespace
 
 // min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0, for the shapes of the range.
 //
@@ -58,9 +54,7 @@ const Exported<code> code_exported{"code"};
 
 struct FactorData {
     Arguments& from;
-    Tensor<const double> matrices = from("matrices", "n d d");  // M = L L^T
-    Tensor<double> inverses = from("inverses", "n d d");        // L^-1
-    Vector<double> log_det = from("log_det", "n");  // of M, nan where it is not positive definite
+    Tensor<double> matrices = from("matrices", "n d d");  // M = L L^T, L^-1 in its place
 };
 
 void invert_factors(const FactorData& data, Range range) {
@@ -71,8 +65,8 @@ void invert_factors(const FactorData& data, Range range) {
         for (long i = 0; i < D; ++i)
             for (long j = 0; j < D; ++j)
                 S[i * D + j] = i < d && j < d ? data.matrices[image][i][j] : i == j;
-        data.log_det[image] = cholesky_inverse(S, V, D, D);
-        for (long i = 0; i < d; ++i) memcpy(data.inverses[image][i].data, V + i * D, d * sizeof(double));
+        cholesky_inverse(S, V, D, D);
+        for (long i = 0; i < d; ++i) memcpy(data.matrices[image][i].data, V + i * D, d * sizeof(double));
     }
 }
 

@@ -204,29 +204,23 @@ void ascent(const PosteriorData& data, const Observed<Number<Lanes>>& observed, 
     }
 }
 
-// The Hessian at the end by differences of gradients, inlier probabilities held, and Newton's last step. A lane
-// is still moving where that step is not small: it stands on no stationary point.
+// The likelihood where an ascent ends, after one more step, and the next inlier probabilities.
 template <class Lanes>
-void finish(const PosteriorData& data, const Observed<Number<Lanes>>& observed,
+void settle(const PosteriorData& data, const Observed<Number<Lanes>>& observed,
             const Pack<Lanes>& pack, AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
-    const auto look = [&](const LaneView<Lanes>& view, Likelihood<Lanes>& found) {
-        find_likelihood(data, observed, pack, view, at.inlier_probability, false, true, space.likelihood, found,
-                        space.next);
-    };
     at.view.R.orthonormalise();  // to the last digit, from one in single precision
-    look(at.view, at.found);
-    take_last_step(at);
-    for (long j = 0; j < observed.m; ++j) at.inlier_probability[j] = space.next[j];
-    look(at.view, at.found);
-    Lanes* H = at.curvature;
-    for (int i = 0; i < VIEW; ++i) {
-        Lanes step[VIEW] = {};
-        step[i] = all<Lanes>(DIFFERENCE);
-        move(at.view, step, space.view);
-        look(space.view, space.found);
-        for (int j = 0; j < VIEW; ++j)
-            H[VIEW * i + j] = (space.found.gradient[j] - at.found.gradient[j]) / DIFFERENCE;
+    for (int again = 1; again >= 0; --again) {
+        find_likelihood(data, observed, pack, at.view, at.inlier_probability, false, true, space.likelihood, at.found,
+                        space.next);
+        if (again) take_last_step(at);
+        for (long j = 0; again && j < observed.m; ++j) at.inlier_probability[j] = space.next[j];
     }
+}
+
+// Newton's last step. A lane is still moving where it is not small: it stands on no stationary point.
+template <class Lanes>
+void finish(Ascent<Lanes>& at) {
+    Lanes* H = at.curvature;
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j < i; ++j)
             H[VIEW * i + j] = H[VIEW * j + i] = 0.5 * (H[VIEW * i + j] + H[VIEW * j + i]);

@@ -87,10 +87,10 @@ struct Ascents {
         });
         pair[count++] = from.pair[i];
     }
-    // Fill the last block with copies of its last ascent.
+    // Fill the last block with copies of its ascents, in turns.
     void pad() {
         const long own = count;
-        while (count % width<Lanes>) append(*this, own - 1);
+        while (count % width<Lanes>) append(*this, count - own % width<Lanes>);
         count = own;
     }
 
@@ -253,13 +253,42 @@ void add_all(const PosteriorData& data, long image, const Observed<double>& obse
                 add_ascent(data, image, data.means.size[0] * i + k, observed, ascents);
 }
 
-// The likelihood in double precision and its Hessian, where those stand that are near the best.
-// Whether one of them stands on a stationary point, and all are worth what the ascent took them for.
-inline bool finish_all(const PosteriorData& data, double margin, Search& search) {
+// The Hessians of a block by differences of gradients, inlier probabilities held: an ascent and a direction
+// a lane. The ascents of `side` are overwritten.
+inline void find_hessians(const PosteriorData& data, long b, const Ascents<Doubles>& ascents, Side<Doubles>& side) {
+    const long rest = ascents.count - b * WIDTH, count = rest < WIDTH ? rest : WIDTH;
+    Ascent<Doubles>& turned = side.ascents.block(0);
+    Likelihood<Doubles>& found = side.space.found;
+    for (long task = 0; task < VIEW * count; task += WIDTH) {
+        Doubles step[VIEW] = {};
+        side.ascents.count = 0;
+        for (long lane = 0; lane < WIDTH; ++lane) {
+            side.ascents.append(ascents, b * WIDTH + (task + lane) % count);
+            step[(task + lane) / count % VIEW][lane] = DIFFERENCE;
+        }
+        fetch(0, side.ascents, side);
+        move(turned.view, step, turned.view);
+        find_likelihood(data, side.observed, side.pack, turned.view, turned.inlier_probability, false, true,
+                        side.space.likelihood, found, side.space.next);
+        for (int e = 0; e < VIEW * WIDTH; ++e) {
+            const long lane = e % WIDTH, i = (task + lane) / count, j = e / WIDTH;
+            for (long to = (task + lane) % count; i < VIEW && to < WIDTH; to += count)  // and its copies
+                ascents.block(b).curvature[VIEW * i + j][to] =
+                    (found.gradient[j][lane] - turned.found.gradient[j][lane]) / DIFFERENCE;
+        }
+    }
+}
+
+// The ascents that are `late`; then the likelihood in double precision and its Hessian, where those stand
+// that are near the best. Whether one of them stands on a stationary point, and all are worth what the
+// ascent took them for.
+inline bool finish_all(const PosteriorData& data, double margin, long& steps, Search& search) {
     Ascents<Doubles>& arrived = search.arrived;
     Side<Doubles>& late = search.late;
     double best = -INFINITE;
     for (long i = 0; i < arrived.count; ++i) best = larger(value_of(data, arrived, i), best);
+    steps += run_ascents(data, MOST_ROUNDS, margin, best, late, search);
+    for (long i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
     const long count = arrived.count;
     arrived.count = 0;
     for (long i = 0; i < count; ++i)
@@ -270,7 +299,9 @@ inline bool finish_all(const PosteriorData& data, double margin, Search& search)
         Ascent<Doubles>& at = arrived.block(b);
         const Doubles before = at.found.value;
         fetch(b, arrived, late);
-        finish(data, late.observed, late.pack, late.space, at);
+        settle(data, late.observed, late.pack, late.space, at);
+        find_hessians(data, b, arrived, late);
+        finish(at);
         const Doubles difference = magnitude(at.found.value - before);
         distance = difference < AGREEMENT ? distance : all(1.0);
         standing = larger(1.0 - at.moving, standing);
@@ -292,18 +323,11 @@ inline long ascend_all(const PosteriorData& data, long image, double margin, Sea
     long steps = run_ascents(data, QUICK, margin, best, going, search);
     for (long i = 0; i < going.ascents.count; ++i)
         add_ascent(data, image, going.ascents.pair[i], late.observed, late.ascents);
-    best = -INFINITE;
-    for (long i = 0; i < arrived.count; ++i) best = larger(best, value_of(data, arrived, i));
-    steps += run_ascents(data, MOST_ROUNDS, margin, best, late, search);
-    for (long i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
-    if (finish_all(data, margin, search)) return steps;
+    if (finish_all(data, margin, steps, search)) return steps;
     // single precision failed
-    best = -INFINITE;
     arrived.count = 0;
     add_all(data, image, late.observed, late.ascents);
-    steps += run_ascents(data, MOST_ROUNDS, margin, best, late, search);
-    for (long i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
-    finish_all(data, margin, search);
+    finish_all(data, margin, steps, search);
     return steps;
 }
 

@@ -14,8 +14,6 @@ struct PrecisionData {
     Matrix<double> log_det = from("log_det", "n K");
 };
 
-void find_precisions(const PrecisionData& data, Range range);
-
 void find_precisions(const PrecisionData& data, Range range) {
     const long K = data.there.size[1], d = data.matrices.size[2], D = padded(d);
     Workspace workspace;

@@ -176,14 +176,14 @@ def posterior_mean(
     M = (u[:, None, :, None] * B).reshape(flat.shape).transpose(0, 2, 1) @ flat
     M[:, np.arange(q), np.arange(q)] += 1.0
     M[:, [q, q + 1], [q, q + 1]] += FLAT
-    inverses, log_det = np.empty_like(M), np.empty(n)
-    core.invert_factors(matrices=M, inverses=inverses, log_det=log_det, threads=1)
-    U = inverses.transpose(0, 2, 1)
+    core.invert_factors(matrices=M, threads=1)
+    U = M.transpose(0, 2, 1)
     linear_term = (u[:, None] * r).reshape(n, 1, 2 * p) @ flat
     z = (U @ (linear_term @ U)[:, 0, :, None])[..., 0]
     left = r - (flat @ z[..., None]).reshape(n, 2, p)
     alpha = u[:, None] * left
-    log_density = -0.5 * ((r * alpha).sum(axis=(1, 2)) + log_det)
+    log_density = -0.5 * (r * alpha).sum(axis=(1, 2))
+    log_density += np.log(np.einsum("nqq->nq", U)).sum(axis=1)
     log_density -= np.where(visible, np.log(2 * np.pi * v), 0.0).sum(axis=1)
     log_density += OUTLIERS * (there & ~visible).sum(axis=1)
     deviation = views.log_scale - model.log_size[images.sequence]
