@@ -259,11 +259,11 @@ def scatter(expected: Expected, views: Views, model: Gaussian) -> Floats:
     PR = views.rotation[:, :2]
     root = expected.root.transpose(1, 0, 2).reshape(3 * p, -1)
     total: Floats = root @ root.T
-    retained = np.einsum("np,nci,ncj->pij", expected.gain, PR, PR, optimize=True)
-    rest = model.rest * (n * np.eye(3) - retained)
-    blocks = total.reshape(3, p, 3, p)
-    for j in range(p):
-        blocks[:, j, :, j] += rest[j]
+    retained = expected.gain.T @ (PR.transpose(0, 2, 1) @ PR).reshape(n, 9)
+    j = np.arange(p)
+    total.reshape(3, p, 3, p)[:, j, :, j] += model.rest * (
+        n * np.eye(3) - retained.reshape(p, 3, 3)
+    )
     return total
 
 
