@@ -501,6 +501,6 @@ def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, A
 
 def _encoded(texts: Array) -> Array:
     """Return texts in UTF-8, each as long as the longest."""
-    encoded = [str(text).encode("utf-8", "backslashreplace") for text in np.ravel(texts)]
+    encoded = [str(text).encode("utf-8", "backslashreplace") for text in np.ravel(texts).tolist()]
     kind = h5py.string_dtype("utf-8", max(map(len, encoded), default=0) or 1)
     return np.array(encoded, kind).reshape(texts.shape)

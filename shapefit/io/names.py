@@ -83,16 +83,16 @@ def _find_shared_item(files: Sequence[Any]) -> str | None:
     Only names whose hash is there twice are read again and compared: 8 bytes for each item.
     """
 
-    def items() -> Iterator[tuple[Any, int, str]]:
-        for file in files:
-            names = chain.from_iterable(file.blocks("item"))
-            yield from ((file, row, name) for row, name in enumerate(names))
+    def names(file: Any) -> Iterator[str]:
+        return chain.from_iterable(file.blocks("item"))
 
-    hashes = np.sort(np.fromiter((hash(name) for *_, name in items()), np.int64))
+    everything = chain.from_iterable(map(names, files))
+    hashes = np.sort(np.fromiter(map(hash, everything), np.int64))
     again = set(hashes[1:][hashes[1:] == hashes[:-1]].tolist())
     first: dict[str, tuple[Any, int]] = {}
     shared, problems = None, []
-    for file, row, name in items() if again else ():
+    items = ((file, row, name) for file in files for row, name in enumerate(names(file)))
+    for file, row, name in items if again else ():
         if hash(name) not in again:
             continue
         other, before = first.get(name, (None, 0))
