@@ -22,6 +22,10 @@ LEAST_SHAPES = 1e-3
 """Shapes of a component below which it is left out: it has died, and would only mislead."""
 
 
+LEAST_SHARE = 1e-15
+"""Share of a shape in a component below which it adds nothing to its covariance: most are so."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mixture:
     """p(x) = sum_k pi_k N(x; mu_k, C_k) over shapes x, flattened: all x, then all y, then all z.
@@ -173,6 +177,7 @@ def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
 
 def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
     """sum_n w_n (x_n - mean) (x_n - mean)^T."""
-    weighted = np.sqrt(w)[:, None] * X
+    some = np.flatnonzero(w > LEAST_SHARE)
+    weighted = np.sqrt(w[some])[:, None] * X[some]
     scatter: Floats = weighted.T @ weighted - w.sum() * np.outer(mean, mean)
     return scatter
