@@ -300,8 +300,8 @@ def estimate(
         lifting = lift_sample(sample, lifter)
     growth, numbers, of_bars = calibrate_bars(sample, lifting, lifter, bar_scale)
     if numbers and not warning:
-        share = trusted_share(lifting, growth)
-        by_chance = share < trust.LIMITS.min_trusted and doubtful_share(lifting) > DOUBTFUL
+        share, doubtful = trust_in_sample(lifting, growth)
+        by_chance = share < trust.LIMITS.min_trusted and doubtful > DOUBTFUL
         if by_chance or trust.contradicts(numbers[KAPPA], numbers[DISTANCE]):
             fix = "are the names of the landmarks right, and does the dictionary have such shapes?"
             warning = f"{NO_TRUST}{of_bars}; {share:.0%} of a sample would be; {fix}"
@@ -491,18 +491,23 @@ def calibrate_bars(
     return tuple(calibration.growth(bar_scale).tolist()), numbers, line
 
 
-def trusted_share(lifting: Lifting, growth: Sequence[float]) -> float:
-    """Return the share of images that the rule for images trusts, covariances grown by growth."""
-    from shapefit.lifting.posterior.method import grow_covariance
+def trust_in_sample(lifting: Lifting, growth: Sequence[float] = ()) -> tuple[float, float]:
+    """Return the share of images that are trusted, and of those implausible or far from training.
+
+    Covariances grow by factors (p,).
+    """
+    from shapefit.lifting.posterior.method import grow_covariance, scale_of_bars
 
     estimate = lifting.estimate
-    covariance = grow_covariance(estimate.covariance, np.sqrt(growth))
-    assert covariance is not None  # as `estimate` asks for
-    expected = trust.expected_error(estimate.shapes, covariance)
-    visible = np.isfinite(estimate.further["inlier_probability"]).sum(axis=1)
-    numbers = (estimate.further[trust.P_VALUE], estimate.further[trust.START_DISTANCE])
-    reasons = trust.find_reasons(estimate.shapes, expected, visible, *numbers, estimate.status)
-    return float((reasons == "").mean())
+    shapes, covariance, further = estimate.shapes, estimate.covariance, estimate.further
+    grown = grow_covariance(covariance, scale_of_bars(1.0, growth, shapes.shape[2]))
+    assert grown is not None  # as `estimate` asks for
+    visible = np.isfinite(further["inlier_probability"]).sum(axis=1)
+    numbers = (further[trust.P_VALUE], further[trust.START_DISTANCE])
+    expected = trust.expected_error(shapes, grown)
+    reasons = trust.find_reasons(shapes, expected, visible, *numbers, estimate.status)
+    doubtful = np.isin(reasons, (trust.IMPLAUSIBLE, trust.FAR))
+    return float((reasons == "").mean()), float(doubtful.mean())
 
 
 def check_names(
@@ -513,8 +518,8 @@ def check_names(
     theta: Mapping[str, float],
 ) -> str:
     """Return a warning where many images are doubtful, and few by the names of another skeleton."""
-    names, share, shares = in_file.landmark_names, doubtful_share(lifting), dict[str, float]()
-    if len(in_file) < FEWEST or not share > DOUBTFUL:
+    names, shares = in_file.landmark_names, dict[str, float]()
+    if len(in_file) < FEWEST or (share := trust_in_sample(lifting)[1]) <= DOUBTFUL:
         return ""
     for other in installed_skeletons().values():
         if len(other.landmark_names) != len(names) or other.landmark_names == names:
@@ -527,7 +532,7 @@ def check_names(
         images = matched.arrange(renamed, other.name)
         if images.visible().any(axis=0).sum() >= FEWEST_NAMES:
             as_other = replace(lifter, dictionary=matched.observed(theta))
-            shares[other.name] = doubtful_share(lift_sample(images, as_other))
+            _, shares[other.name] = trust_in_sample(lift_sample(images, as_other))
     best = min(shares, key=lambda name: shares[name], default="")
     if not best or not shares[best] < share / 2:
         return ""
@@ -535,13 +540,3 @@ def check_names(
         f"{NO_TRUST}{share:.0%} of a sample of {len(in_file)} images contradict the names of their "
         f"landmarks, {shares[best]:.0%} those of {best}: is it {best}? Set `keypoints: {best}`"
     )
-
-
-def doubtful_share(lifting: Lifting) -> float:
-    """Return the share of images with a low p-value or far from their convex shape."""
-    further, limits = lifting.estimate.further, trust.LIMITS
-    visible = np.isfinite(further["inlier_probability"]).sum(axis=1)
-    far = further[trust.START_DISTANCE] > limits.max_distance
-    far &= visible >= limits.fewest_visible
-    doubtful = far | (further[trust.P_VALUE] < limits.min_p_value)
-    return float(doubtful.mean()) if len(doubtful) else float("nan")
