@@ -27,12 +27,16 @@ REAL_DATA = Path(os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" 
 MORE_THAN_THE_QUICK_SET_UP = {"browser"}
 """Fixtures whose libraries `make test` does not install."""
 
+LONG = ("test_the_paper_s_table_on_motion_capture", "test_outputs_of_all_commands")
+"""Tests that begin first, so that no process of a run is left alone with one at the end."""
+
 
 @pytest.hookimpl(tryfirst=True)  # before pytest looks at -m
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if MORE_THAN_THE_QUICK_SET_UP & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
+    items.sort(key=lambda item: not item.name.startswith(LONG))
 
 
 @pytest.fixture(scope="session")

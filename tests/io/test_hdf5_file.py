@@ -599,15 +599,15 @@ def run(count):
             for chunk in source.batches(2000):
                 writer.append(results(chunk))
 
-run(60_000)
+run(20_000)
 before = peak()
-run(160_000)
+run(90_000)
 print(peak() - before)
 """
 
 
 def test_memory_is_flat_in_the_number_of_images(tmp_path, run_python):
-    # 100,000 images more hold 31 MB of landmarks and rotations, and 130 MB of results.
+    # 70,000 images more hold 22 MB of landmarks and rotations, and 91 MB of results.
     done = run_python(MAKE + MEMORY, tmp_path)
     assert done.stderr == ""
     assert int(done.stdout) < 12e6

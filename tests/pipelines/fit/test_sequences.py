@@ -274,6 +274,7 @@ def test_exchanged_frames_are_put_back_with_their_scores(rng):
     assert np.isnan(restore(np.arange(t) >= 30)[1]).all()
 
 
+@pytest.mark.slow
 def test_a_dog_that_walks_in_a_curve_is_no_worse_than_its_images(project):
     """Its scale in the image changes by a third."""
     folder = project / "sample_data"
