@@ -1,8 +1,8 @@
 # Every target does its own set-up in .venv; it needs Python >= 3.11, make and a C++ compiler.
 #
 #   make demo         the whole chain on sample_data
-#   make test         the quick tests, five minutes on two cores
-#   make test-all     these and the slow ones: every frame, all fuzz, wheel, cluster, store, browser
+#   make test         the quick tests, about three minutes on two cores
+#   make test-all     these and the slow ones: the paper, fuzz, wheel, cluster, store, browser
 #   make check        format, lint, types, quick tests
 #   make wheel        a wheel of the compiled package in dist
 #   make test-levels  the solvers' tests with every instruction set of this processor, and with none

@@ -42,6 +42,8 @@ WAYS = {
 SLOW_WAYS = {"workers": ("convex", "sequences")}
 """Those that take seconds to start are gone with these methods only."""
 
+SLOW = {("pmp", "one thread, CSV and HDF5"), ("sequences", "workers")}
+
 
 @pytest.fixture(scope="module")
 def folder(world, tmp_path_factory):
@@ -116,7 +118,12 @@ def expected(world, folder):
 
 @pytest.mark.parametrize(
     ("case", "way"),
-    [(case, way) for case in METHODS for way in WAYS if case in SLOW_WAYS.get(way, METHODS)],
+    [
+        pytest.param(case, way, marks=[pytest.mark.slow] * ((case, way) in SLOW))
+        for case in METHODS
+        for way in WAYS
+        if case in SLOW_WAYS.get(way, METHODS)
+    ],
 )
 def test_every_way_has_the_same_bits(world, folder, expected, case, way):
     plain = expected(case)

@@ -63,6 +63,7 @@ def written(path, images):
     return path
 
 
+@pytest.mark.slow
 def test_without_edges_sequences_go_by_smooth_motion(people, tmp_path):
     known = read_dictionary(people / "dictionary.h5")
     bare = dict.fromkeys(("edges", "bone_tolerance", "edge_length"))

@@ -122,6 +122,7 @@ class TestProcesses:
         same_bits(data, "two/")
         assert not list(tmp_path.iterdir())
 
+    @pytest.mark.slow
     def test_a_killed_process_is_replaced(self, data):
         with in_the_middle(data, "worker/", "--workers", 2) as process:
             os.kill(children(process.pid)[-1], signal.SIGKILL)

@@ -91,8 +91,8 @@ METHODS = [
     *("convex", "convex+refine", "alternate", "mean-shape", "global", "pmp"),
     *("posterior", "sequences"),
 ]
-FORMS = [(form, True) for form in ("csv", "hdf5", "folder")] + [("hdf5", False)]
-"""Form of the images, and whether there are several files of them and parts of the result."""
+FORMS = [("csv", True), ("folder", True), ("hdf5", False)]
+"""Form of the images, and whether there are two files of them, the second HDF5, and parts."""
 
 
 @pytest.mark.parametrize("method", METHODS)
