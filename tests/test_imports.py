@@ -40,10 +40,8 @@ PACKAGE = sorted((PROJECT / "shapefit").rglob("*.py"))
 CLI = sorted((PROJECT / "cli").rglob("*.py"))
 
 
-@cache
-def parse(source: str) -> ast.Module:
-    """Return the tree of a source, which nobody changes."""
-    return ast.parse(source)
+parse = cache(ast.parse)
+"""Trees that nobody changes."""
 
 
 def module_of(path: Path) -> str:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.special import gammainc, gammaincinv
+from scipy.special import chdtr, chdtri  # scipy.stats takes a second to import
 
 from shapefit.evaluation.calibration import (
     QUANTILES,
@@ -15,15 +15,6 @@ from shapefit.evaluation.calibration import (
 PAIRS = ((0, 1), (0, 2), (1, 2))
 BINOMIAL = 4
 """Standard errors of a binomial share within which a planted one must be."""
-
-
-def chi2_cdf(square):
-    """Distribution of chi^2 of three degrees; `scipy.stats` takes a second to import."""
-    return gammainc(1.5, np.asarray(square) / 2)
-
-
-def chi2_ppf(level):
-    return 2 * gammaincinv(1.5, level)
 
 
 def draw(rng, n, p, size):
@@ -45,7 +36,7 @@ def deviations_of(C):
 def find_levels(estimate, truth, *bars):
     """The level of the ellipsoid on which the truth lies, uniform where bars are true; widths."""
     square, width = find_squares(estimate, truth, np.tile(np.eye(3), (len(truth), 1, 1)), *bars)
-    return chi2_cdf(square), width
+    return chdtr(3, square), width
 
 
 def placed_by_least_squares(estimate, truth, sd):
@@ -69,8 +60,8 @@ def test_levels_and_widths_are_those_of_dense_algebra(rng):
         d[:2] /= np.sqrt(1 - hat)
         for j in range(7):
             square = d[:, j] @ np.linalg.solve(C[i, j], d[:, j])
-            assert level[i, j] == pytest.approx(chi2_cdf(square))
-            axes = np.sqrt(chi2_ppf(0.9) * np.linalg.eigvalsh(C[i, j]))
+            assert level[i, j] == pytest.approx(chdtr(3, square))
+            axes = np.sqrt(chdtri(3, 0.1) * np.linalg.eigvalsh(C[i, j]))
             assert width[i, j] == pytest.approx(np.sqrt((axes**2).mean()) / a)
 
 
@@ -126,10 +117,12 @@ def test_what_is_not_known_is_left_out(rng):
 
 
 def test_groups_are_summed_up():
-    assert [*QUANTILES.values()] == pytest.approx(chi2_ppf([*QUANTILES]), rel=1e-14)
+    assert [*QUANTILES.values()] == pytest.approx(
+        chdtri(3, [1 - level for level in QUANTILES]), rel=1e-14
+    )
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
-    bars = ErrorBars(chi2_ppf(level), width)
+    bars = ErrorBars(chdtri(3, 1 - level), width)
     np.testing.assert_allclose(bars.shares(), [1, 1, 0.5])
     groups = {"13": ("a", "b"), "14": ("c",), "15": ("d",)}
     first, second = cover("m", bars, ["a", "b", "c"], groups)
