@@ -54,6 +54,11 @@ def test_atoms_without_items_and_the_last_item_cannot_be_left_out(exemplars):
         replace(exemplars, atom_items=("golf",) * 5).without("golf")
 
 
+def test_optional_landmarks_depend_on_the_one_before_them(exemplars):
+    marked = replace(exemplars, provenance={"where_marked": "b:c,d f:e"})
+    np.testing.assert_array_equal(marked.depends_on, [-1, -1, 1, 1, 5, -1])
+
+
 def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(rng):
     """Root mean square lengths of samples of the prior, before and behind the map."""
     mean, A = rng.standard_normal((2, 3, 4)), np.eye(4)

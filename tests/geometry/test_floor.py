@@ -121,6 +121,13 @@ def test_nobody_stands(posture):
     assert find_floor([body(visible(posture())[0])], 0.05) is None
 
 
+@pytest.mark.parametrize(("axis", "stands"), [(0, False), (2, True)])
+def test_motion_along_the_line_of_sight_counts_a_third(axis, stands):
+    points = still()
+    points[:, axis] += 0.5 * np.arange(len(points))[:, None] / RATE
+    assert (find_floor([body(visible(points)[0])], 0.05) is not None) == stands
+
+
 def test_without_feet_or_bodies_there_is_no_floor():
     points, _ = visible(walk())
     joints = {name: column for name, column in JOINTS.items() if name != "lankle"}

@@ -145,6 +145,12 @@ def test_rigid_bones_end_at_their_landmarks(moved):
     np.testing.assert_allclose(at_rest, np.broadcast_to(np.eye(3), at_rest.shape), atol=1e-12)
 
 
+def test_a_body_that_turns_as_a_whole_bends_no_joint(moved):
+    turns = exponential(np.linspace([0, 0, 0], [0.5, 1.0, -1.5], 80))
+    rotations = find_rig(turns @ moved[:1], EDGES).rotations[1:]
+    np.testing.assert_allclose(rotations - np.eye(3), 0, atol=0.03)
+
+
 def test_of_loops_the_rigid_bones_are_taken_and_what_is_apart_is_joined(rng):
     points = np.tile(rng.normal(size=(3, 5)), (50, 1, 1))
     points[:, 0, 3] += np.linspace(0, 1, 50)  # what leads to landmark 3 stretches,

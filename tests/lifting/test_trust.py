@@ -63,6 +63,7 @@ def test_the_first_reason_that_holds_is_named(changes, reason):
         (1.0, 0.51, 9, 60, False),  # too few landmarks for a start distance
         (np.nan, 0.2, 15, 60, True),
         (1.0, 0.9, 15, 19, False),  # too few images
+        (1.0, 0.9, 15, 20, True),
     ],
 )
 def test_a_file_that_contradicts_the_dictionary(kappa, distance, visible, images, wrong):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.lifting.sequences.exchanges import find_exchanges
+from shapefit.lifting.sequences.exchanges import find_changes, find_exchanges
 
 P = 13
 PAIRS = np.arange(12).reshape(6, 2)
@@ -56,6 +56,13 @@ def test_nothing_is_found_where_little_is_seen(rng):
     assert not find_exchanges(hidden, PAIRS, RATE).exchanged.any()
     assert not find_exchanges(walk(rng)[:1], PAIRS, RATE).exchanged.any()
     assert not find_exchanges(walk(rng), PAIRS[:0], RATE).exchanged.any()
+
+
+def test_the_log_likelihood_of_an_exchange_is_that_of_student():
+    landmarks = np.zeros((3, 2, 2))
+    landmarks[:, 1, 0] = [2.0, -2.0, -2.0]
+    S = 2.5 * np.log((3 + 4 * 20**2) / 3)  # at rest steps are a twentieth of the distance
+    np.testing.assert_allclose(find_changes(landmarks, PAIRS[:1]), [0, S, -S])
 
 
 @pytest.mark.parametrize("seed", range(5))
