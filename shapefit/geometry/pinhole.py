@@ -109,7 +109,7 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
         right = np.linalg.norm(points - reached, axis=-2) <= 1e-9 * size
         for share in np.linspace(0.0, 1.0, 17):  # nor does the lens bend back on the way there
             _, across, along, skew = distort(share * undistorted, coefficients)
-            right &= (across + along > 0) & (across * along > skew**2)
+            right &= (across > 0) & (across * along > skew**2)
     return np.where(right[..., None, :], undistorted, np.nan)
 
 

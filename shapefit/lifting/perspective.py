@@ -226,7 +226,7 @@ def place_in_depth(
 
 
 def mean_coefficients(atoms: Floats, mean_shape: Floats) -> Floats:
-    """argmin_{c >= 0} |sum_i c_i B_i - mean_shape|^2 + a little |c|^2: (k,).
+    """argmin_{c >= 0} |sum_i c_i B_i - mean_shape|^2 + 1e-6 max_i |B_i|^2 |c|^2: (k,).
 
     For exemplars all are alike, 1/k over the spread of their mean.
     """

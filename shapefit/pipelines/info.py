@@ -174,8 +174,8 @@ def next_command(
     """Return the command to go on with; for joints of people one that needs no dictionary."""
     if kind == "result":
         return f"shapefit view {as_typed(paths[0])}"
-    files = [paths[0].parent / f"*{paths[0].suffix}"] if len(paths) > 3 else paths
-    inputs = " ".join(map(as_typed, files))
+    files = [path.parent / f"*{path.suffix}" for path in paths] if len(paths) > 3 else paths
+    inputs = " ".join(dict.fromkeys(map(as_typed, files)))
     more = f" --keypoints {keypoints}" if keypoints else ""
     if kind == "landmarks":
         dictionary = "people" if is_of_people(names) else "DICT.h5"

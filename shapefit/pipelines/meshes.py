@@ -120,5 +120,5 @@ def mesh_file(vertices: Floats, faces: Integers | None, to: str) -> bytes:
     scene.add_geometry(mesh, node_name="mesh", geom_name="mesh")
     if to == "glb":
         return bytes(export_glb(scene, include_normals=False))
-    text: str = export_obj(scene, include_normals=False, include_texture=False, header=None)
+    text: str = export_obj(scene, include_texture=False, header=None)
     return text.strip().encode() + b"\n"

@@ -45,6 +45,9 @@ TOLD = {
         [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 1,
         r"Warning: 3 of 10 images not trusted: 3 wide error bars \(-v lists them\)\n"
         rf"Failed: 30% are not trusted, more than --fail-untrusted allows\n{READ}Result.*\n"),
+    "all that are not trusted": (f"{FIT} -v",
+        [Result(done=2, reasons=(Counted(1, "image", "far", (item,)),)) for item in "ab"], 0,
+        r"Not trusted: a: far\nNot trusted: b: far\nWarning: 2 of 4 images not trusted: 2 far\n.*"),
     "enough that are trusted": (f"{FIT} --fail-untrusted 0.3 -q",
         [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 0, ""),
     "the last note": (FIT, [Result(note="a"), Result(note="b"), Result()], 0,

@@ -7,7 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, evaluate_class
+from shapefit.dictionary.from_2d.judgement import (
+    ALIKE,
+    DOUBTFUL,
+    LEARNED,
+    UNLIKE,
+    evaluate_class,
+    roll_angles,
+)
 from shapefit.dictionary.from_2d.learning import learn, upgrade
 from shapefit.dictionary.from_2d.model import (
     Gaussian,
@@ -185,6 +192,12 @@ def test_halves_disagree_where_each_pose_is_seen_from_one_side(rng, turn, learne
 
 
 P, NOISE = 14, 0.03
+
+
+def test_the_angles_by_which_a_picture_was_rolled_are_found(rng):
+    angles = rng.uniform(-1, 1, 6)
+    found = roll_angles(rotation_about_axis(2, angles)[:, :2, :2] @ rng.normal(size=(2, 8)))
+    np.testing.assert_allclose(found - found[0], angles - angles[0], atol=1e-6)
 
 
 def shapes_of(rng, n=50, modes=3, deviation=0.15, depth=1.0):

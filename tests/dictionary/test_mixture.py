@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.dictionary.mixture import Mixture, learn_mixture
+from shapefit.dictionary.mixture import Mixture, learn_mixture, log_prior
 
 
 def draw(n: int, seed: int = 0, p: int = 3):
@@ -35,6 +35,13 @@ def test_no_round_lowers_the_objective(shrinkage):
     trace = learn_mixture(shapes, 6, shrinkage=shrinkage, floor=0.05, tolerance=0.0).trace
     assert len(trace) > 5
     assert (np.diff(trace) >= -1e-8 * np.abs(trace[1:])).all()
+
+
+def test_the_log_prior_of_two_covariances():
+    covariances = np.array([np.diag([1.0, 2.0, 3.0]), 4 * np.eye(3)])
+    mixture = Mixture(np.full(2, 0.5), np.zeros((2, 3, 1)), covariances)
+    expected = -1.5 * (np.log(6) + 2 * (1 + 1 / 2 + 1 / 3) + 3 * np.log(4) + 2 * 3 / 4)
+    assert log_prior(mixture, 2 * np.eye(3), 3.0) == pytest.approx(expected)
 
 
 def test_one_component_is_the_gaussian_of_all_shapes(rng):

@@ -134,6 +134,11 @@ def test_without_feet_or_bodies_there_is_no_floor():
     assert find_floor([], 0.05) is None
     assert find_floor([Body(points, points, joints, TALL, RATE)], 0.05) is None
     assert find_floor([body(np.full_like(points, np.nan))], 0.05) is None
+    assert find_floor([body(visible(still(seconds=0.28))[0])], 0.05) is None  # a moment
+    moved = still(seconds=2 / RATE)
+    moved[1, 0] += 0.2
+    two = body(visible(moved)[0])._replace(rate=RATE / 10)
+    assert find_floor([two], 0.05) is None
 
 
 def test_a_wrong_focal_length_is_in_the_bars():

@@ -161,6 +161,12 @@ def test_of_loops_the_rigid_bones_are_taken_and_what_is_apart_is_joined(rng):
     assert len(bones) == 4
 
 
+def test_of_two_landmarks_in_the_middle_the_first_is_the_root(rng):
+    chain = np.array([[j, j + 1] for j in range(7)])
+    for points in rng.normal(size=(10, 50, 3, 8)):
+        assert find_tree(points, chain)[0].joint == 3
+
+
 def leg(twist, bend):
     """A thigh along -y from the root, turned about itself, and a shank bent by angles (n,)."""
     shank = rotation_about([0, 1, 0], twist) @ (

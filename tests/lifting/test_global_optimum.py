@@ -74,6 +74,8 @@ def test_a_limit_leaves_a_bound_that_holds(make_scene):
         assert (cut_short.bound >= 0).all()
         assert (cut_short.relative_gap > 1e-3).all()
     assert (cut_short.bound > 0.5 * full.objective).all()
+    small = replace(problem, landmarks=problem.landmarks / 100, lam=problem.lam / 100)
+    assert (find_optimum(small, max_cells=1, threads=1).relative_gap > 1e-2).all()
     none = find_optimum(problem, tolerance=1e-3, max_seconds=1e-9, threads=1)
     assert set(none.status) == {Status.ITERATION_LIMIT}
 

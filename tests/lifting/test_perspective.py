@@ -12,7 +12,12 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective import mean_coefficients, refine_perspective, refine_view
+from shapefit.lifting.perspective import (
+    mean_coefficients,
+    place_in_depth,
+    refine_perspective,
+    refine_view,
+)
 
 K, P = 6, 16
 FLIP = np.diag([1.0, -1.0, -1.0])  # y down and z forward <-> y up and z to the viewer
@@ -124,6 +129,24 @@ def test_an_independent_solver_cannot_lower_the_objective(noisy, atoms, prior, s
         assert other.cost >= here * (1 - 1e-6)
 
 
+def test_what_is_far_away_starts_where_it_is(rng, atoms):
+    shape, t = atoms[0] + [[3], [1], [2]], np.array([[5.0, -4.0, 2000.0]])
+    R, camera = random_rotations(1, rng), Camera(np.ones((1, 2)), np.zeros((1, 2)), 1.0)
+    w = project(camera, R @ shape + t[..., None])
+    start = place_in_depth(w, np.ones((1, P)), shape, camera, R)
+    np.testing.assert_allclose(start, t, rtol=1e-2)
+
+
+def test_coefficients_of_the_mean_are_pulled_to_0_by_a_millionth_of_the_largest_atom(rng):
+    atoms = np.array([1.0, 4.0, 0.25])[:, None, None] * rng.standard_normal((3, 3, P))
+    A = atoms.reshape(3, -1).T
+    pulled = A.T @ A + 1e-6 * (A**2).sum(axis=0).max() * np.eye(3)
+    mean = A @ [1.0, 0.2, 3.0]
+    expected = np.linalg.solve(pulled, A.T @ mean)
+    found = mean_coefficients(atoms, mean.reshape(3, P))
+    np.testing.assert_allclose(found, expected, rtol=1e-7)
+
+
 def test_y_up_is_the_same_scene_in_another_frame(noisy, atoms, prior):
     mirror = np.array([1.0, -1.0])
     camera = Camera(noisy.camera.focal, noisy.camera.centre * mirror, -1.0)
@@ -209,6 +232,9 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
     np.testing.assert_allclose(
         e.transforms.dense(), e.coefficients[..., None, None] * e.rotation[:, None, :2]
     )
+    norm = normalise(landmarks, weights > 0)
+    at = norm.scale[:, None] * e.translation + norm.centroid
+    np.testing.assert_allclose(at, found.translation)
     w = weights[:, None]
     centred = landmarks - (w**2 * landmarks).sum(2, keepdims=True) / (w**2).sum(2, keepdims=True)
     residual_variance = np.linalg.norm(w * (landmarks - found.landmarks_fitted), axis=(1, 2))

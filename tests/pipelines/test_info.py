@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from shapefit.config import load_config
+from shapefit.io import csv_file
 from shapefit.io.inputs import in_words
-from shapefit.pipelines.info import run
+from shapefit.pipelines.info import next_command, run
 from shapefit.pipelines.partition.run import run as fit
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
@@ -63,6 +64,18 @@ def test_commands_are_as_they_are_typed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     row = lines(info(file).note)
     assert row["next"] == "shapefit learn-dict 'my walk.h5' -o dict.h5"
+
+
+def test_files_of_several_folders_are_named_by_each():
+    files = [Path(f"{folder}/{number}.json") for folder in "ab" for number in range(2)]
+    command = next_command("landmarks", files, (), None)
+    assert command == "shapefit fit 'a/*.json' 'b/*.json' -d DICT.h5 -o result.h5"
+
+
+def test_of_a_long_table_images_are_estimated(monkeypatch):
+    head = csv_file.read_csv_head
+    monkeypatch.setattr(csv_file, "read_csv_head", lambda *given: (head(*given)[0], 1e-3))
+    assert lines(info(SAMPLES / "cars_views.csv").note)["images"] == "about 110,000"
 
 
 @pytest.fixture(scope="module")

@@ -80,6 +80,12 @@ def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, s
         np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
 
 
+def test_a_sequence_of_many_batches_turns_once(tmp_path, many):
+    R = view(tmp_path, many)[0].columns["true_rotation"]
+    turned = np.arctan2(R[:, 0, 2], R[:, 0, 0]) / (2 * np.pi) % 1
+    np.testing.assert_allclose(turned, np.arange(len(many)) / len(many), atol=1e-12)
+
+
 def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes):
     images, _ = view(tmp_path, shapes)
     assert images.landmark_names == NAMES
@@ -110,7 +116,9 @@ def test_the_seed_decides(tmp_path, shapes):
 
 def test_an_image_depends_on_its_place_alone(tmp_path, many):
     keys = {"noise": 0.1, "hidden": 0.2, "camera": {"view": "random"}}
-    whole, _ = view(tmp_path, many, **keys)
+    whole, told = view(tmp_path, many, **keys)
+    batches = [(outcome.done, outcome.total) for outcome in told]
+    assert batches == [(n, len(many)) for n in (BATCH, BATCH, 100, 0)]
     part, _ = view(tmp_path, many.take(slice(BATCH + 50)), **keys)
     assert np.array_equal(whole.landmarks[: BATCH + 50], part.landmarks, equal_nan=True)
 

@@ -267,7 +267,6 @@ def observe(
     best = np.where(present, log_evidence[:, 0], 0.0)[:, None]
     log_share = np.where(there, log_evidence[:, :k], -np.inf) - best
     log_share[~present, 0] = 0.0
-    log_share = log_share - np.log(np.exp(log_share).sum(axis=1, keepdims=True))
     mean = np.where(there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d))
     precision, log_det = find_precisions(
         np.ascontiguousarray(covariances[:, :k]),

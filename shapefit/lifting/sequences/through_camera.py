@@ -51,7 +51,6 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
         translation=flat,
         scale=size,
         estimate=replace(estimate, translation=flat).in_unit(grow),
-        perspective=None,
     )
     depth = view.camera.sign * points[:, 2:] / rays.focal[:, None, None]
     refined = refine(weak, rays.landmarks * (1 + depth))

@@ -19,7 +19,6 @@ from shapefit.evaluation import report
 from shapefit.evaluation.calibration import WIDTH_OF, bar_scale_factors, cover
 from shapefit.evaluation.metrics import METRICS, SHARE
 from shapefit.evaluation.plots import draw_errors
-from shapefit.evaluation.report import NORMALISED
 from shapefit.geometry.normalisation import LARGEST
 from shapefit.io import open_shapes
 from shapefit.io.atomic import check_folder, digests, staged_files, storage_errors
@@ -189,10 +188,9 @@ def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
 
 
 def _plot(document: report.Document, methods: Mapping[str, Measured]) -> str:
-    """Draw the first metric that is an error, normalised if it is a length."""
+    """Draw the first metric that is an error, in its first unit: normalised if it is a length."""
     kinds = [(s.metric, s.unit) for s in document["summaries"]]
     metric, unit = next((kind for kind in kinds if kind[1] != SHARE), kinds[0])
-    unit = NORMALISED if (metric, NORMALISED) in kinds else unit
     errors = {name: m.errors.get((metric, unit)) for name, m in methods.items()}
     finite = {name: v[~np.isinf(v)] for name, v in errors.items() if v is not None}
     return draw_errors(METRICS[metric].title, unit, finite)

@@ -11,6 +11,7 @@ import shapefit
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
+from shapefit.dictionary.model import Dictionary
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
 from shapefit.lifting.posterior.p_value import (
@@ -18,6 +19,7 @@ from shapefit.lifting.posterior.p_value import (
     exceeds,
     find_p_values,
     moments_at,
+    with_p_value_table,
 )
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
 from tests.lifting.posterior.conftest import draw_images
@@ -72,6 +74,7 @@ def find(make: Callable[[int], Mixture], count: int, hidden: int = 0):
         posterior=PosteriorOptions(residual_variance=RESIDUAL_VARIANCE),
     )
     found = lift_to_posterior(problem, settings)
+    assert found.covariance is None  # for which nobody asked
     return with_p_value(found, problem, settings).further["p_value"]
 
 
@@ -130,6 +133,11 @@ def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_sca
     between = moments_at(draw_table(prior, (2.0,)), 2.0)
     assert moments_at(table, 2.0)[:, 1] == pytest.approx(between[:, 1], abs=0.25)
     assert moments_at(table, 2.0)[:, 2] == pytest.approx(between[:, 2], rel=0.2)
+
+
+def test_without_a_prior_there_is_no_table():
+    bare = Dictionary(np.ones((1, 3, 4)), tuple("abcd"), np.ones((3, 4)))
+    assert with_p_value_table(bare) is bare
 
 
 def test_wilson_and_hilferty():

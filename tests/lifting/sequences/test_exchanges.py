@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.lifting.sequences.exchanges import find_changes, find_exchanges
+from shapefit.lifting.sequences.exchanges import find_changes, find_exchanges, likeliest_states
 
 P = 13
 PAIRS = np.arange(12).reshape(6, 2)
@@ -63,6 +63,11 @@ def test_the_log_likelihood_of_an_exchange_is_that_of_student():
     landmarks[:, 1, 0] = [2.0, -2.0, -2.0]
     S = 2.5 * np.log((3 + 4 * 20**2) / 3)  # at rest steps are a twentieth of the distance
     np.testing.assert_allclose(find_changes(landmarks, PAIRS[:1]), [0, S, -S])
+
+
+@pytest.mark.parametrize(("likelihood", "changed"), [(7.9, False), (8.1, True)])
+def test_sides_change_where_the_log_likelihood_is_more_than_8(likelihood, changed):
+    assert likeliest_states(np.array([0, likelihood])).tolist() == [False, changed]
 
 
 @pytest.mark.parametrize("seed", range(5))

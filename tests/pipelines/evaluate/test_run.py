@@ -102,6 +102,17 @@ def test_one_plot_is_drawn(desk):
     assert {path.name for path in last.written} == FILES | {"errors.svg"}
     assert "RMS reprojection error" in desk.text("errors.svg")
     assert "(errors.svg)" in desk.text("report.md")
+    desk.run(plots=True, metrics=["similarity"])
+    assert "(normalised)" in desk.text("errors.svg")
+
+
+def test_a_landmark_of_the_truth_may_be_unknown(desk, truth, results):
+    truth.shapes[0, :, 2] = np.nan
+    write_shapes(desk.folder / "truth.h5", truth)
+    desk.run()
+    others = [0, 1, 3, 4]
+    expected = metrics.similarity(results.shapes[:1, :, others], truth.shapes[:1, :, others])
+    assert desk.errors(**SIZES)["item0"] == pytest.approx(expected[0])
 
 
 @pytest.mark.parametrize("kind", ["seen", "unseen"])

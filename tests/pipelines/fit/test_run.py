@@ -32,10 +32,13 @@ NAMES = tuple(f"point{j}" for j in range(10))
 
 class TestShapes:
     def test_an_exact_image_gives_its_shape_rotation_and_place(
-        self, fit, dictionary, images, atoms, rotations
+        self, fit, dictionary, images, atoms, rotations, tmp_path
     ):
         result, outcomes = fit(dictionary, images, **{"lambda": 1e-4})
         assert failures(outcomes) == {}
+        with h5py.File(tmp_path / "result.h5") as file:
+            assert "dual" in file
+            assert "convex_objective" not in file  # which is `objective`
         truth = 20 * rotations @ atoms[np.arange(8) % 6]
         truth[:, :2] += np.array([100.0, 50.0])[:, None]
         np.testing.assert_allclose(result.shapes, truth, atol=0.02)

@@ -105,6 +105,7 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
     folder, result, outcomes = learned(None).folder, learned(None).result, learned(None).of_fit
     files = [folder / name for name in ("images.h5", "dict.h5", "result.h5")]
     assert not result.columns["trusted"].any()
+    assert not result.columns["shape_correlation"][..., 1:].any()  # z is as likely -z
     assert (result.columns["reasons"] == "near and far not told apart").mean() > 0.9
     texts = [str(text) for each in outcomes for text in each.warnings]
     (warning,) = [text for text in texts if "learned from 2D" in text]

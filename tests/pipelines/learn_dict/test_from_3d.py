@@ -129,7 +129,7 @@ class TestPrior:
         a, b = (make(models, align=none, prior=prior, **EXEMPLARS)[0].prior for prior in priors)
         np.testing.assert_allclose(a.means, b.means, atol=1e-6)
 
-    @pytest.mark.parametrize(("number", "components"), [(20, 1), (320, 2)])
+    @pytest.mark.parametrize(("number", "components"), [(20, 1), (300, 2)])
     def test_a_component_for_every_150_shapes(self, make, rng, number, components):
         points = rng.normal(size=(number, 3, 5))
         many = ShapeSet(points, tuple("abcde"), tuple(f"pose {i}" for i in range(number)))

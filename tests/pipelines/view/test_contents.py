@@ -11,7 +11,7 @@ from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import ShapeSet, read_results, read_shapes, write_dictionary, write_shapes
 from shapefit.pipelines.view.layers import in_usual_units
 from shapefit.pipelines.view.run import fitted_image
-from shapefit.viewer.page import block_of_points, viewer_page
+from shapefit.viewer.page import as_json, block_of_points, viewer_page
 
 
 def decoded(block):
@@ -35,6 +35,13 @@ def test_points_come_back_within_half_a_step_and_far_ones_do_not_spoil_the_other
     away = np.abs(back - points).max(axis=1)
     assert (away <= 0.6 * steps[:, None] + 1e-7 * np.abs(points).max(axis=1))[known].all()
     assert np.isnan(back.swapaxes(1, 2)[~known]).all()
+
+
+@pytest.mark.parametrize(
+    ("largest", "kind"), [(255, "u1"), (256, "u2"), (65535, "u2"), (65536, "u4")]
+)
+def test_integers_take_as_few_bytes_as_they_need(largest, kind):
+    assert as_json(np.array([largest]))["type"] == kind
 
 
 def test_many_frames_are_thinned_by_sequence_and_the_page_says_so(desk, monkeypatch):
