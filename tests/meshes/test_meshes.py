@@ -129,6 +129,8 @@ def test_novel_views_walk_around_the_model_which_stands_upright(y_axis, image, b
     expected = (tilt @ turn @ viewer)[:2]
     middle = frame @ np.full((3, 1), 500.0)
     shown = on_screen(right, middle + frame @ corner) - on_screen(right, middle)
+    inside = np.ptp(right.transLimits.transform(on_screen(right, frame @ image.shape).T), axis=0)
+    assert 0.6 < inside.max() < 1  # of the panel
     shown *= np.linalg.norm(expected) / np.linalg.norm(shown)
     np.testing.assert_allclose(shown, expected, atol=1e-9)
 
@@ -137,11 +139,13 @@ def test_edges_are_drawn_where_there_is_no_mesh(image):
     edges = np.array([[0, 1], [1, 3]])
     bare = image._replace(mesh=None, projected_mesh=None)
     flat, right = contact_sheet([bare], Model("down", edges=edges)).axes
-    drawn, _ = flat.collections
+    drawn, residuals = flat.collections
     np.testing.assert_array_equal(drawn.get_segments(), image.shape[:2].T[edges])
     (bones,) = right.collections
     in_axes = image.shape.T[:, [0, 2, 1]] * [1, 1, -1]  # right, away, up
     np.testing.assert_array_equal(bones._segments3d, in_axes[edges])
+    widths = [lines.get_linewidths()[0] for lines in (residuals, drawn, bones)]
+    assert widths == [0.8, 1.5, 1.5]  # thin residuals on thick bones
 
 
 def test_an_image_without_a_shape_says_so(image, box_faces):
@@ -152,7 +156,9 @@ def test_an_image_without_a_shape_says_so(image, box_faces):
     assert [text.get_text() for text in axes.texts] == ["no shape"]
     assert set(marks(axes)) == {"seen"}
     empty = failed._replace(landmarks=np.full((2, 8), np.nan))
-    assert marks(contact_sheet([empty], Model("down", box_faces)).axes[0]) == {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert marks(contact_sheet([empty], Model("down", box_faces)).axes[0]) == {}
 
 
 def test_titles_are_taken_literally_and_of_long_ones_the_end(image, box_faces):

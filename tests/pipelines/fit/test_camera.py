@@ -238,6 +238,9 @@ class TestLens:
         assert result.columns["extrinsic_rotation"].shape == (3, 3)
         np.testing.assert_array_equal(result.columns["image_size"], SIZE)
         np.testing.assert_allclose(result.columns["focal"], np.tile([800, 820], (4, 1)))
+        written = (tmp_path / f"{name}.h5" for name in ("result", "cars", "views"))
+        path, dictionary, landmarks = written
+        assert not failures(run_verify(Request(path, dictionary, (landmarks,))))
 
     def test_cameras_of_single_images_and_y_that_points_up(self, views):
         straight, bent = views

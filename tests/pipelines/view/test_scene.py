@@ -104,6 +104,8 @@ def test_shapes_of_other_landmarks_are_not_shown(desk):
     made = desk.view(desk.result(), truth)
     assert "Not shown, as result has fewer than 3 landmarks of the same names: truth." in made.notes
     assert [layer["name"] for layer in made.data["layers"]] == ["result"]
+    made = desk.view(desk.result(), desk.truth(landmark_names=["a", "b", "c", "y", "z"]))
+    assert [layer["name"] for layer in made.data["layers"]] == ["result", "truth"]
 
 
 @pytest.mark.parametrize(
