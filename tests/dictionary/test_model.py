@@ -67,22 +67,16 @@ def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(rng):
     prior = Mixture(np.array([0.3, 0.7]), mean, B @ B.swapaxes(1, 2) + 0.01 * np.eye(12))
     edges, length = np.array([[0, 1], [1, 2], [2, 3]]), np.array([1.0, 2, 3])
     given = Dictionary(mean, tuple("abcd"), mean[0], edges, prior=prior, edge_length=length)
-    drawn = [
-        rng.multivariate_normal(m.ravel(), C, 200_000)
-        for m, C in zip(mean, prior.covariances, strict=True)
-    ]
-
-    def squares(A):
-        along = [
-            (x.reshape(-1, 3, 4) @ A.T)[:, :, edges[:, 0]]
-            - (x.reshape(-1, 3, 4) @ A.T)[:, :, edges[:, 1]]
-            for x in drawn
+    drawn = np.concatenate(
+        [
+            rng.multivariate_normal(m.ravel(), C, int(weight * 400_000)).reshape(-1, 3, 4)
+            for weight, m, C in zip(prior.weights, mean, prior.covariances, strict=True)
         ]
-        return sum(
-            share * (each**2).sum(axis=1).mean(axis=0)
-            for share, each in zip(prior.weights, along, strict=True)
-        )
+    )
 
-    expected = length * np.sqrt(squares(A) / squares(np.eye(4)))
+    def squares(x):
+        return ((x[:, :, edges[:, 0]] - x[:, :, edges[:, 1]]) ** 2).sum(axis=1).mean(axis=0)
+
+    expected = length * np.sqrt(squares(drawn @ A.T) / squares(drawn))
     found = mapped(given, A, np.zeros(4)).edge_length
     np.testing.assert_allclose(found, expected, rtol=0.01)

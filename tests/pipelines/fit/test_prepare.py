@@ -139,7 +139,7 @@ def test_pmp_refuses_a_dictionary_whose_limbs_have_no_length(fit, dictionary, im
 
 @pytest.fixture(scope="module")
 def halves(tmp_path_factory):
-    """Two folders of OpenPose files and two files of HDF5, of which the second half reaches out.
+    """Two files and one of both, of which the second half reaches out.
 
     Bodies of the dictionary of people, y down, whose hips are further apart than the joints.
     """
@@ -162,25 +162,10 @@ def halves(tmp_path_factory):
     images = LandmarkSet(points, detected, tuple(f"{i:03}" for i in range(40)), unit="px")
     folder = tmp_path_factory.mktemp("halves")
     for name, rows in (("a", slice(17)), ("b", slice(17, None))):
-        write_openpose(folder / name, images.take(rows))
         save(folder / f"{name}.h5", images.take(rows))
     save(folder / "both.h5", images)
     fit([folder / "both.h5"], folder / "result.h5")
     return folder
-
-
-def write_openpose(folder, images):
-    """Write a JSON file a frame, BODY_25 with what it has of these landmarks."""
-    names = [name.partition("_") for name in images.landmark_names]
-    column = {f"{side[0].upper()}{part.title()}": j for j, (side, _, part) in enumerate(names)}
-    folder.mkdir()
-    for item, points in zip(images.items, images.landmarks, strict=True):
-        flat = []
-        for name in installed_skeletons()["body_25"].landmark_names:
-            flat += [*points[:, column[name]].tolist(), 0.9] if name in column else [0, 0, 0]
-        people = [{"person_id": [-1], "pose_keypoints_2d": flat}]
-        path = folder / f"{folder.name}_{item}_keypoints.json"
-        path.write_text(json.dumps({"version": 1.3, "people": people}))
 
 
 def fit(landmarks, output, **keys):
@@ -198,22 +183,14 @@ def shapes_in(path):
     return np.concatenate(shapes)
 
 
-def test_two_recordings_in_one_run_and_in_parts_are_the_same_bits(halves, tmp_path):
-    inputs, keys = [halves / "a", halves / "b"], {"keypoints": "body_25"}
-    fit(inputs, tmp_path / "one.h5", **keys)
-    results = fit(inputs, ResultFolder(tmp_path / "parts", 10), **keys)
-    assert len(list((tmp_path / "parts").glob("part-*"))) == 2
-    np.testing.assert_array_equal(shapes_in(tmp_path / "parts"), shapes_in(tmp_path / "one.h5"))
-    assert len([result for result in results if result.line.startswith("camera:")]) == 1
-
-
 @pytest.mark.parametrize(
     ("names", "keys"), [("a b", {}), ("a b", {"workers": 2}), ("both", {"partition": 1})]
 )
 def test_files_and_parts_are_the_same_bits(halves, tmp_path, names, keys):
     inputs = [halves / f"{name}.h5" for name in names.split()]
-    fit(inputs, ResultFolder(tmp_path / "parts", **keys) if keys else tmp_path / "one.h5")
     written = tmp_path / ("parts" if keys else "one.h5")
+    results = fit(inputs, ResultFolder(written, **keys) if keys else written)
+    assert len([result for result in results if result.line.startswith("camera:")]) == 1
     np.testing.assert_array_equal(shapes_in(written), shapes_in(halves / "result.h5"))
 
 

@@ -1,9 +1,6 @@
 """`fit` from files to files: shapes that come back, images that fail, what is stored."""
 
 import json
-import os
-import subprocess
-import sys
 import warnings
 from functools import partial
 from pathlib import Path
@@ -11,15 +8,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from shapefit.cli.main import run
 
-from shapefit import core
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io import LandmarkSet, read_dictionary, read_results, write_dictionary
+from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.lifting.lift import lift
 from shapefit.lifting.methods import METHODS
 from tests.pipelines.fitted import failures, texts
@@ -231,64 +225,3 @@ class TestRecord:
         assert json.loads(result.attributes["config"])["method"] == "convex"
         inputs = {Path(name).name for name in json.loads(result.attributes["inputs"])}
         assert inputs == {"views.h5", "dictionary.h5"}
-
-    def test_objective_and_gap_follow_from_the_datasets(self, fit, tmp_path, rng):
-        """They are enough to prove the optimum, with NumPy and without shapefit."""
-        n, p = 12, 10
-        atoms = normalise(rng.standard_normal((6, 3, p))).points
-        landmarks = 100 + 20 * rng.standard_normal((n, 2, p))
-        landmarks[:, :, 2] = np.nan
-        confidence = rng.uniform(0.2, 1.5, (n, p))
-        confidence[:, 4] = 0
-        items = tuple(f"image{i}" for i in range(n))
-        images = LandmarkSet(landmarks, NAMES, items, confidence=confidence)
-        mean = normalise(atoms.mean(0)).points
-        write_dictionary(tmp_path / "dictionary.h5", Dictionary(atoms, NAMES, mean))
-        fit(tmp_path / "dictionary.h5", images, lam=0.3)
-        with h5py.File(tmp_path / "result.h5") as file:
-            data = {name: file[name][()] for name in file}
-        W = data["landmarks"].transpose(0, 2, 1)
-        visible = np.isfinite(W).all(axis=1)
-        assert visible.sum(axis=1).tolist() == [p - 2] * n
-        omega = np.where(visible, data["confidence"], 0.0)
-        ends = np.cumsum(data["transform_count"])
-        for i in range(n):
-            w, at, weights = W[i][:, visible[i]], atoms[:, :, visible[i]], omega[i, visible[i]]
-            w = (w - w.mean(axis=1, keepdims=True)) / w.std(axis=1).mean()
-            mine = slice(ends[i] - data["transform_count"][i], ends[i])
-            M, used = data["active_transforms"][mine], data["transform_atom"][mine]
-            fitted = np.einsum("kab,kbp->ap", M, at[used])
-            residual = weights * (w - fitted - data["convex_translation"][i][:, None])
-            lam, Y = data["lambda"][i], data["dual"][i].T[:, visible[i]]
-            norms = np.linalg.norm(M, ord=2, axis=(1, 2))
-            primal = 0.5 * (residual**2).sum() + lam * norms.sum()
-            assert primal == pytest.approx(data["objective"][i], rel=1e-12)
-            assert np.abs(Y @ weights).max() <= 1e-12
-            nuclear = np.linalg.svd((Y * weights) @ at.transpose(0, 2, 1), compute_uv=False)
-            assert nuclear.sum(axis=1).max() <= lam * (1 + 1e-12)
-            gap = (primal - (Y * weights * w).sum() + 0.5 * (Y**2).sum()) / primal
-            assert gap == pytest.approx(data["relative_gap"][i], abs=1e-12)
-            assert 0 <= gap <= 1e-4
-
-
-COMMAND = Path(sys.executable).with_name("shapefit")
-
-
-@pytest.mark.parametrize("loss", ["outliers=none", "outliers=sparse-error"])
-def test_levels_of_the_processor_have_one_optimum_and_a_proof(world, tmp_path, loss):
-    """A level is chosen when the core is loaded: each has a process of its own."""
-    views, dictionary = world.images("people"), world.dictionary("people")
-    found = {}
-    for level in core.LEVELS:
-        output = tmp_path / f"{level}.h5"
-        command = [COMMAND, "fit", views, "-d", dictionary, "-o", output, "--set", loss]
-        environment = os.environ | {"SHAPEFIT_LEVEL": str(level)}
-        command += ["--set", "tolerance=1e-9"]
-        subprocess.run(command, env=environment, check=True, capture_output=True, timeout=120)
-        found[level] = read_results(output)
-        words = ["verify", output, "-d", dictionary, "--landmarks", views, "-q"]
-        assert run(list(map(str, words))) == 0
-    first, *others = found.values()
-    for other in others:
-        np.testing.assert_array_equal(other.status, first.status)
-        np.testing.assert_allclose(other.objective, first.objective, rtol=1e-7)

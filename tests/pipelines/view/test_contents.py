@@ -344,19 +344,3 @@ def test_joint_angles_have_bands_from_the_error_bars(desk):
     assert knee["unit"] == "°"
     np.testing.assert_allclose(decoded(knee["values"]), 90, atol=1e-4)
     np.testing.assert_allclose(decoded(knee["sd"]), np.degrees(0.01 * 2), rtol=0.01)
-
-
-def test_files_of_one_individual_each_are_seen_at_once(desk):
-    """As those that `fit -o walk.trc` writes for two people."""
-    shapes = desk.shapes(4)
-    for name, first in (("one", 0), ("two", 2)):
-        items = tuple(f"walk_{name}/{i}" for i in range(2))
-        own = ShapeSet(
-            shapes[first : first + 2], tuple("abcde"), items, (f"walk_{name}",) * 2,
-            columns={"frame": np.arange(2)},
-        )  # fmt: skip
-        write_shapes(desk.folder / f"walk_{name}.h5", own)
-    page = desk.scene(*(desk.folder / f"walk_{name}.h5" for name in ("one", "two")))
-    assert page["recordings"] == [[0, 1]]
-    for layer, rows in zip(page["layers"], ([0, 1], [2, 3]), strict=True):
-        np.testing.assert_allclose(layer["points"][rows], shapes[rows])
