@@ -51,25 +51,6 @@ def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chan
     assert found.covariance[0, 0] == pytest.approx(whole, abs=1e-4 * s**2)
 
 
-def test_hidden_landmarks_are_marginalised(draw_scene):
-    scene, R = draw_scene(5, hidden=(1, 6))
-    full = solve_one(scene, R)
-    retained = [0, 2, 3, 4, 5]
-    rows = [a * 7 + j for a in range(3) for j in retained]
-    small = dense.Observation(
-        scene.landmarks[:, retained],
-        scene.residual_variance[retained],
-        scene.noise[retained],
-        scene.mean[:, retained],
-        scene.covariance[np.ix_(rows, rows)],
-    )
-    part = solve_one(small, R)
-    assert full.log_evidence == pytest.approx(part.log_evidence, abs=1e-6)
-    assert full.mean[0][:2, retained] == pytest.approx(part.mean[0][:2], abs=1e-4)
-    depths = full.mean[0][2, retained]  # their mean is 0 over the landmarks that there are
-    assert depths - depths.mean() == pytest.approx(part.mean[0][2], abs=1e-4)
-
-
 def test_the_combination_of_one_mode_is_that_mode(draw_scene):
     scene, R = draw_scene(7)
     found = solve_one(scene, R)

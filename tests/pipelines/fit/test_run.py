@@ -64,33 +64,6 @@ class TestShapes:
         assert (rest[0] > 1.5 * rest[1]).all()
         assert (rest[1] > 1.5 * rest[2]).all()
 
-    def test_lambda_follows_the_noise(self, fit, dictionary, images):
-        low, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 0.5})
-        high, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 1.0})
-        lam = low.columns["lambda"]
-        np.testing.assert_allclose(high.columns["lambda"], 2 * lam)
-        np.testing.assert_allclose(lam * low.scale, lam[0] * low.scale[0])
-
-    @pytest.mark.parametrize("loss", ["sparse-error", "l1"])
-    def test_robust_losses_find_the_planted_outliers(self, fit, tmp_path, atoms, images, loss):
-        one = tmp_path / "one.h5"  # with more atoms than landmarks need, anything fits
-        write_dictionary(one, Dictionary(atoms[:1], NAMES, atoms[0]))
-        few = images.take([0, 6])  # the ones that show this atom
-        few.landmarks[np.arange(2), 0, np.arange(2)] += 30
-        wrong = np.eye(2, 10, dtype=bool)
-        robust, _ = fit(one, few, outliers=loss, outlier_threshold=0.2, **{"lambda": 0.01})
-        outliers = robust.columns["outliers"].astype(bool)
-        assert outliers[wrong].all()
-        # its force is bounded, not ended: another landmark may come to lie beyond
-        assert (outliers & ~wrong).sum() <= (1 if loss == "sparse-error" else 0)
-        plain, _ = fit(one, few)
-        assert "outliers" not in plain.columns
-        errors = [
-            np.linalg.norm(result.shapes[:, :2] - few.landmarks, axis=1)[~wrong].max()
-            for result in (robust, plain)
-        ]
-        assert errors[0] < (0.5 if loss == "l1" else 3.0) < errors[1]
-
     @pytest.mark.parametrize("method", PRIORLESS)
     def test_zero_images_give_zero_results(self, fit, dictionary, atoms, method):
         edges = np.array([[0, 1], [1, 2]])

@@ -1,8 +1,6 @@
 """Honest results are accepted: every method and data term, from every kind of file, in parts."""
 
 import json
-from collections import Counter
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -13,7 +11,6 @@ from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.pipelines.partition.run import run as fit_parts
-from shapefit.pipelines.verify import summary_lines
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 from tests.pipelines.verify.conftest import TERMS
@@ -64,19 +61,6 @@ def test_an_honest_result_is_accepted(
         found = verify(result, dictionaries[kind], given)
         assert (found.failures, found.done) == ({}, n)
         assert found.data["certified"] == (n if certified else 0)
-
-
-@pytest.mark.parametrize(
-    ("method", "why"),
-    [
-        ("convex", "no certificate is stored"),
-        ("global", "states its gap, not checked"),
-        ("pmp", "has no certificate"),
-    ],
-)
-def test_why_nothing_is_certified(method, why):
-    fit = SimpleNamespace(config={"method": method}, certified=False)
-    assert [*summary_lines(Counter(), fit, True)][1] == f"Certified  0 of 0 images: {why}"
 
 
 @pytest.fixture(scope="session")
