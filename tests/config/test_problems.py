@@ -73,7 +73,7 @@ learn-dict | method: pca-base | 3:1 | expected sparse-coding, exemplars or pca-b
 learn-dict | seed: 1 | 3:1 | unknown key 'seed'
 learn-dict | align: [a, b] | 3:1 | expected all or none, found a list
 project | hidden: 1 | 3:1 | expected a number >= 0 and < 1, found 1
-project | camera: {view: [[1,0,0],[0,1,0],[0,0,-1]]} | 3:10 | expected a rotation (orthonormal rows, determinant +1)
+project | camera: {view: [[2,0,0],[0,1,0],[0,0,1]]} | 3:10 | expected a rotation (orthonormal rows, determinant +1)
 project | camera: {view: [[1,0,0],[0,1,0]]} | 3:10 | expected turntable, random, or a rotation as three rows of three numbers, found
 fit | method: alternate; outliers: l1 | 5:1 | the method alternate does not support `outliers: l1`; use `method: convex`
 fit | method: pmp; camera: {focal: 2} | 5:10 | the method pmp has no perspective camera; leave out `camera.focal`
