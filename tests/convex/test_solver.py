@@ -153,11 +153,11 @@ def test_planted_optimum_is_found(loss, seed, weighted):
         np.testing.assert_allclose(found.dual[0], planted.dual, atol=1e-4)
 
 
-pytestmark = pytest.mark.slow  # cvxpy comes with the packages of the slow tests
-
-
 class Clarabel:
-    """The program of one image as the paper writes it, built once for a size and a loss."""
+    """The program of one image as the paper writes it, built once for a size and a loss.
+
+    cvxpy comes with the packages of the slow tests.
+    """
 
     def __init__(self, k: int, p: int, loss: Loss) -> None:
         import cvxpy as cp
@@ -197,6 +197,7 @@ def assert_agreement(problem: Problem) -> None:
     np.testing.assert_allclose(found.objective, expected, rtol=1e-6, atol=size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "k", "p"), [(80, 3, 5), (60, 7, 8), (40, 12, 10)])
 def test_squared_loss_on_random_images(make_problem, rng, n, k, p):
     problem = make_problem(n, k, p)
@@ -204,6 +205,7 @@ def test_squared_loss_on_random_images(make_problem, rng, n, k, p):
     assert_agreement(build_problem(problem.landmarks, problem.atoms, lam, weights=problem.weights))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [Loss.EXACT, Loss.ABSOLUTE, Loss.SPARSE_ERROR])
 @pytest.mark.parametrize(("k", "p"), [(4, 6), (9, 9)])
 def test_other_losses_on_random_images(make_problem, loss, k, p):
