@@ -78,5 +78,6 @@ def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(rng):
         return ((x[:, :, edges[:, 0]] - x[:, :, edges[:, 1]]) ** 2).sum(axis=1).mean(axis=0)
 
     expected = length * np.sqrt(squares(drawn @ A.T) / squares(drawn))
+    assert given.prior_means is mean
     found = mapped(given, A, np.zeros(4)).edge_length
     np.testing.assert_allclose(found, expected, rtol=0.01)

@@ -27,6 +27,8 @@ class TestCoincide:
         for steps, together in ((0, True), (1, True), (9, False), (100, False)):
             points[1, 2] = 7.0 + steps * rounding
             assert bool(coincide(points)) == together, steps
+        assert coincide(np.array([[[0.0, 0.0]], [[1.0, 2.0]]])).tolist() == [True, False]
+        assert coincide(np.empty((2, 3, 0))).tolist() == [True, True]
 
 
 class TestSimilarityTransform:
@@ -98,6 +100,7 @@ class TestGeneralisedProcrustes:
         assert found.converged
         more = rotation_onto(found.shapes, found.mean)
         np.testing.assert_allclose(more, np.broadcast_to(np.eye(3), more.shape), atol=1e-7)
+        assert generalised_procrustes(shapes, max_rounds=1).rounds == 1
 
     def test_only_the_chosen_landmarks_choose_the_rotation(self, shapes, rng):
         torso = [0, 2, 3, 5]
@@ -128,3 +131,6 @@ def test_the_lateral_axis_is_the_one_along_which_partners_lie_apart(rng, lateral
     shapes = (shape + mirror(shape, PARTNERS, lateral)) / 2 + offsets
     assert lateral_axis(shapes, PARTNERS) == lateral
     assert lateral_axis(shapes[0] + 100, PARTNERS) == lateral
+    shapes = np.zeros((4, 3, 4))
+    shapes[:, lateral, 0], shapes[0, lateral - 1, 0] = 2, 3  # apart along another axis in one
+    assert lateral_axis(shapes, PARTNERS) == lateral

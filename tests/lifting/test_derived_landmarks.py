@@ -108,7 +108,7 @@ def test_error_bars_of_rows_are_those_of_samples(rng):
     rows = rng.standard_normal((q, p))
     root = rng.standard_normal((n, 3 * p, 3 * p))
     covariance = root @ root.swapaxes(1, 2)
-    mean, apart = rng.standard_normal((n, 3, p)), np.array([0.0, 2.0, 0.0])
+    mean, apart = rng.standard_normal((n, 3, p)), np.array([0.0, 6.0, 0.0])
     found = see_rows(rows, mean, covariance, apart)
     draws = np.einsum("nij,nsj->nsi", root, rng.standard_normal((n, 40_000, 3 * p)))
     points = (mean[:, None] + draws.reshape(n, -1, 3, p)) @ rows.T

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from shapefit.config import ProjectConfig
+from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
-from shapefit.pipelines.projection import BATCH, HIDDEN, NOISE, VIEW, add_noise, hide, run
+from shapefit.pipelines.projection import BATCH, HIDDEN, NOISE, VIEW, add_noise, hide, run, stream
 from tests.io.files import load
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -106,11 +107,14 @@ def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(tmp
 
 def test_the_seed_decides(tmp_path, shapes):
     assert (VIEW, NOISE, HIDDEN) == (0, 1, 2)  # a seed means the same in every version
+    R = random_rotations(BATCH, stream(3, VIEW, 0))[:8]
+    noisy = add_noise((R @ shapes.shapes)[:, :2], 0.1, stream(3, NOISE, 0))
     keys = {"noise": 0.1, "hidden": 0.3, "camera": {"view": "random"}}
-    first, _ = view(tmp_path, shapes, seed=1, **keys)
-    again, _ = view(tmp_path, shapes, seed=1, **keys)
+    first, _ = view(tmp_path, shapes, seed=3, **keys)
+    again, _ = view(tmp_path, shapes, seed=3, **keys)
     other, _ = view(tmp_path, shapes, seed=2, **keys)
     assert np.array_equal(first.landmarks, again.landmarks, equal_nan=True)
+    np.testing.assert_allclose(first.landmarks, hide(noisy, 0.3, stream(3, HIDDEN, 0)), rtol=1e-12)
     assert not np.array_equal(first.landmarks, other.landmarks, equal_nan=True)
 
 

@@ -282,6 +282,16 @@ def test_a_landmark_that_is_mostly_wrong_does_not_make_the_others_less_exact(pla
     assert (keys["scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
 
 
+@pytest.mark.parametrize("shares", [(0.09, 0.26), (0.11, 0.26), (0.09, 0.24)])
+def test_less_than_a_tenth_trusted_and_more_than_a_quarter_doubtful_is_told(
+    planted, monkeypatch, shares
+):
+    monkeypatch.setattr(preparing, "trust_in_sample", lambda *given: shares)
+    images, given = planted[2](1, RESIDUAL_VARIANCE)[0].take(slice(20)), {"scale": 1.0}
+    found, _ = estimate(planted, images, **given, residual_variance=RESIDUAL_VARIANCE)
+    assert bool(found.warnings) == bool(found.reason) == (shares == (0.09, 0.26))
+
+
 def test_a_landmark_that_is_mostly_wrong_is_named(planted, tmp_path):
     images, _ = planted[2](1, RESIDUAL_VARIANCE, wrong=3, error=1.5)  # of the size of the shape
     _, outcomes = fit_images(tmp_path, images, planted[0], **KEYS)

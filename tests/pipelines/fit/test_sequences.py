@@ -148,6 +148,7 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     assert errors[0] < 0.95 * errors[1]
     assert found.columns["camera_translation"].shape == (len(truth), 3)
     assert (found.shape_sd > 0).all()
+    assert found.y_axis == "up"
 
 
 @pytest.fixture
