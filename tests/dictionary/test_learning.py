@@ -83,13 +83,6 @@ class TestHostileAtoms:
                 assert np.linalg.matrix_rank(flat(atoms)[c > 0]) == (c > 0).sum(), name
 
 
-class TestStart:
-    def test_the_start_does_not_change_the_answer(self, coded, atoms, rng):
-        start = 10 * rng.random((40, 12))
-        warm = sparse_code(coded, atoms, PRICE, start=start)
-        np.testing.assert_allclose(warm, sparse_code(coded, atoms, PRICE), atol=1e-10)
-
-
 @pytest.mark.parametrize("size", [0.01, 1.0, 100.0])
 def test_the_tolerance_is_a_share_of_the_shape(coded, atoms, size):
     # No single coefficient, set to its best, would move the shape by more than the tolerance.

@@ -211,7 +211,7 @@ def minimiser(G, g, radius=RADIUS, before=None):
 
 
 class TestSphere:
-    """Least squares on a sphere: the optimality conditions, planted minimisers, the hard case."""
+    """Least squares on a sphere: the optimality conditions, the hard case."""
 
     @pytest.mark.parametrize("m", [1, 2, 5, 16])
     @pytest.mark.parametrize("radius", [1e-3, 1.0, 1e3])

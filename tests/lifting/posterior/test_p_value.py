@@ -14,6 +14,7 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
+from shapefit.lifting.posterior import p_value
 from shapefit.lifting.posterior.p_value import (
     draw_table,
     exceeds,
@@ -122,7 +123,7 @@ def test_the_number_believed_decides_where_nothing_else_can():
     assert (p[4:] > 0.9).all()
 
 
-def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_scales():
+def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_scales(monkeypatch):
     prior = planted(15)
     table = draw_table(prior, (1.0, 4.0))
     drawn = table_of(planted, 15)
@@ -130,7 +131,11 @@ def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_sca
     assert moments_at(table, 0.1) == pytest.approx(drawn)
     assert moments_at(table, 50.0) == pytest.approx(table[table[:, 0] == 4, 1:])
     assert table[: len(table) // 2, 1].tolist() == [4, 6, 9, 15]
+    images, real = [], p_value.find_posterior
+    counted = lambda **keys: images.append(len(keys["landmarks"])) or real(**keys)  # noqa: E731
+    monkeypatch.setattr(p_value, "find_posterior", counted)
     between = moments_at(draw_table(prior, (2.0,)), 2.0)
+    assert sum(images) < 0.85 * 4 * p_value.DRAWS  # the control variate saves some of each count
     assert moments_at(table, 2.0)[:, 1] == pytest.approx(between[:, 1], abs=0.25)
     assert moments_at(table, 2.0)[:, 2] == pytest.approx(between[:, 2], rel=0.2)
 

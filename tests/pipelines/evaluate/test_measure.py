@@ -64,9 +64,9 @@ def test_every_metric_in_its_units(results, truth):
     for kind, values in expected.items():
         np.testing.assert_allclose(found.errors[kind], values)
     assert (found.failures, found.warnings, found.bars) == ({}, (), None)
-    boxed = with_column(results, "bounding_box", np.tile([9.0, 9, 3, 4], (N, 1)))
+    boxed = with_column(results, "bounding_box", np.tile(np.uint8([9, 9, 1, 2]), (N, 1)))
     box = measured(boxed, truth, metrics=["reprojection"]).errors["reprojection", "box"]
-    np.testing.assert_allclose(box, reprojection / 5)
+    np.testing.assert_allclose(box, reprojection / np.sqrt(5))
     plain = truth.replaced(unit="normalised")
     assert set(measured(results, plain, metrics=SHAPES).errors) == {("similarity", "normalised")}
 
