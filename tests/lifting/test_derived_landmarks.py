@@ -81,9 +81,8 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
 
     prior = np.zeros((17, 17))
     prior[:9, :9] = C[np.ix_(foot, foot)]
-    prior[9:, 9:] = residual_variance * np.eye(
-        8
-    )  # of the three landmarks in x, in y; of the ankle in x, y
+    # of the three landmarks in x, in y; of the ankle in x, y
+    prior[9:, 9:] = residual_variance * np.eye(8)
     H = np.zeros((6, 17))
     H[:, :6], H[:, 9:15] = np.eye(6), np.eye(6)
     H[:3, 15] = H[3:, 16] = -1.0

@@ -230,7 +230,7 @@ class TestSphere:
 
     @pytest.mark.parametrize("side", [-1, 1])
     def test_of_two_minimisers_the_nearer_is_taken(self, side):
-        """g has no part along the least eigenvalue: the eigenvector fills up y."""
-        G, g = np.diag([1.0, 3.0, 4.0]), np.array([0.0, 2.0, 0.0])
+        """g has no part along the least eigenvalue but rounding: the eigenvector fills up y."""
+        G, g = 1e8 * np.diag([1.0, 3.0, 4.0]), 1e8 * np.array([1e-17, 2.0, 0.0])
         y = minimiser(G, g, before=[side, 0.1, 0.2])
         np.testing.assert_allclose(y, [side * np.sqrt(RADIUS**2 - 1), 1, 0], atol=1e-14)

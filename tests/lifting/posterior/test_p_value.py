@@ -13,8 +13,8 @@ from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
 from shapefit.lifting.posterior import p_value
+from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
 from shapefit.lifting.posterior.p_value import (
     draw_table,
     exceeds,

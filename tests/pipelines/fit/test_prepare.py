@@ -322,6 +322,9 @@ def test_a_wider_prior_or_a_larger_variance_alone_makes_all_pairs_be_tried(best)
         return np.full(len(some), -np.abs(np.log2(pair) - np.log2(best)).sum())
 
     assert find_scale(evidence, images) == best
+    tried = (1, 2, 3)
+    first = find_scale(lambda pair, some: pair.count(3) * np.ones(len(some)), images, tried, tried)
+    assert first == (1, 1)  # as the next ones are no likelier
 
 
 SHARP = 1e4
