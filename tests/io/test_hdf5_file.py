@@ -229,10 +229,9 @@ FAULTS = [
      ["item: holds int64 (5,); store UTF-8 text (5,)",
       "shapes: holds text (); store numbers (5, 4, 3)",
       "edges: holds float64 (1, 2); store integers (1, 2)"]),
-    ("shapes", {"landmark_names": ["a", "b", "a", "c"]},
-     ["landmark_names: holds an empty name, or one twice; give every landmark a unique name"]),
-    ("shapes", {"landmark_names": ["a", "", "b", "c"]},
-     ["landmark_names: holds an empty name, or one twice; give every landmark a unique name"]),
+    *(("shapes", {"landmark_names": ["a", name, "b", "c"]},
+       ["landmark_names: holds an empty name, or one twice; give every landmark a unique name"])
+      for name in ("a", "")),
     *(("shapes", {"shapes": point([1.0, 2.0, value], 3, 1)},
        [f"shapes[3]: landmark 'left hand' is (1.0, 2.0, {value}); {FINITE}"])
       for value in (np.nan, np.inf, -np.inf)),

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from shapefit.errors import InputError
 from shapefit.io import (
     LandmarkSet,
     ResultSet,
@@ -19,7 +18,7 @@ from shapefit.io import (
     read_shapes,
     write_shapes,
 )
-from shapefit.io.checks import LIMIT, check_mesh, input_problems
+from shapefit.io.checks import LIMIT, input_problems
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.items import keep_landmarks
 from shapefit.io.source import open_results
@@ -109,9 +108,9 @@ def test_files_without_sequences_units_edges_or_shapes_go_with_others(tmp_path, 
     one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c.h5"
     write_shapes(one, shapes.take([0]).replaced(sequences=None, unit="unknown", edges=None))
     write_shapes(two, shapes.take([]).replaced(unit="mm", further={}))
-    write_shapes(three, permuted_shapes(shapes.take([1]), [2, 0, 3, 1]))
+    write_shapes(three, permuted_shapes(shapes.take([1]), [2, 0, 3, 1]).replaced(frame_rate=50.0))
     found = read_shapes([one, two, three])
-    assert (found.sequences, found.unit, len(found)) == (("", "walk"), "m", 2)
+    assert (found.sequences, found.unit, found.frame_rate) == (("", "walk"), "m", 50.0)
     np.testing.assert_array_equal(found.edges, shapes.edges)
     np.testing.assert_array_equal(found.columns["mirror_index"], shapes.columns["mirror_index"])
 
@@ -285,10 +284,3 @@ def test_all_problems_are_listed_or_counted(count):
     expected = lines[:LIMIT] + [f"... and {count - LIMIT} more"] * (count > LIMIT)
     assert str(input_problems(lines)).split("\n") == expected
     assert str(input_problems(lines[:LIMIT], count)).split("\n") == expected
-
-
-def test_a_vertex_that_is_no_number_is_named_by_its_row():
-    vertices = np.zeros((3, 3, 4))
-    vertices[2, :, 1] = np.nan
-    with pytest.raises(InputError, match=r"mesh_vertices\[2\]: vertex 1"):
-        check_mesh(lambda name, row: f"{name}[{row}]", {"mesh_vertices": vertices}, 5)

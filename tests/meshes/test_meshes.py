@@ -112,6 +112,8 @@ def test_landmarks_stand_as_in_the_image(y_axis, image, box_faces):
     np.testing.assert_array_equal(found["seen"], image.landmarks[:, [0, 1, 2, 3, 4, 6, 7]])
     assert axes.yaxis_inverted() == (y_axis == "down")
     assert axes.get_aspect() == 1
+    legend = axes.figure.legends[0].get_window_extent()
+    assert legend.y1 < axes.get_window_extent().y0  # below the panels
     lines = next(c for c in axes.collections if c.get_label() == "to the model").get_segments()
     assert len(lines) == 7
     for line in lines:
@@ -146,6 +148,10 @@ def test_edges_are_drawn_where_there_is_no_mesh(image):
     np.testing.assert_array_equal(bones._segments3d, in_axes[edges])
     widths = [lines.get_linewidths()[0] for lines in (residuals, drawn, bones)]
     assert widths == [0.8, 1.5, 1.5]  # thin residuals on thick bones
+    flat, right = contact_sheet([bare], Model("down")).axes
+    ring = next(line for line in flat.lines if line.get_label() == "hidden, from the model")
+    assert 4 * ring.get_markeredgewidth() == ring.get_markersize() < right.lines[0].get_markersize()
+    assert right.lines[0].get_markersize() < 4
 
 
 def test_an_image_without_a_shape_says_so(image, box_faces):

@@ -93,3 +93,7 @@ def test_a_known_optimum_is_certified_and_nothing_else(planted):
         ("status", lambda _: np.array(["degenerate input"]), "status"),
     ]:
         assert said in missed(planted | {name: change(planted[name])}), (name, said)
+    half, claims = planted["shapes"].copy(), Claims(np.zeros(1, dtype=bool))
+    half[0, 0, 0] = np.nan
+    check_ranges(planted | {"shapes": half, "status": np.array(["degenerate input"])}, claims)
+    assert "whole or absent" in claims.reasons[0]

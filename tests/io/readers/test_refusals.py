@@ -89,6 +89,7 @@ REFUSED = [
         r"csv:3: 'oops' is no number \(column y\)",
     ),
     ("t.csv", "frame;a_x;a_y;b_x;b_y\n0;1,234;2;3;4\n1;5.5;6;7;8\n", "csv:2: '1,234' is no numb"),
+    ("t.csv", "joint,x,y\na,1,2\nb,3,4\n", "t.csv:1: the header is 'joint,x,y'"),
     ("t.csv", "frame,joint,x,y\n0,a,1,2\n0,a,3,4\n", "csv:3: 'a' of 0 is also in line 2"),
     ("t.csv", "frame,joint,x,y\nlast,a,1,2\n", "'last'. is no whole number.*call the column `it"),
     ("t.csv", "frame,joint,x,y,score\n0,a,1,2,-1\n", "a confidence below 0"),
