@@ -112,8 +112,7 @@ def test_landmarks_stand_as_in_the_image(y_axis, image, box_faces):
     np.testing.assert_array_equal(found["seen"], image.landmarks[:, [0, 1, 2, 3, 4, 6, 7]])
     assert axes.yaxis_inverted() == (y_axis == "down")
     assert axes.get_aspect() == 1
-    legend = axes.figure.legends[0].get_window_extent()
-    assert legend.y1 < axes.get_window_extent().y0  # below the panels
+    assert axes.figure.legends[0].get_window_extent().y1 < axes.get_window_extent().y0
     lines = next(c for c in axes.collections if c.get_label() == "to the model").get_segments()
     assert len(lines) == 7
     for line in lines:
