@@ -250,8 +250,6 @@ FAULTS = [
      [f"atoms[0]: landmark 'head' is (inf, inf, inf); {FINITE}", *["*"] * 9, "... and 18 more"]),
     ("dictionary", {"atoms": np.zeros((0, 4, 3)), **dict.fromkeys(PER_ATOM)},
      ["atoms: has the shape (0, 4, 3); a dictionary needs atoms and landmarks"]),
-    ("dictionary", {"mesh_vertices": point([1.0, np.inf, 2.0], 6, 5)},
-     [f"mesh_vertices[6]: vertex 5 is (1.0, inf, 2.0); {FINITE}"]),
     *(("dictionary", {"atom_scale": point(value, 2)},
        ["atom_scale: holds numbers that cannot be; make the dictionary again"])
       for value in (0.0, -1.0, np.nan, np.inf)),
