@@ -140,6 +140,13 @@ def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_sca
     assert moments_at(table, 2.0)[:, 2] == pytest.approx(between[:, 2], rel=0.2)
 
 
+def test_distances_at_the_true_view_have_two_degrees_of_freedom_a_landmark_less_a_translation():
+    prior = Mixture(np.ones(1), planted(5).means[:1], planted(5).covariances[:1])
+    w, R, _ = draw(prior)
+    y = p_value.true_distances(prior, np.zeros(IMAGES, int), R, w, np.ones((IMAGES, 5), bool))
+    assert y.mean() == pytest.approx(2 * 5 - 2, abs=0.5)
+
+
 def test_without_a_prior_there_is_no_table():
     bare = Dictionary(np.ones((1, 3, 4)), tuple("abcd"), np.ones((3, 4)))
     assert with_p_value_table(bare) is bare
