@@ -206,6 +206,8 @@ def test_the_answer_is_a_stationary_point(loose):
     """sum_i c_i M_i Rbar^T is symmetric and positive semidefinite, and each c_i the best >= 0."""
     found = synchronise(loose)
     R, c = found.rotation, found.coefficients
+    np.testing.assert_allclose(np.linalg.norm(R, axis=2), 1, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(R), 1)  # of unit rows: they are orthogonal
     inner = np.einsum("nkab,nab->nk", loose, R[:, :2]) / 2
     np.testing.assert_allclose(c, np.maximum(inner, 0), atol=1e-14)
     X = np.einsum("nk,nkab,ncb->nac", c, loose, R[:, :2])
