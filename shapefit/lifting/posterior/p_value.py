@@ -158,7 +158,7 @@ def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
 
 
 def slope_and_correlation(x: Floats, y: Floats) -> tuple[float, float]:
-    """Of x (n,), nan where there is no posterior, over y (n,)."""
+    """Return the slope of x (n,) over y (n,) and their correlation; nan in x: no posterior."""
     finite = np.isfinite(x)
     C = np.cov(x[finite], y[finite])
     return float(C[0, 1] / C[1, 1]), float(C[0, 1] / np.sqrt(C[0, 0] * C[1, 1]))

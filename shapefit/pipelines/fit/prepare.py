@@ -284,7 +284,6 @@ def estimate(
     bar_scale = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
     config = config.changed(camera=camera, prior=bars)
     lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
-    lifter = replace(lifter, posterior=replace(lifter.posterior, covariance=True))
     in_file = draw_sample(images.take(np.flatnonzero(weigh(images, lifter).any(axis=1))))
     sample = matched.arrange(in_file, "landmarks")
 
@@ -346,7 +345,8 @@ def draw_sample(images: LandmarkSet) -> LandmarkSet:
 
 
 def lift_sample(sample: LandmarkSet, lifter: Lifter) -> Lifting:
-    """Lift a sample by the posterior, with p-values."""
+    """Lift a sample by the posterior, with p-values and covariances."""
+    lifter = replace(lifter, posterior=replace(lifter.posterior, covariance=True))
     return with_p_values(lift_images(sample, lifter), lifter)
 
 
@@ -501,7 +501,7 @@ def trust_in_sample(lifting: Lifting, growth: Sequence[float] = ()) -> tuple[flo
     estimate = lifting.estimate
     shapes, covariance, further = estimate.shapes, estimate.covariance, estimate.further
     grown = grow_covariance(covariance, scale_of_bars(1.0, growth, shapes.shape[2]))
-    assert grown is not None  # as `estimate` asks for
+    assert grown is not None  # as `lift_sample` asks for
     visible = np.isfinite(further["inlier_probability"]).sum(axis=1)
     numbers = (further[trust.P_VALUE], further[trust.START_DISTANCE])
     expected = trust.expected_error(shapes, grown)
