@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path, PurePath
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import (
     AfterValidator,
@@ -66,8 +66,7 @@ class FileText(str):
     folder: Path
 
 
-@dataclass(frozen=True)
-class Description:
+class Description(NamedTuple):
     """Annotation metadata: what a field expects, where its type does not say it well."""
 
     phrase: str

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,7 @@ def read_statuses(codes: NDArray[np.int64]) -> tuple[Status, ...]:
     return tuple(map(tuple(Status).__getitem__, codes.tolist()))
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """Optimum of the convex program for n images.
 
     transforms M; translation T (n, 2); dual Y (n, 2, p), feasible up to scaling;

@@ -11,8 +11,8 @@ the dual is Y = Y' U^T + v, and certificates are those of the landmarks as they 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,7 @@ NEGLIGIBLE = 1e-12
 """Singular value of the atoms beside the largest below which a direction is rounding."""
 
 
-@dataclass(frozen=True)
-class Reduced:
+class Reduced(NamedTuple):
     """Images `rows` (m,) as a problem of r + 1 landmarks; basis U Z (p, r + 1) of weighted ones.
 
     Without a basis the problem has all p landmarks.

@@ -7,7 +7,7 @@ and legs do; `vary` makes others of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -133,8 +133,7 @@ def has_lengths(dictionary: Dictionary) -> bool:
     return dictionary.edges is not None and length is not None and bool(length.sum() > 0)
 
 
-@dataclass(frozen=True)
-class Skeleton:
+class Skeleton(NamedTuple):
     """A tree of bones: order (p - 1,), the landmarks without the root, each after its parent (p,).
 
     limbs: for each chain of bones that ends in a leaf, the landmarks beyond its first bone; that

@@ -10,6 +10,7 @@ that of all shapes and e together, as that many shapes would. No round lowers th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,8 +79,7 @@ def widen(mixture: Mixture, factor: float) -> Mixture:
     return Mixture(mixture.weights, mixture.means, factor * mixture.covariances)
 
 
-@dataclass(frozen=True)
-class LearnedMixture:
+class LearnedMixture(NamedTuple):
     """The mixture and the objective after each round, never falling."""
 
     mixture: Mixture

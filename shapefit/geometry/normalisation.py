@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,7 @@ METRES = MappingProxyType({name: size for size, names in _NAMES.items() for name
 """Metres in one of each unit, by its names in small letters."""
 
 
-@dataclass(frozen=True)
-class Normalised:
+class Normalised(NamedTuple):
     """points = (original - centroid) / scale; hidden points are 0.
 
     points (..., d, p), centroid (..., d), scale (...).

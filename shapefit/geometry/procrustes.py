@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,7 @@ from shapefit.geometry.rotations import nearest_rotation
 Indices = NDArray[np.integer] | Sequence[int]
 
 
-@dataclass(frozen=True)
-class Similarity:
+class Similarity(NamedTuple):
     """x -> scale * rotation @ x + translation.
 
     scale (...), rotation (..., 3, 3), translation (..., 3).
@@ -31,8 +30,7 @@ class Similarity:
         return self.scale[..., None, None] * turned + self.translation[..., None]
 
 
-@dataclass(frozen=True)
-class Alignment:
+class Alignment(NamedTuple):
     """shapes = rotations @ original shapes, and their mean.
 
     shapes (n, 3, p), mean (3, p), rotations (n, 3, 3) proper; `converged` states whether the mean

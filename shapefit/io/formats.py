@@ -231,7 +231,7 @@ def record_writer(
     if is_stream(target) and file_format is not CSV:
         fault = "files of this format cannot go to standard output"
         raise input_error("output", fault, "name a file")
-    given = vars(options).items() - vars(BY_DEFAULT).items()
+    given = options._asdict().items() - BY_DEFAULT._asdict().items()
     if given and not file_format.in_metres:
         fault = f"{file_format.title} keeps the unit and the axes of what is written"
         fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"

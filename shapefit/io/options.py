@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
     from shapefit.geometry.cameras import Up
@@ -46,8 +46,7 @@ def input_options(config: Any, track: Track = "none") -> InputOptions:
     return InputOptions(**given, track=track, min_confidence=least)
 
 
-@dataclass(frozen=True, kw_only=True)
-class OutputOptions:
+class OutputOptions(NamedTuple):
     """How shapes get into files in metres.
 
     height in metres, by default that of the training shapes; unit of shapes whose files do not
@@ -63,8 +62,7 @@ class OutputOptions:
 BY_DEFAULT = OutputOptions()
 
 
-@dataclass(frozen=True, kw_only=True)
-class Summary:
+class Summary(NamedTuple):
     """What was written: the unit and axes, what to beware of, and the files if not the target."""
 
     note: str = ""

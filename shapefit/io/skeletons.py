@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -39,8 +38,7 @@ of the hips, in those of the joints. The means are those of one body seen by Ope
 cameras; the standard deviations cover six others."""
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """A part of the body among the joints x: w = (fixed + sum_k theta_k along_k) x + e.
 
     It stands for a `joint` in a fit, if any: `alone`, or as the mean of all such parts. Weights in
@@ -49,8 +47,8 @@ class Part:
     """
 
     joint: str | None = None
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    along: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    fixed: Mapping[str, float] = {}
+    along: Mapping[str, Mapping[str, float]] = {}
     std: float = 0.0
     alone: bool = True
 

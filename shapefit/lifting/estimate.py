@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,8 +108,7 @@ class Estimate:
 Estimator = Callable[[Problem], Estimate]
 
 
-@dataclass(frozen=True)
-class Placement:
+class Placement(NamedTuple):
     """A projected shape placed on the landmarks of n images.
 
     translation T (n, 2); half_squared_residual (n,), 1/2 ||Omega o (W - S - T 1^T)||_F^2;

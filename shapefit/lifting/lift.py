@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -42,8 +42,7 @@ NOISIEST = 1e6
 """Noise in units of the size of the landmarks beyond which these say nothing."""
 
 
-@dataclass(frozen=True)
-class Program:
+class Program(NamedTuple):
     """Which convex program is solved.
 
     `lam` None takes lambda from `noise`, the standard deviation of a landmark's coordinate in the
@@ -116,7 +115,7 @@ def lift(
     noise = find_noise(program, size, weights.shape)
     if camera is not None:
         middle = np.where(fine[:, None], norm.centroid, 0.0)
-        near = camera.normalised_as(replace(norm, centroid=middle, scale=size))
+        near = camera.normalised_as(norm._replace(centroid=middle, scale=size))
         problem = replace(problem, camera=near)
     estimate = estimator(replace(problem, noise=noise))
     for status, reason in REASONS.items():
@@ -202,8 +201,7 @@ def fail_nonfinite(lifting: Lifting) -> Lifting:
     )
 
 
-@dataclass(frozen=True)
-class Group:
+class Group(NamedTuple):
     """The lifting of some of the images with some of the atoms.
 
     images (m,) and atoms (j,): which of all images and of all atoms its axes run over.

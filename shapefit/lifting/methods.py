@@ -7,7 +7,7 @@ the config, the chain of `fit`, the exports and the page of a result ask the tab
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -98,8 +98,7 @@ def lacks_limbs(dictionary: Dictionary) -> str:
     return "" if (limbs**2).sum() > 0 else "every edge of `mean_shape` has length 0"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Method:
+class Method(NamedTuple):
     """A way to lift, and all that the rest of the package knows about it.
 
     run            "module:function", takes a Problem and Settings to an Estimate
@@ -209,8 +208,7 @@ METHODS: dict[str, Method] = {
         mixes_atoms=False,
     ),
     "posterior": POSTERIOR,
-    "sequences": replace(
-        POSTERIOR,
+    "sequences": POSTERIOR._replace(
         run="shapefit.lifting.sequences.clips:lift_frames",
         summary="the posterior of whole sequences: rigid bones, smooth motion",
         sequences=True,

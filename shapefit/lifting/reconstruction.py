@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +41,7 @@ def lift_convex(problem: Problem, settings: Settings) -> Estimate:
     )
 
 
-@dataclass(frozen=True)
-class Reconstruction:
+class Reconstruction(NamedTuple):
     """S = sum_i c_i R_i B_i and its parts, for n images.
 
     shapes (n, 3, p); coefficients c (n, k); rotation (n, 3, 3), the rotation nearest to

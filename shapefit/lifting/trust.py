@@ -23,7 +23,8 @@ focal length, or landmarks that a detector invents within the image.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +51,7 @@ are as the file has them, nan where they change places in the sequence and nobod
 right."""
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(NamedTuple):
     """The numbers of both rules, in one place; none is a key.
 
     min_p_value     of an image. By definition it flags 5% of those that are as the model says;

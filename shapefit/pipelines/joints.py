@@ -8,8 +8,7 @@ landmarks of the detector, are then rows of weights of its result.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +53,7 @@ def match_names(
     return Matched(dictionary, joints, unknown, in_place)
 
 
-@dataclass(frozen=True)
-class Matched:
+class Matched(NamedTuple):
     """Landmarks of files beside a dictionary without what these do not mark.
 
     unknown landmarks are left out. in_place: they lie where A says, else at their joints.
@@ -125,8 +123,7 @@ class Matched:
         return joints, datasets
 
 
-@dataclass(frozen=True)
-class Joints:
+class Joints(NamedTuple):
     """Joints of a dictionary; parts, by landmarks of files; those that stand for each joint."""
 
     joint_names: tuple[str, ...]

@@ -6,13 +6,12 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from shapefit.errors import InputError, counted
 
 
-@dataclass(frozen=True)
-class Failure:
+class Failure(NamedTuple):
     """An item that could not be done, and why."""
 
     item: str
@@ -39,8 +38,7 @@ class Note(str):
     """Stands among the warnings for what is good to know, and no sign of anything wrong."""
 
 
-@dataclass(frozen=True)
-class Result:
+class Result(NamedTuple):
     """The result of one part of the work: `done` items of `total`, None where that is not known.
 
     reasons count the items whose result is not to be trusted; unit is what the items are, where

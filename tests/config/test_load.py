@@ -40,16 +40,18 @@ def write(folder: Path, text: str, name: str = "configs/c.yaml") -> Path:
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        *(("+1", 1), ("08", 8), ("0o17", 15), ("0x1F", 31)),
+        *(("+1", 1), ("08", 8), ("0o17", 15), ("0x1F", 31), ("12", 12), ("007.50", 7.5)),
         *((".5", 0.5), ("-1.5e3", -1500.0), ("1e-3", 1e-3), ("-.inf", -math.inf)),
-        *((text, text) for text in ("1:30", "no", "e3", "2001-01-01")),
+        *((text, text) for text in ("1:30", "no", "e3", "2001-01-01", "a+b-", "nan")),
+        *(("true", True), ("null", None)),
         ("&one [1]\n- [*one, *one]", [1]),
     ],
 )
-def test_numbers_are_those_of_the_core_schema(text, value):
+def test_numbers_and_words_are_those_of_the_core_schema(text, value):
     read = read_yaml(f"- {text}\n", "here")
     assert isinstance(read[0], type(value))
     assert read[0] == value
+    assert "\n" in text or repr(read_yaml(text, "--set")) == repr(value)
     assert read[1:] in ([], [[[1], [1]]])
 
 

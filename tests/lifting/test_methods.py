@@ -104,7 +104,7 @@ def test_only_images_without_an_atom_begin_again(scene, settings):
         solution = solve_newton(problem)
         transforms = solution.transforms.dense()
         transforms[wrong] *= -1
-        return replace(solution, transforms=Transforms.of(transforms))
+        return solution._replace(transforms=Transforms.of(transforms))
 
     refined = choose_method("convex+refine", replace(settings, solve=solve))(problem)
     plain = choose_method("convex+refine", replace(settings, solve=solve_newton))(problem)
@@ -142,7 +142,7 @@ def test_a_failure_of_the_convex_solver_is_not_forgotten(loss, scene, settings):
         solution = settings.solve(problem)
         status = list(solution.status)
         status[3], status[5] = Status.NUMERICAL_FAILURE, Status.ITERATION_LIMIT
-        return replace(solution, status=tuple(status))
+        return solution._replace(status=tuple(status))
 
     problem = replace(scene.problem(0.1), loss=loss)
     found = choose_method("convex+refine", replace(settings, solve=solve))(problem)

@@ -14,8 +14,9 @@ like weak perspective, with the slope +-u_j for each landmark.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -261,8 +262,7 @@ def find_noise(problem: Problem) -> Floats:
     return noise
 
 
-@dataclass(frozen=True)
-class Rays:
+class Rays(NamedTuple):
     """f u (n, 2, p) with f the geometric mean of both focal lengths, slopes (n, 2, p), f (n,)."""
 
     landmarks: Floats

@@ -77,7 +77,7 @@ def find_p_values(
 
 def moments_at(table: Floats, scale: float) -> Floats:
     """Return the rows (c, 3) of a table (t, 4) at a scale, without it: linear in its log."""
-    scales = np.unique(table[:, 0])
+    scales = np.unique(table[:, 0], return_counts=True)[0]  # without, it imports numpy.ma
     rows = np.stack([table[table[:, 0] == one, 1:] for one in scales])
     rows[..., 2] = np.log(rows[..., 2])
     place = np.interp(np.log(scale), np.log(scales), np.arange(len(scales)))

@@ -8,8 +8,7 @@ landmark j.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +22,7 @@ TOLERANCE = 1e-4
 """A climb ends when a step gains less log likelihood, and the next one promises no more."""
 
 
-@dataclass(frozen=True)
-class Outliers:
+class Outliers(NamedTuple):
     """A landmark is an outlier with the chance `chance`; then it falls with the density `density`.
 
     The density is per area in the unit of the landmarks; a chance of 0 believes every landmark.
@@ -34,8 +32,7 @@ class Outliers:
     density: float = 0.05
 
 
-@dataclass(frozen=True)
-class Modes:
+class Modes(NamedTuple):
     """The M most likely modes of n images, the most likely first: a component and a view each.
 
     component (n, M), -1 where there are fewer; rotation R (n, M, 3, 3); scale s (n, M);
@@ -55,8 +52,7 @@ class Modes:
     inlier_probability: Floats
 
 
-@dataclass(frozen=True)
-class Posterior:
+class Posterior(NamedTuple):
     """The mixture of the modes of n images, nan where there is none.
 
     mean (n, 3, p) of y, its standard deviations (n, 3, p), and the correlation (n, 3, p) of x with

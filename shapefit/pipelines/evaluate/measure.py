@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -146,7 +146,7 @@ def match_truth(file: Path, results: Records, truth: ShapeSet, match: str) -> tu
     """
     keys, true_keys = keys_of([results]), keys_of([truth])
     if match not in (BY_ITEM, BY_FRAME):
-        keys = replace(keys, items=named_items(results, match, file, "match"))
+        keys = keys._replace(items=named_items(results, match, file, "match"))
     if match != BY_FRAME:
         try:
             return find_truth(file, match, keys, true_keys), False

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, median
 from shapefit.errors import input_error, listed
 from shapefit.geometry import pinhole
 from shapefit.geometry.pinhole import ASSUMED_FOCAL, CAMERA_MATRIX, Camera
@@ -100,7 +100,7 @@ def find_extent(images: LandmarkSet) -> float:
     w = np.where(images.visible()[:, None], images.landmarks, np.nan)
     w = w[np.isfinite(w).all(axis=1).sum(axis=1) > 1]
     extent = np.nanmax(w, axis=2, initial=-np.inf) - np.nanmin(w, axis=2, initial=np.inf)
-    return float(np.median(np.hypot(*extent.T))) if len(w) else np.inf
+    return median(np.hypot(*extent.T)) if len(w) else np.inf
 
 
 def camera_of(config: CameraConfig) -> Callable[[LandmarkSet], Camera] | None:

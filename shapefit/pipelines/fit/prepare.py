@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -97,8 +97,7 @@ KAPPA, DISTANCE = "calibration_kappa", "median_start_distance"
 Pair = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Estimates:
+class Estimates(NamedTuple):
     """What was estimated: values for keys of a config, lines about them, the camera's first.
 
     reason says why no image is to be trusted; growth (p,) are factors on covariances of landmarks.
@@ -109,11 +108,10 @@ class Estimates:
     warnings: tuple[str, ...] = ()
     reason: str = ""
     growth: tuple[float, ...] = ()
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float] = {}
 
 
-@dataclass(frozen=True)
-class Setup:
+class Setup(NamedTuple):
     """A fit in which nothing is left open: config with estimates, theta, skeleton of the detector.
 
     dictionary is the one that the files need; place is that of landmark names in messages.
@@ -340,7 +338,8 @@ def draw_sample(images: LandmarkSet) -> LandmarkSet:
     if images.sequences is not None and n > LARGEST:
         step = max(1, round(STEP * (images.frame_rate or RATE)))
         rows = evenly(n, LARGEST // 2)
-        rows = np.union1d(rows, rows[rows + step < n] + step)
+        second = rows[rows + step < n] + step
+        rows = np.flatnonzero(np.bincount(np.concatenate((rows, second))))
     return images.take(rows)
 
 

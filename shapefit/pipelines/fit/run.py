@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import __version__
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, median
 from shapefit.config import FitConfig
 from shapefit.convex.solver import Status
 from shapefit.core import IMAGES_PER_BLOCK
@@ -452,7 +452,7 @@ def rows_of(
         yield "Metres", metres
     result = f"{images} (no error bars by this method)"
     if counts.evaluated:
-        size = f"{100 * np.median(counts.errors):.0f} cm" if counts.errors else ""
+        size = f"{100 * median(np.array(counts.errors)):.0f} cm" if counts.errors else ""
         about = f", expected error about {size}" if size else ""
         result = f"{counts.trusted} of {images} trusted{about}"
     elif setup.dictionary.prior is None:
@@ -468,4 +468,4 @@ def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Res
     from shapefit.pipelines.meshes import write_meshes
 
     for part in write_meshes((result,), config.dictionary, folder, config.export.format):
-        yield replace(part, done=0, total=None)  # its images are counted already
+        yield part._replace(done=0, total=None)  # its images are counted already

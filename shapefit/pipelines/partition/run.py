@@ -20,7 +20,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent import futures
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import closing, contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
@@ -123,7 +123,7 @@ def run(config: FitConfig) -> Iterator[Result]:
         names, number = images.landmark_names, len(images)
         setup = yield from prepare(config, dictionary, names, lambda: images, number)
         estimates = setup.estimates
-    first = {**plan.digests, "method": config.method, "estimated": asdict(estimates)}
+    first = {**plan.digests, "method": config.method, "estimated": estimates._asdict()}
     with locked(folder.path):
         yield from (Result(line=line) for line in (chosen, *estimates.lines))
         yield Result(warnings=estimates.warnings)
@@ -247,7 +247,7 @@ def do_parts(
             manifest.add(entry)
             lost += entry["status"] != DONE
             failed = f", {lost} failed" if lost else ""
-            yield replace(result, note=f"{len(manifest.done)} of {total} done{failed}")
+            yield result._replace(note=f"{len(manifest.done)} of {total} done{failed}")
     note = f"{len(manifest.done)} of {total} done"
     yield Result(note=note, written=(manifest.path,))
 

@@ -285,7 +285,7 @@ def test_noise_widens_error_bars(fit, with_prior, images):
 def test_implausible_images_are_reported_and_keep_their_status(
     fit, with_prior, images, monkeypatch
 ):
-    monkeypatch.setattr(trust, "LIMITS", replace(trust.LIMITS, min_p_value=0.999999))
+    monkeypatch.setattr(trust, "LIMITS", trust.LIMITS._replace(min_p_value=0.999999))
     keys = {"camera": {"focal": "none"}}
     found, outcomes = fit(with_prior, images, method="posterior", **keys)
     (reasons,) = [reasons for out in outcomes for reasons in out.reasons]
