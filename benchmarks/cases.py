@@ -345,7 +345,7 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
     def sequences(one: Environment) -> Command:
         given = images(one, 10_000, source=sequence)
         learned = dictionary(one, "people")
-        return fit(one, given, "-d", learned, *config(one, "sequences/fit.yaml"))
+        return fit(one, given, "-d", learned, "--set", "method=sequences")
 
     def result(one: Environment) -> Path:
         given = images(one, 21_740), "-d", dictionary(one), "--set", "method=convex"

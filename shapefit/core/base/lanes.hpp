@@ -115,20 +115,11 @@ inline double power_of_e(double x) {
     x = larger(smaller(x, 700.0), -700.0);
     const double e = __builtin_floor(x * 0x1.71547652b82fep0 + 0.5);
     const double f = x - e * 0x1.62e42fefa39efp-1;
+    constexpr double TERMS[] = {1.0, 1.0, 1.0 / 2, 1.0 / 6, 1.0 / 24, 1.0 / 120, 1.0 / 720, 1.0 / 5040,
+                                1.0 / 40320, 1.0 / 362880, 1.0 / 3628800, 1.0 / 39916800, 1.0 / 479001600};
     double series = 1.0 / 6227020800;
-    series = series * f + 1.0 / 479001600;
-    series = series * f + 1.0 / 39916800;
-    series = series * f + 1.0 / 3628800;
-    series = series * f + 1.0 / 362880;
-    series = series * f + 1.0 / 40320;
-    series = series * f + 1.0 / 5040;
-    series = series * f + 1.0 / 720;
-    series = series * f + 1.0 / 120;
-    series = series * f + 1.0 / 24;
-    series = series * f + 1.0 / 6;
-    series = series * f + 0.5;
-    series = series * f + 1.0;
-    series = series * f + 1.0;
+#pragma GCC unroll 13
+    for (int term = 13; term-- > 0;) series = series * f + TERMS[term];
     const uint64_t exponent = __builtin_bit_cast(uint64_t, e + (0x1p52 + 1023)) << 52;
     return series * __builtin_bit_cast(double, exponent);
 }
@@ -149,14 +140,8 @@ inline double log_of_one_plus(double x) {
     const double f = small ? x : mantissa - 1.0;
     const double s = f / (2.0 + f), z = s * s;
     double series = 1.0 / 19;
-    series = series * z + 1.0 / 17;
-    series = series * z + 1.0 / 15;
-    series = series * z + 1.0 / 13;
-    series = series * z + 1.0 / 11;
-    series = series * z + 1.0 / 9;
-    series = series * z + 1.0 / 7;
-    series = series * z + 1.0 / 5;
-    series = series * z + 1.0 / 3;
+#pragma GCC unroll 8
+    for (int odd = 17; odd > 1; odd -= 2) series = series * z + 1.0 / odd;
     return e * 0x1.62e42fefa39efp-1 + 2.0 * (s + s * z * series);
 }
 

@@ -51,17 +51,14 @@ struct RotationOf {
     operator Number*() { return entry; }
     operator const Number*() const { return entry; }
 
-    static RotationOf from(const Number* R) {
+    // Of the first rows of R, or all.
+    static RotationOf from(const Number* R, int rows = 3) {
         RotationOf same;
-        same.take_rows(R, 3);
+        for (int e = 0; e < 3 * rows; ++e) same.entry[e] = R[e];
         return same;
     }
     void write(Number* out) const {
         for (int e = 0; e < 9; ++e) out[e] = entry[e];
-    }
-    // The first rows of R.
-    void take_rows(const Number* R, int count) {
-        for (int e = 0; e < 3 * count; ++e) entry[e] = R[e];
     }
 
     // The third row from the first two.

@@ -127,8 +127,7 @@ Invariants<double> invariants_of(const double* M) {
 
 // c R from M (2, 3) = c times the first two rows of R.
 Rotation scaled_rotation(const double* M, double c) {
-    Rotation cR;
-    cR.take_rows(M, 2);
+    Rotation cR = Rotation::from(M, 2);
     cR.complete();
     for (int b = 0; b < 3; ++b) cR[6 + b] = c > 0 ? cR[6 + b] / c : 0;
     return cR;

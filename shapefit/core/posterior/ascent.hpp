@@ -26,6 +26,7 @@ struct Ascent {
     Lanes moving;  // 1, or 0 where a lane has arrived
     Lanes predicted_gain;    // what the next step is expected to gain
     Lanes largest;  // log of the scale beyond which no step goes
+    Lanes before;   // the value with which the ascent ended, in single precision or in double
 
     Lanes *inlier_probability, *next;  // (p,), of which the first m count
 };
@@ -150,13 +151,14 @@ Lanes take_last_step(Ascent<Lanes>& at) {
 
 // The first values, at the views where the lanes start; inlier probabilities come from the other landmarks.
 template <class Lanes>
-void begin(const PosteriorData& data, const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack,
+void begin(const PosteriorData& data, const Observed<Lanes>& observed,
            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     const long m = observed.m;
     for (long j = 0; j < m; ++j) at.next[j] = all<Lanes>(1.0);
     for (long left = data.chance > 0 ? EARLY : 1; left--;) {
         for (long j = 0; j < m; ++j) at.inlier_probability[j] = at.next[j];
-        find_likelihood(data, observed, pack, at.view, at.inlier_probability, true, left == 0, space.likelihood, at.found,
+        find_likelihood(data, observed, at.view, at.inlier_probability, true,
+                        left ? Wanted::INLIERS : Wanted::CURVATURE, space.likelihood, at.found,
                         at.next);
     }
     for (int e = 0; e < VIEW * VIEW; ++e) at.curvature[e] = at.found.curvature[e];
@@ -171,16 +173,17 @@ void begin(const PosteriorData& data, const Observed<Number<Lanes>>& observed, c
 // still has arrived. Where every landmark is an outlier the likelihood grows with the scale for ever: there
 // steps end at `largest`.
 template <class Lanes>
-void ascent(const PosteriorData& data, const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack, long rounds,
+void ascent(const PosteriorData& data, const Observed<Lanes>& observed, long rounds,
            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     const long m = observed.m;
     const Lanes enough = all<Lanes>(data.tolerance);
+    const Wanted wanted = data.chance > 0 ? Wanted::CURVATURE : Wanted::GRADIENT;
     for (long round = 0; round < rounds && largest(at.moving) > 0; ++round) {
         Lanes step[VIEW], change[VIEW], mended[VIEW * VIEW];
         propose(at, step);
         move(at.view, step, space.view);
         for (long j = 0; j < m; ++j) space.inlier_probability[j] = at.next[j];
-        find_likelihood(data, observed, pack, space.view, space.inlier_probability, false, true, space.likelihood,
+        find_likelihood(data, observed, space.view, space.inlier_probability, false, wanted, space.likelihood,
                         space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
         const Lanes accepted = at.moving * indicate(gain + all<Lanes>(ROUNDING<Lanes>)) *
@@ -198,7 +201,7 @@ void ascent(const PosteriorData& data, const Observed<Number<Lanes>>& observed, 
             at.next[j] = select(accepted, space.next[j], at.next[j]);
         }
         at.damping = select(accepted, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)), at.damping * HARDEN);
-        at.predicted_gain = propose(at, step);
+        at.predicted_gain = select(at.moving, propose(at, step), at.predicted_gain);
         const Lanes converged = indicate(enough - at.predicted_gain) * indicate(enough - gain) * accepted;
         at.moving *= (1.0 - converged) * indicate(MOST_DAMPING - at.damping);
     }
@@ -206,14 +209,29 @@ void ascent(const PosteriorData& data, const Observed<Number<Lanes>>& observed, 
 
 // The likelihood where an ascent ends, after one more step, and the next inlier probabilities.
 template <class Lanes>
-void settle(const PosteriorData& data, const Observed<Number<Lanes>>& observed,
-            const Pack<Lanes>& pack, AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
+void settle(const PosteriorData& data, const Observed<Lanes>& observed,
+            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     at.view.R.orthonormalise();  // to the last digit, from one in single precision
     for (int again = 1; again >= 0; --again) {
-        find_likelihood(data, observed, pack, at.view, at.inlier_probability, false, true, space.likelihood, at.found,
+        find_likelihood(data, observed, at.view, at.inlier_probability, false, Wanted::GRADIENT, space.likelihood, at.found,
                         space.next);
         if (again) take_last_step(at);
         for (long j = 0; again && j < observed.m; ++j) at.inlier_probability[j] = space.next[j];
+    }
+}
+
+// The Hessian where an ascent has ended, by differences of gradients, inlier probabilities held.
+template <class Lanes>
+void find_hessian(const PosteriorData& data, const Observed<Lanes>& observed, AscentSpace<Lanes>& space,
+                  Ascent<Lanes>& at) {
+    for (int i = 0; i < VIEW; ++i) {
+        Lanes step[VIEW] = {};
+        step[i] = all<Lanes>(DIFFERENCE);
+        move(at.view, step, space.view);
+        find_likelihood(data, observed, space.view, at.inlier_probability, false, Wanted::GRADIENT, space.likelihood,
+                        space.found, space.next);
+        for (int j = 0; j < VIEW; ++j)
+            at.curvature[VIEW * i + j] = (space.found.gradient[j] - at.found.gradient[j]) / DIFFERENCE;
     }
 }
 

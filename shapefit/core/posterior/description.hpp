@@ -19,6 +19,7 @@ struct Description {
     Description(Workspace& workspace, long p)
         : p(p), d(tiled(3 * p)), n(tiled(2 * p)),
           place(workspace.zeros<long>(p)),
+          row(workspace.zeros<long>(3 * p)),
           mean(workspace.zeros<Doubles>(d)),
           C(workspace.zeros<Doubles>(d * d)),
           K(workspace.zeros<Doubles>(d * n)),
@@ -26,10 +27,13 @@ struct Description {
           U(workspace.zeros<Doubles>(2 * d)),
           J(workspace.zeros<Doubles>(VIEW * d)),
           change(workspace.zeros<Doubles>(VIEW * n)),
-          white(workspace.zeros<Doubles>(VIEW * n)) {}
+          white(workspace.zeros<Doubles>(VIEW * n)) {
+        for (long e = 0; e < 3 * p; ++e) row[e] = 3 * (e % p) + e / p;
+    }
 
     const long p, d, n;  // coordinate a of landmark j is row 3 j + a
     long* place;         // of a landmark among those seen, or -1 (p,)
+    long* row;           // of all x, then y, then z (3 p,)
     Doubles *mean, *C, *K, *W, *U, *J;  // (d,), (d, d), K^T (d, n), (L^-1 K)^T (d, n), (d, 2), (4, d)
     Doubles *change, *white;            // (4, n)
 };
@@ -49,10 +53,10 @@ inline void turn_about(int axis, const Doubles* x, Doubles* out) {
 }
 
 // Q (3, 3), the covariance of landmark k with landmark j, which is seen, to K and the turns' J.
-inline void relate(const Observed<double>& observed, long k, long j, const Doubles* Q, const Doubles* alpha,
+inline void relate(const Observed<Doubles>& observed, long k, long j, const Doubles* Q, const Doubles* alpha,
                    long n, Description& to) {
     const long e = 2 * to.place[j];
-    const double *slope = observed.slope + e;
+    const Doubles *slope = observed.slope + e;
     const Doubles raised[3] = {alpha[e], alpha[e + 1], -slope[0] * alpha[e] - slope[1] * alpha[e + 1]};
     for (int b = 0; b < 3; ++b)
         for (int a = 0; a < 2; ++a)
@@ -65,8 +69,9 @@ inline void relate(const Observed<double>& observed, long k, long j, const Doubl
 }
 
 // R C R^T, K and the means, of the components of the lanes.
-inline void turn_components(const Components<double>& from, Places<Doubles> of, const Observed<double>& observed,
-                            const LaneView<Doubles>& view, const Doubles* alpha, long n, Description& to) {
+inline void turn_components(const PosteriorData& data, const Side<Doubles>& side, const LaneView<Doubles>& view,
+                            const Doubles* alpha, long n, Description& to) {
+    const Observed<Doubles>& observed = side.observed;
     const RotationOf<Doubles>& R = view.R;
     for (long e = 0; e < VIEW * to.d; ++e) to.J[e] = Doubles{};
     for (long e = 0; e < to.d * n; ++e) to.K[e] = Doubles{};
@@ -75,8 +80,9 @@ inline void turn_components(const Components<double>& from, Places<Doubles> of, 
     for (long k = 0; k < to.p; ++k)
         for (long j = 0; j <= k; ++j) {
             Doubles C[9], CR[9], Q[9], transposed[9];
-            for (int e = 0; e < 9; ++e)
-                C[e] = pick<Doubles>(from.covariances + (9 * (corner(k) + j) + e) * from.capacity, from.capacity, of);
+            for (int e = 0; e < 9 * WIDTH; ++e)
+                C[e / WIDTH][e % WIDTH] =
+                    data.covariances[side.component[e % WIDTH]][e / WIDTH / 3 * to.p + k][e / WIDTH % 3 * to.p + j];
             for (int a = 0; a < 3; ++a)
                 for (int b = 0; b < 3; ++b) CR[3 * b + a] = inner3<Doubles>(C + 3 * a, R + 3 * b);
             for (int a = 0; a < 3; ++a)
@@ -90,13 +96,14 @@ inline void turn_components(const Components<double>& from, Places<Doubles> of, 
         }
     for (long j = 0; j < to.p; ++j) {
         Doubles mu[3];
-        for (int a = 0; a < 3; ++a) mu[a] = pick<Doubles>(from.means + (3 * j + a) * from.capacity, from.capacity, of);
+        for (int e = 0; e < 3 * WIDTH; ++e)
+            mu[e / WIDTH][e % WIDTH] = data.means[side.component[e % WIDTH]][e / WIDTH][j];
         for (int a = 0; a < 3; ++a) to.mean[3 * j + a] = inner3<Doubles>(R + 3 * a, mu);
     }
 }
 
 // J less s, and the mean becomes X + t.
-inline void differentiate_points(const Observed<double>& observed, const Doubles* q, Doubles shrunk,
+inline void differentiate_points(const Observed<Doubles>& observed, const Doubles* q, Doubles shrunk,
                                  const Translation<Doubles>& t, const LikelihoodSpace<Doubles>& space, long n,
                                  Description& to) {
     const Doubles *alpha = space.alpha, *Bx = alpha + n, *By = Bx + n;
@@ -108,7 +115,7 @@ inline void differentiate_points(const Observed<double>& observed, const Doubles
             for (int a = 0; a < 3; ++a) to.J[i * to.d + 3 * j + a] += turned[a];
         }
     for (long j = 0; j < observed.m; ++j) {
-        const double *V = observed.noise + 3 * j, *slope = observed.slope + 2 * j;
+        const Doubles *V = observed.noise + 3 * j, *slope = observed.slope + 2 * j;
         const Doubles share = 2.0 * shrunk / q[j];
         for (int a = 0; a < 2; ++a) {
             const long e = 2 * j + a, row = 3 * observed.index[j];
@@ -171,19 +178,18 @@ inline void add_up(const Translation<Doubles>& t, Doubles size, long n, bool who
 
 // Mean and covariance at a view per lane, with the inlier probabilities q (m,); `root` is W (4, 4) with
 // W^T W = (H + I)^-1, one a lane.
-inline void describe(const Side<Doubles>& side, Places<Doubles> of,
-                     const LaneView<Doubles>& view, const Doubles* q, const Doubles* root_of, bool whole,
-                     Description& to) {
-    const Observed<double>& observed = side.observed;
+inline void describe(const PosteriorData& data, const Side<Doubles>& side, const LaneView<Doubles>& view,
+                     const Doubles* q, const Doubles* root_of, bool whole, Description& to) {
+    const Observed<Doubles>& observed = side.observed;
     const LikelihoodSpace<Doubles>& space = side.space.likelihood;
     const long n = tiled(2 * observed.m);
     const Doubles shrink = exponential(-view.log_scale), size = 1.0 / (shrink * shrink);
-    centre(observed, side.pack, view, shrink, space);
-    fill_covariance(observed, side.pack, view, shrink * shrink, q, space);
+    centre(observed, view, shrink, space);
+    fill_covariance(observed, view, shrink * shrink, q, space);
     factorise(n, space.L, space.reciprocal);
     invert(n, space.L, space.reciprocal);
     const Translation<Doubles> t = solve(n, space);
-    turn_components(side.components, of, observed, view, space.alpha, n, to);
+    turn_components(data, side, view, space.alpha, n, to);
     const Doubles none{}, one = all(1.0);
     for (long e = 0; e < 3 * to.p; ++e) to.mean[e] += dot(to.K + e * n, space.alpha, n);
     differentiate_points(observed, q, shrink * shrink, t, space, n, to);

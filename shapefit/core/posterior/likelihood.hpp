@@ -67,6 +67,9 @@ struct PosteriorData {
     Tensor<double> mode_inlier_probability = from("mode_inlier_probability", "n M p?");
 };
 
+// What of the likelihood at a view: the next inlier probabilities alone, or the gradient too, or all.
+enum class Wanted { INLIERS, GRADIENT, CURVATURE };
+
 constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr int VIEW = 4;             // numbers of theta
 constexpr double TAU_SQUARE = 900;  // variance of the translation in the unit of shapes: wide
@@ -79,50 +82,24 @@ constexpr double MIN_INLIER_PROBABILITY = sizeof(Number<Lanes>) < sizeof(double)
 // Where row i of a lower triangle begins.
 inline long corner(long i) { return i * (i + 1) / 2; }
 
-// The m seen landmarks of an image.
-template <class Number>
+// What the lanes of a block stand for: the same m landmarks seen, of an image each, and a component.
+template <class Lanes>
 struct Observed {
     Observed(Workspace& workspace, long p)
-        : index(workspace.zeros<long>(p)),
-          w(workspace.zeros<Number>(2 * p)),
-          slope(workspace.zeros<Number>(2 * p)),
-          residual_variance(workspace.zeros<Number>(p)),
-          noise(workspace.zeros<Number>(3 * p)) {}
-
-    void take(const PosteriorData& data, long image) {
-        const double* V = data.noise[image].data;
-        m = 0;
-        noisy = false;
-        for (long j = 0; j < data.landmarks.size[2]; ++j) {
-            if (!is_finite(data.residual_variance[image][j])) continue;
-            const long e = m++;
-            index[e] = j;
-            residual_variance[e] = static_cast<Number>(data.residual_variance[image][j]);
-            for (int a = 0; a < 2; ++a) {
-                w[2 * e + a] = static_cast<Number>(data.landmarks[image][a][j]);
-                slope[2 * e + a] = static_cast<Number>(data.slopes[image][a][j]);
-            }
-            noise[3 * e] = static_cast<Number>(V[4 * j]);
-            noise[3 * e + 1] = static_cast<Number>(V[4 * j + 1]);
-            noise[3 * e + 2] = static_cast<Number>(V[4 * j + 3]);
-            noisy = noisy || V[4 * j] > 0 || V[4 * j + 3] > 0;
-        }
-    }
+        : w(workspace.zeros<Lanes>(2 * p)),
+          slope(workspace.zeros<Lanes>(2 * p)),
+          residual_variance(workspace.zeros<Lanes>(p)),
+          noise(workspace.zeros<Lanes>(3 * p)),
+          mean(workspace.zeros<Lanes>(3 * p)),
+          covariance(workspace.zeros<Lanes>(9 * corner(p))) {}
 
     long m = 0;
-    long* index;     // (p,) their places among all p landmarks
-    Number* w;       // (p, 2)
-    Number* slope;   // (p, 2)
-    Number* residual_variance;  // v (p,)
-    Number* noise;   // V (p, 3): xx, xy, yy
-    bool noisy = false;  // whether a V is not 0
-};
-
-// The components that the lanes of a block stand for, as far as they are seen.
-template <class Lanes>
-struct Pack {
-    Lanes* mean;        // mu (m, 3)
-    Lanes* covariance;  // C_jk (3, 3) for k <= j, at 9 (corner(j) + k)
+    const long* index = nullptr;  // (m,) their places among all p landmarks
+    Lanes *w, *slope;             // (m, 2)
+    Lanes* residual_variance;     // v (m,)
+    Lanes* noise;                 // V (m, 3): xx, xy, yy
+    Lanes* mean;                  // mu (m, 3)
+    Lanes* covariance;            // C_jk (3, 3) for k <= j, at 9 (corner(j) + k)
 };
 
 template <class Lanes>
@@ -172,22 +149,22 @@ struct Noise {
 };
 
 template <class Lanes>
-[[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Number<Lanes>>& observed, long j, Lanes shrunk) {
-    const Number<Lanes>* V = observed.noise + 3 * j;
+[[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Lanes>& observed, long j, Lanes shrunk) {
+    const Lanes* V = observed.noise + 3 * j;
     return {observed.residual_variance[j] + V[0] * shrunk, V[1] * shrunk, observed.residual_variance[j] + V[2] * shrunk};
 }
 
 template <class Lanes>
-void centre(const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
+void centre(const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes shrunk,
             const LikelihoodSpace<Lanes>& space) {
     const long n = tiled(2 * observed.m);
     for (long j = 0; j < observed.m; ++j) {
-        const Lanes* mu = pack.mean + 3 * j;
+        const Lanes* mu = observed.mean + 3 * j;
         for (int a = 0; a < 3; ++a)
             space.mean[3 * j + a] = view.R[3 * a] * mu[0] + view.R[3 * a + 1] * mu[1] +
                                     view.R[3 * a + 2] * mu[2];
         for (int a = 0; a < 2; ++a) {
-            const Number<Lanes> slope = observed.slope[2 * j + a];
+            const Lanes slope = observed.slope[2 * j + a];
             for (int c = 0; c < 3; ++c)
                 space.A[6 * j + 3 * a + c] = view.R[3 * a + c] - slope * view.R[6 + c];
             space.r[n * (1 + a) + 2 * j + a] = all<Lanes>(1.0);
@@ -200,7 +177,7 @@ void centre(const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack, co
 
 // S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen of k.
 template <class Lanes>
-void fill_covariance(const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
+void fill_covariance(const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes shrunk,
                      const Lanes* inlier_probability, const LikelihoodSpace<Lanes>& space) {
     const long n = tiled(2 * observed.m);
     const Lanes* z = view.R + 6;
@@ -209,7 +186,7 @@ void fill_covariance(const Observed<Number<Lanes>>& observed, const Pack<Lanes>&
         Lanes Aj[6];
         for (int e = 0; e < 6; ++e) Aj[e] = space.A[6 * j + e];
         for (long k = 0; k <= j; ++k) {
-            const Lanes *C = pack.covariance + 9 * (corner(j) + k), *A = space.A + 6 * k;
+            const Lanes *C = observed.covariance + 9 * (corner(j) + k), *A = space.A + 6 * k;
             Lanes T[9];  // A_j C_jk, then z^T R C_jk
             for (int c = 0; c < 3; ++c) {
                 T[c] = Aj[0] * C[c] + Aj[1] * C[3 + c] + Aj[2] * C[6 + c];
@@ -282,7 +259,7 @@ Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
 
 // X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
 template <class Lanes>
-void posterior_mean(const Observed<Number<Lanes>>& observed, Lanes shrunk, const Lanes* inlier_probability,
+void posterior_mean(const Observed<Lanes>& observed, Lanes shrunk, const Lanes* inlier_probability,
                     const Translation<Lanes>& t, const LikelihoodSpace<Lanes>& space) {
     const long N = 2 * observed.m, n = tiled(N);
     for (long j = 0; j < observed.m; ++j) {
@@ -300,7 +277,7 @@ void posterior_mean(const Observed<Number<Lanes>>& observed, Lanes shrunk, const
 
 // The blocks S^-1_jj, and, unless they are `alone`, D_j = sum_k F_jk S^-1_kj (m, 2).
 template <class Lanes>
-void pull_back(const Observed<Number<Lanes>>& observed, bool alone, const LikelihoodSpace<Lanes>& space) {
+void pull_back(const Observed<Lanes>& observed, bool alone, const LikelihoodSpace<Lanes>& space) {
     const long N = 2 * observed.m, n = tiled(N);
     for (long e = 0; e < n; ++e) space.D[e] = Lanes{};
     for (long j = 0; j < n; j += TILE)
@@ -340,13 +317,13 @@ void pull_back(const Observed<Number<Lanes>>& observed, bool alone, const Likeli
 // Half the change of log det S with a turn G, sum_j tr(P_j G V_j), where V_j (3, 2), the rows of
 // sum_k R C_jk A_k^T S^-1_kj, is D_j in depth, and P_j V_j = I - N_j S^-1_jj - (B G)_j.
 template <class Lanes>
-void turn_determinant(const Observed<Number<Lanes>>& observed, Lanes shrunk, const Lanes* inlier_probability,
+void turn_determinant(const Observed<Lanes>& observed, Lanes shrunk, const Lanes* inlier_probability,
                       const LikelihoodSpace<Lanes>& space, Lanes* gradient) {
     const Lanes* BG = space.BG;
     const long n = tiled(2 * observed.m);
     for (long j = 0; j < observed.m; ++j) {
         const Lanes *I = space.diagonal + 3 * j, *D = space.D + 2 * j;
-        const Number<Lanes>* u = observed.slope + 2 * j;
+        const Lanes* u = observed.slope + 2 * j;
         const Noise<Lanes> noise = noise_of(observed, j, shrunk);
         const Lanes share = 1.0 / inlier_probability[j];
         Lanes V[2][2];
@@ -364,12 +341,12 @@ void turn_determinant(const Observed<Number<Lanes>>& observed, Lanes shrunk, con
 
 // The derivatives of r: -P_j G_i X for the turns, -y for log s.
 template <class Lanes>
-void linearise(const Observed<Number<Lanes>>& observed, const LikelihoodSpace<Lanes>& space) {
+void linearise(const Observed<Lanes>& observed, const LikelihoodSpace<Lanes>& space) {
     const long n = tiled(2 * observed.m);
     for (long j = 0; j < observed.m; ++j) {
         const Lanes* X = space.X + 3 * j;
         Lanes* J = space.J + 2 * j;
-        const Number<Lanes>* slope = observed.slope + 2 * j;
+        const Lanes* slope = observed.slope + 2 * j;
         J[0] = slope[0] * X[1];
         J[1] = X[2] + slope[1] * X[1];
         J[n] = -X[2] - slope[0] * X[0];
@@ -382,8 +359,8 @@ void linearise(const Observed<Number<Lanes>>& observed, const LikelihoodSpace<La
 }
 
 template <class Lanes>
-void differentiate(const Observed<Number<Lanes>>& observed, Lanes shrunk, const Lanes* inlier_probability, const Translation<Lanes>& t,
-                   const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found) {
+void differentiate(const Observed<Lanes>& observed, Lanes shrunk, const Lanes* inlier_probability, const Translation<Lanes>& t,
+                   bool curved, const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found) {
     const long N = 2 * observed.m, n = tiled(N);
     linearise(observed, space);
     for (int i = 0; i < VIEW; ++i) {
@@ -393,19 +370,16 @@ void differentiate(const Observed<Number<Lanes>>& observed, Lanes shrunk, const 
     }
     turn_determinant(observed, shrunk, inlier_probability, space, found.gradient);
     found.gradient[3] += static_cast<Number<Lanes>>(N - 2);
-    if (observed.noisy)
-        for (long j = 0; j < observed.m; ++j) {
-            const Number<Lanes>* V = observed.noise + 3 * j;
-            const Lanes *alpha = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
-            const Noise<Lanes> noise = noise_of(observed, j, shrunk);
-            const Lanes det = noise.xx * noise.yy - noise.xy * noise.xy;
-            found.gradient[3] +=
-                shrunk * ((V[0] * (alpha[0] * alpha[0] - D[0]) + V[2] * (alpha[1] * alpha[1] - D[2]) +
-                           2 * V[1] * (alpha[0] * alpha[1] - D[1])) /
-                              inlier_probability[j] +
-                          (1.0 - inlier_probability[j]) *
-                              (V[0] * noise.yy + V[2] * noise.xx - 2 * V[1] * noise.xy) / det);
-        }
+    for (long j = 0; j < observed.m; ++j) {
+        const Lanes *V = observed.noise + 3 * j, *alpha = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
+        const Noise<Lanes> noise = noise_of(observed, j, shrunk);
+        const Lanes q = inlier_probability[j], det = noise.xx * noise.yy - noise.xy * noise.xy;
+        found.gradient[3] +=
+            shrunk * ((V[0] * (alpha[0] * alpha[0] - D[0]) + V[2] * (alpha[1] * alpha[1] - D[2]) +
+                       2.0 * V[1] * (alpha[0] * alpha[1] - D[1])) / q +
+                      (1.0 - q) * (V[0] * noise.yy + V[2] * noise.xx - 2.0 * V[1] * noise.xy) / det);
+    }
+    if (!curved) return;
     multiply<VIEW>(n, space.L, space.J, space.white);
     Lanes along[VIEW][2] = {};  // J B
     for (int i = 0; i < VIEW; ++i)
@@ -436,9 +410,10 @@ Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
 
 // Add the terms of the inlier probabilities to the value; the next inlier probabilities.
 template <class Lanes>
-void believe(const PosteriorData& data, const Observed<Number<Lanes>>& observed, const LaneView<Lanes>& view, Lanes shrunk,
+void believe(const PosteriorData& data, const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes shrunk,
              const Lanes* inlier_probability,
-             bool by_others, const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
+             bool by_others, bool valued, const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found,
+             Lanes* next) {
     if (!(data.chance > 0)) {
         for (long j = 0; j < observed.m; ++j) next[j] = all<Lanes>(1.0);
         return;
@@ -458,21 +433,22 @@ void believe(const PosteriorData& data, const Observed<Number<Lanes>>& observed,
         const Lanes odds = log_inlier + density - outlier;
         const Lanes steep = larger(smaller(odds, all<Lanes>(40.0)), all<Lanes>(-40.0));
         next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(MIN_INLIER_PROBABILITY<Lanes>));
+        if (!valued) continue;
         found.value += rest * (log_size + outlier) + q * log_inlier - (1.0 + q) * logarithm(q) -
                        rest * logarithm(rest + all<Lanes>(1e-30));
     }
 }
 
 // `inlier_probability` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
-// alone say of each, which an outlier cannot sway. Derivatives only where they are wanted.
+// alone say of each, which an outlier cannot sway. Only what is wanted is found.
 template <class Lanes>
-void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack,
-                     const LaneView<Lanes>& view, const Lanes* inlier_probability, bool by_others, bool derived,
+void find_likelihood(const PosteriorData& data, const Observed<Lanes>& observed,
+                     const LaneView<Lanes>& view, const Lanes* inlier_probability, bool by_others, Wanted wanted,
                      const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
     const long N = 2 * observed.m, n = tiled(N);
     const Lanes shrink = exponential(-view.log_scale);
-    centre(observed, pack, view, shrink, space);
-    fill_covariance(observed, pack, view, shrink * shrink, inlier_probability, space);
+    centre(observed, view, shrink, space);
+    fill_covariance(observed, view, shrink * shrink, inlier_probability, space);
     const Lanes log_det = factorise(n, space.L, space.reciprocal);
     invert(n, space.L, space.reciprocal);
     const Translation<Lanes> t = solve(n, space);
@@ -480,12 +456,13 @@ void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& o
     for (long e = 0; e < n; ++e) found.squared_mahalanobis += space.white[e] * space.white[e];
     found.value = -0.5 * (found.squared_mahalanobis + log_det + t.log_det + all<Lanes>(static_cast<double>(N) * LOG_TWO_PI)) -
                   static_cast<Number<Lanes>>(N - 2) * view.log_scale;
+    const bool derived = wanted != Wanted::INLIERS, curved = wanted == Wanted::CURVATURE;
     pull_back(observed, !derived, space);
     if (derived) {
         posterior_mean(observed, shrink * shrink, inlier_probability, t, space);
-        differentiate(observed, shrink * shrink, inlier_probability, t, space, found);
+        differentiate(observed, shrink * shrink, inlier_probability, t, curved, space, found);
     }
-    believe(data, observed, view, shrink * shrink, inlier_probability, by_others, space, found, next);
+    believe(data, observed, view, shrink * shrink, inlier_probability, by_others, derived, space, found, next);
 }
 
 }  // namespace shapefit

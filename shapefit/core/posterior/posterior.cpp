@@ -12,6 +12,7 @@ constexpr double LAPLACE = 1;         // by which integrating over the view may 
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
 struct Mode {
+    Origin origin;
     long component;
     Rotation R;
     double log_scale;
@@ -20,138 +21,124 @@ struct Mode {
     bool stationary;            // the gradient is 0, and every direction leads down
     double root[VIEW * VIEW];   // W with W^T W = (H + I)^-1, the covariance of the view
     double* inlier_probability;  // (m,)
+    double share;                // of the evidence of its image
+    double* mean;                // (3 p,)
 };
 
-// The modes of an image; `order` begins with those that count, the best first.
+// The modes of the images of a group; `order` has those that count, image by image, the best first.
 struct Modes {
     Modes(Workspace& workspace, long most, long p)
         : modes(workspace.zeros<Mode>(most)), order(workspace.zeros<long>(most)) {
-        for (long i = 0; i < most; ++i) modes[i].inlier_probability = workspace.zeros<double>(p);
+        for (long i = 0; i < most; ++i) {
+            modes[i].inlier_probability = workspace.zeros<double>(p);
+            modes[i].mean = workspace.zeros<double>(3 * p);
+        }
     }
 
-    const Mode& operator[](long i) const { return modes[order[i]]; }
+    Mode& operator[](long i) const { return modes[order[i]]; }
 
     Mode* modes;
     long* order;
+    long count = 0;  // of order
 };
 
-// The root of the covariance of the view, (H + I)^-1, where no direction is less than flat; returns
-// log det (H + I), and whether H is positive definite.
-struct Curvature {
-    double log_det;
-    bool definite;
-};
-
-Curvature weigh_view(const Ascent<Doubles>& at, long lane, double* root_of) {
-    double H[VIEW * VIEW], values[VIEW], axes[VIEW * VIEW], log_det = 0;
+// The point on which ascent i ended, with its evidence; no direction of its view is less than flat.
+void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
+    Ascent<Doubles>& at = search.arrived[i];
+    const long lane = i % WIDTH;
+    double H[VIEW * VIEW], values[VIEW], axes[VIEW * VIEW], log_det = 0;  // of H + I
     for (int e = 0; e < VIEW * VIEW; ++e) H[e] = at.curvature[e][lane];
     symmetric_eigen({H, {VIEW, VIEW}}, {values, {VIEW}}, {axes, {VIEW, VIEW}});
-    for (int i = 0; i < VIEW; ++i) {
-        const double lifted = larger(values[i], 0.0) + CURVATURE_OF_PRIOR;
-        log_det += log(lifted);
-        for (int e = 0; e < VIEW; ++e) root_of[VIEW * i + e] = axes[VIEW * i + e] / root(lifted);
-    }
-    return {log_det, values[0] > 1e-6};
-}
-
-// The point on which ascent i ended, with its evidence.
-void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
-    const Ascents<Doubles>& ascents = search.arrived;
-    Ascent<Doubles>& at = ascents[i];
-    const long lane = i % WIDTH;
-    const Curvature curvature = weigh_view(at, lane, mode.root);
-    mode.stationary = curvature.definite && !(at.moving[lane] > 0);
-    mode.component = ascents.pair[i] % data.means.size[0];
+    for (int e = 0; e < VIEW * VIEW; ++e)
+        mode.root[e] = axes[e] / root(larger(values[e / VIEW], 0.0) + CURVATURE_OF_PRIOR);
+    for (double value : values) log_det += log(larger(value, 0.0) + CURVATURE_OF_PRIOR);
+    mode.stationary = values[0] > 1e-6 && !(at.moving[lane] > 0);
+    mode.origin = search.arrived.origin[i];
+    mode.component = mode.origin.pair % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
-    for (long j = 0; j < search.late.observed.m; ++j) mode.inlier_probability[j] = at.inlier_probability[j][lane];
+    for (long j = 0; j < search.group.m; ++j) mode.inlier_probability[j] = at.inlier_probability[j][lane];
     mode.squared_mahalanobis = at.found.squared_mahalanobis[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
-                        0.5 * (VIEW * LOG_TWO_PI - curvature.log_det);
+                        0.5 * (VIEW * LOG_TWO_PI - log_det);
     // A saddle, or a point on the way, counts only where no ascent ends on a maximum.
     if (!mode.stationary) mode.log_evidence -= NO_MAXIMUM;
 }
 
-// Sort by evidence and leave out what was found before and what is negligible.
-long rank(Modes& search, long count) {
+// Append to the order the modes of an image, of which the first `count` are all, by their evidence, without
+// what was found before and what is negligible.
+void rank(Modes& all, long count, long slot) {
+    const long first = all.count;
+    long *order = all.order + first, found = 0, retained = 0;
     for (long i = 0; i < count; ++i) {
-        long place = i;
-        for (; place > 0 && search.modes[search.order[place - 1]].log_evidence <
-                                search.modes[i].log_evidence;
-             --place)
-            search.order[place] = search.order[place - 1];
-        search.order[place] = i;
+        if (all.modes[i].origin.slot != slot) continue;
+        long place = found++;
+        for (; place > 0 && all.modes[order[place - 1]].log_evidence < all.modes[i].log_evidence; --place)
+            order[place] = order[place - 1];
+        order[place] = i;
     }
-    long retained = 0;
-    for (long i = 0; i < count; ++i) {
-        const Mode& mode = search.modes[search.order[i]];
-        if (mode.log_evidence < search.modes[search.order[0]].log_evidence - NEGLIGIBLE) break;
+    for (long i = 0; i < found; ++i) {
+        const Mode& mode = all.modes[order[i]];
+        if (mode.log_evidence < all.modes[order[0]].log_evidence - NEGLIGIBLE) break;
         bool known = false;
         for (long o = 0; o < retained && !known; ++o) {
-            const Mode& other = search.modes[search.order[o]];
+            const Mode& other = all.modes[order[o]];
             double distance = 0;
             for (int e = 0; e < 9; ++e) distance += square(mode.R[e] - other.R[e]);
             known = other.component == mode.component && distance < SAME_VIEW * SAME_VIEW;
         }
-        if (!known) search.order[retained++] = search.order[i];
+        if (!known) order[retained++] = order[i];
     }
-    return retained;
+    all.count += retained;
 }
 
 void fill(double* x, long n, double value) {
     for (long e = 0; e < n; ++e) x[e] = value;
 }
 
-// Mean and covariance of a mixture, from one mode to the next: deviations and MIXED correlations, and
-// the whole covariance where there is room for it.
-class Mixture {
-  public:
+// Mean and covariance of the mixture of an image, C = sum_i share_i (C_i + (mean_i - mean) (mean_i - mean)^T):
+// deviations and MIXED correlations, and the whole covariance where there is room for it.
+struct Mixture {
     Mixture(const PosteriorData& data, long image)
-        : p_(data.landmarks.size[2]),
-          d_(3 * p_),
-          mean_(data.mean[image].data),
-          squares_(data.deviation[image].data),
-          mixed_(data.correlation[image].data),
-          whole_(data.covariance.size[0] ? data.covariance[image].data : nullptr) {}
-
-    bool is_whole() const { return whole_; }
+        : p(data.landmarks.size[2]),
+          d(3 * p),
+          mean(data.mean[image].data),
+          squares(data.deviation[image].data),
+          mixed(data.correlation[image].data),
+          whole(data.covariance.size[0] ? data.covariance[image].data : nullptr) {}
 
     void set_all(double value) {
-        fill(mean_, d_, value);
-        fill(squares_, d_, value);
-        fill(mixed_, d_, value);
-        if (whole_) fill(whole_, d_ * d_, value);
+        fill(mean, d, value);
+        fill(squares, d, value);
+        fill(mixed, d, value);
+        if (whole) fill(whole, d * d, value);
     }
 
-    // The mean moves by the mode's share; what lies between joins the covariance. mean(e), C(e, f).
-    template <class Mean, class Covariance>
-    void add(double share, const Mean& mean, const Covariance& C) {
-        const double step = share / (before_ + share), distance = before_ * step;
-        const auto entry = [&](long e, long f) {
-            return share * C(e, f) + distance * (mean(e) - mean_[e]) * (mean(f) - mean_[f]);
-        };
-        for (long e = 0; e < d_; ++e) squares_[e] += entry(e, e);
-        for (long e = 0; e < d_; ++e) mixed_[e] += entry(first(e), second(e));
-        for (long e = 0; whole_ && e < d_; ++e)
-            for (long f = 0; f < d_; ++f) whole_[e * d_ + f] += entry(e, f);
-        for (long e = 0; e < d_; ++e) mean_[e] += step * (mean(e) - mean_[e]);
-        before_ += share;
+    // C_ef += of(e, f) for e >= f where it is wanted.
+    template <class Of>
+    void add(const Of& of) {
+        for (long e = 0; !whole && e < d; ++e) squares[e] += of(e, e);
+        for (long e = 0; !whole && e < d; ++e) mixed[e] += of(second(e), first(e));
+        for (long e = 0; whole && e < d; ++e)
+            for (long f = 0; f <= e; ++f) whole[e * d + f] += of(e, f);
     }
 
     // Squares become deviations, and covariances of MIXED correlations.
     void finish() {
-        for (long e = 0; e < d_; ++e) squares_[e] = root(larger(squares_[e], 0.0));
-        for (long e = 0; e < d_; ++e)
-            mixed_[e] /= larger(squares_[first(e)] * squares_[second(e)], TINY);
+        for (long e = 0; whole && e < d; ++e) {
+            squares[e] = whole[e * d + e];
+            mixed[e] = whole[second(e) * d + first(e)];
+            for (long f = 0; f < e; ++f) whole[f * d + e] = whole[e * d + f];
+        }
+        for (long e = 0; e < d; ++e) squares[e] = root(larger(squares[e], 0.0));
+        for (long e = 0; e < d; ++e) mixed[e] /= larger(squares[first(e)] * squares[second(e)], TINY);
     }
 
-  private:
-    long first(long e) const { return MIXED[e / p_][0] * p_ + e % p_; }
-    long second(long e) const { return MIXED[e / p_][1] * p_ + e % p_; }
+    long first(long e) const { return MIXED[e / p][0] * p + e % p; }
+    long second(long e) const { return MIXED[e / p][1] * p + e % p; }
 
-    const long p_, d_;
-    double *mean_, *squares_, *mixed_, *whole_;
-    double before_ = 0;  // the share of the modes so far
+    const long p, d;
+    double *mean, *squares, *mixed, *whole;
 };
 
 void fail(const PosteriorData& data, long image) {
@@ -162,73 +149,106 @@ void fail(const PosteriorData& data, long image) {
     data.stationary[image] = false;
 }
 
-template <class Mean, class Covariance>
-void store(const PosteriorData& data, long image, long rank, const Observed<double>& observed, const Mode& mode,
-           const Mean& mean, const Covariance& covariance) {
-    const long p = data.landmarks.size[2], d = 3 * p;
+template <class Covariance>
+void store(const PosteriorData& data, const Group& group, const Mode& mode, long rank, const Covariance& C) {
+    const long p = data.landmarks.size[2], d = 3 * p, image = group.image[mode.origin.slot];
     data.mode_component[image][rank] = mode.component;
     data.mode_scale[image][rank] = exp(mode.log_scale);
     data.mode_log_evidence[image][rank] = mode.log_evidence;
     mode.R.write(data.mode_rotation[image][rank].data);
-    for (long e = 0; e < d; ++e) data.mode_mean[image][rank].data[e] = mean(e);
+    for (long e = 0; e < d; ++e) data.mode_mean[image][rank].data[e] = mode.mean[e];
     for (long e = 0; e < d; ++e)
-        for (long f = 0; f < d; ++f) data.mode_covariance[image][rank][e][f] = covariance(e, f);
+        for (long f = 0; f < d; ++f) data.mode_covariance[image][rank][e][f] = C(e, f);
     const Vector<double> inlier_probability = data.mode_inlier_probability[image][rank];
     fill(inlier_probability.data, p, NOT_A_NUMBER);
-    for (long j = 0; j < observed.m; ++j) inlier_probability[observed.index[j]] = mode.inlier_probability[j];
+    for (long j = 0; j < group.m; ++j) inlier_probability[group.index[j]] = mode.inlier_probability[j];
+}
+
+// Shares of the evidence of an image, and what is a mean over its modes, the last from `first` on.
+void share_out(const PosteriorData& data, const Group& group, const Modes& modes, long first) {
+    const long image = group.image[modes[first].origin.slot], last = modes.count;
+    const double best = modes[first].log_evidence;
+    double total = 0;
+    for (long i = first; i < last; ++i) total += modes[i].share = exp(modes[i].log_evidence - best);
+    const Vector<double> inlier_probability = data.inlier_probability[image];
+    fill(inlier_probability.data, inlier_probability.size[0], NOT_A_NUMBER);
+    for (long j = 0; j < group.m; ++j) inlier_probability[group.index[j]] = 0;
+    data.squared_mahalanobis[image] = 0;
+    for (long i = first; i < last; ++i) {
+        const double share = modes[i].share /= total;
+        data.squared_mahalanobis[image] += share * modes[i].squared_mahalanobis;
+        for (long j = 0; j < group.m; ++j)
+            inlier_probability[group.index[j]] += share * modes[i].inlier_probability[j];
+    }
+    Mixture(data, image).set_all(0);
+    modes[first].R.write(data.rotation[image].data);
+    data.scale[image] = exp(modes[first].log_scale);
+    data.log_evidence[image] = best + log(total);
+    data.stationary[image] = modes[first].stationary;
 }
 
 // Describe the modes from `first` on, one a lane; lanes without one stand for the last.
-void describe_modes(const Modes& modes, long first, long retained, bool whole, Side<Doubles>& side,
-                    Description& description) {
+void describe_modes(const PosteriorData& data, const Group& group, const Modes& modes, long first, bool whole,
+                    Side<Doubles>& side, Description& description) {
     LaneView<Doubles> view;
     Doubles root_of[VIEW * VIEW];
-    Places<Doubles> of;
+    Origin origin[WIDTH];
     for (int lane = 0; lane < WIDTH; ++lane) {
-        const Mode& mode = modes[first + lane < retained ? first + lane : retained - 1];
-        of[lane] = mode.component;
+        const Mode& mode = modes[first + lane < modes.count ? first + lane : modes.count - 1];
+        origin[lane] = mode.origin;
         for (int e = 0; e < 9; ++e) view.R[e][lane] = mode.R[e];
         view.log_scale[lane] = mode.log_scale;
         for (int e = 0; e < VIEW * VIEW; ++e) root_of[e][lane] = mode.root[e];
-        for (long j = 0; j < side.observed.m; ++j) side.space.inlier_probability[j][lane] = mode.inlier_probability[j];
+        for (long j = 0; j < group.m; ++j) side.space.inlier_probability[j][lane] = mode.inlier_probability[j];
     }
-    fetch(of, side);
-    describe(side, of, view, side.space.inlier_probability, root_of, whole, description);
+    fetch(data, group, origin, side);
+    describe(data, side, view, side.space.inlier_probability, root_of, whole, description);
 }
 
-// The mixture of the first `retained` modes, by their evidence.
-void combine(const PosteriorData& data, long image, const Modes& modes, long retained, Side<Doubles>& side,
+// The mixtures of the images of a group, by the evidence of their modes, several of them described at once.
+void combine(const PosteriorData& data, const Group& group, const Modes& modes, Side<Doubles>& side,
              Description& description) {
-    const Observed<double>& observed = side.observed;
-    const long p = data.landmarks.size[2];
-    const double best = modes[0].log_evidence;
-    double total = 0, squared_mahalanobis = 0;
-    for (long i = 0; i < retained; ++i) total += exp(modes[i].log_evidence - best);
-    const Vector<double> inlier_probability = data.inlier_probability[image];
-    fill(inlier_probability.data, p, NOT_A_NUMBER);
-    for (long j = 0; j < observed.m; ++j) inlier_probability[observed.index[j]] = 0;
-    Mixture mixture(data, image);
-    mixture.set_all(0);
-    for (long i = 0; i < retained; ++i) {
+    const long d = 3 * data.landmarks.size[2], most_stored = data.mode_component.size[1];
+    const auto image_of = [&](long i) { return group.image[modes[i].origin.slot]; };
+    for (long i = 0, rank = 0; i < modes.count; ++i) {
         const Mode& mode = modes[i];
-        const long lane = i % WIDTH, most_stored = data.mode_component.size[1];
-        const double share = exp(mode.log_evidence - best) / total;
-        if (lane == 0)
-            describe_modes(modes, i, retained, mixture.is_whole() || i < most_stored, side, description);
-        const auto row = [=](long e) { return 3 * (e % p) + e / p; };
-        const auto mean = [&](long e) { return description.mean[row(e)][lane]; };
-        const auto C = [&](long e, long f) { return description.C[row(e) * description.d + row(f)][lane]; };
-        mixture.add(share, mean, C);
-        squared_mahalanobis += share * mode.squared_mahalanobis;
-        for (long j = 0; j < observed.m; ++j) inlier_probability[observed.index[j]] += share * mode.inlier_probability[j];
-        if (i < most_stored) store(data, image, i, observed, mode, mean, C);
+        const long lane = i % WIDTH, image = image_of(i);
+        Mixture mixture(data, image);
+        if (lane == 0) describe_modes(data, group, modes, i, mixture.whole || most_stored, side, description);
+        const auto C = [&](long e, long f) {
+            return description.C[description.row[e] * description.d + description.row[f]][lane];
+        };
+        for (long e = 0; e < d; ++e)
+            mixture.mean[e] += mode.share * (mode.mean[e] = description.mean[description.row[e]][lane]);
+        mixture.add([&](long e, long f) { return mode.share * C(e, f); });
+        if (rank < most_stored) store(data, group, mode, rank, C);
+        ++rank;
+        if (i + 1 < modes.count && image_of(i + 1) == image) continue;
+        for (; rank; --rank) {
+            const Mode& of = modes[i + 1 - rank];
+            mixture.add([&](long e, long f) {
+                return of.share * (of.mean[e] - mixture.mean[e]) * (of.mean[f] - mixture.mean[f]);
+            });
+        }
+        mixture.finish();
     }
-    mixture.finish();
-    modes[0].R.write(data.rotation[image].data);
-    data.scale[image] = exp(modes[0].log_scale);
-    data.log_evidence[image] = best + log(total);
-    data.squared_mahalanobis[image] = squared_mahalanobis;
-    data.stationary[image] = modes[0].stationary;
+}
+
+// The posteriors of a group of images, all in double precision where `precise`.
+void find_group(const PosteriorData& data, bool precise, Search& search, Modes& modes, Description& description) {
+    Group& group = search.group;
+    ascend_all(data, NEGLIGIBLE + LAPLACE, precise, search);
+    for (long i = 0; i < search.arrived.count; ++i) weigh(data, search, i, modes.modes[i]);
+    modes.count = 0;
+    for (long slot = 0; slot < group.count; ++slot) {
+        const long before = modes.count;
+        if (precise || !group.failed[slot]) rank(modes, search.arrived.count, slot);
+        if (modes.count > before)
+            share_out(data, group, modes, before);
+        else
+            fail(data, group.image[slot]);
+    }
+    combine(data, group, modes, search.late, description);
 }
 
 }  // namespace
@@ -239,24 +259,24 @@ void find_posterior(const PosteriorData& data, Range range) {
     const long p = data.landmarks.size[2];
     Workspace workspace;
     Search search(workspace, data);
+    Group& group = search.group;
     Description description(workspace, p);
-    Modes modes(workspace, data.starts.size[1] * data.means.size[0], p);
-    const Observed<double>& observed = search.late.observed;
+    Modes modes(workspace, group.capacity * ascents_per_image(data), p);
     for (long image = range.first; image < range.last; ++image) {
         data.rounds[image] = 0;
         for (long i = 0; i < data.mode_component.size[1]; ++i) {
             data.mode_component[image][i] = -1;
             data.mode_log_evidence[image][i] = -INFINITE;
         }
-        search.late.observed.take(data, image);
-        search.arrived.count = 0;
-        if (observed.m >= 3) data.rounds[image] = ascend_all(data, image, NEGLIGIBLE + LAPLACE, search);
-        for (long i = 0; i < search.arrived.count; ++i) weigh(data, search, i, modes.modes[i]);
-        const long retained = rank(modes, search.arrived.count);
-        if (retained)
-            combine(data, image, modes, retained, search.late, description);
-        else
-            fail(data, image);
+    }
+    for (long first = range.first; first < range.last; first += IMAGES_PER_BLOCK) {
+        const Range block{first, first + IMAGES_PER_BLOCK < range.last ? first + IMAGES_PER_BLOCK : range.last};
+        bool taken[IMAGES_PER_BLOCK] = {};
+        for (group.collect(data, block, taken); group.count; group.collect(data, block, taken)) {
+            find_group(data, false, search, modes, description);
+            group.retain_failed();
+            find_group(data, true, search, modes, description);
+        }
     }
 }
 

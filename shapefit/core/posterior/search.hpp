@@ -1,10 +1,13 @@
-// The ascents of an image side by side, one a lane; those that have finished are dropped.
+// The ascents of images side by side, one a lane; those that have finished are dropped, and the others
+// move together, so that blocks of lanes stay full. No lane knows of its neighbours: what is found for an
+// image does not depend on the others.
 #pragma once
 
 #include "ascent.hpp"
 
 namespace shapefit {
 
+constexpr long MOST_ASCENTS = 512;  // of a group of more than one image
 constexpr long ROUNDS = 2;  // after which finished ascents are dropped
 constexpr long QUICK = 16;  // rounds in single precision; what takes longer starts again in double
 constexpr long MOST_ROUNDS = 200;  // in double
@@ -12,62 +15,64 @@ constexpr double AGREEMENT = 1;    // of single and double precision at the end,
 constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
 constexpr double GAIN_FACTOR = 2;  // an ascent may still gain this many times the predicted gain
 
-// The components as the lanes take them, side by side: mu (3 p, K), and C_jk (9, K) for k <= j; many of
-// them in rows of whole pairs of vectors.
-template <class Number>
-struct Components {
-    static constexpr long PAIR = 2 * sizeof(Doubles) / sizeof(Number);
+constexpr long ascents_per_image(const PosteriorData& data) { return data.starts.size[1] * data.means.size[0]; }
 
-    Components(Workspace& workspace, const PosteriorData& data)
-        : count(data.means.size[0]),
-          capacity(count < PAIR ? count : (count + PAIR - 1) / PAIR * PAIR),
-          means(workspace.zeros<Number>(3 * data.means.size[2] * capacity)),
-          covariances(workspace.zeros<Number>(9 * corner(data.means.size[2]) * capacity)) {
-        const long p = data.means.size[2];
-        for (long k = 0; k < count; ++k)
-            for (long j = 0; j < p; ++j)
-                for (int a = 0; a < 3; ++a) {
-                    means[(3 * j + a) * capacity + k] = static_cast<Number>(data.means[k][a][j]);
-                    for (long l = 0; l <= j; ++l)
-                        for (int b = 0; b < 3; ++b)
-                            covariances[(9 * (corner(j) + l) + 3 * a + b) * capacity + k] =
-                                static_cast<Number>(data.covariances[k][a * p + j][b * p + l]);
-                }
+// Images of a block that have the same landmarks in sight.
+struct Group {
+    Group(Workspace& workspace, const PosteriorData& data)
+        : capacity(capacity_of(data)),
+          image(workspace.zeros<long>(capacity)),
+          index(workspace.zeros<long>(data.means.size[2])),
+          best(workspace.zeros<double>(capacity)),
+          failed(workspace.zeros<bool>(capacity)) {}
+
+    static long capacity_of(const PosteriorData& data) {
+        const long images = MOST_ASCENTS / ascents_per_image(data);
+        return images < 1 ? 1 : images < IMAGES_PER_BLOCK ? images : IMAGES_PER_BLOCK;
     }
 
-    long count, capacity;
-    Number *means, *covariances;
+    // The first image of a range that is not yet `taken`, and those like it.
+    void collect(const PosteriorData& data, Range range, bool* taken) {
+        const auto sees = [&](long i, long j) { return is_finite(data.residual_variance[i][j]); };
+        const long p = data.means.size[2];
+        count = m = 0;
+        for (long i = range.first; i < range.last && count < capacity; ++i) {
+            long alike = taken[i - range.first] ? -1 : 0;
+            while (count && alike >= 0 && alike < p && sees(i, alike) == sees(image[0], alike)) ++alike;
+            if (alike < (count ? p : 0)) continue;
+            taken[i - range.first] = true;
+            image[count++] = i;
+        }
+        for (long j = 0; count && j < p; ++j)
+            if (sees(image[0], j)) index[m++] = j;
+    }
+
+    // Only those that have failed stay.
+    void retain_failed() {
+        const long before = count;
+        count = 0;
+        for (long i = 0; i < before; ++i)
+            if (failed[i]) image[count++] = image[i];
+    }
+
+    const long capacity;
+    long count = 0, m = 0;
+    long* image;   // (count,)
+    long* index;   // the landmarks in sight (m,)
+    double* best;  // of each image, in log likelihood and weight (count,)
+    bool* failed;  // whether single precision has (count,)
 };
 
-// A place for each lane.
-template <class Lanes>
-using Places = decltype(Lanes{} < Lanes{});
-
-// row[at] of each lane. Shuffles of rows of whole pairs of vectors: faster than a gathering instruction.
-template <class Lanes>
-[[gnu::always_inline]] inline Lanes pick(const Number<Lanes>* row, long capacity, Places<Lanes> at) {
-    constexpr long PAIR = 2 * width<Lanes>;
-    Lanes found = {};
-#if defined(__AVX512F__) && !defined(__clang__)
-    if (capacity % PAIR == 0) {
-        for (long first = 0; first < capacity; first += PAIR) {
-            Lanes pair[2];
-            memcpy(pair, row + first, sizeof pair);
-            const Lanes some = __builtin_shuffle(pair[0], pair[1], at);  // by `at` modulo PAIR
-            found = first ? (at >= static_cast<int>(first) ? some : found) : some;
-        }
-        return found;
-    }
-#endif
-    for (int lane = 0; lane < width<Lanes>; ++lane) found[lane] = row[at[lane]];
-    return found;
-}
+// The image of a lane, by its place in the group, its start and component as K start + component.
+struct Origin {
+    long slot, pair;
+};
 
 template <class Lanes>
 struct Ascents {
     Ascents(Workspace& workspace, long most, long p)
         : p(p),
-          pair(workspace.zeros<long>(most + width<Lanes>)),
+          origin(workspace.zeros<Origin>(most + width<Lanes>)),
           lanes(workspace.zeros<Ascent<Lanes>>((most + width<Lanes> - 1) / width<Lanes>)) {
         for (long b = 0; b * width<Lanes> < most; ++b) {
             lanes[b].inlier_probability = workspace.zeros<Lanes>(p);
@@ -85,7 +90,7 @@ struct Ascents {
         each_pair((*this)[count], from[i], p, [=](Lanes& to, const Others& given) {
             to[to_lane] = static_cast<Number<Lanes>>(given[lane]);
         });
-        pair[count++] = from.pair[i];
+        origin[count++] = from.origin[i];
     }
     // Fill the last block with copies of its ascents, in turns.
     void pad() {
@@ -96,23 +101,20 @@ struct Ascents {
 
     const long p;
     long count = 0;
-    long* pair;  // of start and component: K start + component
+    Origin* origin;
     Ascent<Lanes>* lanes;
 };
 
 // What the lanes of one precision work with.
 template <class Lanes>
 struct Side {
-    Side(Workspace& workspace, const PosteriorData& data)
-        : components(workspace, data), observed(workspace, data.means.size[2]),
-          pack{workspace.zeros<Lanes>(3 * data.means.size[2]),
-               workspace.zeros<Lanes>(9 * corner(data.means.size[2]))},
+    Side(Workspace& workspace, const PosteriorData& data, long ascents)
+        : observed(workspace, data.means.size[2]),
           space(workspace, data.means.size[2]),
-          ascents(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
+          ascents(workspace, ascents, data.means.size[2]) {}
 
-    Components<Number<Lanes>> components;
-    Observed<Number<Lanes>> observed;
-    Pack<Lanes> pack;
+    Observed<Lanes> observed;
+    long component[width<Lanes>];  // of each lane, -1 where none stands there
     AscentSpace<Lanes> space;
     Ascents<Lanes> ascents;
 };
@@ -121,57 +123,73 @@ struct Side {
 // where single precision fails.
 struct Search {
     Search(Workspace& workspace, const PosteriorData& data)
-        : going(workspace, data),
-          late(workspace, data),
-          arrived(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
+        : group(workspace, data),
+          going(workspace, data, group.capacity * ascents_per_image(data)),
+          late(workspace, data, group.capacity * ascents_per_image(data)),
+          arrived(workspace, group.capacity * ascents_per_image(data), data.means.size[2]) {}
 
+    Group group;
     Side<Singles> going;
     Side<Doubles> late;
     Ascents<Doubles> arrived;
 };
 
-// Component `of` of each lane, as far as it is seen.
+// Landmarks and component of each lane of a block, as far as they are seen.
 template <class Lanes>
-void fetch(Places<Lanes> of, Side<Lanes>& side) {
-    const Observed<Number<Lanes>>& observed = side.observed;
-    const Pack<Lanes>& pack = side.pack;
-    const auto& from = side.components;
-    for (long j = 0; j < observed.m; ++j) {
-        for (int a = 0; a < 3; ++a)
-            pack.mean[3 * j + a] = pick<Lanes>(from.means + (3 * observed.index[j] + a) * from.capacity, from.capacity, of);
-        for (long k = 0; k <= j; ++k) {
-            const Number<Lanes>* C = from.covariances + 9 * (corner(observed.index[j]) + observed.index[k]) * from.capacity;
-            Lanes* to = pack.covariance + 9 * (corner(j) + k);
-            for (int e = 0; e < 9; ++e) to[e] = pick<Lanes>(C + e * from.capacity, from.capacity, of);
-        }
+void fetch(const PosteriorData& data, const Group& group, const Origin* origin, Side<Lanes>& side) {
+    Observed<Lanes>& to = side.observed;
+    const long p = data.means.size[2], m = group.m, *index = group.index;
+    long image[width<Lanes>];
+    bool known = true;
+    for (int lane = 0; lane < width<Lanes>; ++lane) {
+        const long k = origin[lane].pair % data.means.size[0];
+        image[lane] = group.image[origin[lane].slot];
+        known = known && side.component[lane] == k;
+        side.component[lane] = k;
     }
-}
-
-// The components of one block of ascents.
-template <class Lanes>
-void fetch(long b, const Ascents<Lanes>& ascents, Side<Lanes>& side) {
-    Places<Lanes> of;
-    for (int lane = 0; lane < width<Lanes>; ++lane)
-        of[lane] = ascents.pair[b * width<Lanes> + lane] % side.components.count;
-    fetch(of, side);
+    const auto fill = [](Lanes& to, const auto& of) {
+        for (int lane = 0; lane < width<Lanes>; ++lane) to[lane] = static_cast<Number<Lanes>>(of(lane));
+    };
+    to.m = m;
+    to.index = index;
+    for (long e = 0; e < m; ++e) {
+        const long j = index[e];
+        for (int a = 0; a < 2; ++a) {
+            fill(to.w[2 * e + a], [&](int lane) { return data.landmarks[image[lane]][a][j]; });
+            fill(to.slope[2 * e + a], [&](int lane) { return data.slopes[image[lane]][a][j]; });
+        }
+        fill(to.residual_variance[e], [&](int lane) { return data.residual_variance[image[lane]][j]; });
+        for (int c = 0; c < 3; ++c)
+            fill(to.noise[3 * e + c], [&](int lane) { return data.noise[image[lane]][j].data[c == 2 ? 3 : c]; });
+    }
+    for (long e = 0; !known && e < 3 * m; ++e)
+        fill(to.mean[e], [&](int lane) { return data.means[side.component[lane]][e % 3][index[e / 3]]; });
+    for (long e = 0; !known && e < m; ++e)
+        for (long f = 0; f <= e; ++f)
+            for (int a = 0; a < 3; ++a)
+                for (int b = 0; b < 3; ++b)
+                    fill(to.covariance[9 * (corner(e) + f) + 3 * a + b], [&](int lane) {
+                        return data.covariances[side.component[lane]][a * p + index[e]][b * p + index[f]];
+                    });
 }
 
 // The s that fits s A mu + t to the landmarks best.
-inline double first_scale(const PosteriorData& data, const Observed<double>& observed, const double* R, long k) {
-    const long p = data.means.size[2];
+inline double first_scale(const PosteriorData& data, const Group& group, long image, const double* R, long k) {
     const double* mu = data.means[k].data;
+    const Matrix<const double> landmarks = data.landmarks[image], slope = data.slopes[image];
+    const long p = landmarks.size[1];
     double middle[2] = {}, origin[2] = {}, overlap = 0, square = 0, size = 0;
     for (int pass = 0; pass < 2; ++pass)
-        for (long j = 0; j < observed.m; ++j)
+        for (long e = 0; e < group.m; ++e)
             for (int a = 0; a < 2; ++a) {
-                const long e = observed.index[j];
+                const long j = group.index[e];
                 double A[3];
-                for (int c = 0; c < 3; ++c) A[c] = R[3 * a + c] - observed.slope[2 * j + a] * R[6 + c];
-                const double x = A[0] * mu[e] + A[1] * mu[p + e] + A[2] * mu[2 * p + e];
-                const double w = observed.w[2 * j + a];
+                for (int c = 0; c < 3; ++c) A[c] = R[3 * a + c] - slope[a][j] * R[6 + c];
+                const double x = A[0] * mu[j] + A[1] * mu[p + j] + A[2] * mu[2 * p + j];
+                const double w = landmarks[a][j];
                 if (pass == 0) {
-                    middle[a] += x / static_cast<double>(observed.m);
-                    origin[a] += w / static_cast<double>(observed.m);
+                    middle[a] += x / static_cast<double>(group.m);
+                    origin[a] += w / static_cast<double>(group.m);
                 } else {
                     overlap += (x - middle[a]) * (w - origin[a]);
                     square += (x - middle[a]) * (x - middle[a]);
@@ -184,33 +202,52 @@ inline double first_scale(const PosteriorData& data, const Observed<double>& obs
 
 // One more ascent, from its start.
 template <class Lanes>
-void add_ascent(const PosteriorData& data, long image, long pair, const Observed<double>& observed,
-           Ascents<Lanes>& ascents) {
-    const long K = data.means.size[0], lane = ascents.count % width<Lanes>;
-    const double* R = data.starts[image][pair / K].data;
-    LaneView<Lanes>& view = ascents[ascents.count].view;
-    for (int e = 0; e < 9; ++e) view.R[e][lane] = static_cast<Number<Lanes>>(R[e]);
-    const double s = first_scale(data, observed, R, pair % K);
-    view.log_scale[lane] = static_cast<Number<Lanes>>(log(s));
-    ascents[ascents.count].largest[lane] = static_cast<Number<Lanes>>(log(s * MOST_GROWTH));
-    ascents.pair[ascents.count++] = pair;
+void add_ascent(const PosteriorData& data, const Group& group, Origin origin, Ascents<Lanes>& ascents) {
+    const long K = data.means.size[0], lane = ascents.count % width<Lanes>, image = group.image[origin.slot];
+    const double* R = data.starts[image][origin.pair / K].data;
+    Ascent<Lanes>& at = ascents[ascents.count];
+    for (int e = 0; e < 9; ++e) at.view.R[e][lane] = static_cast<Number<Lanes>>(R[e]);
+    const double log_scale = log(first_scale(data, group, image, R, origin.pair % K));
+    at.view.log_scale[lane] = static_cast<Number<Lanes>>(log_scale);
+    at.largest[lane] = static_cast<Number<Lanes>>(log_scale + log(MOST_GROWTH));
+    ascents.origin[ascents.count++] = origin;
+}
+
+// Every start under every component of images that show three landmarks; blocks that follow one another have the same components.
+template <class Lanes>
+void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& ascents) {
+    const long K = data.means.size[0], pairs = group.m < 3 ? 0 : ascents_per_image(data);
+    for (long first = 0; first < pairs; first += width<Lanes>)
+        for (long slot = 0; slot < group.count; ++slot)
+            for (long pair = first; pair < pairs && pair < first + width<Lanes>; ++pair)
+                if (is_finite(data.starts[group.image[slot]][pair / K].data[0]))
+                    add_ascent(data, group, {slot, pair}, ascents);
 }
 
 template <class Lanes>
 double value_of(const PosteriorData& data, const Ascents<Lanes>& ascents, long i) {
     return ascents[i].found.value[i % width<Lanes>] +
-           data.log_weights[ascents.pair[i] % data.means.size[0]];
+           data.log_weights[ascents.origin[i].pair % data.means.size[0]];
+}
+
+template <class Lanes>
+void note_best(const PosteriorData& data, const Ascents<Lanes>& ascents, Group& group) {
+    for (long i = 0; i < ascents.count; ++i) {
+        double& best = group.best[ascents.origin[i].slot];
+        best = larger(best, value_of(data, ascents, i));
+    }
 }
 
 // Ascents that have converged leave, and so do those that cannot come near the best any more.
 template <class Lanes>
-void drop_finished(const PosteriorData& data, double least, Ascents<Lanes>& going, Search& search) {
+void drop_finished(const PosteriorData& data, double margin, Ascents<Lanes>& going, Search& search) {
     const long count = going.count;
     going.count = 0;
     for (long i = 0; i < count; ++i) {
         const Ascent<Lanes>& at = going[i];
         const long lane = i % width<Lanes>;
-        if (!(value_of(data, going, i) + GAIN_FACTOR * at.predicted_gain[lane] > least)) continue;
+        const double most = value_of(data, going, i) + GAIN_FACTOR * at.predicted_gain[lane];
+        if (!(most > search.group.best[going.origin[i].slot] - margin)) continue;
         if (at.moving[lane] > 0)
             going.append(going, i);
         else
@@ -219,116 +256,77 @@ void drop_finished(const PosteriorData& data, double least, Ascents<Lanes>& goin
     going.pad();
 }
 
-// At most so many rounds for all that have been placed; returns the steps taken.
+// At most so many rounds for all that have been placed.
 template <class Lanes>
-long run_ascents(const PosteriorData& data, long rounds, double margin, double& best, Side<Lanes>& going,
-           Search& search) {
-    long steps = 0;
-    going.ascents.pad();
-    for (long b = 0; b < going.ascents.blocks(); ++b) {
-        fetch(b, going.ascents, going);
-        begin(data, going.observed, going.pack, going.space, going.ascents.block(b));
+void run_ascents(const PosteriorData& data, long rounds, double margin, Side<Lanes>& going, Search& search) {
+    Ascents<Lanes>& ascents = going.ascents;
+    ascents.pad();
+    for (long b = 0; b < ascents.blocks(); ++b) {
+        fetch(data, search.group, ascents.origin + b * width<Lanes>, going);
+        begin(data, going.observed, going.space, ascents.block(b));
     }
     for (;; rounds -= ROUNDS) {
-        for (long i = 0; i < going.ascents.count; ++i)
-            best = larger(best, value_of(data, going.ascents, i));
-        drop_finished(data, best - margin, going.ascents, search);
-        if (!going.ascents.count || rounds <= 0) return steps;
-        for (long b = 0; b < going.ascents.blocks(); ++b) {
-            fetch(b, going.ascents, going);
-            ascent(data, going.observed, going.pack, ROUNDS, going.space, going.ascents.block(b));
+        note_best(data, ascents, search.group);
+        drop_finished(data, margin, ascents, search);
+        if (!ascents.count || rounds <= 0) return;
+        for (long b = 0; b < ascents.blocks(); ++b) {
+            fetch(data, search.group, ascents.origin + b * width<Lanes>, going);
+            ascent(data, going.observed, ROUNDS, going.space, ascents.block(b));
         }
-        steps += ROUNDS * going.ascents.count;
-    }
-}
-
-// Every start under every component.
-template <class Lanes>
-void add_all(const PosteriorData& data, long image, const Observed<double>& observed,
-               Ascents<Lanes>& ascents) {
-    ascents.count = 0;
-    for (long i = 0; i < data.starts.size[1]; ++i)
-        if (is_finite(data.starts[image][i].data[0]))
-            for (long k = 0; k < data.means.size[0]; ++k)
-                add_ascent(data, image, data.means.size[0] * i + k, observed, ascents);
-}
-
-// The Hessians of a block by differences of gradients, inlier probabilities held: an ascent and a direction
-// a lane. The ascents of `side` are overwritten.
-inline void find_hessians(const PosteriorData& data, long b, const Ascents<Doubles>& ascents, Side<Doubles>& side) {
-    const long rest = ascents.count - b * WIDTH, count = rest < WIDTH ? rest : WIDTH;
-    Ascent<Doubles>& turned = side.ascents.block(0);
-    Likelihood<Doubles>& found = side.space.found;
-    for (long task = 0; task < VIEW * count; task += WIDTH) {
-        Doubles step[VIEW] = {};
-        side.ascents.count = 0;
-        for (long lane = 0; lane < WIDTH; ++lane) {
-            side.ascents.append(ascents, b * WIDTH + (task + lane) % count);
-            step[(task + lane) / count % VIEW][lane] = DIFFERENCE;
-        }
-        fetch(0, side.ascents, side);
-        move(turned.view, step, turned.view);
-        find_likelihood(data, side.observed, side.pack, turned.view, turned.inlier_probability, false, true,
-                        side.space.likelihood, found, side.space.next);
-        for (int e = 0; e < VIEW * WIDTH; ++e) {
-            const long lane = e % WIDTH, i = (task + lane) / count, j = e / WIDTH;
-            for (long to = (task + lane) % count; i < VIEW && to < WIDTH; to += count)  // and its copies
-                ascents.block(b).curvature[VIEW * i + j][to] =
-                    (found.gradient[j][lane] - turned.found.gradient[j][lane]) / DIFFERENCE;
-        }
+        for (long i = 0; i < ascents.count; ++i)
+            data.rounds[search.group.image[ascents.origin[i].slot]] += ROUNDS;
     }
 }
 
 // The ascents that are `late`; then the likelihood in double precision and its Hessian, where those stand
-// that are near the best. Whether one of them stands on a stationary point, and all are worth what the
-// ascent took them for.
-inline bool finish_all(const PosteriorData& data, double margin, long& steps, Search& search) {
+// that are near the best. An image has failed where none of them stands on a stationary point, or one is not
+// worth what the ascent took it for.
+inline void finish_all(const PosteriorData& data, double margin, Search& search) {
+    Group& group = search.group;
     Ascents<Doubles>& arrived = search.arrived;
     Side<Doubles>& late = search.late;
-    double best = -INFINITE;
-    for (long i = 0; i < arrived.count; ++i) best = larger(value_of(data, arrived, i), best);
-    steps += run_ascents(data, MOST_ROUNDS, margin, best, late, search);
+    for (long slot = 0; slot < group.count; ++slot) group.best[slot] = -INFINITE;
+    note_best(data, arrived, group);
+    run_ascents(data, MOST_ROUNDS, margin, late, search);
     for (long i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
     const long count = arrived.count;
     arrived.count = 0;
     for (long i = 0; i < count; ++i)
-        if (value_of(data, arrived, i) > best - margin) arrived.append(arrived, i);
+        if (value_of(data, arrived, i) > group.best[arrived.origin[i].slot] - margin) arrived.append(arrived, i);
     arrived.pad();
-    Doubles distance = {}, standing = {};
     for (long b = 0; b < arrived.blocks(); ++b) {
         Ascent<Doubles>& at = arrived.block(b);
-        const Doubles before = at.found.value;
-        fetch(b, arrived, late);
-        settle(data, late.observed, late.pack, late.space, at);
-        find_hessians(data, b, arrived, late);
+        at.before = at.found.value;
+        fetch(data, group, arrived.origin + b * WIDTH, late);
+        settle(data, late.observed, late.space, at);
+        find_hessian(data, late.observed, late.space, at);
         finish(at);
-        const Doubles difference = magnitude(at.found.value - before);
-        distance = difference < AGREEMENT ? distance : all(1.0);
-        standing = larger(1.0 - at.moving, standing);
     }
-    return largest(standing) > 0 && !(largest(distance) > 0);
+    for (long slot = 0; slot < group.count; ++slot) {
+        bool stands = false, agrees = true;
+        for (long i = 0; i < arrived.count; ++i) {
+            const double away = arrived[i].found.value[i % WIDTH] - arrived[i].before[i % WIDTH];
+            if (arrived.origin[i].slot != slot) continue;
+            stands = stands || !(arrived[i].moving[i % WIDTH] > 0);
+            agrees = agrees && magnitude(away) < AGREEMENT;
+        }
+        group.failed[slot] = !(stands && agrees);
+    }
 }
 
-// Ascent from all starts of an image under every component. What has `arrived` is not further than
-// `margin` below the best, in log likelihood and weight, and finished; what is still moving there ran
-// out of rounds. Returns the steps taken.
-inline long ascend_all(const PosteriorData& data, long image, double margin, Search& search) {
-    Side<Singles>& going = search.going;
-    Side<Doubles>& late = search.late;
-    Ascents<Doubles>& arrived = search.arrived;
-    double best = -INFINITE;
-    going.observed.take(data, image);
-    add_all(data, image, late.observed, going.ascents);
-    late.ascents.count = arrived.count = 0;
-    long steps = run_ascents(data, QUICK, margin, best, going, search);
-    for (long i = 0; i < going.ascents.count; ++i)
-        add_ascent(data, image, going.ascents.pair[i], late.observed, late.ascents);
-    if (finish_all(data, margin, steps, search)) return steps;
-    // single precision failed
-    arrived.count = 0;
-    add_all(data, image, late.observed, late.ascents);
-    finish_all(data, margin, steps, search);
-    return steps;
+// Ascent from all starts of a group under every component. What has `arrived` is at most `margin` below the
+// best of its image, in log likelihood and weight; what is still moving there ran out of rounds.
+inline void ascend_all(const PosteriorData& data, double margin, bool precise, Search& search) {
+    Ascents<Singles>& going = search.going.ascents;
+    Ascents<Doubles>& late = search.late.ascents;
+    late.count = going.count = search.arrived.count = 0;
+    for (long& k : search.going.component) k = -1;  // what stands there is of another group
+    for (long& k : search.late.component) k = -1;
+    for (long slot = 0; slot < search.group.count; ++slot) search.group.best[slot] = -INFINITE;
+    precise ? add_all(data, search.group, late) : add_all(data, search.group, going);
+    run_ascents(data, QUICK, margin, search.going, search);
+    for (long i = 0; i < going.count; ++i) add_ascent(data, search.group, going.origin[i], late);
+    finish_all(data, margin, search);
 }
 
 }  // namespace shapefit

@@ -101,7 +101,7 @@ def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Fl
     """d^2 (n, p) of seen landmarks from what the others predict, nan where that is nothing."""
     finite: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
     visible: Flags = np.asarray((problem.weights > 0) & finite[:, None])
-    image, hidden = np.nonzero(visible)
+    hidden, image = np.nonzero(visible.T)  # neighbours have the same landmarks in sight
     square = np.full(visible.shape, np.nan)
     if not len(image):
         return square
