@@ -44,7 +44,7 @@ from shapefit.pipelines.fit.prepare import (
     prepare,
     warn_of_dictionary,
 )
-from shapefit.pipelines.fit.run import Counts, attributes_of, lift_source, result_of, warn_of_all
+from shapefit.pipelines.fit.run import Counts, attributes_of, lift_source, warn_of_all
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.result import Counted, Result, add_up
 
@@ -124,10 +124,9 @@ def fit(
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
         add_up(messages, (*setup.estimates.warnings, *of_dictionary))
         reasons = setup.matched.warnings()
-        for batch in lift_source(source, setup):
-            counts.add(batch.record)
-            result = result_of(batch)
-            records.append(batch.record)
+        for result, record in lift_source(source, setup):
+            counts.add(record)
+            records.append(record)
             failures |= {failure.item: failure.reason for failure in result.failures}
             add_up(messages, result.warnings)
     warn((*messages.values(), *reasons, *warn_of_all(counts, setup, source.head)))

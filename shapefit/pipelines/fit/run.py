@@ -9,7 +9,7 @@ from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,14 +75,7 @@ VIEWED = (".h5", ".hdf5", ".hdf", ".he5", ".csv", ".trc")
 
 
 Datasets = Mapping[str, NDArray[Any] | None]
-
-
-class Batch(NamedTuple):
-    """Images with their lifting and record."""
-
-    images: LandmarkSet
-    lifting: Lifting
-    record: ResultSet
+Lifted = tuple[Result, ResultSet]
 
 
 def run(
@@ -112,12 +105,12 @@ def run(
             result_writer(output, options=options) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
-            for batch in batches:
+            for result, record in batches:
                 if inputs is None:  # while the next batch is lifted
                     inputs = digests(config.landmarks)
-                counts.add(batch.record)
-                yield result_of(batch, count)
-                writer.append(batch.record)
+                counts.add(record)
+                yield result._replace(total=count)
+                writer.append(record)
             others = digests(preparing.files_of(setup.config).values())
             writer.attributes.update(attributes_of(setup, {**(inputs or {}), **others}))
     yield summary_of(source, setup, counts, method, writer.summary)
@@ -141,7 +134,7 @@ def check_export(setup: Setup, result: Path) -> None:
         check_dictionary(setup.dictionary, place, mixes_atoms=mixes)
 
 
-def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Batch, None, None]:
+def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Lifted, None, None]:
     """Lift batch by batch; while one is lifted, the next is read and the last is stored."""
     batches = source.batches(whole_blocks(CHUNK), by_file=True)
     if setup.lifter.row.sequences:
@@ -158,8 +151,8 @@ def whole_blocks(images: int) -> int:
     return math.ceil(images / IMAGES_PER_BLOCK) * IMAGES_PER_BLOCK
 
 
-def lift_batch(images: LandmarkSet, setup: Setup) -> Batch:
-    """Lift images that have the landmarks of the dictionary, and lay out their record."""
+def lift_batch(images: LandmarkSet, setup: Setup) -> Lifted:
+    """Lift images that have the landmarks of the dictionary; return the result and the record."""
     lifter, lifted, further = setup.lifter, images, {}
     if lifter.row.sequences:
         from shapefit.pipelines.fit.sequences import refine_sequences, restore_sides
@@ -179,7 +172,8 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> Batch:
     lifting, input_shapes = setup.matched.to_joints(
         lifting, setup.theta, lifted.landmarks, visible, lifter.variance
     )
-    return Batch(images, lifting, as_result(images, lifting, setup, input_shapes))
+    record = as_result(images, lifting, setup, input_shapes)
+    return result_of(lifting, record), record
 
 
 def as_result(
@@ -335,10 +329,10 @@ def attributes_of(setup: Setup, inputs: Mapping[str, str]) -> dict[str, str | fl
     }
 
 
-def result_of(batch: Batch, total: int | None = None) -> Result:
-    """Return the result of a batch of a total of images: failures, and whom not to trust."""
-    items, lifting, by_reason = batch.images.items, batch.lifting, dict[str, list[str]]()
-    for item, reason in zip(items, batch.record.columns.get(trust.REASONS, ()), strict=False):
+def result_of(lifting: Lifting, record: ResultSet) -> Result:
+    """Return the result of a batch: failures, and whom not to trust."""
+    items, by_reason = record.items, dict[str, list[str]]()
+    for item, reason in zip(items, record.columns.get(trust.REASONS, ()), strict=False):
         if reason not in ("", trust.NO_SHAPE):  # which has failed
             by_reason.setdefault(reason, []).append(item)
     limited = lifting.estimate.status.count(Status.ITERATION_LIMIT)
@@ -351,7 +345,6 @@ def result_of(batch: Batch, total: int | None = None) -> Result:
     )
     return Result(
         done=len(items),
-        total=total,
         failures=tuple(Failure(items[row], why) for row, why in sorted(lifting.failures.items())),
         warnings=tuple(warning for warning in warnings if warning.number),
         reasons=tuple(Counted(len(of), "image", why, tuple(of)) for why, of in by_reason.items()),
