@@ -194,6 +194,9 @@ CALIBRATED = 0.77
 have the mean of the errors. On film of six bodies (72 cells and bodies): single images 0.78, whole
 sequences 0.75."""
 
+SLICE = 128
+"""Images whose expected errors are found together: their covariances stay in the cache."""
+
 
 def expected_error(shapes: Floats, covariance: Floats) -> Floats:
     """Calibrated E mean_j ||d_j|| of errors d ~ N(0, P C P), P without a similarity's directions.
@@ -208,6 +211,9 @@ def expected_error(shapes: Floats, covariance: Floats) -> Floats:
     either is not finite.
     """
     n, _, p = shapes.shape
+    if n > SLICE:
+        slices = [slice(first, first + SLICE) for first in range(0, n, SLICE)]
+        return np.concatenate([expected_error(shapes[part], covariance[part]) for part in slices])
     finite: Flags = np.asarray(
         np.isfinite(shapes).all(axis=(1, 2)) & np.isfinite(covariance).all(axis=(1, 2))
     )

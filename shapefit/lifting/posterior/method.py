@@ -85,7 +85,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         iterations=solution.iterations + posterior.rounds,
         status=tuple(status.tolist()),
         deviation=grow * posterior.deviation,
-        covariance=grow_covariance(posterior.covariance, grow),
+        covariance=grow_covariance(posterior.covariance, grow, out=posterior.covariance),
         posterior_modes=posterior.modes if modes else None,
         convex_proof=ConvexProof.of(solution),
         further={
@@ -104,12 +104,14 @@ def scale_of_bars(bar_scale: float, growth: Sequence[float], landmarks: int) -> 
     return factor
 
 
-def grow_covariance(covariance: Floats | None, factor: Floats) -> Floats | None:
+def grow_covariance(
+    covariance: Floats | None, factor: Floats, out: Floats | None = None
+) -> Floats | None:
     """D C D of covariances C (n, 3p, 3p), D = diag of factors (p,) for x, for y and for z."""
     if covariance is None:
         return None
     D = np.tile(factor, 3)
-    grown: Floats = covariance * (D[:, None] * D)
+    grown: Floats = np.multiply(covariance, D[:, None] * D, out=out)
     return grown
 
 

@@ -35,7 +35,6 @@ from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.skeletons import joint_columns
 from shapefit.lifting import trust
-from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting, fail_nonfinite
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit import prepare as preparing
@@ -184,7 +183,8 @@ def as_result(
     inputs are the landmarks of the files in 3D, where they are not those of the dictionary.
     """
     estimate, dictionary, config = lifting.estimate, setup.dictionary, setup.config
-    scaled, failed = estimate.in_unit(lifting.scale[:, None, None]), np.isnan(lifting.scale)
+    stored = estimate if config.save.covariance else replace(estimate, covariance=None)
+    scaled, failed = stored.in_unit(lifting.scale[:, None, None]), np.isnan(lifting.scale)
     projected = lifting.perspective is not None or setup.matched.moves
     datasets: Datasets = {
         "landmarks": np.where(images.visible()[:, None], images.landmarks, np.nan).swapaxes(1, 2),
@@ -201,14 +201,14 @@ def as_result(
         "outliers": estimate.outliers,
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **estimate.further,
-        **trusted(lifting, scaled, setup),
+        **trusted(lifting, setup),
         **of_camera(lifting, setup),
         **(proof(lifting, config.method, failed) if config.save.proof else {}),
-        "shape_covariance": by_landmark(scaled.covariance) if config.save.covariance else None,
+        "shape_covariance": by_landmark(scaled.covariance),
     }
-    stored = {name: values for name, values in datasets.items() if values is not None}
+    columns = {name: values for name, values in datasets.items() if values is not None}
     if config.leave_one_out is not None:
-        stored["omitted"] = find_omitted(images, setup.lifter).astype(object)
+        columns["omitted"] = find_omitted(images, setup.lifter).astype(object)
     free = free_names(images.further, RESULTS.all.keys())
     carried = {free[name]: v for name, v in images.per_item.items() if name in free}
     whole = {free[name]: values for name, values in images.whole.items() if name in free}
@@ -228,7 +228,7 @@ def as_result(
         y_axis=images.y_axis,
         frame_rate=config.frame_rate or images.frame_rate,
         attributes=sizes if knows_size(dictionary) else {},
-        columns={**carried, **stored, **inputs},
+        columns={**carried, **columns, **inputs},
         whole=whole,
     )
 
@@ -240,13 +240,14 @@ def blank(values: Floats | None, failed: Flags) -> Floats | None:
     return np.where(failed.reshape(-1, *(1,) * (values.ndim - 1)), np.nan, values)
 
 
-def trusted(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
-    """Decide which shapes are to be trusted, by error bars in the unit of the result (scaled)."""
-    if scaled.deviation is None:
+def trusted(lifting: Lifting, setup: Setup) -> Datasets:
+    """Decide which shapes are to be trusted, by error bars in the unit of the result."""
+    estimate = lifting.estimate
+    if estimate.deviation is None:
         return {}
-    further, expected = scaled.further, np.full(len(lifting.shapes), np.nan)
-    if scaled.covariance is not None:
-        expected = trust.expected_error(lifting.shapes, scaled.covariance)
+    further, expected = estimate.further, np.full(len(lifting.shapes), np.nan)
+    if estimate.covariance is not None:
+        expected = lifting.scale * trust.expected_error(lifting.shapes, estimate.covariance)
         of_image = further.get(trust.IMAGE_ERROR, np.nan)
         expected = np.fmax(expected, trust.GAIN * of_image)
     reasons = trust.find_reasons(
@@ -255,7 +256,7 @@ def trusted(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
         np.isfinite(further["inlier_probability"]).sum(axis=1),
         further[trust.P_VALUE],
         further[trust.START_DISTANCE],
-        scaled.status,
+        estimate.status,
         sides=further.get(trust.SIDES),
         depth_ambiguity=setup.dictionary.depth_ambiguity,
     )
