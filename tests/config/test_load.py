@@ -41,9 +41,8 @@ def write(folder: Path, text: str, name: str = "configs/c.yaml") -> Path:
     ("text", "value"),
     [
         *(("+1", 1), ("08", 8), ("0o17", 15), ("0x1F", 31), ("12", 12), ("007.50", 7.5)),
-        *((".5", 0.5), ("-1.5e3", -1500.0), ("1e-3", 1e-3), ("-.inf", -math.inf)),
+        *((".5", 0.5), ("-1.5e3", -1500.0), ("1e-3", 1e-3), ("-.inf", -math.inf), ("true", True)),
         *((text, text) for text in ("1:30", "no", "e3", "2001-01-01", "a+b-", "nan")),
-        *(("true", True), ("null", None)),
         ("&one [1]\n- [*one, *one]", [1]),
     ],
 )

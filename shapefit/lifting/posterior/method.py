@@ -61,7 +61,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     """
     options = settings.posterior
     solution = settings.solve(problem)
-    failed = np.isin([status.value for status in solution.status], [s.value for s in FAILED])
+    failed = np.array([status in FAILED for status in solution.status], dtype=bool)
     starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
     visible, camera = problem.weights > 0, problem.camera
     if camera is not None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +40,7 @@ Indices = NDArray[np.intp]
 Arrays = Mapping[str, Any]
 
 
-@dataclass(frozen=True)
-class Measured:
+class Measured(NamedTuple):
     """Errors of the n images of the results of one method.
 
     items and sequences (n), "" where the sequence is unknown; errors maps a metric and unit to

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,8 +55,7 @@ FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
 """Copies of each shape that is varied, and how many shapes are enough for a mixture."""
 
 
-@dataclass(frozen=True)
-class TrainingShapes:
+class TrainingShapes(NamedTuple):
     """n training shapes, normalised and aligned.
 
     original: as in the files, after `every` and `mirror`; alignment: of the normalised shapes

@@ -6,10 +6,10 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,7 @@ BATCH = 1 << 14
 Role = Literal["result", "shapes", "landmarks", "truth"]
 
 
-@dataclass(frozen=True)
-class Frames:
+class Frames(NamedTuple):
     """n items in the order of the page; sequences (name, first frame) cover them all.
 
     About every `step`-th of the chosen frames is here. numbers (n,) are their places in their
@@ -65,8 +64,7 @@ class Frames:
         return np.split(np.arange(len(self.items)), [start for _, start in self.sequences[1:]])
 
 
-@dataclass(frozen=True)
-class Content:
+class Content(NamedTuple):
     """The records of one name, and their datasets by the n frames and the p landmarks of the page.
 
     values are (n, ...), those of landmarks (n, ..., p); nan or "" where there is no record. rows

@@ -382,11 +382,14 @@ def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
 def test_a_fit_that_takes_long_is_announced_before_it_begins(planted, tmp_path, monkeypatch):
     clock = iter(range(0, 1000, 30))
     monkeypatch.setattr(preparing.time, "perf_counter", lambda: next(clock))
-    images, _ = planted[2](1, RESIDUAL_VARIANCE)
-    _, outcomes = fit_images(tmp_path, images, planted[0], **KEYS)
-    assert re.match("60 images may take up to 64 minutes, 3.8 s each: give", outcomes[0].line)
-    _, outcomes = fit_images(tmp_path, images.take([0]), planted[0], **KEYS)
-    assert outcomes[0].line == ""
+    monkeypatch.setattr(preparing, "POSTERIOR", 600 / P**3.5)  # of one component: 110 minutes
+    images = planted[2](1, RESIDUAL_VARIANCE)[0]
+    for method, number, text in (
+        ("convex", 60, "60 images may take up to 4 minutes, 3.8 s each: give"),
+        ("convex", 1, "$"), ("posterior", 1, "1 image may take up to 110 minutes: give"),
+    ):  # fmt: skip
+        keys, some = KEYS | {"method": method}, images.take(range(number))
+        assert re.match(text, fit_images(tmp_path, some, planted[0], **keys)[1][0].line)
 
 
 @pytest.mark.parametrize("people", [0, 1])
