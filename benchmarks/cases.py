@@ -1,8 +1,9 @@
 """What `make bench` measures: kernels in warm processes, and whole commands.
 
 A kernel is a job of worker.py on arrays that are made here. Commands are timed from the outside, in
-time of the processor, each version on files that it has made itself. Both are compared with the
-release before, commands with the import of NumPy too.
+time of the processor, each version on files that it has made itself, or on tables made here; of
+some it is the most memory that counts. Both are compared with the release before, commands with the
+import of NumPy too.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from shapefit import read_landmarks
 from shapefit.arrays import Floats
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.cameras import project, turntable
@@ -114,16 +116,22 @@ Side = Callable[[], Turn]
 
 
 def compare(
-    case: str, sides: Sequence[Side], repeats: int, images: int = 0, *, certified: bool = False
+    case: str,
+    sides: Sequence[Side],
+    repeats: int,
+    images: int = 0,
+    *,
+    certified: bool = False,
+    unit: str = "s",
 ) -> Row:
     """Run both sides in turns; the ratio is the median of those of neighbouring turns.
 
-    Times are images per second where their number is given, else seconds.
+    Times are images per second where their number is given, else in a unit.
     """
     before, now = sides
     turns = [(before(), now()) for _ in range(repeats)]
     seconds = [float(np.median([turn[side].seconds for turn in turns])) for side in (0, 1)]
-    old_text, new_text = (f"{images / s:,.0f}/s" if images else f"{s:.3g} s" for s in seconds)
+    old_text, new_text = (f"{images / s:,.0f}/s" if images else f"{s:.3g} {unit}" for s in seconds)
     return Row(
         case,
         old_text,
@@ -347,6 +355,30 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
         learned = dictionary(one, "people")
         return fit(one, given, "-d", learned, "--set", "method=sequences")
 
+    def table(name: str, frames: int) -> Path:
+        """Make a CSV of images of the longest sequence, to and fro, as frames or as photographs."""
+        target = bench.folder / f"{name}.csv"
+        if not target.exists():
+            source = read_landmarks(images(bench.new, 10_000, source=sequence))
+            labels, sequences = source.landmark_names or (), list(source.sequences or ())
+            rows = np.flatnonzero(np.array(sequences) == max(sequences, key=sequences.count))
+            wave = np.arange(frames) % (2 * len(rows) - 2)
+            wave = rows[np.minimum(wave, 2 * len(rows) - 2 - wave)]
+            with target.open("w") as out:
+                print("sequence,item,landmark,x,y", file=out)
+                for number, row in enumerate(wave):
+                    for label, (x, y) in zip(labels, source.landmarks[row], strict=True):
+                        print(f"{name},{number:06},{label},{x:.5f},{y:.5f}", file=out)
+        return target
+
+    def long_sequence(one: Environment) -> Command:
+        learned = dictionary(one, "people")
+        return fit(one, table("walk", 10_000), "-d", learned, "--set", "method=sequences")
+
+    def big_table(one: Environment) -> Command:
+        given = table("photographs", 100_000), "-d", dictionary(one)
+        return fit(one, *given, "--set", "method=convex")
+
     def result(one: Environment) -> Path:
         given = images(one, 21_740), "-d", dictionary(one), "--set", "method=convex"
         return made(one, "result.h5", "fit", *given)
@@ -356,6 +388,9 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
         "fit, 21,740 images, shuffled": partial(convex, shuffled=True),
         "posterior, 2,174 images": posterior,
         "sequences, 4,592 frames": sequences,
+        "one sequence of 10,000 frames, memory": long_sequence,
+        "CSV of 100,000 images, memory": big_table,
+        "info, CSV of 100,000 images": lambda one: ["info", table("photographs", 100_000)],
         "eval, 21,740 images": lambda one: [
             "eval", result(one), "--truth", tested, "-o", bench.folder / "report"
         ],
@@ -373,10 +408,13 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
 
 def compare_commands(bench: Bench, name: str, command: Callable[[Environment], Command]) -> Row:
     """Time a command of both versions in turns, in time of the processor of all its processes."""
+    measure, unit = (peak, "GB") if name.endswith("memory") else (timed, "s")
     sides = [
-        partial(timed, [one.command, *command(one), "-q"], bench.folder)
+        partial(measure, [one.command, *command(one), "-q"], bench.folder)
         for one in (bench.old, bench.new)
     ]
+    if measure is peak:
+        return compare(name, sides, 3, unit=unit)
     numpy = np.median(
         [timed([bench.new.python, "-c", "import numpy"], bench.folder).seconds for _ in range(5)]
     )
@@ -394,6 +432,16 @@ def timed(command: Command, folder: Path) -> Turn:
         before.children_user + before.children_system
     )
     return Turn(spent)
+
+
+def peak(command: Command, folder: Path) -> Turn:
+    """Run a command; return the most memory that it has, in GB."""
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode > 1:
+        raise RuntimeError(f"{command} failed")
+    return Turn(usage.ru_maxrss * 1024 / 1e9)
 
 
 def run(command: Command, folder: Path | None = None) -> None:
