@@ -189,22 +189,23 @@ def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
     With a prior that follows from sizes, and scales are chosen by lifting the sample as often as
     there are pairs of factors. Other methods are timed by one of several images, then by some.
     """
-    prior, liftings, each = lifter.dictionary.prior, total, 0.0
+    prior, liftings, per_image = lifter.dictionary.prior, total, 0.0
     if lifter.row.has_prior and prior is not None:
-        cores = min(lifter.threads or os.cpu_count() or 1, max(total, 1))
-        each = POSTERIOR * lifter.dictionary.mean_shape.shape[1] ** 3.5 * (10 + len(prior)) / cores
+        p, cores = lifter.dictionary.mean_shape.shape[1], lifter.threads or os.cpu_count() or 1
+        per_image = POSTERIOR * p**3.5 * (10 + len(prior)) / min(cores, max(total, 1))
         liftings += min(total, LARGEST) * len(FACTORS) ** 2 if total >= FEWEST else 0
-    for number in (1, TIMED) if not each and total > 1 else ():  # the first call also imports
-        timed = images.take(evenly(len(images), number))
-        began = time.perf_counter()
-        lift_images(timed, lifter)
-        each = (time.perf_counter() - began) / max(len(timed), 1)
-        if each * total < LONG:
-            break
-    if (seconds := each * liftings) < LONG:
+    elif total > 1:
+        for number in (1, TIMED):  # the first call also imports
+            timed = images.take(evenly(len(images), number))
+            began = time.perf_counter()
+            lift_images(timed, lifter)
+            per_image = (time.perf_counter() - began) / max(len(timed), 1)
+            if per_image * total < LONG:
+                break
+    if (seconds := per_image * liftings) < LONG:
         return ""
     duration = f"{seconds:.0f} seconds" if seconds < 120 else f"{seconds / 60:,.0f} minutes"
-    duration += f", {each:.2g} s each" if total > 1 else ""
+    duration += f", {per_image:.2g} s each" if total > 1 else ""
     fix = "give fewer landmarks, or a dictionary with fewer components or atoms"
     return f"{counted(total, 'image')} may take up to {duration}: {fix}"
 
