@@ -199,7 +199,7 @@ def test_a_climb_that_ends_on_a_saddle_does_not_count_beside_a_maximum():
 
 
 def test_components_together_are_those_alone(draw_mixture):
-    """Climbs side by side, that leave as they arrive or lose hope, change nothing that counts."""
+    """Climbs side by side, of other images too, that leave as they arrive change nothing."""
     prior, residual_variance = draw_mixture(8, k=13, p=9, size=0.1), 0.01
     _, w, R = draw_images(prior, 12, 9, residual_variance)
     w[2:, :, 3], w[5, :, [0, 7]] = np.nan, np.nan
@@ -208,12 +208,10 @@ def test_components_together_are_those_alone(draw_mixture):
         return solve(prior, w[which], R[which, None], residual_variance, outliers=Outliers(0.02))
 
     together, parts = posterior(prior), zip(prior.means, prior.covariances, strict=True)
-    for i in range(12):  # nor do images beside one another, whatever is in sight
-        assert np.array_equal(posterior(prior, [i]).mean[0], together.mean[i])
+    assert np.array_equal([posterior(prior, [i]).mean[0] for i in range(12)], together.mean)
     alone = [posterior(Mixture(np.ones(1), mean[None], C[None])) for mean, C in parts]
     logs = np.log(prior.weights)[:, None] + np.stack([one.log_evidence for one in alone])
     evidence = np.logaddexp.reduce(logs)
     assert together.log_evidence == pytest.approx(evidence, abs=0.02)
-    share = np.exp(logs - evidence)
-    mean = np.einsum("kn,knap->nap", share, np.stack([one.mean for one in alone]))
+    mean = np.einsum("kn,knap->nap", np.exp(logs - evidence), [one.mean for one in alone])
     assert np.abs(together.mean - mean).max() < 0.02
