@@ -81,9 +81,9 @@ QUICK = [
 
 
 def at_level(level: str, arguments: list[str], **options) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "SHAPEFIT_LEVEL": level}
+    environment, command = {**os.environ, "SHAPEFIT_LEVEL": level}, [sys.executable, "-P"]
     return subprocess.run(
-        [sys.executable, *arguments], env=environment, capture_output=True, text=True, **options
+        [*command, *arguments], env=environment, capture_output=True, text=True, **options
     )
 
 

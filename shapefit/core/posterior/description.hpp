@@ -79,9 +79,11 @@ inline void turn_components(const PosteriorData& data, const Side<Doubles>& side
     for (long e = 0; e < observed.m; ++e) to.place[observed.index[e]] = e;
     for (long k = 0; k < to.p; ++k)
         for (long j = 0; j <= k; ++j) {
-            Doubles C[9], CR[9], Q[9], transposed[9];
-            for (int e = 0; e < 9 * WIDTH; ++e)
-                C[e / WIDTH][e % WIDTH] =
+            Doubles copied[9], CR[9], Q[9], transposed[9];
+            const bool seen = to.place[k] >= 0 && to.place[j] >= 0;
+            const Doubles* C = seen ? observed.covariance + 9 * (corner(to.place[k]) + to.place[j]) : copied;
+            for (int e = 0; !seen && e < 9 * WIDTH; ++e)
+                copied[e / WIDTH][e % WIDTH] =
                     data.covariances[side.component[e % WIDTH]][e / WIDTH / 3 * to.p + k][e / WIDTH % 3 * to.p + j];
             for (int a = 0; a < 3; ++a)
                 for (int b = 0; b < 3; ++b) CR[3 * b + a] = inner3<Doubles>(C + 3 * a, R + 3 * b);

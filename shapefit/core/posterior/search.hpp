@@ -1,6 +1,5 @@
-// The ascents of images side by side, one a lane; those that have finished are dropped, and the others
-// move together, so that blocks of lanes stay full. No lane knows of its neighbours: what is found for an
-// image does not depend on the others.
+// The ascents of images side by side, one a lane. Those that have finished are dropped, so that blocks of
+// lanes stay full; no lane knows of its neighbours.
 #pragma once
 
 #include "ascent.hpp"
@@ -278,9 +277,8 @@ void run_ascents(const PosteriorData& data, long rounds, double margin, Side<Lan
     }
 }
 
-// The ascents that are `late`; then the likelihood in double precision and its Hessian, where those stand
-// that are near the best. An image has failed where none of them stands on a stationary point, or one is not
-// worth what the ascent took it for.
+// The ascents that are `late`, then value and Hessian in double precision near the best. An image has failed
+// where none stands on a stationary point, or one is not worth what its ascent took it for.
 inline void finish_all(const PosteriorData& data, double margin, Search& search) {
     Group& group = search.group;
     Ascents<Doubles>& arrived = search.arrived;
