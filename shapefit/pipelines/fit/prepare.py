@@ -62,9 +62,9 @@ FRAMES, COUNTED = 10, 4096
 LONG, TIMED = 60.0, 8
 """Seconds of a fit from which it is announced; images that are timed."""
 
-POSTERIOR = 5e-10
+POSTERIOR = 2e-10
 """Seconds of a core for an image, times p^3.5 (10 + components): p^3 operations, in more memory.
-Measured on a Xeon with AVX-512: 0.4 to 1.8 of it for 20 to 240 landmarks, 1 to 32 components."""
+Measured on a Xeon with AVX-512: 0.3 to 1.6 of it for 30 to 240 landmarks, 1 to 32 components."""
 
 OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
     "posterior": {"residual_variance": 0.006, "bar_scale": 1.6},
@@ -186,14 +186,19 @@ def prepare(
 def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
     """Return how long all images may take, "" below LONG.
 
-    With a prior that follows from sizes, and scales are chosen by lifting the sample as often as
-    there are pairs of factors. Other methods are timed by one of several images, then by some.
+    With a prior that follows from sizes, and a sample is lifted as often as there are pairs of
+    scales, and with landmarks hidden in turn. Other methods are timed by one of several images,
+    then by some.
     """
     prior, liftings, per_image = lifter.dictionary.prior, total, 0.0
     if lifter.row.has_prior and prior is not None:
         p, cores = lifter.dictionary.mean_shape.shape[1], lifter.threads or os.cpu_count() or 1
         per_image = POSTERIOR * p**3.5 * (10 + len(prior)) / min(cores, max(total, 1))
-        liftings += min(total, LARGEST) * len(FACTORS) ** 2 if total >= FEWEST else 0
+        if total >= FEWEST:
+            from shapefit.lifting.posterior.calibration import MOST
+
+            hidden = min(min(total, CALIBRATED) * p, MOST)
+            liftings += min(total, LARGEST) * len(FACTORS) ** 2 + hidden
     elif total > 1:
         for number in (1, TIMED):  # the first call also imports
             timed = images.take(evenly(len(images), number))

@@ -45,7 +45,10 @@ def calibrated(scene, weights=None, off=None, narrower=1.0):
     return calibrate(lifting.problem, found.rotation, inliers, settings)
 
 
-def test_true_bars_hold_the_hidden_landmarks(scene):
+def test_true_bars_hold_the_hidden_landmarks(scene, monkeypatch):
+    monkeypatch.setattr("shapefit.lifting.posterior.calibration.MOST", N * P // 3)
+    assert calibrated(scene).predictions == pytest.approx(N * P / 3, abs=P)
+    monkeypatch.undo()
     found = calibrated(scene)
     assert found.predictions == N * P
     assert found.kappa == pytest.approx(1, abs=0.35)
@@ -55,18 +58,14 @@ def test_true_bars_hold_the_hidden_landmarks(scene):
 
 def test_a_prior_that_is_too_narrow_shows(scene):
     kappa = calibrated(scene, narrower=9.0).kappa
-    assert kappa > 2.5
-    assert kappa > 2 * calibrated(scene).kappa
+    assert kappa > max(2.5, 2 * calibrated(scene).kappa)
 
 
 def test_a_landmark_that_is_elsewhere_grows_alone(scene):
     off = np.zeros((N, 2, P))
     off[:, 0, 4] = 0.5 * np.std(scene[0].landmarks, axis=2).mean()
-    found = calibrated(scene, off=off)
-    assert found.by_landmark.argmax() == 4
-    growth = found.growth(1.5)
-    assert growth.argmax() == 4
-    assert (growth >= 1).all()
+    growth = calibrated(scene, off=off).growth(1.5)
+    assert (growth.argmax(), growth.min() >= 1) == (4, True)
 
 
 def test_what_is_seldom_seen_has_the_growth_of_the_file(scene):
