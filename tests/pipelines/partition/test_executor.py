@@ -55,7 +55,8 @@ def fit(folder: Path, output: str, *options: object) -> str:
 
 @contextmanager
 def in_the_middle(folder: Path, output: str, *options: object) -> Iterator[subprocess.Popen[bytes]]:
-    """Start fit, and wait until some parts are done."""
+    """Start fit, and wait until a part is done and listed."""
+    manifest = folder / output / "manifest.jsonl"
     process = subprocess.Popen(
         command(output, *options),
         cwd=folder,
@@ -66,7 +67,7 @@ def in_the_middle(folder: Path, output: str, *options: object) -> Iterator[subpr
     )
     try:
         ends = time.monotonic() + LIMIT
-        while len(results(folder / output)) < 2:
+        while not manifest.is_file() or manifest.read_bytes().count(b"\n") < 2:
             assert process.poll() is None, process.communicate()
             assert time.monotonic() < ends
             time.sleep(0.02)
