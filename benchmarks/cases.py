@@ -126,7 +126,7 @@ def compare(
 ) -> Row:
     """Run both sides in turns; the ratio is the median of those of neighbouring turns.
 
-    Times are images per second where their number is given, else in a unit.
+    Times are images per second where their number is given, else figures in the unit.
     """
     before, now = sides
     turns = [(before(), now()) for _ in range(repeats)]
@@ -342,21 +342,19 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
     def fit(one: Environment, *given: str | Path) -> Command:
         return ["fit", *given, "-o", bench.folder / "out.h5"]
 
-    def convex(one: Environment, *, shuffled: bool) -> Command:
-        given = images(one, 21_740, shuffled)
+    def convex(one: Environment, given: Path) -> Command:
         return fit(one, given, "-d", dictionary(one), "--set", "method=convex")
 
     def posterior(one: Environment) -> Command:
         given = images(one, 2174)
         return fit(one, given, "-d", dictionary(one, "people"), "--set", "method=posterior")
 
-    def sequences(one: Environment) -> Command:
-        given = images(one, 10_000, source=sequence)
+    def sequences(one: Environment, given: Path) -> Command:
         learned = dictionary(one, "people")
         return fit(one, given, "-d", learned, "--set", "method=sequences")
 
     def table(name: str, frames: int) -> Path:
-        """Make a CSV of images of the longest sequence, to and fro, as frames or as photographs."""
+        """Make a CSV of the frames of the longest sequence, to and fro until they are enough."""
         target = bench.folder / f"{name}.csv"
         if not target.exists():
             source = read_landmarks(images(bench.new, 10_000, source=sequence))
@@ -371,26 +369,20 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
                         print(f"{name},{number:06},{label},{x:.5f},{y:.5f}", file=out)
         return target
 
-    def long_sequence(one: Environment) -> Command:
-        learned = dictionary(one, "people")
-        return fit(one, table("walk", 10_000), "-d", learned, "--set", "method=sequences")
-
-    def big_table(one: Environment) -> Command:
-        given = table("photographs", 100_000), "-d", dictionary(one)
-        return fit(one, *given, "--set", "method=convex")
-
     def result(one: Environment) -> Path:
         given = images(one, 21_740), "-d", dictionary(one), "--set", "method=convex"
         return made(one, "result.h5", "fit", *given)
 
     return found | {
-        "fit, 21,740 images": partial(convex, shuffled=False),
-        "fit, 21,740 images, shuffled": partial(convex, shuffled=True),
+        "fit, 21,740 images": lambda one: convex(one, images(one, 21_740)),
+        "fit, 21,740 images, shuffled": lambda one: convex(one, images(one, 21_740, shuffled=True)),
         "posterior, 2,174 images": posterior,
-        "sequences, 4,592 frames": sequences,
-        "one sequence of 10,000 frames, memory": long_sequence,
-        "CSV of 100,000 images, memory": big_table,
-        "info, CSV of 100,000 images": lambda one: ["info", table("photographs", 100_000)],
+        "sequences, 4,592 frames": lambda one: sequences(
+            one, images(one, 10_000, source=sequence)
+        ),
+        "one sequence of 10,000 frames, memory": lambda one: sequences(one, table("walk", 10_000)),
+        "CSV of 100,000 images, memory": lambda one: convex(one, table("images", 100_000)),
+        "info, CSV of 100,000 images": lambda one: ["info", table("images", 100_000)],
         "eval, 21,740 images": lambda one: [
             "eval", result(one), "--truth", tested, "-o", bench.folder / "report"
         ],
@@ -407,7 +399,7 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
 
 
 def compare_commands(bench: Bench, name: str, command: Callable[[Environment], Command]) -> Row:
-    """Time a command of both versions in turns, in time of the processor of all its processes."""
+    """Time a command of both versions in turns, in time of the processor; or take its memory."""
     measure, unit = (peak, "GB") if name.endswith("memory") else (timed, "s")
     sides = [
         partial(measure, [one.command, *command(one), "-q"], bench.folder)

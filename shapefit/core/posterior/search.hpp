@@ -212,7 +212,7 @@ void add_ascent(const PosteriorData& data, const Group& group, Origin origin, As
     ascents.origin[ascents.count++] = origin;
 }
 
-// Every start under every component of images that show three landmarks; blocks that follow one another have the same components.
+// Every start under every component, where three landmarks are seen; blocks in a row have the same components.
 template <class Lanes>
 void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& ascents) {
     const long K = data.means.size[0], pairs = group.m < 3 ? 0 : ascents_per_image(data);

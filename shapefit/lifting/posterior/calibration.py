@@ -40,7 +40,7 @@ LEVEL = 0.9
 FEWEST = 20
 """Predictions of a landmark from which its own kappa is taken."""
 
-MOST = 2400
+MOST_HIDDEN = 2400
 """Landmarks that are hidden in all, of 60 images each of 40: of larger shapes every second one or
 fewer, others in every image."""
 
@@ -106,7 +106,7 @@ def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Fl
     finite: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
     visible: Flags = np.asarray((problem.weights > 0) & finite[:, None])
     hidden, image = np.nonzero(visible.T)  # neighbours have the same landmarks in sight
-    chosen = (hidden + image) % max(1, -(-len(image) // MOST)) == 0
+    chosen = (hidden + image) % max(1, -(-len(image) // MOST_HIDDEN)) == 0
     hidden, image = hidden[chosen], image[chosen]
     square = np.full(visible.shape, np.nan)
     if not len(image):

@@ -195,9 +195,9 @@ def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
         p, cores = lifter.dictionary.mean_shape.shape[1], lifter.threads or os.cpu_count() or 1
         per_image = POSTERIOR * p**3.5 * (10 + len(prior)) / min(cores, max(total, 1))
         if total >= FEWEST:
-            from shapefit.lifting.posterior.calibration import MOST
+            from shapefit.lifting.posterior.calibration import MOST_HIDDEN
 
-            hidden = min(min(total, CALIBRATED) * p, MOST)
+            hidden = min(min(total, CALIBRATED) * p, MOST_HIDDEN)
             liftings += min(total, LARGEST) * len(FACTORS) ** 2 + hidden
     elif total > 1:
         for number in (1, TIMED):  # the first call also imports
