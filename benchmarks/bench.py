@@ -1,12 +1,14 @@
 """Compare with the release before; floors must hold.
 
-Usage: python -m benchmarks.bench [--data FOLDER] [--cars FOLDER] [--only CASE]... [--quick]
+Usage: python -m benchmarks.bench [--data FOLDER] [--cars FOLDER] [--only CASE]...
+[--quick]
            [--base REVISION] [--write-floors]
 Prints a Markdown table. Exit code 1 where a ratio is under its floor, an
 image is not certified, or a case does not run.
 
-The two versions take turns, A B A B, so that whatever else the machine does hits both. Floors are
-in floors.toml, by the release before and the instruction set: a fifth under the median measured.
+The two versions take turns, A B A B, so that whatever else the machine does hits both.
+Floors are in floors.toml, by the release before and the instruction set: a fifth under
+the median measured.
 """
 
 from __future__ import annotations
@@ -34,8 +36,9 @@ FIRST_BASE = "051afd75"
 
 FLOORS = Path(__file__).with_name("floors.toml")
 FLOORS_HEADER = """\
-# The ratio below which `make bench` fails, for each case, by the release before and the instruction
-# set: a fifth under the median measured. Written by `make bench BENCH_OPTIONS=--write-floors`.
+# The ratio below which `make bench` fails, for each case, by the release before and the
+# instruction set: a fifth under the median measured.
+# Written by `make bench BENCH_OPTIONS=--write-floors`.
 """
 MARGIN = 0.8
 
@@ -43,7 +46,9 @@ NOISE = 0.9
 """Ratio to the release before under which a case without a floor is slower."""
 
 SAME = 1e-3
-"""Relative difference up to which two certified sums of objectives are those of one program."""
+"""Relative difference up to which two certified sums of objectives are those of one
+program.
+"""
 
 
 def main() -> None:
@@ -54,12 +59,16 @@ def main() -> None:
     sides = base_environment(base), this_environment()
     print(f"Against {base}, level {core.LEVEL}.\n\n{Table.heading}")
     with tempfile.TemporaryDirectory() as name:
-        bench = Bench(*sides, arguments.data, arguments.cars, Path(name), arguments.quick)
+        bench = Bench(
+            *sides, arguments.data, arguments.cars, Path(name), arguments.quick
+        )
         for case, run in cases(bench):
             if not arguments.only or any(part in case for part in arguments.only):
                 try:
                     print(table.add(run()), flush=True)
-                except RuntimeError as error:  # the other cases are measured all the same
+                except (
+                    RuntimeError
+                ) as error:  # the other cases are measured all the same
                     table.faults.append(f"{case}: not measured. {error}")
     if arguments.write_floors:
         write_floors(base, core.LEVEL, {row.case: row.ratio for row in table.rows})
@@ -70,9 +79,15 @@ def main() -> None:
 def read_arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=DATA / "mocap", help="motion capture files")
-    parser.add_argument("--cars", type=Path, default=DATA / "cars", help="annotated cars")
-    parser.add_argument("--only", action="append", default=[], help="cases whose name holds this")
+    parser.add_argument(
+        "--data", type=Path, default=DATA / "mocap", help="motion capture files"
+    )
+    parser.add_argument(
+        "--cars", type=Path, default=DATA / "cars", help="annotated cars"
+    )
+    parser.add_argument(
+        "--only", action="append", default=[], help="cases whose name holds this"
+    )
     parser.add_argument("--quick", action="store_true", help="fewer repeats")
     parser.add_argument("--base", help="revision to compare with; else the last tag")
     parser.add_argument(
@@ -118,22 +133,36 @@ def this_environment() -> Environment:
 def install(environment: Environment, *options: str) -> None:
     """Build a source with the tools that are here, and install it and what it needs."""
     if not environment.python.is_file():
-        subprocess.run([sys.executable, "-m", "venv", str(environment.folder)], check=True)
+        subprocess.run(
+            [sys.executable, "-m", "venv", str(environment.folder)], check=True
+        )
     wheels = environment.folder / "wheels"
     shutil.rmtree(wheels, ignore_errors=True)
     quiet = "-q", "--disable-pip-version-check"
     build = ["--no-deps", "--no-build-isolation", "-C", "build-dir=build/{wheel_tag}"]
     where = ["-w", str(wheels), str(environment.source)]
-    subprocess.run([sys.executable, "-m", "pip", "wheel", *quiet, *build, *where], check=True)
+    subprocess.run(
+        [sys.executable, "-m", "pip", "wheel", *quiet, *build, *where], check=True
+    )
     constraints = "--constraint", str(environment.source / "constraints.txt")
-    pip = [str(environment.python), "-m", "pip", "install", *quiet, *options, *constraints]
+    pip = [
+        str(environment.python),
+        "-m",
+        "pip",
+        "install",
+        *quiet,
+        *options,
+        *constraints,
+    ]
     wheel = next(wheels.glob("shapefit-*.whl"))
     subprocess.run([*pip, f"{wheel}[plots]"], check=True)
 
 
 def git(*arguments: str) -> subprocess.CompletedProcess[bytes]:
     """Run git in the project."""
-    return subprocess.run(["git", *arguments], cwd=PROJECT, capture_output=True, check=False)
+    return subprocess.run(
+        ["git", *arguments], cwd=PROJECT, capture_output=True, check=False
+    )
 
 
 @dataclass
@@ -157,7 +186,10 @@ class Table:
         faults = [
             (row.ratio < least, f"ratio {row.ratio:.2f} is under {least:.2f}"),
             (row.certified and row.well < 1, f"only {row.well:.2%} are certified"),
-            (row.well < row.well_before, f"{row.well:.2%} end well, {row.well_before:.2%} did"),
+            (
+                row.well < row.well_before,
+                f"{row.well:.2%} end well, {row.well_before:.2%} did",
+            ),
             (
                 row.certified and abs(row.change) > SAME,
                 f"the sum of the objectives changed by {row.change:.1e} of it",
@@ -167,7 +199,15 @@ class Table:
         imports = "" if np.isnan(row.imports) else f"{row.imports:.1f}"
         shown = "" if floor is None else f"{floor:.2f}"
         certified = f"{row.well:.0%}" if row.certified else ""
-        cells = row.case, row.before, row.now, f"{row.ratio:.2f}", imports, shown, certified
+        cells = (
+            row.case,
+            row.before,
+            row.now,
+            f"{row.ratio:.2f}",
+            imports,
+            shown,
+            certified,
+        )
         return f"| {' | '.join(cells)} |"
 
 
@@ -177,7 +217,9 @@ def read_floors() -> dict[str, dict[str, dict[str, float]]]:
 
 
 def write_floors(base: str, level: str, ratios: Mapping[str, float]) -> None:
-    """Set the floors of the cases measured against a base at a level; the others stay."""
+    """Set the floors of the cases measured against a base at a level; the others
+    stay.
+    """
     floors = read_floors() if FLOORS.is_file() else {}
     of_level = floors.setdefault(base, {}).setdefault(level, {})
     of_level |= {case: float(f"{MARGIN * ratio:.3g}") for case, ratio in ratios.items()}

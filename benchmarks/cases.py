@@ -1,9 +1,9 @@
 """What `make bench` measures: kernels in warm processes, and whole commands.
 
-A kernel is a job of worker.py on arrays that are made here. Commands are timed from the outside, in
-time of the processor, each version on files that it has made itself, or on tables made here; of
-some it is the most memory that counts. Both are compared with the release before, commands with the
-import of NumPy too.
+A kernel is a job of worker.py on arrays that are made here. Commands are timed from the
+outside, in time of the processor, each version on files that it has made itself, or on
+tables made here; of some it is the most memory that counts. Both are compared with the
+release before, commands with the import of NumPy too.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ SHUFFLE = """
 import sys, numpy as np, shapefit
 source, target, count, shuffled = sys.argv[1:]
 one = shapefit.read_landmarks(source)
-rows = np.random.default_rng(0).permutation(len(one)) if shuffled == "True" else np.arange(len(one))
+rows = np.arange(len(one))
+if shuffled == "True":
+    np.random.default_rng(0).shuffle(rows)
 shapefit.write_landmarks(target, one[rows[: int(count)]])
 """
 
@@ -69,7 +71,9 @@ class Environment(NamedTuple):
 
 
 class Bench(NamedTuple):
-    """The two sides, the real data that there are, a folder for files, and whether in a hurry."""
+    """The two sides, the real data that there are, a folder for files, and whether in a
+    hurry.
+    """
 
     old: Environment
     new: Environment
@@ -85,7 +89,9 @@ class Bench(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """Seconds of one run, the share of images that ended well, and a sum of the objectives."""
+    """Seconds of one run, the share of images that ended well, and a sum of the
+    objectives.
+    """
 
     seconds: float
     well: float = 1.0
@@ -96,9 +102,9 @@ class Turn(NamedTuple):
 class Row:
     """What a case took before and takes now, and how many times faster it is.
 
-    well and well_before, the smallest shares of images that ended well; change, that of the sum of
-    the objectives, relative; certified: every image must be solved; imports, the time now in those
-    of importing NumPy.
+    well and well_before, the smallest shares of images that ended well; change, that of
+    the sum of the objectives, relative; certified: every image must be solved; imports,
+    the time now in those of importing NumPy.
     """
 
     case: str
@@ -130,8 +136,12 @@ def compare(
     """
     before, now = sides
     turns = [(before(), now()) for _ in range(repeats)]
-    seconds = [float(np.median([turn[side].seconds for turn in turns])) for side in (0, 1)]
-    old_text, new_text = (f"{images / s:,.0f}/s" if images else f"{s:.3g} {unit}" for s in seconds)
+    seconds = [
+        float(np.median([turn[side].seconds for turn in turns])) for side in (0, 1)
+    ]
+    old_text, new_text = (
+        f"{images / s:,.0f}/s" if images else f"{s:.3g} {unit}" for s in seconds
+    )
     return Row(
         case,
         old_text,
@@ -173,7 +183,9 @@ def compare_kernel(bench: Bench, name: str, build: Callable[[], Arrays]) -> Row:
             stack.enter_context(Worker(side.python, data)).take_turn
             for side in (bench.old, bench.new)
         ]
-        return compare(name, sides, bench.repeats, len(arrays["landmarks"]), certified=True)
+        return compare(
+            name, sides, bench.repeats, len(arrays["landmarks"]), certified=True
+        )
 
 
 class Worker:
@@ -216,25 +228,33 @@ def hide(build: Callable[[], Arrays], share: float) -> Arrays:
     arrays, rng = build(), np.random.default_rng(0)
     n, _, p = arrays["landmarks"].shape
     hidden = rng.random((n, p)).argsort(axis=1) < round(share * p)
-    return arrays | {"landmarks": np.where(hidden[:, None, :], np.nan, arrays["landmarks"])}
+    return arrays | {
+        "landmarks": np.where(hidden[:, None, :], np.nan, arrays["landmarks"])
+    }
 
 
 def shuffle(build: Callable[[], Arrays]) -> Arrays:
-    """The case in another order, as single photographs come: no image has a neighbour."""
+    """The case in another order, as single photographs come: no image has a
+    neighbour.
+    """
     arrays = build()
     order = np.random.default_rng(0).permutation(len(arrays["landmarks"]))
     return arrays | {"landmarks": arrays["landmarks"][order]}
 
 
 def program(landmarks: Floats, atoms: Floats) -> Arrays:
-    """The convex program of normalised landmarks (n, 2, p), nan = hidden, and atoms (k, 3, p)."""
+    """The convex program of normalised landmarks (n, 2, p), nan = hidden, and atoms (k,
+    3, p).
+    """
     return {"landmarks": landmarks, "atoms": atoms, "lam": np.array(LAMBDA)}
 
 
 def made_case(n: int, k: int, p: int) -> Arrays:
-    """Exemplar shapes of a 10-dimensional family as atoms; other members of it, turned, as images.
+    """Exemplar shapes of a 10-dimensional family as atoms; other members of it, turned,
+    as images.
 
-    Images come in runs of 50 between two shapes and two views, as frames of a sequence do.
+    Images come in runs of 50 between two shapes and two views, as frames of a sequence
+    do.
     """
     rng = np.random.default_rng(0)
     mean, modes = rng.standard_normal((3, p)), rng.standard_normal((10, 3, p))
@@ -256,7 +276,9 @@ def made_case(n: int, k: int, p: int) -> Arrays:
 
 
 def mocap_case(folder: Path) -> Arrays:
-    """All frames of subject 13 under the turntable, and the paper's dictionary of subject 86."""
+    """All frames of subject 13 under the turntable, and the paper's dictionary of
+    subject 86.
+    """
     shapes = read_shapes([folder / "subject13_24fps.h5"])
     lengths = Counter(shapes.sequences)
     turns = np.concatenate([np.arange(length) / length for length in lengths.values()])
@@ -275,11 +297,15 @@ def cars_case(folder: Path) -> Arrays:
         (images,) = source.batches(source.count)
     w = images.arrange(models.landmark_names).landmarks
     points = normalise(w, np.asarray(np.isfinite(w).all(axis=1))).points
-    return program(np.where(np.isfinite(w), points, np.nan), normalise(models.shapes).points[:-1])
+    return program(
+        np.where(np.isfinite(w), points, np.nan), normalise(models.shapes).points[:-1]
+    )
 
 
 def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
-    """Return what makes each command that is timed, by its name, for one of the versions."""
+    """Return what makes each command that is timed, by its name, for one of the
+    versions.
+    """
 
     def made(one: Environment, name: str, *command: str | Path) -> Path:
         target = bench.folder / ("new" if one is bench.new else "old") / name
@@ -292,7 +318,14 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
         return ["-c", one.source / "configs" / path]
 
     def one_image(one: Environment, dictionary: str | Path) -> Command:
-        return ["fit", PROJECT / "sample_data/one_person.csv", "-d", dictionary, "-o", "out.csv"]
+        return [
+            "fit",
+            PROJECT / "sample_data/one_person.csv",
+            "-d",
+            dictionary,
+            "-o",
+            "out.csv",
+        ]
 
     def demo(one: Environment) -> Path:
         return made(one, "demo.h5", "learn-dict", *config(one, "demo/learn-dict.yaml"))
@@ -306,7 +339,11 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
 
         def fit_cars(one: Environment, name: str) -> Command:
             learned = made(
-                one, "cars.h5", "learn-dict", *config(one, "cars/learn-dict.yaml"), *data
+                one,
+                "cars.h5",
+                "learn-dict",
+                *config(one, "cars/learn-dict.yaml"),
+                *data,
             )
             return [
                 "fit",
@@ -330,13 +367,30 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
         given = ("learn-dict", *config(one, f"{kind}/learn-dict.yaml"), trained)
         return made(one, f"dictionary-{kind}.h5", *given)
 
-    def images(one: Environment, count: int, shuffled: bool = False, source: Path = tested) -> Path:
+    def images(
+        one: Environment, count: int, shuffled: bool = False, source: Path = tested
+    ) -> Path:
         whole = made(
-            one, f"{source.stem}.h5", "project", *config(one, "mocap/project.yaml"), source
+            one,
+            f"{source.stem}.h5",
+            "project",
+            *config(one, "mocap/project.yaml"),
+            source,
         )
         target = whole.with_name(f"{source.stem}-{count}-{shuffled}.h5")
         if not target.exists():
-            run([one.python, "-P", "-c", SHUFFLE, whole, target, str(count), str(shuffled)])
+            run(
+                [
+                    one.python,
+                    "-P",
+                    "-c",
+                    SHUFFLE,
+                    whole,
+                    target,
+                    str(count),
+                    str(shuffled),
+                ]
+            )
         return target
 
     def fit(one: Environment, *given: str | Path) -> Command:
@@ -347,25 +401,36 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
 
     def posterior(one: Environment) -> Command:
         given = images(one, 2174)
-        return fit(one, given, "-d", dictionary(one, "people"), "--set", "method=posterior")
+        return fit(
+            one, given, "-d", dictionary(one, "people"), "--set", "method=posterior"
+        )
 
     def sequences(one: Environment, given: Path) -> Command:
         learned = dictionary(one, "people")
         return fit(one, given, "-d", learned, "--set", "method=sequences")
 
     def table(name: str, frames: int) -> Path:
-        """Make a CSV of the frames of the longest sequence, to and fro until they are enough."""
+        """Make a CSV of the frames of the longest sequence, to and fro until they are
+        enough.
+        """
         target = bench.folder / f"{name}.csv"
         if not target.exists():
             source = read_landmarks(images(bench.new, 10_000, source=sequence))
-            labels, sequences = source.landmark_names or (), list(source.sequences or ())
-            rows = np.flatnonzero(np.array(sequences) == max(sequences, key=sequences.count))
+            labels, sequences = (
+                source.landmark_names or (),
+                list(source.sequences or ()),
+            )
+            rows = np.flatnonzero(
+                np.array(sequences) == max(sequences, key=sequences.count)
+            )
             wave = np.arange(frames) % (2 * len(rows) - 2)
             wave = rows[np.minimum(wave, 2 * len(rows) - 2 - wave)]
             with target.open("w") as out:
                 print("sequence,item,landmark,x,y", file=out)
                 for number, row in enumerate(wave):
-                    for label, (x, y) in zip(labels, source.landmarks[row], strict=True):
+                    for label, (x, y) in zip(
+                        labels, source.landmarks[row], strict=True
+                    ):
                         print(f"{name},{number:06},{label},{x:.5f},{y:.5f}", file=out)
         return target
 
@@ -375,31 +440,58 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
 
     return found | {
         "fit, 21,740 images": lambda one: convex(one, images(one, 21_740)),
-        "fit, 21,740 images, shuffled": lambda one: convex(one, images(one, 21_740, shuffled=True)),
+        "fit, 21,740 images, shuffled": lambda one: convex(
+            one, images(one, 21_740, shuffled=True)
+        ),
         "posterior, 2,174 images": posterior,
         "sequences, 4,592 frames": lambda one: sequences(
             one, images(one, 10_000, source=sequence)
         ),
-        "one sequence of 10,000 frames, memory": lambda one: sequences(one, table("walk", 10_000)),
-        "CSV of 100,000 images, memory": lambda one: convex(one, table("images", 100_000)),
+        "one sequence of 10,000 frames, memory": lambda one: sequences(
+            one, table("walk", 10_000)
+        ),
+        "CSV of 100,000 images, memory": lambda one: convex(
+            one, table("images", 100_000)
+        ),
         "info, CSV of 100,000 images": lambda one: ["info", table("images", 100_000)],
         "eval, 21,740 images": lambda one: [
-            "eval", result(one), "--truth", tested, "-o", bench.folder / "report"
+            "eval",
+            result(one),
+            "--truth",
+            tested,
+            "-o",
+            bench.folder / "report",
         ],
         "verify, 21,740 images": lambda one: [
-            "verify", result(one), "-d", dictionary(one), "--landmarks", images(one, 21_740)
+            "verify",
+            result(one),
+            "-d",
+            dictionary(one),
+            "--landmarks",
+            images(one, 21_740),
         ],
         "learn-dict, people": lambda one: [
-            "learn-dict", *config(one, "people/learn-dict.yaml"), trained, "-o", "out.h5"
+            "learn-dict",
+            *config(one, "people/learn-dict.yaml"),
+            trained,
+            "-o",
+            "out.h5",
         ],
         "learn-dict, from 2D": lambda one: [
-            "learn-dict", made(one, "pickup.h5", "convert", pickup), "-o", "out.h5"
+            "learn-dict",
+            made(one, "pickup.h5", "convert", pickup),
+            "-o",
+            "out.h5",
         ],
-    }  # fmt: skip
+    }
 
 
-def compare_commands(bench: Bench, name: str, command: Callable[[Environment], Command]) -> Row:
-    """Time a command of both versions in turns, in time of the processor; or take its memory."""
+def compare_commands(
+    bench: Bench, name: str, command: Callable[[Environment], Command]
+) -> Row:
+    """Time a command of both versions in turns, in time of the processor; or take its
+    memory.
+    """
     measure, unit = (peak, "GB") if name.endswith("memory") else (timed, "s")
     sides = [
         partial(measure, [one.command, *command(one), "-q"], bench.folder)
@@ -408,7 +500,10 @@ def compare_commands(bench: Bench, name: str, command: Callable[[Environment], C
     if measure is peak:
         return compare(name, sides, 3, unit=unit)
     numpy = np.median(
-        [timed([bench.new.python, "-c", "import numpy"], bench.folder).seconds for _ in range(5)]
+        [
+            timed([bench.new.python, "-c", "import numpy"], bench.folder).seconds
+            for _ in range(5)
+        ]
     )
     row = compare(name, sides, bench.repeats)
     seconds = float(row.now.removesuffix(" s"))
@@ -437,9 +532,13 @@ def peak(command: Command, folder: Path) -> Turn:
 
 
 def run(command: Command, folder: Path | None = None) -> None:
-    """Run a command, silent unless it fails. Exit code 1, some items failed, is a result too."""
+    """Run a command, silent unless it fails. Exit code 1, some items failed, is a
+    result too.
+    """
     with tempfile.TemporaryFile() as output:
-        done = subprocess.run(command, cwd=folder, stdout=output, stderr=output, check=False)
+        done = subprocess.run(
+            command, cwd=folder, stdout=output, stderr=output, check=False
+        )
         if done.returncode > 1:
             output.seek(0)
             raise RuntimeError(f"{command} failed:\n{output.read().decode()}")

@@ -1,4 +1,6 @@
-"""What the benchmarks on real data share: commands, bodies of motion capture, tables of errors."""
+"""What the benchmarks on real data share: commands, bodies of motion capture, tables of
+errors.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ WITH_BARS = ("posterior", "sequences")
 
 
 def run(*arguments: str | Path, failures: bool = False) -> None:
-    """Run shapefit; with `failures` single items may fail. Raises SystemExit where it fails."""
+    """Run shapefit; with `failures` single items may fail. Raises SystemExit where it
+    fails.
+    """
     command = [str(Path(sys.executable).with_name("shapefit")), *map(str, arguments)]
     code = subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
     if code and not (failures and code == 1):
@@ -36,11 +40,15 @@ def settings(values: Sequence[str]) -> list[str]:
 def read_bodies(
     data: Path, files: Sequence[str], wanted: Sequence[str] = ()
 ) -> dict[str, ShapeSet]:
-    """Return the shapes of each body, by the number that its sequences begin with; all or some."""
+    """Return the shapes of each body, by the number that its sequences begin with; all
+    or some.
+    """
     bodies: dict[str, ShapeSet] = {}
     for name in files:
         shapes = read_shapes([data / f"{name}_24fps.h5"])
-        numbers = np.array([sequence.split("_")[0] for sequence in shapes.sequences or ()])
+        numbers = np.array(
+            [sequence.split("_")[0] for sequence in shapes.sequences or ()]
+        )
         for body in wanted or dict.fromkeys(numbers.tolist()):
             if (numbers == body).any():
                 bodies[body] = shapes.take(np.flatnonzero(numbers == body))
@@ -62,7 +70,9 @@ def write_images(path: Path, images: LandmarkSet) -> Path:
 
 
 def mean_errors(report: Path) -> dict[tuple[str, str], float]:
-    """Return the mean similarity error of each method and unit of a report of `eval`, as JSON."""
+    """Return the mean similarity error of each method and unit of a report of `eval`,
+    as JSON.
+    """
     summaries = json.loads(report.read_text(encoding="utf-8"))["summaries"]
     return {
         (row["method"], row["unit"]): row["mean"]
@@ -72,7 +82,9 @@ def mean_errors(report: Path) -> dict[tuple[str, str], float]:
 
 
 def cells(report: Path, methods: Sequence[str]) -> list[str]:
-    """Mean normalised errors of the methods, with millimetres where the truth is in metres."""
+    """Mean normalised errors of the methods, with millimetres where the truth is in
+    metres.
+    """
     found = mean_errors(report)
     texts = []
     for method in methods:
@@ -83,11 +95,15 @@ def cells(report: Path, methods: Sequence[str]) -> list[str]:
 
 
 def coverage(report: Path) -> list[str]:
-    """Shares inside the 50% and 90% ellipsoids, and the normalised width, of methods with bars."""
+    """Shares inside the 50% and 90% ellipsoids, and the normalised width, of methods
+    with bars.
+    """
     texts = {}
     for row in json.loads(report.read_text(encoding="utf-8"))["calibration"]:
         half, most = (f"{100 * share:.0f}%" for share in row["inside"])
-        texts[row["method"]] = f"{half} / {most} / {row['median_width']['normalised']:.2f}"
+        texts[row["method"]] = (
+            f"{half} / {most} / {row['median_width']['normalised']:.2f}"
+        )
     return [texts.get(method, "") for method in WITH_BARS]
 
 
@@ -105,7 +121,7 @@ def errors_and_bars(
     table = markdown_table(head, rows)
     bars = markdown_table([head[0], *WITH_BARS], regions)
     return (
-        f"{title}\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the "
-        "truth inside the 50% and the 90% ellipsoids of the error bars, and the median width of "
-        f"the latter, normalised.\n\n{bars}\n"
+        f"{title}\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the"
+        " truth inside the 50% and the 90% ellipsoids of the error bars, and the"
+        f" median width of the latter, normalised.\n\n{bars}\n"
     )

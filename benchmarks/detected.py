@@ -1,9 +1,9 @@
 """Real detections against their 3D truth: each set by each method, in one table.
 
-`python -m benchmarks.detected --data FOLDER` learns the dictionaries, fits, judges, and writes
-results/detected/index.md. Of `dlc_reaching` and `fly` the first half of the frames trains and the
-last 40% are judged; the other sets are judged whole. Then follow the errors of trusted and of
-doubtful frames.
+`python -m benchmarks.detected --data FOLDER` learns the dictionaries, fits, judges, and
+writes results/detected/index.md. Of `dlc_reaching` and `fly` the first half of the
+frames trains and the last 40% are judged; the other sets are judged whole. Then follow
+the errors of trusted and of doubtful frames.
 """
 
 from __future__ import annotations
@@ -45,16 +45,22 @@ KNOWN = 0.9
 PEOPLE = (CONFIGS / "mocap/best/learn-dict.yaml", CONFIGS / "people/learn-dict.yaml")
 ARM = ("Shoulder", "Elbow", "Wrist")
 SIDES = {"left": "l", "right": "r"}
-DESK = {f"{s}_{j}": t + j for s, t in SIDES.items() for j in ("shoulder", "elbow", "wrist", "hip")}
+DESK = {
+    f"{s}_{j}": t + j
+    for s, t in SIDES.items()
+    for j in ("shoulder", "elbow", "wrist", "hip")
+}
 
 
 @dataclass(frozen=True)
 class Case:
-    """A file of detections and its truth (with names of their own), learned as `learn` says.
+    """A file of detections and its truth (with names of their own), learned as `learn`
+    says.
 
-    learn: configs of learn-dict for the methods without and with a prior, None where the first
-    half of the frames trains; lambdas of convex and alternate; methods that know what the names
-    of its landmarks are; landmarks of the truth that are judged, all by default.
+    learn: configs of learn-dict for the methods without and with a prior, None where
+    the first half of the frames trains; lambdas of convex and alternate; methods that
+    know what the names of its landmarks are; landmarks of the truth that are judged,
+    all by default.
     """
 
     name: str
@@ -74,33 +80,61 @@ BY_NAME = "pose2sim_balancing/cam{0}"
 THIRTEEN = ("Head", *(s + j for s in "LR" for j in ("Hip", "Knee", "Ankle", *ARM)))
 CASES = (
     *(
-        Case(f"beam, camera {n}", BEAM.format(n), BEAM.format(n) + "_truth", PEOPLE,
-             lambdas=(0.03, 0.03), settings=("frame_rate=60",))
+        Case(
+            f"beam, camera {n}",
+            BEAM.format(n),
+            BEAM.format(n) + "_truth",
+            PEOPLE,
+            lambdas=(0.03, 0.03),
+            settings=("frame_rate=60",),
+        )
         for n in ("01", "03")
     ),
     *(
-        Case(f"beam by OpenPose's names, camera {n}", BY_NAME.format(n),
-             BY_NAME.format(n) + "_truth", PEOPLE, methods=WITH_BARS,
-             settings=("frame_rate=60",), judged=THIRTEEN)
+        Case(
+            f"beam by OpenPose's names, camera {n}",
+            BY_NAME.format(n),
+            BY_NAME.format(n) + "_truth",
+            PEOPLE,
+            methods=WITH_BARS,
+            settings=("frame_rate=60",),
+            judged=THIRTEEN,
+        )
         for n in ("01", "03")
     ),
     *(
-        Case(f"rat, camera {n}{what}", f"rat7m/camera{n}", f"rat7m/camera{n}_truth{which}", RAT)
+        Case(
+            f"rat, camera {n}{what}",
+            f"rat7m/camera{n}",
+            f"rat7m/camera{n}_truth{which}",
+            RAT,
+        )
         for n in (1, 3, 5)
         for what, which in (("", "_complete"), (", all landmarks", ""))
     ),
     Case("reaching mouse", "dlc_reaching/camera1", "dlc_reaching/camera1_truth", None),
-    *(Case(f"fly, camera {n}", f"fly/Cam-{n}", f"fly/Cam-{n}_truth", None) for n in "AC"),
     *(
-        Case(f"desk, camera {n}", f"pyxy3d_desk/port_{n}", f"pyxy3d_desk/port_{n}_truth", PEOPLE,
-             rename=DESK, lambdas=(0.03, 0.03))
+        Case(f"fly, camera {n}", f"fly/Cam-{n}", f"fly/Cam-{n}_truth", None)
+        for n in "AC"
+    ),
+    *(
+        Case(
+            f"desk, camera {n}",
+            f"pyxy3d_desk/port_{n}",
+            f"pyxy3d_desk/port_{n}_truth",
+            PEOPLE,
+            rename=DESK,
+            lambdas=(0.03, 0.03),
+        )
         for n in (1, 3)
     ),
-)  # fmt: skip
+)
 
 
 def learn(config: Path, data: Path) -> Path:
-    """Learn the dictionary of a config, once; the data are those of the detections or of mocap."""
+    """Learn the dictionary of a config, once; the data are those of the detections or
+    of mocap.
+    """
     target = FOLDER / f"{config.parent.name}-{config.stem}.h5"
     if not target.exists():
         of_mocap = config.parent.name != "detected"
@@ -125,7 +159,9 @@ def split(case: Case, data: Path, folder: Path) -> tuple[Path, Path, Path]:
     return paths[0], paths[1], paths[2]
 
 
-def of_landmarks(shapes: ShapeSet, columns: np.ndarray[tuple[int], np.dtype[np.intp]]) -> ShapeSet:
+def of_landmarks(
+    shapes: ShapeSet, columns: np.ndarray[tuple[int], np.dtype[np.intp]]
+) -> ShapeSet:
     """Return shapes with some of their landmarks, and the edges between these."""
     place = {int(old): new for new, old in enumerate(columns)}
     edges = [] if shapes.edges is None else shapes.edges.tolist()
@@ -152,10 +188,19 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
     if case.learn is None:
         training, landmarks, truth = split(case, data, folder)
         plain = prior = folder / "dictionary.h5"
-        run("learn-dict", "-c", CONFIGS / "detected/learn-half.yaml", training, "-o", plain)
+        run(
+            "learn-dict",
+            "-c",
+            CONFIGS / "detected/learn-half.yaml",
+            training,
+            "-o",
+            plain,
+        )
     else:
         plain, prior = (learn(config, data) for config in case.learn)
-        landmarks, truth = (data / f"{name}.h5" for name in (case.landmarks, case.truth))
+        landmarks, truth = (
+            data / f"{name}.h5" for name in (case.landmarks, case.truth)
+        )
         if people and case.learn is PEOPLE:
             prior = Path(people)
     if case.judged:
@@ -165,7 +210,9 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
         write_shapes(truth, of_landmarks(whole, columns))
     methods = [method for method in methods if method in case.methods]
     rename = case.rename and {
-        old: new for old, new in case.rename.items() if old in read_images(landmarks).landmark_names
+        old: new
+        for old, new in case.rename.items()
+        if old in read_images(landmarks).landmark_names
     }
     renamed = ["--set", f"rename={json.dumps(rename)}"] if rename else []
     lambdas = dict(zip(("convex", "alternate"), case.lambdas, strict=True))
@@ -177,16 +224,38 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
         if method == "sequences":
             own += settings(case.settings)
         config = CONFIGS / f"detected/fit-{method}.yaml"
-        run("fit", "-c", config, landmarks, "-d", dictionary, "-o", result, *own, *renamed,
-            failures=True)  # fmt: skip
+        run(
+            "fit",
+            "-c",
+            config,
+            landmarks,
+            "-d",
+            dictionary,
+            "-o",
+            result,
+            *own,
+            *renamed,
+            failures=True,
+        )
         results.append(result)
-    run("eval", "-c", CONFIGS / "detected/eval.yaml", *results, "--truth", truth,
-        "-o", folder / "report", *renamed, failures=True)  # fmt: skip
+    run(
+        "eval",
+        "-c",
+        CONFIGS / "detected/eval.yaml",
+        *results,
+        "--truth",
+        truth,
+        "-o",
+        folder / "report",
+        *renamed,
+        failures=True,
+    )
     return folder / "report/report.json"
 
 
 def verdict_tables(folder: Path) -> str:
-    """Say whether the verdict on each frame is right: errors of trusted and of doubtful frames.
+    """Say whether the verdict on each frame is right: errors of trusted and of doubtful
+    frames.
 
     One table by set and method, one by doubt over all sets.
     """
@@ -207,13 +276,21 @@ def verdict_tables(folder: Path) -> str:
             own = np.array([errors.get(item, np.nan) for item in items])
             judged = np.array([item in errors for item in items])
             for reason in np.unique(stated[judged]):
-                reasons[reason or "trusted"] += own[judged & (stated == reason)].tolist()
+                reasons[reason or "trusted"] += own[
+                    judged & (stated == reason)
+                ].tolist()
             bad = judged & (stated != "")
             name = report.parents[1].name
             counts = f"{bad.sum()} of {judged.sum()}"
-            rows.append([name, method, counts, _mean(own[judged & ~bad]), _mean(own[bad])])
-    of_reasons = [[reason, str(len(own)), _mean(own)] for reason, own in sorted(reasons.items())]
-    first = markdown_table(["set", "method", "doubted", "error, trusted", "error, doubted"], rows)
+            rows.append(
+                [name, method, counts, _mean(own[judged & ~bad]), _mean(own[bad])]
+            )
+    of_reasons = [
+        [reason, str(len(own)), _mean(own)] for reason, own in sorted(reasons.items())
+    ]
+    first = markdown_table(
+        ["set", "method", "doubted", "error, trusted", "error, doubted"], rows
+    )
     return f"{first}\n\n{markdown_table(['reasons', 'frames', 'error'], of_reasons)}\n"
 
 
@@ -226,9 +303,13 @@ def main() -> None:
     """Measure all cases and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "detected")
-    parser.add_argument("--only", nargs="*", default=[], help="beginnings of the names of cases")
+    parser.add_argument(
+        "--only", nargs="*", default=[], help="beginnings of the names of cases"
+    )
     parser.add_argument("--methods", nargs="*", default=METHODS, choices=METHODS)
-    parser.add_argument("--people", default="", help="dictionary in place of subject 86's: people")
+    parser.add_argument(
+        "--people", default="", help="dictionary in place of subject 86's: people"
+    )
     given = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     rows, regions = [], []
@@ -238,7 +319,9 @@ def main() -> None:
             rows.append([case.name, *cells(report, given.methods)])
             regions.append([case.name, *coverage(report)])
             print(" | ".join(rows[-1]), flush=True)
-    page = errors_and_bars("# Detected landmarks", ["set", *given.methods], rows, regions)
+    page = errors_and_bars(
+        "# Detected landmarks", ["set", *given.methods], rows, regions
+    )
     write_page(FOLDER, f"{page}\n{verdict_tables(FOLDER)}")
 
 

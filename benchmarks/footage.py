@@ -1,18 +1,22 @@
-"""People as a video shows them: a camera at rest, a detector's joints, noise that lasts.
+"""People as a video shows them: a camera at rest, a detector's joints, noise that
+lasts.
 
-`python -m benchmarks.footage --data FOLDER` shows clips of motion capture to a camera, lifts what a
-detector would have found by each method, judges it, and writes results/footage/index.md and
-cells.csv. A cell is a way to be filmed that differs from the first in one thing or two. Bodies 13
-and 14, which are scored, are lifted by the dictionary of subject 86; each of seven others, on which
-settings are chosen, by one of subject 86 and the other six.
+`python -m benchmarks.footage --data FOLDER` shows clips of motion capture to a camera,
+lifts what a detector would have found by each method, judges it, and writes
+results/footage/index.md and cells.csv. A cell is a way to be filmed that differs from
+the first in one thing or two. Bodies 13 and 14, which are scored, are lifted by the
+dictionary of subject 86; each of seven others, on which settings are chosen, by one of
+subject 86 and the other six.
 
-A clip lasts 1.7 to 5 s. The camera stands 2 to 5 m for each metre of the body away, tilted and
-rolled by 12 degrees (standard deviation), and sees 1920 x 1080 pixels through 0.8 to 1.5 times its
-width; fits take 1.1. Landmarks are those of BODY_25B on legs, arms and head: hips wider and heads
-higher than the joints by factors of each body. What is found is off by a constant of each landmark
-and clip, and by noise whose correlation in time is that of OpenPose's residuals on the man on a
-beam (`pose2sim_balancing`, cameras 1 and 3: constants of 1.8 cm a coordinate, hips included, and
-the rest 1.6 and 2.2 cm with correlations of 0.78 and 0.85 from frame to frame at 60 Hz, 0.65 and
+A clip lasts 1.7 to 5 s. The camera stands 2 to 5 m for each metre of the body away,
+tilted and rolled by 12 degrees (standard deviation), and sees 1920 x 1080 pixels
+through 0.8 to 1.5 times its width; fits take 1.1. Landmarks are those of BODY_25B on
+legs, arms and head: hips wider and heads higher than the joints by factors of each
+body. What is found is off by a constant of each landmark and clip, and by noise whose
+correlation in time is that of OpenPose's residuals on the man on a beam
+(`pose2sim_balancing`, cameras 1 and 3: constants of 1.8 cm a coordinate, hips included,
+and the rest 1.6 and 2.2 cm with correlations of 0.78 and 0.85 from frame to frame at 60
+Hz, 0.65 and
 0.74 over two, 0.15 and 0.46 over five). A tenth is not found, some frames at a time.
 """
 
@@ -62,16 +66,21 @@ FILES = ("subject13", "subject14", "other_subjects")
 SCORED = ("13", "14")
 CHOSEN_ON = ("01", "02", "03", "10", "64", "118", "124")
 ON_A_FLOOR = ("01", "02", "10", "64", "118", "124")
-"""Bodies on an even floor at y = 0; 13 and 14 are without their way, and 03 walks uneven ground."""
+"""Bodies on an even floor at y = 0; 13 and 14 are without their way, and 03 walks
+uneven ground.
+"""
 
 SECONDS = (1.7, 10.0)
 TILT = np.radians(12.0)
 SIZE = (1920, 1080)
 CONSTANT, LASTING = 0.013, 0.02
-"""Standard deviations in metres of a coordinate: the same over a clip, and with the memory."""
+"""Standard deviations in metres of a coordinate: the same over a clip, and with the
+memory.
+"""
 
 UNSEEN, GAP = 0.1, 5 / 24
-"""Share of the landmarks that are not found, and the mean length of a gap in seconds."""
+"""Share of the landmarks that are not found, and the mean length of a gap in seconds.
+"""
 
 BODY_SPREAD = {"head": 0.1, "hips": 0.1}
 """Spread of the logarithms of the factors of a body, about the means of `THETA`."""
@@ -79,25 +88,30 @@ BODY_SPREAD = {"head": 0.1, "hips": 0.1}
 BODY_25B, COCO, HUMAN36M = (
     tuple(
         mark
-        for mark, joint in people_joints(installed_skeletons()[name].landmark_names).items()
+        for mark, joint in people_joints(
+            installed_skeletons()[name].landmark_names
+        ).items()
         if joint in PEOPLE
     )
     for name in ("body_25b", "coco_17", "h36m_17")
 )
 FACE = ("nose", "left_eye", "right_eye", "left_ear", "right_ear")
 SIDES = {"L": "R", "R": "L"}
-TO_THE_HIPS = tuple(name for name in BODY_25B if name[1:] in ("Shoulder", "Elbow", "Wrist", "Hip"))
+TO_THE_HIPS = tuple(
+    name for name in BODY_25B if name[1:] in ("Shoulder", "Elbow", "Wrist", "Hip")
+)
 
 
 @dataclass(frozen=True)
 class Cell:
     """A way to be filmed.
 
-    landmarks that are seen, and whether their joints alone are judged; metres to the body, or
-    heights of it where these are 0; focal length in widths; frames a second, those of the data if
-    0; speed of the motion; turn of the body in radians and steps away in metres, a second; memory,
-    seconds in which the correlation of the noise falls to 1/e; landmarks in multiples of `pixel`;
-    half of the landmarks hidden for a second; left and right swapped in a tenth of the frames.
+    landmarks that are seen, and whether their joints alone are judged; metres to the
+    body, or heights of it where these are 0; focal length in widths; frames a second,
+    those of the data if 0; speed of the motion; turn of the body in radians and steps
+    away in metres, a second; memory, seconds in which the correlation of the noise
+    falls to 1/e; landmarks in multiples of `pixel`; half of the landmarks hidden for a
+    second; left and right swapped in a tenth of the frames.
     """
 
     name: str
@@ -168,7 +182,9 @@ def choose_clips(
 
 
 def move(points: Floats, given: float, cell: Cell) -> tuple[Floats, float]:
-    """Return a clip (t, 3, p) of a frame rate as the cell has it, and its frame rate."""
+    """Return a clip (t, 3, p) of a frame rate as the cell has it, and its frame
+    rate.
+    """
     rate = cell.rate or given
     if rate != given or cell.speed != 1:
         last = (len(points) - 1) / given
@@ -176,21 +192,29 @@ def move(points: Floats, given: float, cell: Cell) -> tuple[Floats, float]:
         points = CubicSpline(np.arange(len(points)) / given, points)(times)
     if cell.turn:
         middle = points.mean(axis=(0, 2))[:, None]
-        turns = rotation_about_axis(1, np.float64(cell.turn / rate) * np.arange(len(points)))
+        turns = rotation_about_axis(
+            1, np.float64(cell.turn / rate) * np.arange(len(points))
+        )
         points = turns @ (points - middle) + middle
     return points, rate
 
 
 def look(
-    points: Floats, rng: np.random.Generator, cell: Cell = BASE, aim: Sequence[int] | None = None
+    points: Floats,
+    rng: np.random.Generator,
+    cell: Cell = BASE,
+    aim: Sequence[int] | None = None,
 ) -> tuple[Floats, float]:
-    """Return a clip (t, 3, p), y up, as a camera aimed at joints has it, and its focal length."""
+    """Return a clip (t, 3, p), y up, as a camera aimed at joints has it, and its focal
+    length.
+    """
     tall = float(np.ptp(points[:, 1], axis=1).max())
     yaw = rng.uniform(0, 2 * np.pi)
     tilt, roll = (TILT * rng.standard_normal(2)).tolist()
     middle = (points if aim is None else points[..., aim]).mean(axis=(0, 2))
     about = [
-        rotation_about_axis(k, np.array(a, np.float64)) for k, a in enumerate((tilt, yaw, roll))
+        rotation_about_axis(k, np.array(a, np.float64))
+        for k, a in enumerate((tilt, yaw, roll))
     ]
     turned = about[2] @ about[0] @ np.diag([1.0, -1.0, -1.0]) @ about[1]
     visible = turned @ (points - middle[:, None])
@@ -201,9 +225,15 @@ def look(
 
 
 def lasting_noise(
-    frames: int, landmarks: int, rate: float, rng: np.random.Generator, memory: float = BASE.memory
+    frames: int,
+    landmarks: int,
+    rate: float,
+    rng: np.random.Generator,
+    memory: float = BASE.memory,
 ) -> Floats:
-    """Noise (t, 2, m) in metres: a constant, and what forgets itself in `memory` seconds."""
+    """Noise (t, 2, m) in metres: a constant, and what forgets itself in `memory`
+    seconds.
+    """
     keep = np.exp(-1 / (rate * memory))
     noise = rng.standard_normal((frames, 2, landmarks))
     for t in range(1, frames):
@@ -228,7 +258,9 @@ def gaps(
 def landmark_rows(
     names: Sequence[str], joints: Sequence[str], theta: Mapping[str, float]
 ) -> tuple[Floats, list[int]]:
-    """Return the weights (m, p) of the joints in landmarks, and the joints that these stand for."""
+    """Return the weights (m, p) of the joints in landmarks, and the joints that these
+    stand for.
+    """
     parts = [parts_of_the_body()[part] for part in part_names(names).values()]
     if set(names) <= set(joints):  # the joints themselves
         theta = dict.fromkeys(theta, 1.0)
@@ -242,7 +274,9 @@ def landmark_rows(
 def film(
     shapes: ShapeSet, clips: Sequence[Rows], rng: np.random.Generator, cell: Cell = BASE
 ) -> tuple[LandmarkSet, ShapeSet]:
-    """Return what a detector finds in clips of a body, and the truth as the camera has it."""
+    """Return what a detector finds in clips of a body, and the truth as the camera has
+    it.
+    """
     theta = {
         name: THETA[name].mean * np.exp(spread * rng.standard_normal())
         for name, spread in BODY_SPREAD.items()
@@ -250,7 +284,11 @@ def film(
     joints, names = shapes.landmark_names, cell.landmarks
     rows, shown = landmark_rows(names, joints, theta)
     aim = shown if cell.seen_alone else None
-    other = [names.index(SIDES.get(name[0], name[0]) + name[1:]) for name in names if cell.swapped]
+    other = [
+        names.index(SIDES.get(name[0], name[0]) + name[1:])
+        for name in names
+        if cell.swapped
+    ]
     besides = np.random.default_rng(len(clips))
     found, truth, sequences, rate = [], [], [], 0.0
     for number, clip in enumerate(clips):
@@ -296,13 +334,19 @@ def film(
 
 
 def measure(
-    cell: Cell, shapes: ShapeSet, dictionary: shapefit.Dictionary, count: int, longest: float
+    cell: Cell,
+    shapes: ShapeSet,
+    dictionary: shapefit.Dictionary,
+    count: int,
+    longest: float,
 ) -> dict[str, Any]:
-    """Film so many clips of a body, the longest of so many seconds; lift and judge them.
+    """Film so many clips of a body, the longest of so many seconds; lift and judge
+    them.
 
-    Returns the errors of the methods, means over the clips, and that of sequences over posterior;
-    the shares of the truth inside the 90% ellipsoids of both; of sequences, the share of frames
-    that are trusted, and the errors of trusted and other frames, where these are ten or more.
+    Returns the errors of the methods, means over the clips, and that of sequences over
+    posterior; the shares of the truth inside the 90% ellipsoids of both; of sequences,
+    the share of frames that are trusted, and the errors of trusted and other frames,
+    where these are ten or more.
     """
     body = (shapes.sequences or ("",))[0].split("_")[0]
     rng = np.random.default_rng([int(body), count])
@@ -317,16 +361,26 @@ def measure(
             fit = shapefit.fit(shapefit.Landmarks.of(images), dictionary, config=config)
         judged = measure_file(Path(method), fit.record(), truth, JUDGED)
         error = judged.errors["similarity", "normalised"]
-        row[method] = np.mean([np.nanmean(error[names == name]) for name in np.unique(names)])
+        row[method] = np.mean(
+            [np.nanmean(error[names == name]) for name in np.unique(names)]
+        )
         if judged.bars is not None:
             square = judged.bars.square
-            row[f"{method} holds"] = float((square[~np.isnan(square)] <= QUANTILE).mean())
+            row[f"{method} holds"] = float(
+                (square[~np.isnan(square)] <= QUANTILE).mean()
+            )
             size = np.sqrt(fit.record().shapes.var(axis=2)).mean(axis=1)
             expected = fit.record().columns["expected_error"] / size
             row[f"{method} expected"] = np.nanmean(expected) / np.nanmean(error)
-        by_clip[method] = [np.nanmean(error[names == name]) for name in np.unique(names)]
+        by_clip[method] = [
+            np.nanmean(error[names == name]) for name in np.unique(names)
+        ]
     ratios = np.array(by_clip["sequences"]) / np.array(by_clip["posterior"])
-    row |= {"clips": len(ratios), "lose": (ratios > 1.03).sum(), "lose 10%": (ratios > 1.1).sum()}
+    row |= {
+        "clips": len(ratios),
+        "lose": (ratios > 1.03).sum(),
+        "lose 10%": (ratios > 1.1).sum(),
+    }
     row["worst"] = ratios.max()
     row["ratio"] = row["sequences"] / row["posterior"]
     trusted = np.asarray(fit.trusted, bool)
@@ -339,12 +393,16 @@ def measure(
 
 
 def measure_floor(
-    cell: Cell, shapes: ShapeSet, dictionary: shapefit.Dictionary, count: int, longest: float
+    cell: Cell,
+    shapes: ShapeSet,
+    dictionary: shapefit.Dictionary,
+    count: int,
+    longest: float,
 ) -> tuple[Floats, Floats]:
     """Film clips of a body that moves on y = 0; find the floor of each.
 
-    Returns the errors (count, 3) of the height of the camera in metres, its pitch and its roll in
-    degrees, and their deviations; nan where no floor is found.
+    Returns the errors (count, 3) of the height of the camera in metres, its pitch and
+    its roll in degrees, and their deviations; nan where no floor is found.
     """
     body = (shapes.sequences or ("",))[0].split("_")[0]
     rng = np.random.default_rng([int(body), count])
@@ -352,7 +410,9 @@ def measure_floor(
     images, truth = film(shapes, clips, rng, cell)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        fit = shapefit.fit(shapefit.Landmarks.of(images), dictionary, config="sequences")
+        fit = shapefit.fit(
+            shapefit.Landmarks.of(images), dictionary, config="sequences"
+        )
     found = find_floors(fit.record(), BY_DEFAULT, body)
     errors, deviations = np.full((2, len(clips), 3), np.nan)
     names = np.array(truth.sequences)
@@ -375,12 +435,15 @@ def measure_floor(
 
 
 def say_floor(errors: Floats, deviations: Floats) -> str:
-    """Return means and medians of absolute errors, and what 90% intervals hold, in a line."""
+    """Return means and medians of absolute errors, and what 90% intervals hold, in a
+    line.
+    """
     known = np.asarray(np.isfinite(errors).all(axis=1))
     away, z = np.abs(errors[known]), np.abs(errors / deviations)[known]
     each = zip(("height", "pitch", "roll"), away.T, z.T, strict=True)
     said = (
-        f"{name} {np.mean(a):.2f} (median {np.median(a):.2f}, 90% holds {(b < 1.645).mean():.2f})"
+        f"{name} {np.mean(a):.2f} (median {np.median(a):.2f}, 90% holds"
+        f" {(b < 1.645).mean():.2f})"
         for name, a, b in each
     )
     return f"{known.sum()} of {len(known)} clips: {', '.join(said)}"
@@ -408,7 +471,11 @@ def table(rows: Sequence[Mapping[str, Any]], bodies: Sequence[str]) -> str:
     for cell in dict.fromkeys(row["cell"] for row in rows):
         own = [row for row in rows if row["cell"] == cell and row["body"] in bodies]
         values = np.array([[row[name] for name in columns] for row in own])
-        lines += [[cell, *(f"{mean:.3f}" for mean in np.nanmean(values, axis=0))]] if own else []
+        lines += (
+            [[cell, *(f"{mean:.3f}" for mean in np.nanmean(values, axis=0))]]
+            if own
+            else []
+        )
     return markdown_table(("cell", *columns), lines)
 
 
@@ -418,9 +485,13 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=DATA / "mocap")
     parser.add_argument("--bodies", nargs="*", default=[*SCORED, *CHOSEN_ON])
     parser.add_argument("--cells", nargs="*", help="names of cells; all by default")
-    parser.add_argument("--clips", type=int, default=6, help="of bodies 13 and 14; half of others")
+    parser.add_argument(
+        "--clips", type=int, default=6, help="of bodies 13 and 14; half of others"
+    )
     parser.add_argument("--longest", type=float, default=5.0, help="seconds of a clip")
-    parser.add_argument("--floor", action="store_true", help="height and tilt of the camera alone")
+    parser.add_argument(
+        "--floor", action="store_true", help="height and tilt of the camera alone"
+    )
     given = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     if given.floor:
@@ -428,9 +499,15 @@ def main() -> None:
             parts = []
             for body, shapes in read_bodies(given.data, FILES[2:], ON_A_FLOOR).items():
                 known = learn(body, given.data)
-                parts.append(measure_floor(cell, shapes, known, given.clips, given.longest))
+                parts.append(
+                    measure_floor(cell, shapes, known, given.clips, given.longest)
+                )
                 print(body, cell.name, say_floor(*parts[-1]), flush=True)
-            print("all", cell.name, say_floor(*map(np.concatenate, zip(*parts, strict=True))))
+            print(
+                "all",
+                cell.name,
+                say_floor(*map(np.concatenate, zip(*parts, strict=True))),
+            )
         return
     rows = []
     for body, shapes in read_bodies(given.data, FILES, given.bodies).items():

@@ -1,10 +1,11 @@
-"""Classes learned from 2D landmarks alone, against published figures and goals, in one table.
+"""Classes learned from 2D landmarks alone, against published figures and goals, in one
+table.
 
-`python -m benchmarks.from_2d --data FOLDER [CASE ...]` learns, fits with the defaults of both
-commands, judges by the truth, and writes results/from_2d/index.md, where other cases keep
-their rows. e3D is the mean of ||X - X^|| / ||X|| over the frames, centroids removed;
-`similarity` the normalised error of `eval`. One sign of depth is chosen per class. Seconds are
-those of the processor, one thread.
+`python -m benchmarks.from_2d --data FOLDER [CASE ...]` learns, fits with the defaults
+of both commands, judges by the truth, and writes results/from_2d/index.md, where other
+cases keep their rows. e3D is the mean of ||X - X^|| / ||X|| over the frames, centroids
+removed; `similarity` the normalised error of `eval`. One sign of depth is chosen per
+class. Seconds are those of the processor, one thread.
 """
 
 from __future__ import annotations
@@ -37,7 +38,14 @@ FRAMES = 150
 MISSING, NOISE = 0.1, 0.02
 SIDES = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 OTHER_BODIES = (
-    *("--set", "prior.bone_scale=0.15", "--set", "prior.exchange=0.5", "--set", "mirror=true"),
+    *(
+        "--set",
+        "prior.bone_scale=0.15",
+        "--set",
+        "prior.exchange=0.5",
+        "--set",
+        "mirror=true",
+    ),
     *("--set", f"mirror={json.dumps({f'r{side}': f'l{side}' for side in SIDES})}"),
 )
 LEFT_OUT = ("KneeL", "ArmR", "ElbowR")
@@ -45,10 +53,11 @@ LEFT_OUT = ("KneeL", "ArmR", "ElbowR")
 
 @dataclass(frozen=True)
 class Case:
-    """Images to learn from, images to lift with their truth (n, 3, p) before the camera.
+    """Images to learn from, images to lift with their truth (n, 3, p) before the
+    camera.
 
-    judged: from shapes and truth to an error of each image; published, goal as in the table.
-    source, of cases that learn from the same images; options of learn-dict.
+    judged: from shapes and truth to an error of each image; published, goal as in the
+    table. source, of cases that learn from the same images; options of learn-dict.
     """
 
     name: str
@@ -64,7 +73,12 @@ class Case:
 
 def e3d(found: Floats, truth: Floats) -> Floats:
     """||X - X^|| / ||X|| (n,), centroids removed."""
-    apart = found - found.mean(axis=2, keepdims=True) - truth + truth.mean(axis=2, keepdims=True)
+    apart = (
+        found
+        - found.mean(axis=2, keepdims=True)
+        - truth
+        + truth.mean(axis=2, keepdims=True)
+    )
     size = np.linalg.norm(truth - truth.mean(axis=2, keepdims=True), axis=(1, 2))
     return np.linalg.norm(apart, axis=(1, 2)) / size
 
@@ -85,13 +99,19 @@ def read(paths: list[Path]) -> LandmarkSet:
     for path in paths:
         part = read_images(path)
         names = tuple(f"{path.stem}/{name}" for name in part.items)
-        sequences = tuple(f"{path.stem}/{name}" for name in part.sequences or ("",) * len(part))
+        sequences = tuple(
+            f"{path.stem}/{name}" for name in part.sequences or ("",) * len(part)
+        )
         parts.append(part.replaced(items=names, sequences=sequences, further={}))
     return concatenate(parts)
 
 
-def published_sequence(name: str, damaged: bool) -> Callable[[Path], tuple[LandmarkSet, Floats]]:
-    """Return a reader of a sequence in `nrsfm`, with hidden landmarks and noise where damaged."""
+def published_sequence(
+    name: str, damaged: bool
+) -> Callable[[Path], tuple[LandmarkSet, Floats]]:
+    """Return a reader of a sequence in `nrsfm`, with hidden landmarks and noise where
+    damaged.
+    """
 
     def given(data: Path) -> tuple[LandmarkSet, Floats]:
         images = read([data / f"nrsfm/{name}.h5"])
@@ -110,7 +130,8 @@ def published_sequence(name: str, damaged: bool) -> Callable[[Path], tuple[Landm
 def turntable(
     subject: int, every: int = 1, frames: int | None = FRAMES, *, edges: bool = False
 ) -> Callable[[Path], tuple[LandmarkSet, Floats]]:
-    """Return a reader of the first frames of each sequence, seen by a camera that turns once.
+    """Return a reader of the first frames of each sequence, seen by a camera that turns
+    once.
 
     The landmarks have edges, the bones, where asked for.
     """
@@ -118,11 +139,15 @@ def turntable(
     def given(data: Path) -> tuple[LandmarkSet, Floats]:
         shapes = read_shapes([data / f"mocap/subject{subject}_24fps.h5"])
         names = np.array(shapes.sequences)
-        rank = np.concatenate([np.arange((names == name).sum()) for name in dict.fromkeys(names)])
+        rank = np.concatenate(
+            [np.arange((names == name).sum()) for name in dict.fromkeys(names)]
+        )
         shapes = shapes.take(rank < (frames or len(names)))
         names = np.array(shapes.sequences)
         lengths = [(names == name).sum() for name in dict.fromkeys(names)]
-        turns = [np.linspace(0, 2 * np.pi, length, endpoint=False) for length in lengths]
+        turns = [
+            np.linspace(0, 2 * np.pi, length, endpoint=False) for length in lengths
+        ]
         X = rotation_about_axis(1, np.concatenate(turns)) @ shapes.shapes
         images = LandmarkSet(
             landmarks=X[:, :2],
@@ -131,7 +156,9 @@ def turntable(
             sequences=shapes.sequences,
             frame_rate=shapes.frame_rate,
             y_axis="up",
-            columns={"edges": shapes.edges} if edges and shapes.edges is not None else {},
+            columns=(
+                {"edges": shapes.edges} if edges and shapes.edges is not None else {}
+            ),
         )
         return images.take(slice(None, None, every)), X[::every]
 
@@ -147,16 +174,22 @@ def rat(data: Path) -> tuple[LandmarkSet, Floats]:
     truth = []
     for camera in cameras:
         shapes = read_shapes([camera.with_name(f"{camera.name}_truth.h5")], gaps=True)
-        truth.append(shapes.shapes[..., [shapes.landmark_names.index(name) for name in retained]])
+        truth.append(
+            shapes.shapes[..., [shapes.landmark_names.index(name) for name in retained]]
+        )
     return images.arrange(retained, omit=True), np.concatenate(truth)
 
 
-def first(given: Callable[[Path], tuple[LandmarkSet, Floats]]) -> Callable[[Path], LandmarkSet]:
+def first(
+    given: Callable[[Path], tuple[LandmarkSet, Floats]],
+) -> Callable[[Path], LandmarkSet]:
     """Return a reader of the images without their truth."""
     return lambda data: given(data)[0]
 
 
-def sequence_case(name: str, published: str, goal: float, damaged: bool = False) -> Case:
+def sequence_case(
+    name: str, published: str, goal: float, damaged: bool = False
+) -> Case:
     """Return the case of a published sequence, learned from and lifted."""
     given = published_sequence(name, damaged)
     label = f"{name}-damaged" if damaged else name
@@ -164,9 +197,15 @@ def sequence_case(name: str, published: str, goal: float, damaged: bool = False)
 
 
 def body_case(
-    name: str, published: str, goal: float, subjects: tuple[int, int], *, varied: bool = False
+    name: str,
+    published: str,
+    goal: float,
+    subjects: tuple[int, int],
+    *,
+    varied: bool = False,
 ) -> Case:
-    """Return the case of a body: learned from one subject, lifted on another or the same.
+    """Return the case of a body: learned from one subject, lifted on another or the
+    same.
 
     varied: for other bodies, with the bones and sides of this one.
     """
@@ -178,7 +217,17 @@ def body_case(
     target = turntable(lifted, every=10, frames=None)
     of = f"subject-{learned}-{'varied' if varied else 'whole'}"
     options = OTHER_BODIES if varied else ()
-    return Case(name, published, goal, normalised, first(source), target, "posterior", of, options)
+    return Case(
+        name,
+        published,
+        goal,
+        normalised,
+        first(source),
+        target,
+        "posterior",
+        of,
+        options,
+    )
 
 
 CASES = (
@@ -198,7 +247,9 @@ CASES = (
 
 
 def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ...]:
-    """Learn, fit, evaluate; return the row of the table. learned: dictionary -> seconds, so far."""
+    """Learn, fit, evaluate; return the row of the table. learned: dictionary ->
+    seconds, so far.
+    """
     folder = FOLDER / case.name
     folder.mkdir(parents=True, exist_ok=True)
     dictionary = FOLDER / f"{case.source or case.name}.h5"
@@ -216,11 +267,20 @@ def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ..
     signs = [np.array([[1.0], [1.0], [sign]]) for sign in (1.0, -1.0)]
     error = min(float(np.nanmean(case.judged(sign * shapes, truth))) for sign in signs)
     met = "met" if error <= case.goal else "missed"
-    return case.name, case.published, f"{case.goal:g}", f"{error:.4f}", met, f"{taken:.0f}"
+    return (
+        case.name,
+        case.published,
+        f"{case.goal:g}",
+        f"{error:.4f}",
+        met,
+        f"{taken:.0f}",
+    )
 
 
 def run(*arguments: str | Path) -> None:
-    """Run the command with one thread; failures of single images are part of the result."""
+    """Run the command with one thread; failures of single images are part of the
+    result.
+    """
     command = [sys.executable, "-m", "shapefit", *map(str, arguments)]
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, check=False, env=os.environ | threads)
@@ -247,9 +307,15 @@ def main() -> None:
             (FOLDER / case.name / ROW).write_text(json.dumps(row), encoding="utf-8")
             print(" | ".join(row), flush=True)
     measured = [FOLDER / case.name / ROW for case in CASES]
-    rows = [json.loads(path.read_text(encoding="utf-8")) for path in measured if path.exists()]
+    rows = [
+        json.loads(path.read_text(encoding="utf-8"))
+        for path in measured
+        if path.exists()
+    ]
     header = ("case", "published", "goal", "error", "", "seconds")
-    (FOLDER / "index.md").write_text(markdown_table(header, rows) + "\n", encoding="utf-8")
+    (FOLDER / "index.md").write_text(
+        markdown_table(header, rows) + "\n", encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

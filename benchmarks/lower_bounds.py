@@ -1,4 +1,6 @@
-"""What a dictionary leaves of the truth at best: similarity errors that no fit can do without."""
+"""What a dictionary leaves of the truth at best: similarity errors that no fit can do
+without.
+"""
 
 from __future__ import annotations
 
@@ -21,19 +23,25 @@ ORACLES: Mapping[str, Callable[[Floats, Dictionary], Floats]] = {
     "Mean shape (oracle)": lambda true, dictionary: similarity(
         np.broadcast_to(dictionary.mean_shape, true.shape), true
     ),
-    "Nearest atom (oracle)": lambda true, dictionary: nearest_atom(true, dictionary.atoms),
+    "Nearest atom (oracle)": lambda true, dictionary: nearest_atom(
+        true, dictionary.atoms
+    ),
     "Best combination (oracle)": lambda true, dictionary: similarity(
         best_combination(true, dictionary.atoms), true
     ),
 }
-"""Name of a row -> its errors (n,) for true shapes (n, 3, p) and a dictionary of p landmarks."""
+"""Name of a row -> its errors (n,) for true shapes (n, 3, p) and a dictionary of p
+landmarks.
+"""
 
 
 def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
-    """Return mean / median of each oracle, normalised and in the unit of the truth, as texts.
+    """Return mean / median of each oracle, normalised and in the unit of the truth, as
+    texts.
 
-    config: that of an evaluation. The dictionary is that of its first result, without the atoms of
-    the shape that an image shows where the fit left these out. Shapes have its landmarks.
+    config: that of an evaluation. The dictionary is that of its first result, without
+    the atoms of the shape that an image shows where the fit left these out. Shapes have
+    its landmarks.
     """
     found = shapefit.read_results(next(iter(config["results"].values()))[0])
     fitted = json.loads(str(found.attributes["config"]))
@@ -43,7 +51,9 @@ def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
     row_of = {item: row for row, item in enumerate(truth.items)}
     visible = np.isfinite(found.extras["landmarks"]).all(axis=2).sum(axis=1)
     retained = np.flatnonzero(visible >= config.get("least_visible", 0))
-    shown = np.array([row_of[name] for name in _names(found, config["match"])])[retained]
+    shown = np.array([row_of[name] for name in _names(found, config["match"])])[
+        retained
+    ]
     left_out = np.array(_names(found, fitted.get("leave_one_out")))[retained]
     rows = []
     for name, oracle in ORACLES.items():
@@ -54,37 +64,50 @@ def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
             shapes, back = np.unique(shown[own], return_inverse=True)
             error[own] = oracle(truth.shapes[shapes], known)[back]
         size = truth_scale(truth.shapes, truth.shapes)[shown]
-        cells = [f"{np.mean(e):.3f} / {np.median(e):.3f}" for e in (error / size, error)]
+        cells = [
+            f"{np.mean(e):.3f} / {np.median(e):.3f}" for e in (error / size, error)
+        ]
         rows.append([name, *cells])
     return rows
 
 
 def _names(found: shapefit.Fit, dataset: str | None) -> list[str]:
-    """Return what a dataset of a result names, an item for each image; "" without a dataset."""
+    """Return what a dataset of a result names, an item for each image; "" without a
+    dataset.
+    """
     if dataset is None:
         return [""] * len(found)
-    return list(found.items or ()) if dataset == "item" else list(map(str, found.extras[dataset]))
+    return (
+        list(found.items or ())
+        if dataset == "item"
+        else list(map(str, found.extras[dataset]))
+    )
 
 
 STILL = 1e-9
-"""Fall of the squared residual, as a share of the shape's square, that ends the alternation."""
+"""Fall of the squared residual, as a share of the shape's square, that ends the
+alternation.
+"""
 MAX_ROUNDS = 200
 
 
 def nearest_atom(shapes: Floats, atoms: Floats) -> Floats:
-    """Return min over i of similarity(B_i, S) for each shape; (n, 3, p), (k, 3, p) -> (n,)."""
+    """Return min over i of similarity(B_i, S) for each shape; (n, 3, p), (k, 3, p) ->
+    (n,).
+    """
     errors = [similarity(np.broadcast_to(atom, shapes.shape), shapes) for atom in atoms]
     return np.min(errors, axis=0)
 
 
 def best_combination(shapes: Floats, atoms: Floats) -> Floats:
-    """argmin over E = sum_i c_i B_i, c >= 0 of min over R, t of ||E - R S - t 1^T||_F^2.
+    """argmin over E = sum_i c_i B_i, c >= 0 of min over R, t of ||E - R S - t
+    1^T||_F^2.
 
-    shapes (n, 3, p) with nan where a landmark is unknown, atoms (k, 3, p); returns E (n, 3, p) in
-    the frame of the atoms, nan at unknown landmarks and where fewer than three are known. R and c
-    take turns, once from the rotation onto the mean of the atoms and once from that onto the
-    nearest atom, and the better end counts: it is never worse than any single atom, but may be a
-    local minimum.
+    shapes (n, 3, p) with nan where a landmark is unknown, atoms (k, 3, p); returns E
+    (n, 3, p) in the frame of the atoms, nan at unknown landmarks and where fewer than
+    three are known. R and c take turns, once from the rotation onto the mean of the
+    atoms and once from that onto the nearest atom, and the better end counts: it is
+    never worse than any single atom, but may be a local minimum.
     """
     known = np.isfinite(shapes).all(axis=-2)
     best = np.full(shapes.shape, np.nan)
@@ -92,23 +115,32 @@ def best_combination(shapes: Floats, atoms: Floats) -> Floats:
         if pattern.sum() >= FEWEST_LANDMARKS:
             rows = np.flatnonzero((known == pattern).all(axis=-1))
             place = np.ix_(rows, np.arange(3), np.flatnonzero(pattern))
-            best[place] = _combine(_centred(shapes[place]), _centred(atoms[..., pattern]))
+            best[place] = _combine(
+                _centred(shapes[place]), _centred(atoms[..., pattern])
+            )
     return best
 
 
 def _combine(shapes: Floats, atoms: Floats) -> Floats:
     """Return the better of the two ends; all centred, none hidden."""
     sizes = np.linalg.norm(atoms, axis=(-2, -1), keepdims=True)
-    directions = atoms / np.maximum(sizes, np.finfo(np.float64).tiny)  # an atom may be 0
-    overlap = [((rotation_onto(shapes, B) @ shapes) * B).sum(axis=(-2, -1)) for B in directions]
+    directions = atoms / np.maximum(
+        sizes, np.finfo(np.float64).tiny
+    )  # an atom may be 0
+    overlap = [
+        ((rotation_onto(shapes, B) @ shapes) * B).sum(axis=(-2, -1)) for B in directions
+    ]
     nearest = atoms[np.argmax(overlap, axis=0)]
     mean = np.broadcast_to(atoms.mean(axis=0), shapes.shape)
-    (first, remains), (second, leaves) = (_alternate(shapes, atoms, at) for at in (mean, nearest))
+    (first, remains), (second, leaves) = (
+        _alternate(shapes, atoms, at) for at in (mean, nearest)
+    )
     return np.where((leaves < remains)[:, None, None], second, first)
 
 
 def _alternate(shapes: Floats, atoms: Floats, start: Floats) -> tuple[Floats, Floats]:
-    """Take turns between rotations and non-negative least squares, from the rotations onto start.
+    """Take turns between rotations and non-negative least squares, from the rotations
+    onto start.
 
     Returns the combinations (n, 3, p) and their squared residuals (n,).
     """

@@ -1,9 +1,10 @@
 """How often each method with one rotation is optimal, and what its gap consists of.
 
-`python -m benchmarks.optimality FOLDER` reads the results of `make paper` in FOLDER. The best
-objective known is that of the global search. What lies between it and the objective of a method is
-due to the method's search; what lies between it and the bound of the convex program to the
-relaxation. Coefficients of either sign are another model: such results are refused.
+`python -m benchmarks.optimality FOLDER` reads the results of `make paper` in FOLDER.
+The best objective known is that of the global search. What lies between it and the
+objective of a method is due to the method's search; what lies between it and the bound
+of the convex program to the relaxation. Coefficients of either sign are another model:
+such results are refused.
 """
 
 from __future__ import annotations
@@ -34,12 +35,15 @@ def sections(folder: Path) -> list[str]:
     known = np.isfinite(best)
     certified = (status[known] == "optimal").mean()
     lines = [
-        f"Certified to {WITHIN:.0%}: {certified:.2%} of {known.sum():,} images; largest gap "
-        f"{gap[known].max():.2%}."
+        f"Certified to {WITHIN:.0%}: {certified:.2%} of {known.sum():,} images; largest"
+        f" gap {gap[known].max():.2%}."
     ]
     found = {name: read(folder / f"{stem}.h5") for name, stem in METHODS.items()}
     objectives = np.stack([objective for objective, _ in found.values()])
-    found["the better of both"] = np.where(np.isnan(objectives), np.inf, objectives).min(0), None
+    found["the better of both"] = (
+        np.where(np.isnan(objectives), np.inf, objectives).min(0),
+        None,
+    )
     rows = [row(name, best, *of_method) for name, of_method in found.items()]
     header = [
         "method",
@@ -49,11 +53,17 @@ def sections(folder: Path) -> list[str]:
         "of it the search's",
         "of it the relaxation's",
     ]
-    return ["### How often each method is optimal", " ".join(lines), markdown_table(header, rows)]
+    return [
+        "### How often each method is optimal",
+        " ".join(lines),
+        markdown_table(header, rows),
+    ]
 
 
 def read(path: Path) -> tuple[Floats, Floats | None]:
-    """Return objectives and gaps (n,) of a result; ValueError where its model is not global's."""
+    """Return objectives and gaps (n,) of a result; ValueError where its model is not
+    global's.
+    """
     with h5py.File(path) as file:
         if json.loads(file.attrs["config"])["signed"]:
             raise ValueError(f"{path}: coefficients of either sign are another model")
@@ -62,17 +72,22 @@ def read(path: Path) -> tuple[Floats, Floats | None]:
 
 
 def row(name: str, best: Floats, objective: Floats, gap: Floats | None) -> list[str]:
-    """Return what a method's objectives and gaps (n,) say beside the best objectives (n,)."""
+    """Return what a method's objectives and gaps (n,) say beside the best objectives
+    (n,).
+    """
     both = np.isfinite(best) & np.isfinite(objective) & (objective > 0)
     excess = objective[both] / best[both] - 1
     beyond = excess > WITHIN
     search = 1 - best[both] / objective[both]
-    bounds = ["–", "–"] if gap is None else [gap[both].mean(), (gap[both] - search).mean()]
+    bounds = (
+        ["–", "–"] if gap is None else [gap[both].mean(), (gap[both] - search).mean()]
+    )
     total, relaxation = (x if isinstance(x, str) else f"{x:.2%}" for x in bounds)
+    typical = excess[beyond].mean() if beyond.any() else 0
     return [
         name,
         f"{beyond.mean():.2%}",
-        f"{excess[beyond].mean() if beyond.any() else 0:.0%} ({max(excess.max(), 0):.0%})",
+        f"{typical:.0%} ({max(excess.max(), 0):.0%})",
         total,
         f"{search.mean():.2%}",
         relaxation,

@@ -1,9 +1,10 @@
-"""Solve a convex program as often as asked: a line on standard input each time, a line of JSON out.
+"""Solve a convex program as often as asked: a line on standard input each time, a line
+of JSON out.
 
-Usage: python -P benchmarks/worker.py INPUT.npz
-It runs in the environment that is measured, this version's or an older one's, so it knows only what
-all measured versions of shapefit share. The first line comes after a run that warms up. Seconds are
-those of the processor, on one thread.
+Usage: python -P benchmarks/worker.py INPUT.npz It runs in the environment that is
+measured, this version's or an older one's, so it knows only what all measured versions
+of shapefit share. The first line comes after a run that warms up. Seconds are those of
+the processor, on one thread.
 """
 
 from __future__ import annotations

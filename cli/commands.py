@@ -1,4 +1,6 @@
-"""The commands: one table of texts and options, and how a row of it becomes a command of click."""
+"""The commands: one table of texts and options, and how a row of it becomes a command
+of click.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ class Spec(NamedTuple):
     inputs     the argument, a key of the config, and how the usage shows it
     required   keys without which the command does nothing
     text       the help; its first line is the summary
-    options    a line each: names, metavar (a flag has none; TYPES), help after two spaces
+    options    a line each: names, metavar (a flag has none; TYPES), help after two
+               spaces
     to_stdout  the last note of the pipeline is the result of the command, for stdout
     has_config whether its keys can stand in a YAML file
     following  the next command; {output} is the file that was written
@@ -84,10 +87,11 @@ COMMANDS = (
         inputs=("shapes", "SHAPES..."),
         required=("shapes",),
         following="shapefit fit LANDMARKS -d {output} -o result.h5",
-        text="""Learn a dictionary of rotatable shapes from 3D shapes, or from 2D landmarks.
+        text="""\
+Learn a dictionary of rotatable shapes from 3D shapes, or from 2D landmarks.
 
-SHAPES are files of 3D shapes, or of 2D landmarks seen from different sides (docs/from_2d.md), in
-any format that can be read (docs/formats.md). Globs work.""",
+SHAPES are files of 3D shapes, or of 2D landmarks seen from different sides
+(docs/from_2d.md), in any format that can be read (docs/formats.md). Globs work.""",
         options=f"""
 -o --output DICT.h5  Dictionary file to write (HDF5).
 --method NAME  sparse-coding, exemplars or pca-bases.
@@ -107,8 +111,8 @@ shapefit learn-dict tracked.csv -o animal.h5""",
         following="shapefit fit {output} -d DICT.h5 -o result.h5",
         text="""Project 3D shapes to synthetic 2D landmarks with a known camera.
 
-SHAPES are files of 3D shapes in any format that can be read (docs/formats.md). Globs work, - is
-stdin (CSV).""",
+SHAPES are files of 3D shapes in any format that can be read (docs/formats.md). Globs
+work, - is stdin (CSV).""",
         options="""
 -o --output LANDMARKS  Landmark file to write; - is stdout (CSV).
 --noise NUMBER  Standard deviation of noise on each coordinate.
@@ -124,8 +128,8 @@ shapefit project test.h5 -o - --set camera.view=random > views.csv""",
         required=("landmarks",),
         text="""Lift 2D landmarks in single images or videos to 3D shapes.
 
-LANDMARKS are files of 2D landmarks in any format that can be read, or folders with one file per
-frame (docs/formats.md). Globs work, - is stdin (CSV).""",
+LANDMARKS are files of 2D landmarks in any format that can be read, or folders with one
+file per frame (docs/formats.md). Globs work, - is stdin (CSV).""",
         options=f"""
 -o --output RESULT  Result file; - is stdout (CSV), FOLDER/ one file per part.
 -d --dictionary DICT  Dictionary: a file, or an installed one (default: people).
@@ -141,7 +145,7 @@ frame (docs/formats.md). Globs work, - is stdin (CSV).""",
 --scheduler ADDRESS  Fit the parts on a running Dask cluster.
 --scheduler-file SCHEDULER.json  The same, by the file of the scheduler.
 --replace  Replace other results in the folder.
---fail-untrusted SHARE  Exit with 1 if more than this share of the images is not trusted.""",
+--fail-untrusted SHARE  Exit with 1 if more of the images than this are not trusted.""",
         examples="""
 shapefit fit cam01_json/
 shapefit fit cam01_json/ -o man.trc --image-size 1920x1080 --height 1.78
@@ -157,8 +161,8 @@ shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv""",
         to_stdout=True,
         text="""Compare results with the truth; print the errors to stdout.
 
-RESULTs are files that fit wrote; globs work. In the report each has the name of its file; the
-config can set other names.""",
+RESULTs are files that fit wrote; globs work. In the report each has the name of its
+file; the config can set other names.""",
         options=f"-o --output DIR  Folder to write the report to.\n{TRUTH}",
         examples="""
 shapefit eval result.h5 --truth test.h5 -o report/
@@ -169,7 +173,8 @@ shapefit eval convex.h5 pmp.h5 --truth 'test/*.h5' -o report/ > errors.txt""",
         unit="item",
         inputs=("files", "INPUT..."),
         required=("files", "output"),
-        text="""Write landmarks, shapes or results in another format, or meshes of a result.
+        text="""\
+Write landmarks, shapes or results in another format, or meshes of a result.
 
 INPUTs are files of any format that can be read, or folders with one file per frame
 (docs/formats.md). The format of the output follows from its name, or --to.""",
@@ -190,7 +195,8 @@ shapefit convert result.h5 -d cars.h5 -o meshes/ --to ply""",
         inputs=("files", "[FILE]..."),
         required=(),
         to_stdout=True,
-        text="""Describe files and print the next command; without files, list what is installed.
+        text="""\
+Describe files and print the next command; without files, list what is installed.
 
 FILEs are of any format that can be read, or folders with one file per frame.""",
         options="""
@@ -205,10 +211,11 @@ shapefit info cam01_json/""",
         unit="frame",
         inputs=("files", "FILE..."),
         required=("files",),
-        text="""Write one HTML page that shows results, to rotate and play, or a sheet of pictures.
+        text="""\
+Write one HTML page that shows results, to rotate and play, or a sheet of pictures.
 
-The page needs no network and no server: send it to a colleague. It shows 3D on the left, the image
-on the right, and below them joint angles and errors over time.""",
+The page needs no network and no server: send it to a colleague. It shows 3D on the
+left, the image on the right, and below them joint angles and errors over time.""",
         options=f"""
 -o --output PAGE.html  HTML file to write, or PNG or SVG.
 {TRUTH}
@@ -229,11 +236,13 @@ shapefit view cars.h5 --truth models.h5 --match true_model --images frames/""",
         required=("result", "dictionary"),
         to_stdout=True,
         has_config=False,
-        text="""Check the certificates in a result without the solver; print a summary to stdout.
+        text="""\
+Check the certificates in a result without the solver; print a summary to stdout.
 
 RESULT is an HDF5 file that fit wrote, or a folder of them. For the methods convex and
-convex+refine the certificate of every image is computed again. Digests, datasets and ranges
-are checked, and with --landmarks the landmarks. Images with a false claim count as failed.""",
+convex+refine the certificate of every image is computed again. Digests, datasets and
+ranges are checked, and with --landmarks the landmarks. Images with a false claim count
+as failed.""",
         options="""
 -d --dictionary DICT  Dictionary of the fit: a file, or an installed one.
 --landmarks FILE  Landmarks of the fit, to compare with the result's. Repeatable.""",
@@ -284,7 +293,9 @@ TYPES: dict[str, Any] = {
     **dict.fromkeys(("CONFIG", "DICT"), click.Path(allow_dash=True)),
     "N": int,
     "COUNT": click.IntRange(min=1),
-    "SCHEDULER.json": click.Path(exists=True, dir_okay=False, resolve_path=True, path_type=Path),
+    "SCHEDULER.json": click.Path(
+        exists=True, dir_okay=False, resolve_path=True, path_type=Path
+    ),
     "SHARE": click.FloatRange(0, 1),
     "WxH": size,
 }
@@ -317,8 +328,12 @@ def make_command(spec: Spec) -> click.Command:
     """Return the click command of a row of the table."""
     inputs, metavar = spec.inputs
     count = -1 if "..." in metavar else 1
-    common = make_options(OF_CONFIG.format(name=spec.name) * spec.has_config + OF_REPORT)
-    argument = click.Argument([f"option_{inputs}"], nargs=count, required=False, metavar=metavar)
+    common = make_options(
+        OF_CONFIG.format(name=spec.name) * spec.has_config + OF_REPORT
+    )
+    argument = click.Argument(
+        [f"option_{inputs}"], nargs=count, required=False, metavar=metavar
+    )
     return click.Command(
         spec.name,
         callback=partial(run_command, spec),
@@ -336,15 +351,16 @@ def _examples(lines: str) -> str:
 def run_command(spec: Spec, **options: Any) -> int:
     """Run the pipeline of a command with its config; return the exit code.
 
-    With --print-config the config is printed to stdout instead. Raises InputError on a wrong
-    config, and click.UsageError where an argument is missing.
+    With --print-config the config is printed to stdout instead. Raises InputError on a
+    wrong config, and click.UsageError where an argument is missing.
     """
     given = {name.removeprefix("option_"): value for name, value in options.items()}
     if given["traceback"]:
         os.environ[TRACEBACK_VARIABLE] = "1"
     if given["quiet"] and given["verbose"]:
         raise click.UsageError("-q and -v exclude each other; give one of them")
-    # No plug-in changes the schema, and looking for them in all installed packages takes long.
+    # No plug-in changes the schema, and looking for them in all installed packages
+    # takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     config = make_config(spec, given)
     if given.get("print_config"):
@@ -354,7 +370,9 @@ def run_command(spec: Spec, **options: Any) -> int:
         return 0
     output = getattr(config, "output", None)
     if given["json"] and output == Path("-"):
-        raise click.UsageError("--json and the output both go to stdout; name a file as output")
+        raise click.UsageError(
+            "--json and the output both go to stdout; name a file as output"
+        )
     results = run_pipeline(spec.name, config)
     gc.freeze()  # or the first look for cycles goes through all that was imported
     gc.enable()
@@ -384,13 +402,17 @@ def make_config(spec: Spec, given: Mapping[str, Any]) -> Any:
     Raises click's error, with an example, where an argument that is needed is missing.
     """
     names = {spec.inputs[0], *(o.name[7:] for o in make_options(spec.options).values())}
-    arguments = {KEYS.get(name, name): given[name] for name in names.difference(NO_KEYS)}
+    arguments = {
+        KEYS.get(name, name): given[name] for name in names.difference(NO_KEYS)
+    }
     overrides, printing = given.get("set") or (), given.get("print_config")
     set_keys = {override.partition("=")[0].strip() for override in overrides}
     for key in spec.required if given.get("config") is None and not printing else ():
         if not arguments[key] and key not in set_keys:
             context = click.get_current_context()
-            parameters = {parameter.name: parameter for parameter in context.command.params}
+            parameters = {
+                parameter.name: parameter for parameter in context.command.params
+            }
             example = f"For example: {spec.examples.splitlines()[1]}"
             raise click.MissingParameter(example, context, parameters[f"option_{key}"])
     if not spec.has_config:
@@ -407,7 +429,8 @@ def make_config(spec: Spec, given: Mapping[str, Any]) -> Any:
 def with_parts(config: Any, given: Mapping[str, Any]) -> Any:
     """Return the config with options of a folder of results, where any is given.
 
-    Raises click.UsageError where the output is no folder, and for ways that exclude each other.
+    Raises click.UsageError where the output is no folder, and for ways that exclude
+    each other.
     """
     options = {name: given[name] for name in OF_PARTS if given.get(name) is not None}
     if len(options.keys() & {"workers", "scheduler", "scheduler_file"}) > 1:
@@ -415,8 +438,12 @@ def with_parts(config: Any, given: Mapping[str, Any]) -> Any:
         raise click.UsageError(f"{fault}; give one of them")
     if options and not hasattr(config.output, "manifest"):
         flag = "--" + min(options).replace("_", "-")
-        raise click.UsageError(f"{flag} needs a folder as output, for example -o results/")
-    return config.changed(output=replace(config.output, **options)) if options else config
+        raise click.UsageError(
+            f"{flag} needs a folder as output, for example -o results/"
+        )
+    return (
+        config.changed(output=replace(config.output, **options)) if options else config
+    )
 
 
 def read_names(spec: Spec, config: Any) -> str:
@@ -454,7 +481,9 @@ def run_pipeline(command: str, config: Any) -> Iterator[Result]:
                 from shapefit.config.paths import find_dictionaries
 
                 path = find_dictionaries().get(config.dictionary, path)
-            config = Request(Path(config.result), path, tuple(map(Path, config.landmarks)))
+            config = Request(
+                Path(config.result), path, tuple(map(Path, config.landmarks))
+            )
     return run(config)
 
 
@@ -478,7 +507,9 @@ def keys_text(table: Sequence[Row], width: int) -> str:
     for row in table:
         default = row.default if row.default == "required" else f"default {row.default}"
         lines += [f"{row.name}: {row.expects}; {default}"]
-        lines += [*wrap(row.meaning, width, initial_indent="    ", subsequent_indent="    ")]
+        lines += [
+            *wrap(row.meaning, width, initial_indent="    ", subsequent_indent="    ")
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -486,16 +517,21 @@ config_command = click.Command(
     "config",
     callback=list_keys,
     params=[
-        click.Argument(["command"], type=click.Choice([c.name for c in COMMANDS if c.has_config])),
+        click.Argument(
+            ["command"], type=click.Choice([c.name for c in COMMANDS if c.has_config])
+        ),
         click.Argument(["section"], required=False, default=""),
         *make_options("--json  Print one JSON object to stdout.").values(),
     ],
     short_help="List the config keys of a command.",
-    help="""List the config keys of a command: what each expects, its default, what it means.
+    help="""\
+List the config keys of a command: what each expects, its default, what it means.
 
 SECTION is a section of the config, or a single key: only those are listed.""",
-    epilog=_examples("""
+    epilog=_examples(
+        """
 shapefit config fit
 shapefit config fit camera
-shapefit config learn-dict prior.components"""),
+shapefit config learn-dict prior.components"""
+    ),
 )

@@ -51,8 +51,8 @@ Completion in the shell (bash; zsh and fish alike):
 def commands() -> None:
     """Lift 2D landmarks in single images to 3D shapes with a convex program.
 
-    Each command reads a YAML config; options and --set override it. Messages go to stderr, data to
-    files or stdout.
+    Each command reads a YAML config; options and --set override it. Messages go to
+    stderr, data to files or stdout.
     """
 
 
@@ -83,11 +83,15 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run the command line; what a user can cause becomes an exit code, all else is raised."""
+    """Run the command line; what a user can cause becomes an exit code, all else is
+    raised.
+    """
     if instruction := os.environ.get(COMPLETION_VARIABLE):
         from click.shell_completion import shell_complete
 
-        return shell_complete(commands, {}, "shapefit", COMPLETION_VARIABLE, instruction)
+        return shell_complete(
+            commands, {}, "shapefit", COMPLETION_VARIABLE, instruction
+        )
     try:
         with commands.make_context("shapefit", list(arguments)) as context:
             return int(commands.invoke(context))
@@ -100,7 +104,9 @@ def _run(arguments: Sequence[str]) -> int:
             tell(f"Error: {problem}")
     except MemoryError as error:
         fix = "give fewer items at a time, or raise the limit of memory (ulimit -v)"
-        tell(f"Error: there is not enough memory: {error or 'allocation failed'}; {fix}")
+        tell(
+            f"Error: there is not enough memory: {error or 'allocation failed'}; {fix}"
+        )
     return INPUT_ERROR
 
 
@@ -109,7 +115,9 @@ def _internal_error(error: Exception) -> int:
         import traceback
 
         sys.stderr.write("".join(traceback.format_exception(error)))
-    hint = f"this is a bug in shapefit; --traceback or {TRACEBACK_VARIABLE}=1 shows where"
+    hint = (
+        f"this is a bug in shapefit; --traceback or {TRACEBACK_VARIABLE}=1 shows where"
+    )
     text = " ".join(str(error).split())
     tell(f"Internal error: {type(error).__name__}: {text} ({hint})")
     return INTERNAL_ERROR
@@ -117,7 +125,11 @@ def _internal_error(error: Exception) -> int:
 
 def _stopped(number: int) -> int:
     """Say that a signal ended the run; return the exit code."""
-    word = "Interrupted" if number == signal.SIGINT else f"Ended by {signal.Signals(number).name}"
+    word = (
+        "Interrupted"
+        if number == signal.SIGINT
+        else f"Ended by {signal.Signals(number).name}"
+    )
     tell(f"{word}; no file is left half written.")
     return 128 + number
 
@@ -127,9 +139,11 @@ def _unwind(number: int, _frame: FrameType | None) -> NoReturn:
 
 
 def main() -> NoReturn:
-    """Run the command line of this process; signals unwind it, so that no half file is left."""
-    # Threads are the core's. On a busy machine those of BLAS wait for one another: a fit of
-    # sequences took 9 times as long with two of them as with one.
+    """Run the command line of this process; signals unwind it, so that no half file is
+    left.
+    """
+    # Threads are the core's. On a busy machine those of BLAS wait for one another: a
+    # fit of sequences took 9 times as long with two of them as with one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()  # `run_command` enables it: what is imported until then stays
     for number in (signal.SIGTERM, signal.SIGHUP):

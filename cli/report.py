@@ -30,7 +30,9 @@ SECONDS_BETWEEN_LINES = 10.0
 
 
 def tell(text: str) -> None:
-    """Write a line for people to standard error; what is not printable is shown as escapes."""
+    """Write a line for people to standard error; what is not printable is shown as
+    escapes.
+    """
     click.echo(printable(text), err=True)
 
 
@@ -38,10 +40,10 @@ def tell(text: str) -> None:
 class Report:
     """The sum of a pipeline's results; memory does not grow with the number of items.
 
-    `read` names the inputs, and `following` the next command, where the pipeline does not. With
-    `to_stdout` the last note is the result of the command, for standard output; with `as_json`
-    everything goes there as one object. With more than the share `max_untrusted` of items that are
-    not trusted the exit code is 1.
+    `read` names the inputs, and `following` the next command, where the pipeline does
+    not. With `to_stdout` the last note is the result of the command, for standard
+    output; with `as_json` everything goes there as one object. With more than the share
+    `max_untrusted` of items that are not trusted the exit code is 1.
     """
 
     command: str
@@ -67,7 +69,9 @@ class Report:
     _started: float = field(default_factory=time.monotonic)
 
     def follow(self, results: Iterator[Result]) -> int:
-        """Run a pipeline to its end, show its progress and its sum; return the exit code."""
+        """Run a pipeline to its end, show its progress and its sum; return the exit
+        code.
+        """
         with ExitStack() as stack:
             stack.enter_context(closing(results))  # type: ignore[type-var]
             bar: Any = None
@@ -89,8 +93,15 @@ class Report:
                     tell(result.line)
                 elif silent and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
                     shown = time.monotonic()
-                    of = f"/{self.total:,}" if self.total and self.done <= self.total else ""
-                    tell(f"{self.command}: {self.done:,}{of} {self.unit}s, {self._seconds:.0f} s")
+                    of = (
+                        f"/{self.total:,}"
+                        if self.total and self.done <= self.total
+                        else ""
+                    )
+                    tell(
+                        f"{self.command}: {self.done:,}{of} {self.unit}s,"
+                        f" {self._seconds:.0f} s"
+                    )
         if self.as_json:
             click.echo(json.dumps(self.values(), ensure_ascii=False, default=str))
             return self.exit_code
@@ -125,7 +136,9 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """Return 0 if no item failed, one was there, and enough are to be trusted, otherwise 1."""
+        """Return 0 if no item failed, one was there, and enough are to be trusted,
+        otherwise 1.
+        """
         return 1 if self.failed or self.total == 0 or self._too_few_trusted else 0
 
     @property
@@ -140,10 +153,14 @@ class Report:
             "unit": self.unit,
             "done": self.done,
             "failed": self.failed,
-            "untrusted": {reason.text: reason.number for reason in self._untrusted.values()},
+            "untrusted": {
+                reason.text: reason.number for reason in self._untrusted.values()
+            },
             "failures": [{"item": f.item, "reason": f.reason} for f in self._failures],
             "warnings": [str(warning) for warning in self._warnings.values()],
-            "summary": {label.lower(): text for label, text in self._rows().items() if text},
+            "summary": {
+                label.lower(): text for label, text in self._rows().items() if text
+            },
             "written": [str(path) for path in self.written],
             "seconds": round(self._seconds, 3),
             "data": self.data() if self.data else None,
@@ -159,9 +176,13 @@ class Report:
             if self._unlisted:
                 yield f"Warning: and {self._unlisted} more"
             for reason in self._untrusted.values():
-                yield from (f"Not trusted: {item}: {reason.text}" for item in reason.items)
+                yield from (
+                    f"Not trusted: {item}: {reason.text}" for item in reason.items
+                )
             if self._untrusted:
-                reasons = ", ".join(f"{r.number} {r.text}" for r in self._untrusted.values())
+                reasons = ", ".join(
+                    f"{r.number} {r.text}" for r in self._untrusted.values()
+                )
                 hint = "" if self.verbose else " (-v lists them)"
                 number = f"{self.untrusted:,} of {_counted(self.done, self.unit)}"
                 yield f"Warning: {number} not trusted: {reasons}{hint}"
@@ -171,12 +192,17 @@ class Report:
             yield f"Failed: and {self.failed - len(self._failures)} more"
         if self._too_few_trusted:
             share = self.untrusted / self.done
-            yield f"Failed: {share:.0%} are not trusted, more than --fail-untrusted allows"
+            yield (
+                f"Failed: {share:.0%} are not trusted, more than --fail-untrusted"
+                " allows"
+            )
         if not self.quiet:
             yield from self._summary()
 
     def _rows(self) -> dict[str, str]:
-        """Return the rows of the pipeline; where they lack one, what was read, and how much."""
+        """Return the rows of the pipeline; where they lack one, what was read, and how
+        much.
+        """
         note = f", {self.note}" if self.note else ""
         result = _counted(self.done, self.unit) + note
         if self.to_stdout:
@@ -186,7 +212,10 @@ class Report:
     def _summary(self) -> Iterator[str]:
         """Yield the rows of the summary, aligned; what matters last comes last."""
         rows = self._rows()
-        following, failed = rows.pop("Next"), f", {self.failed} failed" if self.failed else ""
+        following, failed = (
+            rows.pop("Next"),
+            f", {self.failed} failed" if self.failed else "",
+        )
         rows["Result"] = f"{rows.pop('Result')}{failed}, {self._seconds:.1f} s"
         if self.to_stdout:
             rows = {}
@@ -194,7 +223,9 @@ class Report:
         rows["Details"] = self.note if self.verbose and "Result" in self.rows else ""
         rows["Next"] = "" if self.to_stdout else following
         for label, text in rows.items():
-            lines = wrap(text, WIDTH - LABEL, break_long_words=False, break_on_hyphens=False)
+            lines = wrap(
+                text, WIDTH - LABEL, break_long_words=False, break_on_hyphens=False
+            )
             for number, line in enumerate(lines):
                 yield f"{'' if number else label:{LABEL}}{line}"
 
@@ -218,7 +249,9 @@ def _counted(number: int, noun: str) -> str:
 
 
 def _shown(path: Path) -> str:
-    """Return the path as a user would type it: relative to the working directory if inside."""
+    """Return the path as a user would type it: relative to the working directory if
+    inside.
+    """
     if path == Path("-"):
         return "standard output"
     here = Path.cwd()

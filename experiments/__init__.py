@@ -1,1 +1,3 @@
-"""The paper's experiments, by the functions of `import shapefit`: `python -m experiments`."""
+"""The paper's experiments, by the functions of `import shapefit`: `python -m
+experiments`.
+"""

@@ -1,7 +1,8 @@
 """The paper's experiments: each is a command, and `make paper` runs all of them.
 
 `python -m experiments recovery FOLDER`       exact recovery of planted transforms
-`python -m experiments sensitivity FOLDER`    timing, and errors against lambda, noise, ...
+`python -m experiments sensitivity FOLDER`    timing, and errors against lambda, noise,
+                                              ...
 `python -m experiments cars FOLDER`           cars with wrong landmarks, by each search
 `python -m experiments published NAME FOLDER` the paper's numbers in a report of `eval`
 `python -m experiments index FOLDER`          every table and figure beside the paper's
@@ -25,7 +26,9 @@ def write_recovery(
     active: Iterable[int] = recovery.ACTIVE,
     trials: int = recovery.TRIALS,
 ) -> str:
-    """Write recovery.csv (p,z,trials,success), recovery.md and recovery.png; return the page."""
+    """Write recovery.csv (p,z,trials,success), recovery.md and recovery.png; return the
+    page.
+    """
     from experiments.figures import draw_shares
 
     shares = recovery.shares_of_transforms(tuple(landmarks), tuple(active), trials)
@@ -35,7 +38,9 @@ def write_recovery(
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(("p", "z", "trials", "success"))
         rows.writerows((p, z, trials, share) for (p, z), share in shares.items())
-    page = recovery.recovery_page(shares, paper, trials, pages.quoted("recovery")["source"])
+    page = recovery.recovery_page(
+        shares, paper, trials, pages.quoted("recovery")["source"]
+    )
     (folder / "recovery.md").write_text(page, encoding="utf-8")
     shown = {"Share recovered exactly": shares}
     if common := {at: paper[at] for at in shares if at in paper}:
@@ -55,9 +60,11 @@ def write_points(folder: Path, points: Sequence[Point]) -> None:
         rows.writerows(map(astuple, points))
     page = [
         f"# Error against {points[0].key}",
-        "Each cell is mean / median over the images; of several sequences, the mean of the "
-        "sequences' means and of their medians. Times are those of solving alone, without reading "
-        "and writing, after one run to warm up.",
+        (
+            "Each cell is mean / median over the images; of several sequences, the mean"
+            " of the sequences' means and of their medians. Times are those of solving"
+            " alone, without reading and writing, after one run to warm up."
+        ),
         sensitivity.table_of(points),
         "![Errors and times](sweep.png)",
     ]
@@ -65,13 +72,19 @@ def write_points(folder: Path, points: Sequence[Point]) -> None:
     draw_points(points).savefig(folder / "sweep.png", dpi=150)
 
 
-def write_experiments(folder: Path, experiments: Iterable[Experiment], only: list[str]) -> None:
-    """Run experiments, those whose names hold one of `only`; write and print their tables."""
+def write_experiments(
+    folder: Path, experiments: Iterable[Experiment], only: list[str]
+) -> None:
+    """Run experiments, those whose names hold one of `only`; write and print their
+    tables.
+    """
     for experiment in experiments:
         if not only or any(part in experiment.name for part in only):
             points = sensitivity.measure(experiment)
             write_points(folder / experiment.name, points)
-            print(f"# {experiment.name}\n\n{sensitivity.table_of(points)}\n", flush=True)
+            print(
+                f"# {experiment.name}\n\n{sensitivity.table_of(points)}\n", flush=True
+            )
 
 
 def main() -> None:
@@ -82,9 +95,13 @@ def main() -> None:
     names = ("recovery", "sensitivity", "cars", "published", "index")
     parser.add_argument("experiment", choices=names)
     parser.add_argument("words", nargs="+", metavar="[NAME] FOLDER")
-    parser.add_argument("--data", type=Path, help="folder of the motion capture files, or cars")
+    parser.add_argument(
+        "--data", type=Path, help="folder of the motion capture files, or cars"
+    )
     parser.add_argument("--trials", type=int, help="in each cell of a recovery")
-    parser.add_argument("--only", nargs="*", default=[], help="parts of the names of experiments")
+    parser.add_argument(
+        "--only", nargs="*", default=[], help="parts of the names of experiments"
+    )
     given = parser.parse_args()
     folder = Path(given.words[-1])
     folder.mkdir(parents=True, exist_ok=True)

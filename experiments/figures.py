@@ -21,7 +21,9 @@ LOGARITHMIC = 10
 
 
 def draw_shares(panels: Mapping[str, Shares]) -> Figure:
-    """Draw title -> shares (p, z), white 1 and black 0, side by side with the same rows."""
+    """Draw title -> shares (p, z), white 1 and black 0, side by side with the same
+    rows.
+    """
     from matplotlib.figure import Figure
 
     places = [at for shares in panels.values() for at in shares]
@@ -34,9 +36,15 @@ def draw_shares(panels: Mapping[str, Shares]) -> Figure:
         image = axis.imshow(table, cmap="Greys_r", vmin=0, vmax=1, aspect="auto")
         for (row, column), share in np.ndenumerate(table):
             if np.isfinite(share):
-                text = f"{share:.2f}".removeprefix("0") if 0 < share < 1 else f"{share:.0f}"
+                text = (
+                    f"{share:.2f}".removeprefix("0")
+                    if 0 < share < 1
+                    else f"{share:.0f}"
+                )
                 ink = "white" if share < 0.5 else "black"
-                axis.text(column, row, text, ha="center", va="center", fontsize=7, color=ink)
+                axis.text(
+                    column, row, text, ha="center", va="center", fontsize=7, color=ink
+                )
         axis.set_title(title, loc="left", fontsize=10)
         axis.set_xticks(range(len(columns)), map(str, columns))
         axis.set_yticks(range(len(rows)), map(str, rows))
@@ -62,7 +70,9 @@ def draw_points(points: Sequence[Point]) -> Figure:
         for index, group in enumerate(dict.fromkeys(point.group for point in points)):
             own = [p for p in points if (p.metric, p.group) == (metric, group)]
             _draw_group(axis, own, group, COLOURS[index % len(COLOURS)])
-        axis.set_title(f"{metric} ({unit}), mean and quartiles", loc="left", fontsize=10)
+        axis.set_title(
+            f"{metric} ({unit}), mean and quartiles", loc="left", fontsize=10
+        )
         axis.set_ylim(bottom=0)
         axis.set_xlabel(points[0].key)
     if named:

@@ -1,4 +1,6 @@
-"""What the paper states set beside what was measured: in reports of `eval`, and in an index."""
+"""What the paper states set beside what was measured: in reports of `eval`, and in an
+index.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +30,10 @@ SENSITIVITIES = {
 INTRODUCTION = """\
 # The paper's experiments
 
-Zhou, Leonardos, Hu, Daniilidis: 3D Shape Estimation from 2D Landmarks: A Convex Relaxation
-Approach, CVPR 2015. Each section sets what was measured here beside what the paper states;
-numbers in italics are quoted, not computed. How each is made: docs/experiments.md.
+Zhou, Leonardos, Hu, Daniilidis: 3D Shape Estimation from 2D Landmarks: A Convex
+Relaxation Approach, CVPR 2015. Each section sets what was measured here beside what the
+paper states; numbers in italics are quoted, not computed. How each is made:
+docs/experiments.md.
 """
 
 
@@ -72,10 +75,18 @@ def _errors_beside_the_paper(report: Mapping[str, Any]) -> str:
     """Return the table of mean normalised similarity errors, ours and the paper's."""
     ours: dict[str, dict[str, float]] = {}
     for row in report["summaries"]:
-        if (row["metric"], row["unit"], row["sequence"]) == ("similarity", "normalised", None):
+        if (row["metric"], row["unit"], row["sequence"]) == (
+            "similarity",
+            "normalised",
+            None,
+        ):
             ours.setdefault(row["method"], {})[row["group"]] = row["mean"]
-    paper = {f"*{method}*": errors for method, errors in quoted("mocap")["rows"].items()}
-    groups = dict.fromkeys(g for errors in (*ours.values(), *paper.values()) for g in errors)
+    paper = {
+        f"*{method}*": errors for method, errors in quoted("mocap")["rows"].items()
+    }
+    groups = dict.fromkeys(
+        g for errors in (*ours.values(), *paper.values()) for g in errors
+    )
     rows = [
         [method, *(_number(errors.get(group)) for group in groups)]
         for method, errors in (ours | paper).items()
@@ -92,9 +103,14 @@ def index(folder: Path) -> str:
         *optimality.sections(folder),
         "## Exact recovery (fig. freqexact)",
         "![Share recovered exactly, ours and published](recovery/recovery.png)",
-        "The numbers, and the deviations from the published ones (themselves read off a figure, "
-        "within 0.02, from 100 trials per cell): [recovery/recovery.md](recovery/recovery.md).",
-        *_timing([p for name in ("timing", "timing-pmp") for p in read_points(folder / name)]),
+        (
+            "The numbers, and the deviations from the published ones (themselves read"
+            " off a figure, within 0.02, from 100 trials per cell):"
+            " [recovery/recovery.md](recovery/recovery.md)."
+        ),
+        *_timing(
+            [p for name in ("timing", "timing-pmp") for p in read_points(folder / name)]
+        ),
         *_sensitivity({name: read_points(folder / name) for name in SENSITIVITIES}),
     ]
     return "\n\n".join(part.rstrip() for part in parts) + "\n"
@@ -103,19 +119,26 @@ def index(folder: Path) -> str:
 def _mocap(report: Mapping[str, Any]) -> list[str]:
     objectives = {m["name"]: m["mean_objective"] for m in report["methods"]}
     of_one_program = ", ".join(
-        f"{name} {_number(objectives.get(name))}" for name in ("Alternate", "Alternate+")
+        f"{name} {_number(objectives.get(name))}"
+        for name in ("Alternate", "Alternate+")
     )
     return [
         "## Motion capture (tab. human)",
         _errors_beside_the_paper(report),
-        "Mean over sequences of the mean error up to a similarity, for shapes of unit standard "
-        "deviation. All metrics, and the counts of images: [mocap/report.md](mocap/report.md).",
+        (
+            "Mean over sequences of the mean error up to a similarity, for shapes of"
+            " unit standard deviation. All metrics, and the counts of images:"
+            " [mocap/report.md](mocap/report.md)."
+        ),
         "\n".join(f"- {caveat}" for caveat in quoted("mocap")["caveats"]),
         "### Spread over images (fig. boxplot-human)",
         "![Errors of all images, sorted](mocap/errors.svg)",
-        f"Mean objectives here: {of_one_program}. The paper's box plot and objectives are of "
-        "subject 15, which is not in these data; medians read off it: *Convex 0.180, Alternate "
-        "0.267, Alternate+ 0.229*; mean objectives: *Alternate 0.24, Alternate+ 0.17*.",
+        (
+            f"Mean objectives here: {of_one_program}. The paper's box plot and"
+            " objectives are of subject 15, which is not in these data; medians read"
+            " off it: *Convex 0.180, Alternate 0.267, Alternate+ 0.229*; mean"
+            " objectives: *Alternate 0.24, Alternate+ 0.17*."
+        ),
     ]
 
 
@@ -128,9 +151,12 @@ def _timing(points: Sequence[Point]) -> list[str]:
     return [
         "## Time of an image",
         markdown_table(["method", "ms", "*ms (paper)*"], rows),
-        "All methods on the same images in one run, on all cores of this machine; the paper's are "
-        "of MATLAB on one i7 with 3.4 GHz. Errors on the same images: "
-        "[timing/sweep.md](timing/sweep.md), [timing-pmp/sweep.md](timing-pmp/sweep.md).",
+        (
+            "All methods on the same images in one run, on all cores of this machine;"
+            " the paper's are of MATLAB on one i7 with 3.4 GHz. Errors on the same"
+            " images: [timing/sweep.md](timing/sweep.md),"
+            " [timing-pmp/sweep.md](timing-pmp/sweep.md)."
+        ),
         "![Errors and times of the methods](timing/sweep.png)",
     ]
 
@@ -138,7 +164,10 @@ def _timing(points: Sequence[Point]) -> list[str]:
 def _sensitivity(experiments: Mapping[str, Sequence[Point]]) -> list[str]:
     parts = [
         "## Sensitivity of the convex program",
-        "The paper has no such figure; it sets lambda = 0.1 and 64 atoms, with exact landmarks.",
+        (
+            "The paper has no such figure; it sets lambda = 0.1 and 64 atoms, with"
+            " exact landmarks."
+        ),
     ]
     for name, points in experiments.items():
         groups = list(dict.fromkeys(point.group for point in points))

@@ -1,4 +1,6 @@
-"""Exact recovery: plant transforms or one rotation, solve, and count how often they come back."""
+"""Exact recovery: plant transforms or one rotation, solve, and count how often they
+come back.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,14 @@ SUCCESS = 1e-3
 """Relative error of the transforms below which they are recovered exactly."""
 
 Shares = Mapping[tuple[int, int], float]
-"""(p, z) -> share of the trials with p landmarks and z active atoms that are recovered."""
+"""(p, z) -> share of the trials with p landmarks and z active atoms that are recovered.
+"""
 
 
 @dataclass(frozen=True)
 class Planted:
-    """W (2, p) = sum_i M_i B_i without noise, atoms B (k, 3, p), M_i = c_i R_i[:2] (k, 2, 3).
+    """W (2, p) = sum_i M_i B_i without noise, atoms B (k, 3, p), M_i = c_i R_i[:2] (k,
+    2, 3).
 
     rotations R (k, 3, 3); coefficients c (k,).
     """
@@ -47,15 +51,17 @@ class Planted:
 
 
 def random_stream(p: int, z: int, trial: int) -> np.random.Generator:
-    """Return the random numbers of a trial: they depend neither on other cells nor on threads."""
+    """Return the random numbers of a trial: they depend neither on other cells nor on
+    threads.
+    """
     return np.random.default_rng(np.random.SeedSequence(0, spawn_key=(p, z, trial)))
 
 
 def plant(k: int, p: int, z: int, rng: np.random.Generator) -> Planted:
     """Draw an instance with k atoms, z of them active (paper, section Simulation).
 
-    Entries of B_i are N(0, 1), rotations uniform, z coefficients at random places U(0, 1) and the
-    others 0.
+    Entries of B_i are N(0, 1), rotations uniform, z coefficients at random places U(0,
+    1) and the others 0.
     """
     B = rng.standard_normal((k, 3, p))
     R = random_rotations(k, rng)
@@ -66,7 +72,8 @@ def plant(k: int, p: int, z: int, rng: np.random.Generator) -> Planted:
 
 
 def recover(planted: Planted) -> Solution:
-    """Solve min sum_i ||M_i||_2 s.t. W = sum_i M_i B_i + T 1^T (paper, eq. finalnoiseless).
+    """Solve min sum_i ||M_i||_2 s.t. W = sum_i M_i B_i + T 1^T (paper, eq.
+    finalnoiseless).
 
     T is free, which is the same as centring the rows of W and of all B_i. One thread.
     """
@@ -81,7 +88,9 @@ def transform_error(planted: Planted, found: Solution) -> float:
 
 
 def shares_of_transforms(
-    landmarks: Sequence[int] = LANDMARKS, active: Sequence[int] = ACTIVE, trials: int = TRIALS
+    landmarks: Sequence[int] = LANDMARKS,
+    active: Sequence[int] = ACTIVE,
+    trials: int = TRIALS,
 ) -> Shares:
     """Return the share of each cell whose transforms are recovered exactly."""
 
@@ -89,7 +98,8 @@ def shares_of_transforms(
         planted = plant(ATOMS, p, z, random_stream(p, z, trial))
         return transform_error(planted, recover(planted)) < SUCCESS
 
-    # Every trial has atoms of its own and so is a problem of its own; the kernels release the GIL.
+    # Every trial has atoms of its own and so is a problem of its own; the kernels
+    # release the GIL.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return {
             (p, z): sum(pool.map(partial(succeeds, p, z), range(trials))) / trials
@@ -109,10 +119,12 @@ def recovery_page(shares: Shares, paper: Shares, trials: int, source: str) -> st
     """Return the shares, the paper's beside them, and the differences, as Markdown."""
     parts = [
         "# Exact recovery",
-        "min sum ||M_i||_2 subject to W = sum M_i B_i + T 1^T (the paper's program on centred "
-        f"data), with {ATOMS} atoms. Share of {trials} random instances per cell whose transforms "
-        f"are recovered with a relative error below {SUCCESS:g}. Rows: p landmarks; columns: z "
-        "atoms in use.",
+        (
+            "min sum ||M_i||_2 subject to W = sum M_i B_i + T 1^T (the paper's program"
+            f" on centred data), with {ATOMS} atoms. Share of {trials} random instances"
+            " per cell whose transforms are recovered with a relative error below"
+            f" {SUCCESS:g}. Rows: p landmarks; columns: z atoms in use."
+        ),
         shares_table(shares),
     ]
     differences = {at: shares[at] - paper[at] for at in shares if at in paper}

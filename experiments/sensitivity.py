@@ -1,4 +1,6 @@
-"""Error and time against one setting that varies: the sensitivity of a method, and its speed."""
+"""Error and time against one setting that varies: the sensitivity of a method, and its
+speed.
+"""
 
 from __future__ import annotations
 
@@ -47,8 +49,8 @@ Given = tuple[shapefit.Landmarks, shapefit.Dictionary]
 class Experiment:
     """Fits of the same images at each value of `key`, judged by a truth.
 
-    given: value -> images and dictionary; options: value -> arguments of `shapefit.fit`, whose
-    config is `config`. Every `every`-th image is fitted.
+    given: value -> images and dictionary; options: value -> arguments of
+    `shapefit.fit`, whose config is `config`. Every `every`-th image is fitted.
     """
 
     name: str
@@ -66,7 +68,8 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Point:
-    """Errors in one metric of one group of sequences at one value, and the time of an image.
+    """Errors in one metric of one group of sequences at one value, and the time of an
+    image.
 
     Statistics of a group are the means of those of its sequences.
     """
@@ -87,7 +90,9 @@ class Point:
 
 
 def paper_experiments(data: Path) -> Iterator[Experiment]:
-    """Timing of the methods, and the convex program against lambda, noise, hidden points, and k."""
+    """Timing of the methods, and the convex program against lambda, noise, hidden
+    points, and k.
+    """
 
     def truth() -> shapefit.Shapes:
         return shapefit.read_shapes(*(data / f"subject{n}_24fps.h5" for n in (13, 14)))
@@ -97,15 +102,28 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         path = RESULTS / "mocap/landmarks.h5"
         if settings:
             path = path.with_name("varied.h5")
-            run("project", "-c", CONFIGS / "mocap/project.yaml", "-o", path,
-                *(f"--set={each}" for each in (f"data={data}", *settings)))  # fmt: skip
+            run(
+                "project",
+                "-c",
+                CONFIGS / "mocap/project.yaml",
+                "-o",
+                path,
+                *(f"--set={each}" for each in (f"data={data}", *settings)),
+            )
         return shapefit.read_landmarks(path)
 
     @cache
     def learned(k: int) -> shapefit.Dictionary:
         path = RESULTS / "mocap/varied-dictionary.h5"
-        run("learn-dict", "-c", CONFIGS / "mocap/learn-dict.yaml", "-o", path,
-            f"--set=data={data}", f"--set=k={k}")  # fmt: skip
+        run(
+            "learn-dict",
+            "-c",
+            CONFIGS / "mocap/learn-dict.yaml",
+            "-o",
+            path,
+            f"--set=data={data}",
+            f"--set=k={k}",
+        )
         return shapefit.read_dictionary(path)
 
     @cache
@@ -117,10 +135,16 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
 
     configs = CONFIGS / "paper"
     convex = Experiment(
-        "sensitivity-lambda", "lambda", (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1),
-        configs / "fit-convex.yaml", lambda _: (landmarks(), dictionary()), truth,
-        options=lambda value: {"lam": value}, groups=GROUPS, every=20,
-    )  # fmt: skip
+        "sensitivity-lambda",
+        "lambda",
+        (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1),
+        configs / "fit-convex.yaml",
+        lambda _: (landmarks(), dictionary()),
+        truth,
+        options=lambda value: {"lam": value},
+        groups=GROUPS,
+        every=20,
+    )
     timing = replace(
         convex,
         name="timing",
@@ -144,14 +168,28 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         ("noise", (0, 0.01, 0.02, 0.03, 0.05, 0.08)),
         ("hidden", (0, 0.1, 0.2, 0.3, 0.4, 0.5)),
     ):
-        yield replace(convex, name=f"sensitivity-{key}", key=key, values=values,
-                      given=partial(projected, key), **plain)  # fmt: skip
-    yield replace(convex, name="sensitivity-k", key="k", values=(8, 16, 32, 64, 128),
-                  given=lambda k: (landmarks(), learned(int(k))), **plain)  # fmt: skip
+        yield replace(
+            convex,
+            name=f"sensitivity-{key}",
+            key=key,
+            values=values,
+            given=partial(projected, key),
+            **plain,
+        )
+    yield replace(
+        convex,
+        name="sensitivity-k",
+        key="k",
+        values=(8, 16, 32, 64, 128),
+        given=lambda k: (landmarks(), learned(int(k))),
+        **plain,
+    )
 
 
 def car_experiments(data: Path) -> Iterator[Experiment]:
-    """Cars whose visible landmarks were made wrong: each search for outliers, against the share."""
+    """Cars whose visible landmarks were made wrong: each search for outliers, against
+    the share.
+    """
     dictionary = shapefit.read_dictionary(RESULTS / "cars/dictionary.h5")
     images = shapefit.read_landmarks(data / "annotated_cars.h5")
     images = arrange(images, tuple(dictionary.landmark_names or ()))
@@ -162,17 +200,25 @@ def car_experiments(data: Path) -> Iterator[Experiment]:
 
     for config in sorted((CONFIGS / "cars").glob("outliers-*.yaml")):
         yield Experiment(
-            config.stem, "corrupted share", (0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7), config, given,
+            config.stem,
+            "corrupted share",
+            (0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7),
+            config,
+            given,
             lambda: shapefit.read_shapes(data / "models.h5"),
             options=lambda _: OF_THE_CARS,
             metrics=("similarity", "camera", "rotation", "precision", "recall"),
             match="true_model",
-        )  # fmt: skip
+        )
 
 
 def run(*arguments: str | Path) -> None:
     """Run a command of shapefit. Raises SystemExit where it fails."""
-    command = [str(Path(sys.executable).with_name("shapefit")), *map(str, arguments), "--quiet"]
+    command = [
+        str(Path(sys.executable).with_name("shapefit")),
+        *map(str, arguments),
+        "--quiet",
+    ]
     if subprocess.run(command, check=False).returncode:
         raise SystemExit(f"failed: {' '.join(command)}")
 
@@ -180,7 +226,11 @@ def run(*arguments: str | Path) -> None:
 def visible(images: shapefit.Landmarks) -> Flags:
     """Which landmarks (n, p) are seen, with a confidence above 0."""
     seen: Flags = np.asarray(np.isfinite(images.landmarks).all(axis=2))
-    return seen if images.confidence is None else seen & (np.asarray(images.confidence) > 0)
+    return (
+        seen
+        if images.confidence is None
+        else seen & (np.asarray(images.confidence) > 0)
+    )
 
 
 def arrange(images: shapefit.Landmarks, names: tuple[str, ...]) -> shapefit.Landmarks:
@@ -201,19 +251,24 @@ def arrange(images: shapefit.Landmarks, names: tuple[str, ...]) -> shapefit.Land
     )
 
 
-def corrupt(images: shapefit.Landmarks, share: float, seed: int = 0) -> shapefit.Landmarks:
-    """Replace a random `share` of the visible landmarks of each image: those of `corrupted` (n, p).
+def corrupt(
+    images: shapefit.Landmarks, share: float, seed: int = 0
+) -> shapefit.Landmarks:
+    """Replace a random `share` of the visible landmarks of each image: those of
+    `corrupted` (n, p).
 
-    The points are uniform over the bounding box of the visible landmarks grown on each side by
-    MARGIN times its size. The number in an image is rounded up or down at random; a larger share
-    replaces more of the landmarks, by the same points. What is drawn for an image depends on its
-    place alone.
+    The points are uniform over the bounding box of the visible landmarks grown on each
+    side by MARGIN times its size. The number in an image is rounded up or down at
+    random; a larger share replaces more of the landmarks, by the same points. What is
+    drawn for an image depends on its place alone.
     """
     seen, points = visible(images), np.array(images.landmarks, dtype=np.float64)
     n, p = seen.shape
     chosen = np.zeros((n, p), dtype=bool)
     for batch, start in enumerate(range(0, n, BATCH)):
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CORRUPTION, batch)))
+        rng = np.random.default_rng(
+            np.random.SeedSequence(seed, spawn_key=(CORRUPTION, batch))
+        )
         rows = slice(start, min(start + BATCH, n))
         size = rows.stop - start
         own = seen[rows]
@@ -222,13 +277,19 @@ def corrupt(images: shapefit.Landmarks, share: float, seed: int = 0) -> shapefit
         rank = np.where(own, order, np.inf).argsort(axis=1).argsort(axis=1)
         chosen[rows] = rank < np.floor(share * own.sum(axis=1) + rounding)[:, None]
         low = np.where(own[:, :, None], points[rows], np.inf).min(axis=1, keepdims=True)
-        high = np.where(own[:, :, None], points[rows], -np.inf).max(axis=1, keepdims=True)
+        high = np.where(own[:, :, None], points[rows], -np.inf).max(
+            axis=1, keepdims=True
+        )
         with np.errstate(invalid="ignore"):  # images without visible landmarks
-            drawn = low - MARGIN * (high - low) + (1 + 2 * MARGIN) * (high - low) * place
+            drawn = (
+                low - MARGIN * (high - low) + (1 + 2 * MARGIN) * (high - low) * place
+            )
         points[rows] = np.where(chosen[rows][:, :, None], drawn, points[rows])
     before = images.extras.get("corrupted")
     wrong = chosen if before is None else chosen | np.asarray(before, bool)
-    return images.replaced(landmarks=points, extras={**images.extras, "corrupted": wrong})
+    return images.replaced(
+        landmarks=points, extras={**images.extras, "corrupted": wrong}
+    )
 
 
 def measure(experiment: Experiment) -> list[Point]:
@@ -265,39 +326,68 @@ def points_of(
         members = [
             s.sequence
             for s in summaries
-            if s.group == whole.group and s.metric == whole.metric and s.sequence is not None
+            if s.group == whole.group
+            and s.metric == whole.metric
+            and s.sequence is not None
         ]
-        parts = [own] if members in ([], [ALL]) else [own[sequences == name] for name in members]
+        parts = (
+            [own]
+            if members in ([], [ALL])
+            else [own[sequences == name] for name in members]
+        )
         known = [part[np.isfinite(part)] for part in parts]
         quartiles = [np.percentile(part, (25, 75)) for part in known if len(part)]
-        p25, p75 = np.mean(quartiles, axis=0).tolist() if quartiles else (math.nan, math.nan)
+        p25, p75 = (
+            np.mean(quartiles, axis=0).tolist() if quartiles else (math.nan, math.nan)
+        )
         yield Point(
-            key, value, whole.group, whole.metric, whole.unit, whole.images, whole.failed,
-            whole.mean, p25, whole.median, p75, whole.p90, seconds,
-        )  # fmt: skip
+            key,
+            value,
+            whole.group,
+            whole.metric,
+            whole.unit,
+            whole.images,
+            whole.failed,
+            whole.mean,
+            p25,
+            whole.median,
+            p75,
+            whole.p90,
+            seconds,
+        )
 
 
 def table_of(points: Sequence[Point]) -> str:
     """Return values down; mean / median of each group and metric, and the time, across.
 
-    Where images failed, the share of those that did not stands behind the errors of their group.
+    Where images failed, the share of those that did not stands behind the errors of
+    their group.
     """
     values = list(dict.fromkeys(point.value for point in points))
     columns: dict[str, dict[Value, str]] = {}
-    for metric, group, unit in dict.fromkeys((p.metric, p.group, p.unit) for p in points):
+    for metric, group, unit in dict.fromkeys(
+        (p.metric, p.group, p.unit) for p in points
+    ):
         own = [p for p in points if (p.metric, p.group) == (metric, group)]
         before = "" if group == ALL else f"{group}: "
         decimals = decimals_of(n for p in own for n in (p.mean, p.median))
         columns[f"{before}{metric} ({unit})"] = {
-            p.value: f"{number(p.mean, decimals)} / {number(p.median, decimals)}" for p in own
+            p.value: f"{number(p.mean, decimals)} / {number(p.median, decimals)}"
+            for p in own
         }
         if metric not in ("precision", "recall") and any(p.failed for p in own):
             columns[f"{before}with a shape"] = {
-                p.value: f"{math.floor(100 * p.images / (p.images + p.failed) + 1e-9)} %"
+                p.value: (
+                    f"{math.floor(100 * p.images / (p.images + p.failed) + 1e-9)} %"
+                )
                 for p in own
             }
-    columns["ms per image"] = {p.value: f"{1000 * p.seconds_per_image:.3g}" for p in points}
-    rows = [[str(v), *(column.get(v, "–") for column in columns.values())] for v in values]
+    columns["ms per image"] = {
+        p.value: f"{1000 * p.seconds_per_image:.3g}" for p in points
+    }
+    rows = [
+        [str(v), *(column.get(v, "–") for column in columns.values())] for v in values
+    ]
     return markdown_table([points[0].key, *columns], rows)
 
 
@@ -307,6 +397,11 @@ def read_points(folder: Path) -> list[Point]:
     convert = {"int": int, "float": float}
     with (folder / "sweep.csv").open(newline="", encoding="utf-8") as file:
         return [
-            Point(**{key: convert.get(str(types[key]), str)(text) for key, text in row.items()})
+            Point(
+                **{
+                    key: convert.get(str(types[key]), str)(text)
+                    for key, text in row.items()
+                }
+            )
             for row in csv.DictReader(file)
         ]

@@ -1,12 +1,15 @@
 """Lift 2D landmarks in single images to 3D shapes with a convex program.
 
-`learn`, `fit` and `evaluate` do what the commands of those names do, on arrays; `read_*` and
-`write_*` handle the files. See docs/python.md. Each is imported when it is first used.
+`learn`, `fit` and `evaluate` do what the commands of those names do, on arrays;
+`read_*` and `write_*` handle the files. See docs/python.md. Each is imported when it is
+first used.
 """
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # `typing` would be imported before the command can handle a signal
+TYPE_CHECKING = (
+    False  # `typing` would be imported before the command can handle a signal
+)
 if TYPE_CHECKING:
     from typing import Any
 
@@ -52,7 +55,9 @@ __all__ = [
 
 _PLACES = {
     "errors": ("InputError",),
-    "api.files": tuple(name for name in __all__ if name.startswith(("read_", "write_"))),
+    "api.files": tuple(
+        name for name in __all__ if name.startswith(("read_", "write_"))
+    ),
     "api.functions": ("Evaluation", "evaluate", "fit", "learn"),
     "api.program": ("Optimum", "solve"),
     "api.records": ("Dictionary", "Fit", "Landmarks", "Shapes"),

@@ -1,4 +1,6 @@
-"""The arrays that signatures name; docstrings give their axes. Their median; indices."""
+"""The arrays that signatures name; docstrings give their axes. Their median;
+indices.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ Flags = NDArray[np.bool_]
 
 
 def median(values: NDArray[Any]) -> float:
-    """Median of numbers (n,), one at least; NumPy's first takes 0.06 s to import masked arrays."""
+    """Median of numbers (n,), one at least; NumPy's first takes 0.06 s to import masked
+    arrays.
+    """
     ordered = np.sort(values)
     return float((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)
 

@@ -30,7 +30,9 @@ def input_error(place: str | PathLike[str], fault: str, fix: str) -> InputError:
 
 
 def parse_json(text: object) -> dict[str, Any]:
-    """Return the object of a JSON text, nested 1,000 deep at most. Raises ValueError for others."""
+    """Return the object of a JSON text, nested 1,000 deep at most. Raises ValueError
+    for others.
+    """
     import orjson
 
     value = orjson.loads(str(text))
@@ -40,17 +42,23 @@ def parse_json(text: object) -> dict[str, Any]:
 
 
 def path_text(path: str | PathLike[str]) -> str:
-    r"""Return a path as text that any file can hold: bytes that are not UTF-8 as \xe9."""
+    r"""Return a path as text that any file can hold: bytes that are not UTF-8 as
+    \xe9.
+    """
     return os.fsencode(str(path)).decode("utf-8", "backslashreplace")
 
 
 def printable(text: object) -> str:
-    """Return a text on one line that a terminal shows as it is: what is not printable as escapes.
+    """Return a text on one line that a terminal shows as it is: what is not printable
+    as escapes.
 
-    Names come from files and folders: they may hold colours, line ends, and bytes of no encoding.
+    Names come from files and folders: they may hold colours, line ends, and bytes of no
+    encoding.
     """
     plain = text if isinstance(text, str) else str(text)
-    return "".join(letter if letter.isprintable() else _escape(letter) for letter in plain)
+    return "".join(
+        letter if letter.isprintable() else _escape(letter) for letter in plain
+    )
 
 
 def counted(number: int, noun: str) -> str:
@@ -66,7 +74,9 @@ def abbreviate(names: Sequence[str], most: int = 5) -> str:
 
 def _escape(letter: str) -> str:
     """Return a letter that is not printable as an escape of Python."""
-    if "\udc80" <= letter <= "\udcff":  # a byte that is not UTF-8, as Python names files
+    if (
+        "\udc80" <= letter <= "\udcff"
+    ):  # a byte that is not UTF-8, as Python names files
         return f"\\x{ord(letter) - 0xDC00:02x}"
     return letter.encode("unicode_escape").decode()
 

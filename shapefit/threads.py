@@ -14,8 +14,11 @@ Part = TypeVar("Part")
 Done = TypeVar("Done")
 
 
-def on_threads(work: Callable[[Part], Done], parts: Iterable[Part], threads: int) -> list[Done]:
-    """Return what `work` makes of each part, in their order; `threads` = 0 means one per core.
+def on_threads(
+    work: Callable[[Part], Done], parts: Iterable[Part], threads: int
+) -> list[Done]:
+    """Return what `work` makes of each part, in their order; `threads` = 0 means one
+    per core.
 
     Work gains from threads where it waits for a disk, or releases the GIL.
     """
@@ -32,14 +35,17 @@ def on_threads(work: Callable[[Part], Done], parts: Iterable[Part], threads: int
 def side_by_side(
     work: Callable[[Part], Done], items: Iterable[Part], workers: int
 ) -> Generator[Done, None, None]:
-    """Do work with so many items at a time, each on a thread of its own, but for 0 workers.
+    """Do work with so many items at a time, each on a thread of its own, but for 0
+    workers.
 
     Results come in the order of the items, of which the next one is got meanwhile.
     """
     if not workers:
         yield from map(work, items)
         return
-    from concurrent.futures import ThreadPoolExecutor  # where there is more than one item
+    from concurrent.futures import (
+        ThreadPoolExecutor,
+    )  # where there is more than one item
 
     waiting: deque[Future[Done]] = deque()
     with ThreadPoolExecutor(workers) as pool:

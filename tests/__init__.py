@@ -1,4 +1,6 @@
-"""Tests; each process has one thread of linear algebra, as several processes share the cores."""
+"""Tests; each process has one thread of linear algebra, as several processes share the
+cores.
+"""
 
 import os
 

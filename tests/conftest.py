@@ -21,14 +21,18 @@ settings.register_profile("any machine", deadline=None)  # a busy one is no faul
 settings.load_profile("any machine")
 
 PROJECT = Path(__file__).resolve().parents[1]
-REAL_DATA = Path(os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" / "data"))
+REAL_DATA = Path(
+    os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" / "data")
+)
 
 
 MORE_THAN_THE_QUICK_SET_UP = {"browser"}
 """Fixtures whose libraries `make test` does not install."""
 
 LONG = ("test_the_paper_s_table_on_motion_capture", "test_outputs_of_all_commands")
-"""Tests that begin first, so that no process of a run is left alone with one at the end."""
+"""Tests that begin first, so that no process of a run is left alone with one at the
+end.
+"""
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest looks at -m
@@ -48,13 +52,20 @@ def project() -> Path:
 def readme_commands() -> list[str]:
     text = (PROJECT / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```console\n(.*?)```", text, re.DOTALL)
-    return [line[2:] for block in blocks for line in block.splitlines() if line.startswith("$ ")]
+    return [
+        line[2:]
+        for block in blocks
+        for line in block.splitlines()
+        if line.startswith("$ ")
+    ]
 
 
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     if not REAL_DATA.is_dir():
-        reason = f"real data not found at {REAL_DATA}; set SHAPEFIT_REAL_DATA to its folder"
+        reason = (
+            f"real data not found at {REAL_DATA}; set SHAPEFIT_REAL_DATA to its folder"
+        )
         if os.environ.get("SHAPEFIT_REQUIRE_REAL_DATA") == "1":
             pytest.fail(reason)
         pytest.skip(reason)
@@ -63,7 +74,9 @@ def real_data() -> Path:
 
 @pytest.fixture(scope="session")
 def make_once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Path]:
-    """Return what makes a file once for all processes of a run; the others wait for it."""
+    """Return what makes a file once for all processes of a run; the others wait for
+    it.
+    """
     own = tmp_path_factory.getbasetemp()
     shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 

@@ -1,4 +1,6 @@
-"""Commands of README and docs: those in console blocks run and print what the page shows."""
+"""Commands of README and docs: those in console blocks run and print what the page
+shows.
+"""
 
 import re
 import shlex
@@ -15,7 +17,10 @@ from shapefit.evaluation.metrics import similarity
 from shapefit.io import read_results, read_shapes
 
 PROJECT = Path(__file__).resolve().parents[1]
-PAGES = ["README.md", *sorted(f"docs/{path.name}" for path in (PROJECT / "docs").glob("*.md"))]
+PAGES = [
+    "README.md",
+    *sorted(f"docs/{path.name}" for path in (PROJECT / "docs").glob("*.md")),
+]
 FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
 QUICK = {"README.md", "docs/first-result.md"}
 SLOW = ("docs/cars.md", "docs/trouble.md")
@@ -45,14 +50,20 @@ def run_page(page: str, capsys: pytest.CaptureFixture[str]) -> str:
     tables = ""
     for command in console_commands(page):
         words = shlex.split(command.text)
-        if words[0] != "shapefit":  # git, pip and make: `make test` itself needs what they do
+        if (
+            words[0] != "shapefit"
+        ):  # git, pip and make: `make test` itself needs what they do
             continue
         assert run(words[1:]) == 0, f"{command.text}\n{capsys.readouterr().err}"
         printed = capsys.readouterr()
         tables += printed.out
-        lines = iter([without_times(line) for line in (printed.err + printed.out).splitlines()])
+        lines = iter(
+            [without_times(line) for line in (printed.err + printed.out).splitlines()]
+        )
         for line in command.shown:
-            assert without_times(line) in lines, f"{command.text} does not print: {line}"
+            assert without_times(line) in lines, (
+                f"{command.text} does not print: {line}"
+            )
     return tables
 
 
@@ -72,17 +83,27 @@ def test_the_commands_of_the_readme_and_the_first_result(folder, capsys):
     tables = run_page("README.md", capsys)
     text = (PROJECT / "README.md").read_text(encoding="utf-8")
     (sample,) = re.findall(r"```\n(item,landmark,x,y .*?)```", text, re.DOTALL)
-    lines = (PROJECT / "sample_data/one_person.csv").read_text(encoding="utf-8").splitlines()
+    lines = (
+        (PROJECT / "sample_data/one_person.csv")
+        .read_text(encoding="utf-8")
+        .splitlines()
+    )
     shown = [line.split() for line in sample.splitlines()][:-1]
     assert len(shown) == 3
-    for (line_in, line_out), line, fitted in zip(shown, lines, tables.splitlines(), strict=False):
+    for (line_in, line_out), line, fitted in zip(
+        shown, lines, tables.splitlines(), strict=False
+    ):
         assert line_in == line
         *names, x, y, z = fitted.split(",")
-        numbers = (x, y, z) if x == "x" else (f"{float(number):.2f}" for number in (x, y, z))
+        numbers = (
+            (x, y, z) if x == "x" else (f"{float(number):.2f}" for number in (x, y, z))
+        )
         assert line_out == ",".join([*names, *numbers])
     assert (folder / "walk.html").is_file()
     run_page("docs/first-result.md", capsys)
-    assert all((folder / f"walk_person_1{end}").is_file() for end in (".trc", ".mot", ".bvh"))
+    assert all(
+        (folder / f"walk_person_1{end}").is_file() for end in (".trc", ".mot", ".bvh")
+    )
 
 
 @pytest.mark.slow
@@ -95,7 +116,9 @@ def test_your_animal(folder, capsys):
     (stated,) = re.findall(r"an error of (\d+) mm", text)
     assert error == pytest.approx(float(stated), abs=0.5)
     length = np.linalg.norm(truth.shapes[:, :, 3] - truth.shapes[:, :, 7], axis=1)
-    assert length.mean() == pytest.approx(1.0, abs=0.25)  # from the nose to the tip of the tail
+    assert length.mean() == pytest.approx(
+        1.0, abs=0.25
+    )  # from the nose to the tip of the tail
     bones = read_shapes([folder / "dog.bvh"])
     assert {"withers", "left_front_paw", "tail_tip"} <= set(bones.landmark_names)
     assert (len(bones), bones.frame_rate) == (100, 25)
@@ -108,7 +131,9 @@ def test_the_commands_of_a_page(folder, capsys, page):
 
 
 def test_every_page_with_console_blocks_is_run():
-    """Those of docs/from_matlab.md run in tests/api/test_docs.py, between its blocks of Python."""
+    """Those of docs/from_matlab.md run in tests/api/test_docs.py, between its blocks of
+    Python.
+    """
     with_console = {page for page in PAGES if console_commands(page)}
     assert with_console == {*QUICK, *SLOW, "docs/your-animal.md", "docs/from_matlab.md"}
 
@@ -118,13 +143,17 @@ def shown_commands(page: str) -> Iterator[str]:
     for _, kind, block in FENCE.findall((PROJECT / page).read_text(encoding="utf-8")):
         if kind in ("", "console") and "Usage:" not in block:
             joined = block.replace("\\\n", " ")
-            for line in re.findall(r"^(?:\$ )? *(shapefit .*(?:\n {4}.*)*)", joined, re.MULTILINE):
+            for line in re.findall(
+                r"^(?:\$ )? *(shapefit .*(?:\n {4}.*)*)", joined, re.MULTILINE
+            ):
                 yield line.split("   #")[0]
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_command_of_a_page_parses(page):
-    """Commands, options and keys that pages name exist, also where the files are the reader's."""
+    """Commands, options and keys that pages name exist, also where the files are the
+    reader's.
+    """
     for line in shown_commands(page):
         words = shlex.split(line.partition(" | ")[0].partition(" > ")[0])[1:]
         if words[0].startswith("-"):
@@ -132,7 +161,9 @@ def test_every_command_of_a_page_parses(page):
         command = commands.commands[words[0]]
         parent = commands.make_context("shapefit", [], resilient_parsing=True)
         try:
-            command.make_context(words[0], [w for w in words[1:] if w != "..."], parent=parent)
+            command.make_context(
+                words[0], [w for w in words[1:] if w != "..."], parent=parent
+            )
         except click.UsageError as error:
             if "does not exist" not in error.format_message():  # the file of a reader
                 pytest.fail(f"{page}: {line}: {error.format_message()}")

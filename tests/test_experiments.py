@@ -1,4 +1,6 @@
-"""The experiments of the paper, and the bounds of cars and of optimality beside them."""
+"""The experiments of the paper, and the bounds of cars and of optimality beside
+them.
+"""
 
 import csv
 import json
@@ -22,7 +24,11 @@ from shapefit.geometry.rotations import random_rotations
 
 
 def table(page):
-    lines = [re.split(r" *\| *", line.strip("| ")) for line in page.splitlines() if "|" in line]
+    lines = [
+        re.split(r" *\| *", line.strip("| "))
+        for line in page.splitlines()
+        if "|" in line
+    ]
     return {line[0]: line[1:] for line in lines}
 
 
@@ -70,7 +76,8 @@ class TestCorruption:
             place = (place[wrong[boxed]] + 0.1) / 1.2
             place, ranks = np.sort(place.ravel()), np.arange(place.size)
             apart = max(
-                (place - ranks / len(place)).max(), ((ranks + 1) / len(place) - place).max()
+                (place - ranks / len(place)).max(),
+                ((ranks + 1) / len(place) - place).max(),
             )
             assert kolmogorov(np.sqrt(len(place)) * apart) > 1e-3
 
@@ -83,10 +90,16 @@ def points(project):
     images = shapefit.read_landmarks(project / "sample_data/people_views.csv")
     dictionary = shapefit.learn(shapes, k=8)
     experiment = sensitivity.Experiment(
-        "lambda", "lambda", (0.1, 1.0), project / "configs/paper/fit-convex.yaml",
-        lambda _: (images, dictionary), lambda: truth, options=lambda value: {"lam": value},
-        groups={"all of them": "*"}, every=2,
-    )  # fmt: skip
+        "lambda",
+        "lambda",
+        (0.1, 1.0),
+        project / "configs/paper/fit-convex.yaml",
+        lambda _: (images, dictionary),
+        lambda: truth,
+        options=lambda value: {"lam": value},
+        groups={"all of them": "*"},
+        every=2,
+    )
     half = images[::2]
     expected = {}
     for lam in experiment.values:
@@ -94,7 +107,9 @@ def points(project):
         errors = shapefit.evaluate(fit, truth)
         values = errors.errors["similarity", "normalised"]
         names = np.array(errors.sequences)
-        expected[lam] = [values[names == name] for name in dict.fromkeys(errors.sequences)]
+        expected[lam] = [
+            values[names == name] for name in dict.fromkeys(errors.sequences)
+        ]
     return sensitivity.measure(experiment), expected
 
 
@@ -105,7 +120,9 @@ def test_statistics_are_means_of_those_of_the_sequences(points):
         parts = expected[point.value]
         assert point.images == sum(map(len, parts))
         assert point.mean == pytest.approx(np.mean([part.mean() for part in parts]))
-        quartiles = np.mean([np.percentile(part, (25, 50, 75)) for part in parts], axis=0)
+        quartiles = np.mean(
+            [np.percentile(part, (25, 50, 75)) for part in parts], axis=0
+        )
         assert [point.p25, point.median, point.p75] == pytest.approx(quartiles)
         assert point.seconds_per_image > 0
 
@@ -118,7 +135,9 @@ def test_tables_figures_and_files_of_an_experiment(points, tmp_path):
     rows = table((tmp_path / "sweep.md").read_text(encoding="utf-8"))
     assert rows["0.1"][0] == f"{found[0].mean:.3f} / {found[0].median:.3f}"
     assert (tmp_path / "sweep.png").stat().st_size > 5000
-    named = [replace(point, value=name) for point, name in zip(found, "ab", strict=True)]
+    named = [
+        replace(point, value=name) for point, name in zip(found, "ab", strict=True)
+    ]
     write_points(tmp_path, named)
     failed = [replace(point, failed=point.images) for point in found]
     assert table(sensitivity.table_of(failed))["0.1"][1] == "50 %"
@@ -128,7 +147,12 @@ def test_tables_figures_and_files_of_an_experiment(points, tmp_path):
 def reports(tmp_path_factory, points):
     """Reports as `make paper` leaves them."""
     folder = tmp_path_factory.mktemp("reports")
-    row = {"metric": "similarity", "unit": "normalised", "group": "Subject 13", "sequence": None}
+    row = {
+        "metric": "similarity",
+        "unit": "normalised",
+        "group": "Subject 13",
+        "sequence": None,
+    }
     report = {
         "methods": [
             {"name": "Alternate", "mean_objective": 0.8046},
@@ -144,10 +168,14 @@ def reports(tmp_path_factory, points):
     (folder / "mocap/report.json").write_text(json.dumps(report), encoding="utf-8")
     (folder / "mocap/report.md").write_text("# Errors\n", encoding="utf-8")
     for name, values in {
-        "timing": ("convex", "mean-shape"), "timing-pmp": ("pmp",),
+        "timing": ("convex", "mean-shape"),
+        "timing-pmp": ("pmp",),
         **dict.fromkeys(pages.SENSITIVITIES, ("0.5",)),
-    }.items():  # fmt: skip
-        own = [replace(points[0][0], value=v, seconds_per_image=5e-4, mean=0.25) for v in values]
+    }.items():
+        own = [
+            replace(points[0][0], value=v, seconds_per_image=5e-4, mean=0.25)
+            for v in values
+        ]
         write_points(folder / name, own)
     return folder
 
@@ -179,7 +207,11 @@ BEST = [1.0, 2.0, 4.0, np.nan]
 
 
 def write_result(
-    path: Path, *, signed: bool = False, status: list[str] | None = None, **data: list[float]
+    path: Path,
+    *,
+    signed: bool = False,
+    status: list[str] | None = None,
+    **data: list[float],
 ):
     with h5py.File(path, "w") as file:
         file.attrs["config"] = json.dumps({"signed": signed})
@@ -193,24 +225,44 @@ def write_result(
 def optima(tmp_path):
     status = ["optimal", "iteration limit", "optimal", "degenerate"]
     gap = [0.01, 0.03, 0.0, np.nan]
-    write_result(tmp_path / "global.h5", objective=BEST, relative_gap=gap, status=status)
+    write_result(
+        tmp_path / "global.h5", objective=BEST, relative_gap=gap, status=status
+    )
     refined = [1.0, 2.5, 4.0, np.nan]
-    write_result(tmp_path / "refine.h5", objective=refined, relative_gap=[0.1, 0.5, 0.0, np.nan])
-    write_result(tmp_path / "alternate-nonnegative.h5", objective=[1.005, 2.0, 6.0, np.nan])
+    write_result(
+        tmp_path / "refine.h5", objective=refined, relative_gap=[0.1, 0.5, 0.0, np.nan]
+    )
+    write_result(
+        tmp_path / "alternate-nonnegative.h5", objective=[1.005, 2.0, 6.0, np.nan]
+    )
     return tmp_path
 
 
 def cells(page: str) -> dict[str, list[str]]:
-    lines = [line.strip("|").split("|") for line in page.splitlines() if line.startswith("|")]
+    lines = [
+        line.strip("|").split("|") for line in page.splitlines() if line.startswith("|")
+    ]
     return {first.strip(): [entry.strip() for entry in rest] for first, *rest in lines}
 
 
 def test_excess_and_the_parts_of_the_gap(optima):
     _, text, table = sections(optima)
     found = cells(table)
-    assert found["Convex+refine"] == ["33.33%", "25% (25%)", "20.00%", "6.67%", "13.33%"]
+    assert found["Convex+refine"] == [
+        "33.33%",
+        "25% (25%)",
+        "20.00%",
+        "6.67%",
+        "13.33%",
+    ]
     search = (1 - 1 / 1.005 + 1 - 4 / 6) / 3
-    assert found["Alternate, c >= 0"] == ["33.33%", "50% (50%)", "–", f"{search:.2%}", "–"]
+    assert found["Alternate, c >= 0"] == [
+        "33.33%",
+        "50% (50%)",
+        "–",
+        f"{search:.2%}",
+        "–",
+    ]
     assert found["the better of both"][:2] == ["0.00%", "0% (0%)"]
     assert "Certified to 1%: 66.67% of 3 images; largest gap 3.00%." in text
 
@@ -237,9 +289,13 @@ def test_the_nearest_atom_is_the_one_that_the_shape_was_made_from(atoms, rng):
     )
 
 
-def test_a_combination_of_atoms_is_found_whichever_way_it_is_turned_and_sized(atoms, rng):
+def test_a_combination_of_atoms_is_found_whichever_way_it_is_turned_and_sized(
+    atoms, rng
+):
     c = np.abs(rng.standard_normal((6, 4)))
     mixed = np.einsum("nk,kap->nap", c, atoms)
     shapes = 3 * random_rotations(6, rng) @ mixed + rng.standard_normal((6, 3, 1))
     np.testing.assert_allclose(best_combination(shapes, atoms), 3 * mixed, atol=1e-3)
-    np.testing.assert_allclose(similarity(best_combination(shapes, atoms), shapes), 0, atol=1e-3)
+    np.testing.assert_allclose(
+        similarity(best_combination(shapes, atoms), shapes), 0, atol=1e-3
+    )

@@ -1,4 +1,5 @@
-"""The figures of the pages and of the sample data are measured again, and agree within 2%.
+"""The figures of the pages and of the sample data are measured again, and agree within
+2%.
 
 A page rounds, which adds half of its last digit.
 """
@@ -56,7 +57,9 @@ def runner(project: Path, folder: Path, *settings: str) -> Run:
         for name in ("demo/cars", "mocap/best", "paper", "people", "cars"):
             (folder / "results" / name).mkdir(parents=True, exist_ok=True)
         line = [command, "-c", f"configs/{config}.yaml", *more]
-        if command != "fit" or "data:" in (folder / f"configs/{config}.yaml").read_text("utf-8"):
+        if command != "fit" or "data:" in (folder / f"configs/{config}.yaml").read_text(
+            "utf-8"
+        ):
             line += [word for setting in settings for word in ("--set", setting)]
         if command == "eval":
             line += ["--set", "plots=false"]
@@ -80,7 +83,9 @@ def report(path: Path) -> dict[tuple[str, str, str, str], tuple[float, float]]:
 
 
 def table(page: Path, first: str) -> dict[str, list[str]]:
-    """Return the rows of the table of a page whose header begins with `first`, by first cell."""
+    """Return the rows of the table of a page whose header begins with `first`, by first
+    cell.
+    """
     lines = iter(page.read_text(encoding="utf-8").splitlines())
     rows = {}
     for line in lines:
@@ -128,7 +133,9 @@ def test_cars_of_the_sample_data(project, tmp_path):
     run("learn-dict", "demo/cars/learn-dict")
     run("fit", "demo/cars/fit", "--set", "export={}")
     run("eval", "demo/cars/eval")
-    check_all("Perspective", CARS, report(tmp_path / "results/demo/cars/report/report.csv"))
+    check_all(
+        "Perspective", CARS, report(tmp_path / "results/demo/cars/report/report.csv")
+    )
 
 
 def keep_images(path: Path, which: Callable[[LandmarkSet], np.ndarray]) -> int:
@@ -139,11 +146,22 @@ def keep_images(path: Path, which: Callable[[LandmarkSet], np.ndarray]) -> int:
     return len(few)
 
 
-PAPER_FITS = ("convex", "global", "refine", "alternate", "alternate-plus", "pmp", "mean-shape")
+PAPER_FITS = (
+    "convex",
+    "global",
+    "refine",
+    "alternate",
+    "alternate-plus",
+    "pmp",
+    "mean-shape",
+)
 
 
-def paper_report(project: Path, data: Path, folder: Path, every: int, people: bool = False) -> dict:
-    """Return the report of the paper's methods on every so many frames of motion capture.
+def paper_report(
+    project: Path, data: Path, folder: Path, every: int, people: bool = False
+) -> dict:
+    """Return the report of the paper's methods on every so many frames of motion
+    capture.
 
     people: besides, by the posterior with the dictionary of the package, as `People`.
     """
@@ -156,7 +174,11 @@ def paper_report(project: Path, data: Path, folder: Path, every: int, people: bo
     for name in PAPER_FITS:
         run("fit", f"paper/fit-{name}")
     config = YAML(typ="safe").load(folder / "configs/paper/eval.yaml")
-    own = {n: f.removeprefix("../../") for n, f in config["results"].items() if "/paper/" in f}
+    own = {
+        n: f.removeprefix("../../")
+        for n, f in config["results"].items()
+        if "/paper/" in f
+    }
     if people:  # whose dictionary has seen neither subject
         own["People"] = "results/paper/people.h5"
         run("fit", "people/fit", str(views), "-d", "people", "-o", own["People"])
@@ -165,12 +187,38 @@ def paper_report(project: Path, data: Path, folder: Path, every: int, people: bo
 
 
 METHODS = (
-    *("Convex", "Global", "Convex+refine", "Alternate", "Alternate+", "PMP", "Mean shape"),
+    *(
+        "Convex",
+        "Global",
+        "Convex+refine",
+        "Alternate",
+        "Alternate+",
+        "PMP",
+        "Mean shape",
+    ),
     "People",
 )
 ON_A_SLICE = {
-    "Subject 13": ["0.289", "0.285", "0.287", "0.280", "0.282", "0.413", "0.541", "0.228"],
-    "Subject 14": ["0.289", "0.281", "0.282", "0.282", "0.283", "0.422", "0.565", "0.227"],
+    "Subject 13": [
+        "0.289",
+        "0.285",
+        "0.287",
+        "0.280",
+        "0.282",
+        "0.413",
+        "0.541",
+        "0.228",
+    ],
+    "Subject 14": [
+        "0.289",
+        "0.281",
+        "0.282",
+        "0.282",
+        "0.283",
+        "0.422",
+        "0.565",
+        "0.227",
+    ],
 }
 """Mean similarity errors, normalised, of every hundredth frame: 441 images."""
 
@@ -187,14 +235,18 @@ def test_a_slice_of_the_paper_s_table(project, real_data, tmp_path):
 @pytest.mark.slow
 @pytest.mark.real_data
 def test_the_paper_s_table_on_motion_capture(project, real_data, tmp_path):
-    """Of every fifth frame; neighbours of 24 a second are alike, and the means those of all."""
+    """Of every fifth frame; neighbours of 24 a second are alike, and the means those of
+    all.
+    """
     found = paper_report(project, real_data, tmp_path, every=5)
     page = (project / "docs/accuracy.md").read_text(encoding="utf-8")
     (header,) = re.findall(r"^\| +\| (Convex \| .*Mean shape) \|", page, re.MULTILINE)
     methods = header.split(" | ")
     rows = table(project / "docs/accuracy.md", "           | Convex")
     for group in ("Subject 13", "Subject 14"):
-        for method, stated in zip([name.strip() for name in methods], rows[group], strict=False):
+        for method, stated in zip(
+            [name.strip() for name in methods], rows[group], strict=False
+        ):
             mean, _ = found[method, "similarity", "normalised", group]
             assert within(mean, stated), (method, group, mean, stated)
 
@@ -206,7 +258,9 @@ ON_THEM = {
     ("sequences", "Subject 13"): "0.2002",
     ("sequences", "Subject 14"): "0.0565",
 }
-"""Mean similarity errors, normalised, of two short sequences of each subject: 830 images."""
+"""Mean similarity errors, normalised, of two short sequences of each subject: 830
+images.
+"""
 
 INSIDE = {("posterior", "Subject 13"): "0.964", ("sequences", "Subject 13"): "0.876"}
 """Share of their landmarks inside the 90% ellipsoids."""
@@ -214,14 +268,18 @@ INSIDE = {("posterior", "Subject 13"): "0.964", ("sequences", "Subject 13"): "0.
 
 @pytest.mark.slow
 @pytest.mark.real_data
-def test_the_posterior_and_sequences_on_motion_capture(project, real_data, people_of_86, tmp_path):
+def test_the_posterior_and_sequences_on_motion_capture(
+    project, real_data, people_of_86, tmp_path
+):
     run = runner(project, tmp_path, f"data={real_data / 'mocap'}")
     run("project", "mocap/project")
     (tmp_path / "results/people/dictionary.h5").symlink_to(people_of_86)
     views = tmp_path / "results/mocap/landmarks.h5"
 
     def whole_sequences(images: LandmarkSet) -> np.ndarray:
-        return np.flatnonzero(np.isin(np.array(images.sequences, dtype=str), WHOLE_SEQUENCES))
+        return np.flatnonzero(
+            np.isin(np.array(images.sequences, dtype=str), WHOLE_SEQUENCES)
+        )
 
     assert keep_images(views, whole_sequences) == 830
     results = {"posterior": "result.h5", "sequences": "sequences.h5"}
@@ -263,7 +321,11 @@ def test_real_cars(project, real_data, tmp_path):
         "Nearest other model, by an oracle",
         "Best combination, fitted to the 3D truth",
     }
-    kinds = [("similarity", "normalised"), ("camera", "normalised"), ("rotation", "deg")]
+    kinds = [
+        ("similarity", "normalised"),
+        ("camera", "normalised"),
+        ("rotation", "deg"),
+    ]
     kinds.append(("reprojection", "box"))
     checked = 0
     for row, cells in list(rows.items())[2:]:
@@ -294,7 +356,9 @@ def error(tmp_path):
     def error(images, truth, names, **keys):
         found = with_shapes_of(fit_images(tmp_path, images, "people", **keys)[0], names)
         rows = [truth.items.index(item) for item in found.items]
-        true = truth.shapes[rows][..., [truth.landmark_names.index(name) for name in names]]
+        true = truth.shapes[rows][
+            ..., [truth.landmark_names.index(name) for name in names]
+        ]
         own = found.shapes[..., [found.landmark_names.index(name) for name in names]]
         return float(similarity(own, normalise(true).points).mean())
 
@@ -302,7 +366,9 @@ def error(tmp_path):
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize(("method", "stated"), [("posterior", 0.190), ("sequences", 0.155)])
+@pytest.mark.parametrize(
+    ("method", "stated"), [("posterior", 0.190), ("sequences", 0.155)]
+)
 def test_a_body_before_a_camera_at_rest(real_data, error, method, stated):
     shapes = read_shapes([real_data / "mocap/subject13_24fps.h5"])
     rng = np.random.default_rng(13)
@@ -326,7 +392,9 @@ def test_a_body_before_a_camera_at_rest(real_data, error, method, stated):
     ],
 )
 def test_sequences_are_no_worse_than_their_images(real_data, name, ratio):
-    """By the dictionary of the package, which knows the body: rough bars, the same comparison."""
+    """By the dictionary of the package, which knows the body: rough bars, the same
+    comparison.
+    """
     shapes = read_bodies(real_data / "mocap", ["other_subjects"], ["10"])["10"]
     (cell,) = (cell for cell in CELLS if cell.name == name)
     found = measure(cell, shapes, shapefit.read_dictionary("people"), 2, 3.0)
@@ -336,7 +404,9 @@ def test_sequences_are_no_worse_than_their_images(real_data, name, ratio):
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize(("method", "stated"), [("posterior", 0.239), ("sequences", 0.213)])
+@pytest.mark.parametrize(
+    ("method", "stated"), [("posterior", 0.239), ("sequences", 0.213)]
+)
 def test_a_detected_man_on_a_beam(real_data, error, method, stated):
     folder = real_data / "detected/pose2sim_balancing"
     images = load(folder / "cam03.h5").take(slice(0, 100, 3))
@@ -359,5 +429,7 @@ def test_the_camera_sees_the_whole_body_upright(rng):
     for _ in range(20):
         visible, focal = look(body, rng)
         assert (visible[:, 2] > 0).all()
-        assert (visible[:, 1, 3] < visible[:, 1, 0]).all()  # y points down: the head is above
+        assert (
+            visible[:, 1, 3] < visible[:, 1, 0]
+        ).all()  # y points down: the head is above
         assert 0.8 * SIZE[0] <= focal <= 1.5 * SIZE[0]

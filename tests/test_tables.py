@@ -1,4 +1,6 @@
-"""A method, a file format and a metric are added by an entry in a table: each runs end to end."""
+"""A method, a file format and a metric are added by an entry in a table: each runs end
+to end.
+"""
 
 import subprocess
 import sys
@@ -23,12 +25,16 @@ def folder(tmp_path, rng) -> Path:
     write_dictionary(tmp_path / "dictionary.h5", Dictionary(atoms, NAMES, atoms[0]))
     with landmark_writer(tmp_path / "views.h5") as writer:
         landmarks = rng.normal(size=(5, 2, 6))
-        writer.append(LandmarkSet(landmarks=landmarks, landmark_names=NAMES, items=tuple("12345")))
+        writer.append(
+            LandmarkSet(landmarks=landmarks, landmark_names=NAMES, items=tuple("12345"))
+        )
     return tmp_path
 
 
 class Toy:
-    """A new file beside the package, an entry in a table of it, and command lines run with both."""
+    """A new file beside the package, an entry in a table of it, and command lines run
+    with both.
+    """
 
     def __init__(self, folder: Path, module: str, entry: str) -> None:
         (folder / "toy.py").write_text(module, encoding="utf-8")
@@ -38,14 +44,19 @@ class Toy:
     def run(self, *lines: str) -> subprocess.CompletedProcess[str]:
         """Run command lines in one process, up to the first that fails."""
         source = (
-            f"import shlex, sys\nsys.path.insert(0, {str(self._folder)!r})\n{self._entry}\n"
-            "from shapefit.cli.main import run\n"
-            "for line in sys.argv[1:]:\n"
-            "    if code := run(shlex.split(line)):\n        sys.exit(code)"
+            "import shlex, sys\nsys.path.insert(0,"
+            f" {str(self._folder)!r})\n{self._entry}\nfrom shapefit.cli.main import"
+            " run\nfor line in sys.argv[1:]:\n    if code := run(shlex.split(line)):\n"
+            "        sys.exit(code)"
         )
         command = [sys.executable, "-c", source, *lines]
         return subprocess.run(
-            command, capture_output=True, text=True, cwd=self._folder, timeout=120, check=False
+            command,
+            capture_output=True,
+            text=True,
+            cwd=self._folder,
+            timeout=120,
+            check=False,
         )
 
     def succeed(self, *lines: str) -> None:
@@ -56,7 +67,11 @@ class Toy:
 def errors_of(folder: Path, metric: str) -> list[float]:
     """Return the errors of a metric in the report of the folder, image by image."""
     text = (folder / "report/per_image.csv").read_text(encoding="utf-8")
-    return [float(row.split(",")[4]) for row in text.splitlines()[1:] if f",{metric}," in row]
+    return [
+        float(row.split(",")[4])
+        for row in text.splitlines()[1:]
+        if f",{metric}," in row
+    ]
 
 
 FLAT = '''
@@ -86,7 +101,10 @@ def lift_flat(problem, settings):
 FLAT_ENTRY = """
 from shapefit.lifting.methods import METHODS, Method
 METHODS["flat"] = Method(
-    run="toy:lift_flat", summary="every landmark at depth 0", learned=(), mixes_atoms=False,
+    run="toy:lift_flat",
+    summary="every landmark at depth 0",
+    learned=(),
+    mixes_atoms=False,
 )
 """
 
@@ -98,9 +116,14 @@ def test_a_method_is_a_file_and_an_entry(folder):
         f"{fit} truth.csv",
         "eval result.h5 --truth truth.csv -o report --set plots=false",
     )
-    with h5py.File(folder / "views.h5") as views, h5py.File(folder / "result.h5") as result:
+    with (
+        h5py.File(folder / "views.h5") as views,
+        h5py.File(folder / "result.h5") as result,
+    ):
         assert result.attrs["method"] == "flat"
-        np.testing.assert_allclose(result["shapes"][..., :2], views["landmarks"], atol=1e-12)
+        np.testing.assert_allclose(
+            result["shapes"][..., :2], views["landmarks"], atol=1e-12
+        )
         assert not result["shapes"][:, :, 2].any()
         np.testing.assert_array_equal(result["flatness"], np.full((5, 2), 0.5))
         assert "coefficients" not in result
@@ -138,7 +161,10 @@ def write_points(target, form, options):
 
 class Writer:
     def __init__(self, file):
-        self.attributes, self.summary, self.file, self.begun = {}, Summary(), file, False
+        self.attributes = {}
+        self.summary = Summary()
+        self.file = file
+        self.begun = False
 
     def append(self, record):
         if not self.begun:
@@ -163,11 +189,16 @@ FORMATS["points"] = TARGETS["points"] = FileFormat(
 
 
 def test_a_format_is_a_file_and_an_entry(folder):
-    """It is recognised by content and fitted, written where an output is named so, or refused."""
+    """It is recognised by content and fitted, written where an output is named so, or
+    refused.
+    """
     toy = Toy(folder, POINTS, POINTS_ENTRY)
     with h5py.File(folder / "views.h5") as file:
         views = file["landmarks"][:]
-    lines = [f"{1 + i} {' '.join(map(repr, row.ravel().tolist()))}" for i, row in enumerate(views)]
+    lines = [
+        f"{1 + i} {' '.join(map(repr, row.ravel().tolist()))}"
+        for i, row in enumerate(views)
+    ]
     for name in ("views.points", "views.txt"):
         text = "\n".join([f"POINTS {' '.join(NAMES)}", *lines])
         (folder / name).write_text(text, encoding="utf-8")
@@ -182,12 +213,20 @@ def test_a_format_is_a_file_and_an_entry(folder):
         with h5py.File(folder / f"{name}.h5") as result:
             np.testing.assert_array_equal(result["landmarks"], views)
             assert result.attrs["y_axis"] == "down"
-    assert (folder / "again.points").read_text(encoding="utf-8").startswith("POINTS a b c d e f")
+    assert (
+        (folder / "again.points")
+        .read_text(encoding="utf-8")
+        .startswith("POINTS a b c d e f")
+    )
     for line, told in (
-        ("fit views.h5 -d dictionary.h5 -o result.points",
-         "result.points: a result cannot be points; give it a name in .h5"),
-        ("fit views.h5 -d views.points -o result.h5",
-         "views.points: is a points file, not an HDF5 file; give a"),
-    ):  # fmt: skip
+        (
+            "fit views.h5 -d dictionary.h5 -o result.points",
+            "result.points: a result cannot be points; give it a name in .h5",
+        ),
+        (
+            "fit views.h5 -d views.points -o result.h5",
+            "views.points: is a points file, not an HDF5 file; give a",
+        ),
+    ):
         done = toy.run(line)
         assert (done.returncode, told in done.stderr) == (2, True), done.stderr

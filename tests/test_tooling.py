@@ -1,4 +1,6 @@
-"""`make bench`, `make mutants` and `make fuzz`: what makes them fail, and short runs of them."""
+"""`make bench`, `make mutants` and `make fuzz`: what makes them fail, and short runs of
+them.
+"""
 
 import ast
 import subprocess
@@ -62,7 +64,9 @@ def script(project):
         ("if a:\n    return", {"not a", "False"}),
     ],
 )
-def test_every_kind_of_change_is_made_and_messages_are_left(script, tmp_path, text, expected):
+def test_every_kind_of_change_is_made_and_messages_are_left(
+    script, tmp_path, text, expected
+):
     path = tmp_path / "source.py"
     body = f"def f():\n    'é'\n    {text.replace(chr(10), chr(10) + '    ')}\n"
     path.write_text(body, encoding="utf-8")
@@ -74,9 +78,12 @@ def test_every_kind_of_change_is_made_and_messages_are_left(script, tmp_path, te
 
 
 @pytest.mark.parametrize(
-    ("code", "verdict"), [(0, "survives"), (1, "killed"), (None, "killed by the time it takes")]
+    ("code", "verdict"),
+    [(0, "survives"), (1, "killed"), (None, "killed by the time it takes")],
 )
-def test_a_file_that_is_changed_is_put_back(script, tmp_path, monkeypatch, code, verdict):
+def test_a_file_that_is_changed_is_put_back(
+    script, tmp_path, monkeypatch, code, verdict
+):
     path = tmp_path / "source.py"
     path.write_text("x = 1  # one\n")
     mutant, texts = next(script.mutants(path)), []
@@ -86,7 +93,9 @@ def test_a_file_that_is_changed_is_put_back(script, tmp_path, monkeypatch, code,
         return code
 
     monkeypatch.setattr(script, "run", run)
-    assert script.verdict(tmp_path, mutant, ["a::b"], 1.0).replace("that ", "") == verdict
+    assert (
+        script.verdict(tmp_path, mutant, ["a::b"], 1.0).replace("that ", "") == verdict
+    )
     assert path.read_text() == "x = 1  # one\n"
     assert texts == [("x = (2)  # one\n", "a::b")]
     assert script.verdict(tmp_path, mutant, [], 1.0) == "not reached"

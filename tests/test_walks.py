@@ -17,7 +17,9 @@ from tests.cli.conftest import run_in
 
 
 def walk(folder: Path, line: str, code: int = 0) -> tuple[str, str]:
-    """Run a command as it is typed in a folder; return standard output and what it told."""
+    """Run a command as it is typed in a folder; return standard output and what it
+    told.
+    """
     done = run_in(folder, *line.split())
     assert done.returncode == code, done.stderr
     return done.stdout, done.stderr
@@ -30,7 +32,9 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 @pytest.fixture
 def folder(project, tmp_path):
-    """A folder with the sample data in `data`, and ten frames of OpenPose of one camera."""
+    """A folder with the sample data in `data`, and ten frames of OpenPose of one
+    camera.
+    """
     (tmp_path / "data").symlink_to(project / "sample_data")
     (tmp_path / "cam01").mkdir()
     for frame in sorted((project / "sample_data/openpose").iterdir())[:10]:
@@ -45,9 +49,12 @@ def test_a_neuroscientist_lifts_an_animal_of_deeplabcut(folder):
     walk(folder, f"{learn} --set k=16 --set iterations=2")
     keys = "--set min_confidence=0.6 --set frame_rate=25"
     _, told = walk(folder, f"fit data/animal_walk.csv -d dog.h5 -o walk.h5 {keys}")
-    assert "Method  sequences (the dictionary has a prior; change with --method)" in told
     assert (
-        "the size of the images is not known; exact positions in metres need --image-size" in told
+        "Method  sequences (the dictionary has a prior; change with --method)" in told
+    )
+    assert (
+        "the size of the images is not known; exact positions in metres need"
+        " --image-size" in told
     )
     walk(folder, "view walk.h5 -o walk.html")
     _, told = walk(folder, "convert walk.h5 -o walk.metres.csv")
@@ -56,18 +63,23 @@ def test_a_neuroscientist_lifts_an_animal_of_deeplabcut(folder):
     assert {row["landmark"] for row in table} >= {"withers", "left_front_paw"}
     assert {row["trusted"] for row in table} <= {"true", "false"}
     truth = shapefit.read_shapes(folder / "data/animal_truth.h5")
-    error = shapefit.evaluate(shapefit.read_results(folder / "walk.h5"), truth, ["similarity"])
+    error = shapefit.evaluate(
+        shapefit.read_results(folder / "walk.h5"), truth, ["similarity"]
+    )
     assert error.mean("similarity", "m") < 0.06  # of a dog a metre long
 
 
 def test_a_researcher_brings_arrays_and_a_solver(folder):
-    """W and B as MATLAB saves them; shapes by S = sum_i c_i R_i B_i, judged as fits are."""
+    """W and B as MATLAB saves them; shapes by S = sum_i c_i R_i B_i, judged as fits
+    are.
+    """
     people = shapefit.read_shapes(folder / "data/people_train.h5").shapes[::60]
     views = shapefit.read_landmarks(folder / "data/people_views.csv")
     visible = np.flatnonzero(np.isfinite(views.landmarks).all(axis=(0, 2)))
     stacked = {"W": views.landmarks, "B": people}
     stacked = {
-        name: X[:, visible].swapaxes(1, 2).reshape(-1, len(visible)) for name, X in stacked.items()
+        name: X[:, visible].swapaxes(1, 2).reshape(-1, len(visible))
+        for name, X in stacked.items()
     }
     scipy.io.savemat(folder / "own.mat", stacked)
     model = scipy.io.loadmat(folder / "own.mat")
@@ -90,7 +102,9 @@ def test_a_researcher_brings_arrays_and_a_solver(folder):
     report = shapefit.evaluate(own, true, ["similarity"])
     by_hand = similarity(own.swapaxes(1, 2), true.swapaxes(1, 2))
     np.testing.assert_allclose(report.errors["similarity", "unknown"], by_hand)
-    with pytest.raises(shapefit.InputError, match=r"for arrays there is solve\(W, B, lam\)"):
+    with pytest.raises(
+        shapefit.InputError, match=r"for arrays there is solve\(W, B, lam\)"
+    ):
         shapefit.fit(W, B)
 
 
@@ -121,16 +135,23 @@ def test_an_engineer_resumes_and_reads_codes_and_json(folder):
 @pytest.mark.slow
 @pytest.mark.real_data
 def test_a_folder_of_a_real_camera_is_a_motion_after_two_commands(real_data, tmp_path):
-    """100 frames of OpenPose with a bystander; five seconds, and some for a busy machine."""
+    """100 frames of OpenPose with a bystander; five seconds, and some for a busy
+    machine.
+    """
     camera = real_data / "detected/pose2sim_balancing/openpose_json/cam01_json"
     command = [str(Path(sys.executable).with_name("shapefit"))]
     lines = (
-        f"fit {camera} -d people --set keypoints=body_25b --set frame_rate=60 -o man.trc",
+        (
+            f"fit {camera} -d people --set keypoints=body_25b --set frame_rate=60 -o"
+            " man.trc"
+        ),
         "view man_person_1.trc -o man.html",
     )
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     for line in lines:
-        subprocess.run([*command, *line.split()], check=True, capture_output=True, cwd=tmp_path)
+        subprocess.run(
+            [*command, *line.split()], check=True, capture_output=True, cwd=tmp_path
+        )
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 7
     angles = rows_of(tmp_path / "man_person_1_angles.csv")
     assert len(angles) == 100
@@ -141,7 +162,9 @@ def test_a_folder_of_a_real_camera_is_a_motion_after_two_commands(real_data, tmp
 @pytest.mark.real_data
 def test_a_real_mouse_of_deeplabcut_is_lifted_by_its_own_class(real_data, tmp_path):
     for name in ("2D", "3D"):
-        (tmp_path / f"{name}.h5").symlink_to(real_data / f"formats/dlc/reachingDEMO_{name}.h5")
+        (tmp_path / f"{name}.h5").symlink_to(
+            real_data / f"formats/dlc/reachingDEMO_{name}.h5"
+        )
     walk(tmp_path, "learn-dict 3D.h5 -o mouse.h5 --set k=8 --set prior.components=1")
     _, told = walk(tmp_path, "fit 2D.h5 -d mouse.h5 -o mouse_fit.h5")
     assert "Method  sequences" in told

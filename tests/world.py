@@ -1,8 +1,9 @@
-"""People, cars and a dog: shapes, images, dictionaries and fits, each made once in a run.
+"""People, cars and a dog: shapes, images, dictionaries and fits, each made once in a
+run.
 
-`world.dictionary("people")` and `world.fit("people", method="posterior")` are paths of files, made
-when they are first asked for and by whichever process of the run asks first. Nobody writes to them:
-a test that changes a file copies it.
+`world.dictionary("people")` and `world.fit("people", method="posterior")` are paths of
+files, made when they are first asked for and by whichever process of the run asks
+first. Nobody writes to them: a test that changes a file copies it.
 """
 
 from __future__ import annotations
@@ -43,14 +44,18 @@ LEARNED: dict[str, dict[str, Any]] = {
     "cars": {"method": "exemplars", "align": "none"},
     "dog": {"k": 8, "iterations": 2, "every": 4},
 }  # fmt: skip
-"""Dictionary -> the keys that it is learned with, from the shapes that its last word names."""
+"""Dictionary -> the keys that it is learned with, from the shapes that its last word
+names.
+"""
 
 Once = Callable[[str, Callable[[Path], object]], Path]
 
 
 @dataclass(frozen=True)
 class World:
-    """Files by what they hold; `once` makes one in a folder that all processes of a run share."""
+    """Files by what they hold; `once` makes one in a folder that all processes of a run
+    share.
+    """
 
     once: Once
     _known: dict[str, Path] = field(default_factory=dict)
@@ -68,10 +73,14 @@ class World:
         return SAMPLES / IMAGES[kind]
 
     def dictionary(self, name: str) -> Path:
-        """Return a dictionary: one of LEARNED, or the installed one (`prior`, and for `walk`)."""
+        """Return a dictionary: one of LEARNED, or the installed one (`prior`, and for
+        `walk`).
+        """
         if name in ("prior", "walk"):
             return INSTALLED
-        arguments = {"shapes": [str(self.shapes(name.split()[-1].replace("prior", "people")))]}
+        arguments = {
+            "shapes": [str(self.shapes(name.split()[-1].replace("prior", "people")))]
+        }
         return self._make(name, learn_dict.run, "learn-dict", arguments | LEARNED[name])
 
     def views(self, kind: str, **keys: Any) -> Path:
@@ -80,9 +89,16 @@ class World:
         return self._make(f"views of {kind}", run_project, "project", arguments)
 
     def fit(
-        self, kind: str, dictionary: str = "", *, images: Path | None = None, **keys: Any
+        self,
+        kind: str,
+        dictionary: str = "",
+        *,
+        images: Path | None = None,
+        **keys: Any,
     ) -> Path:
-        """Return the result of images of a kind with keys of `fit`, by the dictionary so named."""
+        """Return the result of images of a kind with keys of `fit`, by the dictionary
+        so named.
+        """
         if kind == "walk":
             keys = {"keypoints": "body_25", **keys}
         given = images or self.images("people" if kind == "prior" else kind)
@@ -90,12 +106,20 @@ class World:
             "landmarks": [str(given)],
             "dictionary": str(self.dictionary(dictionary or kind)),
         }
-        return self._make(f"fit of {kind}", run_fit, "fit", {"method": "convex"} | paths | keys)
+        return self._make(
+            f"fit of {kind}", run_fit, "fit", {"method": "convex"} | paths | keys
+        )
 
     def _make(
-        self, what: str, run: Callable[[Any], Any], command: str, arguments: dict[str, Any]
+        self,
+        what: str,
+        run: Callable[[Any], Any],
+        command: str,
+        arguments: dict[str, Any],
     ) -> Path:
-        digest = hashlib.sha256(json.dumps(arguments, sort_keys=True).encode()).hexdigest()[:12]
+        digest = hashlib.sha256(
+            json.dumps(arguments, sort_keys=True).encode()
+        ).hexdigest()[:12]
         name = f"{what.replace(' ', '-')}-{digest}.h5"
         if name not in self._known:
 

@@ -22,7 +22,9 @@ HOW = {
 
 
 def __getattr__(name: str) -> Any:
-    """Return a hook of scikit-build-core; what asks for requirements wants a compiler first."""
+    """Return a hook of scikit-build-core; what asks for requirements wants a compiler
+    first.
+    """
     if name in ("get_requires_for_build_sdist", "build_sdist") or name.startswith("_"):
         return getattr(build, name)
     hook = getattr(build, name)
@@ -44,15 +46,25 @@ def require_compiler() -> None:
         return
     wanted = shlex.split(os.environ.get("CXX", ""))
     if wanted and not runs(wanted[0]):
-        sys.exit(f"shapefit needs a C++ compiler, and CXX={wanted[0]} is none: mend or unset CXX.")
+        sys.exit(
+            f"shapefit needs a C++ compiler, and CXX={wanted[0]} is none: mend or unset"
+            " CXX."
+        )
     if not wanted and not any(map(runs, COMPILERS)):
         how = HOW.get(sys.platform, "GCC or Clang")
-        sys.exit(f"shapefit needs a C++ compiler to build its core. Install one: {how}.")
+        sys.exit(
+            f"shapefit needs a C++ compiler to build its core. Install one: {how}."
+        )
 
 
 def runs(compiler: str) -> bool:
-    """Whether the compiler is there and starts (macOS has stubs that only offer to install)."""
+    """Whether the compiler is there and starts (macOS has stubs that only offer to
+    install).
+    """
     path = shutil.which(compiler)
     if path is None:
         return False
-    return subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0
+    return (
+        subprocess.run([path, "--version"], capture_output=True, check=False).returncode
+        == 0
+    )

@@ -1,14 +1,16 @@
-"""Add to the dictionary of people what only some bodies have: feet, hands and a point of the spine.
+"""Add to the dictionary of people what only some bodies have: feet, hands and a point
+of the spine.
 
     p(x, y) = p(x) sum_k p(k | x) N(y; m_k + B_k (x - mu_k), Q_k)
 
-for the joints x of the dictionary, whose prior stays as it is to the last bit, and the further ones
-y, which follow from them by a regression in each component. Atoms and mean shape get theirs by one
-regression for all: y = W x.
+for the joints x of the dictionary, whose prior stays as it is to the last bit, and the
+further ones y, which follow from them by a regression in each component. Atoms and mean
+shape get theirs by one regression for all: y = W x.
 
 Usage: python tools/further_joints.py DICTIONARY.h5 SHAPES.h5 RESULT.h5 [SEQUENCES ...]
 
-SHAPES.h5 has all points of Acclaim skeletons. Sequences that one of the globs fits are left out.
+SHAPES.h5 has all points of Acclaim skeletons. Sequences that one of the globs fits are
+left out.
 """
 
 from __future__ import annotations
@@ -34,44 +36,72 @@ from shapefit.dictionary.mixture import Mixture, expected_log_density, maximise
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import lateral_axis, mirror, rotation_onto
-from shapefit.io import ShapeSet, digests, read_dictionary, read_shapes, write_dictionary
+from shapefit.io import (
+    ShapeSet,
+    digests,
+    read_dictionary,
+    read_shapes,
+    write_dictionary,
+)
 from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of
 from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines.learn_dict.from_3d import FEWEST_COPIES, every_nth
 
 JOINTS = (*PEOPLE, *FURTHER)
-GROUPS = "rankle:rheel,rball,rtoe lankle:lheel,lball,ltoe rwrist:rhand lwrist:lhand neck:spine"
-LIMBS = {"hip": "hipjoint", "knee": "femur", "ankle": "tibia", "ball": "foot", "toe": "toes",
-         "shoulder": "clavicle", "elbow": "humerus", "wrist": "wrist", "hand": "hand"}  # fmt: skip
+GROUPS = (
+    "rankle:rheel,rball,rtoe lankle:lheel,lball,ltoe rwrist:rhand lwrist:lhand"
+    " neck:spine"
+)
+LIMBS = {
+    "hip": "hipjoint",
+    "knee": "femur",
+    "ankle": "tibia",
+    "ball": "foot",
+    "toe": "toes",
+    "shoulder": "clavicle",
+    "elbow": "humerus",
+    "wrist": "wrist",
+    "hand": "hand",
+}
 POINTS = {"pelvis": "root", "neck": "thorax", "head": "head", "spine": "lowerback"} | {
     f"{side}{joint}": f"{side}{bone}" for side in "rl" for joint, bone in LIMBS.items()
 }
 """Joints -> bones that end there. The shapes have no heels."""
 
 BEHIND, BELOW = 0.038, 0.023
-"""Where the heel is from the ankle, in heights of the body, with the foot flat: a foot is 0.152
-long, a quarter of it behind the ankle, which is 0.039 above the floor (R. Drillis and R. Contini,
-Body segment parameters, 1966); detectors mark the back of the heel, about 0.016 above the floor."""
+"""Where the heel is from the ankle, in heights of the body, with the foot flat: a foot
+is 0.152 long, a quarter of it behind the ankle, which is 0.039 above the floor (R.
+Drillis and R. Contini, Body segment parameters, 1966); detectors mark the back of the
+heel, about 0.016 above the floor.
+"""
 
 BALL = 0.073, 0.021
-"""Where the ball of the foot is from the ankle: forwards and down, alike; of the shapes here."""
+"""Where the ball of the foot is from the ankle: forwards and down, alike; of the shapes
+here.
+"""
 
 
 @dataclass(frozen=True)
 class Regression:
-    """y - mean_y = B (x - mean_x) + e, e of the covariance Q: B (..., e, d), Q (..., e, e)."""
+    """y - mean_y = B (x - mean_x) + e, e of the covariance Q: B (..., e, d), Q (..., e,
+    e).
+    """
 
     B: Floats
     Q: Floats
 
     @classmethod
     def of(cls, C: Floats, d: int) -> Regression:
-        """B = C_yx C_xx^-1, Q = C_yy - B C_xy for the covariances C (..., d + e, d + e)."""
+        """B = C_yx C_xx^-1, Q = C_yy - B C_xy for the covariances C (..., d + e, d +
+        e).
+        """
         B = np.asarray(np.linalg.solve(C[..., :d, :d], C[..., :d, d:]).swapaxes(-1, -2))
         return cls(B, C[..., d:, d:] - B @ C[..., :d, d:])
 
     def joint(self, C: Floats) -> Floats:
-        """Return the covariance (..., d + e, d + e) of x and y, where that of x is C."""
+        """Return the covariance (..., d + e, d + e) of x and y, where that of x is
+        C.
+        """
         across = self.B @ C
         last = across @ self.B.swapaxes(-1, -2) + self.Q
         whole = np.block(
@@ -81,29 +111,40 @@ class Regression:
 
 
 def with_heels(shapes: Floats, names: list[str]) -> Floats:
-    """Return shapes (n, 3, p) of all joints: heels turn with the ball about the ankle."""
+    """Return shapes (n, 3, p) of all joints: heels turn with the ball about the
+    ankle.
+    """
     point = {name: shapes[:, :, names.index(name)] for name in names}
     turn = np.pi - np.arctan2(BALL[1], BALL[0]) - np.arctan2(BELOW, BEHIND)
     length = np.hypot(BEHIND, BELOW) / np.hypot(*BALL)
     for side in "rl":
-        knee, ankle, ball = (point[f"{side}{joint}"] for joint in ("knee", "ankle", "ball"))
+        knee, ankle, ball = (
+            point[f"{side}{joint}"] for joint in ("knee", "ankle", "ball")
+        )
         foot: Floats = ball - ankle
         long: Floats = np.linalg.norm(foot, axis=1, keepdims=True)
         sole = ankle - knee
         sole = sole - foot * ((sole * foot).sum(axis=1, keepdims=True) / long**2)
         sole *= long / np.linalg.norm(sole, axis=1, keepdims=True)
-        point[f"{side}heel"] = ankle + length * (np.cos(turn) * foot + np.sin(turn) * sole)
+        point[f"{side}heel"] = ankle + length * (
+            np.cos(turn) * foot + np.sin(turn) * sole
+        )
     return np.stack([point[name] for name in JOINTS], axis=2)
 
 
 def mirrored(names: list[str]) -> list[int]:
     """Return the partner of each joint."""
     twins = {name: {"r": "l", "l": "r"}.get(name[0], "") + name[1:] for name in names}
-    return [names.index(twins[name]) if twins[name] in names else j for j, name in enumerate(names)]
+    return [
+        names.index(twins[name]) if twins[name] in names else j
+        for j, name in enumerate(names)
+    ]
 
 
 def training_shapes(given: ShapeSet, dictionary: Dictionary) -> Floats:
-    """Return shapes (n, 3, p) of all joints, as those were prepared that the prior is of."""
+    """Return shapes (n, 3, p) of all joints, as those were prepared that the prior is
+    of.
+    """
     config = json.loads(dictionary.provenance["config"])
     d, prior = len(dictionary.landmark_names), config["prior"]
     names = [name for name in JOINTS if name in POINTS]
@@ -126,7 +167,9 @@ def training_shapes(given: ShapeSet, dictionary: Dictionary) -> Floats:
 
 
 def aligned(shapes: Floats, dictionary: Dictionary) -> Floats:
-    """Return shapes normalised by the joints of the dictionary, and turned onto its mean."""
+    """Return shapes normalised by the joints of the dictionary, and turned onto its
+    mean.
+    """
     d = len(dictionary.landmark_names)
     norm = normalise(shapes[..., :d])
     moved = (shapes - norm.centroid[..., None]) / norm.scale[:, None, None]
@@ -134,36 +177,53 @@ def aligned(shapes: Floats, dictionary: Dictionary) -> Floats:
     return turned
 
 
-def extend_prior(prior: Mixture, shapes: Floats, shrinkage: float, floor: float) -> Mixture:
-    """Return the prior over all landmarks of shapes (n, 3, p), whose first ones are those of it."""
+def extend_prior(
+    prior: Mixture, shapes: Floats, shrinkage: float, floor: float
+) -> Mixture:
+    """Return the prior over all landmarks of shapes (n, 3, p), whose first ones are
+    those of it.
+    """
     n, _, p = shapes.shape
     d = prior.means.shape[2]
-    X = np.concatenate([shapes[..., :d].reshape(n, -1), shapes[..., d:].reshape(n, -1)], axis=1)
+    X = np.concatenate(
+        [shapes[..., :d].reshape(n, -1), shapes[..., d:].reshape(n, -1)], axis=1
+    )
     density = expected_log_density(X[:, : 3 * d], prior, floor)
     share = np.exp(density - density.max(axis=1, keepdims=True))
     share /= share.sum(axis=1, keepdims=True)
     G = np.cov(X.T, bias=True) + floor * np.eye(3 * p)
     kappa = shrinkage / (1 - shrinkage) * n / len(prior)
     visible = maximise(X, share, G, kappa, floor)
-    means, mu = visible.means.reshape(len(prior), -1), prior.means.reshape(len(prior), -1)
+    means, mu = (
+        visible.means.reshape(len(prior), -1),
+        prior.means.reshape(len(prior), -1),
+    )
     regression = Regression.of(visible.covariances, 3 * d)
     away = np.einsum("kij,kj->ki", regression.B, mu - means[:, : 3 * d])
     further = (means[:, 3 * d :] + away).reshape(len(prior), 3, p - d)
     axes = np.arange(3)[:, None]
-    order = np.hstack([axes * d + np.arange(d), 3 * d + axes * (p - d) + np.arange(p - d)]).ravel()
+    order = np.hstack(
+        [axes * d + np.arange(d), 3 * d + axes * (p - d) + np.arange(p - d)]
+    ).ravel()
     C = regression.joint(prior.covariances)[:, order][:, :, order]
     return Mixture(prior.weights, np.concatenate([prior.means, further], axis=2), C)
 
 
 def extend(dictionary: Dictionary, given: ShapeSet) -> Dictionary:
     """Return the dictionary with the further joints that the shapes have."""
-    d, config = len(dictionary.landmark_names), json.loads(dictionary.provenance["config"])
+    d, config = (
+        len(dictionary.landmark_names),
+        json.loads(dictionary.provenance["config"]),
+    )
     assert dictionary.prior is not None
     assert dictionary.edges is not None
     assert dictionary.acceleration is not None
     assert dictionary.edge_covariance is not None
     shapes = training_shapes(given, dictionary)
-    x, y = shapes[..., :d].reshape(len(shapes), -1), shapes[..., d:].reshape(len(shapes), -1)
+    x, y = (
+        shapes[..., :d].reshape(len(shapes), -1),
+        shapes[..., d:].reshape(len(shapes), -1),
+    )
     W = np.linalg.lstsq(x, y, rcond=None)[0]
 
     def whole(points: Floats) -> Floats:
@@ -175,10 +235,14 @@ def extend(dictionary: Dictionary, given: ShapeSet) -> Dictionary:
     moving = with_heels(given.shapes[..., columns], names)
     sequences = given.sequences or ()
     old = {tuple(edge) for edge in dictionary.edges.tolist()}
-    edges = np.concatenate([dictionary.edges, [e for e in edges_of(JOINTS) if e not in old]])
+    edges = np.concatenate(
+        [dictionary.edges, [e for e in edges_of(JOINTS) if e not in old]]
+    )
     e = len(dictionary.edges)
     # Units of the size of a body with d joints.
-    unit = float(np.median(normalise(moving).scale) / np.median(normalise(moving[..., :d]).scale))
+    unit = float(
+        np.median(normalise(moving).scale) / np.median(normalise(moving[..., :d]).scale)
+    )
     acceleration = find_acceleration(moving, sequences)
     assert acceleration is not None
 
@@ -194,14 +258,19 @@ def extend(dictionary: Dictionary, given: ShapeSet) -> Dictionary:
         edges=edges,
         mirror_index=np.array(mirrored(list(JOINTS))),
         prior=extend_prior(
-            dictionary.prior, shapes, config["prior"]["shrinkage"], config["prior"]["floor"]
+            dictionary.prior,
+            shapes,
+            config["prior"]["shrinkage"],
+            config["prior"]["floor"],
         ),
         acceleration=further(dictionary.acceleration, unit * acceleration),
         bone_tolerance=further(
-            dictionary.bone_tolerance, unit * find_bone_tolerance(moving, edges, sequences)
+            dictionary.bone_tolerance,
+            unit * find_bone_tolerance(moving, edges, sequences),
         ),
         edge_length=further(
-            dictionary.edge_length, find_lengths(moving, edges, sequences)[0].mean(axis=0)
+            dictionary.edge_length,
+            find_lengths(moving, edges, sequences)[0].mean(axis=0),
         ),
         edge_covariance=Regression.of(between, e).joint(dictionary.edge_covariance),
         provenance={**dictionary.provenance, WHERE_MARKED: GROUPS},
@@ -213,7 +282,8 @@ def main() -> None:
     source, points, target = map(Path, sys.argv[1:4])
     given = read_shapes([points])
     retained = [
-        not any(fnmatchcase(name, glob) for glob in sys.argv[4:]) for name in given.sequences or ()
+        not any(fnmatchcase(name, glob) for glob in sys.argv[4:])
+        for name in given.sequences or ()
     ]
     dictionary = read_dictionary(source)
     made = extend(dictionary, given.take(np.flatnonzero(retained)))

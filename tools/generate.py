@@ -1,4 +1,5 @@
-"""Write docs/config.md from the schema, docs/commands.md from the help, and the core's stub.
+"""Write docs/config.md from the schema, docs/commands.md from the help, and the core's
+stub.
 
 `python tools/generate.py` (`make docs`) writes them; tests check that they are in step.
 """
@@ -25,20 +26,25 @@ WIDTH = 90
 KEYS = """\
 # Config keys
 
-Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a string. \
-`--set key=value` and `--set key.key=value` override the file; options override both.
+Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a \
+string. `--set key=value` and `--set key.key=value` override the file; options \
+override both.
 
-- Paths in a file are relative to the file, paths on the command line to the working directory.
-- A path to read may be a glob (`*`, `?`, `[...]`, `**`); it must match at least one file.
+- Paths in a file are relative to the file, paths on the command line to the working
+  directory.
+- A path to read may be a glob (`*`, `?`, `[...]`, `**`); it must match at least one
+  file.
 - `-` is standard input or output, as CSV.
-- A path may begin with `{data}`, which stands for the folder that the key `data` names. Every
-  command has this key.
-- `-c NAME` is an installed config: `-c cars` of `fit` is `configs/cars/fit.yaml`. An existing file
-  of that name is preferred. Keys that apply only to its own data are ignored: paths,
-  `leave_one_out`, `camera.principal_point`, `match`, `groups` and `truth_frame`.
-- `-d NAME`, or `dictionary: NAME` in a file, is an installed dictionary, such as `people`. An
-  existing file of that name is preferred.
-- `--print-config` prints the config with every default; `shapefit config COMMAND` prints its keys.
+- A path may begin with `{data}`, which stands for the folder that the key `data`
+  names. Every command has this key.
+- `-c NAME` is an installed config: `-c cars` of `fit` is `configs/cars/fit.yaml`. An
+  existing file of that name is preferred. Keys that apply only to its own data are
+  ignored: paths, `leave_one_out`, `camera.principal_point`, `match`, `groups` and
+  `truth_frame`.
+- `-d NAME`, or `dictionary: NAME` in a file, is an installed dictionary, such as
+  `people`. An existing file of that name is preferred.
+- `--print-config` prints the config with every default; `shapefit config COMMAND`
+  prints its keys.
 """
 
 SHARED: dict[str, type[BaseModel]] = {
@@ -50,14 +56,20 @@ SHARED: dict[str, type[BaseModel]] = {
 
 COMMON = tuple(
     f"option_{name}"
-    for name in ["config", "set", "print_config", "json", "quiet", "verbose", "traceback"]
+    for name in [
+        "config",
+        "set",
+        "print_config",
+        "json",
+        "quiet",
+        "verbose",
+        "traceback",
+    ]
 )
 """Options of every command, which the page lists once."""
 
 
 STUB = """\
-# ruff: noqa: E501
-# fmt: off
 \"\"\"Signatures of the extension module, written by tools/generate.py.\"\"\"
 
 import numpy as np
@@ -81,7 +93,9 @@ def stub() -> str:
     """Return the signatures of the compiled core, one line for each function."""
     generator = StubGen(core._core, recursive=False)  # type: ignore[attr-defined]
     generator.put(core._core)  # type: ignore[attr-defined]
-    functions = [line for line in generator.get().splitlines() if line.startswith("def ")]
+    functions = [
+        line for line in generator.get().splitlines() if line.startswith("def ")
+    ]
     return "\n".join([STUB, *functions, ""])
 
 
@@ -90,20 +104,30 @@ def config_page() -> str:
     sections, listed = [KEYS], dict[type[BaseModel], set[str]]()
     for title, model in SHARED.items():
         above = set().union(*(listed[base] for base in model.__mro__ if base in listed))
-        users = [f"`{name}`" for name, config in CONFIGS.items() if issubclass(config, model)]
+        users = [
+            f"`{name}`" for name, config in CONFIGS.items() if issubclass(config, model)
+        ]
         shared = [row for row in rows(model) if row.name not in above]
         sections.append(f"## {title}: {', '.join(users)}\n\n{_table(shared)}")
         listed[model] = above | {row.name for row in shared}
     for command, config in CONFIGS.items():
-        above = set().union(*(listed[base] for base in config.__mro__ if base in listed))
+        above = set().union(
+            *(listed[base] for base in config.__mro__ if base in listed)
+        )
         others = [row for row in rows(config) if row.name not in above]
-        sections.append(f"## `{command}`\n\n{config.__doc__}\n\n{_table(others)}")
+        summary = " ".join((config.__doc__ or "").split())
+        sections.append(f"## `{command}`\n\n{summary}\n\n{_table(others)}")
     return "\n".join(sections)
 
 
 def _table(shown: Iterable[Row]) -> str:
-    lines = (f"| `{row.name}` | {row.expects} | `{row.default}` | {row.meaning} |" for row in shown)
-    return "\n".join(["| key | expects | default | meaning |", "|---|---|---|---|", *lines, ""])
+    lines = (
+        f"| `{row.name}` | {row.expects} | `{row.default}` | {row.meaning} |"
+        for row in shown
+    )
+    return "\n".join(
+        ["| key | expects | default | meaning |", "|---|---|---|---|", *lines, ""]
+    )
 
 
 def commands_page() -> str:
@@ -112,11 +136,17 @@ def commands_page() -> str:
     sections = ["# Commands\n", _help(context)]
     fit = copy(commands.commands["fit"])
     fit.params = [option for option in fit.params if option.name in COMMON]
-    options = _help(_context(fit, "fit", context)).partition("Options:")[2].partition("\n\n")[0]
+    options = (
+        _help(_context(fit, "fit", context))
+        .partition("Options:")[2]
+        .partition("\n\n")[0]
+    )
     sections += [f"## Options of every command\n\n```{options}\n```\n"]
     for name, command in commands.commands.items():
         other = copy(command)
-        other.params = [option for option in command.params if option.name not in COMMON]
+        other.params = [
+            option for option in command.params if option.name not in COMMON
+        ]
         sections += [f"## `{name}`\n", _help(_context(other, name, context))]
     return "\n".join(sections)
 

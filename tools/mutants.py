@@ -1,12 +1,15 @@
-"""Change the package in small ways, run the tests that reach each change, list what survives.
+"""Change the package in small ways, run the tests that reach each change, list what
+survives.
 
-    python tools/mutants.py --count 300 --seed 1 [--rooms shapefit/geometry cli] [--seconds 60]
+    python tools/mutants.py --count 300 --seed 1 [--rooms shapefit/geometry cli]
+    [--seconds 60]
 
-A mutant is one change of one expression: an operator, a constant, an order, a condition, a guard.
-Its tests are the quick ones that run its lines, as coverage records, those of its own folder first,
-the fastest first. What runs at import or in a fixture counts for the tests of its folder. A mutant
-survives when all of them pass, and where no test reaches it. All this happens in a checkout of HEAD
-of its own, so several may run at once.
+A mutant is one change of one expression: an operator, a constant, an order, a
+condition, a guard. Its tests are the quick ones that run its lines, as coverage
+records, those of its own folder first, the fastest first. What runs at import or in a
+fixture counts for the tests of its folder. A mutant survives when all of them pass, and
+where no test reaches it. All this happens in a checkout of HEAD of its own, so several
+may run at once.
 """
 
 from __future__ import annotations
@@ -35,12 +38,16 @@ import coverage
 
 PROJECT = Path(__file__).resolve().parents[1]
 PYTEST = ("-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow")
-COVERAGE = "[run]\nsource = shapefit,cli\ndynamic_context = test_function\ndata_file = {}\n"
+COVERAGE = (
+    "[run]\nsource = shapefit,cli\ndynamic_context = test_function\ndata_file = {}\n"
+)
 COMMAND = "#!{}\nimport sys\nfrom shapefit.cli.main import main\nsys.exit(main())\n"
 
 
 class Reach(NamedTuple):
-    """Tests (contexts of coverage) by file and line, and of each test its name and seconds."""
+    """Tests (contexts of coverage) by file and line, and of each test its name and
+    seconds.
+    """
 
     lines: dict[str, dict[int, list[str]]]
     names: dict[str, str]
@@ -49,7 +56,9 @@ class Reach(NamedTuple):
 
 @contextmanager
 def checkout() -> Iterator[Path]:
-    """Make a checkout of HEAD with an environment that borrows all other packages and the core."""
+    """Make a checkout of HEAD with an environment that borrows all other packages and
+    the core.
+    """
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         place = Path(folder).resolve() / "checkout"
         git("worktree", "add", "--quiet", "--detach", str(place), "HEAD")
@@ -61,10 +70,15 @@ def checkout() -> Iterator[Path]:
                 (place / "shapefit" / name).symlink_to(place / name)
             venv.create(place / ".venv", symlinks=True)
             (packages,) = place.glob(".venv/lib/python*/site-packages")
-            # Packages of a folder in a .pth file come last, and its editable installs do not count.
-            (packages / "paths.pth").write_text(f"{place}\n{installed}\n", encoding="utf-8")
+            # Packages of a folder in a .pth file come last, and its editable installs
+            # do not count.
+            (packages / "paths.pth").write_text(
+                f"{place}\n{installed}\n", encoding="utf-8"
+            )
             command = place / ".venv/bin/shapefit"
-            command.write_text(COMMAND.format(place / ".venv/bin/python"), encoding="utf-8")
+            command.write_text(
+                COMMAND.format(place / ".venv/bin/python"), encoding="utf-8"
+            )
             command.chmod(0o755)
             yield place
         finally:
@@ -73,12 +87,16 @@ def checkout() -> Iterator[Path]:
 
 def git(*arguments: str) -> str:
     """Run git in the project and return what it prints."""
-    done = subprocess.run(["git", *arguments], cwd=PROJECT, stdout=subprocess.PIPE, check=True)
+    done = subprocess.run(
+        ["git", *arguments], cwd=PROJECT, stdout=subprocess.PIPE, check=True
+    )
     return done.stdout.decode().strip()
 
 
 def run(place: Path, arguments: list[str], seconds: float | None = None) -> int | None:
-    """Run Python in a checkout; return its exit code, None where it takes longer than that."""
+    """Run Python in a checkout; return its exit code, None where it takes longer than
+    that.
+    """
     path = os.pathsep.join([str(place / ".venv/bin"), os.environ.get("PATH", "")])
     process = subprocess.Popen(
         [place / ".venv/bin/python", *arguments],
@@ -105,7 +123,10 @@ def record(place: Path, tests: list[str]) -> Reach:
     )
     settings.write_text(COVERAGE.format(data), encoding="utf-8")
     options = ["-n", "0", "-o", "junit_family=xunit1", f"--junitxml={report}", *tests]
-    run(place, ["-P", "-m", "coverage", "run", f"--rcfile={settings}", *PYTEST[1:], *options])
+    run(
+        place,
+        ["-P", "-m", "coverage", "run", f"--rcfile={settings}", *PYTEST[1:], *options],
+    )
     if not report.exists():
         sys.exit(f"The tests do not run:\n{(place / '.venv/log').read_text('utf-8')}")
     found = coverage.CoverageData(str(data))
@@ -117,21 +138,29 @@ def record(place: Path, tests: list[str]) -> Reach:
     return Reach(lines, *passing(ElementTree.parse(report).iter("testcase")))
 
 
-def passing(cases: Iterable[ElementTree.Element]) -> tuple[dict[str, str], dict[str, float]]:
-    """Return context -> name for pytest, and -> seconds, of the test functions that pass."""
+def passing(
+    cases: Iterable[ElementTree.Element],
+) -> tuple[dict[str, str], dict[str, float]]:
+    """Return context -> name for pytest, and -> seconds, of the test functions that
+    pass.
+    """
     names: dict[str, str] = {}
     seconds: dict[str, float] = defaultdict(float)
     failing = set()
     for case in cases:
         function = case.attrib["name"].partition("[")[0]
         file = case.attrib.get("file", "")
-        classes = case.attrib["classname"].removeprefix(file.removesuffix(".py").replace("/", "."))
+        classes = case.attrib["classname"].removeprefix(
+            file.removesuffix(".py").replace("/", ".")
+        )
         context = f"{case.attrib['classname']}.{function}"
         names[context] = "::".join([file, *classes.split(".")[1:], function])
         seconds[context] += float(case.attrib["time"])
         if case.find("failure") is not None or case.find("error") is not None:
             failing.add(context)
-    return {context: names[context] for context in names if context not in failing}, dict(seconds)
+    return {
+        context: names[context] for context in names if context not in failing
+    }, dict(seconds)
 
 
 def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> list[str]:
@@ -142,7 +171,9 @@ def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> list[s
     if "" in reached:  # at import or in a fixture
         every = {context for some in lines.values() for context in some}
         reached |= {context for context in reach.names if context in every}
-        reached |= {context for context, name in reach.names.items() if name.startswith(own)}
+        reached |= {
+            context for context, name in reach.names.items() if name.startswith(own)
+        }
 
     def order(context: str) -> tuple[bool, float]:
         return not reach.names[context].startswith(own), reach.seconds[context]
@@ -158,7 +189,9 @@ def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> list[s
 
 
 def verdict(place: Path, mutant: Mutant, tests: list[str], seconds: float) -> str:
-    """Return "killed", "survives" or "not reached"; the file is changed, and put back."""
+    """Return "killed", "survives" or "not reached"; the file is changed, and put
+    back.
+    """
     if not tests:
         return "not reached"
     original = mutant.path.read_bytes()
@@ -177,7 +210,16 @@ def verdict(place: Path, mutant: Mutant, tests: list[str], seconds: float) -> st
 
 
 PAIRS = (
-    *("Lt LtE", "GtE Gt", "Lt Gt", "Eq NotEq", "In NotIn", "Is IsNot", "Add Sub", "Mult Div"),
+    *(
+        "Lt LtE",
+        "GtE Gt",
+        "Lt Gt",
+        "Eq NotEq",
+        "In NotIn",
+        "Is IsNot",
+        "Add Sub",
+        "Mult Div",
+    ),
     *("Mod FloorDiv", "BitAnd BitOr", "sum max", "min max", "any all", "mean median"),
     *("argmin argmax", "minimum maximum", "zeros ones", "nansum nanmax"),
 )
@@ -187,13 +229,20 @@ NAMES = dict(pair.split()[::step] for step in (-1, 1) for pair in PAIRS)
 UNWRAPPED = {"sqrt", "abs", "exp", "log", "sorted", "clip"}
 """Functions whose first argument is taken in their place."""
 
-UNCHANGED = (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom, ast.Assert, ast.pattern)
+UNCHANGED = (
+    ast.Raise,
+    ast.JoinedStr,
+    ast.Import,
+    ast.ImportFrom,
+    ast.Assert,
+    ast.pattern,
+)
 NOT_RUN = {"annotation", "returns", "decorator_list", "type_params", "ctx"}
 
 
 class Mutant(NamedTuple):
-    """One change: its file, the lines of its statement up to it, what was there and what is, and
-    where that is in the bytes of the file.
+    """One change: its file, the lines of its statement up to it, what was there and
+    what is, and where that is in the bytes of the file.
     """
 
     path: Path
@@ -219,15 +268,18 @@ def mutants(path: Path) -> Iterator[Mutant]:
     for node, parent, first in expressions(ast.parse(source)):
         last = node.end_lineno or node.lineno
         place = slice(
-            starts[node.lineno] + node.col_offset, starts[last] + (node.end_col_offset or 0)
+            starts[node.lineno] + node.col_offset,
+            starts[last] + (node.end_col_offset or 0),
         )
         for new in changes(node, parent):
-            yield Mutant(path, range(first, last + 1), ast.unparse(node), ast.unparse(new), place)
+            yield Mutant(
+                path, range(first, last + 1), ast.unparse(node), ast.unparse(new), place
+            )
 
 
 def expressions(tree: ast.Module) -> Iterator[tuple[ast.expr, ast.AST, int]]:
-    """Yield the expressions that run and are no messages, with their parent and the line where
-    their statement begins.
+    """Yield the expressions that run and are no messages, with their parent and the
+    line where their statement begins.
     """
     waiting: list[tuple[ast.AST, int]] = [(tree, 1)]
     while waiting:
@@ -239,7 +291,9 @@ def expressions(tree: ast.Module) -> Iterator[tuple[ast.expr, ast.AST, int]]:
                 if field in NOT_RUN or isinstance(child, UNCHANGED):
                     continue
                 if isinstance(child, ast.AST):
-                    waiting.append((child, child.lineno if isinstance(child, ast.stmt) else first))
+                    waiting.append(
+                        (child, child.lineno if isinstance(child, ast.stmt) else first)
+                    )
                 if isinstance(child, ast.expr):
                     yield child, parent, first
 
@@ -255,9 +309,13 @@ def changes(node: ast.expr, parent: ast.AST) -> Iterator[ast.expr]:
         case ast.Compare(ops=[operator], comparators=[_]):
             yield changed(node, ops=[exchanged(operator)])
         case ast.BoolOp(op=operator, values=[first, *_]):
-            yield changed(node, op=ast.Or() if isinstance(operator, ast.And) else ast.And())
+            yield changed(
+                node, op=ast.Or() if isinstance(operator, ast.And) else ast.And()
+            )
             yield first
-        case ast.BinOp(left=left, right=right, op=operator) if type(operator).__name__ in NAMES:
+        case ast.BinOp(left=left, right=right, op=operator) if (
+            type(operator).__name__ in NAMES
+        ):
             if not is_text(left) and not is_text(right):
                 yield changed(node, op=exchanged(operator))
                 yield left
@@ -274,16 +332,22 @@ def changes(node: ast.expr, parent: ast.AST) -> Iterator[ast.expr]:
 
 
 def changes_of_call(node: ast.Call) -> Iterator[ast.expr]:
-    """Yield a call of another function, with two arguments swapped, without each keyword."""
+    """Yield a call of another function, with two arguments swapped, without each
+    keyword.
+    """
     match node.func:
         case ast.Name(id=name) if name in NAMES:
             yield changed(node, func=ast.Name(NAMES[name]))
         case ast.Attribute(value=value, attr=name) if name in NAMES:
             yield changed(node, func=ast.Attribute(value, NAMES[name]))
-        case ast.Name(id=name) | ast.Attribute(attr=name) if name in UNWRAPPED and node.args:
+        case ast.Name(id=name) | ast.Attribute(attr=name) if (
+            name in UNWRAPPED and node.args
+        ):
             yield node.args[0]
     match node.args:
-        case [first, second, *rest] if not any(isinstance(a, ast.Starred) for a in node.args):
+        case [first, second, *rest] if not any(
+            isinstance(a, ast.Starred) for a in node.args
+        ):
             yield changed(node, args=[second, first, *rest])
     for index in range(len(node.keywords)):
         yield changed(node, keywords=node.keywords[:index] + node.keywords[index + 1 :])
@@ -314,15 +378,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--rooms", nargs="+", default=["shapefit", "cli"], help="files or folders")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of tests, per mutant")
-    parser.add_argument("--tests", nargs="+", default=["tests"], help="tests that are run")
+    parser.add_argument(
+        "--rooms", nargs="+", default=["shapefit", "cli"], help="files or folders"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, help="of tests, per mutant"
+    )
+    parser.add_argument(
+        "--tests", nargs="+", default=["tests"], help="tests that are run"
+    )
     options = parser.parse_args()
     began, alive = time.monotonic(), 0
     with checkout() as place:
         reach = record(place, options.tests)
         roots = [place / room for room in options.rooms]
-        files = {f for root in roots for f in ([root] if root.is_file() else root.rglob("*.py"))}
+        files = {
+            f
+            for root in roots
+            for f in ([root] if root.is_file() else root.rglob("*.py"))
+        }
         every = [mutant for path in sorted(files) for mutant in mutants(path)]
         some = random.Random(options.seed).sample(every, min(options.count, len(every)))
         print(f"{len(some)} of {len(every)} mutants", flush=True)

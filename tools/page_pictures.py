@@ -1,7 +1,8 @@
-"""Photograph pages for README and the gallery, and animate one: python tools/page_pictures.py.
+"""Photograph pages for README and the gallery, and animate one: python
+tools/page_pictures.py.
 
-Reads the walk of `make demo` and runs docs/gallery. Needs chromium and chromedriver, and selenium
-and Pillow of the extra `test-all`.
+Reads the walk of `make demo` and runs docs/gallery. Needs chromium and chromedriver,
+and selenium and Pillow of the extra `test-all`.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ PAUSE = "setTimeout(arguments[0], 300)"
 """The words under the chart follow the picture after a moment."""
 RESULT, ITEM = "walk", "openpose/person 1/20"
 STEPS, SECONDS, TURN = 72, 3.6, 40.0
-"""Pictures of the animation, its length, and degrees by which the view turns to either side."""
+"""Pictures of the animation, its length, and degrees by which the view turns to either
+side.
+"""
 BUDGET = 1_500_000
 """Bytes of the animation, at most."""
 GALLERY = {
@@ -45,17 +48,24 @@ GALLERY = {
     "cars_to_blender.sh": "sheet.png",
     "python_arrays.py": "ankles.png",
 }
-"""Script of docs/gallery -> what it writes that is shown: a result, by its page, or a picture."""
+"""Script of docs/gallery -> what it writes that is shown: a result, by its page, or a
+picture.
+"""
 WIDTH = 1000
 """Pixels of a picture of the gallery."""
 
 STAGE = """
-  for (const part of document.querySelectorAll("header, main, footer")) part.hidden = true;
+  for (const part of document.querySelectorAll("header, main, footer")) {
+    part.hidden = true;
+  }
   document.body.style.display = "block";
-  shapefit.data.image = null; // small panels show the people, not the border of the image
-  window.panels = [["plane", 230], ["space", 320], ["chart", 250]].map(([name, width]) => {
+  // Small panels show the people, not the border of the image.
+  shapefit.data.image = null;
+  const widths = [["plane", 230], ["space", 320], ["chart", 250]];
+  window.panels = widths.map(([name, width]) => {
     const canvas = document.createElement("canvas");
-    Object.assign(canvas.style, { width: `${width}px`, height: "276px", display: "inline-block" });
+    const style = { width: `${width}px`, height: "276px", display: "inline-block" };
+    Object.assign(canvas.style, style);
     document.body.append(canvas);
     return { name, width, canvas };
   });
@@ -64,7 +74,8 @@ PAINT = """
   const [time, yaw, titles] = arguments;
   const { data, view } = shapefit;
   Object.assign(view, { frame: data.recordings[0].tracks[0].frames[time], yaw });
-  const whole = Object.assign(document.createElement("canvas"), { width: 800, height: 300 });
+  const size = { width: 800, height: 300 };
+  const whole = Object.assign(document.createElement("canvas"), size);
   const context = whole.getContext("2d");
   Object.assign(context, { fillStyle: "white", font: "13px system-ui, sans-serif" });
   context.fillRect(0, 0, 800, 300);
@@ -78,7 +89,8 @@ PAINT = """
       const pen = canvas.getContext("2d");
       const [from, to] = [chart.LEFT, width - chart.RIGHT];
       pen.fillStyle = look.text("ink");
-      pen.fillRect(from + ((to - from) * (time + 0.5)) / rows[0].values.length, 6, 2, 248);
+      const middle = (time + 0.5) / rows[0].values.length;
+      pen.fillRect(from + (to - from) * middle, 6, 2, 248);
     }
     context.drawImage(canvas, left, 24, width, 276);
     context.fillStyle = look.text("faint");
@@ -91,7 +103,9 @@ TITLES = ("landmarks of one camera", "3D with error bars", "knee angle")
 
 
 def photograph(demo: Path, images: Path) -> None:
-    """Take the picture of the page of the walk in `demo`, and the animation, into `images`."""
+    """Take the picture of the page of the walk in `demo`, and the animation, into
+    `images`.
+    """
     with page_of(demo / f"{RESULT}.h5") as driver:
         go = "shapefit.go(shapefit.data.items.indexOf(arguments[0]))"
         driver.execute_script(go, ITEM)
@@ -116,7 +130,9 @@ def illustrate_gallery(images: Path) -> None:
 
 
 def run_script(script: str, folder: Path) -> None:
-    """Run a script of the gallery in the clone, with the commands of this environment."""
+    """Run a script of the gallery in the clone, with the commands of this
+    environment.
+    """
     shell = "sh" if script.endswith(".sh") else sys.executable
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     line = [shell, f"docs/gallery/{script}", str(folder)]
@@ -125,12 +141,16 @@ def run_script(script: str, folder: Path) -> None:
 
 @contextmanager
 def page_of(result: Path, **keys: Any) -> Iterator[Any]:
-    """Open the page of a result, with keys of `view`, in a browser in which nothing plays."""
+    """Open the page of a result, with keys of `view`, in a browser in which nothing
+    plays.
+    """
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or "chromium"
     for flag in FLAGS:
         options.add_argument(flag)
-    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    driver = webdriver.Chrome(
+        options=options, service=Service(shutil.which("chromedriver"))
+    )
     try:
         driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SIZE)
         driver.execute_cdp_cmd("Emulation.setEmulatedMedia", MOTIONLESS)
@@ -153,7 +173,9 @@ def settled(driver: Any) -> bytes:
 
 
 def animate(driver: Any, target: Path) -> None:
-    """Write landmarks, the turning skeleton and an angle, drawn by the page itself, as WebP."""
+    """Write landmarks, the turning skeleton and an angle, drawn by the page itself, as
+    WebP.
+    """
     driver.execute_script(STAGE)
     length = driver.execute_script("return shapefit.data.recordings[0].length")
     pictures = []
@@ -171,7 +193,9 @@ def animate(driver: Any, target: Path) -> None:
     }
     pictures[0].save(target, append_images=pictures[1:], **how)
     if target.stat().st_size > BUDGET:
-        raise RuntimeError(f"{target} has {target.stat().st_size} bytes: lower its quality")
+        raise RuntimeError(
+            f"{target} has {target.stat().st_size} bytes: lower its quality"
+        )
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
-"""Make a dictionary small enough for the package: single precision, compressed, without folders.
+"""Make a dictionary small enough for the package: single precision, compressed, without
+folders.
 
 Usage: python tools/ship_dictionary.py LEARNED.h5 shapefit/data/NAME.h5
 
-The shares of the prior stay as they are, since they must add up to 1. What the objective was in
-each round of learning is left out. Of every path in the attributes only the name is kept.
+The shares of the prior stay as they are, since they must add up to 1. What the
+objective was in each round of learning is left out. Of every path in the attributes
+only the name is kept.
 """
 
 from __future__ import annotations
@@ -19,12 +21,18 @@ import numpy as np
 from shapefit.io import read_dictionary
 
 ORIGIN = {
-    "source": "CMU Motion Capture Database, mocap.cs.cmu.edu: subjects 01, 02, 03, 10, 64, 86, 118 "
-    "and 124",
-    "licence": "Free for all uses; may be part of products, but may not be resold directly, even "
-    "in converted form.",
-    "acknowledgement": "The data used in this project was obtained from mocap.cs.cmu.edu. The "
-    "database was created with funding from NSF EIA-0196217.",
+    "source": (
+        "CMU Motion Capture Database, mocap.cs.cmu.edu: subjects 01, 02, 03, 10, 64,"
+        " 86, 118 and 124"
+    ),
+    "licence": (
+        "Free for all uses; may be part of products, but may not be resold directly,"
+        " even in converted form."
+    ),
+    "acknowledgement": (
+        "The data used in this project was obtained from mocap.cs.cmu.edu. The "
+        "database was created with funding from NSF EIA-0196217."
+    ),
     "suits": "people sequences",
 }
 """What the attributes of `people` say of its shapes, and the configs that suit it."""
@@ -40,10 +48,15 @@ def main() -> None:
             if name not in LEFT_OUT:
                 copy(shipped, name, dataset[()])
         attributes = dict(learned.attrs) | ORIGIN
-        attributes["config"] = json.dumps(without_folders(json.loads(attributes["config"])))
+        attributes["config"] = json.dumps(
+            without_folders(json.loads(attributes["config"]))
+        )
         digests = json.loads(attributes["inputs"])
-        attributes["inputs"] = json.dumps({Path(key).name: text for key, text in digests.items()})
-        # Written once: what an attribute held before would stay in the bytes of the file.
+        attributes["inputs"] = json.dumps(
+            {Path(key).name: text for key, text in digests.items()}
+        )
+        # Written once: what an attribute held before would stay in the bytes of the
+        # file.
         for name, value in attributes.items():
             shipped.attrs[name] = value
     read_dictionary(target)
@@ -55,7 +68,11 @@ def copy(file: Any, name: str, values: Any) -> None:
     numbers = isinstance(values, np.ndarray) and values.dtype.kind == "f"
     if numbers and name not in EXACT:
         values = values.astype(np.float32)
-    small = {"compression": "gzip", "compression_opts": 9, "shuffle": True} if numbers else {}
+    small = (
+        {"compression": "gzip", "compression_opts": 9, "shuffle": True}
+        if numbers
+        else {}
+    )
     file.create_dataset(name, data=values, **small)
 
 
@@ -65,7 +82,9 @@ def without_folders(value: Any) -> Any:
         return {key: without_folders(inner) for key, inner in value.items()}
     if isinstance(value, list):
         return [without_folders(inner) for inner in value]
-    return Path(value).name if isinstance(value, str) and value.startswith("/") else value
+    return (
+        Path(value).name if isinstance(value, str) and value.startswith("/") else value
+    )
 
 
 if __name__ == "__main__":

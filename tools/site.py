@@ -1,7 +1,9 @@
-"""Build the site: gather the pages, add the functions and a live result, build, check the links.
+"""Build the site: gather the pages, add the functions and a live result, build, check
+the links.
 
-`python tools/site.py` (`make site`) writes build/site/html, with the settings of mkdocs.yml. The
-pages keep their places, so that a link leads to the same page here and there.
+`python tools/site.py` (`make site`) writes build/site/html, with the settings of
+mkdocs.yml. The pages keep their places, so that a link leads to the same page here and
+there.
 """
 
 from __future__ import annotations
@@ -30,16 +32,22 @@ GATHERED = (
 
 
 def main() -> None:
-    """Write the site, and end with the exit code of its builder: a link that leads nowhere is 1."""
+    """Write the site, and end with the exit code of its builder: a link that leads
+    nowhere is 1.
+    """
     shutil.rmtree(PAGES.parent, ignore_errors=True)
     for pattern in GATHERED:
         for path in PROJECT.glob(pattern):
             place = PAGES / path.relative_to(PROJECT)
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, place)
-    for path in PAGES.glob("benchmarks/**/*.md"):  # for developers: linked to, not searched
+    for path in PAGES.glob(
+        "benchmarks/**/*.md"
+    ):  # for developers: linked to, not searched
         text = path.read_text(encoding="utf-8")
-        path.write_text(f"---\nsearch:\n  exclude: true\n---\n\n{text}", encoding="utf-8")
+        path.write_text(
+            f"---\nsearch:\n  exclude: true\n---\n\n{text}", encoding="utf-8"
+        )
     (PAGES / "docs/api.md").write_text(functions_page(), encoding="utf-8")
     write_sample(PAGES / "sample.html")
     build = [
@@ -50,7 +58,11 @@ def main() -> None:
         "--strict",
     ]  # --quiet would let bad links pass
     done = subprocess.run(build, cwd=PROJECT, stderr=subprocess.PIPE, text=True)
-    wrong = [line for line in done.stderr.splitlines() if line.startswith(("WARNING", "ERROR"))]
+    wrong = [
+        line
+        for line in done.stderr.splitlines()
+        if line.startswith(("WARNING", "ERROR"))
+    ]
     sys.exit("\n".join(wrong or [done.stderr]) if done.returncode else None)
 
 
@@ -70,7 +82,10 @@ def write_sample(page: Path) -> None:
         result = str(Path(folder) / "walk.h5")
         given = ["sample_data/openpose", "-d", "people", "--set", "keypoints=body_25"]
         rate = ["--set", "frame_rate=25"]
-        for arguments in (["fit", *given, *rate, "-o", result], ["view", result, "-o", str(page)]):
+        for arguments in (
+            ["fit", *given, *rate, "-o", result],
+            ["view", result, "-o", str(page)],
+        ):
             subprocess.run([*command, *arguments, "-q"], cwd=PROJECT, check=True)
 
 

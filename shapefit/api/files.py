@@ -20,8 +20,8 @@ File = str | PathLike[str]
 def read_shapes(*paths: File, **options: Any) -> Shapes:
     """Read files of 3D shapes, in any format of `learn-dict`, as one set.
 
-    Shapes that lack a landmark are left out. options say how files are read, with the names of the
-    config keys, such as `rename={"LHip": "lhip"}`. Raises InputError.
+    Shapes that lack a landmark are left out. options say how files are read, with the
+    names of the config keys, such as `rename={"LHip": "lhip"}`. Raises InputError.
     """
     return Shapes.of(io.read_shapes([Path(path) for path in paths], _input(options)))
 
@@ -30,14 +30,17 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
     """Read files of 2D landmarks, in any format of `fit`, as one set.
 
     options say how files are read, with the names of the config keys, such as
-    `keypoints="body_25"`; `track="nearest"` joins detections over frames. Raises InputError.
+    `keypoints="body_25"`; `track="nearest"` joins detections over frames. Raises
+    InputError.
     """
     with io.open_landmarks([Path(path) for path in paths], _input(options)) as source:
         return Landmarks.of(source.whole())
 
 
 def read_dictionary(path: File) -> Dictionary:
-    """Read a dictionary: a file, or the installed one of that name, such as "people"."""
+    """Read a dictionary: a file, or the installed one of that name, such as
+    "people".
+    """
     file = Path(path)
     if not file.is_file():
         file = find_dictionaries().get(str(path), file)
@@ -66,7 +69,9 @@ def write_dictionary(path: File, dictionary: Dictionary) -> None:
 
 
 def write_results(path: File, result: Fit) -> None:
-    """Write a fit as `fit -o` does: HDF5, or the format that the name ends in, such as .trc."""
+    """Write a fit as `fit -o` does: HDF5, or the format that the name ends in, such as
+    .trc.
+    """
     target = Path(path)
     in_metres = find_target_format(target).in_metres
     options = OutputOptions(height=stated_height(result) if in_metres else None)

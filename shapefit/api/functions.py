@@ -1,6 +1,7 @@
 """`fit`, `learn` and `evaluate`: the pipelines of the commands, on arrays.
 
-Keyword arguments are checked against the config of the command: same keys, defaults and errors.
+Keyword arguments are checked against the config of the command: same keys, defaults and
+errors.
 """
 
 from __future__ import annotations
@@ -63,11 +64,21 @@ FILES: Mapping[str, Mapping[str, Any]] = {
         "output": Path("report"),
     },
 }
-"""Keys of the commands whose place arrays take, and what stands for the files in messages."""
+"""Keys of the commands whose place arrays take, and what stands for the files in
+messages.
+"""
 
 FUNCTIONS = {"fit": "fit", "learn-dict": "learn", "eval": "evaluate"}
 
-IN_BOTH = ("shapes", "landmark_names", "items", "sequences", "unit", "frame_rate", "extras")
+IN_BOTH = (
+    "shapes",
+    "landmark_names",
+    "items",
+    "sequences",
+    "unit",
+    "frame_rate",
+    "extras",
+)
 """Fields of Shapes that a Fit has, too."""
 
 BARS = ("shape_sd", "shape_correlation", "shape_covariance", "p_value")
@@ -86,25 +97,32 @@ def fit(
     keypoints: str | None = None,
     **options: Any,
 ) -> Fit:
-    """Lift 2D landmarks to 3D shapes; equal bit for bit to what the command `fit` writes.
+    """Lift 2D landmarks to 3D shapes; equal bit for bit to what the command `fit`
+    writes.
 
-    landmarks: arrays (n, p, 2), NaN where unseen, or (n, p, 3) with a confidence; (p, 2) of one
-    image; or Landmarks with names. Arrays have the landmarks of the dictionary in its order (of
-    "people" the first 15), or those of the skeleton that `keypoints` names, such as "coco_17".
-    dictionary: one that was read or learned, a file, or an installed one, such as "people".
-    weights (n, p) >= 0, 0 = hidden, in place of a confidence; lam and method as `lambda` and
-    `method` of the command. camera: matrices (3, 3) or (n, 3, 3) for a perspective camera, or the
-    section `camera` of the command, where `focal` may be such matrices.
-    config: a YAML file, read as the command reads it, or the name of an installed one.
-    options are further keys of the command, sections as mappings, such as
-    `prior={"scale": 2}` (docs/config.md). Images without a shape are in `failures` of
-    the result; what the command warns of is a Python warning. Raises InputError.
+    landmarks: arrays (n, p, 2), NaN where unseen, or (n, p, 3) with a confidence; (p,
+    2) of one image; or Landmarks with names. Arrays have the landmarks of the
+    dictionary in its order (of "people" the first 15), or those of the skeleton that
+    `keypoints` names, such as "coco_17". dictionary: one that was read or learned, a
+    file, or an installed one, such as "people". weights (n, p) >= 0, 0 = hidden, in
+    place of a confidence; lam and method as `lambda` and `method` of the command.
+    camera: matrices (3, 3) or (n, 3, 3) for a perspective camera, or the section
+    `camera` of the command, where `focal` may be such matrices. config: a YAML file,
+    read as the command reads it, or the name of an installed one. options are further
+    keys of the command, sections as mappings, such as `prior={"scale": 2}`
+    (docs/config.md). Images without a shape are in `failures` of the result; what the
+    command warns of is a Python warning. Raises InputError.
     """
     section: Any = {} if camera is None else camera
     section = dict(section) if isinstance(section, Mapping) else {"focal": section}
     matrices = section.get("focal") if np.ndim(section.get("focal")) >= 2 else None
     section |= {} if matrices is None else {"focal": "files"}
-    given = {"lambda": lam, "method": method, "camera": section or None, "keypoints": keypoints}
+    given = {
+        "lambda": lam,
+        "method": method,
+        "camera": section or None,
+        "keypoints": keypoints,
+    }
     read: FitConfig = config_of("fit", given | options, config)
     atoms = _dictionary(dictionary)
     images = _images(landmarks, read, atoms.marked(()).landmark_names)
@@ -138,8 +156,12 @@ def fit(
 def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
     """Return a dictionary, read where it is a name or a file. Raises InputError."""
     if not isinstance(given, Dictionary | str | PathLike):
-        fault = f"is no dictionary, but {type(given).__name__} {np.shape(given) or ''}".rstrip()
-        fix = "for arrays there is solve(W, B, lam); Dictionary(atoms=B) takes atoms (k, p, 3)"
+        shape = f" {np.shape(given)}" if np.shape(given) else ""
+        fault = f"is no dictionary, but {type(given).__name__}{shape}"
+        fix = (
+            "for arrays there is solve(W, B, lam); Dictionary(atoms=B) takes atoms (k,"
+            " p, 3)"
+        )
         raise input_error("dictionary", fault, fix)
     atoms = (given if isinstance(given, Dictionary) else read_dictionary(given)).model()
     check_given_dictionary(atoms, "dictionary")
@@ -147,9 +169,11 @@ def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
 
 
 def _images(landmarks: Any, section: FitConfig, names: Names) -> LandmarkSet:
-    """Return landmarks as the package has them, with these names (p) where they have none.
+    """Return landmarks as the package has them, with these names (p) where they have
+    none.
 
-    Arrays with confidences, of a skeleton or of one image are read as files of a detector are.
+    Arrays with confidences, of a skeleton or of one image are read as files of a
+    detector are.
     """
     if not isinstance(landmarks, Landmarks):
         try:
@@ -161,7 +185,9 @@ def _images(landmarks: Any, section: FitConfig, names: Names) -> LandmarkSet:
         if of_detector and section.keypoints is None and points.shape[-2] != len(names):
             raise unnamed("landmarks", points.shape[-2], names)
         if of_detector or section.keypoints is not None:
-            named: dict[str, Any] = {} if section.keypoints else {"landmark_names": tuple(names)}
+            named: dict[str, Any] = (
+                {} if section.keypoints else {"landmark_names": tuple(names)}
+            )
             poses = of_array(Path("landmarks"), points, **named)
             return landmarks_of(poses, input_options(section))[0]
         landmarks = Landmarks(points)
@@ -177,12 +203,15 @@ def learn(
 ) -> Dictionary:
     """Learn a dictionary from 3D shapes; equal bit for bit to what `learn-dict` writes.
 
-    shapes (n, p, 3), or Shapes with names, sequences, edges or a mesh; k, beta and options are
-    keys of the command, such as `method="exemplars"` (docs/config.md). Shapes that cannot be used,
-    and what else the command warns of, are Python warnings. Raises InputError.
+    shapes (n, p, 3), or Shapes with names, sequences, edges or a mesh; k, beta and
+    options are keys of the command, such as `method="exemplars"` (docs/config.md).
+    Shapes that cannot be used, and what else the command warns of, are Python warnings.
+    Raises InputError.
     """
     # Other methods do not have these keys: their defaults count as not given.
-    coding = {key: value for key, value in {"k": k, "beta": beta}.items() if value is not None}
+    coding = {
+        key: value for key, value in {"k": k, "beta": beta}.items() if value is not None
+    }
     config = config_of("learn-dict", coding | options)
     given = shapes if isinstance(shapes, Shapes | Fit) else Shapes(shapes)
     training = source_of(given.record(), "shapes", config.rename).whole()
@@ -210,10 +239,12 @@ def _ended(steps: Generator[Result, None, Made]) -> tuple[Made, list[Result]]:
 
 @dataclass(frozen=True, repr=False)
 class Evaluation:
-    """Errors of n images: errors maps a metric and its unit to (n,), nan where it is undefined.
+    """Errors of n images: errors maps a metric and its unit to (n,), nan where it is
+    undefined.
 
-    items and sequences (n); summaries as in report.csv: of the group `all`, or of each group, and
-    of each sequence; failures maps the images without one or more errors to the reason.
+    items and sequences (n); summaries as in report.csv: of the group `all`, or of each
+    group, and of each sequence; failures maps the images without one or more errors to
+    the reason.
     """
 
     items: tuple[str, ...]
@@ -223,14 +254,17 @@ class Evaluation:
     failures: Mapping[str, str]
 
     def mean(self, metric: str, unit: str | None = None) -> float:
-        """Return the mean over the groups' means in a metric, in its first unit if none is given.
+        """Return the mean over the groups' means in a metric, in its first unit if none
+        is given.
 
         Raises ValueError where nothing was measured in it.
         """
         rows = [s for s in self.summaries if s.metric == metric and s.sequence is None]
         rows = [s for s in rows if s.unit == (unit or rows[0].unit)]
         if not rows:
-            raise ValueError(f"no {metric} was measured" + (f" in {unit}" if unit else ""))
+            raise ValueError(
+                f"no {metric} was measured" + (f" in {unit}" if unit else "")
+            )
         return float(np.mean([row.mean for row in rows]))
 
 
@@ -241,12 +275,13 @@ def evaluate(
     match: str | None = None,
     **options: Any,
 ) -> Evaluation:
-    """Compare a fit with the true shapes; errors and sums equal those that `eval` writes.
+    """Compare a fit with the true shapes; errors and sums equal those that `eval`
+    writes.
 
-    result: a Fit, or shapes (n, p, 3) from elsewhere; truth (n, p, 3), in the order of the images,
-    or Shapes, matched by `match` and landmarks by name; metrics as of the command, those that the
-    result lacks the datasets for left out with a warning; options are `groups`,
-    `least_visible` and `rename`. Raises InputError.
+    result: a Fit, or shapes (n, p, 3) from elsewhere; truth (n, p, 3), in the order of
+    the images, or Shapes, matched by `match` and landmarks by name; metrics as of the
+    command, those that the result lacks the datasets for left out with a warning;
+    options are `groups`, `least_visible` and `rename`. Raises InputError.
     """
     if beyond := options.keys() - {"groups", "least_visible", "rename"}:
         fix = "use `groups`, `least_visible` or `rename`, or the command line"
@@ -263,7 +298,9 @@ def evaluate(
     if true.items is None:
         if len(true) != len(record):
             fault = f"has {len(true)} shapes for {len(record)} images"
-            raise input_error("truth", fault, "give one for each, or name them: Shapes(..., items)")
+            raise input_error(
+                "truth", fault, "give one for each, or name them: Shapes(..., items)"
+            )
         shapes = shapes.replaced(items=record.items)
     measured = measure(Path("result"), record, shapes, config)
     grouping = group_sequences(config.groups, measured.sequences)
@@ -272,7 +309,9 @@ def evaluate(
         items=measured.items,
         sequences=measured.sequences,
         errors=measured.errors,
-        summaries=tuple(summarise("result", measured.sequences, measured.errors, grouping)),
+        summaries=tuple(
+            summarise("result", measured.sequences, measured.errors, grouping)
+        ),
         failures=measured.failures,
     )
 
@@ -280,21 +319,29 @@ def evaluate(
 def config_of(
     command: str, given: Mapping[str, Any], config: str | PathLike[str] | None = None
 ) -> Any:
-    """Return the config that the arguments of a function make, over those of a config file.
+    """Return the config that the arguments of a function make, over those of a config
+    file.
 
     Raises InputError for each problem, with the name of its argument.
     """
     prefix = f"{FUNCTIONS[command]}."
     for key in given.keys() & {*FILES[command], "data", "export"}:
-        fix = "it is for files: use the command line, or the functions of shapefit that write"
+        fix = (
+            "it is for files: use the command line, or the functions of shapefit that"
+            " write"
+        )
         raise input_error(f"{prefix}{key}", f"there is no argument `{key}`", fix)
     path = None if config is None else Path(config)
     arguments, stand_ins = plain(given), FILES[command]
-    return load_config(command, path, arguments=arguments, prefix=prefix, stand_ins=stand_ins)
+    return load_config(
+        command, path, arguments=arguments, prefix=prefix, stand_ins=stand_ins
+    )
 
 
 def plain(value: Any) -> Any:
-    """Return a value as YAML would have it: no numbers or arrays of NumPy, no tuples, no paths."""
+    """Return a value as YAML would have it: no numbers or arrays of NumPy, no tuples,
+    no paths.
+    """
 
     def as_text_or_numbers(part: Any) -> Any:
         return part.tolist() if isinstance(part, np.ndarray | np.generic) else str(part)

@@ -18,7 +18,8 @@ class Optimum:
 
     transforms    M (n, k, 2, 3), most of them 0
     translation   T (n, 2)
-    dual          Y (n, 2, p): with sum_j omega_j Y_j = 0 and ||(Omega o Y) B_i^T||_* <= lambda, its
+    dual          Y (n, 2, p): with sum_j omega_j Y_j = 0 and ||(Omega o Y) B_i^T||_* <=
+                  lambda, its
                   value <W, Omega o Y> - 1/2 ||Y||^2 (squared loss) is a lower bound
     objective     (n,), of M and T
     relative_gap  (n,), how far the objective may be above the optimum, as a share of it
@@ -45,12 +46,13 @@ def solve(
     max_iterations: int = 1000,
     threads: int = 0,
 ) -> Optimum:
-    """min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2, certified.
+    """min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2,
+    certified.
 
-    landmarks W (2, p) of one image or (n, 2, p), nan where unseen; atoms B (k, 3, p); weights Omega
-    (p,) or (n, p) >= 0; loss f: squared, exact, l1 or sparse-error with its weight beta. Nothing is
-    normalised or centred, as `fit` does. Raises ValueError on what does not fit together. The
-    method: shapefit/core/convex/newton.hpp.
+    landmarks W (2, p) of one image or (n, 2, p), nan where unseen; atoms B (k, 3, p);
+    weights Omega (p,) or (n, p) >= 0; loss f: squared, exact, l1 or sparse-error with
+    its weight beta. Nothing is normalised or centred, as `fit` does. Raises ValueError
+    on what does not fit together. The method: shapefit/core/convex/newton.hpp.
     """
     W, B = np.asarray(landmarks, np.float64), np.asarray(atoms, np.float64)
     omega = None if weights is None else np.asarray(weights, np.float64)

@@ -1,4 +1,6 @@
-"""Shapes, landmarks, dictionaries and fits: dataclasses with one landmark per row, as in files."""
+"""Shapes, landmarks, dictionaries and fits: dataclasses with one landmark per row, as
+in files.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,15 @@ if TYPE_CHECKING:
     from shapefit.geometry.cameras import Up
 
 Names = Sequence[str]
-NOT_COLUMNS = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate", "attributes")
+NOT_COLUMNS = (
+    "landmark_names",
+    "items",
+    "sequences",
+    "unit",
+    "y_axis",
+    "frame_rate",
+    "attributes",
+)
 
 
 class _Items:
@@ -53,23 +63,31 @@ class _Items:
         """Return a record of the package with one landmark per row."""
         names = {field.name for field in fields(cls)}  # type: ignore[arg-type]
         columns = _transposed(record.columns, record.LAYOUT)
-        values = {name: getattr(record, name) for name in names.intersection(NOT_COLUMNS)}
+        values = {
+            name: getattr(record, name) for name in names.intersection(NOT_COLUMNS)
+        }
         values |= {name: columns.pop(name) for name in names & columns.keys()}
         return cls(**values, **further, extras=columns)  # type: ignore[call-arg]
 
     def record(self, names: Names | None = None) -> Any:
         """Return the record of the package; `names` where the landmarks have none.
 
-        Items without names are numbered. Raises InputError where the names are too few or many.
+        Items without names are numbered. Raises InputError where the names are too few
+        or many.
         """
-        layout, given = self.RECORD.LAYOUT, {k: v for k, v in vars(self).items() if v is not None}
+        layout, given = (
+            self.RECORD.LAYOUT,
+            {k: v for k, v in vars(self).items() if v is not None},
+        )
         n, p = given[layout.points].shape[:2]
         plain: dict[str, Any] = {"items": tuple(map(str, range(n)))}
         plain["landmark_names"] = names or tuple(map(str, range(p)))
         plain |= {name: given[name] for name in NOT_COLUMNS if name in given}
         if len(plain["landmark_names"]) != p:
             raise unnamed(layout.points, p, plain["landmark_names"])
-        columns = {k: v for k, v in given.items() if k in layout.all and k not in NOT_COLUMNS}
+        columns = {
+            k: v for k, v in given.items() if k in layout.all and k not in NOT_COLUMNS
+        }
         free = free_names(self.extras, {"item", "sequence", "landmark_names", *columns})
         extras = {free[name]: np.asarray(value) for name, value in self.extras.items()}
         whole = {
@@ -87,11 +105,17 @@ class _Items:
     def __getitem__(self, rows: int | slice | ArrayLike) -> Self:
         numbers = np.atleast_1d(np.arange(len(self))[rows])  # type: ignore[index]
         part = self.of(self.record().take(numbers))
-        return part if self.landmark_names is not None else part.replaced(landmark_names=None)
+        return (
+            part
+            if self.landmark_names is not None
+            else part.replaced(landmark_names=None)
+        )
 
     def __repr__(self) -> str:
         parts = [counted(len(self), "item")]
-        parts.append(counted(getattr(self, self.RECORD.LAYOUT.points).shape[1], "landmark"))
+        parts.append(
+            counted(getattr(self, self.RECORD.LAYOUT.points).shape[1], "landmark")
+        )
         return f"<shapefit.{type(self).__name__}: {', '.join(parts)}, in {self.unit}>"
 
     def replaced(self, **changes: Any) -> Self:
@@ -103,9 +127,10 @@ class _Items:
 class Shapes(_Items):
     """n shapes of p landmarks: shapes (n, p, 3) in `unit`.
 
-    items name the shapes, by default 0, 1, ...; sequences (n) the clip or group of each; edges
-    (e, 2) are pairs of landmarks; mesh_vertices (n, q, 3) and mesh_faces (f, 3) a mesh; frame_rate
-    of the sequences in Hz; extras are further datasets. A slice or a mask gives some of them.
+    items name the shapes, by default 0, 1, ...; sequences (n) the clip or group of
+    each; edges (e, 2) are pairs of landmarks; mesh_vertices (n, q, 3) and mesh_faces
+    (f, 3) a mesh; frame_rate of the sequences in Hz; extras are further datasets. A
+    slice or a mask gives some of them.
     """
 
     RECORD = ShapeSet
@@ -127,10 +152,11 @@ class Shapes(_Items):
 class Landmarks(_Items):
     """n images of p landmarks: landmarks (n, p, 2) in `unit`, NaN where unseen.
 
-    confidence (n, p) >= 0 weights the landmarks, 0 = hidden; None is 1 for all. items name the
-    images, by default 0, 1, ...; sequences (n) the clip of each; y_axis is where y points, down as
-    pixels are counted; extras are further datasets, such as `true_rotation` (n, 3, 3) or
-    `camera_matrix` (3, 3). A slice or a mask gives some of them.
+    confidence (n, p) >= 0 weights the landmarks, 0 = hidden; None is 1 for all. items
+    name the images, by default 0, 1, ...; sequences (n) the clip of each; y_axis is
+    where y points, down as pixels are counted; extras are further datasets, such as
+    `true_rotation` (n, 3, 3) or `camera_matrix` (3, 3). A slice or a mask gives some of
+    them.
     """
 
     RECORD = LandmarkSet
@@ -154,12 +180,13 @@ def to_metres(
     unit: str | None = None,
     up: Up | None = None,
 ) -> np.recarray[Any, Any]:
-    """Return joints in metres: a row per frame and landmark, as `convert -o x.metres.csv` writes.
+    """Return joints in metres: a row per frame and landmark, as `convert -o
+    x.metres.csv` writes.
 
-    Columns: frame, time (s, or frames without a frame rate), landmark, x, y, z, sd of the distance
-    to the point, trusted, sequence; nan in gaps. height of the body in metres, by default that of
-    the fit; unit and up as of `convert`. Raises InputError where nothing says how large the shapes
-    are.
+    Columns: frame, time (s, or frames without a frame rate), landmark, x, y, z, sd of
+    the distance to the point, trusted, sequence; nan in gaps. height of the body in
+    metres, by default that of the fit; unit and up as of `convert`. Raises InputError
+    where nothing says how large the shapes are.
     """
     height = stated_height(fit) if height is None else height
     options = OutputOptions(height=height, unit=unit, up=up)
@@ -177,12 +204,15 @@ def to_metres(
 
 def stated_height(fit: Fit) -> float | None:
     """Return the height in metres that a fit was given."""
-    height: float | None = json.loads(str(fit.attributes.get("config", "{}"))).get("height")
+    height: float | None = json.loads(str(fit.attributes.get("config", "{}"))).get(
+        "height"
+    )
     return height
 
 
 def to_pandas(fit: Fit) -> Any:
-    """Return a pandas.DataFrame with a row per landmark and image: item, landmark, x, y, z, more.
+    """Return a pandas.DataFrame with a row per landmark and image: item, landmark, x,
+    y, z, more.
 
     time is in s where the frame rate is known, else in frames.
     """
@@ -210,7 +240,9 @@ def to_pandas(fit: Fit) -> Any:
 
 
 def warn(messages: Iterable[object], level: int = 3) -> None:
-    """Issue a Python warning for each message, at the caller of the function; notes are none."""
+    """Issue a Python warning for each message, at the caller of the function; notes are
+    none.
+    """
     for message in messages:
         if not isinstance(message, Note):
             warnings.warn(str(message), stacklevel=level)
@@ -218,15 +250,17 @@ def warn(messages: Iterable[object], level: int = 3) -> None:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Fit(_Items):
-    """3D shapes of n images: shapes (n, p, 3) in the camera frame and the unit of the landmarks.
+    """3D shapes of n images: shapes (n, p, 3) in the camera frame and the unit of the
+    landmarks.
 
-    NaN where an image failed; failures says why, by item. landmarks_fitted (n, p, 2) under
-    perspective; coefficients (n, k); rotation (n, 3, 3); translation (n, 2); scale, objective,
-    relative_gap, iterations, status (n); shape_sd (n, p, 3), the standard deviation of each
-    coordinate; p_value (n,); trusted (n,), and reasons (n,) why not, "" where it is. None is what
-    the method does not know. extras holds the further datasets of a result file, such as
-    `outliers` (n, p) and the datasets of the landmarks; attributes, how it was made. A slice or a
-    mask gives the fit of some of the images, a number that of one.
+    NaN where an image failed; failures says why, by item. landmarks_fitted (n, p, 2)
+    under perspective; coefficients (n, k); rotation (n, 3, 3); translation (n, 2);
+    scale, objective, relative_gap, iterations, status (n); shape_sd (n, p, 3), the
+    standard deviation of each coordinate; p_value (n,); trusted (n,), and reasons (n,)
+    why not, "" where it is. None is what the method does not know. extras holds the
+    further datasets of a result file, such as `outliers` (n, p) and the datasets of the
+    landmarks; attributes, how it was made. A slice or a mask gives the fit of some of
+    the images, a number that of one.
     """
 
     RECORD = ResultSet
@@ -261,14 +295,24 @@ class Fit(_Items):
 
     def __getitem__(self, rows: int | slice | ArrayLike) -> Fit:
         part = super().__getitem__(rows)
-        failures = {item: self.failures[item] for item in part.items or () if item in self.failures}
+        failures = {
+            item: self.failures[item]
+            for item in part.items or ()
+            if item in self.failures
+        }
         return part.replaced(failures=failures)
 
     def __repr__(self) -> str:
         parts = [counted(len(self), "image"), counted(self.shapes.shape[1], "landmark")]
-        parts += [f"method {self.attributes['method']}"] if "method" in self.attributes else []
+        parts += (
+            [f"method {self.attributes['method']}"]
+            if "method" in self.attributes
+            else []
+        )
         parts += [f"{len(self.failures)} failed"] if self.failures else []
-        parts += [] if self.trusted is None else [f"{int(np.sum(self.trusted))} trusted"]
+        parts += (
+            [] if self.trusted is None else [f"{int(np.sum(self.trusted))} trusted"]
+        )
         return f"<shapefit.Fit: {', '.join(parts)}, in {self.unit}>"
 
 
@@ -276,9 +320,9 @@ class Fit(_Items):
 class Dictionary:
     """k atoms: atoms (k, p, 3), centred and on the scale of normalised shapes.
 
-    landmark_names are by default 0, 1, ..., mean_shape (p, 3) is the mean of the atoms. prior is
-    the mixture over shapes that `learn` or `read_dictionary` gives, learned what was learned
-    besides (docs/files.md), provenance how it was made.
+    landmark_names are by default 0, 1, ..., mean_shape (p, 3) is the mean of the atoms.
+    prior is the mixture over shapes that `learn` or `read_dictionary` gives, learned
+    what was learned besides (docs/files.md), provenance how it was made.
     """
 
     atoms: Any
@@ -305,14 +349,21 @@ class Dictionary:
     @classmethod
     def of(cls, dictionary: model.Dictionary) -> Dictionary:
         """Return a dictionary of the package with one landmark per row."""
-        values = {field.name: getattr(dictionary, field.name) for field in fields(dictionary)}
+        values = {
+            field.name: getattr(dictionary, field.name) for field in fields(dictionary)
+        }
         learned = _transposed(values, DICTIONARY)
         names = {field.name for field in fields(cls)}
-        return cls(**{name: learned.pop(name) for name in names & learned.keys()}, learned=learned)
+        return cls(
+            **{name: learned.pop(name) for name in names & learned.keys()},
+            learned=learned,
+        )
 
     def model(self) -> model.Dictionary:
         """Return the dictionary of the package."""
-        values = {name: value for name, value in vars(self).items() if name != "learned"}
+        values = {
+            name: value for name, value in vars(self).items() if name != "learned"
+        }
         return model.Dictionary(**_transposed(values, DICTIONARY), **self.learned)
 
     def replaced(self, **changes: Any) -> Dictionary:
@@ -326,32 +377,48 @@ def unnamed(dataset: str, p: int, names: Names) -> InputError:
     fix = f"name them: {dataset.title()}({dataset}, landmark_names=[...])"
     if skeletons:
         fix = f"name them, as in {listed(f'`keypoints={name}`' for name in skeletons)}"
-    return input_error(dataset, f"has {p} landmarks without names, not {len(names)}", fix)
+    return input_error(
+        dataset, f"has {p} landmarks without names, not {len(names)}", fix
+    )
 
 
 def _transposed(columns: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
-    """Return columns with one landmark per row for one per column, and the other way round."""
-    points = {name for name, column in layout.datasets.items() if column.kind == "points"}
+    """Return columns with one landmark per row for one per column, and the other way
+    round.
+    """
+    points = {
+        name for name, column in layout.datasets.items() if column.kind == "points"
+    }
     return {
-        name: np.ascontiguousarray(np.swapaxes(values, -1, -2))
-        if name in points and values is not None
-        else values
+        name: (
+            np.ascontiguousarray(np.swapaxes(values, -1, -2))
+            if name in points and values is not None
+            else values
+        )
         for name, values in columns.items()
     }
 
 
-def _checked(given: Mapping[str, Any], layout: Layout, prefix: str = "") -> dict[str, Any]:
+def _checked(
+    given: Mapping[str, Any], layout: Layout, prefix: str = ""
+) -> dict[str, Any]:
     """Return fields as arrays, and names as tuples.
 
     Raises InputError for arrays that are no numbers or whose axes disagree.
     """
     values, sizes = dict(given), dict[str, int]()
     # The points say how many items and landmarks there are, and the rest must agree.
-    for key, column in sorted(layout.datasets.items(), key=lambda item: item[1].kind != "points"):
+    for key, column in sorted(
+        layout.datasets.items(), key=lambda item: item[1].kind != "points"
+    ):
         name = FIELDS.get(key, key)
         if values.get(name) is None or key == "status":
             continue
-        where = f"{prefix}{name}" if prefix or name == layout.points else f"{layout.points}.{name}"
+        where = (
+            f"{prefix}{name}"
+            if prefix or name == layout.points
+            else f"{layout.points}.{name}"
+        )
         try:
             if column.kind == "text":
                 values[name] = tuple(map(str, values[name]))
@@ -360,9 +427,14 @@ def _checked(given: Mapping[str, Any], layout: Layout, prefix: str = "") -> dict
                 values[name] = np.asarray(values[name], kind)
         except (TypeError, ValueError):
             raise input_error(where, "is no array of numbers", "give numbers") from None
-        shape, expected = np.shape(values[name]), tuple(sizes.get(str(a), a) for a in column.axes)
+        shape, expected = (
+            np.shape(values[name]),
+            tuple(sizes.get(str(a), a) for a in column.axes),
+        )
         if not fit_axes(column.axes, shape, sizes):
             axes = str(expected).replace("'", "")
             row = ", one landmark per row" if column.kind == "points" else ""
-            raise input_error(where, f"has the shape {shape}", f"it must be {axes}{row}")
+            raise input_error(
+                where, f"has the shape {shape}", f"it must be {axes}{row}"
+            )
     return values

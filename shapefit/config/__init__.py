@@ -1,4 +1,6 @@
-"""Schema and loader of the YAML configs; the schema of a command is imported when it is used."""
+"""Schema and loader of the YAML configs; the schema of a command is imported when it is
+used.
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +19,27 @@ if TYPE_CHECKING:
         ViewConfig,
     )
 
-__all__ = ["CONFIGS", "CommandConfig", "ConvertConfig", "EvalConfig", "FitConfig", "InfoConfig"]
-__all__ += ["LearnDictConfig", "ProjectConfig", "ViewConfig", "dump_config", "load_config"]
+__all__ = [
+    "CONFIGS",
+    "CommandConfig",
+    "ConvertConfig",
+    "EvalConfig",
+    "FitConfig",
+    "InfoConfig",
+]
+__all__ += [
+    "LearnDictConfig",
+    "ProjectConfig",
+    "ViewConfig",
+    "dump_config",
+    "load_config",
+]
 
 
 def __getattr__(name: str) -> Any:
-    """Return the config of a command by the name of its class, such as LearnDictConfig."""
+    """Return the config of a command by the name of its class, such as
+    LearnDictConfig.
+    """
     for command in CONFIGS:
         if name == f"{command.title().replace('-', '')}Config":
             return CONFIGS[command]

@@ -1,4 +1,6 @@
-"""From YAML files, `--set` options and arguments to a checked config, or every problem at once."""
+"""From YAML files, `--set` options and arguments to a checked config, or every problem
+at once.
+"""
 
 from __future__ import annotations
 
@@ -47,13 +49,14 @@ def load_config(
     prefix: str = "",
     stand_ins: Mapping[str, Any] | None = None,
 ) -> Any:
-    """Return the checked config of a command: a file, then `overrides`, then `arguments`.
+    """Return the checked config of a command: a file, then `overrides`, then
+    `arguments`.
 
-    `file` is a YAML file, `-`, or the name of an installed config; paths in it are relative to it,
-    others to the working directory. `overrides` are texts `a.b=value`; `arguments` (`a.b` -> value)
-    count unless None or (), and messages name them after `prefix`. `stand_ins` replace files, or,
-    where they are None, fill keys of files that are not given. Raises InputError with every
-    problem, each with its place.
+    `file` is a YAML file, `-`, or the name of an installed config; paths in it are
+    relative to it, others to the working directory. `overrides` are texts `a.b=value`;
+    `arguments` (`a.b` -> value) count unless None or (), and messages name them after
+    `prefix`. `stand_ins` replace files, or, where they are None, fill keys of files
+    that are not given. Raises InputError with every problem, each with its place.
     """
     schema, values, places = CONFIGS[command], dict[str, Any](), Places({(): command})
     if file is not None:
@@ -67,7 +70,9 @@ def load_config(
     for name, value in (arguments or {}).items():
         if value is not None and value != ():
             _put(values, places, tuple(name.split(".")), value, prefix + name)
-    replaced = {k: v for k, v in (stand_ins or {}).items() if v is not None or k not in values}
+    replaced = {
+        k: v for k, v in (stand_ins or {}).items() if v is not None or k not in values
+    }
     values |= dict.fromkeys(replaced, "-")
     if isinstance(data := values.get("data"), str):
         values = fill_in(values, str(absolute_path(data)))
@@ -75,14 +80,22 @@ def load_config(
         config = schema.model_validate(values, by_alias=True, by_name=False)
     except ValidationError as error:
         problems = error.errors()
-        outer = {p["loc"][:-1] for p in problems if p["loc"]}  # a list without its wrong items
-        lines = (_describe(schema, p, values, places) for p in problems if p["loc"] not in outer)
+        outer = {
+            p["loc"][:-1] for p in problems if p["loc"]
+        }  # a list without its wrong items
+        lines = (
+            _describe(schema, p, values, places)
+            for p in problems
+            if p["loc"] not in outer
+        )
         raise InputError(dict.fromkeys(lines)) from None
     return config.model_copy(update=replaced)
 
 
 def dump_config(config: CommandConfig) -> str:
-    """Return the config as YAML with every default; it loads again to the same config."""
+    """Return the config as YAML with every default; it loads again to the same
+    config.
+    """
     from ruamel.yaml import YAML
 
     text = io.StringIO()
@@ -90,7 +103,9 @@ def dump_config(config: CommandConfig) -> str:
     return text.getvalue()
 
 
-def _read_config(schema: Schema, command: str, path: Path, places: Places) -> dict[str, Any]:
+def _read_config(
+    schema: Schema, command: str, path: Path, places: Places
+) -> dict[str, Any]:
     """Return the values of a YAML file, of standard input, or of an installed config.
 
     Of an installed config only the settings count, not what it says of its own data.
@@ -98,19 +113,27 @@ def _read_config(schema: Schema, command: str, path: Path, places: Places) -> di
     presets = find_presets(command)
     preset = None if path.is_file() else presets.get(str(path))
     name = "standard input" if path == STANDARD_STREAM else str(path)
-    if path.is_fifo() and path.parent.name != "fd":  # but <(...) of a shell is /dev/fd/63
-        raise input_error(name, "is a pipe", "save the config to a file, or send it to -")
+    if (
+        path.is_fifo() and path.parent.name != "fd"
+    ):  # but <(...) of a shell is /dev/fd/63
+        raise input_error(
+            name, "is a pipe", "save the config to a file, or send it to -"
+        )
     try:
         if path == STANDARD_STREAM:
             content = sys.stdin.buffer.read() if sys.stdin else b""
         else:
             content = (preset or path).read_bytes()
-        values = read_yaml(content.decode("utf-8-sig"), name, places, Path.cwd() / path.parent)
+        values = read_yaml(
+            content.decode("utf-8-sig"), name, places, Path.cwd() / path.parent
+        )
     except UnicodeDecodeError:
         raise input_error(name, "not UTF-8 text", "save it as UTF-8") from None
     except OSError as error:
         names = ", ".join(["a YAML file", *presets])
-        raise input_error(name, f"{error.strerror}".lower(), f"give one of: {names}") from None
+        raise input_error(
+            name, f"{error.strerror}".lower(), f"give one of: {names}"
+        ) from None
     places[()] = f"{name}:1:1"
     if not isinstance(values, dict | None):
         fault = f"expected keys with values (key: value), found {_shown(values)}"
@@ -122,14 +145,19 @@ def _read_config(schema: Schema, command: str, path: Path, places: Places) -> di
     return values
 
 
-def read_yaml(text: str, name: str, places: Places | None = None, folder: Path = Path()) -> Any:
-    """Return the values of a YAML 1.2 text in a folder; `places` gets the line and column of each.
+def read_yaml(
+    text: str, name: str, places: Places | None = None, folder: Path = Path()
+) -> Any:
+    """Return the values of a YAML 1.2 text in a folder; `places` gets the line and
+    column of each.
 
-    Keys, dates and whatever has another tag are texts. Raises InputError, which names the text, and
-    the line and column if there are places, for what is not YAML, and for a key that stands twice.
+    Keys, dates and whatever has another tag are texts. Raises InputError, which names
+    the text, and the line and column if there are places, for what is not YAML, and for
+    a key that stands twice.
     """
     if places is None and text.strip() not in ("true", "false", "null"):
-        # A word, - too (in YAML a list), or a number alone: ruamel.yaml takes 10 ms to import.
+        # A word, - too (in YAML a list), or a number alone: ruamel.yaml takes 10 ms to
+        # import.
         if re.fullmatch(" *(-|[a-z][a-z+-]*) *", text):
             return text.strip()
         if re.fullmatch(r"[0-9]{1,9}(\.[0-9]+)?", text):
@@ -144,7 +172,9 @@ def read_yaml(text: str, name: str, places: Places | None = None, folder: Path =
 
     def plain(node: Any, location: Location) -> Any:
         if len(lines) > MAX_VALUES:
-            raise ValueError(f"more than {MAX_VALUES} values, aliases written out; write fewer")
+            raise ValueError(
+                f"more than {MAX_VALUES} values, aliases written out; write fewer"
+            )
         kind = str(node.tag).rpartition(":")[2]
         if isinstance(node.value, str):
             if any("\ud800" <= letter <= "\udfff" for letter in node.value):
@@ -160,18 +190,25 @@ def read_yaml(text: str, name: str, places: Places | None = None, folder: Path =
             step = number if kind == "seq" else str(key.value)
             place = lines[*location, step] = position(key.start_mark)
             if step in items:
-                raise InputError(f"{place}: not valid YAML: found duplicate key {step!r}")
+                raise InputError(
+                    f"{place}: not valid YAML: found duplicate key {step!r}"
+                )
             items[step] = plain(inner, (*location, step))
         return list(items.values()) if kind == "seq" else items
 
     place = name if places is None else f"{name}:1:1"
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", YAMLWarning)  # on YAML 1.1, and repeated anchors
+            warnings.simplefilter(
+                "ignore", YAMLWarning
+            )  # on YAML 1.1, and repeated anchors
             root = yaml.compose(text)
             return None if root is None else plain(root, ())
     except MarkedYAMLError as error:
-        mark, problem = error.problem_mark or error.context_mark, error.problem or error.context
+        mark, problem = (
+            error.problem_mark or error.context_mark,
+            error.problem or error.context,
+        )
         place = position(mark) if mark else place
     except (YAMLError, ValueError, LookupError) as error:  # the last of `!!bool x`
         problem = str(error).splitlines()[0]
@@ -181,7 +218,11 @@ def read_yaml(text: str, name: str, places: Places | None = None, folder: Path =
 
 
 def _put(
-    values: dict[str, Any], places: Places, keys: tuple[str, ...], value: Any, origin: str
+    values: dict[str, Any],
+    places: Places,
+    keys: tuple[str, ...],
+    value: Any,
+    origin: str,
 ) -> None:
     """Set a value, in the place of the old one; `origin` names it in messages."""
     for depth, key in enumerate(keys[:-1], start=1):
@@ -195,8 +236,12 @@ def _put(
     places[keys] = origin
 
 
-def _describe(schema: Schema, problem: Any, values: Mapping[str, Any], places: Places) -> str:
-    """Return what is wrong, with its place and the nearest value or key that is right."""
+def _describe(
+    schema: Schema, problem: Any, values: Mapping[str, Any], places: Places
+) -> str:
+    """Return what is wrong, with its place and the nearest value or key that is
+    right.
+    """
     from shapefit.config.reference import expects, meaning
 
     location, kind, keys = problem["loc"], problem["type"], keys_of(schema)
@@ -204,7 +249,9 @@ def _describe(schema: Schema, problem: Any, values: Mapping[str, Any], places: P
     located: Any = next(way for way in ways if way in places)
     if kind == "extra_forbidden":
         siblings = [way for way in keys if way[:-1] == location[:-1]]
-        near = _nearest(location[-1], {way[-1]: ".".join(way) for way in [*keys, *siblings]})
+        near = _nearest(
+            location[-1], {way[-1]: ".".join(way) for way in [*keys, *siblings]}
+        )
         names = ", ".join(way[-1] for way in siblings if keys[way].listed)
         hint = near or f"; the keys here are {names}"
         return f"{places[located]}: unknown key {'.'.join(location)!r}{hint}"
@@ -212,7 +259,10 @@ def _describe(schema: Schema, problem: Any, values: Mapping[str, Any], places: P
         message = str(problem["ctx"]["error"])
         quoted = (name.partition(":")[0] for name in message.split("`")[1::2])
         named = ((*location, *name.split(".")) for name in quoted)
-        return f"{places[next((way for way in named if way in places), located)]}: {message}"
+        return (
+            f"{places[next((way for way in named if way in places), located)]}:"
+            f" {message}"
+        )
     of_key = next(way for way in ways if way in keys)
     key = keys[of_key]
     if kind == "missing" and of_key == location:
@@ -220,7 +270,9 @@ def _describe(schema: Schema, problem: Any, values: Mapping[str, Any], places: P
     value: Any = values
     for step in of_key if key.description else max(located, of_key, key=len):
         value = value[step]
-    near = _nearest(str(value), {word: word for word in problem["msg"].split("'")[1::2]})
+    near = _nearest(
+        str(value), {word: word for word in problem["msg"].split("'")[1::2]}
+    )
     return f"{places[located]}: expected {expects(key)}, found {_shown(value)}{near}"
 
 

@@ -9,10 +9,23 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
 
-from shapefit.config.paths import STANDARD_STREAM, UNNAMED, Description, OptionalPath, ResultFolder
+from shapefit.config.paths import (
+    STANDARD_STREAM,
+    UNNAMED,
+    Description,
+    OptionalPath,
+    ResultFolder,
+)
 from shapefit.errors import path_text
 
 Value = TypeVar("Value")
@@ -39,7 +52,9 @@ Auto = Annotated[
 
 
 class ConfigModel(BaseModel):
-    """A frozen mapping of fixed keys; nothing is converted silently ("3" is not a number)."""
+    """A frozen mapping of fixed keys; nothing is converted silently ("3" is not a
+    number).
+    """
 
     model_config = ConfigDict(
         frozen=True,
@@ -62,18 +77,24 @@ class CommandConfig(ConfigModel):
     """Everything that can be set for one command."""
 
     OUTPUT: ClassVar[str] = ""
-    """End of the name of an output that is not given, after the name of the first input."""
+    """End of the name of an output that is not given, after the name of the first
+    input.
+    """
 
     data: OptionalPath = None
     """Folder that replaces `{data}` at the beginning of any other path."""
 
     @model_validator(mode="after")
     def _check_output(self) -> Self:
-        """Name the output after the first input where it is not given; refuse to replace inputs."""
+        """Name the output after the first input where it is not given; refuse to
+        replace inputs.
+        """
         files = [path for _, path in self.inputs() if path != STANDARD_STREAM]
         output = getattr(self, "output", None)
         if self.OUTPUT and output == UNNAMED:
-            stem = files[0].name.partition(".")[0] or "standard" if files else "standard"
+            stem = (
+                files[0].name.partition(".")[0] or "standard" if files else "standard"
+            )
             output = Path.cwd() / f"{stem}{self.OUTPUT}"
             if output in files:
                 output = output.with_name(f"{stem}_result{output.suffix}")
@@ -81,7 +102,9 @@ class CommandConfig(ConfigModel):
         target = output.manifest if isinstance(output, ResultFolder) else output
         for path in files:
             if target and os.path.realpath(path) == os.path.realpath(target):
-                raise ValueError(f"`output` would replace an input, {path}; name another file")
+                raise ValueError(
+                    f"`output` would replace an input, {path}; name another file"
+                )
         return self
 
     def inputs(self) -> Iterator[tuple[str, Path]]:
@@ -93,7 +116,9 @@ class CommandConfig(ConfigModel):
                 yield from ((key, path) for path in paths if isinstance(path, Path))
 
     def changed(self, **values: Any) -> Self:
-        """Return the config with other values, unchecked; those of a section as a mapping."""
+        """Return the config with other values, unchecked; those of a section as a
+        mapping.
+        """
         for key, value in values.items():
             if isinstance(old := getattr(self, key), ConfigModel):
                 values[key] = old.model_copy(update=value)
@@ -105,7 +130,9 @@ class CommandConfig(ConfigModel):
         A path that is not UTF-8 has escapes (`path_text`).
         """
         values = self.model_dump(warnings=False)
-        return json.dumps(values, ensure_ascii=False, separators=(",", ":"), default=path_text)
+        return json.dumps(
+            values, ensure_ascii=False, separators=(",", ":"), default=path_text
+        )
 
     def as_plain(self) -> dict[str, Any]:
         """Return the config as JSON has it."""
@@ -114,7 +141,9 @@ class CommandConfig(ConfigModel):
 
 
 class Key(NamedTuple):
-    """A key: the model that has it, its name and field there, and its model if it is a section."""
+    """A key: the model that has it, its name and field there, and its model if it is a
+    section.
+    """
 
     owner: type[BaseModel]
     name: str
@@ -126,13 +155,21 @@ class Key(NamedTuple):
 
 @cache
 def keys_of(model: type[BaseModel]) -> dict[tuple[str, ...], Key]:
-    """Return all keys of a model by their ways, as YAML spells them; sections come first."""
+    """Return all keys of a model by their ways, as YAML spells them; sections come
+    first.
+    """
     keys: dict[tuple[str, ...], Key] = {}
     for name, field in model.model_fields.items():
         kind, way = field.annotation, (field.alias or name,)
-        section = kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
-        described = next((part for part in field.metadata if isinstance(part, Description)), None)
-        keys[way] = Key(model, name, field, section, described, HIDDEN not in field.metadata)
+        section = (
+            kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+        )
+        described = next(
+            (part for part in field.metadata if isinstance(part, Description)), None
+        )
+        keys[way] = Key(
+            model, name, field, section, described, HIDDEN not in field.metadata
+        )
         if section is not None:
             keys |= {way + inner: key for inner, key in keys_of(section).items()}
     return keys

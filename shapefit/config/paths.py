@@ -1,4 +1,6 @@
-"""Paths in configs: relative to the file that names them, globs, installed names, `-`, `{data}`."""
+"""Paths in configs: relative to the file that names them, globs, installed names, `-`,
+`{data}`.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +43,11 @@ DICTIONARIES = Path(__file__).resolve().parents[1] / "data"
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """A folder as output: one result file for `partition` images each, and a manifest of them.
+    """A folder as output: one result file for `partition` images each, and a manifest
+    of them.
 
-    `workers` processes of this machine do the parts, or a running Dask scheduler; `replace`
-    replaces other results in the folder.
+    `workers` processes of this machine do the parts, or a running Dask scheduler;
+    `replace` replaces other results in the folder.
     """
 
     path: Path
@@ -67,7 +70,9 @@ class FileText(str):
 
 
 class Description(NamedTuple):
-    """Annotation metadata: what a field expects, where its type does not say it well."""
+    """Annotation metadata: what a field expects, where its type does not say it
+    well.
+    """
 
     phrase: str
 
@@ -82,9 +87,13 @@ def find_dictionaries() -> dict[str, Path]:
 
 
 def find_presets(command: str) -> dict[str, Path]:
-    """Return the installed configs of a command by name, sorted: `cars` of fit is cars/fit.yaml."""
+    """Return the installed configs of a command by name, sorted: `cars` of fit is
+    cars/fit.yaml.
+    """
     package = DICTIONARIES.parent
-    folder = next(f for f in (package / "configs", package.parent / "configs") if f.is_dir())
+    folder = next(
+        f for f in (package / "configs", package.parent / "configs") if f.is_dir()
+    )
     return {file.parent.name: file for file in sorted(folder.glob(f"*/{command}.yaml"))}
 
 
@@ -94,14 +103,17 @@ def fill_in(value: Any, data: str) -> Any:
         return [fill_in(item, data) for item in value]
     if isinstance(value, dict):
         return {key: fill_in(item, data) for key, item in value.items()}
-    return value.replace(DATA, data) if isinstance(value, str) and DATA in value else value
+    return (
+        value.replace(DATA, data) if isinstance(value, str) and DATA in value else value
+    )
 
 
 def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
-    """Return the lines of the manifest of a folder: the run, then a part each, the last one counts.
+    """Return the lines of the manifest of a folder: the run, then a part each, the last
+    one counts.
 
-    A line without an end is omitted. None where there is no manifest. Raises InputError where a
-    file of that name is something else.
+    A line without an end is omitted. None where there is no manifest. Raises InputError
+    where a file of that name is something else.
     """
     path = folder / MANIFEST
     if not path.is_file():
@@ -112,18 +124,25 @@ def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
         if "shapefit" not in run or any(PurePath(name).name != name for name in names):
             raise ValueError("its lines are others")
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise input_error(path, f"is not a manifest of results ({error})", "fit again") from None
+        raise input_error(
+            path, f"is not a manifest of results ({error})", "fit again"
+        ) from None
     return [run, *parts]
 
 
 def result_parts(folder: Path) -> tuple[Path, ...]:
-    """Return the results in a folder that `fit` wrote part by part, in the order of their numbers.
+    """Return the results in a folder that `fit` wrote part by part, in the order of
+    their numbers.
 
     There are none for anything else. Raises InputError as `manifest_lines`.
     """
-    status = {part["file"]: part["status"] for part in (manifest_lines(folder) or [])[1:]}
+    status = {
+        part["file"]: part["status"] for part in (manifest_lines(folder) or [])[1:]
+    }
     names = [name for name in status if status[name] == DONE]
-    return tuple(folder / name for name in sorted(names, key=lambda name: (len(name), name)))
+    return tuple(
+        folder / name for name in sorted(names, key=lambda name: (len(name), name))
+    )
 
 
 # What reads a value: each raises ValueError for a wrong one.
@@ -135,18 +154,22 @@ def absolute_path(value: Any) -> Path:
     if not isinstance(value, str | Path) or not text or "\0" in text:
         raise ValueError(f"expected a path, found {value!r}")
     if DATA in text:
-        raise ValueError(f"{text!r} begins with the folder `data`; give --set data=FOLDER")
+        raise ValueError(
+            f"{text!r} begins with the folder `data`; give --set data=FOLDER"
+        )
     if text == "-":
         return STANDARD_STREAM
-    return Path(os.path.abspath(getattr(value, "folder", "") / Path(os.path.expanduser(text))))
+    return Path(
+        os.path.abspath(getattr(value, "folder", "") / Path(os.path.expanduser(text)))
+    )
 
 
 def expand_path(value: Any) -> tuple[Path, ...]:
     """Return the files that a path or glob names, sorted, at least one.
 
-    A path can be that of a pipe, or of a folder, whose files may be one recording; a glob names
-    neither. A folder of results stands for its results. Where there is no such file, the name of an
-    installed dictionary is that dictionary.
+    A path can be that of a pipe, or of a folder, whose files may be one recording; a
+    glob names neither. A folder of results stands for its results. Where there is no
+    such file, the name of an installed dictionary is that dictionary.
     """
     path = absolute_path(value)
     if path == STANDARD_STREAM or os.path.exists(path):
@@ -171,9 +194,15 @@ def find_file(value: Any) -> Path:
 
 
 def find_dictionary(value: Any) -> Path:
-    """Return the file of a dictionary, or, where there is no such file, the installed one."""
+    """Return the file of a dictionary, or, where there is no such file, the installed
+    one.
+    """
     installed = find_dictionaries().get(str(value))
-    return installed if installed and not absolute_path(value).is_file() else find_file(value)
+    return (
+        installed
+        if installed and not absolute_path(value).is_file()
+        else find_file(value)
+    )
 
 
 def name_files(value: Any) -> Any:
@@ -187,7 +216,9 @@ def name_files(value: Any) -> Any:
             name = path_text(path.stem)
             if named.setdefault(name, path) != path:
                 fault = f"{named[name]} and {path} would both be called {name!r}"
-                raise ValueError(f"{fault}; name them in the config, `results: {{name: path}}`")
+                raise ValueError(
+                    f"{fault}; name them in the config, `results: {{name: path}}`"
+                )
     return named
 
 
@@ -204,8 +235,9 @@ def unless_none(read: Callable[[Any], Any]) -> BeforeValidator:
     return BeforeValidator(lambda value: None if value is None else read(value))
 
 
-# The kinds of fields. Each item of a list becomes the tuple of the files that it names (so that a
-# wrong item is reported at its place), and the tuples are joined last, each file once.
+# The kinds of fields. Each item of a list becomes the tuple of the files that it names
+# (so that a wrong item is reported at its place), and the tuples are joined last, each
+# file once.
 
 _PATH = Paths("a path")
 _DICTIONARY = Paths("a path, or the name of an installed dictionary")
@@ -217,14 +249,18 @@ OutputOrFolder = Annotated[
     Path | InstanceOf[ResultFolder],
     _PATH,
     BeforeValidator(find_output),
-    PlainSerializer(lambda out: f"{path_text(out.path)}/" if hasattr(out, "manifest") else out),
+    PlainSerializer(
+        lambda out: f"{path_text(out.path)}/" if hasattr(out, "manifest") else out
+    ),
 ]
 """A file to write, or a folder: `FOLDER/`."""
 
 OptionalPath = Annotated[Path | None, _PATH, unless_none(absolute_path)]
 OptionalInputPath = Annotated[Path | None, _PATH, unless_none(find_file)]
 DictionaryPath = Annotated[Path, _DICTIONARY, BeforeValidator(find_dictionary)]
-OptionalDictionaryPath = Annotated[Path | None, _DICTIONARY, unless_none(find_dictionary)]
+OptionalDictionaryPath = Annotated[
+    Path | None, _DICTIONARY, unless_none(find_dictionary)
+]
 InputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
     Paths("a path or glob, or a list of them"),

@@ -1,4 +1,6 @@
-"""What a schema says of its keys, in words: for messages, `shapefit config` and docs/config.md."""
+"""What a schema says of its keys, in words: for messages, `shapefit config` and
+docs/config.md.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 
 
 class Row(NamedTuple):
-    """A key: its name (`a.b` in a section), what it expects, its default and its meaning."""
+    """A key: its name (`a.b` in a section), what it expects, its default and its
+    meaning.
+    """
 
     name: str
     expects: str
@@ -41,7 +45,9 @@ def rows(model: type[BaseModel], section: str = "") -> list[Row]:
         for way, key in keys_of(model).items()
         if key.section is None and key.listed and way != ("data",)
     ]
-    selected = [row for row in table if not section or f"{row.name}.".startswith(f"{section}.")]
+    selected = [
+        row for row in table if not section or f"{row.name}.".startswith(f"{section}.")
+    ]
     if not selected:
         names = ", ".join(dict.fromkeys(row.name.partition(".")[0] for row in table))
         fault = f"there is no key or section '{section}'"
@@ -65,19 +71,29 @@ def expects(key: Key) -> str:
         names = [way[0] for way, inner in keys_of(key.section).items() if inner.listed]
         return f"a mapping with the keys {', '.join(names)}"
     description = key.description
-    return description.phrase if description else _phrase(key.field.annotation, key.field.metadata)
+    return (
+        description.phrase
+        if description
+        else _phrase(key.field.annotation, key.field.metadata)
+    )
 
 
 def _phrase(annotation: Any, metadata: Sequence[Any] = ()) -> str:
     """Return the words for a type and its bounds."""
     words = _words(annotation) + [AUTO] * (AUTO in metadata)
-    flat = [inner for entry in metadata for inner in getattr(entry, "metadata", (entry,))]
-    bounds = [f"{BOUNDS[n]} {getattr(b, n)}" for b in flat for n in BOUNDS if hasattr(b, n)]
+    flat = [
+        inner for entry in metadata for inner in getattr(entry, "metadata", (entry,))
+    ]
+    bounds = [
+        f"{BOUNDS[n]} {getattr(b, n)}" for b in flat for n in BOUNDS if hasattr(b, n)
+    ]
     return f"{listed(words)} {' and '.join(bounds)}".rstrip()
 
 
 def _words(kind: Any) -> list[str]:
-    """Return the words for a type, for each type of a union, or for each value of a literal."""
+    """Return the words for a type, for each type of a union, or for each value of a
+    literal.
+    """
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         return [word for part in inner if part is not NoneType for word in _words(part)]
@@ -103,7 +119,8 @@ def meaning(key: Key) -> str:
 def _docstrings(model: type[BaseModel]) -> dict[str, str]:
     """Return the texts below the fields of a model and of its bases, by field.
 
-    pydantic's `use_attribute_docstrings` reads the same, at every start: 30 ms for `fit`.
+    pydantic's `use_attribute_docstrings` reads the same, at every start: 30 ms for
+    `fit`.
     """
     texts: dict[str, str] = {}
     for kind in reversed(model.__mro__):

@@ -19,7 +19,8 @@ class Loss(Enum):
     """Data term f(Omega o (W - sum M_i B_i - T 1^T)) of the program.
 
     SQUARED        1/2 ||r||_F^2                                 (paper, eq. finalnoisy)
-    EXACT          0 where r = 0, infinite elsewhere             (paper, eq. finalnoiseless)
+    EXACT          0 where r = 0, infinite elsewhere             (paper, eq.
+                   finalnoiseless)
     ABSOLUTE       ||r||_1                                       (paper, Discussion)
     SPARSE_ERROR   min_E 1/2 ||r - E||_F^2 + beta ||E||_1        (Huber's function of r)
     """
@@ -37,14 +38,15 @@ class Loss(Enum):
 
 @dataclass(frozen=True)
 class Problem:
-    """min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2 for n images.
+    """min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2 for n
+    images.
 
-    landmarks W (n, 2, p), weights Omega (n, p) >= 0 with 0 = hidden (what W holds there is
-    irrelevant), atoms B (k, 3, p) shared by all images, lam (n,) > 0, loss f, and beta > 0, the
-    weight of ||E||_1 where the loss is SPARSE_ERROR. noise (n, p, 2, 2), the covariance of each
-    landmark's measurement, and camera, that of the images in the unit of W, are no part of the
-    program: methods that start from its solution may use them where they are known. Raises
-    ValueError on shapes or values that do not fit.
+    landmarks W (n, 2, p), weights Omega (n, p) >= 0 with 0 = hidden (what W holds there
+    is irrelevant), atoms B (k, 3, p) shared by all images, lam (n,) > 0, loss f, and
+    beta > 0, the weight of ||E||_1 where the loss is SPARSE_ERROR. noise (n, p, 2, 2),
+    the covariance of each landmark's measurement, and camera, that of the images in the
+    unit of W, are no part of the program: methods that start from its solution may use
+    them where they are known. Raises ValueError on shapes or values that do not fit.
     """
 
     landmarks: Floats
@@ -69,9 +71,14 @@ class Problem:
                 f"landmarks {W.shape} and atoms {B.shape} must be (n, 2, p), (k, 3, p)"
             )
         if omega.shape != (n, p) or lam.shape != (n,):
-            raise ValueError(f"weights {omega.shape}, lam {lam.shape} must be ({n}, {p}), ({n},)")
+            raise ValueError(
+                f"weights {omega.shape}, lam {lam.shape} must be ({n}, {p}), ({n},)"
+            )
         for holds, rule in (
-            (np.isfinite(omega).all() and (omega >= 0).all(), "weights must be finite and >= 0"),
+            (
+                np.isfinite(omega).all() and (omega >= 0).all(),
+                "weights must be finite and >= 0",
+            ),
             (np.isfinite(lam).all() and (lam > 0).all(), "lam must be finite and > 0"),
             (np.isfinite(B).all(), "atoms must be finite"),
             (self.beta > 0, "beta must be > 0"),
@@ -98,9 +105,13 @@ class Problem:
         return {name: getattr(self, name) for name in names}
 
     def require_squared(self, method: str) -> None:
-        """Raise ValueError, which names the method, unless the loss is the squared one."""
+        """Raise ValueError, which names the method, unless the loss is the squared
+        one.
+        """
         if self.loss is not Loss.SQUARED:
-            raise ValueError(f"{method} knows the squared loss only, not {self.loss.value}")
+            raise ValueError(
+                f"{method} knows the squared loss only, not {self.loss.value}"
+            )
 
     @property
     def bound(self) -> float:
@@ -117,14 +128,18 @@ def build_problem(
     loss: Loss = Loss.SQUARED,
     beta: float = 0.1,
 ) -> Problem:
-    """Problem with defaults filled in: one lambda for all, weight 1 where W is finite, else 0.
+    """Problem with defaults filled in: one lambda for all, weight 1 where W is finite,
+    else 0.
 
-    landmarks (n, 2, p) or (2, p) for a single image; hidden landmarks may be nan. Under the EXACT
-    loss a weight says only whether a landmark is seen: all positive weights become 1.
+    landmarks (n, 2, p) or (2, p) for a single image; hidden landmarks may be nan. Under
+    the EXACT loss a weight says only whether a landmark is seen: all positive weights
+    become 1.
     """
     W = landmarks if landmarks.ndim == 3 else landmarks[None]
     visible = np.all(np.isfinite(W), axis=1)
-    omega = np.broadcast_to(visible.astype(float) if weights is None else weights, visible.shape)
+    omega = np.broadcast_to(
+        visible.astype(float) if weights is None else weights, visible.shape
+    )
     if loss is Loss.EXACT:
         omega = np.where(omega > 0, 1.0, omega)
     if not visible[omega > 0].all():

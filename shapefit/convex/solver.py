@@ -1,4 +1,6 @@
-"""Solve the convex program for many images: one status, certificate and set of transforms each."""
+"""Solve the convex program for many images: one status, certificate and set of
+transforms each.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,8 @@ from shapefit.convex.transforms import Transforms
 class Status(Enum):
     """How the work on one image ended; the value is the word in files and reports.
 
-    CONVERGED is the end of a method without a certificate: a local optimum, or transforms that
-    have stopped changing.
+    CONVERGED is the end of a method without a certificate: a local optimum, or
+    transforms that have stopped changing.
     """
 
     OPTIMAL = "optimal"
@@ -39,9 +41,10 @@ def read_statuses(codes: NDArray[np.int64]) -> tuple[Status, ...]:
 class Solution(NamedTuple):
     """Optimum of the convex program for n images.
 
-    transforms M; translation T (n, 2); dual Y (n, 2, p), feasible up to scaling;
-    errors E (n, 2, p), the sparse errors of a robust loss in the units of the landmarks, else
-    zero; objective and relative_gap (n,), computed from scratch at the end; residual (n,),
+    transforms M; translation T (n, 2); dual Y (n, 2, p), feasible up to scaling; errors
+    E (n, 2, p), the sparse errors of a robust loss in the units of the landmarks, else
+    zero; objective and relative_gap (n,), computed from scratch at the end; residual
+    (n,),
     ||Omega o (W - sum M_i B_i - T 1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,);
     status, a Status per image.
     """
@@ -64,17 +67,26 @@ def solve_newton(
     max_iterations: int = 1000,
     threads: int = 0,
 ) -> Solution:
-    """Solve every image to a relative duality gap <= tolerance by semismooth Newton steps.
+    """Solve every image to a relative duality gap <= tolerance by semismooth Newton
+    steps.
 
-    `threads` = 0 means all cores. For the EXACT loss the relative residual ||W - sum M_i B_i|| /
-    ||W|| must fall below the tolerance too, and the gap is nan where it does not. An image with
-    fewer than two visible landmarks is DEGENERATE. The method is written down in
-    shapefit/core/convex/newton.hpp. Large shapes are solved in the span of the atoms, see `span`.
+    `threads` = 0 means all cores. For the EXACT loss the relative residual
+    ||W - sum M_i B_i|| / ||W|| must fall below the tolerance too, and the gap is nan
+    where it does not. An image with fewer than two visible landmarks is DEGENERATE. The
+    method is written down in shapefit/core/convex/newton.hpp. Large shapes are solved
+    in the span of the atoms, see `span`.
     """
     solve = partial(
-        solve_directly, tolerance=tolerance, max_iterations=max_iterations, threads=threads
+        solve_directly,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        threads=threads,
     )
-    return solve_in_span(problem, solve, threads) if is_worth_reducing(problem) else solve(problem)
+    return (
+        solve_in_span(problem, solve, threads)
+        if is_worth_reducing(problem)
+        else solve(problem)
+    )
 
 
 def solve_directly(
@@ -89,26 +101,46 @@ def solve_directly(
     errors = np.zeros((n, 2, 0 if problem.loss is Loss.SQUARED else p))
     objective, gap, residual = np.zeros((3, n))
     core.solve_convex(
-        **problem.arrays, delta=float(problem.loss.has_quadratic), bound=problem.bound,
-        tolerance=tolerance, most_steps=max_iterations, threads=threads,
-        first=first, count=count, atom=atom, blocks=blocks, used=np.zeros(1, np.int64),
-        translation=translation, dual=dual, errors=errors,
-        objective=objective, relative_gap=gap, residual=residual, steps=steps, status=codes,
-    )  # fmt: skip
+        **problem.arrays,
+        delta=float(problem.loss.has_quadratic),
+        bound=problem.bound,
+        tolerance=tolerance,
+        most_steps=max_iterations,
+        threads=threads,
+        first=first,
+        count=count,
+        atom=atom,
+        blocks=blocks,
+        used=np.zeros(1, np.int64),
+        translation=translation,
+        dual=dual,
+        errors=errors,
+        objective=objective,
+        relative_gap=gap,
+        residual=residual,
+        steps=steps,
+        status=codes,
+    )
     if problem.loss is Loss.EXACT:  # P is no bound while the landmarks are not met
         gap[residual > tolerance] = np.nan
     if problem.loss is Loss.SQUARED:
         errors = np.broadcast_to(0.0, dual.shape)
     transforms = Transforms.gathered(first, count, atom, blocks, k)
     status = read_statuses(codes)
-    return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)
+    return Solution(
+        transforms, translation, dual, errors, objective, gap, residual, steps, status
+    )
 
 
-def solve_in_span(problem: Problem, solve: Callable[[Problem], Solution], threads: int) -> Solution:
-    """Solve the images reduced to the span, and certify their solutions as those of the problem.
+def solve_in_span(
+    problem: Problem, solve: Callable[[Problem], Solution], threads: int
+) -> Solution:
+    """Solve the images reduced to the span, and certify their solutions as those of the
+    problem.
 
-    The part of the landmarks that the atoms do not span joins the objective, never the gap's
-    numerator: a reduction that is solved to the tolerance solves the problem to it.
+    The part of the landmarks that the atoms do not span joins the objective, never the
+    gap's numerator: a reduction that is solved to the tolerance solves the problem to
+    it.
     """
     n, _, p = problem.landmarks.shape
     dual, order, solved = np.zeros((n, 2, p)), [], []
@@ -118,31 +150,52 @@ def solve_in_span(problem: Problem, solve: Callable[[Problem], Solution], thread
         order.append(part.rows)
         solved.append(solution)
     back = np.argsort(np.concatenate(order))
-    transforms = Transforms.joined([solution.transforms for solution in solved]).take(back)
+    transforms = Transforms.joined([solution.transforms for solution in solved]).take(
+        back
+    )
     status = np.array([value for solution in solved for value in solution.status])[back]
     translation = np.zeros((n, 2))
     objective, gap, residual = np.full((3, n), np.nan)
     core.certify(
-        **problem.arrays, **transforms.arrays, delta=1.0, bound=problem.bound,
-        translation=translation, dual=dual, errors=np.zeros((n, 2, 0)),
-        objective=objective, relative_gap=gap, residual=residual, threads=threads,
-    )  # fmt: skip
+        **problem.arrays,
+        **transforms.arrays,
+        delta=1.0,
+        bound=problem.bound,
+        translation=translation,
+        dual=dual,
+        errors=np.zeros((n, 2, 0)),
+        objective=objective,
+        relative_gap=gap,
+        residual=residual,
+        threads=threads,
+    )
     degenerate = status == Status.DEGENERATE
     objective[degenerate] = gap[degenerate] = residual[degenerate] = np.nan
     steps = np.concatenate([solution.iterations for solution in solved])[back]
     errors = np.broadcast_to(0.0, dual.shape)
     return Solution(
-        transforms, translation, dual, errors, objective, gap, residual, steps, tuple(status)
+        transforms,
+        translation,
+        dual,
+        errors,
+        objective,
+        gap,
+        residual,
+        steps,
+        tuple(status),
     )
 
 
 def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:
-    """Landmarks (n, p) with a weighted residual beyond beta in a coordinate; None if not robust.
+    """Landmarks (n, p) with a weighted residual beyond beta in a coordinate; None if
+    not robust.
 
     For the sparse-error loss these are the ones with an error E that is not 0.
     """
     if problem.loss is Loss.ABSOLUTE:
-        return np.any(np.abs(solution.errors) * problem.weights[:, None, :] > problem.beta, axis=1)
+        return np.any(
+            np.abs(solution.errors) * problem.weights[:, None, :] > problem.beta, axis=1
+        )
     if problem.loss is Loss.SPARSE_ERROR:
         return np.any(solution.errors != 0, axis=1)
     return None

@@ -1,7 +1,8 @@
-"""The transforms of the convex program, of which most are 0, and the norm of their 2x3 blocks.
+"""The transforms of the convex program, of which most are 0, and the norm of their 2x3
+blocks.
 
-For a block Q the singular values satisfy s1^2 + s2^2 = ||Q||_F^2 and s1 s2 = |q_1 x q_2|, the
-length of the rows' cross product; no SVD is needed.
+For a block Q the singular values satisfy s1^2 + s2^2 = ||Q||_F^2 and s1 s2 = |q_1 x
+q_2|, the length of the rows' cross product; no SVD is needed.
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Transforms:
-    """M (n, k, 2, 3) as a list of what is not 0, image by image, in the order of the atoms.
+    """M (n, k, 2, 3) as a list of what is not 0, image by image, in the order of the
+    atoms.
 
-    count (n,), how many each image has; atom (a,) and block (a, 2, 3) of each; k atoms in all.
+    count (n,), how many each image has; atom (a,) and block (a, 2, 3) of each; k atoms
+    in all.
     """
 
     count: Indices
@@ -34,7 +37,9 @@ class Transforms:
     def of(cls, M: Floats) -> Transforms:
         """List the blocks of M (n, k, 2, 3) that are not 0."""
         image, atom = np.nonzero(M.any(axis=(2, 3)))
-        return cls(np.bincount(image, minlength=len(M)), atom, M[image, atom], M.shape[1])
+        return cls(
+            np.bincount(image, minlength=len(M)), atom, M[image, atom], M.shape[1]
+        )
 
     @classmethod
     def with_one_rotation(cls, c: Floats, R: Floats) -> Transforms:
@@ -47,7 +52,8 @@ class Transforms:
     def gathered(
         cls, first: Indices, count: Indices, atom: Indices, blocks: Floats, k: int
     ) -> Transforms:
-        """Put lists in which each image has its `count` from `first` on in the order of images.
+        """Put lists in which each image has its `count` from `first` on in the order of
+        images.
 
         Lists that stand in this order already are not copied.
         """
@@ -75,15 +81,24 @@ class Transforms:
     def arrays(self) -> dict[str, Any]:
         """What a kernel needs of it, by the names of its arguments."""
         first = starts_of(self.count)
-        return {"first": first, "count": self.count, "atom": self.atom, "blocks": self.blocks}
+        return {
+            "first": first,
+            "count": self.count,
+            "atom": self.atom,
+            "blocks": self.blocks,
+        }
 
-    def take(self, images: NDArray[np.intp] | NDArray[np.bool_] | Sequence[int]) -> Transforms:
+    def take(
+        self, images: NDArray[np.intp] | NDArray[np.bool_] | Sequence[int]
+    ) -> Transforms:
         """Keep some of the images, in the order given."""
         first, count = starts_of(self.count)[images], self.count[images]
         return Transforms.gathered(first, count, self.atom, self.blocks, self.k)
 
     def scatter(self, values: Floats) -> Floats:
-        """Return values (a, ...) at their images and atoms, and 0 elsewhere: (n, k, ...)."""
+        """Return values (a, ...) at their images and atoms, and 0 elsewhere: (n, k,
+        ...).
+        """
         full = np.zeros((len(self.count), self.k, *values.shape[1:]))
         full[self.image, self.atom] = values
         return full

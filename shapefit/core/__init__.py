@@ -1,11 +1,13 @@
-"""The compiled kernels: C++ from this folder, in the best instruction set of the processor.
+"""The compiled kernels: C++ from this folder, in the best instruction set of the
+processor.
 
-There is a module for each instruction set that was built. `LEVEL` names the one in use, `LEVELS`
-all that this build has and this processor can run, the best first. The environment variable
-SHAPEFIT_LEVEL forces one; InputError where there is none of that name. Functions take C-contiguous
-float64 arrays, write their outputs in place and release the GIL; the rooms that call them allocate.
-Arrays of another shape raise ValueError, of another type TypeError. They take the images of a batch
-in blocks of IMAGES_PER_BLOCK: only within one do images start from one another's solutions.
+There is a module for each instruction set that was built. `LEVEL` names the one in use,
+`LEVELS` all that this build has and this processor can run, the best first. The
+environment variable SHAPEFIT_LEVEL forces one; InputError where there is none of that
+name. Functions take C-contiguous float64 arrays, write their outputs in place and
+release the GIL; the rooms that call them allocate. Arrays of another shape raise
+ValueError, of another type TypeError. They take the images of a batch in blocks of
+IMAGES_PER_BLOCK: only within one do images start from one another's solutions.
 """
 
 from __future__ import annotations
@@ -23,14 +25,18 @@ BEST_FIRST = {"x86_64_v4": 4, "x86_64_v3": 3, "x86_64_v2": 2, "plain": 0}
 
 
 def list_levels() -> tuple[str, ...]:
-    """Return the levels that this build has and this processor can run, the best first."""
+    """Return the levels that this build has and this processor can run, the best
+    first.
+    """
     try:
         processor: int = import_module("shapefit.core._processor").LEVEL
     except ModuleNotFoundError:
-        # Python looks in the working directory first: a clone there hides what pip installed.
+        # Python looks in the working directory first: a clone there hides what pip
+        # installed.
         raise input_error(
             Path(__file__).resolve().parents[1],
-            "Python imports the sources of shapefit from here, and they are not compiled here",
+            "Python imports the sources of shapefit from here, and they are not"
+            " compiled here",
             "start Python in another folder, or install the clone in place: "
             "pip install -e '.[plots]'",
         ) from None
@@ -46,8 +52,8 @@ def choose_level() -> str:
     wanted = os.environ.get("SHAPEFIT_LEVEL") or LEVELS[0]
     if wanted not in LEVELS:
         raise InputError(
-            f"SHAPEFIT_LEVEL is {wanted}; this build and processor have {', '.join(LEVELS)}; "
-            "set it to one of these, or unset it"
+            f"SHAPEFIT_LEVEL is {wanted}; this build and processor have"
+            f" {', '.join(LEVELS)}; set it to one of these, or unset it"
         )
     return wanted
 
@@ -59,4 +65,6 @@ if TYPE_CHECKING:
     from shapefit.core._core import *  # noqa: F403
 else:
     _core = import_module(f"shapefit.core._core_{LEVEL}")
-    globals().update({name: it for name, it in vars(_core).items() if not name.startswith("__")})
+    globals().update(
+        {name: it for name, it in vars(_core).items() if not name.startswith("__")}
+    )

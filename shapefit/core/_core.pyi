@@ -1,5 +1,3 @@
-# ruff: noqa: E501
-# fmt: off
 """Signatures of the extension module, written by tools/generate.py."""
 
 import numpy as np

@@ -1,7 +1,8 @@
-"""Bodies: how training shapes move, how long and how rigid their bones are, and other bodies.
+"""Bodies: how training shapes move, how long and how rigid their bones are, and other
+bodies.
 
-Bones are the edges of the shapes. A few subjects have few bodies and few combinations of what arms
-and legs do; `vary` makes others of them.
+Bones are the edges of the shapes. A few subjects have few bodies and few combinations
+of what arms and legs do; `vary` makes others of them.
 """
 
 from __future__ import annotations
@@ -22,19 +23,23 @@ LEAST = 1e-3
 """Floor of the result: nothing stands stiller than that on purpose."""
 
 ALIKE = 0.02
-"""Root mean square difference of the logarithms of lengths within which two sequences show one
-body: motion capture finds those of a body again within 0.015."""
+"""Root mean square difference of the logarithms of lengths within which two sequences
+show one body: motion capture finds those of a body again within 0.015.
+"""
 
 LENGTH_STD, WORTH = 0.06, 5.0
-"""s and m. Ten bodies of motion capture have bones that are longer or shorter by 4.5% beside their
-size, and a body differs from another by 1.4 times that."""
+"""s and m. Ten bodies of motion capture have bones that are longer or shorter by 4.5%
+beside their size, and a body differs from another by 1.4 times that.
+"""
 
 
 def find_acceleration(shapes: Floats, sequences: Sequence[str]) -> Floats | None:
-    """Root mean square over frames t and axes of y_(t-1) - 2 y_t + y_(t+1), for each landmark (p,).
+    """Root mean square over frames t and axes of y_(t-1) - 2 y_t + y_(t+1), for each
+    landmark (p,).
 
-    shapes (n, 3, p) in one frame; y are those shapes about their centroid, in units of their size.
-    sequences (n,) name runs of frames in order of time. None where these are too few or short.
+    shapes (n, 3, p) in one frame; y are those shapes about their centroid, in units of
+    their size. sequences (n,) name runs of frames in order of time. None where these
+    are too few or short.
     """
     scale = normalise(shapes).scale
     unit = float(np.median(scale)) if len(scale) else 1.0
@@ -48,11 +53,14 @@ def find_acceleration(shapes: Floats, sequences: Sequence[str]) -> Floats | None
     return acceleration
 
 
-def find_bone_tolerance(shapes: Floats, edges: Integers, sequences: Sequence[str]) -> Floats:
-    """Root mean square (e,) of how the edges' lengths differ from their means in each sequence.
+def find_bone_tolerance(
+    shapes: Floats, edges: Integers, sequences: Sequence[str]
+) -> Floats:
+    """Root mean square (e,) of how the edges' lengths differ from their means in each
+    sequence.
 
-    shapes (n, 3, p), edges (e, 2); in units of the size of the shapes. 0 where edges are rigid
-    bones and each sequence shows one body.
+    shapes (n, 3, p), edges (e, 2); in units of the size of the shapes. 0 where edges
+    are rigid bones and each sequence shows one body.
     """
     lengths, mean, of = find_lengths(shapes, edges, sequences)
     tolerance: Floats = np.sqrt(((lengths - mean[of]) ** 2).mean(axis=0))
@@ -62,22 +70,28 @@ def find_bone_tolerance(shapes: Floats, edges: Integers, sequences: Sequence[str
 def find_lengths(
     shapes: Floats, edges: Integers, sequences: Sequence[str]
 ) -> tuple[Floats, Floats, Integers]:
-    """Lengths (n, e) of the edges, their means (s, e) in s sequences by name, and which (n,)."""
+    """Lengths (n, e) of the edges, their means (s, e) in s sequences by name, and which
+    (n,).
+    """
     i, j = edges.T
     lengths = np.linalg.norm(shapes[:, :, i] - shapes[:, :, j], axis=1)
-    _, of = np.unique(np.array(sequences, dtype=object).astype(str), return_inverse=True)
+    _, of = np.unique(
+        np.array(sequences, dtype=object).astype(str), return_inverse=True
+    )
     count = np.maximum(np.bincount(of), 1)
     mean = [np.bincount(of, column) / count for column in lengths.T]
     return lengths, np.stack(mean, axis=1) if mean else np.empty((len(count), 0)), of
 
 
 def find_edge_covariance(lengths: Floats, of_shapes: Floats | None = None) -> Floats:
-    """S = (sum_b d_b d_b^T + m s^2 I) / (n - 1 + m), d_b = log l_b - mean, of n bodies (e, e).
+    """S = (sum_b d_b d_b^T + m s^2 I) / (n - 1 + m), d_b = log l_b - mean, of n bodies
+    (e, e).
 
-    lengths (q, e), mean lengths of the edges in q sequences, in any unit; those of one body
-    (`ALIKE`) count once, and edges without a length differ by s alone. A few bodies say little of
-    others: the spread s counts as much as m further ones would. Where nothing says which shapes are
-    of one body they count as one, and S grows by the covariance of log l `of_shapes` (n, e).
+    lengths (q, e), mean lengths of the edges in q sequences, in any unit; those of one
+    body (`ALIKE`) count once, and edges without a length differ by s alone. A few
+    bodies say little of others: the spread s counts as much as m further ones would.
+    Where nothing says which shapes are of one body they count as one, and S grows by
+    the covariance of log l `of_shapes` (n, e).
     """
     measured: Flags = np.asarray((lengths > 0).all(axis=0))
     if of_shapes is not None:
@@ -97,11 +111,13 @@ def find_edge_covariance(lengths: Floats, of_shapes: Floats | None = None) -> Fl
 
 
 def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
-    """Metres (n,) in one unit of lifted shapes (n, 3, p): as large as the training shapes were.
+    """Metres (n,) in one unit of lifted shapes (n, 3, p): as large as the training
+    shapes were.
 
-    By the lengths of the edges where the dictionary has them, L_m / sum_e |X_i - X_j|: bones are as
-    long in every pose. Else by their spread, which is that of the training shapes on average. nan
-    for a shape without size; None where the dictionary does not say how large its shapes were.
+    By the lengths of the edges where the dictionary has them, L_m / sum_e |X_i - X_j|:
+    bones are as long in every pose. Else by their spread, which is that of the training
+    shapes on average. nan for a shape without size; None where the dictionary does not
+    say how large its shapes were.
     """
     metres = metres_in(dictionary.unit)
     if metres is None or not knows_size(dictionary):
@@ -110,7 +126,10 @@ def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
         assert dictionary.edges is not None
         assert dictionary.edge_length is not None
         i, j = dictionary.edges.T
-        sides = (shapes[:, a].take(i, axis=1) - shapes[:, a].take(j, axis=1) for a in range(3))
+        sides = (
+            shapes[:, a].take(i, axis=1) - shapes[:, a].take(j, axis=1)
+            for a in range(3)
+        )
         extent = np.sqrt(sum(side**2 for side in sides)).sum(axis=1)
         size = float(dictionary.edge_length.sum())
     else:
@@ -122,7 +141,9 @@ def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
 
 
 def knows_size(dictionary: Dictionary) -> bool:
-    """Whether the dictionary says how large its training shapes were, in a unit of length."""
+    """Whether the dictionary says how large its training shapes were, in a unit of
+    length.
+    """
     measured = has_lengths(dictionary) or dictionary.atom_scale is not None
     return measured and metres_in(dictionary.unit) is not None
 
@@ -130,14 +151,17 @@ def knows_size(dictionary: Dictionary) -> bool:
 def has_lengths(dictionary: Dictionary) -> bool:
     """Whether the dictionary says how long its edges are."""
     length = dictionary.edge_length
-    return dictionary.edges is not None and length is not None and bool(length.sum() > 0)
+    return (
+        dictionary.edges is not None and length is not None and bool(length.sum() > 0)
+    )
 
 
 class Skeleton(NamedTuple):
-    """A tree of bones: order (p - 1,), the landmarks without the root, each after its parent (p,).
+    """A tree of bones: order (p - 1,), the landmarks without the root, each after its
+    parent (p,).
 
-    limbs: for each chain of bones that ends in a leaf, the landmarks beyond its first bone; that
-    bone, such as from the neck to a shoulder, belongs to the trunk.
+    limbs: for each chain of bones that ends in a leaf, the landmarks beyond its first
+    bone; that bone, such as from the neck to a shoulder, belongs to the trunk.
     """
 
     order: tuple[int, ...]
@@ -146,7 +170,9 @@ class Skeleton(NamedTuple):
 
 
 def find_skeleton(edges: Integers, points: int) -> Skeleton:
-    """Lay out the tree of edges (e, 2). Raises ValueError where they do not form one."""
+    """Lay out the tree of edges (e, 2). Raises ValueError where they do not form
+    one.
+    """
     neighbours: list[list[int]] = [[] for _ in range(points)]
     for a, b in edges.tolist():
         neighbours[a].append(b)
@@ -166,7 +192,9 @@ def find_skeleton(edges: Integers, points: int) -> Skeleton:
             chain.append(parent[chain[-1]])
         if leaf != root and len(neighbours[leaf]) == 1 and len(chain) > 1:
             limbs.append(tuple(chain[-2::-1]))
-    return Skeleton(tuple(order[1:]), tuple(parent[j] for j in range(points)), tuple(limbs))
+    return Skeleton(
+        tuple(order[1:]), tuple(parent[j] for j in range(points)), tuple(limbs)
+    )
 
 
 def vary(
@@ -178,11 +206,13 @@ def vary(
     exchange: float,
     partners: Integers | None = None,
 ) -> Floats:
-    """(n, 3, p) -> (copies n, 3, p), aligned shapes varied at random, the same for equal shapes.
+    """(n, 3, p) -> (copies n, 3, p), aligned shapes varied at random, the same for
+    equal shapes.
 
-    exchange: share of the shapes each of whose limbs comes from another shape, drawn at random,
-    bone by bone as it lies there. stretch: standard deviation of the logarithm of the length of a
-    bone; landmarks and their partners (p,) stretch alike. The shapes are no longer normalised.
+    exchange: share of the shapes each of whose limbs comes from another shape, drawn at
+    random, bone by bone as it lies there. stretch: standard deviation of the logarithm
+    of the length of a bone; landmarks and their partners (p,) stretch alike. The shapes
+    are no longer normalised.
     """
     rng = np.random.default_rng(0)
     n, _, p = shapes.shape

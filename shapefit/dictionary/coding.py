@@ -1,6 +1,7 @@
 """Non-negative sparse coding: shapes as cheap non-negative mixtures of fixed atoms.
 
-min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i  over c >= 0, for each shape S by itself
+min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i  over c >= 0, for each shape S by
+                                                      itself
 (paper, eq. dl with the atoms fixed).
 """
 
@@ -26,15 +27,20 @@ def sparse_code(
 ) -> Floats:
     """argmin_C sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji  over C >= 0.
 
-    shapes (n, 3, p), atoms (k, 3, p), start (n, k) >= 0 the coefficients to begin at (default
-    0); returns C (n, k). Never worse than the start. Each shape stops when no change of a single
-    coefficient would still move it by more than `tolerance` of its norm.
+    shapes (n, 3, p), atoms (k, 3, p), start (n, k) >= 0 the coefficients to begin at
+    (default 0); returns C (n, k). Never worse than the start. Each shape stops when no
+    change of a single coefficient would still move it by more than `tolerance` of its
+    norm.
 
-    An active set method (Lawson and Hanson 1974, with the l1 term), see core/base/active_set.hpp.
-    Warns (RuntimeWarning) where a shape does not stop.
+    An active set method (Lawson and Hanson 1974, with the l1 term), see
+    core/base/active_set.hpp. Warns (RuntimeWarning) where a shape does not stop.
     """
     X, B = flat(shapes), flat(atoms)
-    C = np.zeros((len(X), len(B))) if start is None else np.array(start, dtype=np.float64)
+    C = (
+        np.zeros((len(X), len(B)))
+        if start is None
+        else np.array(start, dtype=np.float64)
+    )
     if C.shape != (len(X), len(B)) or (C < 0).any():
         raise ValueError(f"start must be {(len(X), len(B))} and >= 0, is {C.shape}")
     smallest_move = tolerance * np.linalg.norm(X, axis=1)
@@ -56,15 +62,21 @@ def sparse_code(
     return C
 
 
-def objectives(shapes: Floats, atoms: Floats, beta: float, coefficients: Floats) -> Floats:
+def objectives(
+    shapes: Floats, atoms: Floats, beta: float, coefficients: Floats
+) -> Floats:
     """1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji for each shape; (n,)."""
     left = flat(shapes) - coefficients @ flat(atoms)
-    values: Floats = 0.5 * np.einsum("nd,nd->n", left, left) + beta * coefficients.sum(axis=1)
+    values: Floats = 0.5 * np.einsum("nd,nd->n", left, left) + beta * coefficients.sum(
+        axis=1
+    )
     return values
 
 
 def flat(shapes: Floats) -> Floats:
-    """Return shapes (n, 3, p) as rows (n, 3p): a view where they lie in order in memory."""
+    """Return shapes (n, 3, p) as rows (n, 3p): a view where they lie in order in
+    memory.
+    """
     return np.ascontiguousarray(shapes, dtype=np.float64).reshape(
         len(shapes), prod(shapes.shape[1:])
     )

@@ -1,4 +1,5 @@
-"""Dictionary learning: alternate sparse coding and atom update (paper, eq. dl); PCA bases.
+"""Dictionary learning: alternate sparse coding and atom update (paper, eq. dl); PCA
+bases.
 
 min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C  over C >= 0, ||B_i||_F <= 1.
 """
@@ -25,8 +26,9 @@ REACH = 0.5
 class Learned:
     """The state after a round.
 
-    atoms (k, 3, p); coefficients (n, k), optimal for these atoms; trace (1 + 2 rounds,) the
-    objective after the first coding and after every half-step since: atom update, coding, ...
+    atoms (k, 3, p); coefficients (n, k), optimal for these atoms; trace (1 + 2 rounds,)
+    the objective after the first coding and after every half-step since: atom update,
+    coding, ...
     """
 
     atoms: Floats
@@ -41,17 +43,20 @@ def learn(
     *,
     iterations: int,
 ) -> Iterator[Learned]:
-    """min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C  over C >= 0, ||B_i||_F <= 1.
+    """min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C  over C >= 0, ||B_i||_F
+                                                                <= 1.
 
-    shapes (n, 3, p), normalised, aligned, centred, none of them 0; k <= n atoms. The start
-    is k shapes at even distances in the order given, scaled to norm 1, and their coding. Each of
-    the `iterations` rounds updates the atoms, replaces dead ones, codes again, and yields its
-    state; they end early where a round does not lower the objective.
+    shapes (n, 3, p), normalised, aligned, centred, none of them 0; k <= n atoms. The
+    start is k shapes at even distances in the order given, scaled to norm 1, and their
+    coding. Each of the `iterations` rounds updates the atoms, replaces dead ones, codes
+    again, and yields its state; they end early where a round does not lower the
+    objective.
 
-    To need fewer rounds, the shapes are also coded with atoms that lie beyond the update, on the
-    line from the old ones, and the better of the two is kept. So no half-step raises the
-    objective. Nothing is random: equal shapes give equal atoms, and turning all shapes turns the
-    atoms. Source: paper, eq. dl; the overrelaxation is our own.
+    To need fewer rounds, the shapes are also coded with atoms that lie beyond the
+    update, on the line from the old ones, and the better of the two is kept. So no
+    half-step raises the objective. Nothing is random: equal shapes give equal atoms,
+    and turning all shapes turns the atoms. Source: paper, eq. dl; the overrelaxation is
+    our own.
     """
     n = len(shapes)
     if not 1 <= k <= n:
@@ -73,7 +78,9 @@ def learn(
         updated = update_atoms(shapes, C, B)
         trace.append(total(updated, C))
         beyond = updated + REACH * (updated - B)
-        beyond *= BOUND / np.linalg.norm(beyond, axis=(1, 2), keepdims=True).clip(min=BOUND)
+        beyond *= BOUND / np.linalg.norm(beyond, axis=(1, 2), keepdims=True).clip(
+            min=BOUND
+        )
         coded = recode(updated, C), recode(beyond, C)
         objective, B, C = min(coded, key=lambda state: state[0])
         trace.append(objective)
@@ -83,14 +90,19 @@ def learn(
 
 
 def update_atoms(
-    shapes: Floats, coefficients: Floats, atoms: Floats, bound: float = BOUND, sweeps: int = 5
+    shapes: Floats,
+    coefficients: Floats,
+    atoms: Floats,
+    bound: float = BOUND,
+    sweeps: int = 5,
 ) -> Floats:
     """Lower 1/2 sum_j ||S_j - sum_i C_ji B_i||_F^2 over atoms with ||B_i||_F <= bound.
 
-    shapes S (n, 3, p), coefficients C (n, k); atoms (k, 3, p) within the bound, the place to start;
-    returns the new atoms. Block coordinate descent: with the other atoms fixed, the best B_i is the
-    projection of its unconstrained minimum on the ball, so no step raises the objective. Atoms that
-    no shape uses stay as they are. Source: Mairal et al. 2010, algorithm 2.
+    shapes S (n, 3, p), coefficients C (n, k); atoms (k, 3, p) within the bound, the
+    place to start; returns the new atoms. Block coordinate descent: with the other
+    atoms fixed, the best B_i is the projection of its unconstrained minimum on the
+    ball, so no step raises the objective. Atoms that no shape uses stay as they are.
+    Source: Mairal et al. 2010, algorithm 2.
     """
     A, D = coefficients.T @ coefficients, coefficients.T @ flat(shapes)
     B = np.array(flat(atoms))
@@ -103,11 +115,13 @@ def update_atoms(
 
 
 def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> Floats:
-    """Put the worst reconstructed training shape, scaled to norm 1, in place of a dead atom.
+    """Put the worst reconstructed training shape, scaled to norm 1, in place of a dead
+    atom.
 
-    An atom is dead if no shape uses it. Its coefficients are 0, so the objective stays. Of
-    several dead atoms each later one gets the shape that is worst after the earlier ones have
-    taken up their part of the residuals, so that neighbouring frames do not fill them all.
+    An atom is dead if no shape uses it. Its coefficients are 0, so the objective stays.
+    Of several dead atoms each later one gets the shape that is worst after the earlier
+    ones have taken up their part of the residuals, so that neighbouring frames do not
+    fill them all.
     """
     dead = np.flatnonzero(~coefficients.any(axis=0))
     if not len(dead):
@@ -127,14 +141,15 @@ def of_norm_one(shapes: Floats) -> Floats:
 
 
 def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats:
-    """(sum_j C_ji s_j / sum_j C_ji) / std(B_i): as large as the shapes that use the atom.
+    """(sum_j C_ji s_j / sum_j C_ji) / std(B_i): as large as the shapes that use the
+    atom.
 
-    A learned atom has no size: grown to the standard deviation 1 of a normalised shape it is as
-    large as the training shapes are on average, each by its share in the atom's use. One that no
-    shape uses is as large as all shapes are on average.
+    A learned atom has no size: grown to the standard deviation 1 of a normalised shape
+    it is as large as the training shapes are on average, each by its share in the
+    atom's use. One that no shape uses is as large as all shapes are on average.
 
-    atoms B (k, 3, p), none 0; coefficients C (n, k); scale s (n,), by which shapes were normalised;
-    returns (k,) > 0.
+    atoms B (k, 3, p), none 0; coefficients C (n, k); scale s (n,), by which shapes were
+    normalised; returns (k,) > 0.
     """
     use = coefficients.sum(axis=0)
     size = np.full(len(atoms), float(scale.sum()) / len(scale))
@@ -144,23 +159,30 @@ def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats
 
 
 def principal_components(shapes: Floats, bases: float = 0.99) -> Floats:
-    """Orthonormal directions (m, 3, p) in which the shapes differ most from their own mean.
+    """Orthonormal directions (m, 3, p) in which the shapes differ most from their own
+    mean.
 
-    shapes (n, 3, p), n >= 1, normalised, aligned, centred. The strongest come first, each with
-    its largest entry positive. m is `bases`, or, where that is below 1, the least number that holds
-    this share of the summed squared distances from the mean; at most the rank, and so 0 for shapes
-    that are all alike. The dictionary of matching pursuit concatenates those of all
-    activities. Source: Ramakrishna, Kanade and Sheikh 2012.
+    shapes (n, 3, p), n >= 1, normalised, aligned, centred. The strongest come first,
+    each with its largest entry positive. m is `bases`, or, where that is below 1, the
+    least number that holds this share of the summed squared distances from the mean; at
+    most the rank, and so 0 for shapes that are all alike. The dictionary of matching
+    pursuit concatenates those of all activities. Source: Ramakrishna, Kanade and Sheikh
+    2012.
     """
     X = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
     _, s, directions = np.linalg.svd(X, full_matrices=False)
-    # Shapes come from files in single precision, and what aligns them rounds them differently.
-    rounding = np.finfo(np.float32).eps * np.sqrt(X.size) * np.abs(shapes).max(initial=0.0)
+    # Shapes come from files in single precision, and what aligns them rounds them
+    # differently.
+    rounding = (
+        np.finfo(np.float32).eps * np.sqrt(X.size) * np.abs(shapes).max(initial=0.0)
+    )
     rank = int((s > rounding).sum())
     number = int(bases)
     if bases < 1:
         explained = np.cumsum(s[:rank] ** 2)
         number = int((explained < bases * explained[-1]).sum()) + 1 if rank else 0
     retained = directions[: min(number, rank)]
-    largest = np.take_along_axis(retained, np.abs(retained).argmax(axis=1)[:, None], axis=1)
+    largest = np.take_along_axis(
+        retained, np.abs(retained).argmax(axis=1)[:, None], axis=1
+    )
     return (retained * np.sign(largest)).reshape(-1, *shapes.shape[1:])

@@ -1,10 +1,13 @@
-"""A prior over shapes: a mixture of Gaussians, learned by expectation maximisation with a prior.
+"""A prior over shapes: a mixture of Gaussians, learned by expectation maximisation with
+a prior.
 
 max over pi, mu, C of  sum_n w_n log sum_k pi_k exp(E log N(x_n + e; mu_k, C_k))
-                       - kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G)),      e ~ N(0, floor I).
+                       - kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G)),      e ~ N(0, floor
+                         I).
 
-The expectation over e raises every covariance by the floor; kappa draws the covariances towards G,
-that of all shapes and e together, as that many shapes would. No round lowers the objective.
+The expectation over e raises every covariance by the floor; kappa draws the covariances
+towards G, that of all shapes and e together, as that many shapes would. No round lowers
+the objective.
 """
 
 from __future__ import annotations
@@ -20,18 +23,24 @@ from shapefit.arrays import Floats, Integers
 KMEANS_ROUNDS = 20
 
 LEAST_SHAPES = 1e-3
-"""Shapes of a component below which it is left out: it has died, and would only mislead."""
+"""Shapes of a component below which it is left out: it has died, and would only
+mislead.
+"""
 
 
 LEAST_SHARE = 1e-15
-"""Share of a shape in a component below which it adds nothing to its covariance: most are so."""
+"""Share of a shape in a component below which it adds nothing to its covariance: most
+are so.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """p(x) = sum_k pi_k N(x; mu_k, C_k) over shapes x, flattened: all x, then all y, then all z.
+    """p(x) = sum_k pi_k N(x; mu_k, C_k) over shapes x, flattened: all x, then all y,
+    then all z.
 
-    weights pi (K,), positive, with the sum 1; means mu (K, 3, p); covariances C (K, 3p, 3p).
+    weights pi (K,), positive, with the sum 1; means mu (K, 3, p); covariances C (K, 3p,
+    3p).
     """
 
     weights: Floats
@@ -48,7 +57,9 @@ class Mixture:
         return self.covariances.reshape(k, 3, p, 3, p).transpose(0, 2, 1, 4, 3)
 
     @classmethod
-    def of_landmarks(cls, weights: Floats, means: Floats, by_landmark: Floats) -> Mixture:
+    def of_landmarks(
+        cls, weights: Floats, means: Floats, by_landmark: Floats
+    ) -> Mixture:
         """Make the mixture from covariances (K, p, 3, p, 3)."""
         k, _, p = means.shape
         C = by_landmark.transpose(0, 2, 1, 4, 3).reshape(k, 3 * p, 3 * p)
@@ -57,13 +68,17 @@ class Mixture:
     def marginal(self, landmarks: Integers) -> Mixture:
         """Return the mixture over some of the landmarks, in this order."""
         C = np.take(np.take(self.by_landmark, landmarks, axis=1), landmarks, axis=3)
-        return self.of_landmarks(self.weights, np.take(self.means, landmarks, axis=2), C)
+        return self.of_landmarks(
+            self.weights, np.take(self.means, landmarks, axis=2), C
+        )
 
     def log_density(self, shapes: Floats) -> Floats:
         """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K)."""
         x = np.ascontiguousarray(shapes.reshape(len(shapes), -1).T)
         density, z = np.empty((x.shape[1], len(self))), np.empty_like(x)
-        for k, (mean, covariance) in enumerate(zip(self.means, self.covariances, strict=True)):
+        for k, (mean, covariance) in enumerate(
+            zip(self.means, self.covariances, strict=True)
+        ):
             L = np.linalg.cholesky(covariance)
             whiten = np.linalg.inv(L)
             np.matmul(whiten, x, out=z)
@@ -97,11 +112,12 @@ def learn_mixture(
 ) -> LearnedMixture:
     """Learn from shapes (n, 3, p), normalised and aligned.
 
-    shrinkage in [0, 1): the share of G in the covariance of a component of average size;
-    floor > 0: variance of every coordinate beyond that of the shapes. The start is k-means with
-    the seeds of k-means++ drawn from a fixed stream: equal shapes give equal mixtures. Ends where
-    a round raises the objective by no more than `tolerance` a shape. Components that no shape
-    belongs to any more are left out. Raises ValueError for more components than shapes.
+    shrinkage in [0, 1): the share of G in the covariance of a component of average
+    size; floor > 0: variance of every coordinate beyond that of the shapes. The start
+    is k-means with the seeds of k-means++ drawn from a fixed stream: equal shapes give
+    equal mixtures. Ends where a round raises the objective by no more than `tolerance`
+    a shape. Components that no shape belongs to any more are left out. Raises
+    ValueError for more components than shapes.
     """
     X = np.ascontiguousarray(shapes.reshape(len(shapes), -1))
     n, d = X.shape
@@ -122,12 +138,18 @@ def learn_mixture(
         mixture = maximise(X, np.exp(density - log_sum[:, None]), G, kappa, floor)
     retained = mixture.weights * n > LEAST_SHAPES
     weights = mixture.weights[retained]
-    alive = Mixture(weights / weights.sum(), mixture.means[retained], mixture.covariances[retained])
+    alive = Mixture(
+        weights / weights.sum(), mixture.means[retained], mixture.covariances[retained]
+    )
     return LearnedMixture(alive, np.array(trace))
 
 
-def maximise(X: Floats, share: Floats, G: Floats, kappa: float, floor: float) -> Mixture:
-    """Return the best mixture for responsibilities (n, K) of the components for shapes X (n, d)."""
+def maximise(
+    X: Floats, share: Floats, G: Floats, kappa: float, floor: float
+) -> Mixture:
+    """Return the best mixture for responsibilities (n, K) of the components for shapes
+    X (n, d).
+    """
     count = np.maximum(share.sum(axis=0), 1e-300)
     means = (share.T @ X) / count[:, None]
     prior = floor * np.eye(X.shape[1])
@@ -135,7 +157,9 @@ def maximise(X: Floats, share: Floats, G: Floats, kappa: float, floor: float) ->
         (_scatter(X, w, mean) + total * prior + kappa * G) / (total + kappa)
         for w, mean, total in zip(share.T, means, count, strict=True)
     ]
-    return Mixture(count / count.sum(), means.reshape(len(count), 3, -1), np.stack(covariances))
+    return Mixture(
+        count / count.sum(), means.reshape(len(count), 3, -1), np.stack(covariances)
+    )
 
 
 def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
@@ -149,12 +173,16 @@ def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
 def log_prior(mixture: Mixture, G: Floats, kappa: float) -> float:
     """-kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G))."""
     log_size = np.linalg.slogdet(mixture.covariances)[1]
-    pulled = np.linalg.solve(mixture.covariances, np.broadcast_to(G, mixture.covariances.shape))
+    pulled = np.linalg.solve(
+        mixture.covariances, np.broadcast_to(G, mixture.covariances.shape)
+    )
     return float(-0.5 * kappa * (log_size + pulled.trace(axis1=1, axis2=2)).sum())
 
 
 def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
-    """Nearest centre (n,) of X (n, d) after some rounds of Lloyd's from the seeds of k-means++."""
+    """Nearest centre (n,) of X (n, d) after some rounds of Lloyd's from the seeds of
+    k-means++.
+    """
     rng, n = np.random.default_rng(0), len(X)
     centres = X[[rng.choice(n, p=np.ones(n) / n)]]
     nearest = ((X - centres[0]) ** 2).sum(axis=1)

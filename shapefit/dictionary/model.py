@@ -17,38 +17,47 @@ LEARNED_FROM = "learned_from"
 """Of the provenance: what a dictionary was learned from where it was no 3D shapes."""
 
 VERDICT = "verdict"
-"""Provenance: how sure depth is that was learned from 2D landmarks, as `judgement` says it."""
+"""Provenance: how sure depth is that was learned from 2D landmarks, as `judgement` says
+it.
+"""
 
 DEPTH_AMBIGUITY = "near_and_far"
-"""Provenance: what told near from far where shapes were learned from 2D landmarks, or `OPEN`."""
+"""Provenance: what told near from far where shapes were learned from 2D landmarks, or
+`OPEN`.
+"""
 
 OPEN = "open"
 
 SUITS = "suits"
-"""Provenance: names of the configs of `fit` that suit the dictionary, with spaces between."""
+"""Provenance: names of the configs of `fit` that suit the dictionary, with spaces
+between.
+"""
 
 WHERE_MARKED = "where_marked"
-"""Provenance: groups of landmarks that a fit has only where its files mark one of them, after the
-landmark that they depend on, as `rankle:rheel,rball,rtoe`, with spaces between the groups."""
+"""Provenance: groups of landmarks that a fit has only where its files mark one of them,
+after the landmark that they depend on, as `rankle:rheel,rball,rtoe`, with spaces
+between the groups.
+"""
 
 
 @dataclass(frozen=True)
 class Dictionary:
     """k atoms B_i, each a centred (3, p) shape on the scale of normalised shapes.
 
-    atoms (k, 3, p); mean_shape (3, p); edges (e, 2) pairs of landmark indices for drawing;
-    mirror_index (p,) the landmark that a reflection makes of each;
-    mesh_vertices (k, 3, q) and mesh_faces (f, 3) travel with the atoms where the training shapes
-    had a mesh; atom_scale (k,): atom i measures atom_scale[i] * B_i in `unit`; atom_items (k,):
-    the training shape that each atom is, where the atoms are exemplars; prior is that over shapes,
-    residual_variance (1,) the variance of a normalised coordinate that it cannot place, and
-    p_value_table (t, 4) what p-values under it are found by, see `draw_table`;
-    acceleration (p,): how much the training shapes move, see `find_acceleration`, and their
-    frame_rate in Hz; bone_tolerance (e,), how far edges are from rigid, see `find_give`;
-    edge_length (e,), the mean lengths of the edges in `unit`, and edge_covariance (e, e), how
-    their logarithms differ between bodies, see `find_edge_covariance`; each where it is known;
-    objective_trace is the training objective after every half-step; provenance holds text
-    (version, resolved config, input digests).
+    atoms (k, 3, p); mean_shape (3, p); edges (e, 2) pairs of landmark indices for
+    drawing; mirror_index (p,) the landmark that a reflection makes of each;
+    mesh_vertices (k, 3, q) and mesh_faces (f, 3) travel with the atoms where the
+    training shapes had a mesh; atom_scale (k,): atom i measures atom_scale[i] * B_i in
+    `unit`; atom_items (k,): the training shape that each atom is, where the atoms are
+    exemplars; prior is that over shapes, residual_variance (1,) the variance of a
+    normalised coordinate that it cannot place, and p_value_table (t, 4) what p-values
+    under it are found by, see `draw_table`; acceleration (p,): how much the training
+    shapes move, see `find_acceleration`, and their frame_rate in Hz; bone_tolerance
+    (e,), how far edges are from rigid, see `find_give`; edge_length (e,), the mean
+    lengths of the edges in `unit`, and edge_covariance (e, e), how their logarithms
+    differ between bodies, see `find_edge_covariance`; each where it is known;
+    objective_trace is the training objective after every half-step; provenance holds
+    text (version, resolved config, input digests).
     """
 
     atoms: Floats
@@ -84,7 +93,9 @@ class Dictionary:
 
     @property
     def prior_covariances(self) -> Floats | None:
-        """Return C (K, p, 3, p, 3) of the prior, the covariance of each coordinate with each."""
+        """Return C (K, p, 3, p, 3) of the prior, the covariance of each coordinate with
+        each.
+        """
         return None if self.prior is None else self.prior.by_landmark
 
     @property
@@ -95,8 +106,8 @@ class Dictionary:
     def without(self, item: str) -> Dictionary:
         """Return the dictionary of the atoms that are not the training shape `item`.
 
-        Its mean shape is the normalised mean of the atoms that are left. Raises ValueError where
-        the atoms have no items, and where none is left.
+        Its mean shape is the normalised mean of the atoms that are left. Raises
+        ValueError where the atoms have no items, and where none is left.
         """
         retained = self.atoms_without(item)
         if not retained.any():
@@ -122,31 +133,44 @@ class Dictionary:
 
     @property
     def depth_ambiguity(self) -> bool:
-        """Whether nothing has told near from far: the class may be its mirror image in depth."""
+        """Whether nothing has told near from far: the class may be its mirror image in
+        depth.
+        """
         return (
-            LEARNED_FROM in self.provenance and self.provenance.get(DEPTH_AMBIGUITY, OPEN) == OPEN
+            LEARNED_FROM in self.provenance
+            and self.provenance.get(DEPTH_AMBIGUITY, OPEN) == OPEN
         )
 
     @property
     def groups(self) -> dict[str, tuple[str, tuple[str, ...]]]:
-        """Return the groups of `WHERE_MARKED` by their text: (depends on, landmarks) of each."""
+        """Return the groups of `WHERE_MARKED` by their text: (depends on, landmarks) of
+        each.
+        """
         texts = self.provenance.get(WHERE_MARKED, "").split()
         pairs = ((text, text.partition(":")) for text in texts)
         return {text: (pair[0], tuple(pair[2].split(","))) for text, pair in pairs}
 
     @property
     def depends_on(self) -> NDArray[np.int64]:
-        """Return the landmark that each one (p,) of those groups depends on, -1 for the others."""
+        """Return the landmark that each one (p,) of those groups depends on, -1 for the
+        others.
+        """
         indices = np.full(len(self.landmark_names), -1)
         for other, landmarks in self.groups.values():
             for name in landmarks:
-                indices[self.landmark_names.index(name)] = self.landmark_names.index(other)
+                indices[self.landmark_names.index(name)] = self.landmark_names.index(
+                    other
+                )
         return indices
 
     def marked(self, landmarks: Collection[str]) -> Dictionary:
-        """Return the dictionary without the optional joints (toes) that no landmark marks."""
+        """Return the dictionary without the optional joints (toes) that no landmark
+        marks.
+        """
         retained = [
-            text for text, (_, members) in self.groups.items() if set(members) & set(landmarks)
+            text
+            for text, (_, members) in self.groups.items()
+            if set(members) & set(landmarks)
         ]
         dropped = {
             name
@@ -161,11 +185,14 @@ class Dictionary:
         return replace(self.of_landmarks(names), provenance=provenance)
 
     def of_landmarks(self, names: Sequence[str]) -> Dictionary:
-        """Return the dictionary of some landmarks: the marginal of the prior, edges between them.
+        """Return the dictionary of some landmarks: the marginal of the prior, edges
+        between them.
 
         `mirror_index` stays where the partners of all are among them.
         """
-        columns = np.array([self.landmark_names.index(name) for name in names], dtype=np.int64)
+        columns = np.array(
+            [self.landmark_names.index(name) for name in names], dtype=np.int64
+        )
         place = np.full(len(self.landmark_names), -1)
         place[columns] = np.arange(len(columns))
         changes: dict[str, Any] = {}
@@ -193,12 +220,13 @@ class Dictionary:
 
 
 def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
-    """Return the dictionary of the landmarks y = A x + e, e with the deviations `residual` (p,).
+    """Return the dictionary of the landmarks y = A x + e, e with the deviations
+    `residual` (p,).
 
         p(y) = sum_k pi_k N(y; A mu_k, A C_k A^T + V),  atoms A B_i
 
-    A (p, p), rows of weights that each add up to 1; V is the variance of e. Landmark j stands for
-    joint j: edges, motion and names stay as they are; edges get longer as
+    A (p, p), rows of weights that each add up to 1; V is the variance of e. Landmark j
+    stands for joint j: edges, motion and names stay as they are; edges get longer as
     their root mean square lengths do.
     """
     prior, length = dictionary.prior, dictionary.edge_length
@@ -207,7 +235,9 @@ def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
         covariances = every @ prior.covariances @ every.T + noise
         moved = Mixture(prior.weights, prior.means @ A.T, covariances)
         if length is not None and dictionary.edges is not None:
-            longer = edge_squares(moved, dictionary.edges) / edge_squares(prior, dictionary.edges)
+            longer = edge_squares(moved, dictionary.edges) / edge_squares(
+                prior, dictionary.edges
+            )
             length = length * np.sqrt(longer)
         prior = moved
     return replace(
@@ -220,7 +250,9 @@ def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
 
 
 def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
-    """E ||x_i - x_j||^2 (e,) of the edges ij: of the means, and the trace of the covariance."""
+    """E ||x_i - x_j||^2 (e,) of the edges ij: of the means, and the trace of the
+    covariance.
+    """
     i, j = edges.T
     second = prior.by_landmark + np.einsum("kap,kbq->kpaqb", prior.means, prior.means)
     moments = np.einsum("k,kpaqa->pq", prior.weights, second)
@@ -229,12 +261,17 @@ def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
 
 
 def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
-    """Say of a class that was learned from 2D landmarks how sure its depth is; else nothing."""
+    """Say of a class that was learned from 2D landmarks how sure its depth is; else
+    nothing.
+    """
     provenance = dictionary.provenance
     if LEARNED_FROM not in provenance:
         return ()
     verdict = provenance.get(VERDICT, "of an earlier version, which stored no verdict")
-    line = f"the class was learned from 2D {provenance[LEARNED_FROM]}: {verdict}; near and far "
+    line = (
+        f"the class was learned from 2D {provenance[LEARNED_FROM]}: {verdict}; near and"
+        " far "
+    )
     if dictionary.depth_ambiguity:
         line += (
             f"{OPEN}, so that no image is trusted: learn it again with "

@@ -1,4 +1,6 @@
-"""The errors of all images, sorted, a line for each method: an SVG, written without a library."""
+"""The errors of all images, sorted, a line for each method: an SVG, written without a
+library.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,16 @@ import numpy as np
 from shapefit.arrays import Floats
 
 # Okabe and Ito 2008: distinguishable with every common form of colour blindness.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#F0E442")
+COLOURS = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#D55E00",
+    "#000000",
+    "#F0E442",
+)
 POINTS = 1000
 """Of a line, at most."""
 WIDTH, HEIGHT, LEFT, TOP, LINE = 640, 400, 70, 40, 20
@@ -23,13 +34,21 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
 
     Where images failed the line of their method ends early.
     """
-    finite = {name: np.sort(values[~np.isnan(values)]) for name, values in errors.items()}
-    largest = max((values[-1] for values in finite.values() if len(values)), default=0.0) or 1.0
+    finite = {
+        name: np.sort(values[~np.isnan(values)]) for name, values in errors.items()
+    }
+    largest = (
+        max((values[-1] for values in finite.values() if len(values)), default=0.0)
+        or 1.0
+    )
     middle, below, label = TOP + HEIGHT / 2, TOP + HEIGHT + 60, f"error ({unit})"
     parts = [
         _text(LEFT, TOP - 14, escape(title), "start"),
         _text(LEFT + WIDTH / 2, TOP + HEIGHT + 38, "images (%), sorted by error"),
-        f'<g transform="rotate(-90 18 {middle})">{_text(18, middle, escape(label))}</g>',
+        (
+            '<g transform="rotate(-90 18'
+            f' {middle})">{_text(18, middle, escape(label))}</g>'
+        ),
     ]
     for value in _ticks(largest):
         y = TOP + HEIGHT * (1 - value / largest)
@@ -41,7 +60,9 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
         parts.append(_text(x, TOP + HEIGHT + 18, str(share)))
     for number, (name, values) in enumerate(finite.items()):
         colour, y = COLOURS[number % len(COLOURS)], below + LINE * number
-        every = np.unique(np.linspace(0, len(values) - 1, POINTS).astype(int))[: len(values)]
+        every = np.unique(np.linspace(0, len(values) - 1, POINTS).astype(int))[
+            : len(values)
+        ]
         across = LEFT + WIDTH * (every + 0.5) / max(len(errors[name]), 1)
         down = TOP + HEIGHT * (1 - values[every] / largest)
         line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))
@@ -57,7 +78,9 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
 def _ticks(largest: float) -> Floats:
     """Return round numbers from 0 to the largest, five to ten of them."""
     power = 10.0 ** math.floor(math.log10(largest))
-    step = next(power * part for part in (0.1, 0.2, 0.5, 1) if largest / (power * part) <= 10)
+    step = next(
+        power * part for part in (0.1, 0.2, 0.5, 1) if largest / (power * part) <= 10
+    )
     return np.asarray(step * np.arange(int(largest / step * (1 + 1e-9)) + 1))
 
 

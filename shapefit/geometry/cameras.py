@@ -21,19 +21,23 @@ _ROWS: dict[Up, tuple[tuple[int, int, int], ...]] = {
     "-z": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
 }
 
-TO_Y_UP = MappingProxyType({up: np.array(rows, np.float64) for up, rows in _ROWS.items()})
+TO_Y_UP = MappingProxyType(
+    {up: np.array(rows, np.float64) for up, rows in _ROWS.items()}
+)
 """Rotations R (3, 3), det +1, with R a = y for the axis a that points up."""
 
 IMAGE_UP: Up = "-y"
-"""Of the frame x right, y down, z away from the camera, where the camera is held level."""
+"""Of the frame x right, y down, z away from the camera, where the camera is held level.
+"""
 
 
 def nearest_axis_up(rotation: Floats) -> Up:
-    """argmax over axes a of the world of <R a, up in the image>: the axis that points up.
+    """argmax over axes a of the world of <R a, up in the image>: the axis that points
+    up.
 
-    R (..., 3, 3) maps the world to the frame of the camera, x right, y down, z away from it. The
-    cameras of a recording are rarely tilted by more than 45 degrees, and worlds have an axis
-    upright; which one differs from tool to tool.
+    R (..., 3, 3) maps the world to the frame of the camera, x right, y down, z away
+    from it. The cameras of a recording are rarely tilted by more than 45 degrees, and
+    worlds have an axis upright; which one differs from tool to tool.
     """
     upward = -np.asarray(rotation, np.float64)[..., 1, :].reshape(-1, 3).mean(axis=0)
     axis = int(np.abs(upward).argmax())
@@ -45,20 +49,22 @@ Axis = Literal["x", "y", "z"]
 
 
 def project(shapes: Floats, rotations: Floats, scale: float = 1.0) -> Floats:
-    """W = s [1 0 0; 0 1 0] R S; shapes (..., 3, p), rotations (..., 3, 3) -> (..., 2, p).
+    """W = s [1 0 0; 0 1 0] R S; shapes (..., 3, p), rotations (..., 3, 3) -> (..., 2,
+    p).
 
-    s = 1 is the orthographic camera, any other positive s the weak-perspective one. Rotations
-    map object frame to camera frame: x right, y up, z towards the viewer.
+    s = 1 is the orthographic camera, any other positive s the weak-perspective one.
+    Rotations map object frame to camera frame: x right, y up, z towards the viewer.
     """
     return scale * (rotations[..., :2, :] @ shapes)
 
 
 def turntable(turns: Floats, up: Axis) -> Floats:
-    """R = U R_up(2 pi turns): the object stands upright and has made `turns` turns about `up`.
+    """R = U R_up(2 pi turns): the object stands upright and has made `turns` turns
+    about `up`.
 
-    turns (n,) -> (n, 3, 3). The camera looks horizontally. U brings the axis `up` of the object
-    to y of the camera by the shorter way; it is the identity for y. Seen from above the object
-    turns anticlockwise.
+    turns (n,) -> (n, 3, 3). The camera looks horizontally. U brings the axis `up` of
+    the object to y of the camera by the shorter way; it is the identity for y. Seen
+    from above the object turns anticlockwise.
     """
     axis = np.eye(3)["xyz".index(up)]
     return TO_Y_UP[up] @ rotation_about(axis, 2 * np.pi * np.asarray(turns))

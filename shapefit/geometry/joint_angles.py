@@ -1,10 +1,11 @@
 """Joint angles of a body in degrees, as far as the points of joints determine them.
 
-Flexion is positive, and 0 where a person stands upright with arms hanging. Bones that meet in a
-hinge (knees, elbows) have the angle between them. Hips and shoulders turn about the line from left
-to right of the trunk: with its axes (G. Wu et al., ISB recommendation, 2002 and 2005) x forward,
-y along the trunk and z to the right, a limb in the direction d has the flexion atan2(d_x, -d_y).
-Turns of a bone about itself do not show in points and have no angle.
+Flexion is positive, and 0 where a person stands upright with arms hanging. Bones that
+meet in a hinge (knees, elbows) have the angle between them. Hips and shoulders turn
+about the line from left to right of the trunk: with its axes (G. Wu et al., ISB
+recommendation, 2002 and 2005) x forward, y along the trunk and z to the right, a limb
+in the direction d has the flexion atan2(d_x, -d_y). Turns of a bone about itself do not
+show in points and have no angle.
 """
 
 from __future__ import annotations
@@ -18,13 +19,17 @@ import numpy as np
 from shapefit.arrays import Floats
 
 STEP = 1e-5
-"""Of the derivatives, in units of the spread of the points: errors are 1e-10 of an angle."""
+"""Of the derivatives, in units of the spread of the points: errors are 1e-10 of an
+angle.
+"""
 
 
 class JointAngle(NamedTuple):
-    """An angle: its name in OpenSim's models, the joints that it takes, and the equation.
+    """An angle: its name in OpenSim's models, the joints that it takes, and the
+    equation.
 
-    measure takes points (m, 3, n) and the direction that is up (3, n); returns radians (n,).
+    measure takes points (m, 3, n) and the direction that is up (3, n); returns radians
+    (n,).
     """
 
     name: str
@@ -33,15 +38,19 @@ class JointAngle(NamedTuple):
 
 
 def measure_angles(
-    shapes: Floats, up: Floats, joints: Mapping[str, int], covariance: Floats | None = None
+    shapes: Floats,
+    up: Floats,
+    joints: Mapping[str, int],
+    covariance: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Return the known angles (n, a) and their standard deviations (n, a), in degrees.
 
     The deviation of an angle g is linearised: sigma^2 = dg^T C dg.
 
-    shapes (n, 3, p) in a right-handed frame, up (3,) or (n, 3) in that frame; joints: the column of
-    each joint; covariance (n, 3p, 3p) of x, y, z of one landmark after the other, or (n, p, 3, 3)
-    of independent landmarks; without one deviations are nan. Unknown points have nan angles.
+    shapes (n, 3, p) in a right-handed frame, up (3,) or (n, 3) in that frame; joints:
+    the column of each joint; covariance (n, 3p, 3p) of x, y, z of one landmark after
+    the other, or (n, p, 3, 3) of independent landmarks; without one deviations are nan.
+    Unknown points have nan angles.
     """
     angles = measurable_angles(joints)
     n, _, p = shapes.shape
@@ -49,14 +58,18 @@ def measure_angles(
     values, deviations = np.full((2, n, len(angles)), np.nan)
     for number, angle in enumerate(angles):
         columns = [joints[joint] for joint in angle.joints]
-        points = np.ascontiguousarray(shapes[:, :, columns].transpose(2, 1, 0), np.float64)
+        points = np.ascontiguousarray(
+            shapes[:, :, columns].transpose(2, 1, 0), np.float64
+        )
         with np.errstate(invalid="ignore", divide="ignore"):
             values[:, number] = angle.measure(points, upward)
             if covariance is None:
                 continue
             slope = _slope(angle, points, upward)
         if covariance.ndim == 4:
-            variance = np.einsum("min,nmij,mjn->n", slope, covariance[:, columns], slope)
+            variance = np.einsum(
+                "min,nmij,mjn->n", slope, covariance[:, columns], slope
+            )
         else:
             blocks = covariance.reshape(n, p, 3, p, 3)[:, columns][:, :, :, columns]
             variance = np.einsum("min,nmikj,kjn->n", slope, blocks, slope)
@@ -97,9 +110,10 @@ def _ankle(points: Floats, _: Floats) -> Floats:
 def _flexion(points: Floats, _: Floats, head: float) -> Floats:
     """atan2(d_x, -d_y) of the bone d of a limb, which ends at the last point.
 
-    The first two points are left and right of the line about which the limb turns, the next two of
-    the other end of the trunk. head is 1 at the shoulders and -1 at the hips. y is made orthogonal
-    to z, and x = y x z is forward; so the bone may begin at either end of the line.
+    The first two points are left and right of the line about which the limb turns, the
+    next two of the other end of the trunk. head is 1 at the shoulders and -1 at the
+    hips. y is made orthogonal to z, and x = y x z is forward; so the bone may begin at
+    either end of the line.
     """
     left, right, other_left, other_right, end = points
     z, limb = right - left, end - left
@@ -110,7 +124,9 @@ def _flexion(points: Floats, _: Floats, head: float) -> Floats:
 
 
 def _tilt(points: Floats, up: Floats) -> Floats:
-    """Return the angle to the vertical of the line between the middles of two pairs of points."""
+    """Return the angle to the vertical of the line between the middles of two pairs of
+    points.
+    """
     return _between(2 * points[2:].mean(axis=0) - points[0] - points[1], up)
 
 
@@ -132,9 +148,13 @@ def _angles_of_side(s: str) -> tuple[JointAngle, ...]:
     return (
         JointAngle(f"hip_flexion_{s}", (*_HIPS, *_SHOULDERS, f"{s}knee"), leg),
         JointAngle(f"knee_angle_{s}", (f"{s}hip", f"{s}knee", f"{s}ankle"), _hinge),
-        JointAngle(f"ankle_angle_{s}", (f"{s}knee", f"{s}ankle", f"{s}heel", f"{s}toe"), _ankle),
+        JointAngle(
+            f"ankle_angle_{s}", (f"{s}knee", f"{s}ankle", f"{s}heel", f"{s}toe"), _ankle
+        ),
         JointAngle(f"arm_flex_{s}", (*_SHOULDERS, *_HIPS, f"{s}elbow"), arm),
-        JointAngle(f"elbow_flex_{s}", (f"{s}shoulder", f"{s}elbow", f"{s}wrist"), _hinge),
+        JointAngle(
+            f"elbow_flex_{s}", (f"{s}shoulder", f"{s}elbow", f"{s}wrist"), _hinge
+        ),
     )
 
 

@@ -2,8 +2,8 @@
 
     x_child = x + G (l r),    G = P L
 
-where r is the direction of a bone at rest and l its length, G the rotation of a node in space, P
-the rotation of its parent and L its own, which files of animation hold.
+where r is the direction of a bone at rest and l its length, G the rotation of a node in
+space, P the rotation of its parent and L its own, which files of animation hold.
 """
 
 from __future__ import annotations
@@ -12,27 +12,39 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree, shortest_path
+from scipy.sparse.csgraph import (
+    breadth_first_order,
+    minimum_spanning_tree,
+    shortest_path,
+)
 from scipy.spatial.distance import cdist
 
 from shapefit.arrays import Floats, Integers
-from shapefit.geometry.rotations import nearest_rotation, rotation_about, shortest_rotations
+from shapefit.geometry.rotations import (
+    nearest_rotation,
+    rotation_about,
+    shortest_rotations,
+)
 
 FRAMES = 200
 """Frames, evenly over a motion, that say which landmarks keep their distance."""
 
 PRIOR = 0.02
-"""Weight of the parent's rotation beside bones, of 1 each, that may all lie in one line."""
+"""Weight of the parent's rotation beside bones, of 1 each, that may all lie in one
+line.
+"""
 
 Pose = Mapping[int, Sequence[float]]
 """Landmark where a bone ends -> the direction (3,) of the bone."""
 
 
 class Node(NamedTuple):
-    """A joint of the tree at the landmark `joint`; `above` is the number of its parent, or -1.
+    """A joint of the tree at the landmark `joint`; `above` is the number of its parent,
+    or -1.
 
-    aims are the landmarks at the other ends of its bones. Where several bones leave a landmark, its
-    first node turns with all of them, and one more node per bone turns with that alone.
+    aims are the landmarks at the other ends of its bones. Where several bones leave a
+    landmark, its first node turns with all of them, and one more node per bone turns
+    with that alone.
     """
 
     joint: int
@@ -41,8 +53,9 @@ class Node(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """A tree of m nodes in motion: offsets (m, 3) at rest and rotations L (m, f, 3, 3) in the frame
-    of the parent; root (f, 3), where the first node is; rest, the frame that the pose is made of.
+    """A tree of m nodes in motion: offsets (m, 3) at rest and rotations L (m, f, 3, 3)
+    in the frame of the parent; root (f, 3), where the first node is; rest, the frame
+    that the pose is made of.
     """
 
     tree: tuple[Node, ...]
@@ -55,18 +68,28 @@ class Rig(NamedTuple):
 def find_rig(
     points: Floats, edges: Integers, root: int | None = None, pose: Pose | None = None
 ) -> Rig:
-    """Return the bones of points (f, 3, p), all known, and their rotations: see `find_tree`.
+    """Return the bones of points (f, 3, p), all known, and their rotations: see
+    `find_tree`.
 
-    At rest bones have their median lengths and the directions of `pose`. Bones without one turn
-    with their parent, from the pose of a usual frame.
+    At rest bones have their median lengths and the directions of `pose`. Bones without
+    one turn with their parent, from the pose of a usual frame.
     """
     tree = find_tree(points, edges, root)
     rest = _find_rest(points, tree)
-    bones = np.stack([points[:, :, n.joint] - points[:, :, tree[n.above].joint] for n in tree])
+    bones = np.stack(
+        [points[:, :, n.joint] - points[:, :, tree[n.above].joint] for n in tree]
+    )
     bones[0] = 0
-    lengths, at_rest = np.median(np.linalg.norm(bones, axis=2), axis=1), _unit(bones[:, rest])
+    lengths, at_rest = (
+        np.median(np.linalg.norm(bones, axis=2), axis=1),
+        _unit(bones[:, rest]),
+    )
     G = _find_rotations(points, tree, rest)
-    ends = {n.joint: at for n, length, at in zip(tree, lengths, at_rest, strict=True) if length}
+    ends = {
+        n.joint: at
+        for n, length, at in zip(tree, lengths, at_rest, strict=True)
+        if length
+    }
     T = _find_pose(tree, ends, pose or {})
     above = [node.above for node in tree[1:]]
     L = np.concatenate([G[:1], G[above].swapaxes(-1, -2) @ G[1:]])
@@ -79,17 +102,23 @@ def find_rig(
 def forward_kinematics(rig: Rig) -> Floats:
     """x = x_parent + P offset: where all nodes are (m, f, 3)."""
     places, G = [rig.root], [rig.rotations[0]]
-    for node, offset, L in zip(rig.tree[1:], rig.offsets[1:], rig.rotations[1:], strict=True):
+    for node, offset, L in zip(
+        rig.tree[1:], rig.offsets[1:], rig.rotations[1:], strict=True
+    ):
         places.append(places[node.above] + G[node.above] @ offset)
         G.append(G[node.above] @ L)
     return np.array(places)
 
 
-def find_tree(points: Floats, edges: Integers, root: int | None = None) -> tuple[Node, ...]:
-    """Return the tree of those bones that keep their lengths best: parents first, limb by limb.
+def find_tree(
+    points: Floats, edges: Integers, root: int | None = None
+) -> tuple[Node, ...]:
+    """Return the tree of those bones that keep their lengths best: parents first, limb
+    by limb.
 
-    points (f, 3, p), all known; edges (e, 2) come before other pairs of landmarks, which join only
-    what edges leave apart. The root is by default the landmark with the fewest bones to all others.
+    points (f, 3, p), all known; edges (e, 2) come before other pairs of landmarks,
+    which join only what edges leave apart. The root is by default the landmark with the
+    fewest bones to all others.
     """
     rows = np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int)
     distances = np.stack([cdist(x, x) for x in points[rows].swapaxes(1, 2)])
@@ -98,7 +127,9 @@ def find_tree(points: Floats, edges: Integers, root: int | None = None) -> tuple
     is_no_edge[edges[:, 0], edges[:, 1]] = is_no_edge[edges[:, 1], edges[:, 0]] = 0
     graph = minimum_spanning_tree(np.triu(cost + cost.max() * is_no_edge, 1))
     if root is None:
-        root = int(shortest_path(graph, directed=False, unweighted=True).sum(axis=1).argmin())
+        root = int(
+            shortest_path(graph, directed=False, unweighted=True).sum(axis=1).argmin()
+        )
     order, above = breadth_first_order(graph, root, directed=False)
     children: list[tuple[int, ...]] = [() for _ in above]
     for landmark in sorted(order[1:].tolist()):
@@ -122,8 +153,8 @@ def find_bones(tree: Sequence[Node]) -> dict[int, int]:
 
 
 def _find_rest(points: Floats, tree: Sequence[Node]) -> int:
-    """Return the frame of points (f, 3, p) whose joints are bent most like the median, by the
-    distances of the landmarks on both sides of them.
+    """Return the frame of points (f, 3, p) whose joints are bent most like the median,
+    by the distances of the landmarks on both sides of them.
     """
     before = find_bones(tree)
     pairs = [(end, before[at]) for end, at in before.items() if at in before]
@@ -133,15 +164,23 @@ def _find_rest(points: Floats, tree: Sequence[Node]) -> int:
 
 
 def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
-    """Return the rotation G (m, f, 3, 3) in space of every node, the identity in the frame `rest`.
+    """Return the rotation G (m, f, 3, 3) in space of every node, the identity in the
+    frame `rest`.
 
-    Several bones turn by least squares. A single bone turns the shortest way from its mean
-    direction, seen by its parent, and then about itself as the bones that follow do.
+    Several bones turn by least squares. A single bone turns the shortest way from its
+    mean direction, seen by its parent, and then about itself as the bones that follow
+    do.
     """
     G = np.empty((len(tree), len(points), 3, 3))
     for number, node in enumerate(tree):
-        P = G[node.above] if node.above >= 0 else np.tile(np.eye(3), (len(points), 1, 1))
-        bones = [_unit(points[:, :, end] - points[:, :, node.joint]) for end in node.aims]
+        P = (
+            G[node.above]
+            if node.above >= 0
+            else np.tile(np.eye(3), (len(points), 1, 1))
+        )
+        bones = [
+            _unit(points[:, :, end] - points[:, :, node.joint]) for end in node.aims
+        ]
         if not bones:
             G[number] = P
         elif len(bones) > 1:
@@ -151,7 +190,9 @@ def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
             (end,) = node.aims
             beyond = next(other.aims for other in tree if other.joint == end)
             following = [_unit(points[:, :, j] - points[:, :, end]) for j in beyond]
-            Q = _aim(_turn_back(P, bones[0]), [_turn_back(P, bone) for bone in following])
+            Q = _aim(
+                _turn_back(P, bones[0]), [_turn_back(P, bone) for bone in following]
+            )
             G[number] = P @ Q @ Q[rest].T
     return G
 
@@ -159,9 +200,10 @@ def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
 def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
     """Q (f, 3, 3) takes the mean direction to the directions (f, 3) of a bone.
 
-    The turn about the bone is the angle of sum_k conj(mean b_k) b_k + w for the parts b_k, complex
-    numbers, of the bones that follow across this one. w is their variance, and more where a bone
-    goes against its mean: a thigh turns with its knee, a tail that bends both ways does not turn.
+    The turn about the bone is the angle of sum_k conj(mean b_k) b_k + w for the parts
+    b_k, complex numbers, of the bones that follow across this one. w is their variance,
+    and more where a bone goes against its mean: a thigh turns with its knee, a tail
+    that bends both ways does not turn.
     """
     mean = _unit(bone.mean(axis=0))
     Q = shortest_rotations(mean, bone)
@@ -178,11 +220,13 @@ def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
     return Q @ rotation_about(mean, np.angle(z + w))
 
 
-def _find_pose(tree: Sequence[Node], at_rest: Mapping[int, Floats], pose: Pose) -> Floats:
+def _find_pose(
+    tree: Sequence[Node], at_rest: Mapping[int, Floats], pose: Pose
+) -> Floats:
     """Return the rotations T (m, 3, 3) that turn the bones of each node to a pose.
 
-    at_rest: landmark where a bone ends -> its direction. A single bone turns the shortest way,
-    several turn by least squares.
+    at_rest: landmark where a bone ends -> its direction. A single bone turns the
+    shortest way, several turn by least squares.
     """
     T = np.empty((len(tree), 3, 3))
     for number, node in enumerate(tree):

@@ -1,4 +1,6 @@
-"""Sizes: point sets in the units in which lambda and beta are stated, and units of length."""
+"""Sizes: point sets in the units in which lambda and beta are stated, and units of
+length.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 
-# Coordinates and their distances are squared and summed, which must neither overflow nor vanish.
+# Coordinates and their distances are squared and summed, which must neither overflow
+# nor vanish.
 LARGEST, SMALLEST = 1e150, 1e-150
 
 _NAMES = {
@@ -23,7 +26,9 @@ _NAMES = {
     0.3048: "ft foot feet",
 }
 
-METRES = MappingProxyType({name: size for size, names in _NAMES.items() for name in names.split()})
+METRES = MappingProxyType(
+    {name: size for size, names in _NAMES.items() for name in names.split()}
+)
 """Metres in one of each unit, by its names in small letters."""
 
 
@@ -56,11 +61,13 @@ def std(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
 
 
 def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Normalised:
-    """(points - centroid) / spread, as the convex program and the dictionary expect them.
+    """(points - centroid) / spread, as the convex program and the dictionary expect
+    them.
 
-    points (..., d, p), visible (..., p) bool or None for all. Where the visible points coincide
-    the scale is 0 and the normalised points are not finite: the caller decides what that means.
-    Source: released solver's convention, see docs/method.md, Conventions.
+    points (..., d, p), visible (..., p) bool or None for all. Where the visible points
+    coincide the scale is 0 and the normalised points are not finite: the caller decides
+    what that means. Source: released solver's convention, see docs/method.md,
+    Conventions.
     """
     middle = centroid(points, visible)
     centred = points - middle[..., None]
@@ -73,12 +80,15 @@ def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Norma
 
 
 def metres_in(unit: str) -> float | None:
-    """Return the metres in a unit, whatever its letters' case; None where it is no known length."""
+    """Return the metres in a unit, whatever its letters' case; None where it is no
+    known length.
+    """
     return METRES.get(unit.strip().lower())
 
 
 def as_metres(unit: str) -> tuple[float, str]:
-    """Return the factor to the unit in which lengths are given out, and the name of that one.
+    """Return the factor to the unit in which lengths are given out, and the name of
+    that one.
 
     It is the metre; lengths of a unit that is not known keep it.
     """

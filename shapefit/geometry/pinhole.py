@@ -1,12 +1,13 @@
 """The pinhole camera and its lens: what it sees of points, and which way depth runs.
 
-Lens distortion is OpenCV's model. A point x, y of the image plane at distance 1 from the camera,
-r^2 = x^2 + y^2, is seen at
+Lens distortion is OpenCV's model. A point x, y of the image plane at distance 1 from
+the camera, r^2 = x^2 + y^2, is seen at
 
     x g + 2 p1 x y + p2 (r^2 + 2 x^2),    y g + p1 (r^2 + 2 y^2) + 2 p2 x y,
     g = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6).
 
-Coefficients are in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6; y points down, as in its images.
+Coefficients are in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6; y points down, as in its
+images.
 """
 
 from __future__ import annotations
@@ -25,11 +26,14 @@ CAMERA_MATRIX = "camera_matrix"
 """Dataset K (3, 3) or (n, 3, 3) of landmarks and of results."""
 
 ASSUMED_FOCAL = 1.1
-"""Focal length in longer sides of the image: an angle of view of 49 degrees across it. With it the
-posterior does as well as with the true cameras of the man on the beam."""
+"""Focal length in longer sides of the image: an angle of view of 49 degrees across it.
+With it the posterior does as well as with the true cameras of the man on the beam.
+"""
 
 ASSUMED_FOCAL_SD = 0.2
-"""Standard deviation of the logarithm of a focal length that is assumed: lenses of 0.8 to 1.5."""
+"""Standard deviation of the logarithm of a focal length that is assumed: lenses of 0.8
+to 1.5.
+"""
 
 COEFFICIENTS = 8
 _STEPS = 60
@@ -38,11 +42,12 @@ _EXACT = 1e-12
 
 @dataclass(frozen=True)
 class Camera:
-    """u = centre + focal X_xy / (sign X_z) for n images: focal (n, 2) > 0, centre (n, 2).
+    """u = centre + focal X_xy / (sign X_z) for n images: focal (n, 2) > 0, centre (n,
+    2).
 
-    In the unit of the landmarks they go with. sign is +1 where z points away from the camera (y of
-    the landmarks down), -1 where it points to it (y up). focal_sd, the standard deviation of the
-    logarithm of the focal length: 0 where it was measured.
+    In the unit of the landmarks they go with. sign is +1 where z points away from the
+    camera (y of the landmarks down), -1 where it points to it (y up). focal_sd, the
+    standard deviation of the logarithm of the focal length: 0 where it was measured.
     """
 
     focal: Floats
@@ -62,7 +67,8 @@ class Camera:
 
 
 def project(camera: Camera, points: Floats) -> Floats:
-    """u = centre + focal X_xy / (sign X_z): points (n, 3, p) in the camera's frame -> (n, 2, p).
+    """u = centre + focal X_xy / (sign X_z): points (n, 3, p) in the camera's frame ->
+    (n, 2, p).
 
     nan for a point that is not in front of the camera.
     """
@@ -72,12 +78,16 @@ def project(camera: Camera, points: Floats) -> Floats:
 
 
 def depth_sign(y_axis: Literal["up", "down"] | None) -> float:
-    """+1 where z, the cross product of x and y, points away from the camera, else -1."""
+    """+1 where z, the cross product of x and y, points away from the camera, else
+    -1.
+    """
     return -1.0 if y_axis == "up" else 1.0
 
 
 def complete(coefficients: Sequence[float] | Floats) -> Floats:
-    """Return coefficients (..., m), m = 4, 5 or 8, with those that are not given as 0 (..., 8)."""
+    """Return coefficients (..., m), m = 4, 5 or 8, with those that are not given as 0
+    (..., 8).
+    """
     given = np.asarray(coefficients, dtype=np.float64)
     if given.shape[-1] not in (4, 5, COEFFICIENTS):  # more are a thin prism and tilt
         raise ValueError(f"{given.shape[-1]} coefficients of distortion, not 4, 5 or 8")
@@ -88,8 +98,9 @@ def complete(coefficients: Sequence[float] | Floats) -> Floats:
 def undistort(points: Floats, coefficients: Floats) -> Floats:
     """Return the points (..., 2, p) of the image plane that the lens puts at `points`.
 
-    coefficients (..., 8). They are found by Newton's method, along the path from the axis on which
-    the lens turns nothing over. NaN where there are none: the model bends back before that.
+    coefficients (..., 8). They are found by Newton's method, along the path from the
+    axis on which the lens turns nothing over. NaN where there are none: the model bends
+    back before that.
     """
     undistorted = np.array(points, dtype=np.float64)
     size = np.maximum(np.linalg.norm(undistorted, axis=-2), _EXACT)
@@ -101,29 +112,43 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
             step /= (across * along - skew**2)[..., None, :]
             longest = np.maximum(np.linalg.norm(undistorted, axis=-2), size)
             length = np.linalg.norm(step, axis=-2)
-            step *= np.minimum(1.0, 0.5 * longest / np.maximum(length, _EXACT))[..., None, :]
+            step *= np.minimum(1.0, 0.5 * longest / np.maximum(length, _EXACT))[
+                ..., None, :
+            ]
             undistorted = undistorted + step
             if not (length > _EXACT * longest).any():
                 break
         reached = distort(undistorted, coefficients)[0]
         right = np.linalg.norm(points - reached, axis=-2) <= 1e-9 * size
-        for share in np.linspace(0.0, 1.0, 17):  # nor does the lens bend back on the way there
+        for share in np.linspace(
+            0.0, 1.0, 17
+        ):  # nor does the lens bend back on the way there
             _, across, along, skew = distort(share * undistorted, coefficients)
             right &= (across > 0) & (across * along > skew**2)
     return np.where(right[..., None, :], undistorted, np.nan)
 
 
-def distort(points: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the points where the lens puts them, and the derivatives dx/dx, dy/dy and dx/dy.
+def distort(
+    points: Floats, coefficients: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the points where the lens puts them, and the derivatives dx/dx, dy/dy and
+    dx/dy.
 
     The derivative is symmetric: the model is the gradient of a function of the plane.
     """
-    k1, k2, p1, p2, k3, k4, k5, k6 = (c[..., None] for c in np.moveaxis(coefficients, -1, 0))
+    k1, k2, p1, p2, k3, k4, k5, k6 = (
+        c[..., None] for c in np.moveaxis(coefficients, -1, 0)
+    )
     x, y = points[..., 0, :], points[..., 1, :]
     r2 = x * x + y * y
-    above, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+    above, below = (
+        1 + r2 * (k1 + r2 * (k2 + r2 * k3)),
+        1 + r2 * (k4 + r2 * (k5 + r2 * k6)),
+    )
     gain = above / below
-    slope = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - gain * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+    slope = (
+        k1 + r2 * (2 * k2 + 3 * r2 * k3) - gain * (k4 + r2 * (2 * k5 + 3 * r2 * k6))
+    ) / below
     moved_x = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     moved_y = y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     across = gain + 2 * slope * x * x + 2 * p1 * y + 6 * p2 * x

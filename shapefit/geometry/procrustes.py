@@ -1,4 +1,6 @@
-"""Procrustes: one point set onto another, many shapes onto their mean; and mirror images."""
+"""Procrustes: one point set onto another, many shapes onto their mean; and mirror
+images.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,8 @@ class Similarity(NamedTuple):
 class Alignment(NamedTuple):
     """shapes = rotations @ original shapes, and their mean.
 
-    shapes (n, 3, p), mean (3, p), rotations (n, 3, 3) proper; `converged` states whether the mean
-    came to rest within the rounds allowed.
+    shapes (n, 3, p), mean (3, p), rotations (n, 3, 3) proper; `converged` states
+    whether the mean came to rest within the rounds allowed.
     """
 
     shapes: Floats
@@ -47,10 +49,10 @@ class Alignment(NamedTuple):
 def rotation_onto(source: Floats, target: Floats) -> Floats:
     """argmin ||R source - target||_F over proper rotations R.
 
-    source and target (..., 3, p), taken as they are (not centred); R (..., 3, 3). Where the
-    minimiser is not unique, as for points on one line, one of them is returned, always the same;
-    it is the identity where source or target is 0, and nan where an entry is nan.
-    Source: Kabsch 1976, Umeyama 1991.
+    source and target (..., 3, p), taken as they are (not centred); R (..., 3, 3). Where
+    the minimiser is not unique, as for points on one line, one of them is returned,
+    always the same; it is the identity where source or target is 0, and nan where an
+    entry is nan. Source: Kabsch 1976, Umeyama 1991.
     """
     cross = target @ np.swapaxes(source, -1, -2)
     finite = np.isfinite(cross).all(axis=(-2, -1), keepdims=True)
@@ -60,9 +62,10 @@ def rotation_onto(source: Floats, target: Floats) -> Floats:
 def similarity_transform(source: Floats, target: Floats) -> Similarity:
     """argmin ||s R source + t 1^T - target||_F over s >= 0, proper rotations R and t.
 
-    source and target (..., 3, p). s is the least-squares scale, <R source, target> / ||source||^2
-    of the centred points. Where the points of the source coincide s = 1 and R = I, where those of
-    the target do s = 0 and R = I. A nan makes its own transform nan. Source: Umeyama 1991.
+    source and target (..., 3, p). s is the least-squares scale, <R source, target> /
+    ||source||^2 of the centred points. Where the points of the source coincide s = 1
+    and R = I, where those of the target do s = 0 and R = I. A nan makes its own
+    transform nan. Source: Umeyama 1991.
     """
     source_middle = source.mean(axis=-1, keepdims=True)
     target_middle = target.mean(axis=-1, keepdims=True)
@@ -74,28 +77,39 @@ def similarity_transform(source: Floats, target: Floats) -> Similarity:
 
 
 def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Floats:
-    """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean over j of that distance.
+    """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean over j of that
+    distance.
 
-    estimate e and truth x (n, 3, p) -> (n,). Landmarks that are not finite on one side do not
-    count; nan where fewer than `fewest` do.
+    estimate e and truth x (n, 3, p) -> (n,). Landmarks that are not finite on one side
+    do not count; nan where fewer than `fewest` do.
     """
     finite: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
     count = finite.sum(axis=1)
     first = (
-        finite.argmax(axis=1)[:, None, None] if finite.size else np.zeros((len(truth), 1, 1), int)
+        finite.argmax(axis=1)[:, None, None]
+        if finite.size
+        else np.zeros((len(truth), 1, 1), int)
     )
     centre = []
     for points in (estimate, truth):
-        filled = np.where(finite[:, None], points, np.take_along_axis(points, first, axis=2))
-        centre.append(np.where(coincide(filled)[:, None, None], 0.0, centred(filled, finite)))
+        filled = np.where(
+            finite[:, None], points, np.take_along_axis(points, first, axis=2)
+        )
+        centre.append(
+            np.where(coincide(filled)[:, None, None], 0.0, centred(filled, finite))
+        )
     e, x = centre
     R, scale = _scaled_rotation(e, x)
     distance = np.sqrt(((scale[:, None, None] * (R @ e) - x) ** 2).sum(axis=1))
-    return np.where(count >= fewest, distance.sum(axis=1) / np.maximum(count, 1), np.nan)
+    return np.where(
+        count >= fewest, distance.sum(axis=1) / np.maximum(count, 1), np.nan
+    )
 
 
 def coincide(points: Floats) -> Flags:
-    """Tell where all points of (..., d, p) are one point, up to rounding, or none; shape (...)."""
+    """Tell where all points of (..., d, p) are one point, up to rounding, or none;
+    shape (...).
+    """
     if points.shape[-1] == 0:
         return np.ones(points.shape[:-2], dtype=np.bool_)
     extent = np.ptp(points, axis=-1).max(axis=-1)
@@ -104,14 +118,21 @@ def coincide(points: Floats) -> Flags:
 
 
 def centred(points: Floats, finite: Flags) -> Floats:
-    """Points (n, d, p) less the mean of the finite ones (n, p); 0 where they are not."""
+    """Points (n, d, p) less the mean of the finite ones (n, p); 0 where they are
+    not.
+    """
     points = np.where(finite[:, None], points, 0.0)
-    mean = points.sum(axis=-1, keepdims=True) / np.maximum(finite.sum(axis=-1), 1)[:, None, None]
+    mean = (
+        points.sum(axis=-1, keepdims=True)
+        / np.maximum(finite.sum(axis=-1), 1)[:, None, None]
+    )
     return np.where(finite[:, None], points - mean, 0.0)
 
 
 def _scaled_rotation(X: Floats, Y: Floats) -> tuple[Floats, Floats]:
-    """argmin ||s R X - Y||_F of centred points (..., 3, p): R (..., 3, 3), s (1 where X = 0)."""
+    """argmin ||s R X - Y||_F of centred points (..., 3, p): R (..., 3, 3), s (1 where X
+    = 0).
+    """
     R = rotation_onto(X, Y)
     size = (X**2).sum(axis=(-2, -1))
     overlap = ((R @ X) * Y).sum(axis=(-2, -1))
@@ -126,11 +147,11 @@ def generalised_procrustes(
 ) -> Alignment:
     """min sum_j ||(R_j S_j - mean) P||_F^2 over proper rotations R_j and the mean.
 
-    shapes (n, 3, p), each centred and normalised already: scale and position stay as they are. P
-    keeps the given landmarks (None: all) and subtracts their centroid. Each round turns every shape
-    onto the mean and averages again, until the mean moves by at most `tolerance` of its norm. The
-    first mean is the first shape, and the answer is given in its frame (rotations[0] = I).
-    Source: Gower 1975.
+    shapes (n, 3, p), each centred and normalised already: scale and position stay as
+    they are. P keeps the given landmarks (None: all) and subtracts their centroid. Each
+    round turns every shape onto the mean and averages again, until the mean moves by at
+    most `tolerance` of its norm. The first mean is the first shape, and the answer is
+    given in its frame (rotations[0] = I). Source: Gower 1975.
     """
     chosen = choose(shapes, landmarks)
     mean, converged, rounds = chosen[0], False, 0
@@ -138,7 +159,9 @@ def generalised_procrustes(
         rounds += 1
         R = rotation_onto(chosen, mean)
         previous, mean = mean, np.einsum("jab,jbp->ap", R, chosen) / len(chosen)
-        converged = bool(np.linalg.norm(mean - previous) <= tolerance * np.linalg.norm(previous))
+        converged = bool(
+            np.linalg.norm(mean - previous) <= tolerance * np.linalg.norm(previous)
+        )
     R = R[0].T @ R
     R[0] = np.eye(3)
     aligned = R @ shapes
@@ -154,8 +177,9 @@ def choose(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:
 def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
     """F S P: negate the lateral coordinate and exchange each point with its partner.
 
-    shapes (..., 3, p) in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0, 1, 2);
-    mirror_index (p,): the partner of each point, itself for a point on the plane.
+    shapes (..., 3, p) in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0,
+    1, 2); mirror_index (p,): the partner of each point, itself for a point on the
+    plane.
     """
     mirrored: Floats = shapes[..., mirror_index]
     mirrored[..., lateral, :] *= -1
@@ -163,7 +187,8 @@ def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
 
 
 def lateral_axis(shapes: Floats, mirror_index: Indices) -> int:
-    """argmax_a sum over points of (x_a - x_a of the partner)^2: where left and right lie apart.
+    """argmax_a sum over points of (x_a - x_a of the partner)^2: where left and right
+    lie apart.
 
     shapes (..., 3, p) in frames that share their lateral axis -> 0, 1 or 2.
     """

@@ -1,4 +1,6 @@
-"""Rotations: nearest, completed from two rows, random, about an axis, and the angle between."""
+"""Rotations: nearest, completed from two rows, random, about an axis, and the angle
+between.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,8 @@ def nearest_rotation(A: Floats) -> Floats:
 def complete_rotation(rows: Floats) -> Floats:
     """Nearest two orthonormal rows and their cross product: (..., 2, 3) -> (..., 3, 3).
 
-    The two rows are the polar factor of the input, so a positive multiple of two rows of a
-    rotation comes back as that rotation (paper, section Reconstruction).
+    The two rows are the polar factor of the input, so a positive multiple of two rows
+    of a rotation comes back as that rotation (paper, section Reconstruction).
     """
     U, _, Vt = np.linalg.svd(rows, full_matrices=False)
     top = U @ Vt
@@ -31,7 +33,9 @@ def complete_rotation(rows: Floats) -> Floats:
 
 
 def random_rotations(n: int, rng: np.random.Generator) -> Floats:
-    """n rotations, uniform over SO(3) (unit quaternions of Gaussian direction); (n, 3, 3)."""
+    """n rotations, uniform over SO(3) (unit quaternions of Gaussian direction); (n, 3,
+    3).
+    """
     w, x, y, z = (q := rng.standard_normal((4, n))) / np.linalg.norm(q, axis=0)
     entries = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -42,7 +46,8 @@ def random_rotations(n: int, rng: np.random.Generator) -> Floats:
 
 
 def rotation_about(axis: Floats, angles: Floats) -> Floats:
-    """R = I + sin(a) [u]_x + (1 - cos(a)) [u]_x^2 (Rodrigues); axis (3,), angles in rad.
+    """R = I + sin(a) [u]_x + (1 - cos(a)) [u]_x^2 (Rodrigues); axis (3,), angles in
+    rad.
 
     angles (...) -> (..., 3, 3).
     """
@@ -53,20 +58,30 @@ def rotation_about(axis: Floats, angles: Floats) -> Floats:
 
 
 def rotation_about_axis(axis: int, angles: Floats) -> Floats:
-    """Return the rotations (..., 3, 3) by angles (...), in radians, about x, y or z (0, 1, 2)."""
+    """Return the rotations (..., 3, 3) by angles (...), in radians, about x, y or z (0,
+    1, 2).
+    """
     return rotation_about(np.eye(3)[axis], angles)
 
 
 def exponential(turns: Floats) -> Floats:
-    """R = exp([omega]_x) of turns omega (..., 3), in radians: (..., 3, 3) (Rodrigues)."""
+    """R = exp([omega]_x) of turns omega (..., 3), in radians: (..., 3, 3)
+    (Rodrigues).
+    """
     angle = np.linalg.norm(turns, axis=-1)[..., None, None]
     K = np.cross(turns[..., None, :], np.eye(3)).swapaxes(-1, -2)
     # np.sinc(x) = sin(pi x) / (pi x), finite at 0
-    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * K @ K
+    return (
+        np.eye(3)
+        + np.sinc(angle / np.pi) * K
+        + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * K @ K
+    )
 
 
 def shortest_rotations(start: Floats, ends: Floats) -> Floats:
-    """R = I + K + K^2 / (1 + cos), K = [start x end]_x: (3,), (f, 3), unit -> (f, 3, 3)."""
+    """R = I + K + K^2 / (1 + cos), K = [start x end]_x: (3,), (f, 3), unit -> (f, 3,
+    3).
+    """
     cosine = ends @ start
     K = np.cross(np.cross(start, ends)[:, None, :], np.eye(3)).swapaxes(-1, -2)
     R = np.eye(3) + K + K @ K / np.maximum(1 + cosine, OPPOSITE)[:, None, None]
@@ -79,7 +94,8 @@ def shortest_rotations(start: Floats, ends: Floats) -> Floats:
 def rotation_angle(first: Floats, second: Floats) -> Floats:
     """Angle of first^T second in degrees; (..., 3, 3) each, nan where an entry is nan.
 
-    Uses ||R1 - R2||_F = 2 sqrt(2) sin(angle / 2), which keeps its accuracy at small angles.
+    Uses ||R1 - R2||_F = 2 sqrt(2) sin(angle / 2), which keeps its accuracy at small
+    angles.
     """
     distance = np.linalg.norm(first - second, axis=(-2, -1))
     return np.degrees(2 * np.arcsin(np.clip(distance / np.sqrt(8), 0, 1)))

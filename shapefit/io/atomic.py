@@ -1,7 +1,7 @@
 """Outputs that appear whole or not at all: written beside the target, synced, renamed.
 
-A temporary is hidden, has a random name that ends in `.partial` and the suffix of its target, and
-is removed on any error. What a killed process leaves is left to the user.
+A temporary is hidden, has a random name that ends in `.partial` and the suffix of its
+target, and is removed on any error. What a killed process leaves is left to the user.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ OTHER_FOLDER = "choose another folder, or change its permissions"
 
 
 def check_output(target: Path, instead: str = "give the name of a file in it") -> Path:
-    """Return the file that writing to `target` would replace, links followed. Writes nothing.
+    """Return the file that writing to `target` would replace, links followed. Writes
+    nothing.
 
-    Raises InputError where its folder can be neither written to nor made, or `target` is a folder
-    (`instead` says what to do then) or a device. `-` is always good.
+    Raises InputError where its folder can be neither written to nor made, or `target`
+    is a folder (`instead` says what to do then) or a device. `-` is always good.
     """
     if is_stream(target):
         return target
@@ -59,9 +60,11 @@ def check_folder(folder: Path) -> None:
 def storage_errors(
     target: Path, numbers: Container[int | None] | None = OF_THE_DISK
 ) -> Iterator[None]:
-    """Turn errors of these numbers, by default of the disk, into InputErrors at `target`.
+    """Turn errors of these numbers, by default of the disk, into InputErrors at
+    `target`.
 
-    `numbers` = None stands for all of them; those of permission always count of a temporary.
+    `numbers` = None stands for all of them; those of permission always count of a
+    temporary.
     """
     try:
         yield
@@ -70,7 +73,11 @@ def storage_errors(
         temporary = refused and PARTIAL in str(error.filename)
         if not (numbers is None or temporary or error.errno in numbers):
             raise
-        fix = OTHER_FOLDER if refused else "free some space or choose another disk or name"
+        fix = (
+            OTHER_FOLDER
+            if refused
+            else "free some space or choose another disk or name"
+        )
         reason = os.strerror(error.errno) if error.errno else str(error)
         raise input_error(target, f"cannot be written: {reason}", fix) from error
 
@@ -79,11 +86,14 @@ def storage_errors(
 def atomic_path(target: Path) -> Iterator[Path]:
     """Give the path of an empty temporary file that becomes `target` on a clean exit.
 
-    On any error it is removed and the target stays as it was. Missing folders are made. Raises
-    InputError as `check_output` does, and where the disk is full.
+    On any error it is removed and the target stays as it was. Missing folders are made.
+    Raises InputError as `check_output` does, and where the disk is full.
     """
     resolved = check_output(target)
-    with storage_errors(target), _temporary(resolved.parent, resolved.suffix) as temporary:
+    with (
+        storage_errors(target),
+        _temporary(resolved.parent, resolved.suffix) as temporary,
+    ):
         with storage_errors(target, None):
             temporary.touch(exist_ok=False)
             if resolved.exists():
@@ -97,16 +107,19 @@ def atomic_path(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def staged_files(folder: Path) -> Iterator[Path]:
-    """Give a hidden folder whose files move into `folder`, which is made for them, on a clean exit.
+    """Give a hidden folder whose files move into `folder`, which is made for them, on a
+    clean exit.
 
-    On any error before they are gone. Raises InputError where they cannot be written, and before
-    any moves where something is in the way of one.
+    On any error before they are gone. Raises InputError where they cannot be written,
+    and before any moves where something is in the way of one.
     """
     around = folder if folder.is_dir() else folder.parent
     with storage_errors(folder), _temporary(around, "") as staging:
         staging.mkdir()
         yield staging
-        made = [Path(place, name) for place, _, names in os.walk(staging) for name in names]
+        made = [
+            Path(place, name) for place, _, names in os.walk(staging) for name in names
+        ]
         targets = {path: folder / path.relative_to(staging) for path in made}
         for target in targets.values():
             check_output(target, "remove or rename it, or choose another folder")
@@ -118,7 +131,9 @@ def staged_files(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(folder: Path, suffix: str) -> Iterator[Path]:
-    """Give a new hidden name in a folder, which is made; after it nothing is there any more."""
+    """Give a new hidden name in a folder, which is made; after it nothing is there any
+    more.
+    """
     temporary = folder / f".{secrets.token_hex(8)}{PARTIAL}{suffix[:20]}"
     with storage_errors(folder, None):
         folder.mkdir(parents=True, exist_ok=True)
@@ -135,10 +150,11 @@ def digests(paths: Iterable[Path]) -> dict[str, str]:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of the file in hexadecimal; `stream` for what cannot be read twice (`-`, a pipe).
+    """SHA-256 of the file in hexadecimal; `stream` for what cannot be read twice (`-`,
+    a pipe).
 
-    That of a folder is the digest of the names and digests of its files, in their order, but for
-    hidden ones, such as a result that is being written there.
+    That of a folder is the digest of the names and digests of its files, in their
+    order, but for hidden ones, such as a result that is being written there.
     """
     if path.is_dir():
         shown = (file for file in path.iterdir() if not file.name.startswith("."))
@@ -154,16 +170,22 @@ def digest(path: Path) -> str:
 
 
 def file_stem(item: str) -> PurePosixPath:
-    """Return the relative path, without suffix, of the files of an item: `walk/007` -> walk/007.
+    """Return the relative path, without suffix, of the files of an item: `walk/007` ->
+    walk/007.
 
-    `/` divides folders. Other characters that a name cannot have are written %XX, as in URLs, and
-    so are dots and spaces at its ends; an empty part is %. No path leads out of its folder, and no
-    two items have the same.
+    `/` divides folders. Other characters that a name cannot have are written %XX, as in
+    URLs, and so are dots and spaces at its ends; an empty part is %. No path leads out
+    of its folder, and no two items have the same.
     """
     parts = []
-    for part in item.split("/"):  # `%` begins an escape; the others Windows does not allow
+    for part in item.split(
+        "/"
+    ):  # `%` begins an escape; the others Windows does not allow
         text = "".join(
-            c if c.isprintable() and c not in '%<>:"|?*\\' else quote(c, "") for c in part
+            c if c.isprintable() and c not in '%<>:"|?*\\' else quote(c, "")
+            for c in part
         )
-        parts.append(re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", text) or "%")
+        parts.append(
+            re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", text) or "%"
+        )
     return PurePosixPath(*parts)

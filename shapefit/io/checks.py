@@ -23,12 +23,16 @@ Place = Callable[..., str]
 
 
 def check_values(
-    columns: Mapping[str, Any], form: Layout, place: Place, names: Sequence[str], gaps: bool = False
+    columns: Mapping[str, Any],
+    form: Layout,
+    place: Place,
+    names: Sequence[str],
+    gaps: bool = False,
 ) -> None:
     """Raise InputError for values of items that cannot be computed with.
 
-    `columns` are those of records, `names` their landmarks. With `gaps` a landmark of a shape may
-    be unknown; in results it may always, as items can have failed.
+    `columns` are those of records, `names` their landmarks. With `gaps` a landmark of a
+    shape may be unknown; in results it may always, as items can have failed.
     """
     if form is LANDMARKS:
         points, weights = columns["landmarks"], columns.get("confidence")
@@ -39,18 +43,26 @@ def check_values(
             fix = "write 0 (hidden) or a positive number"
             _refuse(place, "confidence", weights[:, None], bad[:, None], names, fix)
         return
-    check_finite(place, "shapes", columns["shapes"], names, gaps=gaps or form is not SHAPES)
+    check_finite(
+        place, "shapes", columns["shapes"], names, gaps=gaps or form is not SHAPES
+    )
     if form is SHAPES:
         check_mesh(place, columns, len(names))
 
 
 def check_finite(
-    place: Place, name: str, points: Floats, names: Sequence[str] = (), *, gaps: bool = False
+    place: Place,
+    name: str,
+    points: Floats,
+    names: Sequence[str] = (),
+    *,
+    gaps: bool = False,
 ) -> None:
-    """Raise InputError where a coordinate of the points (n, d, p) is no number to compute with.
+    """Raise InputError where a coordinate of the points (n, d, p) is no number to
+    compute with.
 
-    That is NaN, infinite, or so large that its square is. With `gaps` NaN is an unknown landmark;
-    points without names of landmarks are vertices.
+    That is NaN, infinite, or so large that its square is. With `gaps` NaN is an unknown
+    landmark; points without names of landmarks are vertices.
     """
     fix = f"write a finite number, at most {LARGEST:g}, or leave the item out"
     bad = ~(np.abs(points) <= LARGEST) & ~(gaps & np.isnan(points))
@@ -72,29 +84,44 @@ def _refuse(
 
 
 def check_mesh(place: Place, columns: Mapping[str, Any], p: int) -> None:
-    """Raise InputError for vertices that are no numbers, and for indices of what is not there."""
+    """Raise InputError for vertices that are no numbers, and for indices of what is not
+    there.
+    """
     vertices = columns.get("mesh_vertices")
     if vertices is not None:
         check_finite(place, "mesh_vertices", vertices)
-    for name, size in (("edges", p), ("mesh_faces", 0 if vertices is None else vertices.shape[-1])):
+    for name, size in (
+        ("edges", p),
+        ("mesh_faces", 0 if vertices is None else vertices.shape[-1]),
+    ):
         indices = columns.get(name)
-        if indices is not None and len(wrong := np.argwhere((indices < 0) | (indices >= size))):
+        if indices is not None and len(
+            wrong := np.argwhere((indices < 0) | (indices >= size))
+        ):
             row = int(wrong[0, 0])
             fault = f"holds the indices {tuple(indices[row].tolist())}"
-            raise input_error(place(name, row), fault, f"indices run from 0 to {size - 1}")
+            raise input_error(
+                place(name, row), fault, f"indices run from 0 to {size - 1}"
+            )
 
 
 def warn_of_zeros(points: Floats) -> tuple[str, ...]:
-    """Warn of many landmarks (..., 2) at exactly (0, 0), where detectors put what they miss."""
+    """Warn of many landmarks (..., 2) at exactly (0, 0), where detectors put what they
+    miss.
+    """
     zeros = (points == 0).all(axis=-1)
     if zeros.sum() <= AT_ZERO * zeros.size:
         return ()
-    fault = f"{int(zeros.sum())} of {counted(zeros.size, 'landmark')} are at exactly (0, 0)"
+    fault = (
+        f"{int(zeros.sum())} of {counted(zeros.size, 'landmark')} are at exactly (0, 0)"
+    )
     return (f"{fault}: if these were not found, leave them empty, or NaN",)
 
 
 def input_problems(problems: Sequence[str], count: int | None = None) -> InputError:
-    """Build the InputError for these problems, of `count` in all; at most ten are listed."""
+    """Build the InputError for these problems, of `count` in all; at most ten are
+    listed.
+    """
     shown = list(problems[:LIMIT])
     more = (len(problems) if count is None else count) - len(shown)
     return InputError([*shown, f"... and {more} more"] if more > 0 else shown)

@@ -1,7 +1,8 @@
-"""The tidy table as CSV, one row a landmark of an item: text to records, and records to text.
+"""The tidy table as CSV, one row a landmark of an item: text to records, and records to
+text.
 
-Text is split at commas while it holds no quote; from the first quote on, and for lines that do not
-fit, the csv module reads it.
+Text is split at commas while it holds no quote; from the first quote on, and for lines
+that do not fit, the csv module reads it.
 """
 
 from __future__ import annotations
@@ -29,14 +30,24 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
 from shapefit.io.checks import LIMIT, input_problems
-from shapefit.io.inputs import check_fits, is_stream, read_head, read_text_blocks, source_name
+from shapefit.io.inputs import (
+    check_fits,
+    is_stream,
+    read_head,
+    read_text_blocks,
+    source_name,
+)
 from shapefit.io.options import RecordWriter, Summary
 from shapefit.io.records import KINDS, LandmarkSet, Records, ResultSet, concatenate
 
 ROWS = 1 << 12
-"""Rows that are read and written at a time: more leave the processor's cache, and take longer."""
+"""Rows that are read and written at a time: more leave the processor's cache, and take
+longer.
+"""
 
-QUOTES = "put cells with commas or quotes in double quotes, and double the quotes in them"
+QUOTES = (
+    "put cells with commas or quotes in double quotes, and double the quotes in them"
+)
 
 Block = tuple[Integers, dict[str, Sequence[str]]]
 """The lines of some rows, and their cells by column."""
@@ -45,7 +56,9 @@ OPTIONAL = {
     "landmarks": ("confidence", "sequence"),
     "shapes": ("sequence", "sd_x", "sd_y", "sd_z", "modes", "trusted"),
 }
-"""Columns that may be there; of shapes and results all but `sequence` are not read back."""
+"""Columns that may be there; of shapes and results all but `sequence` are not read
+back.
+"""
 
 FINITE = "write a finite number"
 FINITE_OR_EMPTY = f"{FINITE}, or leave the cell empty where it is unknown"
@@ -72,11 +85,13 @@ def csv_kind(path: Path) -> str:
 
 
 def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
-    """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with `[,sequence]`.
+    """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with
+    `[,sequence]`.
 
-    Return records, or a Spool of many landmarks. A landmark that has no row or lacks a coordinate
-    is NaN, its confidence 0; shapes need all unless `gaps`. Raises InputError for the first wrong
-    cells, by line, and for large tables in which the rows of an item do not stand together.
+    Return records, or a Spool of many landmarks. A landmark that has no row or lacks a
+    coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises
+    InputError for the first wrong cells, by line, and for large tables in which the
+    rows of an item do not stand together.
     """
     table, spool = _Table(path, kind, gaps), Spool()
     for lines, cells in table.blocks:
@@ -100,25 +115,39 @@ def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
         table.take(lines, cells)
         if table.size > MAX_IN_MEMORY // 4 and path.is_file():
             text = read_head(path, 1 << 20)
-            share = min(table.size * len(text) / text.count(b"\n") / path.stat().st_size, 1.0)
+            share = min(
+                table.size * len(text) / text.count(b"\n") / path.stat().st_size, 1.0
+            )
             break
     return table.records(), share
 
 
 class _Table:
-    """The rows of a table while its blocks come in: numbers of items and landmarks, and values."""
+    """The rows of a table while its blocks come in: numbers of items and landmarks, and
+    values.
+    """
 
     def __init__(self, path: Path, kind: str, gaps: bool) -> None:
-        """Open a table. Raises InputError for columns that are unknown, there twice, or missing."""
+        """Open a table. Raises InputError for columns that are unknown, there twice, or
+        missing.
+        """
         self.name, self._kind = source_name(path), kind
         columns, self.blocks = open_table(path)
-        required = ("item", "landmark", "x", "y", *(() if kind == "landmarks" else ("z",)))
+        required = (
+            "item",
+            "landmark",
+            "x",
+            "y",
+            *(() if kind == "landmarks" else ("z",)),
+        )
         optional = OPTIONAL.get(kind, OPTIONAL["shapes"])
         unknown = {*columns} - {*required, *optional}
         if unknown or {*required} - {*columns} or len({*columns}) < len(columns):
             wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
             fault = f"the header is '{','.join(columns)[:80]}'"
-            raise input_error(f"{self.name}:1", fault, f"write the header {wanted}, with commas")
+            raise input_error(
+                f"{self.name}:1", fault, f"write the header {wanted}, with commas"
+            )
         self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
         self._complete = kind == "shapes" and not gaps
         self._scored = kind == "landmarks" and "confidence" in columns
@@ -133,8 +162,12 @@ class _Table:
 
         def note(column: str, wrong: Flags, fix: str) -> None:
             for row in np.flatnonzero(wrong).tolist():
-                fault = f"is '{cells[column][row]}'" if cells[column][row] else "is empty"
-                problems.append((row, f"{self.name}:{lines[row]}: {column} {fault}; {fix}"))
+                fault = (
+                    f"is '{cells[column][row]}'" if cells[column][row] else "is empty"
+                )
+                problems.append(
+                    (row, f"{self.name}:{lines[row]}: {column} {fault}; {fix}")
+                )
 
         for column in ("item", "landmark"):
             if "" in cells[column]:
@@ -142,7 +175,10 @@ class _Table:
                 note(column, empty, f"name the {column}")
         item, landmark = (
             np.fromiter(map(numbers.__getitem__, cells[column]), np.int32, len(lines))
-            for column, numbers in (("item", self._items), ("landmark", self._landmarks))
+            for column, numbers in (
+                ("item", self._items),
+                ("landmark", self._landmarks),
+            )
         )
         if self._sequences is not None:
             first = [*map(self._sequences.setdefault, cells["item"], cells["sequence"])]
@@ -166,9 +202,13 @@ class _Table:
         for values in points:
             values[missing] = np.nan
         if problems:
-            raise input_problems([text for _, text in sorted(problems, key=lambda p: p[0])])
+            raise input_problems(
+                [text for _, text in sorted(problems, key=lambda p: p[0])]
+            )
         self.size += len(lines)
-        self._parts.append((lines.astype(np.int32), item, landmark, *points, confidence))
+        self._parts.append(
+            (lines.astype(np.int32), item, landmark, *points, confidence)
+        )
 
     def records(self) -> Any:
         """Return what was taken. Raises InputError for double rows."""
@@ -177,7 +217,9 @@ class _Table:
         check_fits(self.name, n * p * 8 * (d + 3))
         planes, first = np.full((d + 1, n * p), np.nan), np.full(n * p, -1)
         if self._parts:
-            lines, item, landmark, *values = map(np.concatenate, zip(*self._parts, strict=True))
+            lines, item, landmark, *values = map(
+                np.concatenate, zip(*self._parts, strict=True)
+            )
             self._parts = [(lines, item, landmark, *values)]
             cells, row = item * np.int64(p) + landmark, np.arange(len(lines))
             first[cells[::-1]] = row[::-1]
@@ -193,8 +235,16 @@ class _Table:
             for plane, column in zip(planes, values, strict=True):
                 plane[cells] = column
         points = np.ascontiguousarray(planes[:d].reshape(d, n, p).swapaxes(0, 1))
-        sequences = None if self._sequences is None else [self._sequences[name] for name in items]
-        scores = {"confidence": np.nan_to_num(planes[d]).reshape(n, p)} if self._scored else {}
+        sequences = (
+            None
+            if self._sequences is None
+            else [self._sequences[name] for name in items]
+        )
+        scores = (
+            {"confidence": np.nan_to_num(planes[d]).reshape(n, p)}
+            if self._scored
+            else {}
+        )
         return KINDS[self._kind](points, names, items, sequences, **scores)
 
     def pop_complete(self) -> LandmarkSet:
@@ -203,7 +253,11 @@ class _Table:
         last = len(images) - 1
         item, (lines, items, *values) = images.items[last], self._parts[0]
         rows = np.flatnonzero(items == last)
-        remaining = (lines[rows], np.zeros_like(items[rows]), *(column[rows] for column in values))
+        remaining = (
+            lines[rows],
+            np.zeros_like(items[rows]),
+            *(column[rows] for column in values),
+        )
         self._parts, self._items, self.size = [remaining], _numbering(item), len(rows)
         if self._sequences is not None:
             self._sequences = {item: self._sequences[item]}
@@ -211,12 +265,16 @@ class _Table:
 
 
 def _numbering(*texts: str) -> defaultdict[str, int]:
-    """Return a dictionary that gives the next number to each new text, beginning with these."""
+    """Return a dictionary that gives the next number to each new text, beginning with
+    these.
+    """
     return defaultdict(count(len(texts)).__next__, zip(texts, count()))
 
 
 class Spool:
-    """Images of a large table in a temporary file, in parts, of which the last one read is kept."""
+    """Images of a large table in a temporary file, in parts, of which the last one read
+    is kept.
+    """
 
     def __init__(self) -> None:
         self._names: tuple[str, ...] = ()
@@ -241,7 +299,9 @@ class Spool:
         parts = []
         for number, start in enumerate(self._starts[:-1]):
             inner = slice(max(rows.start - start, 0), rows.stop - start)
-            if (start <= rows.start or inner.stop > 0) and rows.start < self._starts[number + 1]:
+            if (start <= rows.start or inner.stop > 0) and rows.start < self._starts[
+                number + 1
+            ]:
                 parts.append(self._part(number).take(inner))
         return concatenate(parts)
 
@@ -252,7 +312,8 @@ class Spool:
 
 
 def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
-    """Read decimal numbers, inf and nan; return them, and which cells are no number at all.
+    """Read decimal numbers, inf and nan; return them, and which cells are no number at
+    all.
 
     Spaces around them do not count; an empty cell, and what is no number, is NaN.
     """
@@ -271,7 +332,9 @@ def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
     numbers = np.full(len(cells), np.nan)
     for row, cell in enumerate(map(str.strip, cells)):
         try:
-            invalid[row] = "_" in cell or not cell.isascii()  # which float() alone would take
+            invalid[row] = (
+                "_" in cell or not cell.isascii()
+            )  # which float() alone would take
             numbers[row] = np.nan if invalid[row] else float(cell or "nan")
         except ValueError:
             invalid[row] = True
@@ -279,10 +342,12 @@ def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
 
 
 def open_table(path: Path) -> tuple[list[str], Iterator[Block]]:
-    """Open a file, a pipe or standard input: its columns, and blocks of rows that are not empty.
+    """Open a file, a pipe or standard input: its columns, and blocks of rows that are
+    not empty.
 
-    Where the header has spaces around its names, they are taken from the cells, too. Raises
-    InputError for text that is no CSV in UTF-8 with commas, and for rows of another width.
+    Where the header has spaces around its names, they are taken from the cells, too.
+    Raises InputError for text that is no CSV in UTF-8 with commas, and for rows of
+    another width.
     """
     name, texts = source_name(path), _read_texts(path)
     _, text = next(texts)
@@ -300,11 +365,15 @@ def open_table(path: Path) -> tuple[list[str], Iterator[Block]]:
 
 
 def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield the text of an input, whole lines at a time, and the number of the first."""
+    """Yield the text of an input, whole lines at a time, and the number of the
+    first.
+    """
     name, line, rest = source_name(path), 1, b""
     for block in chain(read_text_blocks(path), [b""]):
         data = rest + block
-        end = data.rfind(b"\n") + 1 if block else len(data)  # the last line may have no end
+        end = (
+            data.rfind(b"\n") + 1 if block else len(data)
+        )  # the last line may have no end
         rest = data[end:]
         if len(rest) > csv.field_size_limit():
             fix = "check the quotes around it, and the ends of lines"
@@ -335,13 +404,17 @@ def _divided(
             if wrong := [(at, len(row)) for at, row in part if len(row) != width]:
                 end = f"cells for {width} columns; write one cell per column"
                 raise input_problems([f"{name}:{at}: has {n} {end}" for at, n in wrong])
-            yield np.array([at for at, _ in part]), [*zip(*(row for _, row in part), strict=True)]
+            yield (
+                np.array([at for at, _ in part]),
+                [*zip(*(row for _, row in part), strict=True)],
+            )
 
 
 def split_columns(text: str, width: int) -> list[list[str]] | None:
     """Return the columns of lines that all have `width` cells, none of them quoted.
 
-    None where it is not so plain; `read_rows` takes every text, and finds the same cells.
+    None where it is not so plain; `read_rows` takes every text, and finds the same
+    cells.
     """
     text = text.replace("\r\n", "\n") if "\r" in text else text
     if '"' in text or "\r" in text:
@@ -357,7 +430,9 @@ def split_columns(text: str, width: int) -> list[list[str]] | None:
     return None if "" in columns[0] else columns  # there may be an empty row
 
 
-def read_rows(texts: Iterable[str], line: int, name: str) -> Iterator[tuple[int, list[str]]]:
+def read_rows(
+    texts: Iterable[str], line: int, name: str
+) -> Iterator[tuple[int, list[str]]]:
     """Yield line and cells of each row that is not empty; texts begin with `line`."""
     lines = chain.from_iterable(StringIO(text, newline="") for text in texts)
     reader = csv.reader(lines, strict=True)
@@ -373,13 +448,21 @@ def read_rows(texts: Iterable[str], line: int, name: str) -> Iterator[tuple[int,
 
 @contextmanager
 def csv_output(target: Path) -> Iterator[CsvWriter]:
-    """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
+    """Give a writer to standard output, for `-`, or to a file that appears on a clean
+    exit.
+    """
     with ExitStack() as stack:
         file: Any
         if is_stream(target):
             if sys.stdout is None:
-                raise input_error("standard output", "is closed", "name a file to write instead")
-            file, place, numbers = sys.stdout.buffer, Path("standard output"), OF_THE_DISK
+                raise input_error(
+                    "standard output", "is closed", "name a file to write instead"
+                )
+            file, place, numbers = (
+                sys.stdout.buffer,
+                Path("standard output"),
+                OF_THE_DISK,
+            )
         else:
             path = stack.enter_context(atomic_path(target))
             file, place, numbers = stack.enter_context(path.open("wb")), target, None
@@ -395,10 +478,12 @@ def csv_output(target: Path) -> Iterator[CsvWriter]:
 
 
 class CsvWriter(RecordWriter[Records]):
-    """Appends records as rows `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
+    """Appends records as rows
+    `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
 
-    Results with a verdict also have a column `trusted`. NaN becomes an empty cell; numbers have the
-    fewest digits that read back to the same float. CSV has no place for `attributes`.
+    Results with a verdict also have a column `trusted`. NaN becomes an empty cell;
+    numbers have the fewest digits that read back to the same float. CSV has no place
+    for `attributes`.
     """
 
     def __init__(self, write: Callable[[bytes | memoryview], object]) -> None:
@@ -426,8 +511,12 @@ class CsvWriter(RecordWriter[Records]):
 
 
 def _columns(record: Records) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
-    """Return the columns beside `item` and `landmark`: numbers (n, p) each, and texts (n,) each."""
-    numbers = {"xyz"[axis]: values for axis, values in enumerate(record.points.swapaxes(0, 1))}
+    """Return the columns beside `item` and `landmark`: numbers (n, p) each, and texts
+    (n,) each.
+    """
+    numbers = {
+        "xyz"[axis]: values for axis, values in enumerate(record.points.swapaxes(0, 1))
+    }
     texts: dict[str, Sequence[str]] = {}
     if isinstance(record, LandmarkSet) and record.confidence is not None:
         numbers["confidence"] = record.confidence
@@ -437,7 +526,9 @@ def _columns(record: Records) -> tuple[dict[str, Floats], dict[str, Sequence[str
         if (sd := record.shape_sd) is not None:
             numbers |= {f"sd_{'xyz'[axis]}": sd[:, axis] for axis in range(3)}
         if (trusted := record.trusted) is not None:
-            texts["trusted"] = ["true" if value else "false" for value in trusted.tolist()]
+            texts["trusted"] = [
+                "true" if value else "false" for value in trusted.tolist()
+            ]
     return numbers, texts
 
 
@@ -445,8 +536,14 @@ def _lines(record: Records) -> memoryview:
     """Return the lines of some items."""
     n, p, (numbers, texts) = len(record), len(record.landmark_names), _columns(record)
     item, landmark = np.divmod(np.arange(n * p), max(p, 1))
-    numbers_of = [item, landmark + n, *(item + n * k + p for k in range(1, len(texts) + 1))]
-    cells = [*map(_encoded, chain(record.items, record.landmark_names, *texts.values()))]
+    numbers_of = [
+        item,
+        landmark + n,
+        *(item + n * k + p for k in range(1, len(texts) + 1)),
+    ]
+    cells = [
+        *map(_encoded, chain(record.items, record.landmark_names, *texts.values()))
+    ]
     starts, rows_of = np.cumsum([0, *map(len, cells)]), np.column_stack(numbers_of)
     values = np.stack([*numbers.values()], axis=-1).reshape(n * p, len(numbers))
     letters = b"".join(cells)

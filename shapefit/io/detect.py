@@ -1,4 +1,6 @@
-"""The table of formats that are read, and which of them a file is in, by its content."""
+"""The table of formats that are read, and which of them a file is in, by its
+content.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +12,26 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.errors import abbreviate, input_error, listed
-from shapefit.io.formats import CSV, FIRST, HDF5, OURS, FileFormat, Head, named_format, our_format
+from shapefit.io.formats import (
+    CSV,
+    FIRST,
+    HDF5,
+    OURS,
+    FileFormat,
+    Head,
+    named_format,
+    our_format,
+)
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
 from shapefit.io.options import InputOptions
-from shapefit.io.readers import deeplabcut, detections, markers, motion, tables, trackers
+from shapefit.io.readers import (
+    deeplabcut,
+    detections,
+    markers,
+    motion,
+    tables,
+    trackers,
+)
 from shapefit.io.readers.text import decode, read_json
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
@@ -24,16 +42,20 @@ CALIBRATION = re.compile(rb"\b(?:camera_|intrinsic_)?matrix\"?\s*[=:]", re.IGNOR
 
 
 def detect_format(path: Path, name: str = "auto") -> FileFormat:
-    """Return the format of a file or folder, by what it begins with; text of no known kind is CSV.
+    """Return the format of a file or folder, by what it begins with; text of no known
+    kind is CSV.
 
-    Standard input and pipes are CSV. With another `name` than auto it is that format. Raises
-    InputError as `require_file` does, for unknown names, and for files that are something else.
+    Standard input and pipes are CSV. With another `name` than auto it is that format.
+    Raises InputError as `require_file` does, for unknown names, and for files that are
+    something else.
     """
     if name != "auto" and not is_stream(path):
         chosen = named_format(name, FORMATS)
         if path.is_dir() and not chosen.together:
             fix = f"name the files in it: '{path}/*{chosen.suffixes[0]}'"
-            raise input_error(path, f"it is a folder, and {chosen.title} is a file", fix)
+            raise input_error(
+                path, f"it is a folder, and {chosen.title} is a file", fix
+            )
         return chosen
     if path.is_dir():
         return _detect_folder(path)
@@ -54,13 +76,21 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if CALIBRATION.search(head.text):
         fault = "is a calibration of cameras, not landmarks"
         raise input_error(path, fault, "give it as --calibration")
-    if CONTROL & {*head.bytes} and not head.bytes.startswith((b"\xff\xfe", b"\xfe\xff")):
-        fix = "give the landmarks that a detector found in a video or images, not compressed"
+    if CONTROL & {*head.bytes} and not head.bytes.startswith(
+        (b"\xff\xfe", b"\xfe\xff")
+    ):
+        fix = (
+            "give the landmarks that a detector found in a video or images, not"
+            " compressed"
+        )
         raise input_error(path, "is neither text nor of a known format", fix)
     if head.may_be_json:
         read_json(path)  # names the line of damage
         keys = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
-        fix = "give JSON of OpenPose, AlphaPose, MMPose, MediaPipe or COCO (docs/formats.md)"
+        fix = (
+            "give JSON of OpenPose, AlphaPose, MMPose, MediaPipe or COCO"
+            " (docs/formats.md)"
+        )
         raise input_error(path, f"is JSON of no known kind, {keys}", fix)
     return CSV
 
@@ -81,7 +111,9 @@ def _detect_folder(path: Path) -> FileFormat:
 def group_inputs(
     paths: Sequence[Path], options: InputOptions
 ) -> list[tuple[FileFormat, tuple[Path, ...]]]:
-    """Return the inputs in order, each with its format; files that are one recording together."""
+    """Return the inputs in order, each with its format; files that are one recording
+    together.
+    """
     groups: dict[tuple[str, Path], tuple[FileFormat, list[Path]]] = {}
     for path in paths:
         one = detect_format(path, options.format)
@@ -92,19 +124,32 @@ def group_inputs(
 
 
 def is_yolo(head: Head) -> bool:
-    """Whether a .txt file begins with a line of a class, a box and landmarks, all fractions."""
+    """Whether a .txt file begins with a line of a class, a box and landmarks, all
+    fractions.
+    """
     try:
-        rows = (line for line in head.lines if line.strip() and not line.startswith(b"#"))
-        first, *numbers = map(float, next(rows, b"").split() if head.named(".txt") else ())
+        rows = (
+            line for line in head.lines if line.strip() and not line.startswith(b"#")
+        )
+        first, *numbers = map(
+            float, next(rows, b"").split() if head.named(".txt") else ()
+        )
     except ValueError:
         return False
     box, point = numbers[:4], numbers[4:6]
     placed = len(point) == 2 and all(-1 <= value <= 2 for value in point)
-    return first.is_integer() and first >= 0 and placed and all(0 <= value <= 1 for value in box)
+    return (
+        first.is_integer()
+        and first >= 0
+        and placed
+        and all(0 <= value <= 1 for value in box)
+    )
 
 
 def is_deeplabcut_csv(head: Head) -> bool:
-    """Whether its rows of names come first; what is seen of the file can end in one of them."""
+    """Whether its rows of names come first; what is seen of the file can end in one of
+    them.
+    """
     first, *others = (line.split(b",", 1)[0].strip(b" \"'") for line in head.lines[:3])
     if first == b"scorer" and b"," in head.lines[0]:
         return len(others) < 2 or b"bodyparts" in others
@@ -120,7 +165,9 @@ def is_table(head: Head) -> bool:
 
 def is_array(head: Head) -> bool:
     """Whether the file is NumPy's, or JSON of lists in a list."""
-    lists = isinstance(head.json, list) and isinstance(next(iter(head.json), None), list)
+    lists = isinstance(head.json, list) and isinstance(
+        next(iter(head.json), None), list
+    )
     archive = head.bytes.startswith(b"PK\x03\x04") and head.named(".npz")
     return archive or lists or head.bytes.startswith(b"\x93NUMPY")
 
@@ -132,7 +179,9 @@ def is_mmpose_images(head: Head) -> bool:
 
 
 def _has_points(value: Any, depth: int = 6) -> bool:
-    """Whether objects that begin with x, or a name, and have y are somewhere in JSON."""
+    """Whether objects that begin with x, or a name, and have y are somewhere in
+    JSON.
+    """
     if isinstance(value, dict):
         if {"x", "y"} <= value.keys():
             return next(iter(value)) in ("x", "name", "id")
@@ -154,81 +203,171 @@ def _json(kind: type, *keys: str) -> Callable[[Head], bool]:
 IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
 H5, JSON, TABLE = (".h5", ".hdf5"), (".json",), (".csv",)
 
-# fmt: off
 FORMATS: dict[str, FileFormat] = {
     **OURS,
     "deeplabcut-csv": FileFormat(
-        "a DeepLabCut or Lightning Pose CSV", TABLE, EITHER, is_deeplabcut_csv,
-        deeplabcut.read_csv),
+        "a DeepLabCut or Lightning Pose CSV",
+        TABLE,
+        EITHER,
+        is_deeplabcut_csv,
+        deeplabcut.read_csv,
+    ),
     "deeplabcut-h5": FileFormat(
-        "a DeepLabCut HDF5 file", H5, EITHER,
+        "a DeepLabCut HDF5 file",
+        H5,
+        EITHER,
         lambda head: any(name.endswith("@pandas_type") for name in head.hdf5),
-        deeplabcut.read_hdf5),
+        deeplabcut.read_hdf5,
+    ),
     "jabs-h5": FileFormat(
-        "a JABS pose file", H5, IMAGES, _hdf5("poseest/points"), trackers.read_jabs),
+        "a JABS pose file", H5, IMAGES, _hdf5("poseest/points"), trackers.read_jabs
+    ),
     "movement-netcdf": FileFormat(
-        "a movement netCDF file", (".nc", ".nc4"), EITHER, _hdf5("@ds_type"),
-        trackers.read_movement),
+        "a movement netCDF file",
+        (".nc", ".nc4"),
+        EITHER,
+        _hdf5("@ds_type"),
+        trackers.read_movement,
+    ),
     "nwb-ndx-pose": FileFormat(
-        "an NWB file", (".nwb",), EITHER, _hdf5("@nwb_version"), trackers.read_nwb),
+        "an NWB file", (".nwb",), EITHER, _hdf5("@nwb_version"), trackers.read_nwb
+    ),
     "sleap-analysis-h5": FileFormat(
-        "a SLEAP analysis file", H5, IMAGES, _hdf5("tracks", "node_names"),
-        trackers.read_sleap_analysis),
+        "a SLEAP analysis file",
+        H5,
+        IMAGES,
+        _hdf5("tracks", "node_names"),
+        trackers.read_sleap_analysis,
+    ),
     "sleap-slp": FileFormat(
-        "a SLEAP .slp file", (".slp",), IMAGES,
-        _hdf5("metadata@format_id", "frames", "instances"), trackers.read_slp),
+        "a SLEAP .slp file",
+        (".slp",),
+        IMAGES,
+        _hdf5("metadata@format_id", "frames", "instances"),
+        trackers.read_slp,
+    ),
     "caliscope-csv": FileFormat(
-        "a caliscope CSV", TABLE, IMAGES,
-        lambda head: {"frame_index", "point_id", "img_loc_x", "img_loc_y"} <= {*head.columns},
-        tables.read_caliscope),
+        "a caliscope CSV",
+        TABLE,
+        IMAGES,
+        lambda head: (
+            {"frame_index", "point_id", "img_loc_x", "img_loc_y"} <= {*head.columns}
+        ),
+        tables.read_caliscope,
+    ),
     "coco-annotations": FileFormat(
-        "a file of COCO annotations", JSON, IMAGES,
-        _json(dict, "images", "annotations", "categories"), detections.read_coco_annotations),
+        "a file of COCO annotations",
+        JSON,
+        IMAGES,
+        _json(dict, "images", "annotations", "categories"),
+        detections.read_coco_annotations,
+    ),
     "coco-results": FileFormat(
-        "a file of COCO results", JSON, IMAGES, _json(list, "image_id"),
-        detections.read_coco_results),
+        "a file of COCO results",
+        JSON,
+        IMAGES,
+        _json(list, "image_id"),
+        detections.read_coco_results,
+    ),
     "mmpose-video": FileFormat(
-        "an MMPose file", JSON, IMAGES, _json(object, "instances", "instance_info", "meta_info"),
-        detections.read_mmpose_video),
+        "an MMPose file",
+        JSON,
+        IMAGES,
+        _json(object, "instances", "instance_info", "meta_info"),
+        detections.read_mmpose_video,
+    ),
     "mmpose-images": FileFormat(
-        "a set of MMPose files", JSON, IMAGES, is_mmpose_images, detections.read_image_files,
-        together=True),
+        "a set of MMPose files",
+        JSON,
+        IMAGES,
+        is_mmpose_images,
+        detections.read_image_files,
+        together=True,
+    ),
     "openpose": FileFormat(
-        "a set of OpenPose files", JSON, IMAGES, _json(dict, "people", "version"),
-        detections.read_image_files, together=True),
+        "a set of OpenPose files",
+        JSON,
+        IMAGES,
+        _json(dict, "people", "version"),
+        detections.read_image_files,
+        together=True,
+    ),
     "ultralytics-txt": FileFormat(
-        "a set of YOLO pose labels", (".txt",), IMAGES, is_yolo, detections.read_yolo,
-        together=True),
+        "a set of YOLO pose labels",
+        (".txt",),
+        IMAGES,
+        is_yolo,
+        detections.read_yolo,
+        together=True,
+    ),
     "acclaim": FileFormat(
-        "an ASF/AMC motion", (".amc", ".asf"), SHAPES,
-        lambda head: head.named(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#"),
-        motion.read_acclaim),
+        "an ASF/AMC motion",
+        (".amc", ".asf"),
+        SHAPES,
+        lambda head: (
+            head.named(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#")
+        ),
+        motion.read_acclaim,
+    ),
     "anipose-csv": FileFormat(
-        "an anipose 3D CSV", TABLE, SHAPES,
-        lambda head: any(name.endswith("_ncams") for name in head.columns), tables.read_any_table),
+        "an anipose 3D CSV",
+        TABLE,
+        SHAPES,
+        lambda head: any(name.endswith("_ncams") for name in head.columns),
+        tables.read_any_table,
+    ),
     "bvh": FileFormat(
-        "a BVH motion", (".bvh",), SHAPES,
+        "a BVH motion",
+        (".bvh",),
+        SHAPES,
         lambda head: head.text.upper().split(maxsplit=2)[:2] == [b"HIERARCHY", b"ROOT"],
-        motion.read_bvh),
+        motion.read_bvh,
+    ),
     "c3d": FileFormat(
-        "a C3D file", (".c3d",), SHAPES,
-        lambda head: head.named(".c3d") and head.bytes[1:2] == b"\x50", markers.read_c3d),
+        "a C3D file",
+        (".c3d",),
+        SHAPES,
+        lambda head: head.named(".c3d") and head.bytes[1:2] == b"\x50",
+        markers.read_c3d,
+    ),
     "trc": FileFormat(
-        "a TRC file", (".trc",), SHAPES,
-        lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", markers.read_trc),
+        "a TRC file",
+        (".trc",),
+        SHAPES,
+        lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype",
+        markers.read_trc,
+    ),
     "vicon-csv": FileFormat(
-        "a Vicon Nexus CSV of trajectories", TABLE, SHAPES,
-        lambda head: b"frame,sub frame," in head.text.lower().partition(b"trajectories")[2],
-        markers.read_vicon),
+        "a Vicon Nexus CSV of trajectories",
+        TABLE,
+        SHAPES,
+        lambda head: (
+            b"frame,sub frame," in head.text.lower().partition(b"trajectories")[2]
+        ),
+        markers.read_vicon,
+    ),
     "table": FileFormat(
-        "a table of landmarks", (".csv", ".tsv", ".txt"), EITHER, is_table, tables.read_any_table,
-        states_y_axis=False),
+        "a table of landmarks",
+        (".csv", ".tsv", ".txt"),
+        EITHER,
+        is_table,
+        tables.read_any_table,
+        states_y_axis=False,
+    ),
     "mediapipe": FileFormat(
-        "a file of MediaPipe's landmarks", JSON, IMAGES, lambda head: _has_points(head.json),
-        detections.read_mediapipe),
+        "a file of MediaPipe's landmarks",
+        JSON,
+        IMAGES,
+        lambda head: _has_points(head.json),
+        detections.read_mediapipe,
+    ),
     "arrays": FileFormat(
-        "an array of landmarks", (".npy", ".npz"), IMAGES, is_array, tables.read_array,
-        states_y_axis=False),
+        "an array of landmarks",
+        (".npy", ".npz"),
+        IMAGES,
+        is_array,
+        tables.read_array,
+        states_y_axis=False,
+    ),
 }
-# fmt: on
 """Those of the package come first; the others are asked in this order."""

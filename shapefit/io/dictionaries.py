@@ -29,7 +29,9 @@ PRIOR = ("prior_weights", "prior_means", "prior_covariances")
 
 
 def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
-    """Read a dictionary, with `old` one of version 1, too. Raises InputError for what is wrong."""
+    """Read a dictionary, with `old` one of version 1, too. Raises InputError for what
+    is wrong.
+    """
     if our_format(path) is not HDF5:
         from shapefit.io.detect import detect_format
 
@@ -44,7 +46,10 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
             fields["objective_trace"] = np.empty(0)
         provenance = {name: str(value) for name, value in reader.attributes.items()}
         return Dictionary(
-            **fields, unit=stated["unit"], frame_rate=stated["frame_rate"], provenance=provenance
+            **fields,
+            unit=stated["unit"],
+            frame_rate=stated["frame_rate"],
+            provenance=provenance,
         )
 
 
@@ -53,12 +58,16 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
     atoms, mean, names = fields["atoms"], fields["mean_shape"], fields["landmark_names"]
     if atoms.size == 0:
         fault = f"has the shape {atoms.swapaxes(-1, -2).shape}"
-        raise input_error(place("atoms", None), fault, "a dictionary needs atoms and landmarks")
+        raise input_error(
+            place("atoms", None), fault, "a dictionary needs atoms and landmarks"
+        )
     check_finite(place, "atoms", atoms, names)
     check_finite(place, "mean_shape", mean[None], names)
     check_mesh(place, fields, len(names))
     if coincide(mean):
-        raise input_error(place("mean_shape", None), "all its landmarks are at one point", AGAIN)
+        raise input_error(
+            place("mean_shape", None), "all its landmarks are at one point", AGAIN
+        )
     for name, least in LEAST.items():
         values = fields.get(name)
         if values is not None and not ((values >= least) & (values < np.inf)).all():
@@ -66,7 +75,9 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
     if (index := fields["mirror_index"]) is not None:
         points = np.arange(len(index))
         if not (np.isin(index, points).all() and (index[index] == points).all()):
-            raise input_error(place("mirror_index", None), "does not pair the landmarks", AGAIN)
+            raise input_error(
+                place("mirror_index", None), "does not pair the landmarks", AGAIN
+            )
     C = fields.get("edge_covariance")
     if C is not None and C.size and not _is_covariance(C):
         raise input_error(place("edge_covariance", None), "is no covariance", AGAIN)
@@ -88,7 +99,9 @@ def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
 
 def _is_covariance(C: Floats) -> bool:
     """Whether matrices (..., e, e) are symmetric and positive definite."""
-    if not (np.isfinite(C).all() and np.allclose(C, C.swapaxes(-1, -2), rtol=0, atol=1e-9)):
+    if not (
+        np.isfinite(C).all() and np.allclose(C, C.swapaxes(-1, -2), rtol=0, atol=1e-9)
+    ):
         return False
     try:
         np.linalg.cholesky(C)  # ten times as fast as eigenvalues
@@ -107,7 +120,8 @@ def check_given_dictionary(dictionary: Dictionary, name: str) -> None:
 def write_dictionary(path: Path, dictionary: Dictionary) -> None:
     """Write a dictionary to HDF5; the provenance becomes root attributes.
 
-    Raises InputError where the file cannot be written; the old one then stays as it was.
+    Raises InputError where the file cannot be written; the old one then stays as it
+    was.
     """
     with record_writer(path, DICTIONARY) as writer:
         writer.append(dictionary)

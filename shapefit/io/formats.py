@@ -1,6 +1,8 @@
-"""The formats of files: those of the package, read and written, and those written for other tools.
+"""The formats of files: those of the package, read and written, and those written for
+other tools.
 
-The formats of other tools that are read are in `io/detect.py`, which imports all their readers.
+The formats of other tools that are read are in `io/detect.py`, which imports all their
+readers.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ FIRST = 20
 
 
 class Head:
-    """What decides the format of a file: its first bytes, lines and columns, or keys."""
+    """What decides the format of a file: its first bytes, lines and columns, or
+    keys.
+    """
 
     def __init__(self, path: Path) -> None:
         """Read the first bytes, unpacked. Raises what reading raises."""
@@ -46,9 +50,13 @@ class Head:
         if self.bytes.startswith(GZIP_SIGNATURE):
             with suppress(zlib.error):
                 gzip_bits = 16 + zlib.MAX_WBITS
-                self.bytes = zlib.decompressobj(gzip_bits).decompress(self.bytes, HEAD_BYTES)
+                self.bytes = zlib.decompressobj(gzip_bits).decompress(
+                    self.bytes, HEAD_BYTES
+                )
         self.text = self.bytes.removeprefix(BYTE_ORDER_MARK)
-        self.lines = self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+        self.lines = (
+            self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+        )
         cells = self.lines[0].decode("utf-8", "replace").split(",")
         self.columns = tuple(cell.strip(' "\t') for cell in cells)
         self.may_be_json = self.text.lstrip()[:1] in (b"{", b"[")
@@ -59,10 +67,11 @@ class Head:
 
     @cached_property
     def hdf5(self) -> frozenset[str]:
-        """The names in the root of an HDF5 file, and one level below; empty for damaged ones.
+        """The names in the root of an HDF5 file, and one level below; empty for damaged
+        ones.
 
-        `@name` is an attribute of the root, `group/name` and `group@name` are below. Of files of
-        ours it is MARK alone.
+        `@name` is an attribute of the root, `group/name` and `group@name` are below. Of
+        files of ours it is MARK alone.
         """
         if not self.bytes.startswith(HDF5_SIGNATURE):
             return frozenset()
@@ -74,10 +83,17 @@ class Head:
                     return frozenset({MARK})
                 names = {*map(str, file), *(f"@{name}" for name in file.attrs)}
                 for name, node in file.items():
-                    names |= {f"{name}@{attribute}" for attribute in getattr(node, "attrs", ())}
-                    names |= {f"{name}/{inner}" for inner in getattr(node, "keys", tuple)()}
+                    names |= {
+                        f"{name}@{attribute}"
+                        for attribute in getattr(node, "attrs", ())
+                    }
+                    names |= {
+                        f"{name}/{inner}" for inner in getattr(node, "keys", tuple)()
+                    }
                 return frozenset(names)
-        except Exception:  # h5py has many kinds of error for damaged files: the reader names it
+        except (
+            Exception
+        ):  # h5py has many kinds of error for damaged files: the reader names it
             return frozenset()
 
     @cached_property
@@ -94,17 +110,20 @@ class Head:
     def keys(self) -> frozenset[str]:
         """The keys of a JSON object, or of the first objects in a list."""
         objects = self.json[:FIRST] if isinstance(self.json, list) else [self.json]
-        return frozenset(key for entry in objects if isinstance(entry, dict) for key in entry)
+        return frozenset(
+            key for entry in objects if isinstance(entry, dict) for key in entry
+        )
 
 
 class FileFormat(NamedTuple):
     """A format of files: `title` with its article, and endings of names.
 
-    records are the kinds that it can hold; `recognise` decides by a Head. read_poses, of formats
-    of other tools, takes the paths that belong together: with `together` a folder, or its files,
-    are one recording. `write` takes a path, the layout of the records, and OutputOptions, of use
-    if it is `in_metres`: upright, a sequence a file; `angles` are written with it. states_y_axis:
-    y points up or down in each of its files.
+    records are the kinds that it can hold; `recognise` decides by a Head. read_poses,
+    of formats of other tools, takes the paths that belong together: with `together` a
+    folder, or its files, are one recording. `write` takes a path, the layout of the
+    records, and OutputOptions, of use if it is `in_metres`: upright, a sequence a file;
+    `angles` are written with it. states_y_axis: y points up or down in each of its
+    files.
     """
 
     title: str
@@ -142,14 +161,26 @@ def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Out
         "angles": tables.write_angles,
     }
     unit, angles = "mm" if name == "c3d" else "m", TARGETS[name].angles
-    return motion.motion_output(target, options, writers[name], unit=unit, angles=angles)
+    return motion.motion_output(
+        target, options, writers[name], unit=unit, angles=angles
+    )
 
 
 ITEMS = ("landmarks", "shapes", "result")
 INDIVIDUALS = frozenset(
-    ["individual", "person", "person_id", "track", "track_id", "animal", "subject", "id"]
+    [
+        "individual",
+        "person",
+        "person_id",
+        "track",
+        "track_id",
+        "animal",
+        "subject",
+        "id",
+    ]
 )
-"""Columns of who is in an image, which tables of other tools have, and our CSV has not."""
+"""Columns of who is in an image, which tables of other tools have, and our CSV has not.
+"""
 
 HDF5 = FileFormat(
     "an HDF5 file",
@@ -194,7 +225,9 @@ TARGETS = OURS | {
 
 
 def our_format(path: Path) -> FileFormat | None:
-    """Return the format of a file that is ours, of standard input CSV; None for something else."""
+    """Return the format of a file that is ours, of standard input CSV; None for
+    something else.
+    """
     if is_stream(path):
         return CSV
     if not path.is_file() or not os.access(path, os.R_OK):  # `require_file` says so
@@ -203,15 +236,21 @@ def our_format(path: Path) -> FileFormat | None:
     return next((row for row in OURS.values() if row.recognise(head)), None)
 
 
-def named_format(name: str, formats: Mapping[str, FileFormat], key: str = "format") -> FileFormat:
+def named_format(
+    name: str, formats: Mapping[str, FileFormat], key: str = "format"
+) -> FileFormat:
     """Return the format of a name. Raises InputError at the key for unknown ones."""
     if name not in formats:
-        raise input_error(key, f"there is no format {name!r}", f"use auto, {listed(formats)}")
+        raise input_error(
+            key, f"there is no format {name!r}", f"use auto, {listed(formats)}"
+        )
     return formats[name]
 
 
 def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
-    """Raise InputError unless a file is in one of our formats that can hold records of a kind."""
+    """Raise InputError unless a file is in one of our formats that can hold records of
+    a kind.
+    """
     if file_format.read_poses is not None or kind not in file_format.records:
         able = listed(row.title for row in OURS.values() if kind in row.records)
         fix = f"give a shapefit-{kind} file"
@@ -221,11 +260,12 @@ def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
 def record_writer(
     target: Path, form: Layout, to: str = "auto", options: OutputOptions = BY_DEFAULT
 ) -> Output:
-    """Give a writer of records of one layout for use in a `with`; `append` takes one or more.
+    """Give a writer of records of one layout for use in a `with`; `append` takes one or
+    more.
 
-    The file, in the format `to`, or in that of its name, replaces `target` on a clean exit and
-    leaves nothing behind on an error. Raises InputError where that format cannot hold the records,
-    or has no use for the options.
+    The file, in the format `to`, or in that of its name, replaces `target` on a clean
+    exit and leaves nothing behind on an error. Raises InputError where that format
+    cannot hold the records, or has no use for the options.
     """
     file_format = check_target_format(target, form.kind, to)
     if is_stream(target) and file_format is not CSV:
@@ -245,15 +285,19 @@ result_writer = partial(record_writer, form=RESULTS)
 
 
 def find_target_format(path: Path, name: str = "auto") -> FileFormat:
-    """Return the format that an output path asks for: CSV for `-`, HDF5 for a name without ending.
+    """Return the format that an output path asks for: CSV for `-`, HDF5 for a name
+    without ending.
 
-    With another `name` than auto it is that format. Raises InputError for an ending of no format.
+    With another `name` than auto it is that format. Raises InputError for an ending of
+    no format.
     """
     if name != "auto":
         return named_format(name, TARGETS, "to")
     if is_stream(path):
         return CSV
-    endings = {suffix: target for target in TARGETS.values() for suffix in target.suffixes}
+    endings = {
+        suffix: target for target in TARGETS.values() for suffix in target.suffixes
+    }
     if fitting := [suffix for suffix in endings if path.name.lower().endswith(suffix)]:
         return endings[max(fitting, key=len)]
     if path.suffix:
@@ -263,11 +307,16 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
 
 
 def check_target_format(path: Path, kind: str, name: str = "auto") -> FileFormat:
-    """Return the format of an output. Raises InputError where it cannot hold records of a kind."""
+    """Return the format of an output. Raises InputError where it cannot hold records of
+    a kind.
+    """
     target = find_target_format(path, name)
     if kind not in target.records:
         what, fix = f"a {kind}", "give it a name in .h5"
         if kind == "landmarks":
-            what, fix = "2D landmarks", "lift them with `shapefit fit` first, or write .h5 or .csv"
+            what, fix = (
+                "2D landmarks",
+                "lift them with `shapefit fit` first, or write .h5 or .csv",
+            )
         raise input_error(path, f"{what} cannot be {target.title.split()[1]}", fix)
     return target

@@ -1,7 +1,9 @@
-"""HDF5: files of any tool, whose faults name file and dataset, and our own, read and written.
+"""HDF5: files of any tool, whose faults name file and dataset, and our own, read and
+written.
 
-In ours metadata have checksums by their version of HDF5 (`libver` v110), values by `fletcher32`;
-texts have a fixed length, since HDF5 has no checksums for texts of any length.
+In ours metadata have checksums by their version of HDF5 (`libver` v110), values by
+`fletcher32`; texts have a fixed length, since HDF5 has no checksums for texts of any
+length.
 """
 
 from __future__ import annotations
@@ -48,7 +50,14 @@ CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
 SPARE = 1 << 21
 """Bytes that are reserved on the disk beside what is written."""
 
-PLAIN_ATTRIBUTES = "format", "version", "unit", "y_axis", "frame_rate", "attributes_sha256"
+PLAIN_ATTRIBUTES = (
+    "format",
+    "version",
+    "unit",
+    "y_axis",
+    "frame_rate",
+    "attributes_sha256",
+)
 """Root attributes that the formats define, or once did."""
 PREFIX = "shapefit_"
 """Before the names of other attributes of these names."""
@@ -58,15 +67,20 @@ STORED = {
     "index": ("iu", "integers"),
     "text": ("O", "UTF-8 text"),
 }
-"""Types of NumPy that the kinds of datasets can have in files, O for text, and what they hold."""
+"""Types of NumPy that the kinds of datasets can have in files, O for text, and what
+they hold.
+"""
 
 DAMAGED = "the file may be cut off or damaged: copy or make it again"
 
 VALUE_BYTES, TEXT_BYTES = 16, 100
-"""Bytes of memory for a number and its copy, and for a short text, while they are read."""
+"""Bytes of memory for a number and its copy, and for a short text, while they are read.
+"""
 
 CACHE_BYTES = 1 << 20
-"""Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""
+"""Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are
+read once.
+"""
 
 MOST_COMPRESSED = 2000
 """No filter of HDF5 makes data smaller by more: beyond that they were never written."""
@@ -75,21 +89,30 @@ MOST_COMPRESSED = 2000
 def open_hdf5(path: Path) -> h5py.File:
     """Open a file to read.
 
-    Raises what h5py raises, and InputError for links to other files, and datasets whose values are
-    in others, or virtual: nothing outside is touched.
+    Raises what h5py raises, and InputError for links to other files, and datasets whose
+    values are in others, or virtual: nothing outside is touched.
     """
     file = h5py.File(os.fspath(path), "r", rdcc_nbytes=CACHE_BYTES)
     links: list[tuple[bytes, int]] = []
     try:
-        file.id.links.visit(lambda name, info: links.append((name, info.type)), info=True)
+        file.id.links.visit(
+            lambda name, info: links.append((name, info.type)), info=True
+        )
         for name, kind in links:
             outside = kind not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)
-            if kind == h5py.h5l.TYPE_HARD and isinstance(node := file[name], h5py.Dataset):
+            if kind == h5py.h5l.TYPE_HARD and isinstance(
+                node := file[name], h5py.Dataset
+            ):
                 outside = node.is_virtual or node.external is not None
             if outside:
                 place = f"{path}:/{printable(name.decode('utf-8', 'replace'))}"
-                fix = "copy the values into this file (h5repack, or h5py with expand_external)"
-                raise input_error(place, "has its values in another file or dataset", fix)
+                fix = (
+                    "copy the values into this file (h5repack, or h5py with"
+                    " expand_external)"
+                )
+                raise input_error(
+                    place, "has its values in another file or dataset", fix
+                )
     except BaseException:
         file.close()
         raise
@@ -101,7 +124,9 @@ class Hdf5File:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._datasets: dict[str, Any] = {}  # h5py takes long to look up their types and shapes
+        self._datasets: dict[
+            str, Any
+        ] = {}  # h5py takes long to look up their types and shapes
         with self.damage():
             self.root = open_hdf5(path)
 
@@ -122,22 +147,32 @@ class Hdf5File:
         return where if row is None else f"{where}[{row}]"
 
     def fault(self, name: str, fault: str, fix: str = DAMAGED) -> InputError:
-        """Return the error for what is wrong with a dataset or group, or with the file, ""."""
+        """Return the error for what is wrong with a dataset or group, or with the file,
+        "".
+        """
         return input_error(self.place(name) if name else self.path, fault, fix)
 
     @contextmanager
     def damage(self, name: str = "") -> Iterator[None]:
-        """Turn what h5py raises for damaged files, and for filters it lacks, into an InputError."""
+        """Turn what h5py raises for damaged files, and for filters it lacks, into an
+        InputError.
+        """
         try:
             yield
         except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
             reason = printable(str(error).partition("\n")[0])
             filtered = "plugin" in reason.lower() or "required filter" in reason.lower()
-            fix = "write it again with gzip or without compression" if filtered else DAMAGED
+            fix = (
+                "write it again with gzip or without compression"
+                if filtered
+                else DAMAGED
+            )
             raise self.fault(name, f"cannot be read ({reason})", fix) from error
 
     def attribute(self, name: str, node: str = "/") -> Any:
-        """Return an attribute as Python's own str, bytes, number or list; None without it."""
+        """Return an attribute as Python's own str, bytes, number or list; None without
+        it.
+        """
         with self.damage(node.strip("/")):
             attributes = self.root[node].attrs
             value = attributes[name] if name in attributes else None  # noqa: SIM401 hides damage
@@ -155,7 +190,8 @@ class Hdf5File:
             return isinstance(self.root.get(name), h5py.Dataset)
 
     def rows(self, name: str, rows: slice | tuple[Any, ...] = ()) -> Any:
-        """Return rows of a dataset as they stand in the file, texts as str; `()` is all of it.
+        """Return rows of a dataset as they stand in the file, texts as str; `()` is all
+        of it.
 
         Raises InputError where they are more than memory or the file can hold.
         """
@@ -166,7 +202,11 @@ class Hdf5File:
             shape: tuple[int, ...] = dataset.shape or ()
             width = dataset.dtype.itemsize
             text = h5py.check_string_dtype(dataset.dtype) is not None
-            count = len(range(shape[0])[rows]) if isinstance(rows, slice) else math.prod(shape[:1])
+            count = (
+                len(range(shape[0])[rows])
+                if isinstance(rows, slice)
+                else math.prod(shape[:1])
+            )
             value_bytes = TEXT_BYTES if text else max(2 * width, VALUE_BYTES)
             check_fits(self.place(name), count * math.prod(shape[1:]) * value_bytes)
             size, present = math.prod(shape) * width, dataset.id.get_storage_size()
@@ -174,14 +214,17 @@ class Hdf5File:
                 fault = f"of its {in_words(size)} the file holds {in_words(present)}"
                 raise self.fault(name, fault, "write its values, or make it smaller")
             if size and dataset.chunks and not present and not text:
-                # HDF5 takes long, and gigabytes, to go through many chunks that are not there
+                # HDF5 takes long, and gigabytes, to go through many chunks that are not
+                # there
                 return np.full((count, *shape[1:]), dataset.fillvalue, dataset.dtype)
             values = dataset[rows]
             return _decoded(values) if text else values
 
 
 def _decoded(stored: Any) -> Any:
-    """Return bytes as str, an array of them as an array; in half the time of h5py's `asstr`."""
+    """Return bytes as str, an array of them as an array; in half the time of h5py's
+    `asstr`.
+    """
     if isinstance(stored, bytes):
         return stored.decode()
     texts = np.empty(stored.size, object)
@@ -195,7 +238,9 @@ def as_text(value: Any) -> Any:
 
 
 def hdf5_kind(path: Path) -> str:
-    """Return the kind of the layout that a file says it has. Raises InputError for other files."""
+    """Return the kind of the layout that a file says it has. Raises InputError for
+    other files.
+    """
     with Hdf5File(path) as file:
         return LAYOUTS[_check_format(file, *LAYOUTS)].kind
 
@@ -215,9 +260,10 @@ def _check_format(file: Hdf5File, *formats: str) -> str:
 class Hdf5Reader(Hdf5File):
     """An open HDF5 file of a known layout; a context manager.
 
-    Opening checks layout and version, kind and shape of every dataset, and the landmark names; all
-    else is read when asked for. With `old` results and dictionaries of version 1 are read, too.
-    Raises InputError that names file and dataset for whatever is wrong.
+    Opening checks layout and version, kind and shape of every dataset, and the landmark
+    names; all else is read when asked for. With `old` results and dictionaries of
+    version 1 are read, too. Raises InputError that names file and dataset for whatever
+    is wrong.
     """
 
     def __init__(self, path: Path, form: Layout, *, old: bool = False) -> None:
@@ -233,7 +279,9 @@ class Hdf5Reader(Hdf5File):
             names = self.read("landmark_names")
             if "" in names or len({*names}) < len(names):
                 fault = "holds an empty name, or one twice"
-                raise self.fault("landmark_names", fault, "give every landmark a unique name")
+                raise self.fault(
+                    "landmark_names", fault, "give every landmark a unique name"
+                )
         except BaseException:
             self.close()
             raise
@@ -250,11 +298,19 @@ class Hdf5Reader(Hdf5File):
     @property
     def stated(self) -> dict[str, Any]:
         """unit, y_axis and frame_rate, None where the file does not say it, checked."""
-        y_axis, rate = self._attributes.get("y_axis"), self._attributes.get("frame_rate")
-        positive = rate is None or (isinstance(rate, int | float) and 0 < rate < math.inf)
+        y_axis, rate = (
+            self._attributes.get("y_axis"),
+            self._attributes.get("frame_rate"),
+        )
+        positive = rate is None or (
+            isinstance(rate, int | float) and 0 < rate < math.inf
+        )
         if not positive or y_axis not in (None, "up", "down"):
             fault = f"has the root attributes y_axis {y_axis!r} and frame_rate {rate!r}"
-            fix = "set y_axis to up or down, and frame_rate to frames per second, a number > 0"
+            fix = (
+                "set y_axis to up or down, and frame_rate to frames per second, a"
+                " number > 0"
+            )
             raise input_error(self.path, fault, fix)
         unit = str(self._attributes.get("unit", UNKNOWN_UNIT))
         return {"unit": unit, "y_axis": y_axis, "frame_rate": rate and float(rate)}
@@ -263,7 +319,11 @@ class Hdf5Reader(Hdf5File):
         """Return the items in these rows, without some datasets."""
         names = sorted(self._datasets.keys() - {*without})
         columns = {name: self.read(name, rows) for name in names}
-        whole = {name: columns.pop(name) for name in [*columns] if not self._is_per_item(name)}
+        whole = {
+            name: columns.pop(name)
+            for name in [*columns]
+            if not self._is_per_item(name)
+        }
         return KINDS[self.form.kind](
             landmark_names=whole.pop("landmark_names"),
             items=columns.pop("item"),
@@ -275,17 +335,20 @@ class Hdf5Reader(Hdf5File):
         )
 
     def fields(self) -> dict[str, Any]:
-        """Return all datasets of the layout by their fields, None for those that are absent."""
+        """Return all datasets of the layout by their fields, None for those that are
+        absent.
+        """
         return {
             FIELDS.get(name, name): self.read(name) if name in self._datasets else None
             for name in self.form.datasets
         }
 
     def read(self, name: str, rows: slice = slice(None)) -> Any:
-        """Return a dataset in the orientation of memory; of what grows with the items, some rows.
+        """Return a dataset in the orientation of memory; of what grows with the items,
+        some rows.
 
-        Of `datasets` of the layout, numbers come as float64, indices as int64, texts as a tuple of
-        str; others as they are.
+        Of `datasets` of the layout, numbers come as float64, indices as int64, texts as
+        a tuple of str; others as they are.
         """
         column = self.form.datasets.get(name)
         kind = column.kind if column else None
@@ -298,13 +361,19 @@ class Hdf5Reader(Hdf5File):
             return tuple(values)
         if kind is None:
             return values
-        with np.errstate(invalid="ignore", over="ignore"):  # nan and inf are found by the checks
+        with np.errstate(
+            invalid="ignore", over="ignore"
+        ):  # nan and inf are found by the checks
             array = np.asarray(values, np.int64 if kind == "index" else np.float64)
-        return np.ascontiguousarray(array.swapaxes(-1, -2)) if kind == "points" else array
+        return (
+            np.ascontiguousarray(array.swapaxes(-1, -2)) if kind == "points" else array
+        )
 
     @cached_property
     def _ends(self) -> Integers:
-        """Where the rows of items begin in counted datasets, and the last ends (n + 1,)."""
+        """Where the rows of items begin in counted datasets, and the last ends (n +
+        1,).
+        """
         counts = self.read(COUNTS)
         ends = np.cumsum([0, *counts])
         if (counts < 0).any() or ends[-1] != self._sizes["a"]:
@@ -324,15 +393,21 @@ class Hdf5Reader(Hdf5File):
             raise input_error(self.path, "is of version 1, an earlier format", fix)
         if version not in (1, VERSION):
             fix = f"this program reads version {VERSION}, a number"
-            raise input_error(self.path, f"has the root attribute version {version!r}", fix)
+            raise input_error(
+                self.path, f"has the root attribute version {version!r}", fix
+            )
         return root
 
     def _open_datasets(self) -> None:
         """Open all datasets, by their names of today."""
         nodes: dict[Any, Any] = {}
         with self.damage():
-            self.root.visititems(lambda name, node: nodes.update({name: node}))  # no soft links
-            nodes |= {name: self.root[name] for name in self.form.all if name in self.root}
+            self.root.visititems(
+                lambda name, node: nodes.update({name: node})
+            )  # no soft links
+            nodes |= {
+                name: self.root[name] for name in self.form.all if name in self.root
+            }
             if not all(isinstance(name, str) for name in nodes):
                 raise ValueError("a name is not UTF-8")
         renamed = RENAMED if self._attributes["version"] == 1 else {}
@@ -358,21 +433,33 @@ class Hdf5Reader(Hdf5File):
                 yield f"{self.place(name)}: {fault}; {wanted}"
 
     def _is_per_item(self, name: str) -> bool:
-        """Whether a dataset has rows for items, by its layout, or by its attribute in version 2."""
+        """Whether a dataset has rows for items, by its layout, or by its attribute in
+        version 2.
+        """
         dataset = self._datasets[name]
         if name in self.form.all or self._attributes["version"] == 1:
             per_item = self.form.is_per_item(name, dataset.ndim)
         else:
             with self.damage(name):
                 per_item = bool(dataset.attrs.get(PER_ITEM, False))
-        return per_item and (name in self.form.all or dataset.shape[:1] == (self.count,))
+        return per_item and (
+            name in self.form.all or dataset.shape[:1] == (self.count,)
+        )
 
 
 @contextmanager
 def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
     """Give a writer to a file that appears on a clean exit."""
-    options = {"libver": ("v110", "v110"), "rdcc_nbytes": 4 * CHUNK_BYTES, "locking": False}
-    with atomic_path(target) as path, storage_errors(target, None), path.open("r+b") as space:
+    options = {
+        "libver": ("v110", "v110"),
+        "rdcc_nbytes": 4 * CHUNK_BYTES,
+        "locking": False,
+    }
+    with (
+        atomic_path(target) as path,
+        storage_errors(target, None),
+        path.open("r+b") as space,
+    ):
         _reserve(space, SPARE)  # before HDF5 has anything to write
         try:
             with h5py.File(path, "w", **options) as file:
@@ -400,8 +487,9 @@ def _reserve(file: Any, size: int) -> None:
 class Hdf5Writer(RecordWriter[Any]):
     """Appends records of one layout to an HDF5 file.
 
-    What is not per item comes from the first record. `attributes`, those of records too, become
-    root attributes at the end. Texts per item are held until then, when their length is known.
+    What is not per item comes from the first record. `attributes`, those of records
+    too, become root attributes at the end. Texts per item are held until then, when
+    their length is known.
     """
 
     def __init__(self, file: Any, form: Layout, space: Any) -> None:
@@ -417,14 +505,25 @@ class Hdf5Writer(RecordWriter[Any]):
     def append(self, record: Any) -> None:
         """Write the items of a record after those that are there.
 
-        Raises ValueError where its landmarks or datasets are not those of the first record.
+        Raises ValueError where its landmarks or datasets are not those of the first
+        record.
         """
         rows, whole = _as_stored(record, self._form)
         shapes = {name: values.shape[1:] for name, values in rows.items()}
         if not self.begun:
-            self.begun, self._first, self._whole, self._shapes = True, record, whole, shapes
-        if record.landmark_names != self._first.landmark_names or shapes != self._shapes:
-            raise ValueError("the landmarks or datasets of this record are not those of the first")
+            self.begun, self._first, self._whole, self._shapes = (
+                True,
+                record,
+                whole,
+                shapes,
+            )
+        if (
+            record.landmark_names != self._first.landmark_names
+            or shapes != self._shapes
+        ):
+            raise ValueError(
+                "the landmarks or datasets of this record are not those of the first"
+            )
         for name, values in rows.items():
             if values.dtype.kind in "OU":
                 self._texts.setdefault(name, []).append(_encoded(values))
@@ -442,14 +541,22 @@ class Hdf5Writer(RecordWriter[Any]):
         for name, values in self._whole.items():
             stored = _encoded(values) if values.dtype.kind in "OU" else values
             self._need(2 * stored.nbytes)
-            checked = stored.size > 0 and stored.ndim > 0  # HDF5 has no checksum for one value
-            self._open[name] = self._file.create_dataset(name, data=stored, fletcher32=checked)
+            checked = (
+                stored.size > 0 and stored.ndim > 0
+            )  # HDF5 has no checksum for one value
+            self._open[name] = self._file.create_dataset(
+                name, data=stored, fletcher32=checked
+            )
         for name in self._shapes.keys() - self._form.datasets.keys():
             self._open[name].attrs[PER_ITEM] = True
         stated: dict[str, Any] = {"format": self._form.name, "version": VERSION}
-        stated |= {n: getattr(self._first, n, None) for n in ("unit", "y_axis", "frame_rate")}
+        stated |= {
+            n: getattr(self._first, n, None) for n in ("unit", "y_axis", "frame_rate")
+        }
         prefixes = dict.fromkeys(PLAIN_ATTRIBUTES, PREFIX)
-        stated |= {prefixes.get(n, "") + n: value for n, value in self.attributes.items()}
+        stated |= {
+            prefixes.get(n, "") + n: value for n, value in self.attributes.items()
+        }
         self._need(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in stated.items():
             if value is not None:
@@ -458,12 +565,16 @@ class Hdf5Writer(RecordWriter[Any]):
         self._open.clear()
 
     def _write_rows(self, name: str, values: Array) -> None:
-        """Write rows of a dataset behind those that are there, in chunks of a power of two."""
+        """Write rows of a dataset behind those that are there, in chunks of a power of
+        two.
+        """
         rest = values.shape[1:]
         self._need(values.nbytes)
         if name not in self._open:
             row_bytes = max(values.itemsize * math.prod(rest), 1)
-            rows = max(1, min(CHUNK_BYTES // row_bytes, max(len(values), MIN_CHUNK_ROWS)))
+            rows = max(
+                1, min(CHUNK_BYTES // row_bytes, max(len(values), MIN_CHUNK_ROWS))
+            )
             rows = 1 << (rows.bit_length() - 1)
             self._need(rows * row_bytes)
             self._open[name] = self._file.create_dataset(
@@ -488,7 +599,9 @@ class Hdf5Writer(RecordWriter[Any]):
 
 
 def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return what a record, or a dictionary, holds as it stands in a file: per item, and whole."""
+    """Return what a record, or a dictionary, holds as it stands in a file: per item,
+    and whole.
+    """
     rows = dict(getattr(record, "per_item", {}))
     whole = dict(getattr(record, "whole", {}))
     for name, column in form.datasets.items():
@@ -501,6 +614,9 @@ def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, A
 
 def _encoded(texts: Array) -> Array:
     """Return texts in UTF-8, each as long as the longest."""
-    encoded = [str(text).encode("utf-8", "backslashreplace") for text in np.ravel(texts).tolist()]
+    encoded = [
+        str(text).encode("utf-8", "backslashreplace")
+        for text in np.ravel(texts).tolist()
+    ]
     kind = h5py.string_dtype("utf-8", max(map(len, encoded), default=0) or 1)
     return np.array(encoded, kind).reshape(texts.shape)

@@ -1,4 +1,6 @@
-"""What an input path points at: standard input, or a file that can be read and fits in memory."""
+"""What an input path points at: standard input, or a file that can be read and fits in
+memory.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ GZIP_SIGNATURE = b"\x1f\x8b"
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 BLOCK_BYTES = 1 << 16
-"""Of text that are read at a time; larger blocks leave the processor's cache and take longer."""
+"""Of text that are read at a time; larger blocks leave the processor's cache and take
+longer.
+"""
 
 LARGEST_BYTES = 1 << 30
 """Of a file that is read whole."""
@@ -52,7 +56,9 @@ def require_file(path: Path) -> None:
     if not path.exists():
         raise input_error(path, "there is no such file", "check the path")
     if path.is_dir():
-        raise input_error(path, "it is a folder", f"name the files in it, e.g. '{path}/*.h5'")
+        raise input_error(
+            path, "it is a folder", f"name the files in it, e.g. '{path}/*.h5'"
+        )
     if not os.access(path, os.R_OK):
         raise input_error(path, "may not be read", "change its permissions")
     if path.is_file() and path.stat().st_size == 0:
@@ -68,7 +74,9 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
     with nullcontext(sys.stdin.buffer) if is_stream(path) else _open_text(path) as file:
         block = file.read(BLOCK_BYTES)
         if not block:
-            raise input_error(name, "is empty (0 bytes)", "write a CSV with a header line")
+            raise input_error(
+                name, "is empty (0 bytes)", "write a CSV with a header line"
+            )
         if block.startswith(HDF5_SIGNATURE):
             fault = "is HDF5, which cannot come through a pipe"
             raise input_error(name, fault, "name the file itself, or send CSV")
@@ -77,11 +85,15 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
 
 
 def read_whole(path: Path) -> bytes:
-    """Return the bytes of a file of text. Raises InputError where it is too large for that."""
+    """Return the bytes of a file of text. Raises InputError where it is too large for
+    that.
+    """
     with _open_text(path) as file:
         text = file.read(LARGEST_BYTES + 1)
     if len(text) > LARGEST_BYTES:
-        fault = f"holds more than {in_words(LARGEST_BYTES)} of text, and it is read whole"
+        fault = (
+            f"holds more than {in_words(LARGEST_BYTES)} of text, and it is read whole"
+        )
         raise input_error(path, fault, "divide it into smaller files")
     return text
 
@@ -89,7 +101,9 @@ def read_whole(path: Path) -> bytes:
 @contextmanager
 def _open_text(path: Path) -> Iterator[IO[bytes]]:
     """Open the bytes of a file of text, also of one that gzip made smaller."""
-    packed = path.is_file() and read_head(path, 2) == GZIP_SIGNATURE  # pipes are left alone
+    packed = (
+        path.is_file() and read_head(path, 2) == GZIP_SIGNATURE
+    )  # pipes are left alone
     with cast(IO[bytes], gzip.open(path)) if packed else path.open("rb") as file:
         try:
             yield file
@@ -99,10 +113,17 @@ def _open_text(path: Path) -> Iterator[IO[bytes]]:
 
 
 def check_fits(place: str, size: int, what: str = "it") -> None:
-    """Raise InputError at `place` where `size` bytes are more than this machine has memory."""
+    """Raise InputError at `place` where `size` bytes are more than this machine has
+    memory.
+    """
     if size > max(ALWAYS_FITS, MEMORY):
-        fault = f"{what} takes {in_words(size)} of memory, and this machine has {in_words(MEMORY)}"
-        raise input_error(place, fault, "divide the file, or use a machine with more memory")
+        fault = (
+            f"{what} takes {in_words(size)} of memory, and this machine has"
+            f" {in_words(MEMORY)}"
+        )
+        raise input_error(
+            place, fault, "divide the file, or use a machine with more memory"
+        )
 
 
 def in_words(size: int) -> str:

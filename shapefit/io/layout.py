@@ -1,4 +1,6 @@
-"""The datasets of each kind of file: names, axes and types, once for reader and writer."""
+"""The datasets of each kind of file: names, axes and types, once for reader and
+writer.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ PER_ITEM = "per_item"
 """Attribute of a dataset that no layout lists: whether it has a row for each item."""
 
 COUNTS = "transform_count"
-"""The dataset that holds how many rows of those with the axis `a` belong to each item."""
+"""The dataset that holds how many rows of those with the axis `a` belong to each item.
+"""
 
 RENAMED = {
     "belief": "inlier_probability",
@@ -32,29 +35,40 @@ FIELDS = {"item": "items", "sequence": "sequences", "atom_item": "atom_items"}
 
 OF_FILE = {
     **dict.fromkeys(("camera_matrix", "extrinsic_rotation", "edges"), 2),
-    **dict.fromkeys(("distortion", "removed_distortion", "image_size", "mirror_index"), 1),
+    **dict.fromkeys(
+        ("distortion", "removed_distortion", "image_size", "mirror_index"), 1
+    ),
     "extrinsic_translation": 1,
 }
-"""Datasets that no layout lists and that belong to the file when they have so many axes."""
+"""Datasets that no layout lists and that belong to the file when they have so many
+axes.
+"""
 
 EDGES = "edges"  # (e, 2) of landmarks and results: pairs of landmarks that a line joins
 FRAME = "frame"  # (n,): the place of each item in its video, from 0
 LABELS = OUTLIERS, CORRUPTED = "outliers", "corrupted"
-"""Datasets (n, p) of the landmarks that a fit calls outliers, and of those that were made so."""
+"""Datasets (n, p) of the landmarks that a fit calls outliers, and of those that were
+made so.
+"""
 
-METRES_PER_UNIT = "metres_per_unit"  # (n,) of results: metres in one unit of the shape of an image
+METRES_PER_UNIT = (  # (n,) of results: metres in one unit of the shape of an image
+    "metres_per_unit"
+)
 METRES_FROM = "metres_from"  # attribute: by what that size was found, edges or spread
 
 INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
 INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
-"""Of a result: the landmarks of the files in 3D with their error bars, beside the joints."""
+"""Of a result: the landmarks of the files in 3D with their error bars, beside the
+joints.
+"""
 
 
 class Column(NamedTuple):
     """One dataset: its axes in the file, and what it holds.
 
-    Axes are letters, for sizes that agree over the file, or numbers. Kinds are number, index, text,
-    and points: coordinates, one point per row in the file (..., p, 3), per column in memory.
+    Axes are letters, for sizes that agree over the file, or numbers. Kinds are number,
+    index, text, and points: coordinates, one point per row in the file (..., p, 3), per
+    column in memory.
     """
 
     axes: Axes
@@ -70,8 +84,8 @@ class Column(NamedTuple):
 class Layout(NamedTuple):
     """The datasets of one kind of file.
 
-    name is the root attribute `format`, points the dataset that every file has; `further` may stand
-    beside `datasets`, and are in memory as in the file.
+    name is the root attribute `format`, points the dataset that every file has;
+    `further` may stand beside `datasets`, and are in memory as in the file.
     """
 
     name: str
@@ -90,18 +104,26 @@ class Layout(NamedTuple):
         return {**self.datasets, **self.further}
 
     def is_per_item(self, name: str, axes: int) -> bool:
-        """Whether a dataset with so many axes has rows for items, unless its file states it."""
+        """Whether a dataset with so many axes has rows for items, unless its file
+        states it.
+        """
         column = self.all.get(name)
         return 0 < axes != OF_FILE.get(name) if column is None else column.per_item
 
 
 def _table(text: str) -> dict[str, Column]:
-    """Return the columns of a text; a line has axes, kind, and names, with `!` where required."""
+    """Return the columns of a text; a line has axes, kind, and names, with `!` where
+    required.
+    """
     table: dict[str, Column] = {}
     for line in text.strip().splitlines():
         letters, kind, *names = line.split()
-        axes = tuple(int(axis) if axis.isdigit() else axis for axis in letters.split(","))
-        table |= {name.rstrip("!"): Column(axes, kind, name.endswith("!")) for name in names}
+        axes = tuple(
+            int(axis) if axis.isdigit() else axis for axis in letters.split(",")
+        )
+        table |= {
+            name.rstrip("!"): Column(axes, kind, name.endswith("!")) for name in names
+        }
     return table
 
 
@@ -112,35 +134,44 @@ _ITEMS = """
 LANDMARKS = Layout(
     "shapefit-landmarks",
     "landmarks",
-    _table(f"""{_ITEMS}
+    _table(
+        f"""{_ITEMS}
     n,p,2     points  landmarks!
-    n,p       number  confidence"""),
+    n,p       number  confidence"""
+    ),
 )
 
 SHAPES = Layout(
     "shapefit-shapes",
     "shapes",
-    _table(f"""{_ITEMS}
+    _table(
+        f"""{_ITEMS}
     n,p,3     points  shapes!
     e,2       index   edges
     n,q,3     points  mesh_vertices
-    f,3       index   mesh_faces"""),
+    f,3       index   mesh_faces"""
+    ),
     _table("p index mirror_index"),
 )
 
-PROOF = _table("""
+PROOF = _table(
+    """
     n,p,2     points  dual
     n,2       number  convex_translation
     n         number  convex_objective convex_relative_gap
     n         index   transform_count
     a         index   transform_atom
-    a,2,3     number  active_transforms""")
-"""What proves the optimum of the convex program of a result, beside its landmarks and lambda."""
+    a,2,3     number  active_transforms"""
+)
+"""What proves the optimum of the convex program of a result, beside its landmarks and
+lambda.
+"""
 
 RESULTS = Layout(
     "shapefit-result",
     "shapes",
-    _table(f"""{_ITEMS}
+    _table(
+        f"""{_ITEMS}
     n,p,3     points  shapes! shape_sd
     n,p,2     points  landmarks_fitted
     n,k       number  coefficients
@@ -150,10 +181,13 @@ RESULTS = Layout(
     n         index   iterations
     n         text    status
     n,k,2,3   number  transforms
-    n,q,3     points  mesh_vertices""")
+    n,q,3     points  mesh_vertices"""
+    )
     | PROOF,
-    _table("""
-    n         number  lambda residual active_atoms tight metres_per_unit log_evidence p_value
+    _table(
+        """
+    n         number  lambda residual active_atoms tight metres_per_unit
+    n         number  log_evidence p_value
     n         number  trusted sequence_noise start_distance expected_error image_error
     n         number  sides_exchanged
     n,2       number  focal principal_point
@@ -165,13 +199,15 @@ RESULTS = Layout(
     n,i,3     number  input_shapes input_shape_sd input_shape_correlation
     p,p       number  landmark_map
     n         text    reasons omitted
-    i         text    input_landmark_names"""),
+    i         text    input_landmark_names"""
+    ),
 )
 
 DICTIONARY = Layout(
     "shapefit-dictionary",
     "atoms",
-    _table("""
+    _table(
+        """
     p         text    landmark_names!
     k,p,3     points  atoms!
     p,3       points  mean_shape!
@@ -189,7 +225,8 @@ DICTIONARY = Layout(
     w,4       number  p_value_table
     c         number  prior_weights
     c,p,3     points  prior_means
-    c,p,3,p,3 number  prior_covariances"""),
+    c,p,3,p,3 number  prior_covariances"""
+    ),
 )
 
 LAYOUTS = {layout.name: layout for layout in (LANDMARKS, SHAPES, RESULTS, DICTIONARY)}
@@ -197,7 +234,9 @@ LAYOUTS = {layout.name: layout for layout in (LANDMARKS, SHAPES, RESULTS, DICTIO
 
 
 def fit_axes(axes: Axes, shape: tuple[int, ...], sizes: dict[str, int]) -> bool:
-    """Whether a shape has these axes; sizes of letters that are new are added to `sizes`."""
+    """Whether a shape has these axes; sizes of letters that are new are added to
+    `sizes`.
+    """
     fitting = [
         (sizes.setdefault(axis, size) if isinstance(axis, str) else axis) == size
         for axis, size in zip(axes, shape, strict=False)
@@ -206,7 +245,8 @@ def fit_axes(axes: Axes, shape: tuple[int, ...], sizes: dict[str, int]) -> bool:
 
 
 def free_names(names: Iterable[str], taken: Collection[str]) -> dict[str, str]:
-    """Return the name under which each dataset can stand in a file that has those in `taken`.
+    """Return the name under which each dataset can stand in a file that has those in
+    `taken`.
 
     `input_` is put before a name that is taken, or whose group is, until it is free.
     """

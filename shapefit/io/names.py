@@ -1,4 +1,6 @@
-"""Names of landmarks, matched and renamed; items of several files, each with a name of its own."""
+"""Names of landmarks, matched and renamed; items of several files, each with a name of
+its own.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ def match_landmarks(
 ) -> NDArray[np.intp]:
     """Return i with have[i[j]] == want[j] for every j.
 
-    Raises InputError at `place` with the nearest names for every wanted name that is not there.
+    Raises InputError at `place` with the nearest names for every wanted name that is
+    not there.
     """
     index = {name: number for number, name in enumerate(have)}
     absent = [name for name in want if name not in index]
@@ -32,7 +35,11 @@ def match_landmarks(
         problems = []
         for name in absent[:LIMIT]:
             near = " or ".join(f"'{other}'" for other in nearest_names(name, have))
-            fix = f"did you mean {near}?" if near else f"use one of: {abbreviate(have, 10)}"
+            fix = (
+                f"did you mean {near}?"
+                if near
+                else f"use one of: {abbreviate(have, 10)}"
+            )
             problems.append(f"{place}: there is no landmark '{name}'; {fix}")
         raise input_problems(problems, len(absent))
     return np.array([index[name] for name in want], dtype=np.intp)
@@ -43,7 +50,9 @@ def nearest_names(name: str, names: Sequence[str]) -> list[str]:
     return get_close_matches(name, names, n=3, cutoff=0.5)
 
 
-def renamed(names: tuple[str, ...], rename: Mapping[str, str], place: str) -> tuple[str, ...]:
+def renamed(
+    names: tuple[str, ...], rename: Mapping[str, str], place: str
+) -> tuple[str, ...]:
     """Return the names after `rename` (old name -> new).
 
     Raises InputError at `place` where two landmarks would have one name.
@@ -52,14 +61,17 @@ def renamed(names: tuple[str, ...], rename: Mapping[str, str], place: str) -> tu
     for before in names:
         after = rename.get(before, before)
         if after in first:
-            fault = f"`rename` gives the name '{after}' to '{first[after]}' and '{before}'"
+            fault = (
+                f"`rename` gives the name '{after}' to '{first[after]}' and '{before}'"
+            )
             raise input_error(place, fault, "give every landmark a unique name")
         first[after] = before
     return tuple(first)
 
 
 def make_unique(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ...]]:
-    """Return files whose items begin with the file's name if two have an item, and a note of that.
+    """Return files whose items begin with the file's name if two have an item, and a
+    note of that.
 
     Raises InputError for items that are twice in a file, and for files of one name.
     """
@@ -71,16 +83,22 @@ def make_unique(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ...]]:
         prefixes = ["/".join(parts[-depth:]) for parts in paths]
         if len({*prefixes}) == len(files):
             note = f"items begin with the file, '{prefixes[0]}/...'"
-            named = [file.with_prefix(name) for file, name in zip(files, prefixes, strict=True)]
+            named = [
+                file.with_prefix(name)
+                for file, name in zip(files, prefixes, strict=True)
+            ]
             return named, (f"'{shared}' in more than one file: {note}",)
     fault = f"the item '{shared}' is in two files of this name"
-    raise input_error(files[0].name, fault, "give each file once, under a name of its own")
+    raise input_error(
+        files[0].name, fault, "give each file once, under a name of its own"
+    )
 
 
 def _find_shared_item(files: Sequence[Any]) -> str | None:
     """Return an item that two files have; None where there is none.
 
-    Only names whose hash is there twice are read again and compared: 8 bytes for each item.
+    Only names whose hash is there twice are read again and compared: 8 bytes for each
+    item.
     """
 
     def names(file: Any) -> Iterator[str]:
@@ -91,14 +109,18 @@ def _find_shared_item(files: Sequence[Any]) -> str | None:
     again = set(hashes[1:][hashes[1:] == hashes[:-1]].tolist())
     first: dict[str, tuple[Any, int]] = {}
     shared, problems = None, []
-    items = ((file, row, name) for file in files for row, name in enumerate(names(file)))
+    items = (
+        (file, row, name) for file in files for row, name in enumerate(names(file))
+    )
     for file, row, name in items if again else ():
         if hash(name) not in again:
             continue
         other, before = first.get(name, (None, 0))
         if other is file:
             where = f"item '{name}' is also at {file.place('item', before)}"
-            problems.append(f"{file.place('item', row)}: {where}; give every item a unique name")
+            problems.append(
+                f"{file.place('item', row)}: {where}; give every item a unique name"
+            )
         elif other is not None:
             shared = shared or name
         first[name] = file, row

@@ -19,9 +19,10 @@ Markers = Literal["joints", "input"]
 class InputOptions:
     """How files are read: the keys of commands, the defaults take files as they are.
 
-    track joins detections without identity over frames: `nearest`; `motion`, which refuses images
-    that follow no order; or `none`. min_confidence hides landmarks whose confidence is below.
-    landmarks are those that are retained, in this order, by their new names; None for all.
+    track joins detections without identity over frames: `nearest`; `motion`, which
+    refuses images that follow no order; or `none`. min_confidence hides landmarks whose
+    confidence is below. landmarks are those that are retained, in this order, by their
+    new names; None for all.
     """
 
     format: str = "auto"
@@ -49,8 +50,9 @@ def input_options(config: Any, track: Track = "none") -> InputOptions:
 class OutputOptions(NamedTuple):
     """How shapes get into files in metres.
 
-    height in metres, by default that of the training shapes; unit of shapes whose files do not
-    state it; up, the axis that points up; markers `input` are the landmarks that were lifted.
+    height in metres, by default that of the training shapes; unit of shapes whose files
+    do not state it; up, the axis that points up; markers `input` are the landmarks that
+    were lifted.
     """
 
     height: float | None = None
@@ -63,7 +65,9 @@ BY_DEFAULT = OutputOptions()
 
 
 class Summary(NamedTuple):
-    """What was written: the unit and axes, what to beware of, and the files if not the target."""
+    """What was written: the unit and axes, what to beware of, and the files if not the
+    target.
+    """
 
     note: str = ""
     warnings: tuple[str, ...] = ()
@@ -74,9 +78,11 @@ Record = TypeVar("Record")
 
 
 class RecordWriter(Generic[Record]):
-    """Takes records one after another; `attributes` are stored with the file on a clean exit.
+    """Takes records one after another; `attributes` are stored with the file on a clean
+    exit.
 
-    After that `summary` says what was written. `begun` is whether a record was appended.
+    After that `summary` says what was written. `begun` is whether a record was
+    appended.
     """
 
     def __init__(self) -> None:
@@ -91,4 +97,6 @@ class RecordWriter(Generic[Record]):
     def check_begun(self) -> None:
         """Raise ValueError where nothing was appended."""
         if not self.begun:
-            raise ValueError("nothing was appended; append one record, which may be empty")
+            raise ValueError(
+                "nothing was appended; append one record, which may be empty"
+            )

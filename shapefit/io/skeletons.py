@@ -1,4 +1,5 @@
-"""The landmarks of the usual detectors of people, and where they lie among the joints of `people`.
+"""The landmarks of the usual detectors of people, and where they lie among the joints
+of `people`.
 
 Skeletons, by which files without names are named, and parts of the body stand in
 `data/skeletons.toml`.
@@ -19,31 +20,47 @@ PEOPLE = (
 )
 """The joints of the dictionary `people`."""
 
-FURTHER = ("rheel", "rball", "rtoe", "lheel", "lball", "ltoe", "rhand", "lhand", "spine")
+FURTHER = (
+    "rheel",
+    "rball",
+    "rtoe",
+    "lheel",
+    "lball",
+    "ltoe",
+    "rhand",
+    "lhand",
+    "spine",
+)
 """Its further joints, which only some training files mark."""
 
 JOINTS = (*PEOPLE, *FURTHER)
 
 
 class Parameter(NamedTuple):
-    """A number in which skeletons and bodies differ: its mean, and the std of its logarithm."""
+    """A number in which skeletons and bodies differ: its mean, and the std of its
+    logarithm.
+    """
 
     mean: float
     std: float
 
 
-THETA: Mapping[str, Parameter] = {"head": Parameter(1.5, 0.15), "hips": Parameter(1.15, 0.15)}
-"""The components of theta: the height of the top of the head above the shoulders, and the distance
-of the hips, in those of the joints. The means are those of one body seen by OpenPose in four
-cameras; the standard deviations cover six others."""
+THETA: Mapping[str, Parameter] = {
+    "head": Parameter(1.5, 0.15),
+    "hips": Parameter(1.15, 0.15),
+}
+"""The components of theta: the height of the top of the head above the shoulders, and
+the distance of the hips, in those of the joints. The means are those of one body seen
+by OpenPose in four cameras; the standard deviations cover six others.
+"""
 
 
 class Part(NamedTuple):
     """A part of the body among the joints x: w = (fixed + sum_k theta_k along_k) x + e.
 
-    It stands for a `joint` in a fit, if any: `alone`, or as the mean of all such parts. Weights in
-    `fixed` add up to 1, those in `along`, by parameter, to 0; `std` is the standard deviation of e
-    in the unit of normalised shapes.
+    It stands for a `joint` in a fit, if any: `alone`, or as the mean of all such parts.
+    Weights in `fixed` add up to 1, those in `along`, by parameter, to 0; `std` is the
+    standard deviation of e in the unit of normalised shapes.
     """
 
     joint: str | None = None
@@ -67,7 +84,9 @@ class Part(NamedTuple):
 
 
 class Skeleton(NamedTuple):
-    """The landmarks of one detector, in the order of its files; bones as pairs of names."""
+    """The landmarks of one detector, in the order of its files; bones as pairs of
+    names.
+    """
 
     name: str
     landmark_names: tuple[str, ...]
@@ -76,7 +95,9 @@ class Skeleton(NamedTuple):
 
 @cache
 def _data() -> Any:
-    """Return the content of `data/skeletons.toml`, which is read in 2 ms (YAML takes 35)."""
+    """Return the content of `data/skeletons.toml`, which is read in 2 ms (YAML takes
+    35).
+    """
     path = Path(__file__).resolve().parents[1] / "data" / "skeletons.toml"
     return tomllib.loads(path.read_text())
 
@@ -103,14 +124,17 @@ def skeletons_of_size(count: int) -> tuple[str, ...]:
 
 
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Return the bones of the skeleton that names most of the landmarks, as pairs of positions.
+    """Return the bones of the skeleton that names most of the landmarks, as pairs of
+    positions.
 
     There are none where no skeleton names more than half of them.
     """
     place = {name: number for number, name in enumerate(names)}
     bones = [_bones(text) for text in _data()["further_bones"].values()]
     bones[1:1] = [skeleton.bones for skeleton in installed_skeletons().values()]
-    marked = [len({name for pair in pairs for name in pair} & place.keys()) for pairs in bones]
+    marked = [
+        len({name for pair in pairs for name in pair} & place.keys()) for pairs in bones
+    ]
     if 2 * max(marked) <= len(place):
         return ()
     best = bones[marked.index(max(marked))]
@@ -119,7 +143,9 @@ def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
 
 @cache
 def parts_of_the_body() -> Mapping[str, Part]:
-    """Return the joints, and the parts of the body that detectors mark, by their names."""
+    """Return the joints, and the parts of the body that detectors mark, by their
+    names.
+    """
     joints = {joint: Part(joint, {joint: 1.0}) for joint in JOINTS}
     return joints | {name: Part(**values) for name, values in _data()["parts"].items()}
 
@@ -127,36 +153,52 @@ def parts_of_the_body() -> Mapping[str, Part]:
 @cache
 def _marked() -> Mapping[str, str]:
     """Return the part of the body that a landmark of any detector marks."""
-    return {name: part for part, names in _data()["marked"].items() for name in names.split()}
+    return {
+        name: part
+        for part, names in _data()["marked"].items()
+        for name in names.split()
+    }
 
 
 def part_names(names: Iterable[str]) -> dict[str, str]:
-    """Return the part of the body of those of the names that are joints, or mark a part."""
+    """Return the part of the body of those of the names that are joints, or mark a
+    part.
+    """
     part_of = {**{joint: joint for joint in JOINTS}, **_marked()}
     return {name: part_of[name] for name in names if name in part_of}
 
 
 def people_parts(names: Iterable[str]) -> dict[str, Part]:
     """Return the parts of the body by those of the names that mark one."""
-    return {name: parts_of_the_body()[_marked()[name]] for name in names if name in _marked()}
+    return {
+        name: parts_of_the_body()[_marked()[name]]
+        for name in names
+        if name in _marked()
+    }
 
 
 def people_joints(names: Iterable[str]) -> dict[str, str]:
-    """Return the joints of the dictionary `people` by those of the names that mark one alone."""
+    """Return the joints of the dictionary `people` by those of the names that mark one
+    alone.
+    """
     parts = people_parts(names).items()
     return {name: part.joint for name, part in parts if part.joint and part.alone}
 
 
 def joint_columns(names: Sequence[str]) -> dict[str, int]:
-    """Return the column of each joint of a body, by the names of any installed skeleton."""
+    """Return the column of each joint of a body, by the names of any installed
+    skeleton.
+    """
     joints = {name: name for name in names if name in JOINTS} | people_joints(names)
     return {joints[name]: column for column, name in enumerate(names) if name in joints}
 
 
 def model_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return landmarks by the names that markers have in the OpenSim models of Pose2Sim.
+    """Return landmarks by the names that markers have in the OpenSim models of
+    Pose2Sim.
 
-    They are the detectors' own, but for the middle of the hips of `body_25` and for `coco_17`.
+    They are the detectors' own, but for the middle of the hips of `body_25` and for
+    `coco_17`.
     """
     if not set(names) <= set(installed_skeletons()["coco_17"].landmark_names):
         return tuple("CHip" if name == "MidHip" else name for name in names)

@@ -1,4 +1,6 @@
-"""Files of landmarks, shapes and results, in any format, as one source that gives out batches."""
+"""Files of landmarks, shapes and results, in any format, as one source that gives out
+batches.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,15 @@ from shapefit.errors import input_error
 from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
 from shapefit.io.formats import CSV, HDF5, check_holds, our_format, record_writer
 from shapefit.io.inputs import is_stream, source_name
-from shapefit.io.layout import FIELDS, LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
+from shapefit.io.layout import (
+    FIELDS,
+    LANDMARKS,
+    PROOF,
+    RESULTS,
+    SHAPES,
+    UNKNOWN_UNIT,
+    Layout,
+)
 from shapefit.io.merge import align_to, merge_heads
 from shapefit.io.names import make_unique, match_landmarks, renamed
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
@@ -33,7 +43,9 @@ CENTRED = 0.1
 BLOCK = 1 << 12
 """Items whose names are read together, and images that are looked at."""
 
-OPTIONAL = frozenset(n for n, c in RESULTS.datasets.items() if not c.required) - {"sequence"}
+OPTIONAL = frozenset(n for n, c in RESULTS.datasets.items() if not c.required) - {
+    "sequence"
+}
 """Datasets of results that need not be read."""
 
 
@@ -46,10 +58,10 @@ def open_landmarks(
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
-    HDF5 is read by batches, large CSV in one pass, all else whole; of HDF5 only `rows`, if given.
-    Raises InputError: at once for items that occur twice, files that do not go together, and names
-    to rename that no file has; for wrong values when they are read. With `head` nothing is checked,
-    and only the first rows of CSV are read.
+    HDF5 is read by batches, large CSV in one pass, all else whole; of HDF5 only `rows`,
+    if given. Raises InputError: at once for items that occur twice, files that do not
+    go together, and names to rename that no file has; for wrong values when they are
+    read. With `head` nothing is checked, and only the first rows of CSV are read.
     """
     return _open(LANDMARKS, paths, options, rows=rows, head=head)
 
@@ -61,7 +73,8 @@ def open_shapes(
     gaps: bool = False,
     head: bool = False,
 ) -> ShapeSource:
-    """Open files of shapes, as `open_landmarks` does; landmarks in the order of the first file.
+    """Open files of shapes, as `open_landmarks` does; landmarks in the order of the
+    first file.
 
     With `gaps` a landmark of an item may be unknown, NaN, and may lack its row in CSV.
     """
@@ -75,18 +88,22 @@ def open_results(
     head: bool = False,
     old: bool = False,
 ) -> ResultSource:
-    """Open results, as `open_landmarks` does, without some datasets; if `old`, of version 1."""
+    """Open results, as `open_landmarks` does, without some datasets; if `old`, of
+    version 1.
+    """
     return _open(RESULTS, paths, without=without, old=old, head=head)
 
 
 def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
     """Return what a file holds. A table with the column z holds shapes.
 
-    Raises InputError for what is wrong with the file, and for standard input, which could not be
-    read again.
+    Raises InputError for what is wrong with the file, and for standard input, which
+    could not be read again.
     """
     if is_stream(path):
-        raise input_error("-", "standard input can be read only once", "save it and name the file")
+        raise input_error(
+            "-", "standard input can be read only once", "save it and name the file"
+        )
     from shapefit.io.detect import detect_format
 
     file_format = detect_format(path, options.format)
@@ -102,13 +119,19 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
         return cast(Kind, file_format.records[0])
     from shapefit.io.readers.items import read_poses
 
-    return "landmarks" if read_poses(file_format, (path,)).points.shape[2] == 2 else "shapes"
+    return (
+        "landmarks"
+        if read_poses(file_format, (path,)).points.shape[2] == 2
+        else "shapes"
+    )
 
 
 def source_of(
     records: Record, name: str, rename: Mapping[str, str], *, gaps: bool = False
 ) -> Source[Record]:
-    """Return landmarks or shapes in memory as a source, checked as a file of this name is."""
+    """Return landmarks or shapes in memory as a source, checked as a file of this name
+    is.
+    """
     place, stated = place_in_memory(name), records.y_axis
     file: SourceFile[Record] = SourceFile.of(name, records, place, y_axis=stated)
     return Source(_prepared([file], records.LAYOUT, InputOptions(rename=rename), gaps))
@@ -123,24 +146,29 @@ def read_shapes(
 
 
 def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
-    """Read a result as one, with what proves the optimum only if `proofs` asks for it."""
+    """Read a result as one, with what proves the optimum only if `proofs` asks for
+    it.
+    """
     with open_results([path], () if proofs else PROOF) as source:
         return source.whole()
 
 
 def write_shapes(path: Path, shapes: ShapeSet) -> None:
-    """Write shapes in the format of the name. Raises InputError where that is not possible."""
+    """Write shapes in the format of the name. Raises InputError where that is not
+    possible.
+    """
     with record_writer(path, SHAPES) as writer:
         writer.append(shapes)
 
 
 @dataclass(frozen=True)
 class SourceFile(Generic[Record]):
-    """One file of a source: `read` returns the items of some rows, of none what all have in common.
+    """One file of a source: `read` returns the items of some rows, of none what all
+    have in common.
 
-    texts reads the dataset item or sequence of some rows; `place` names a row of a dataset in
-    messages; y_axis is None where the file does not say it; estimate is the number of items in the
-    file, if only the first `count` were read.
+    texts reads the dataset item or sequence of some rows; `place` names a row of a
+    dataset in messages; y_axis is None where the file does not say it; estimate is the
+    number of items in the file, if only the first `count` were read.
     """
 
     name: str
@@ -154,8 +182,12 @@ class SourceFile(Generic[Record]):
     estimate: int = 0
 
     @classmethod
-    def of(cls, name: str, records: Any, place: Place | None = None, **stated: Any) -> Self:
-        """Return records in memory as a file; without `place` messages name the item."""
+    def of(
+        cls, name: str, records: Any, place: Place | None = None, **stated: Any
+    ) -> Self:
+        """Return records in memory as a file; without `place` messages name the
+        item.
+        """
         return cls(
             name,
             len(records),
@@ -171,11 +203,17 @@ class SourceFile(Generic[Record]):
         return self.read(slice(0, 0))
 
     def blocks(self, dataset: str) -> Iterator[Sequence[str]]:
-        """Read the dataset item or sequence, block by block; empty texts where there is none."""
+        """Read the dataset item or sequence, block by block; empty texts where there is
+        none.
+        """
         missing = getattr(self.head, FIELDS[dataset]) is None
         for start in range(0, self.count, BLOCK):
             stop = min(start + BLOCK, self.count)
-            yield ("",) * (stop - start) if missing else self.texts(dataset, slice(start, stop))
+            yield (
+                ("",) * (stop - start)
+                if missing
+                else self.texts(dataset, slice(start, stop))
+            )
 
     def with_prefix(self, prefix: str) -> Self:
         """Return the file with `prefix/` before its items and sequences."""
@@ -194,9 +232,9 @@ class SourceFile(Generic[Record]):
 class Source(Generic[Record]):
     """The items of one or more files; a context manager, which closes the files.
 
-    `head` has all but the items: their landmarks, unit, columns; `count` is how many items there
-    are, `estimate` how many the files have if only their first ones were read; `notes` are warnings
-    about what was left out of the files.
+    `head` has all but the items: their landmarks, unit, columns; `count` is how many
+    items there are, `estimate` how many the files have if only their first ones were
+    read; `notes` are warnings about what was left out of the files.
     """
 
     def __init__(
@@ -208,8 +246,9 @@ class Source(Generic[Record]):
     ) -> None:
         """Take files, and where y points in those that do not say it.
 
-        Raises InputError for files that do not go together, and, if `check`, for an item that is
-        twice in one; where two files have an item, all items begin with the name of their file.
+        Raises InputError for files that do not go together, and, if `check`, for an
+        item that is twice in one; where two files have an item, all items begin with
+        the name of their file.
         """
         self._files: Sequence[SourceFile[Record]] = files
         self.notes = tuple(chain.from_iterable(file.notes for file in files))
@@ -223,9 +262,11 @@ class Source(Generic[Record]):
         self.states_y_axis = any(file.y_axis is not None for file in files)
 
     def batches(self, size: int, *, by_file: bool = False) -> Iterator[Record]:
-        """Give out the items in order, `size` >= 1 at a time, `by_file` none of two files together.
+        """Give out the items in order, `size` >= 1 at a time, `by_file` none of two
+        files together.
 
-        A source without items gives one empty set, so that what is made of it can be written.
+        A source without items gives one empty set, so that what is made of it can be
+        written.
         """
         parts: list[Record] = []
         remaining = size
@@ -233,7 +274,9 @@ class Source(Generic[Record]):
             start = 0
             while start < file.count:
                 stop = min(start + remaining, file.count)
-                parts.append(align_to(file.read(slice(start, stop)), self.head, file.name))
+                parts.append(
+                    align_to(file.read(slice(start, stop)), self.head, file.name)
+                )
                 remaining, start = remaining - (stop - start), stop
                 if remaining == 0 or (by_file and stop == file.count):
                     yield concatenate(parts)
@@ -263,7 +306,9 @@ class Source(Generic[Record]):
         return chain.from_iterable(file.blocks("item") for file in self._files)
 
     def sequences(self) -> Iterator[Sequence[str]]:
-        """Read the sequences of all items, block by block; an empty text where there is none."""
+        """Read the sequences of all items, block by block; an empty text where there is
+        none.
+        """
         return chain.from_iterable(file.blocks("sequence") for file in self._files)
 
     def __enter__(self) -> Self:
@@ -291,7 +336,9 @@ def _open(
     without: Collection[str] = (),
     old: bool = False,
 ) -> Source[Any]:
-    """Open files of one layout, each in its format; other tools' readers are imported if needed."""
+    """Open files of one layout, each in its format; other tools' readers are imported
+    if needed.
+    """
     paths = list(dict.fromkeys(paths))
     ours = [our_format(path) if options.format == "auto" else None for path in paths]
     groups: Any = [(row, (path,)) for row, path in zip(ours, paths, strict=True)]
@@ -331,7 +378,9 @@ def _open(
                 records, share = read_csv_head(group[0], form.kind)
             else:
                 records, share = read_csv(group[0], form.kind, gaps=gaps), 1.0
-            files.append(SourceFile.of(name, records, estimate=round(len(records) / share)))
+            files.append(
+                SourceFile.of(name, records, estimate=round(len(records) / share))
+            )
         if form is LANDMARKS and not head:
             files[-1] = _in_pixels(files[-1], options)
     prepared = _prepared(files, form, options, gaps, check=not head)
@@ -360,16 +409,22 @@ def _of_hdf5(
 
 
 def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
-    """Return a file of images with landmarks in pixels, and a warning of those at (0, 0).
+    """Return a file of images with landmarks in pixels, and a warning of those at (0,
+    0).
 
-    Raises InputError where the first are fractions of an image, and there is no `image_size`.
+    Raises InputError where the first are fractions of an image, and there is no
+    `image_size`.
     """
     images = file.read(slice(0, min(file.count, BLOCK)))
     if images.confidence is None:
         zeros = warn_of_zeros(images.landmarks.swapaxes(1, 2))
-        file = replace(file, notes=(*file.notes, *(f"{file.name}: {text}" for text in zeros)))
+        file = replace(
+            file, notes=(*file.notes, *(f"{file.name}: {text}" for text in zeros))
+        )
     values = images.landmarks[np.isfinite(images.landmarks)]
-    fractions = values.any() and np.abs(values).max() <= 1.5 and (values < 0).mean() <= CENTRED
+    fractions = (
+        values.any() and np.abs(values).max() <= 1.5 and (values < 0).mean() <= CENTRED
+    )
     if not fractions or images.unit not in ("px", UNKNOWN_UNIT):
         return file
     if options.image_size is None:
@@ -395,11 +450,13 @@ def _prepared(
 ) -> list[SourceFile[Any]]:
     """Return files that check what they read, and change it by the options.
 
-    Points are whole, and hidden where their confidence is below the least; landmarks are renamed,
-    and only some of them retained.
+    Points are whole, and hidden where their confidence is below the least; landmarks
+    are renamed, and only some of them retained.
     """
     if options.rename:
-        names = dict.fromkeys(name for file in files for name in file.head.landmark_names)
+        names = dict.fromkeys(
+            name for file in files for name in file.head.landmark_names
+        )
         match_landmarks(tuple(names), tuple(options.rename), "rename")
 
     def read(file: SourceFile[Any], rows: slice) -> Any:
@@ -411,7 +468,11 @@ def _prepared(
             return records
         names = renamed(records.landmark_names, options.rename, file.name)
         records = records.with_whole_points().replaced(landmark_names=names)
-        if form is LANDMARKS and options.min_confidence and records.confidence is not None:
+        if (
+            form is LANDMARKS
+            and options.min_confidence
+            and records.confidence is not None
+        ):
             doubtful = records.confidence < options.min_confidence
             points = np.where(doubtful[:, None], np.nan, records.landmarks)
             weights = np.where(doubtful, 0, records.confidence)

@@ -9,26 +9,37 @@ from shapefit.geometry.normalisation import LARGEST, SMALLEST, Normalised, norma
 
 FEWEST = 3
 BEYOND_CHANCE = FEWEST + 1
-"""Landmarks that must agree with each other to count as inliers: some shape fits any three."""
+"""Landmarks that must agree with each other to count as inliers: some shape fits any
+three.
+"""
 
 FLAT = 1e-9
-"""Landmarks lie on a line where their second singular value is this small beside the first."""
+"""Landmarks lie on a line where their second singular value is this small beside the
+first.
+"""
 
 WIDE, SMALL, LARGE = 1e-3, 1e-100, 1e100
-"""Landmarks whose singular values have at least this share of the sum of their squares as their
-product are far from any line, and such sizes far within the bounds of normalisation: of those
-nobody need look closer."""
+"""Landmarks whose singular values have at least this share of the sum of their squares
+as their product are far from any line, and such sizes far within the bounds of
+normalisation: of those nobody need look closer.
+"""
 
 
-def normalise_visible(landmarks: Floats, weights: Floats) -> tuple[Normalised, dict[int, str]]:
-    """(landmarks - centroid) / scale of what is seen, and the images where that means nothing.
+def normalise_visible(
+    landmarks: Floats, weights: Floats
+) -> tuple[Normalised, dict[int, str]]:
+    """(landmarks - centroid) / scale of what is seen, and the images where that means
+    nothing.
 
-    landmarks (n, 2, p), weights (n, p) with 0 = hidden. Images that find_degenerate names have the
-    points 0, and centroid and scale nan.
+    landmarks (n, 2, p), weights (n, p) with 0 = hidden. Images that find_degenerate
+    names have the points 0, and centroid and scale nan.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # find_degenerate names what is too large
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # find_degenerate names what is too large
         norm = normalise(landmarks, weights > 0)
-        # the product of the singular values of two rows is the root of their Gram determinant
+        # the product of the singular values of two rows is the root of their Gram
+        # determinant
         x, y = norm.points[:, 0], norm.points[:, 1]
         xx, yy, xy = (np.einsum("np,np->n", *rows) for rows in ((x, x), (y, y), (x, y)))
         plain = xx * yy - xy**2 > (WIDE * (xx + yy)) ** 2
@@ -43,7 +54,8 @@ def normalise_visible(landmarks: Floats, weights: Floats) -> tuple[Normalised, d
 
 
 def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
-    """Images whose visible landmarks do not span the image plane in float64, with the reason.
+    """Images whose visible landmarks do not span the image plane in float64, with the
+    reason.
 
     landmarks (n, 2, p), weights (n, p) with 0 = hidden.
     """
@@ -70,6 +82,11 @@ def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
     reasons: dict[int, str] = {}
     for holds, text in rules:
         for i in np.flatnonzero(holds).tolist():
-            facts = {"count": count[i], "fewest": FEWEST, "size": size[i], "extent": extent[i]}
+            facts = {
+                "count": count[i],
+                "fewest": FEWEST,
+                "size": size[i],
+                "extent": extent[i],
+            }
             reasons.setdefault(i, text.format(**facts))
     return dict(sorted(reasons.items()))

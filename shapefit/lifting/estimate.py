@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 
 CORRELATION = "shape_correlation"
-"""Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each landmark."""
+"""Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each
+landmark.
+"""
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""
@@ -42,28 +44,30 @@ class ConvexProof:
     @classmethod
     def of(cls, solution: Solution) -> ConvexProof:
         """Return what a solution proves."""
-        return cls(**{field.name: getattr(solution, field.name) for field in fields(cls)})
+        return cls(
+            **{field.name: getattr(solution, field.name) for field in fields(cls)}
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
     """W ~ first two rows of shapes + T 1^T for n images, in normalised units.
 
-    shapes (n, 3, p) in the camera frame, with mean depth 0; translation T (n, 2); rotation
-    (n, 3, 3), shared by all atoms or their consensus, nan where unknown; objective (n,), that of
-    the method; residual (n,), ||Omega o (W - shapes - T 1^T)||_F / ||Omega o (W - mean)||_F;
-    iterations (n,); status, a Status per image.
+    shapes (n, 3, p) in the camera frame, with mean depth 0; translation T (n, 2);
+    rotation (n, 3, 3), shared by all atoms or their consensus, nan where unknown;
+    objective (n,), that of the method; residual (n,), ||Omega o (W - shapes - T
+    1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,); status, a Status per image.
 
-    None where the method has no such thing: coefficients (n, k) and active_atoms (n,), how many
-    of them are not 0; transforms M; relative_gap (n,); tight (n,), as in
-    Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
-    before the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y, then z),
-    how uncertain shapes + T are; posterior_modes of each image, from which sequences are inferred;
-    convex_proof, of the convex program that it is or starts from; camera_translation (n, 3), of a
-    method that looks through the camera of the problem itself: then W is seen of shapes +
-    camera_translation, both in the unit of the dictionary, and T (n, 2) is where the middle of the
-    shapes is seen.
-    further: what else a method knows, (n, ...) by the name of its dataset in the result, in the
+    None where the method has no such thing: coefficients (n, k) and active_atoms (n,),
+    how many of them are not 0; transforms M; relative_gap (n,); tight (n,), as in
+    Reconstruction; outliers (n, p), the landmarks that a robust loss or a search before
+    the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y,
+    then z), how uncertain shapes + T are; posterior_modes of each image, from which
+    sequences are inferred; convex_proof, of the convex program that it is or starts
+    from; camera_translation (n, 3), of a method that looks through the camera of the
+    problem itself: then W is seen of shapes + camera_translation, both in the unit of
+    the dictionary, and T (n, 2) is where the middle of the shapes is seen. further:
+    what else a method knows, (n, ...) by the name of its dataset in the result, in the
     unit that it is stored in.
     """
 
@@ -88,14 +92,20 @@ class Estimate:
     further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def status_words(self) -> NDArray[np.object_]:
-        """Return the words of all statuses (n,); to ask each one takes ten times as long."""
+        """Return the words of all statuses (n,); to ask each one takes ten times as
+        long.
+        """
         words = {id(status): status.value for status in Status}
         return np.array([*map(words.__getitem__, map(id, self.status))], dtype=object)
 
-    def in_unit(self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0) -> Estimate:
-        """Return the estimate in another unit: error bars times grow / shrink, (n, 1, 1) or one.
+    def in_unit(
+        self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0
+    ) -> Estimate:
+        """Return the estimate in another unit: error bars times grow / shrink, (n, 1,
+        1) or one.
 
-        The unit is smaller by `grow`, or larger by `shrink`; variances change by the squares.
+        The unit is smaller by `grow`, or larger by `shrink`; variances change by the
+        squares.
         """
         deviation, covariance = self.deviation, self.covariance
         return replace(
@@ -111,9 +121,9 @@ Estimator = Callable[[Problem], Estimate]
 class Placement(NamedTuple):
     """A projected shape placed on the landmarks of n images.
 
-    translation T (n, 2); half_squared_residual (n,), 1/2 ||Omega o (W - S - T 1^T)||_F^2;
-    residual (n,), the norm in it beside that of the centred landmarks. nan for images without
-    visible landmarks.
+    translation T (n, 2); half_squared_residual (n,), 1/2 ||Omega o (W - S - T
+    1^T)||_F^2; residual (n,), the norm in it beside that of the centred landmarks. nan
+    for images without visible landmarks.
     """
 
     translation: Floats
@@ -124,9 +134,11 @@ class Placement(NamedTuple):
 def fit_translation(
     problem: Problem, projected: Floats, translation: Floats | None = None
 ) -> Placement:
-    """argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2 for projected shapes S, or a given T.
+    """argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2 for projected shapes S, or a given
+    T.
 
-    T is the mean of W - S with the weights squared. S (n, 2, p); further rows do not count.
+    T is the mean of W - S with the weights squared. S (n, 2, p); further rows do not
+    count.
     """
     squares = problem.weights[:, None] ** 2
     with np.errstate(invalid="ignore"):  # where nothing is seen
@@ -137,18 +149,22 @@ def fit_translation(
         left, W = problem.landmarks - projected[:, :2], problem.landmarks
         T = centre(left) if translation is None else np.array(translation, np.float64)
         half_squared_residual, whole = (
-            0.5 * (squares * (points - middle[..., None]) ** 2).sum(axis=-1).sum(axis=-1)
+            0.5
+            * (squares * (points - middle[..., None]) ** 2).sum(axis=-1).sum(axis=-1)
             for points, middle in ((left, T), (W, centre(W)))
         )
-    share = np.divide(half_squared_residual, whole, out=np.zeros_like(whole), where=whole != 0)
+    share = np.divide(
+        half_squared_residual, whole, out=np.zeros_like(whole), where=whole != 0
+    )
     return Placement(T, half_squared_residual, np.sqrt(share))
 
 
 def join_images(records: Sequence[Any], order: Integers) -> Any:
     """Join records of images, one type, and take these of all their images, by number.
 
-    Arrays, tuples and transforms in them, and in records and mappings that they hold, have the
-    images first; all else, and the atoms of a problem, are those of the first record.
+    Arrays, tuples and transforms in them, and in records and mappings that they hold,
+    have the images first; all else, and the atoms of a problem, are those of the first
+    record.
     """
     first = records[0]
     if isinstance(first, np.ndarray):
@@ -159,7 +175,10 @@ def join_images(records: Sequence[Any], order: Integers) -> Any:
         images = [image for record in records for image in record]
         return tuple(images[row] for row in order.tolist())
     if isinstance(first, Mapping):
-        return {key: join_images([record[key] for record in records], order) for key in first}
+        return {
+            key: join_images([record[key] for record in records], order)
+            for key in first
+        }
     if is_dataclass(first):
         names = [entry.name for entry in fields(first) if entry.name != "atoms"]
         parts = {name: [getattr(record, name) for record in records] for name in names}

@@ -1,6 +1,7 @@
 """The method `global`: the certified optimum of the model with one rotation.
 
-It is certified by branch and bound: the result states the gap to a bound on all rotations.
+It is certified by branch and bound: the result states the gap to a bound on all
+rotations.
 """
 
 from __future__ import annotations
@@ -16,7 +17,11 @@ from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status, read_statuses
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.methods import Settings
-from shapefit.lifting.shared_rotation import alternate_from_mean, describe, refine_convex
+from shapefit.lifting.shared_rotation import (
+    alternate_from_mean,
+    describe,
+    refine_convex,
+)
 
 MAX_CELLS, MAX_SECONDS = 200_000, 10.0
 """The search of an image gives up after so many cells, or so many seconds."""
@@ -25,7 +30,8 @@ MAX_CELLS, MAX_SECONDS = 200_000, 10.0
 def find_global(problem: Problem, settings: Settings) -> Estimate:
     """Search all rotations, from the results of convex+refine and alternate on.
 
-    So it is never above either of them. The iterations are cells; the gap is that to the bound.
+    So it is never above either of them. The iterations are cells; the gap is that to
+    the bound.
     """
     local = replace(settings, signed=False)
     ends = [refine_convex(problem, local), alternate_from_mean(problem, local)]
@@ -43,9 +49,10 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
 class GlobalOptimum(NamedTuple):
     """min_R v(R) for n images, and how well it is known.
 
-    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0; objective U (n,) there, and bound
-    L (n,) <= v(R) for every rotation R; relative_gap (U - L) / U (n,), 0 where U = 0; cells (n,) of
-    the search; status, a Status per image: OPTIMAL where U - L <= tolerance U, up to rounding.
+    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0; objective U (n,)
+    there, and bound L (n,) <= v(R) for every rotation R; relative_gap (U - L) / U (n,),
+    0 where U = 0; cells (n,) of the search; status, a Status per image: OPTIMAL where U
+    - L <= tolerance U, up to rounding.
     """
 
     coefficients: Floats
@@ -66,12 +73,14 @@ def find_optimum(
     max_seconds: float = MAX_SECONDS,
     threads: int = 0,
 ) -> GlobalOptimum:
-    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all R.
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over
+    all R.
 
-    (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0 and Rbar Rbar^T = I. The
-    optimum found is never above v at one of starts (n, s, 3, 3); a start that is nan counts for
-    nothing. Fewer than two visible landmarks are DEGENERATE. Bound and search: docs/global.md.
-    Raises ValueError for a loss other than the squared one.
+    (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0 and Rbar
+    Rbar^T = I. The optimum found is never above v at one of starts (n, s, 3, 3); a
+    start that is nan counts for nothing. Fewer than two visible landmarks are
+    DEGENERATE. Bound and search: docs/global.md. Raises ValueError for a loss other
+    than the squared one.
     """
     problem.require_squared("the search")
     n, k = len(problem.landmarks), len(problem.atoms)
@@ -80,7 +89,11 @@ def find_optimum(
     cells, vertices, codes = np.zeros((3, n), np.int64)
     core.find_optimum(
         **problem.arrays,
-        starts=np.zeros((n, 0, 3, 3)) if starts is None else np.ascontiguousarray(starts, float),
+        starts=(
+            np.zeros((n, 0, 3, 3))
+            if starts is None
+            else np.ascontiguousarray(starts, float)
+        ),
         tolerance=tolerance,
         most_cells=max_cells,
         most_seconds=max_seconds,

@@ -1,4 +1,6 @@
-"""Lift a batch of landmarks: normalise, estimate the shapes by some method, scale back."""
+"""Lift a batch of landmarks: normalise, estimate the shapes by some method, scale
+back.
+"""
 
 from __future__ import annotations
 
@@ -29,14 +31,18 @@ REASONS = {
 NOT_FINITE = "the fitted shape contains NaN or infinity"
 
 BETA = 0.1
-"""Residual, for normalised landmarks, beyond which a robust loss judges a landmark an outlier."""
+"""Residual, for normalised landmarks, beyond which a robust loss judges a landmark an
+outlier.
+"""
 
 DRAWS, SEED = 512, 1504_01507
 """Draws of noise from which lambda is found."""
 
 LEAST, MOST = 1e-3, 1e30
-"""Of lambda from the noise. Where landmarks are all but exact, smaller ones change little and take
-longer; every shape is empty long before the largest, and what is larger could overflow."""
+"""Of lambda from the noise. Where landmarks are all but exact, smaller ones change
+little and take longer; every shape is empty long before the largest, and what is larger
+could overflow.
+"""
 
 NOISIEST = 1e6
 """Noise in units of the size of the landmarks beyond which these say nothing."""
@@ -45,9 +51,10 @@ NOISIEST = 1e6
 class Program(NamedTuple):
     """Which convex program is solved.
 
-    `lam` None takes lambda from `noise`, the standard deviation of a landmark's coordinate in the
-    unit of the landmarks. With a robust loss a landmark is an outlier where a coordinate of its
-    weighted residual exceeds `beta` (normalised), which is also the weight of the sparse errors.
+    `lam` None takes lambda from `noise`, the standard deviation of a landmark's
+    coordinate in the unit of the landmarks. With a robust loss a landmark is an outlier
+    where a coordinate of its weighted residual exceeds `beta` (normalised), which is
+    also the weight of the sparse errors.
     """
 
     lam: float | None
@@ -60,8 +67,9 @@ class Program(NamedTuple):
 class PerspectiveView:
     """The camera sees X = R sum_i c_i B_i + translation, in n images.
 
-    translation (n, 3), of the object's origin in the frame of the camera, in normalised units of
-    the dictionary, nan where an image has no shape; the camera in the unit of the landmarks.
+    translation (n, 3), of the object's origin in the frame of the camera, in normalised
+    units of the dictionary, nan where an image has no shape; the camera in the unit of
+    the landmarks.
     """
 
     translation: Floats
@@ -70,12 +78,13 @@ class PerspectiveView:
 
 @dataclass(frozen=True)
 class Lifting:
-    """Shapes in the camera frame and the units of the landmarks, and all that they rest on.
+    """Shapes in the camera frame and the units of the landmarks, and all that they rest
+    on.
 
-    shapes (n, 3, p) = scale (shapes of the estimate), with mean depth 0, + translation on x and y;
-    landmarks_fitted (n, 2, p) are their projections: x and y, unless there is a perspective view.
-    translation (n, 2), scale (n,); problem and estimate in normalised units; failures: image ->
-    reason, for images without a shape (nan).
+    shapes (n, 3, p) = scale (shapes of the estimate), with mean depth 0, + translation
+    on x and y; landmarks_fitted (n, 2, p) are their projections: x and y, unless there
+    is a perspective view. translation (n, 2), scale (n,); problem and estimate in
+    normalised units; failures: image -> reason, for images without a shape (nan).
     """
 
     shapes: Floats
@@ -96,10 +105,11 @@ def lift(
     estimator: Estimator,
     camera: Camera | None = None,
 ) -> Lifting:
-    """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3, p).
+    """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3,
+    p).
 
-    camera of the images, for a method that looks through it. `estimator` is a method with its
-    settings, see choose_method.
+    camera of the images, for a method that looks through it. `estimator` is a method
+    with its settings, see choose_method.
     """
     norm, failures = normalise_visible(landmarks, weights)
     fine = np.isfinite(norm.scale)
@@ -120,7 +130,9 @@ def lift(
     estimate = estimator(replace(problem, noise=noise))
     for status, reason in REASONS.items():
         if status in estimate.status:
-            ended = np.fromiter((value is status for value in estimate.status), bool, len(fine))
+            ended = np.fromiter(
+                (value is status for value in estimate.status), bool, len(fine)
+            )
             failures |= dict.fromkeys(np.flatnonzero(ended & fine).tolist(), reason)
             fine &= ~ended
     scale = np.where(fine, norm.scale, np.nan)
@@ -128,28 +140,41 @@ def lift(
     view, t = None, estimate.camera_translation
     if camera is not None and t is not None:
         view = PerspectiveView(np.where(fine[:, None], t, np.nan), camera)
-        scale = np.sqrt(camera.focal.prod(axis=1)) / (camera.sign * view.translation[:, 2])
+        scale = np.sqrt(camera.focal.prod(axis=1)) / (
+            camera.sign * view.translation[:, 2]
+        )
     shapes = scale[:, None, None] * estimate.shapes
     shapes[:, :2] += translation[:, :, None]
     fitted = shapes[:, :2]
     if view is not None:
         fitted = project(view.camera, estimate.shapes + view.translation[..., None])
-    return Lifting(shapes, fitted, translation, scale, problem, estimate, failures, view)
+    return Lifting(
+        shapes, fitted, translation, scale, problem, estimate, failures, view
+    )
 
 
-def find_noise(program: Program, scale: Floats, shape: tuple[int, ...]) -> Floats | None:
-    """Covariance (n, p, 2, 2) of the noise of landmarks (n, p) that are normalised by scale."""
+def find_noise(
+    program: Program, scale: Floats, shape: tuple[int, ...]
+) -> Floats | None:
+    """Covariance (n, p, 2, 2) of the noise of landmarks (n, p) that are normalised by
+    scale.
+    """
     if program.noise == 0:
         return None
     deviation = np.minimum(program.noise / scale, NOISIEST)
-    return np.broadcast_to(deviation[:, None, None, None] ** 2 * np.eye(2), (*shape, 2, 2))
+    return np.broadcast_to(
+        deviation[:, None, None, None] ** 2 * np.eye(2), (*shape, 2, 2)
+    )
 
 
-def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share: Floats) -> Floats:
+def choose_lambda(
+    program: Program, atoms: Floats, scale: Floats, visible_share: Floats
+) -> Floats:
     """Lambda (n,) as given, from the noise, or 1 where it is ignored.
 
-    From the noise it is noise / scale E max_i ||G B_i^T||_* sqrt(visible share), with the scale
-    (n,) of the landmarks; hidden ones, which no noise reaches, shrink the expectation.
+    From the noise it is noise / scale E max_i ||G B_i^T||_* sqrt(visible share), with
+    the scale (n,) of the landmarks; hidden ones, which no noise reaches, shrink the
+    expectation.
     """
     if program.loss is Loss.EXACT:
         return np.ones_like(scale)
@@ -162,10 +187,11 @@ def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share:
 
 
 def noise_dual_norm(atoms: Floats) -> float:
-    """E max_i ||G B_i^T||_* over centred landmark noise G (2, p) of unit standard deviation.
+    """E max_i ||G B_i^T||_* over centred landmark noise G (2, p) of unit standard
+    deviation.
 
-    This is the mean lambda below which noise alone would switch an atom on. atoms (k, 3, p). The
-    mean of seeded draws: the same for the same atoms.
+    This is the mean lambda below which noise alone would switch an atom on. atoms (k,
+    3, p). The mean of seeded draws: the same for the same atoms.
     """
     k, _, p = atoms.shape
     G = np.random.default_rng(SEED).standard_normal((DRAWS, 2, p))
@@ -175,15 +201,22 @@ def noise_dual_norm(atoms: Floats) -> float:
 
 
 def fail_nonfinite(lifting: Lifting) -> Lifting:
-    """Fail the images whose shape is not finite throughout, and that have not failed before.
+    """Fail the images whose shape is not finite throughout, and that have not failed
+    before.
 
-    They end with NUMERICAL_FAILURE and without a shape (nan), whatever the solver says of them.
+    They end with NUMERICAL_FAILURE and without a shape (nan), whatever the solver says
+    of them.
     """
     broken = np.flatnonzero(~np.isfinite(lifting.shapes).all(axis=(1, 2))).tolist()
     broken = [image for image in broken if image not in lifting.failures]
     if not broken:
         return lifting
-    arrays = (lifting.shapes, lifting.landmarks_fitted, lifting.translation, lifting.scale)
+    arrays = (
+        lifting.shapes,
+        lifting.landmarks_fitted,
+        lifting.translation,
+        lifting.scale,
+    )
     shapes, fitted, translation, scale = copies = [values.copy() for values in arrays]
     status = list(lifting.estimate.status)
     for image in broken:
@@ -213,10 +246,11 @@ class Group(NamedTuple):
 
 
 def merge(groups: Sequence[Group], atoms: Floats) -> Lifting:
-    """Join the liftings of groups of images, each image in one group, in the order of the images.
+    """Join the liftings of groups of images, each image in one group, in the order of
+    the images.
 
-    atoms (k, 3, p) are those that the groups took theirs from; they become those of the problem,
-    and coefficients and transforms get k columns.
+    atoms (k, 3, p) are those that the groups took theirs from; they become those of the
+    problem, and coefficients and transforms get k columns.
     """
     order = np.argsort(np.concatenate([group.images for group in groups]))
     failures = {
@@ -231,7 +265,9 @@ def merge(groups: Sequence[Group], atoms: Floats) -> Lifting:
 
 
 def _pad(group: Group, k: int) -> Lifting:
-    """Return the lifting with coefficients and transforms of k atoms; the others have no part."""
+    """Return the lifting with coefficients and transforms of k atoms; the others have
+    no part.
+    """
     estimate = group.lifting.estimate
     c, M, proof = estimate.coefficients, estimate.transforms, estimate.convex_proof
 

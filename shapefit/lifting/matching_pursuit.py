@@ -17,17 +17,19 @@ from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.reconstruction import combine
 
-# The published rules are in pixels: 500 px^2 for the squared reprojection error of all landmarks,
-# 1 px^2 for its change in a round. A normalised unit is the standard deviation of the landmarks.
-# A standing person is about 5 of them from ankle to head, 350 px in the images the rules were
-# made for: 70 px a unit.
+# The published rules are in pixels: 500 px^2 for the squared reprojection error of all
+# landmarks, 1 px^2 for its change in a round. A normalised unit is the standard
+# deviation of the landmarks. A standing person is about 5 of them from ankle to head,
+# 350 px in the images the rules were made for: 70 px a unit.
 PIXELS = 70.0
 GOAL = 500.0 / PIXELS**2
 CHANGE = 1.0 / PIXELS**2
 MOST_ATOMS, MOST_ROUNDS = 15, 30
 
 INDEPENDENT = 1e-8
-"""Share of squared limb lengths outside those of the chosen, below which a shape is dependent."""
+"""Share of squared limb lengths outside those of the chosen, below which a shape is
+dependent.
+"""
 
 FLAT = 1e-12
 """Eigenvalue of S S^T beside the largest, below which a shape has no extent."""
@@ -39,9 +41,10 @@ MOST_STEPS = 100
 def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
     """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012).
 
-    The shape has the rotation nearest to the camera: M = U diag(s) V^T gives the two rows U V^T of
-    the rotation and the scale (s_1 + s_2) / 2, which the coefficients take up. The objective is the
-    squared error with M itself; the residual belongs to the rotated shape, as with every method.
+    The shape has the rotation nearest to the camera: M = U diag(s) V^T gives the two
+    rows U V^T of the rotation and the scale (s_1 + s_2) / 2, which the coefficients
+    take up. The objective is the squared error with M itself; the residual belongs to
+    the rotated shape, as with every method.
     """
     mean_shape = settings.mean_shape
     pursuit = pursue(problem, mean_shape, settings.needs["edges"])
@@ -69,9 +72,10 @@ def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
 class Pursuit(NamedTuple):
     """W ~ M S + T 1^T with S = c_0 mean + sum_i c_i B_i for n images.
 
-    coefficients c (n, k) of either sign; mean_coefficient c_0 (n,); camera M (n, 2, 3), nan where
-    there is none; error (n,), ||Omega o (W - M S - T 1^T)||_F^2; rounds (n,); status: CONVERGED
-    where the error reached the goal, ITERATION_LIMIT where the atoms ran out.
+    coefficients c (n, k) of either sign; mean_coefficient c_0 (n,); camera M (n, 2, 3),
+    nan where there is none; error (n,), ||Omega o (W - M S - T 1^T)||_F^2; rounds (n,);
+    status: CONVERGED where the error reached the goal, ITERATION_LIMIT where the atoms
+    ran out.
     """
 
     coefficients: Floats
@@ -92,17 +96,19 @@ def pursue(
     most_atoms: int = MOST_ATOMS,
     most_rounds: int = MOST_ROUNDS,
 ) -> Pursuit:
-    """Lower ||Omega o (W - M S - T 1^T)||_F^2 greedily, keeping the size of the skeleton.
+    """Lower ||Omega o (W - M S - T 1^T)||_F^2 greedily, keeping the size of the
+    skeleton.
 
-    S = c_0 mean + sum_i c_i B_i with mean_shape (3, p); edges (e, 2) are the limbs, whose squared
-    lengths keep the sum they have in the mean shape. It begins with the camera M of the mean
-    shape, any 2x3 matrix. While the error is above `goal`, the atom whose projection has the
-    largest |inner product| with the residual joins, of those whose limbs are no mixture of the
-    chosen ones'; then rounds minimise over c (globally, on the limb constraint) and over M, until
-    one changes the error by less than `change`. lambda is ignored.
+    S = c_0 mean + sum_i c_i B_i with mean_shape (3, p); edges (e, 2) are the limbs,
+    whose squared lengths keep the sum they have in the mean shape. It begins with the
+    camera M of the mean shape, any 2x3 matrix. While the error is above `goal`, the
+    atom whose projection has the largest |inner product| with the residual joins, of
+    those whose limbs are no mixture of the chosen ones'; then rounds minimise over c
+    (globally, on the limb constraint) and over M, until one changes the error by less
+    than `change`. lambda is ignored.
 
-    Source: Ramakrishna, Kanade and Sheikh 2012, with the mean as one more basis shape: with c_0 = 1
-    the constraint would leave a single atom no more than two coefficients.
+    Source: Ramakrishna, Kanade and Sheikh 2012, with the mean as one more basis shape:
+    with c_0 = 1 the constraint would leave a single atom no more than two coefficients.
     """
     problem.require_squared("matching pursuit")
     n, k = len(problem.landmarks), len(problem.atoms)
@@ -133,19 +139,25 @@ def pursue(
             error[rows], rounds[rows] = search.error, search.rounds
             ends = np.array([Status.ITERATION_LIMIT, Status.CONVERGED], dtype=object)
             status[rows] = ends[(search.error <= goal).astype(int)]
-    return Pursuit(coefficients[:, 1:], coefficients[:, 0], camera, error, rounds, tuple(status))
+    return Pursuit(
+        coefficients[:, 1:], coefficients[:, 0], camera, error, rounds, tuple(status)
+    )
 
 
 class Search:
-    """min ||w - M sum_i y_i Q_i||^2 over M and ||y|| = length, for n images of the same weights.
+    """min ||w - M sum_i y_i Q_i||^2 over M and ||y|| = length, for n images of the same
+    weights.
 
-    The m chosen shapes of an image, the mean first, are mixed into Q_i = sum_j (L^-1)_ij B_j with
-    L L^T the Gram matrix of their limbs, so that the sum of squared limb lengths of sum_i y_i Q_i
-    is ||y||^2. A round needs Z_i = w Q_i^T (n, m, 2, 3) and N_ij = Q_i Q_j^T (n, m, m, 3, 3) alone.
+    The m chosen shapes of an image, the mean first, are mixed into Q_i = sum_j
+    (L^-1)_ij B_j with L L^T the Gram matrix of their limbs, so that the sum of squared
+    limb lengths of sum_i y_i Q_i is ||y||^2. A round needs Z_i = w Q_i^T (n, m, 2, 3)
+    and N_ij = Q_i Q_j^T (n, m, m, 3, 3) alone.
     """
 
     def __init__(self, w: Floats, B: Floats, limbs: Floats) -> None:
-        """Begin with the mean, the first of the shapes B (s, 3, p) with limbs (s, l)."""
+        """Begin with the mean, the first of the shapes B (s, 3, p) with limbs (s,
+        l).
+        """
         n, s = len(w), len(B)
         self.w, self.B, self.limb_gram = w, B, limbs @ limbs.T
         self.length = float(np.linalg.norm(limbs[0]))
@@ -154,11 +166,17 @@ class Search:
         self.M, self.error = np.empty((n, 2, 3)), np.empty(n)
         self.coefficients[:, 0] = 1.0
         self.fit_camera(
-            np.arange(n), np.ones((n, 1)), *self.moments(w, B[np.zeros((n, 1), np.intp)])
+            np.arange(n),
+            np.ones((n, 1)),
+            *self.moments(w, B[np.zeros((n, 1), np.intp)]),
         )
 
-    def run(self, goal: float, change: float, most_atoms: int, most_rounds: int) -> None:
-        """Add atoms, and go round with those chosen, until the errors are at most the goal."""
+    def run(
+        self, goal: float, change: float, most_atoms: int, most_rounds: int
+    ) -> None:
+        """Add atoms, and go round with those chosen, until the errors are at most the
+        goal.
+        """
         going = np.arange(len(self.w))
         chosen = np.zeros((len(going), 1), np.intp)
         for _ in range(most_atoms):
@@ -208,8 +226,12 @@ class Search:
         """Return Z_i = w Q_i^T and N_ij = Q_i Q_j^T of shapes Q (n, m, 3, p)."""
         return w[:, None] @ Q.swapaxes(2, 3), Q[:, :, None] @ Q[:, None].swapaxes(3, 4)
 
-    def fit_camera(self, rows: NDArray[np.intp], y: Floats, Z: Floats, N: Floats) -> None:
-        """M = argmin ||w - M S||^2 for S = sum_i y_i Q_i, of least norm; and the minimum."""
+    def fit_camera(
+        self, rows: NDArray[np.intp], y: Floats, Z: Floats, N: Floats
+    ) -> None:
+        """M = argmin ||w - M S||^2 for S = sum_i y_i Q_i, of least norm; and the
+        minimum.
+        """
         D = np.einsum("nm,nmab->nab", y, Z)
         yy = (y[:, :, None] * y[:, None]).reshape(len(y), 1, -1)
         extent, axes = np.linalg.eigh((yy @ N.reshape(len(y), -1, 9)).reshape(-1, 3, 3))
@@ -217,7 +239,9 @@ class Search:
         flat = extent <= FLAT * extent[:, -1:]
         share = np.divide(1.0, extent, out=np.zeros_like(extent), where=~flat)[:, None]
         self.M[rows] = (along * share) @ axes.swapaxes(1, 2)
-        self.error[rows] = np.maximum(self.energy[rows] - (along**2 * share).sum(axis=(1, 2)), 0.0)
+        self.error[rows] = np.maximum(
+            self.energy[rows] - (along**2 * share).sum(axis=(1, 2)), 0.0
+        )
 
     def mix(self, M: Floats, y: Floats, Z: Floats, N: Floats) -> Floats:
         """argmin ||w - sum_i y_i M Q_i||^2 over ||y|| = length, from where y is."""
@@ -230,24 +254,30 @@ class Search:
 def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> Floats:
     """argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`.
 
-    G (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix positive
-    semidefinite: at the largest root of
+    G (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix
+    positive semidefinite: at the largest root of
 
-        sum_i (t_i / (mu_i + multiplier))^2 = radius^2,      G = V diag(mu) V^T, t = V^T g.
+        sum_i (t_i / (mu_i + multiplier))^2 = radius^2,      G = V diag(mu) V^T, t = V^T
+                                                             g.
 
-    1 / ||y|| is a concave function of the multiplier right of the last pole: Newton's method from
-    the left of the root never overshoots. Where g has no part along the least eigenvalue the pole
-    may be none, and the root may lie left of it: then the multiplier is the pole and the
-    eigenvector fills up y (the hard case). Source: Gander 1981; More and Sorensen 1983.
+    1 / ||y|| is a concave function of the multiplier right of the last pole: Newton's
+    method from the left of the root never overshoots. Where g has no part along the
+    least eigenvalue the pole may be none, and the root may lie left of it: then the
+    multiplier is the pole and the eigenvector fills up y (the hard case). Source:
+    Gander 1981; More and Sorensen 1983.
     """
     mu, V = np.linalg.eigh(G)
     above = mu - mu[:, :1]
     t = np.einsum("nij,ni->nj", V, g)
-    size = (np.linalg.norm(t, axis=1) / radius + above[:, -1])[:, None]  # of G + multiplier I
+    size = (np.linalg.norm(t, axis=1) / radius + above[:, -1])[
+        :, None
+    ]  # of G + multiplier I
     least = above <= ROUNDING * size
     above = np.where(least, 0.0, above)
     t = np.where(least & (np.abs(t) <= ROUNDING * size * radius), 0.0, t)
-    shift = np.maximum((np.abs(t) / radius - above).max(axis=1), 0.0)  # multiplier + mu_0
+    shift = np.maximum(
+        (np.abs(t) / radius - above).max(axis=1), 0.0
+    )  # multiplier + mu_0
     for _ in range(MOST_STEPS):
         away = above + shift[:, None]
         z = np.divide(t, away, out=np.zeros_like(t), where=t != 0)
@@ -260,6 +290,8 @@ def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> F
         shift[going] += (excess * reached)[going] / slope[going]
     hard = shift == 0
     part = np.einsum("nj,nj->n", V[:, :, 0], before)
-    z[hard, 0] = np.copysign(np.sqrt(np.maximum(radius**2 - reached[hard], 0.0)), part[hard])
+    z[hard, 0] = np.copysign(
+        np.sqrt(np.maximum(radius**2 - reached[hard], 0.0)), part[hard]
+    )
     scale = radius / np.linalg.norm(z, axis=1)
     return np.einsum("nij,nj->ni", V, scale[:, None] * z)

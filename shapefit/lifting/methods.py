@@ -1,7 +1,9 @@
-"""The table of methods: what each needs of a dictionary, reads from the config, and runs.
+"""The table of methods: what each needs of a dictionary, reads from the config, and
+runs.
 
-It is light, and stands below the methods themselves, which are imported where they are chosen:
-the config, the chain of `fit`, the exports and the page of a result ask the table.
+It is light, and stands below the methods themselves, which are imported where they are
+chosen: the config, the chain of `fit`, the exports and the page of a result ask the
+table.
 """
 
 from __future__ import annotations
@@ -36,12 +38,15 @@ ATOMS = ("sparse-coding", "exemplars")
 class PosteriorOptions:
     """The model of the landmarks, and what is reported.
 
-    residual_variance  variance that the model cannot explain, of a coordinate in the unit of
+    residual_variance  variance that the model cannot explain, of a coordinate in the
+                       unit of
                    normalised shapes, at confidence 1
     outlier_rate   chance that a landmark is an outlier; 0 believes all
     outlier_density  density of outliers per area, for normalised landmarks
-    bar_scale       factor of all covariances, for bodies and motions that the prior lacks
-    growth         factors (p,) of the covariances of landmarks beyond it, by a sample of the file;
+    bar_scale       factor of all covariances, for bodies and motions that the prior
+                    lacks
+    growth         factors (p,) of the covariances of landmarks beyond it, by a sample
+                   of the file;
                    empty for none
     covariance     whether the covariance of all landmarks together is wanted
     """
@@ -77,9 +82,11 @@ class Settings:
 
 
 class Need(NamedTuple):
-    """A field of the dictionary that a method cannot do without, and how to get one that has it.
+    """A field of the dictionary that a method cannot do without, and how to get one
+    that has it.
 
-    useless    says what is wrong with the field of a dictionary that has it; "" for nothing
+    useless    says what is wrong with the field of a dictionary that has it; "" for
+               nothing
     """
 
     name: str
@@ -89,7 +96,9 @@ class Need(NamedTuple):
 
 
 def lacks_limbs(dictionary: Dictionary) -> str:
-    """Say what keeps the edges from fixing the size of a skeleton: none of them has a length."""
+    """Say what keeps the edges from fixing the size of a skeleton: none of them has a
+    length.
+    """
     assert dictionary.edges is not None  # check_needs
     if len(dictionary.edges) == 0:
         return "`edges` is empty"
@@ -104,19 +113,25 @@ class Method(NamedTuple):
     run            "module:function", takes a Problem and Settings to an Estimate
     summary        what it does: a clause of the help
     losses         data terms that it knows
-    learned        how the dictionary must be learned, by `method` of learn-dict; empty for any
+    learned        how the dictionary must be learned, by `method` of learn-dict; empty
+                   for any
     needs          fields of the dictionary without which it cannot run
-    proves         "optimum": it is the convex program, and its certificate is that of the result;
-                   "bound": it starts from the convex program, whose proof is stored beside it;
-                   "global": it is the optimum with one rotation, and its certificate that of the
-                   result; what proves it is stored on request;
+    proves         "optimum": it is the convex program, and its certificate is that of
+                   the result;
+                   "bound": it starts from the convex program, whose proof is stored
+                   beside it; "global": it is the optimum with one rotation, and its
+                   certificate that of the result; what proves it is stored on request;
                    "nothing": a local method
-    mixes_atoms    shapes are R sum_i c_i B_i (or sum_i c_i R_i B_i), so that whatever belongs to
+    mixes_atoms    shapes are R sum_i c_i B_i (or sum_i c_i R_i B_i), so that whatever
+                   belongs to
                    the atoms, as their meshes, can be mixed alike
-    perspective    "refined": under a perspective camera it is followed by a refinement; "own": it
+    perspective    "refined": under a perspective camera it is followed by a refinement;
+                   "own": it
                    looks through the camera itself; "none"
-    sequences      lifts whole sequences: its images are followed by the stage of sequences
-    precisions     a confidence only says whether a landmark was seen, see `min_confidence`
+    sequences      lifts whole sequences: its images are followed by the stage of
+                   sequences
+    precisions     a confidence only says whether a landmark was seen, see
+                   `min_confidence`
     tolerance      the default of `tolerance`
     """
 
@@ -144,7 +159,9 @@ AUTO = "auto"
 """Not a method: that which suits dictionary and images."""
 
 MIN_CONFIDENCE = 0.1
-"""Landmarks of a lower confidence are hidden, by methods that take others as equally precise."""
+"""Landmarks of a lower confidence are hidden, by methods that take others as equally
+precise.
+"""
 
 PRIOR = Need(
     "prior",
@@ -229,7 +246,9 @@ def choose_method(name: str, settings: Settings) -> Estimator:
 
 
 def find_conflict(fit: Any) -> str | None:
-    """Return the key of a config of `fit` that its method cannot use; None where there is none."""
+    """Return the key of a config of `fit` that its method cannot use; None where there
+    is none.
+    """
     if fit.method == AUTO:
         return None
     name, method = fit.method, METHODS[fit.method]
@@ -238,15 +257,26 @@ def find_conflict(fit: Any) -> str | None:
     of_prior += ["skeleton"] if "skeleton" in given and fit.skeleton is not None else []
     of_prior += ["save.covariance"] if fit.save.covariance else []
     if fit.outliers in ROBUST and fit.outliers not in method.losses:
-        fault, fix = f"does not support `outliers: {fit.outliers}`", "use `method: convex`"
+        fault, fix = (
+            f"does not support `outliers: {fit.outliers}`",
+            "use `method: convex`",
+        )
     elif fit.leave_one_out and method.has_prior:
-        fault = "has a prior that was learned from all shapes; `leave_one_out` needs another"
+        fault = (
+            "has a prior that was learned from all shapes; `leave_one_out` needs"
+            " another"
+        )
         fix = "use another method, or a dictionary learned without the shapes"
     elif fit.camera.focal not in ("auto", "none") and method.perspective == "none":
         fault, fix = "has no perspective camera", "leave out `camera.focal`"
     elif of_prior and not method.has_prior:
-        priors = listed(f"`method: {key}`" for key, row in METHODS.items() if row.has_prior)
-        fault, fix = f"has no prior; `{of_prior[0]}` needs one", f"use {priors}, or leave it out"
+        priors = listed(
+            f"`method: {key}`" for key, row in METHODS.items() if row.has_prior
+        )
+        fault, fix = (
+            f"has no prior; `{of_prior[0]}` needs one",
+            f"use {priors}, or leave it out",
+        )
     else:
         return None
     return f"the method {name} {fault}; {fix}"

@@ -1,4 +1,5 @@
-"""Refine what was lifted by weak perspective under the full projection of a known camera.
+"""Refine what was lifted by weak perspective under the full projection of a known
+camera.
 
 The refinement starts from where another method left the shape, placed in depth.
 """
@@ -24,9 +25,11 @@ from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation import find_pose
 
 REASONS = {
-    Status.DEGENERATE: "landmarks start behind the camera: with so short a focal length it would "
-    "be inside the object; give `camera.focal` or `camera.intrinsics` in the unit of the "
-    "landmarks",
+    Status.DEGENERATE: (
+        "landmarks start behind the camera: with so short a focal length it would be"
+        " inside the object; give `camera.focal` or `camera.intrinsics` in the unit of"
+        " the landmarks"
+    ),
     Status.NUMERICAL_FAILURE: "numerical failure in the refinement under perspective",
 }
 """Endings of a refinement without a result, and why."""
@@ -40,9 +43,9 @@ RIDGE, SOFTNESS, MAX_ROUNDS = 0.3, 0.1, 1000
 class Refined:
     """Stationary points for n images: X = R sum_i c_i B_i + t.
 
-    rotation R (n, 3, 3); translation t (n, 3); coefficients c (n, k) >= 0; objective (n,);
-    rounds (n,); status, a Status per image. nan where it is DEGENERATE, which means that a landmark
-    begins behind the camera, or NUMERICAL_FAILURE.
+    rotation R (n, 3, 3); translation t (n, 3); coefficients c (n, k) >= 0; objective
+    (n,); rounds (n,); status, a Status per image. nan where it is DEGENERATE, which
+    means that a landmark begins behind the camera, or NUMERICAL_FAILURE.
     """
 
     rotation: Floats
@@ -60,14 +63,16 @@ def refine_view(
     dictionary: Dictionary,
     threads: int = 0,
 ) -> Lifting:
-    """Refine rotation, translation and coefficients of n images under the full projection.
+    """Refine rotation, translation and coefficients of n images under the full
+    projection.
 
-    landmarks (n, 2, p) and camera in the unit of the images. Landmarks of weight 0 in the problem
-    stay left out; what a robust loss labelled is seen, for labels are at their worst where the
-    pose is off, and the softness forgives them. Images without a shape stay without. It starts
-    from the rotation of the estimate, or where that has none from the mean shape, posed.
-    Shapes keep the unit of the landmarks, at the size that the object's origin has in
-    the image: scale = focal / depth there, the geometric mean of both axes.
+    landmarks (n, 2, p) and camera in the unit of the images. Landmarks of weight 0 in
+    the problem stay left out; what a robust loss labelled is seen, for labels are at
+    their worst where the pose is off, and the softness forgives them. Images without a
+    shape stay without. It starts from the rotation of the estimate, or where that has
+    none from the mean shape, posed. Shapes keep the unit of the landmarks, at the size
+    that the object's origin has in the image: scale = focal / depth there, the
+    geometric mean of both axes.
     """
     rows = np.flatnonzero(np.isfinite(lifting.scale))
     old, whole, n = lifting.estimate, lifting.problem, len(landmarks)
@@ -110,7 +115,9 @@ def refine_view(
         translation=among_all((origin - norm.centroid) / norm.scale[:, None]),
         rotation=among_all(R),
         objective=among_all(refined.objective),
-        residual=among_all(fit_translation(part, shown, np.zeros((len(rows), 2))).residual),
+        residual=among_all(
+            fit_translation(part, shown, np.zeros((len(rows), 2))).residual
+        ),
         iterations=iterations,
         status=tuple(status),
         coefficients=among_all(c, 0.0),
@@ -133,8 +140,12 @@ def refine_view(
     )
 
 
-def find_rotations(stated: Floats, problem: Problem, mean_shape: Floats, threads: int) -> Floats:
-    """Rotations (m, 3, 3) as stated; where they are nan, those of the posed mean shape (3, p)."""
+def find_rotations(
+    stated: Floats, problem: Problem, mean_shape: Floats, threads: int
+) -> Floats:
+    """Rotations (m, 3, 3) as stated; where they are nan, those of the posed mean shape
+    (3, p).
+    """
     R = stated.copy()
     unknown = np.flatnonzero(~np.isfinite(R).all(axis=(1, 2)))
     if len(unknown):
@@ -156,20 +167,27 @@ def refine_perspective(
     max_rounds: int = MAX_ROUNDS,
     threads: int = 0,
 ) -> Refined:
-    """min over R, t, c >= 0 of sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2.
+    """min over R, t, c >= 0 of sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c -
+    prior|^2.
 
-    s is the softness; max_rounds are those of an image.
-    r_j = Omega_j (w_j - projection of column j of R sum_i c_i B_i + t), in normalised units:
-    landmarks w (n, 2, p), weights Omega (n, p), atoms B (k, 3, p), camera in the unit of w. It
-    starts from the rotations R (n, 3, 3), c = prior (k,), and t where weak perspective puts it.
-    A shape twice as large at twice the depth looks the same, so the size is fixed:
-    prior^T c = prior^T prior. The result is a local minimum; no certificate bounds it.
+    s is the softness; max_rounds are those of an image. r_j = Omega_j (w_j - projection
+    of column j of R sum_i c_i B_i + t), in normalised units: landmarks w (n, 2, p),
+    weights Omega (n, p), atoms B (k, 3, p), camera in the unit of w. It starts from the
+    rotations R (n, 3, 3), c = prior (k,), and t where weak perspective puts it. A shape
+    twice as large at twice the depth looks the same, so the size is fixed: prior^T c =
+    prior^T prior. The result is a local minimum; no certificate bounds it.
     """
     n = len(landmarks)
     R = np.array(rotation, np.float64)
     c = np.tile(np.asarray(prior, np.float64), (n, 1))
-    t = place_in_depth(landmarks, weights, np.tensordot(prior, atoms, axes=1), camera, R)
-    objective, rounds, codes = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    t = place_in_depth(
+        landmarks, weights, np.tensordot(prior, atoms, axes=1), camera, R
+    )
+    objective, rounds, codes = (
+        np.full(n, np.nan),
+        np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+    )
     core.refine_perspective(
         landmarks=np.ascontiguousarray(landmarks, np.float64),
         weights=np.ascontiguousarray(weights, np.float64),
@@ -198,7 +216,8 @@ def refine_perspective(
 def place_in_depth(
     landmarks: Floats, weights: Floats, shape: Floats, camera: Camera, rotation: Floats
 ) -> Floats:
-    """t (n, 3) at which R S, seen by weak perspective, has the size and place of the landmarks.
+    """t (n, 3) at which R S, seen by weak perspective, has the size and place of the
+    landmarks.
 
     The depth is that of the visible landmarks' middle; S (3, p), the rest as above.
     """
@@ -206,7 +225,10 @@ def place_in_depth(
     share = omega / omega.sum(axis=1, keepdims=True)
     X = rotation @ shape
     W = np.where(weights[:, None] > 0, landmarks, 0.0)
-    middle, visible = np.einsum("nap,np->na", X, share), np.einsum("nap,np->na", W, share)
+    middle, visible = (
+        np.einsum("nap,np->na", X, share),
+        np.einsum("nap,np->na", W, share),
+    )
     rays = (W - camera.centre[..., None]) / camera.focal[..., None]
     ray = (visible - camera.centre) / camera.focal
     flat = X[:, :2] - middle[:, :2, None]
@@ -217,7 +239,9 @@ def place_in_depth(
     )
     # a rotation that fits not at all must not put the shape at infinity
     least = 0.1 * np.sqrt(size * extent)
-    with np.errstate(divide="ignore", invalid="ignore"):  # landmarks that are all in one place
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # landmarks that are all in one place
         depth = size / np.maximum(overlap, least)
     t = np.empty((len(W), 3))
     t[:, :2] = ray * depth[:, None] - middle[:, :2]

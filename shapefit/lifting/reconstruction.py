@@ -1,4 +1,6 @@
-"""The method `convex`: from the transforms of the convex program to coefficients and shapes."""
+"""The method `convex`: from the transforms of the convex program to coefficients and
+shapes.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,13 @@ ACTIVE = 1e-6
 
 
 def lift_convex(problem: Problem, settings: Settings) -> Estimate:
-    """Solve the convex program and complete each transform (paper, section Reconstruction)."""
+    """Solve the convex program and complete each transform (paper, section
+    Reconstruction).
+    """
     solution = settings.solve(problem)
-    reconstruction = reconstruct(solution.transforms, problem.atoms, threads=settings.threads)
+    reconstruction = reconstruct(
+        solution.transforms, problem.atoms, threads=settings.threads
+    )
     return Estimate(
         shapes=reconstruction.shapes,
         translation=solution.translation,
@@ -45,8 +51,9 @@ class Reconstruction(NamedTuple):
     """S = sum_i c_i R_i B_i and its parts, for n images.
 
     shapes (n, 3, p); coefficients c (n, k); rotation (n, 3, 3), the rotation nearest to
-    sum_i c_i R_i, nan where all coefficients are 0; active_atoms (n,); tight (n,): are all active
-    transforms orthogonal, so that the optimum solves the per-atom nonconvex model too?
+    sum_i c_i R_i, nan where all coefficients are 0; active_atoms (n,); tight (n,): are
+    all active transforms orthogonal, so that the optimum solves the per-atom nonconvex
+    model too?
     """
 
     shapes: Floats
@@ -57,7 +64,9 @@ class Reconstruction(NamedTuple):
 
 
 def is_active(coefficients: Floats) -> NDArray[np.bool_]:
-    """Atoms whose coefficient (n, k) is not negligible beside the largest of the image."""
+    """Atoms whose coefficient (n, k) is not negligible beside the largest of the
+    image.
+    """
     size = np.abs(coefficients)
     active: NDArray[np.bool_] = size > ACTIVE * size.max(axis=1, keepdims=True)
     return active
@@ -66,21 +75,35 @@ def is_active(coefficients: Floats) -> NDArray[np.bool_]:
 def reconstruct(M: Transforms, atoms: Floats, *, threads: int = 0) -> Reconstruction:
     """S = sum_i c_i R_i B_i (paper, eq. new3dmodel) of n images, atoms B (k, 3, p).
 
-    R_i completes M_i / c_i by the cross product of its rows; `threads` = 0 means all cores. The
-    method is written down in shapefit/core/pose/transforms.cpp.
+    R_i completes M_i / c_i by the cross product of its rows; `threads` = 0 means all
+    cores. The method is written down in shapefit/core/pose/transforms.cpp.
     """
     n, p = len(M.count), atoms.shape[2]
     shapes, rotation = np.zeros((n, 3, p)), np.full((n, 3, 3), np.nan)
-    sizes, active, tight = np.empty(len(M.atom)), np.empty(n, np.int64), np.empty(n, bool)
+    sizes, active, tight = (
+        np.empty(len(M.atom)),
+        np.empty(n, np.int64),
+        np.empty(n, bool),
+    )
     core.reconstruct(
-        **M.arrays, atoms=atoms, threads=threads,
-        sizes=sizes, shapes=shapes, rotation=rotation, active=active, tight=tight,
-    )  # fmt: skip
+        **M.arrays,
+        atoms=atoms,
+        threads=threads,
+        sizes=sizes,
+        shapes=shapes,
+        rotation=rotation,
+        active=active,
+        tight=tight,
+    )
     return Reconstruction(shapes, M.scatter(sizes), rotation, active, tight)
 
 
-def combine(coefficients: Floats, atoms: Floats, rotation: Floats | None = None) -> Floats:
-    """R sum_i c_i B_i for each image; c (n, k), atoms B (k, 3, p), R (n, 3, 3) -> (n, 3, p)."""
+def combine(
+    coefficients: Floats, atoms: Floats, rotation: Floats | None = None
+) -> Floats:
+    """R sum_i c_i B_i for each image; c (n, k), atoms B (k, 3, p), R (n, 3, 3) -> (n,
+    3, p).
+    """
     # atom by atom: the rounding of an image then depends on no other one
     shapes = np.zeros((len(coefficients), *atoms.shape[1:]))
     for c, atom in zip(coefficients.T, atoms, strict=True):

@@ -15,7 +15,12 @@ from shapefit.convex.solver import Status, find_outliers, read_statuses
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.degeneracy import find_degenerate
-from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, join_images
+from shapefit.lifting.estimate import (
+    ConvexProof,
+    Estimate,
+    fit_translation,
+    join_images,
+)
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.reconstruction import combine, is_active
 
@@ -28,10 +33,11 @@ GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 def refine_convex(problem: Problem, settings: Settings) -> Estimate:
     """Synchronise the convex solution to one rotation and alternate from there.
 
-    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). The convex
-    optimum bounds the objective from below, for c_i Rbar is a transform of spectral norm |c_i|, and
-    the gap is that to its dual. With a robust loss the robust program finds the outliers, and the
-    squared residuals of the other landmarks are refined, which it does not bound.
+    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). The
+    convex optimum bounds the objective from below, for c_i Rbar is a transform of
+    spectral norm |c_i|, and the gap is that to its dual. With a robust loss the robust
+    program finds the outliers, and the squared residuals of the other landmarks are
+    refined, which it does not bound.
     """
     solution = settings.solve(problem)
     starts = synchronise(solution.transforms, threads=settings.threads)[:, None]
@@ -39,17 +45,26 @@ def refine_convex(problem: Problem, settings: Settings) -> Estimate:
     if outliers is None:
         refined = _alternate_or_restart(problem, settings, starts)
         objective = refined.objective
-        bound, gap = solution.objective * (1 - solution.relative_gap), np.zeros_like(objective)
+        bound, gap = (
+            solution.objective * (1 - solution.relative_gap),
+            np.zeros_like(objective),
+        )
         np.divide(objective - bound, objective, out=gap, where=objective != 0)
         refined = replace(refined, relative_gap=gap)
     else:
         weights = np.where(outliers, 0.0, problem.weights)
-        lost = list(find_degenerate(problem.landmarks, weights))  # not to be lifted without them
+        lost = list(
+            find_degenerate(problem.landmarks, weights)
+        )  # not to be lifted without them
         outliers[lost], weights[lost] = False, problem.weights[lost]
         inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
-        refined = replace(_alternate_or_restart(inliers, settings, starts), outliers=outliers)
+        refined = replace(
+            _alternate_or_restart(inliers, settings, starts), outliers=outliers
+        )
     failed, status = (Status.DEGENERATE, Status.NUMERICAL_FAILURE), refined.status
-    if any(end in solution.status for end in failed):  # rare, and slow to ask of every image
+    if any(
+        end in solution.status for end in failed
+    ):  # rare, and slow to ask of every image
         both = zip(solution.status, status, strict=True)
         status = tuple(first if first in failed else second for first, second in both)
     return replace(
@@ -80,12 +95,17 @@ def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
         objective=placement.half_squared_residual,
         residual=placement.residual,
         iterations=np.zeros(len(shapes), np.int64),
-        status=tuple(Status.CONVERGED if fine else Status.DEGENERATE for fine in posed.tolist()),
+        status=tuple(
+            Status.CONVERGED if fine else Status.DEGENERATE for fine in posed.tolist()
+        ),
     )
 
 
-def _alternate_or_restart(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
-    """Alternate; where no atom fits at the synchronised rotation, from the mean shape's pose too.
+def _alternate_or_restart(
+    problem: Problem, settings: Settings, starts: Floats
+) -> Estimate:
+    """Alternate; where no atom fits at the synchronised rotation, from the mean shape's
+    pose too.
 
     Without coefficients there is no rotation to go on from, though another one may fit.
     """
@@ -118,7 +138,9 @@ def describe(
     iterations: Integers,
     status: tuple[Status, ...],
 ) -> Estimate:
-    """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3), nan where it is unknown."""
+    """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3), nan where it is
+    unknown.
+    """
     R = np.where(np.isfinite(rotation), rotation, 0.0)
     shapes = combine(coefficients, problem.atoms, R)
     placement = fit_translation(problem, shapes)
@@ -140,7 +162,8 @@ def describe(
 class Pose(NamedTuple):
     """W ~ size Rbar S + T 1^T for n images: rotation (n, 3, 3), size (n,) >= 0.
 
-    The rotation is nan where no size > 0 fits better than 0, as without visible landmarks.
+    The rotation is nan where no size > 0 fits better than 0, as without visible
+    landmarks.
     """
 
     rotation: Floats
@@ -148,7 +171,8 @@ class Pose(NamedTuple):
 
 
 def even_views(count: int) -> Floats:
-    """Rotations (count, 3, 3) whose optical axes are spread evenly; the first is the identity.
+    """Rotations (count, 3, 3) whose optical axes are spread evenly; the first is the
+    identity.
 
     The axes lie on a golden spiral about the first, each reached by the shortest turn.
     """
@@ -157,7 +181,10 @@ def even_views(count: int) -> Floats:
     axes = np.stack([-np.sin(angle), np.cos(angle), np.zeros(count)], axis=1)
     turns = np.arccos(height)
     return np.concatenate(
-        [rotation_about(axis, turn) for axis, turn in zip(axes, turns[:, None], strict=True)]
+        [
+            rotation_about(axis, turn)
+            for axis, turn in zip(axes, turns[:, None], strict=True)
+        ]
     )
 
 
@@ -174,13 +201,16 @@ def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
     s = np.divide(sine, length, out=np.zeros_like(length), where=defined)[..., None]
     c = np.divide(cosine, length, out=np.ones_like(length), where=defined)[..., None]
     third = np.broadcast_to(R[:, 2], (len(D), *R[:, 2].shape))
-    return np.stack([c * R[:, 0] - s * R[:, 1], s * R[:, 0] + c * R[:, 1], third], axis=2)
+    return np.stack(
+        [c * R[:, 0] - s * R[:, 1], s * R[:, 0] + c * R[:, 1], third], axis=2
+    )
 
 
 def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
     """S Omega^2 S^T (n, 3, 3) and W Omega^2 S^T (n, 2, 3) about the weighted means.
 
-    They are all that a pose depends on; shape S (3, p). Zero for an image without landmarks.
+    They are all that a pose depends on; shape S (3, p). Zero for an image without
+    landmarks.
     """
     squares = problem.weights[:, None] ** 2
     total = squares.sum(axis=-1)
@@ -193,10 +223,11 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
 
 
 def find_pose(problem: Problem, shape: Floats, *, threads: int = 0) -> Pose:
-    """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape S (3, p).
+    """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape
+    S (3, p).
 
-    Trust regions start from even views, each turned in the plane as far as it can be; the best
-    local minimum counts.
+    Trust regions start from even views, each turned in the plane as far as it can be;
+    the best local minimum counts.
     """
     P, D = find_moments(problem, shape)
     rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
@@ -216,8 +247,8 @@ def find_pose(problem: Problem, shape: Floats, *, threads: int = 0) -> Pose:
 class Alternation(NamedTuple):
     """Local minima for n images: S = R sum_i c_i B_i.
 
-    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0, for it is unknown then; rounds
-    (n,), over all starts of an image; status, a Status per image.
+    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0, for it is unknown
+    then; rounds (n,), over all starts of an image; status, a Status per image.
     """
 
     coefficients: Floats
@@ -235,13 +266,15 @@ def alternate(
     max_rounds: int = 500,
     threads: int = 0,
 ) -> Alternation:
-    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar Rbar^T = I.
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar
+    Rbar^T = I.
 
-    (Paper, eq. originalnoisy, with weights and translation.) Each round minimises over c >= 0
-    (any c where `signed`), exactly, and over T with it; then takes Rbar to a local minimum by
-    trust region steps. Neither raises the objective. It stops when a round lowers it by at most
-    the tolerance. starts (n, s, 3, 3) are the rotations to begin at: the best result of an image
-    counts. Fewer than two visible landmarks are DEGENERATE.
+    (Paper, eq. originalnoisy, with weights and translation.) Each round minimises over
+    c >= 0 (any c where `signed`), exactly, and over T with it; then takes Rbar to a
+    local minimum by trust region steps. Neither raises the objective. It stops when a
+    round lowers it by at most the tolerance. starts (n, s, 3, 3) are the rotations to
+    begin at: the best result of an image counts. Fewer than two visible landmarks are
+    DEGENERATE.
     """
     problem.require_squared("alternation")
     n, k = len(problem.landmarks), len(problem.atoms)
@@ -264,12 +297,13 @@ def alternate(
 
 
 def synchronise(M: Transforms, *, threads: int = 0) -> Floats:
-    """argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2, for n images.
+    """argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2, for
+    n images.
 
-    The rotations (n, 3, 3), nan where all M_i are 0: the projection on the deformable Stiefel
-    manifold. For a given Rbar c_i = max(0, <M_i, Rbar>) / 2, which leaves the maximum of
-    sum_i max(0, <M_i, Rbar>)^2: a monotone iteration climbs from the polar factors of sum_i M_i
-    and of the largest M_i, and the best local maximum counts.
+    The rotations (n, 3, 3), nan where all M_i are 0: the projection on the deformable
+    Stiefel manifold. For a given Rbar c_i = max(0, <M_i, Rbar>) / 2, which leaves the
+    maximum of sum_i max(0, <M_i, Rbar>)^2: a monotone iteration climbs from the polar
+    factors of sum_i M_i and of the largest M_i, and the best local maximum counts.
     """
     rotation = np.full((len(M.count), 3, 3), np.nan)
     core.synchronise(**M.arrays, rotation=rotation, threads=threads)

@@ -3,21 +3,25 @@
 An image is trusted unless one of these holds, in this order; the first is its reason.
 
 - There is no shape.
-- Its landmarks leave no degree of freedom: m points have 2 m coordinates, and a view takes 6.
+- Its landmarks leave no degree of freedom: m points have 2 m coordinates, and a view
+  takes 6.
 - Its p-value is below a limit.
-- It is far from the shape of the convex program from which it started (ten or more landmarks).
+- It is far from the shape of the convex program from which it started (ten or more
+  landmarks).
 - The class was learned from 2D landmarks, and nothing has told near from far.
 - The error to expect of it is more than a third of the size of the shape.
 - Left and right change places in its sequence for longer than a second.
 - The solver stopped before an optimum.
 
-They are taken from what a result stores: shapes, expected errors, p-values, start distances.
+They are taken from what a result stores: shapes, expected errors, p-values, start
+distances.
 
-A file of which a sample has been calibrated is not trusted at all where hidden landmarks are far
-from what the others predict, most of its shapes are far from where they started, or next to none
-would be trusted: wrong names, another class, or poses that no training shape resembles. Neither
-rule notices left and right exchanged in all frames, x and y exchanged, a turned video, a wrong
-focal length, or landmarks that a detector invents within the image.
+A file of which a sample has been calibrated is not trusted at all where hidden
+landmarks are far from what the others predict, most of its shapes are far from where
+they started, or next to none would be trusted: wrong names, another class, or poses
+that no training shape resembles. Neither rule notices left and right exchanged in all
+frames, x and y exchanged, a turned video, a wrong focal length, or landmarks that a
+detector invents within the image.
 """
 
 from __future__ import annotations
@@ -35,45 +39,58 @@ from shapefit.geometry.normalisation import std
 from shapefit.lifting.estimate import CORRELATION, Estimate
 
 VIEWED = 6
-"""Numbers of a view: rotation, scale, translation; they take up as many of the 2 m coordinates."""
+"""Numbers of a view: rotation, scale, translation; they take up as many of the 2 m
+coordinates.
+"""
 
 TRUSTED, REASONS, P_VALUE = "trusted", "reasons", "p_value"
 """Datasets (n,) of a result: true or false, why not, and a p-value."""
 
 START_DISTANCE = "start_distance"
-"""Dataset (n,): similarity distance of the visible landmarks of a shape from those of the convex
-program's, in units of the size of the shape."""
+"""Dataset (n,): similarity distance of the visible landmarks of a shape from those of
+the convex program's, in units of the size of the shape.
+"""
 
 
 SIDES = "sides_exchanged"
-"""Dataset (n,) of sequences: 1 where left and right were exchanged and are put back, 0 where they
-are as the file has them, nan where they change places in the sequence and nobody knows which are
-right."""
+"""Dataset (n,) of sequences: 1 where left and right were exchanged and are put back, 0
+where they are as the file has them, nan where they change places in the sequence and
+nobody knows which are right.
+"""
 
 
 class Limits(NamedTuple):
     """The numbers of both rules, in one place; none is a key.
 
-    min_p_value     of an image. By definition it flags 5% of those that are as the model says;
+    min_p_value     of an image. By definition it flags 5% of those that are as the
+                    model says;
                     without it 2 to 10% fewer of the errors above 0.4 are noticed
-    max_error       expected error in sizes of the shape. On film of bodies 01, 02 and 64 (36 cells)
-                    the three limits flag 58% of the errors above 0.4 and 9% of those below 0.25,
-                    on film of 03 and 118 67 and 8%. With 0.3 it would be 68 and 13%, 74 and 16%.
-                    The log evidence a landmark beside that of drawn images finds no more on the
-                    latter (53% at 10% by `posterior`, 71% at 10% by `sequences`)
-    max_distance    start distance of an image, and median of a file. Of right files of four other
-                    bodies and of held-out animals 2 to 9% of the good images are beyond it, of
-                    errors above 0.4 about 90%
-    fewest_visible  landmarks of an image with which its start distance says something: with fewer
+    max_error       expected error in sizes of the shape. On film of bodies 01, 02 and
+                    64 (36 cells)
+                    the three limits flag 58% of the errors above 0.4 and 9% of those
+                    below 0.25, on film of 03 and 118 67 and 8%. With 0.3 it would be 68
+                    and 13%, 74 and 16%. The log evidence a landmark beside that of
+                    drawn images finds no more on the latter (53% at 10% by `posterior`,
+                    71% at 10% by `sequences`)
+    max_distance    start distance of an image, and median of a file. Of right files of
+                    four other
+                    bodies and of held-out animals 2 to 9% of the good images are beyond
+                    it, of errors above 0.4 about 90%
+    fewest_visible  landmarks of an image with which its start distance says something:
+                    with fewer
                     18 to 48% of good images are beyond it
-    min_trusted     share of a sample that would be trusted; where it is less, and more than a
-                    quarter has a low p-value or distance, what passes does so by chance. Without it
-                    2 of 20 clips whose names are moved by one landmark have 4% of trusted images;
-                    none of 72 right files of nine bodies on film is affected
-    max_kappa       by which the variances of hidden landmarks are too small; see `calibration`.
-                    None of 260 right files has more, 156 of 160 with wrong names have (or have no
-                    kappa, or the distance)
-    fewest_images   of a sample that says something of its file: the logarithm of kappa has a
+    min_trusted     share of a sample that would be trusted; where it is less, and more
+                    than a
+                    quarter has a low p-value or distance, what passes does so by
+                    chance. Without it 2 of 20 clips whose names are moved by one
+                    landmark have 4% of trusted images; none of 72 right files of nine
+                    bodies on film is affected
+    max_kappa       by which the variances of hidden landmarks are too small; see
+                    `calibration`.
+                    None of 260 right files has more, 156 of 160 with wrong names have
+                    (or have no kappa, or the distance)
+    fewest_images   of a sample that says something of its file: the logarithm of kappa
+                    has a
                     standard deviation of 0.25 with 20 images, of 0.13 with 60
     """
 
@@ -112,14 +129,19 @@ def find_reasons(
 ) -> NDArray[np.object_]:
     """Return why each of n images is not to be trusted, "" where it is.
 
-    shapes (n, 3, p), nan where there is none, and their expected errors (n,), in one unit; visible
-    (n,), how many landmarks are; p_value and start_distance (n,), nan where nothing can be said;
-    sides (n,), see `SIDES`; depth_ambiguity, see `Dictionary`.
+    shapes (n, 3, p), nan where there is none, and their expected errors (n,), in one
+    unit; visible (n,), how many landmarks are; p_value and start_distance (n,), nan
+    where nothing can be said; sides (n,), see `SIDES`; depth_ambiguity, see
+    `Dictionary`.
     """
     failed = ~np.isfinite(shapes).all(axis=(1, 2))
-    stopped = np.array([value is Status.ITERATION_LIMIT for value in status], dtype=bool)
+    stopped = np.array(
+        [value is Status.ITERATION_LIMIT for value in status], dtype=bool
+    )
     with np.errstate(invalid="ignore"):
-        far = (start_distance > LIMITS.max_distance) & (visible >= LIMITS.fewest_visible)
+        far = (start_distance > LIMITS.max_distance) & (
+            visible >= LIMITS.fewest_visible
+        )
         rules = (
             (failed, NO_SHAPE),
             (2 * visible <= VIEWED, TOO_FEW),
@@ -139,8 +161,8 @@ def find_reasons(
 def contradicts(kappa: float, distance: float) -> bool:
     """Whether a sample contradicts the dictionary: the rule for files.
 
-    kappa of its hidden landmarks, nan where none could be predicted; distance, the median one of
-    its images, see `median_distance`.
+    kappa of its hidden landmarks, nan where none could be predicted; distance, the
+    median one of its images, see `median_distance`.
     """
     return distance > LIMITS.max_distance or not kappa <= LIMITS.max_kappa
 
@@ -150,12 +172,15 @@ def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> flo
 
     nan where these are fewer than `fewest_images`.
     """
-    distances = start_distance[np.isfinite(start_distance) & (visible >= LIMITS.fewest_visible)]
+    distances = start_distance[
+        np.isfinite(start_distance) & (visible >= LIMITS.fewest_visible)
+    ]
     return median(distances) if len(distances) >= LIMITS.fewest_images else float("nan")
 
 
 def cover_mirror_image(estimate: Estimate) -> Estimate:
-    """Widen error bars to those of a shape and its mirror image in depth, both as likely.
+    """Widen error bars to those of a shape and its mirror image in depth, both as
+    likely.
 
     About the shape S itself, with depths z of mean 0 and their covariance C:
 
@@ -176,44 +201,55 @@ def cover_mirror_image(estimate: Estimate) -> Estimate:
     further = dict(estimate.further)
     if CORRELATION in further:  # of x with y, x with z, y with z
         further[CORRELATION] = further[CORRELATION] * np.array([1, 0, 0], np.float32)
-    return replace(estimate, deviation=deviation, covariance=covariance, further=further)
+    return replace(
+        estimate, deviation=deviation, covariance=covariance, further=further
+    )
 
 
 EXPECTED_ERROR = "expected_error"
 """Dataset (n,) in the unit of the shapes."""
 
 IMAGE_ERROR = "image_error"
-"""Dataset (n,) of sequences: the expected error of the image alone, in the unit of the shapes."""
+"""Dataset (n,) of sequences: the expected error of the image alone, in the unit of the
+shapes.
+"""
 
 GAIN = 0.86
-"""Errors of sequences beside those of their images, on film. The error bars of a sequence do not
-know of errors that last as long as it does, so that less than this share is not expected of it."""
+"""Errors of sequences beside those of their images, on film. The error bars of a
+sequence do not know of errors that last as long as it does, so that less than this
+share is not expected of it.
+"""
 
 CALIBRATED = 0.77
-"""Error that was measured beside that which is expected: error bars are made to hold 90%, not to
-have the mean of the errors. On film of six bodies (72 cells and bodies): single images 0.78, whole
-sequences 0.75."""
+"""Error that was measured beside that which is expected: error bars are made to hold
+90%, not to have the mean of the errors. On film of six bodies (72 cells and bodies):
+single images 0.78, whole sequences 0.75.
+"""
 
 SLICE = 128
-"""Images whose expected errors are found together: their covariances stay in the cache."""
+"""Images whose expected errors are found together: their covariances stay in the cache.
+"""
 
 
 def expected_error(shapes: Floats, covariance: Floats) -> Floats:
-    """Calibrated E mean_j ||d_j|| of errors d ~ N(0, P C P), P without a similarity's directions.
+    """Calibrated E mean_j ||d_j|| of errors d ~ N(0, P C P), P without a similarity's
+    directions.
 
-    Translations, rotations and the scale move a shape S in seven directions e_a, omega x S and S of
-    its 3p coordinates, which an alignment takes off; P projects onto what is left. Of a Gaussian
-    with the covariance A, to second order,
+    Translations, rotations and the scale move a shape S in seven directions e_a, omega
+    x S and S of its 3p coordinates, which an alignment takes off; P projects onto what
+    is left. Of a Gaussian with the covariance A, to second order,
 
         E ||d|| = sqrt(tr A) (1 - tr(A^2) / (4 tr(A)^2)).
 
-    shapes (n, 3, p); covariance C (n, 3p, 3p), all x first, then y, then z; returns (n,), nan where
-    either is not finite.
+    shapes (n, 3, p); covariance C (n, 3p, 3p), all x first, then y, then z; returns
+    (n,), nan where either is not finite.
     """
     n, _, p = shapes.shape
     if n > SLICE:
         slices = [slice(first, first + SLICE) for first in range(0, n, SLICE)]
-        return np.concatenate([expected_error(shapes[part], covariance[part]) for part in slices])
+        return np.concatenate(
+            [expected_error(shapes[part], covariance[part]) for part in slices]
+        )
     finite: Flags = np.asarray(
         np.isfinite(shapes).all(axis=(1, 2)) & np.isfinite(covariance).all(axis=(1, 2))
     )
@@ -241,6 +277,8 @@ def expected_error(shapes: Floats, covariance: Floats) -> Floats:
     A = A - across - across.swapaxes(2, 3) + q @ middle[:, None] @ q.swapaxes(2, 3)
     trace = np.maximum(np.trace(A, axis1=2, axis2=3), 0.0)
     some = trace > 0
-    share = np.divide(A, trace[..., None, None], out=np.zeros_like(A), where=some[..., None, None])
+    share = np.divide(
+        A, trace[..., None, None], out=np.zeros_like(A), where=some[..., None, None]
+    )
     length = np.sqrt(trace) * (1 - (share**2).sum(axis=(2, 3)) / 4)
     return np.where(finite, CALIBRATED * length.mean(axis=1), np.nan)

@@ -8,23 +8,28 @@ from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
 
 
-def carry_mesh(mesh_vertices: Floats, normalised: Normalised, rotations: Floats) -> Floats:
-    """R_j (V_j - centroid_j 1^T) / scale_j: normalise and turn meshes as their landmarks were.
+def carry_mesh(
+    mesh_vertices: Floats, normalised: Normalised, rotations: Floats
+) -> Floats:
+    """R_j (V_j - centroid_j 1^T) / scale_j: normalise and turn meshes as their
+    landmarks were.
 
-    mesh_vertices V (n, 3, q) in the frame and unit of the landmarks that gave `normalised`;
-    rotations R (n, 3, 3), those of their alignment -> (n, 3, q).
+    mesh_vertices V (n, 3, q) in the frame and unit of the landmarks that gave
+    `normalised`; rotations R (n, 3, 3), those of their alignment -> (n, 3, q).
     """
     centred = mesh_vertices - normalised.centroid[..., None]
     return rotations @ (centred / normalised.scale[..., None, None])
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
-    """Return the length of a normalised unit: the weighted mean of the lengths in the atoms.
+    """Return the length of a normalised unit: the weighted mean of the lengths in the
+    atoms.
 
-    (sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i = 1, so that
-    the shape of an image is as large as its atoms are on average: an image does not determine
-    whether a car is small or far away. atoms B (k, 3, p), the landmarks; coefficients (n, k);
-    atom_scale s (k,): atom i measures s_i B_i in the unit wanted
+    (sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i
+    = 1, so that the shape of an image is as large as its atoms are on average: an image
+    does not determine whether a car is small or far away. atoms B (k, 3, p), the
+    landmarks; coefficients (n, k); atom_scale s (k,): atom i measures s_i B_i in the
+    unit wanted
     -> (n,), nan where all coefficients are 0.
     """
     size = np.linalg.norm(atoms, axis=(1, 2))

@@ -1,6 +1,8 @@
-"""Pictures of fitted images: landmarks over the fitted model, and the model in 3D from beside it.
+"""Pictures of fitted images: landmarks over the fitted model, and the model in 3D from
+beside it.
 
-Functions take arrays and give figures, which need no screen; `save` writes them as PNG or SVG.
+Functions take arrays and give figures, which need no screen; `save` writes them as PNG
+or SVG.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ MARGIN = 0.06
 
 
 class Model(NamedTuple):
-    """What all images of a picture share: where y points, and what the model is drawn with.
+    """What all images of a picture share: where y points, and what the model is drawn
+    with.
 
     faces (f, 3) of the mesh; edges (e, 2) of the landmarks, for shapes without a mesh.
     """
@@ -52,9 +55,10 @@ class Model(NamedTuple):
 class FittedImage(NamedTuple):
     """The landmarks of an image and the shape fitted to them.
 
-    landmarks (2, p), nan = hidden; shape (3, p) and mesh (3, q) in the camera frame and the unit of
-    the landmarks, nan where the fit failed; projected (2, p) and projected_mesh (2, q): where the
-    camera sees them. outliers (p,): the landmarks judged to be wrong.
+    landmarks (2, p), nan = hidden; shape (3, p) and mesh (3, q) in the camera frame and
+    the unit of the landmarks, nan where the fit failed; projected (2, p) and
+    projected_mesh (2, q): where the camera sees them. outliers (p,): the landmarks
+    judged to be wrong.
     """
 
     title: str
@@ -90,13 +94,17 @@ def save(figure: Figure, path: Path, file_format: str) -> None:
 
 
 def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
-    """Draw each image small: landmarks over the fitted model, and the model from another side."""
+    """Draw each image small: landmarks over the fitted model, and the model from
+    another side.
+    """
     from matplotlib.figure import Figure
 
     pairs = min(PAIRS_IN_A_ROW, len(images))
     across, rows = 2 * pairs, math.ceil(len(images) / pairs)
     figure = Figure(figsize=(across * SIZE, rows * SIZE + 0.3))
-    figure.subplots_adjust(0.01, 0.3 / (rows * SIZE + 0.3), 0.99, 1 - 0.1 / rows, 0.02, 0.12)
+    figure.subplots_adjust(
+        0.01, 0.3 / (rows * SIZE + 0.3), 0.99, 1 - 0.1 / rows, 0.02, 0.12
+    )
     drawn: dict[str, Any] = {}
     for number, image in enumerate(images):
         flat = figure.add_subplot(rows, across, 1 + 2 * number)
@@ -109,7 +117,12 @@ def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
             solid = figure.add_subplot(rows, across, 2 + 2 * number, projection="3d")
             draw_shape(solid, image, model)
     figure.legend(
-        drawn.values(), drawn.keys(), loc="lower center", ncols=5, frameon=False, fontsize=7
+        drawn.values(),
+        drawn.keys(),
+        loc="lower center",
+        ncols=5,
+        frameon=False,
+        fontsize=7,
     )
     return figure
 
@@ -120,12 +133,16 @@ def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
 
     hidden = ~np.isfinite(image.landmarks).all(axis=0)
     wrong = np.zeros_like(hidden) if image.outliers is None else image.outliers
-    projected = image.projected if image.fitted else np.full_like(image.landmarks, np.nan)
+    projected = (
+        image.projected if image.fitted else np.full_like(image.landmarks, np.nan)
+    )
     shown = [image.landmarks, projected]
     if image.fitted and image.projected_mesh is not None and model.faces is not None:
         shown.append(image.projected_mesh)
         triangles = list(image.projected_mesh.T[model.faces])
-        mesh = PolyCollection(triangles, facecolors=PALE, edgecolors=PALE, linewidths=0.4)
+        mesh = PolyCollection(
+            triangles, facecolors=PALE, edgecolors=PALE, linewidths=0.4
+        )
         axes.add_collection(mesh).set_rasterized(True)
     elif image.fitted and model.edges is not None:
         bones = list(projected.T[model.edges])
@@ -133,10 +150,21 @@ def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
     lines = np.stack([image.landmarks.T, projected.T], axis=1)
     lines = lines[np.isfinite(lines).all(axis=(1, 2))]
     if len(lines):
-        residuals = LineCollection(list(lines), colors=INK, linewidths=0.8, label="to the model")
+        residuals = LineCollection(
+            list(lines), colors=INK, linewidths=0.8, label="to the model"
+        )
         axes.add_collection(residuals)
-    hollow = {"color": HIDDEN, "markerfacecolor": "white", "markeredgewidth": 0.25 * MARK}
-    cross = {"color": OUTLIER, "marker": "X", "markersize": 2 * MARK, "markeredgewidth": 0.4}
+    hollow = {
+        "color": HIDDEN,
+        "markerfacecolor": "white",
+        "markeredgewidth": 0.25 * MARK,
+    }
+    cross = {
+        "color": OUTLIER,
+        "marker": "X",
+        "markersize": 2 * MARK,
+        "markeredgewidth": 0.4,
+    }
     dot = {"color": VISIBLE, "markeredgewidth": 0}
     for points, label, look in (
         (projected[:, hidden], "hidden, from the model", hollow),
@@ -144,10 +172,16 @@ def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
         (image.landmarks[:, wrong], "judged outlier", cross),
     ):
         if np.isfinite(points).any():
-            style: dict[str, Any] = {"marker": "o", "markersize": MARK, "linestyle": ""} | look
+            style: dict[str, Any] = {
+                "marker": "o",
+                "markersize": MARK,
+                "linestyle": "",
+            } | look
             axes.plot(*points, label=label, **style)
     if not image.fitted:
-        axes.text(0.5, 0.5, "no shape", ha="center", fontsize=7, transform=axes.transAxes)
+        axes.text(
+            0.5, 0.5, "no shape", ha="center", fontsize=7, transform=axes.transAxes
+        )
     every = np.concatenate(shown, axis=1)
     low, high = _limits(every[:, np.isfinite(every).all(axis=0)])
     axes.set_xlim(low[0], high[0])
@@ -161,13 +195,17 @@ def draw_shape(axes: Axes3D, image: FittedImage, model: Model) -> None:
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    frame = IN_AXES @ np.diag([1.0, 1.0, 1.0] if model.y_axis == "up" else [1.0, -1.0, -1.0])
+    frame = IN_AXES @ np.diag(
+        [1.0, 1.0, 1.0] if model.y_axis == "up" else [1.0, -1.0, -1.0]
+    )
     solid = points = frame @ image.shape
     if image.mesh is not None and model.faces is not None:
         solid = frame @ image.mesh
         light = LightSource(azdeg=-45 - TURN, altdeg=45)
         look = {"facecolors": BODY, "edgecolors": BODY, "linewidths": 0.3}
-        mesh = Poly3DCollection(list(solid.T[model.faces]), shade=True, lightsource=light, **look)
+        mesh = Poly3DCollection(
+            list(solid.T[model.faces]), shade=True, lightsource=light, **look
+        )
         axes.add_collection3d(mesh).set_rasterized(True)
     elif model.edges is not None:
         bones = list(points.T[model.edges])

@@ -40,7 +40,9 @@ Source = LandmarkSource | ShapeSource | ResultSource
 def run(config: ConvertConfig) -> Iterator[Result]:
     """Read the files and write them; yields a Result per batch."""
     if config.to in MESH_FORMATS:
-        yield from write_meshes(config.files, config.dictionary, config.output, config.to)
+        yield from write_meshes(
+            config.files, config.dictionary, config.output, config.to
+        )
         return
     target = find_target_format(config.output, config.to)
     options = input_options(config, "motion" if target.in_metres else "none")
@@ -48,7 +50,9 @@ def run(config: ConvertConfig) -> Iterator[Result]:
     if kind == "dictionary":
         if target is not HDF5 or len(config.files) > 1:
             problem = "is a dictionary, which is written as HDF5, one file at a time"
-            raise input_error(config.files[0], problem, "name one dictionary, and an output in .h5")
+            raise input_error(
+                config.files[0], problem, "name one dictionary, and an output in .h5"
+            )
         write_dictionary(config.output, read_dictionary(config.files[0], old=True))
         yield Result(done=1, total=1, unit="dictionary", written=(config.output,))
         return
@@ -76,7 +80,9 @@ def run(config: ConvertConfig) -> Iterator[Result]:
 
 
 def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
-    """Return what the files hold. Raises InputError where they hold different things."""
+    """Return what the files hold. Raises InputError where they hold different
+    things.
+    """
     if any(map(is_stream, files)):
         return "landmarks"
     first = find_kind(files[0], options)
@@ -88,7 +94,9 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
 
 
 def open_source(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
-    """Open files of a kind. Raises InputError for options of reading that results do not have."""
+    """Open files of a kind. Raises InputError for options of reading that results do
+    not have.
+    """
     options = replace(options, individual=None)  # whom `select` selects
     if kind == "landmarks":
         return open_landmarks(files, options)
@@ -102,11 +110,13 @@ def open_source(kind: Kind, files: Sequence[Path], options: InputOptions) -> Sou
 
 
 def select(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
-    """Return batches of the wanted individual's items, every n-th of each sequence; how many.
+    """Return batches of the wanted individual's items, every n-th of each sequence; how
+    many.
 
-    The name of an individual is the last part of that of its sequence. Frames are thinned by their
-    numbers, so that all individuals of a video keep the same ones, and are numbered anew; without
-    numbers, by their order. Raises InputError where no individual has the name.
+    The name of an individual is the last part of that of its sequence. Frames are
+    thinned by their numbers, so that all individuals of a video keep the same ones, and
+    are numbered anew; without numbers, by their order. Raises InputError where no
+    individual has the name.
     """
     wanted, every = config.individual, config.every
     if (wanted is None and every == 1) or not source.count:
@@ -114,17 +124,28 @@ def select(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
     sequences = np.array(list(chain.from_iterable(source.sequences())), object)
     rows = np.arange(source.count)
     if wanted is not None:
-        rows = np.flatnonzero([s == wanted or s.endswith(f"/{wanted}") for s in sequences])
+        rows = np.flatnonzero(
+            [s == wanted or s.endswith(f"/{wanted}") for s in sequences]
+        )
         if not len(rows):
-            others = list(dict.fromkeys(name.rpartition("/")[2] for name in sequences if name))
-            fix = f"there are {abbreviate(others)}" if others else "leave `individual` out"
+            others = list(
+                dict.fromkeys(name.rpartition("/")[2] for name in sequences if name)
+            )
+            fix = (
+                f"there are {abbreviate(others)}"
+                if others
+                else "leave `individual` out"
+            )
             place = ", ".join(map(str, config.files))
             raise input_error(place, f"has no individual {wanted!r}", fix)
     numbers = None
     if every > 1:
         keys = keys_of(source.batches(BATCH))
         frame = np.array(keys.by_frame()[1], np.int64)[rows]
-        videos = [name if keys.frames is None else name.rpartition("/")[0] for name in sequences]
+        videos = [
+            name if keys.frames is None else name.rpartition("/")[0]
+            for name in sequences
+        ]
         video = np.unique(np.array(videos, str)[rows], return_inverse=True)[1]
         first = np.full(len(rows), frame.max())
         np.minimum.at(first, video, frame)

@@ -44,7 +44,9 @@ def run(config: InfoConfig) -> Iterator[Result]:
         return
     options = input_options(config)
     folders = find_folders(config.files)
-    descriptions = [describe_folder(folder, manifest) for folder, manifest in folders.items()]
+    descriptions = [
+        describe_folder(folder, manifest) for folder, manifest in folders.items()
+    ]
     errors: dict[Path, InputError] = {}
     readable: list[Path] = []
     for path in config.files:
@@ -63,7 +65,9 @@ def run(config: InfoConfig) -> Iterator[Result]:
         except InputError as error:
             errors[paths[0]] = error
     if not descriptions:
-        raise InputError([problem for error in errors.values() for problem in error.problems])
+        raise InputError(
+            [problem for error in errors.values() for problem in error.problems]
+        )
     texts = (
         "\n".join([title, *(f"  {name + ':':<13} {text}" for name, text in lines)])
         for (_, title), *lines in descriptions
@@ -80,11 +84,16 @@ def run(config: InfoConfig) -> Iterator[Result]:
 def describe_installed() -> str:
     """Return the names of installed dictionaries, configs and skeletons."""
     configs = {command: ", ".join(find_presets(command)) for command in CONFIGS}
-    lines = ["dictionaries (-d NAME)", f"  {', '.join(find_dictionaries())}", "configs (-c NAME)"]
+    lines = [
+        "dictionaries (-d NAME)",
+        f"  {', '.join(find_dictionaries())}",
+        "configs (-c NAME)",
+    ]
     lines += [f"  {command}: {names}" for command, names in configs.items() if names]
     lines += ["skeletons (--keypoints NAME)"]
     lines += [
-        f"  {s.name}: {len(s.landmark_names)} landmarks" for s in installed_skeletons().values()
+        f"  {s.name}: {len(s.landmark_names)} landmarks"
+        for s in installed_skeletons().values()
     ]
     return "\n".join(lines)
 
@@ -114,7 +123,10 @@ def describe(
     else:
         source = open_shapes(paths, options, gaps=True, head=True)
     with source:
-        head, items = source.head, describe_items(source, "shape" if kind == "shapes" else "image")
+        head, items = (
+            source.head,
+            describe_items(source, "shape" if kind == "shapes" else "image"),
+        )
         if kind == "result":
             title.append(("kind", f"result of {head.attributes.get('method', 'fit')}"))
             if estimated := head.attributes.get("estimated"):
@@ -133,12 +145,17 @@ def describe_items(source: Source[Any], noun: str) -> list[Line]:
     number = f"{source.count:,}"
     if source.estimate > source.count:
         number = f"about {float(f'{source.estimate:.2g}'):,.0f}"
-    names, sequences = sample.landmark_names, dict.fromkeys(filter(None, sample.sequences or ()))
+    names, sequences = (
+        sample.landmark_names,
+        dict.fromkeys(filter(None, sample.sequences or ())),
+    )
     listed_names = f"{len(names)}: {abbreviate(names)}"
     lines = [(f"{noun}s", number), ("landmarks", listed_names)]
     if sequences:
         rate = sample.frame_rate
-        lines.append(("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{part}"))
+        lines.append(
+            ("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{part}")
+        )
         lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
     visible = np.isfinite(sample.points).all(axis=1)
     missing = 1 - visible.sum() / max(visible.size, 1)
@@ -152,18 +169,27 @@ def describe_items(source: Source[Any], noun: str) -> list[Line]:
 def describe_dictionary(path: Path) -> list[Line]:
     """Return what a dictionary holds, where it comes from, and how to fit with it."""
     dictionary = read_dictionary(path, old=True)
-    names, prior, provenance = dictionary.landmark_names, dictionary.prior, dictionary.provenance
+    names, prior, provenance = (
+        dictionary.landmark_names,
+        dictionary.prior,
+        dictionary.provenance,
+    )
     lines = [
         ("kind", f"dictionary of {counted(dictionary.k, 'atom')}"),
         ("landmarks", f"{len(names)}: {abbreviate(names)}"),
-        ("prior", "none" if prior is None else counted(len(prior.weights), "component")),
+        (
+            "prior",
+            "none" if prior is None else counted(len(prior.weights), "component"),
+        ),
         ("unit", "not stated" if dictionary.unit == UNKNOWN_UNIT else dictionary.unit),
     ]
     lines += [("learned", text) for text in describe_learning(dictionary)]
     origin = ("source", "licence", "acknowledgement")
     lines += [(key, provenance[key]) for key in origin if provenance.get(key)]
     installed = {file: name for name, file in find_dictionaries().items()}
-    method = " --method posterior" if prior is not None and SUITS not in provenance else ""
+    method = (
+        " --method posterior" if prior is not None and SUITS not in provenance else ""
+    )
     name = installed.get(path) or as_typed(path)
     return [*lines, ("next", f"shapefit fit LANDMARKS -d {name} -o result.h5{method}")]
 
@@ -171,10 +197,14 @@ def describe_dictionary(path: Path) -> list[Line]:
 def next_command(
     kind: str, paths: Sequence[Path], names: Sequence[str], keypoints: str | None
 ) -> str:
-    """Return the command to go on with; for joints of people one that needs no dictionary."""
+    """Return the command to go on with; for joints of people one that needs no
+    dictionary.
+    """
     if kind == "result":
         return f"shapefit view {as_typed(paths[0])}"
-    files = [path.parent / f"*{path.suffix}" for path in paths] if len(paths) > 3 else paths
+    files = (
+        [path.parent / f"*{path.suffix}" for path in paths] if len(paths) > 3 else paths
+    )
     inputs = " ".join(dict.fromkeys(map(as_typed, files)))
     more = f" --keypoints {keypoints}" if keypoints else ""
     if kind == "landmarks":
@@ -184,6 +214,10 @@ def next_command(
 
 
 def as_typed(path: Path) -> str:
-    """Return a path as it is typed in a shell: relative to the working folder if it is inside."""
+    """Return a path as it is typed in a shell: relative to the working folder if it is
+    inside.
+    """
     here = Path.cwd()
-    return shlex.quote(str(path.relative_to(here) if path.is_relative_to(here) else path))
+    return shlex.quote(
+        str(path.relative_to(here) if path.is_relative_to(here) else path)
+    )

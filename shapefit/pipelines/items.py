@@ -23,7 +23,9 @@ NEAR = 0.01
 
 
 class Keys(NamedTuple):
-    """What n images or true shapes are matched by; frames None are the places in the sequences."""
+    """What n images or true shapes are matched by; frames None are the places in the
+    sequences.
+    """
 
     items: Sequence[str]
     sequences: Sequence[str] | None = None
@@ -55,17 +57,28 @@ def keys_of(parts: Iterable[Records]) -> Keys:
     return Keys(items, sequences or None, frames if numbered else None, part.frame_rate)
 
 
-def find_truth(place: str | Path, match: str, images: Keys, truth: Keys) -> NDArray[np.intp]:
+def find_truth(
+    place: str | Path, match: str, images: Keys, truth: Keys
+) -> NDArray[np.intp]:
     """Return the true shape (n,) of each image, -1 where it has none.
 
-    By item or by frame and sequence: of the same name, else of one that ends alike (`cam01/anna`
-    and `anna`), else of any, as long as that is one. Raises InputError where no image has one.
+    By item or by frame and sequence: of the same name, else of one that ends alike
+    (`cam01/anna` and `anna`), else of any, as long as that is one. Raises InputError
+    where no image has one.
     """
     by_frame = match == BY_FRAME
-    rows = find_frames(images, truth) if by_frame else find_rows(images.items, truth.items)
+    rows = (
+        find_frames(images, truth) if by_frame else find_rows(images.items, truth.items)
+    )
     if (rows < 0).all():
-        fault = f"none of its {len(rows)} images is in the truth, which has no '{images.items[0]}'"
-        fix = "give the truth of these images, or set `match`: to `frame` where both are the "
+        fault = (
+            f"none of its {len(rows)} images is in the truth, which has no"
+            f" '{images.items[0]}'"
+        )
+        fix = (
+            "give the truth of these images, or set `match`: to `frame` where both are"
+            " the "
+        )
         fix += "frames of one recording, or to a dataset that names such items as "
         raise input_error(place, fault, f"{fix}'{truth.items[0]}'")
     return rows
@@ -79,7 +92,10 @@ def find_rows(wanted: Iterable[object], keys: Iterable[object]) -> NDArray[np.in
 
 def find_frames(images: Keys, truth: Keys) -> NDArray[np.intp]:
     """Return the true shape (n,) of each image by sequence and frame, -1 for none."""
-    (sequences, frames), (true_sequences, true_frames) = images.by_frame(), truth.by_frame()
+    (sequences, frames), (true_sequences, true_frames) = (
+        images.by_frame(),
+        truth.by_frame(),
+    )
     if images.frame_rate and truth.frame_rate:
         times = np.array(frames) * (truth.frame_rate / images.frame_rate)
         frames = np.where(abs(times - times.round()) < NEAR, times.round(), -1).tolist()
@@ -91,15 +107,25 @@ def find_frames(images: Keys, truth: Keys) -> NDArray[np.intp]:
     return np.full(len(frames), -1)
 
 
-def named_items(images: Records, dataset: str, place: str | Path, key: str) -> tuple[str, ...]:
-    """Return what a dataset, which `key` chose, names for each image; BY_ITEM names the items."""
+def named_items(
+    images: Records, dataset: str, place: str | Path, key: str
+) -> tuple[str, ...]:
+    """Return what a dataset, which `key` chose, names for each image; BY_ITEM names the
+    items.
+    """
     if dataset == BY_ITEM:
         return images.items
-    named = {n: v for n, v in images.per_item.items() if n in images.further and v.ndim == 1}
+    named = {
+        n: v for n, v in images.per_item.items() if n in images.further and v.ndim == 1
+    }
     if dataset not in named:
-        texts = sorted(name for name, values in named.items() if values.dtype.kind in "OSU")
+        texts = sorted(
+            name for name, values in named.items() if values.dtype.kind in "OSU"
+        )
         fix = f"set `{key}` to one of: {', '.join([BY_ITEM, *texts])}"
-        raise input_error(place, f"there is no dataset '{dataset}' with one name per image", fix)
+        raise input_error(
+            place, f"there is no dataset '{dataset}' with one name per image", fix
+        )
     return tuple(map(str, named[dataset]))
 
 
@@ -119,7 +145,9 @@ class ChosenItems:
     def warnings(self) -> tuple[str, ...]:
         """Patterns that chose no item so far."""
         unused = (pattern for pattern, is_unused in self._unused.items() if is_unused)
-        return tuple(f"{self._key}: no item has this name or matches '{p}'" for p in unused)
+        return tuple(
+            f"{self._key}: no item has this name or matches '{p}'" for p in unused
+        )
 
 
 def subsample(wanted: int, count: int) -> tuple[int, ...]:

@@ -1,8 +1,9 @@
 """Landmarks of detectors of people beside the joints of a dictionary: y = A(theta) x.
 
-Landmark y_j of a detector stands for joint j, and lies where A says; joints that no landmark stands
-for are their own. The fit works on y, whose prior is that of x seen through A; its joints, and all
-landmarks of the detector, are then rows of weights of its result.
+Landmark y_j of a detector stands for joint j, and lies where A says; joints that no
+landmark stands for are their own. The fit works on y, whose prior is that of x seen
+through A; its joints, and all landmarks of the detector, are then rows of weights of
+its result.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from shapefit.lifting.lift import Lifting
 MEANS: Mapping[str, float] = {name: parameter.mean for name, parameter in THETA.items()}
 
 FEWEST_LANDMARKS, FEWEST_JOINTS = 3, 6
-"""Landmarks that a file must share with a dictionary; joints that people are recognised by."""
+"""Landmarks that a file must share with a dictionary; joints that people are recognised
+by.
+"""
 
 PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle")}
 """Joints that people have, and hardly any tracked animal."""
@@ -35,7 +38,9 @@ PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle"
 def match_names(
     names: Sequence[str], dictionary: Dictionary, place: str, *, in_place: bool = True
 ) -> Matched:
-    """Match the landmarks of files to those of a dictionary; at least three must be in both."""
+    """Match the landmarks of files to those of a dictionary; at least three must be in
+    both.
+    """
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
         dictionary = dictionary.marked({*names, *joints.markers})
@@ -45,8 +50,12 @@ def match_names(
     matching = len(names) - len(unknown)
     if unknown and matching < FEWEST_LANDMARKS:
         number, verb = counted(len(names), "landmark"), "are" if matching > 1 else "is"
-        fault = f"{matching or 'none'} of the {number} {verb} in the dictionary, at least "
-        fault += f"{FEWEST_LANDMARKS} must be (files: {abbreviate(names, 10)}; dictionary: "
+        fault = (
+            f"{matching or 'none'} of the {number} {verb} in the dictionary, at least "
+        )
+        fault += (
+            f"{FEWEST_LANDMARKS} must be (files: {abbreviate(names, 10)}; dictionary: "
+        )
         fix = "give a dictionary of such objects, or name landmarks alike: "
         fix += "`rename: {FILE: DICTIONARY}`"
         raise input_error(place, f"{fault}{abbreviate(listed, 10)})", fix)
@@ -56,7 +65,8 @@ def match_names(
 class Matched(NamedTuple):
     """Landmarks of files beside a dictionary without what these do not mark.
 
-    unknown landmarks are left out. in_place: they lie where A says, else at their joints.
+    unknown landmarks are left out. in_place: they lie where A says, else at their
+    joints.
     """
 
     dictionary: Dictionary
@@ -77,20 +87,27 @@ class Matched(NamedTuple):
     def arrange(self, images: LandmarkSet, place: str) -> LandmarkSet:
         """Return images of these landmarks with those of the dictionary."""
         named = named_as_joints(images, self.joints, place)
-        return named.arrange(self.dictionary.landmark_names, place, omit=bool(self.unknown))
+        return named.arrange(
+            self.dictionary.landmark_names, place, omit=bool(self.unknown)
+        )
 
     def warnings(self) -> tuple[str, ...]:
         """Name landmarks that are left out; those of a known skeleton are expected."""
         if self.joints.names or not self.unknown:
             return ()
-        fault = f"{counted(len(self.unknown), 'landmark')} left out, which the dictionary lacks"
+        fault = (
+            f"{counted(len(self.unknown), 'landmark')} left out, which the dictionary"
+            " lacks"
+        )
         return (f"{fault} ({abbreviate(self.unknown)})",)
 
     def observed(self, theta: Mapping[str, float]) -> Dictionary:
         """Return the dictionary of the landmarks y."""
         if not (self.moves or self.has_dependents):
             return self.dictionary
-        return mapped(self.dictionary, self.joints.matrix(theta), self.joints.deviations())
+        return mapped(
+            self.dictionary, self.joints.matrix(theta), self.joints.deviations()
+        )
 
     def to_joints(
         self,
@@ -100,10 +117,14 @@ class Matched(NamedTuple):
         visible: Flags,
         residual_variance: float,
     ) -> tuple[Lifting, dict[str, NDArray[Any]]]:
-        """Return the lifting of the joints, and all landmarks of the files in 3D as datasets."""
+        """Return the lifting of the joints, and all landmarks of the files in 3D as
+        datasets.
+        """
         if self.has_dependents:
             on = self.dictionary.depends_on
-            lifting = place_dependents(lifting, landmarks, visible, on, residual_variance)
+            lifting = place_dependents(
+                lifting, landmarks, visible, on, residual_variance
+            )
         elif not self.moves:
             return lifting, {}
         A, names = self.joints.matrix(theta), tuple(self.joints.parts)
@@ -112,19 +133,27 @@ class Matched(NamedTuple):
             return joints, {}
         rows = self.joints.rows(names, theta) @ np.linalg.inv(A)
         markers = {name for several in self.joints.markers.values() for name in several}
-        std = [0.0 if name in markers else self.joints.parts[name].std for name in names]
-        points = see_rows(rows, lifting.shapes, lifting.estimate.covariance, np.array(std))
+        std = [
+            0.0 if name in markers else self.joints.parts[name].std for name in names
+        ]
+        points = see_rows(
+            rows, lifting.shapes, lifting.estimate.covariance, np.array(std)
+        )
         datasets = {INPUT_NAMES: np.array(names, dtype=object)}
         datasets[INPUT_SHAPES] = points.points.swapaxes(1, 2)
         if points.deviation is not None and points.correlation is not None:
             sd = lifting.scale[:, None, None] * points.deviation
             datasets[INPUT_SD] = sd.swapaxes(1, 2)
-            datasets[INPUT_CORRELATION] = points.correlation.swapaxes(1, 2).astype(np.float32)
+            datasets[INPUT_CORRELATION] = points.correlation.swapaxes(1, 2).astype(
+                np.float32
+            )
         return joints, datasets
 
 
 class Joints(NamedTuple):
-    """Joints of a dictionary; parts, by landmarks of files; those that stand for each joint."""
+    """Joints of a dictionary; parts, by landmarks of files; those that stand for each
+    joint.
+    """
 
     joint_names: tuple[str, ...]
     parts: Mapping[str, Part]
@@ -143,7 +172,9 @@ class Joints(NamedTuple):
         return tuple(name for name in THETA if name in used)
 
     def among(self, joints: Sequence[str]) -> Joints:
-        """Return the same for a dictionary without joints for which no landmark stands."""
+        """Return the same for a dictionary without joints for which no landmark
+        stands.
+        """
         parts = {n: p for n, p in self.parts.items() if p.joints <= set(joints)}
         return Joints(tuple(joints), parts, self.markers)
 
@@ -164,46 +195,73 @@ class Joints(NamedTuple):
 
     def deviations(self) -> Floats:
         """Standard deviations (p,) of the landmarks from A x."""
-        std = {joint: self.parts[landmarks[0]].std for joint, landmarks in self.markers.items()}
+        std = {
+            joint: self.parts[landmarks[0]].std
+            for joint, landmarks in self.markers.items()
+        }
         return np.array([std.get(joint, 0.0) for joint in self.joint_names])
 
 
-def find_joints(names: Sequence[str], joints: Sequence[str], *, in_place: bool = True) -> Joints:
-    """Return the landmarks that stand for joints which files lack: at these without `in_place`.
+def find_joints(
+    names: Sequence[str], joints: Sequence[str], *, in_place: bool = True
+) -> Joints:
+    """Return the landmarks that stand for joints which files lack: at these without
+    `in_place`.
 
-    Of several those stand for a joint that deviate least, such as the top of the head in place of
-    ears, together if they are pairs, and none if they are alike.
+    Of several those stand for a joint that deviate least, such as the top of the head
+    in place of ears, together if they are pairs, and none if they are alike.
     """
     parts = {}
-    for name, part in people_parts([name for name in names if name not in joints]).items():
+    for name, part in people_parts(
+        [name for name in names if name not in joints]
+    ).items():
         if part.joints <= set(joints) and (in_place or (part.alone and part.joint)):
             at_joint = {part.joint: 1.0} if part.joint else {}
             parts[name] = part if in_place else Part(part.joint, at_joint)
     markers: dict[str, tuple[str, ...]] = {}
     for joint in joints:
-        meant = [name for name, part in parts.items() if part.joint == joint and joint not in names]
+        meant = [
+            name
+            for name, part in parts.items()
+            if part.joint == joint and joint not in names
+        ]
         least = min((parts[name].std for name in meant), default=0.0)
         nearest = tuple(name for name in meant if parts[name].std == least)
-        if nearest and (len(nearest) == 1 or not any(parts[name].alone for name in nearest)):
+        if nearest and (
+            len(nearest) == 1 or not any(parts[name].alone for name in nearest)
+        ):
             markers[joint] = nearest
     return Joints(tuple(joints), parts, markers)
 
 
 def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> LandmarkSet:
-    """Rename landmarks to the joints that they stand for; several of one joint are averaged."""
-    landmarks, confidence, weights = images.landmarks, images.confidence, images.weights()
+    """Rename landmarks to the joints that they stand for; several of one joint are
+    averaged.
+    """
+    landmarks, confidence, weights = (
+        images.landmarks,
+        images.confidence,
+        images.weights(),
+    )
     for several in (several for several in joints.markers.values() if len(several) > 1):
         columns = [images.landmark_names.index(name) for name in several]
         visible: Flags = np.asarray(weights[:, columns] > 0)
         count = np.maximum(visible.sum(axis=1), 1)
-        mean = np.where(visible[:, None], landmarks[..., columns], 0.0).sum(axis=2) / count[:, None]
+        mean = (
+            np.where(visible[:, None], landmarks[..., columns], 0.0).sum(axis=2)
+            / count[:, None]
+        )
         landmarks = landmarks.copy()
-        landmarks[..., columns[0]] = np.where(visible.any(axis=1, keepdims=True), mean, np.nan)
+        landmarks[..., columns[0]] = np.where(
+            visible.any(axis=1, keepdims=True), mean, np.nan
+        )
         if confidence is not None:
             confidence = confidence.copy()
             confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count
     names = renamed(images.landmark_names, joints.names, place)
-    return images.replaced(landmarks=landmarks, confidence=confidence, landmark_names=names)
+    return images.replaced(
+        landmarks=landmarks, confidence=confidence, landmark_names=names
+    )
 
 
 def is_of_people(names: Sequence[str]) -> bool:

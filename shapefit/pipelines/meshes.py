@@ -27,10 +27,12 @@ COLOUR = (120, 155, 190)
 def write_meshes(
     files: Sequence[Path], path: Path | None, folder: Path, to: str
 ) -> Iterator[Result]:
-    """Write the mesh of each image of results that has a shape; yields a Result per batch.
+    """Write the mesh of each image of results that has a shape; yields a Result per
+    batch.
 
-    path is the dictionary of their fit. The files appear in the folder together at the end. Raises
-    InputError for results that have no meshes, and a folder that cannot get files.
+    path is the dictionary of their fit. The files appear in the folder together at the
+    end. Raises InputError for results that have no meshes, and a folder that cannot get
+    files.
     """
     if path is None:
         fix = "name the dictionary of the fit, for example -d cars.h5"
@@ -59,19 +61,28 @@ def write_meshes(
     missing = f"{counted(source.count - count, 'image')} without a shape and a mesh"
     yield Result(
         total=source.count,
-        warnings=(*[missing] * (count < source.count), *nothing_in(source.count, "images")),
+        warnings=(
+            *[missing] * (count < source.count),
+            *nothing_in(source.count, "images"),
+        ),
         note="1 mesh" if count == 1 else f"{count} meshes",
         written=(folder,) if count else (),
     )
 
 
-def check_dictionary(dictionary: Dictionary, place: str | Path, *, mixes_atoms: bool) -> None:
+def check_dictionary(
+    dictionary: Dictionary, place: str | Path, *, mixes_atoms: bool
+) -> None:
     """Raise InputError at `place` where results of this dictionary have no meshes.
 
-    mixes_atoms: whether the shapes are combinations of the atoms, as the meshes then are.
+    mixes_atoms: whether the shapes are combinations of the atoms, as the meshes then
+    are.
     """
     if dictionary.mesh_vertices is None:
-        fix = "learn it by `method: exemplars` from shapes with `mesh_vertices` and `mesh_faces`"
+        fix = (
+            "learn it by `method: exemplars` from shapes with `mesh_vertices` and"
+            " `mesh_faces`"
+        )
         raise input_error(place, "has no mesh to export", fix)
     if not mixes_atoms:
         fault = "the result has no coefficients to combine the meshes of the atoms"
@@ -81,15 +92,17 @@ def check_dictionary(dictionary: Dictionary, place: str | Path, *, mixes_atoms: 
 def in_object_frame(result: ResultSet, dictionary: Dictionary) -> Floats:
     """size * sum_i c_i V_i: (n, 3, q).
 
-    The frame is that of the dictionary, in which objects stand upright. The size is that of the
-    dictionary's shapes (metres, for instance) where it knows the sizes of its atoms, else that of
-    the shape in the image.
+    The frame is that of the dictionary, in which objects stand upright. The size is
+    that of the dictionary's shapes (metres, for instance) where it knows the sizes of
+    its atoms, else that of the shape in the image.
     """
     c, size = result.coefficients, result.scale
     assert dictionary.mesh_vertices is not None
     if dictionary.atom_scale is not None:
         size = metric_scale(dictionary.atoms, c, dictionary.atom_scale)
-    return np.asarray(size[:, None, None] * np.tensordot(c, dictionary.mesh_vertices, axes=1))
+    return np.asarray(
+        size[:, None, None] * np.tensordot(c, dictionary.mesh_vertices, axes=1)
+    )
 
 
 def has_shape(result: ResultSet) -> Flags:
@@ -113,7 +126,9 @@ def mesh_file(vertices: Floats, faces: Integers | None, to: str) -> bytes:
 
     look = {"baseColorFactor": COLOUR, "metallicFactor": 0.0, "roughnessFactor": 0.6}
     visual = TextureVisuals(material=PBRMaterial(name="mesh", **look))
-    mesh = Trimesh(vertices.T, faces, process=False, visual=visual, metadata={"name": "mesh"})
+    mesh = Trimesh(
+        vertices.T, faces, process=False, visual=visual, metadata={"name": "mesh"}
+    )
     if to == "ply":
         return bytes(export_ply(mesh, encoding="binary", vertex_normal=False))
     scene = Scene()

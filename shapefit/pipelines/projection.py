@@ -1,7 +1,8 @@
 """`project`: 3D shapes in, synthetic 2D landmarks with the true rotation out.
 
-Random numbers depend on the seed, the purpose, and the position of the image: each batch has one
-stream per purpose. So an image does not depend on how many follow, nor what is hidden on the noise.
+Random numbers depend on the seed, the purpose, and the position of the image: each
+batch has one stream per purpose. So an image does not depend on how many follow, nor
+what is hidden on the noise.
 """
 
 from __future__ import annotations
@@ -18,7 +19,14 @@ from shapefit.arrays import Floats
 from shapefit.config import ProjectConfig
 from shapefit.geometry import cameras
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import LandmarkSet, ShapeSet, check_output, digests, landmark_writer, open_shapes
+from shapefit.io import (
+    LandmarkSet,
+    ShapeSet,
+    check_output,
+    digests,
+    landmark_writer,
+    open_shapes,
+)
 from shapefit.io.layout import CORRUPTED
 from shapefit.io.options import InputOptions
 from shapefit.pipelines.result import Result, nothing_in
@@ -39,11 +47,13 @@ TURN = np.diag([1.0, -1.0, -1.0])
 
 
 def run(config: ProjectConfig) -> Iterator[Result]:
-    """Project every shape with the camera of the config; yields a Result per batch of images.
+    """Project every shape with the camera of the config; yields a Result per batch of
+    images.
 
-    The images have the items, sequences and further datasets of the shapes and `true_rotation`
-    (n, 3, 3), object to camera frame. An orthographic camera keeps the unit of the shapes, a
-    weak-perspective one gives px. Raises InputError for files that cannot be read or written.
+    The images have the items, sequences and further datasets of the shapes and
+    `true_rotation` (n, 3, 3), object to camera frame. An orthographic camera keeps the
+    unit of the shapes, a weak-perspective one gives px. Raises InputError for files
+    that cannot be read or written.
     """
     check_output(config.output)
     with (
@@ -54,25 +64,37 @@ def run(config: ProjectConfig) -> Iterator[Result]:
         turns = turns_of(np.array(sequences, dtype=str))
         for batch, shapes in enumerate(source.batches(BATCH)):
             first = batch * BATCH
-            writer.append(project(shapes, turns[first : first + len(shapes)], config, batch))
+            writer.append(
+                project(shapes, turns[first : first + len(shapes)], config, batch)
+            )
             yield Result(done=len(shapes), total=source.count)
         inputs = json.dumps(digests(config.shapes))
-        writer.attributes |= {"version": __version__, "config": config.as_json(), "inputs": inputs}
+        writer.attributes |= {
+            "version": __version__,
+            "config": config.as_json(),
+            "inputs": inputs,
+        }
     warnings = nothing_in(source.count, "shapes") + writer.summary.warnings
     yield Result(total=source.count, warnings=warnings, written=(config.output,))
 
 
 def turns_of(sequences: NDArray[np.str_]) -> Floats:
-    """Return the turns (n,) of n images: frame t of a sequence of m frames has made t / m."""
+    """Return the turns (n,) of n images: frame t of a sequence of m frames has made t /
+    m.
+    """
     _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
     order = np.argsort(which, kind="stable")
     frame = np.empty(len(sequences))
-    frame[order] = np.arange(len(sequences)) - (np.cumsum(counts) - counts)[which[order]]
+    frame[order] = (
+        np.arange(len(sequences)) - (np.cumsum(counts) - counts)[which[order]]
+    )
     turns: Floats = frame / counts[which]
     return turns
 
 
-def project(shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int) -> LandmarkSet:
+def project(
+    shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int
+) -> LandmarkSet:
     """Return the images of a batch of n shapes that have made these turns (n,)."""
     n, camera = len(shapes), config.camera
     if camera.view == "turntable":
@@ -85,7 +107,9 @@ def project(shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int) 
     scale = 1.0 if camera.scale is None else camera.scale
     landmarks = cameras.project(shapes.shapes, rotations, scale)
     if config.noise > 0:
-        landmarks = add_noise(landmarks, config.noise, stream(config.seed, NOISE, batch))
+        landmarks = add_noise(
+            landmarks, config.noise, stream(config.seed, NOISE, batch)
+        )
     if config.hidden > 0:
         landmarks = hide(landmarks, config.hidden, stream(config.seed, HIDDEN, batch))
     carried = shapes.further.keys() - {CORRUPTED}
@@ -105,7 +129,9 @@ def project(shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int) 
 
 def stream(seed: int, purpose: int, batch: int) -> np.random.Generator:
     """Return the random numbers of one purpose for a batch of images."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, batch)))
+    return np.random.default_rng(
+        np.random.SeedSequence(seed, spawn_key=(purpose, batch))
+    )
 
 
 def add_noise(landmarks: Floats, deviation: float, rng: np.random.Generator) -> Floats:
@@ -117,8 +143,8 @@ def add_noise(landmarks: Floats, deviation: float, rng: np.random.Generator) -> 
 def hide(landmarks: Floats, share: float, rng: np.random.Generator) -> Floats:
     """Set a random `share` of the landmarks (n, 2, p) of each image to NaN, n <= BATCH.
 
-    The number hidden in an image is share * p, rounded up or down at random so that the share
-    holds on average; at least LEAST_VISIBLE landmarks stay.
+    The number hidden in an image is share * p, rounded up or down at random so that the
+    share holds on average; at least LEAST_VISIBLE landmarks stay.
     """
     n, _, p = landmarks.shape
     rounding, keys = rng.random(BATCH)[:n], rng.random((BATCH, p))[:n]

@@ -20,7 +20,9 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True)
 class Counted:
-    """A warning about some items, such as `12 images not optimal`, with their names if known."""
+    """A warning about some items, such as `12 images not optimal`, with their names if
+    known.
+    """
 
     number: int
     noun: str
@@ -28,23 +30,28 @@ class Counted:
     items: tuple[str, ...] = ()
 
     def __add__(self, other: Counted) -> Counted:
-        return replace(self, number=self.number + other.number, items=self.items + other.items)
+        return replace(
+            self, number=self.number + other.number, items=self.items + other.items
+        )
 
     def __str__(self) -> str:
         return f"{counted(self.number, self.noun)} {self.text}"
 
 
 class Note(str):
-    """Stands among the warnings for what is good to know, and no sign of anything wrong."""
+    """Stands among the warnings for what is good to know, and no sign of anything
+    wrong.
+    """
 
 
 class Result(NamedTuple):
-    """The result of one part of the work: `done` items of `total`, None where that is not known.
+    """The result of one part of the work: `done` items of `total`, None where that is
+    not known.
 
-    reasons count the items whose result is not to be trusted; unit is what the items are, where
-    that depends on the config; note is a short state for a progress bar, and line is shown at once.
-    written are the files that now stand complete; rows, a summary for people, label and text; data
-    gives what the note says in values of JSON.
+    reasons count the items whose result is not to be trusted; unit is what the items
+    are, where that depends on the config; note is a short state for a progress bar, and
+    line is shown at once. written are the files that now stand complete; rows, a
+    summary for people, label and text; data gives what the note says in values of JSON.
     """
 
     done: int = 0
@@ -61,15 +68,21 @@ class Result(NamedTuple):
 
 
 def unread(path: Path, error: InputError) -> Failure:
-    """Return the failure of a file that cannot be read, with its reason but without its name."""
+    """Return the failure of a file that cannot be read, with its reason but without its
+    name.
+    """
     problems = (problem.removeprefix(f"{path}:").strip() for problem in error.problems)
     return Failure(str(path), "; ".join(problems))
 
 
 def add_up(
-    total: dict[str, str | Counted], warnings: Iterable[str | Counted], most: int = sys.maxsize
+    total: dict[str, str | Counted],
+    warnings: Iterable[str | Counted],
+    most: int = sys.maxsize,
 ) -> int:
-    """Add warnings to those of a run, equal texts as one; return how many beyond `most` are not."""
+    """Add warnings to those of a run, equal texts as one; return how many beyond `most`
+    are not.
+    """
     omitted = 0
     for warning in warnings:
         text = warning if isinstance(warning, str) else f"{warning.noun} {warning.text}"

@@ -1,9 +1,9 @@
 """`verify`: a result in, every claim of it that does not hold out.
 
-Of each image: the certificate of the convex program, where the method has one; landmarks equal to
-those of the file, where it is given; numbers in their ranges. Of each file: the digests of what it
-was made of, and that the datasets of its method are there. Nothing else is claimed, and nothing
-that a result names is opened.
+Of each image: the certificate of the convex program, where the method has one;
+landmarks equal to those of the file, where it is given; numbers in their ranges. Of
+each file: the digests of what it was made of, and that the datasets of its method are
+there. Nothing else is claimed, and nothing that a result names is opened.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ from shapefit.verification.certificate import Claims, Program
 CHUNK = 2048
 """Images that are checked together."""
 UNDISTORTED = 1e-8
-"""Of the largest coordinate by which landmarks without the distortion of a lens may be off."""
+"""Of the largest coordinate by which landmarks without the distortion of a lens may be
+off.
+"""
 ALWAYS = "shapes landmarks lambda scale translation rotation status objective"
 ERROR_BARS = " shape_sd shape_correlation p_value inlier_probability trusted reasons"
 POINTS = {"landmarks", "shape_correlation"}
@@ -63,7 +65,9 @@ class Request(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A file of results; the inputs and range of rows that a manifest states, None without one."""
+    """A file of results; the inputs and range of rows that a manifest states, None
+    without one.
+    """
 
     file: Path
     inputs: Sequence[str] | None = None
@@ -82,10 +86,11 @@ class Statement(NamedTuple):
 
 
 def run(request: Request) -> Generator[Result, None, None]:
-    """Verify every image of a result; yields a Result per chunk, and the summary as the last.
+    """Verify every image of a result; yields a Result per chunk, and the summary as the
+    last.
 
-    Raises InputError where the result is no HDF5 result of `fit`, or does not go with the
-    dictionary or the landmarks; for a folder only where that is so of every part.
+    Raises InputError where the result is no HDF5 result of `fit`, or does not go with
+    the dictionary or the landmarks; for a folder only where that is so of every part.
     """
     parts, wrong, listed = find_parts(request.result)
     dictionary = read_dictionary(request.dictionary)
@@ -98,7 +103,9 @@ def run(request: Request) -> Generator[Result, None, None]:
         except InputError as error:
             errors.append(error)
             if len(errors) == len(parts):
-                raise InputError(line for one in errors for line in one.problems) from None
+                raise InputError(
+                    line for one in errors for line in one.problems
+                ) from None
             tally["files"] += 1
             yield Result(failures=(unread(part.file, error),))
     tally["unread"] = max(listed - tally["images"], tally["unread"])
@@ -113,7 +120,9 @@ def run(request: Request) -> Generator[Result, None, None]:
 
 
 def find_parts(result: Path) -> tuple[list[Part], list[Failure], int]:
-    """Return the files of a result, what is false in its manifest, and how many images it lists."""
+    """Return the files of a result, what is false in its manifest, and how many images
+    it lists.
+    """
     if not result.is_dir():
         return [Part(result)], [], 0
     from shapefit.pipelines.partition.manifest import read_manifest
@@ -121,7 +130,9 @@ def find_parts(result: Path) -> tuple[list[Part], list[Failure], int]:
     manifest = read_manifest(result)
     if manifest is None:
         raise input_error(result, "is a folder without results", "name a result in it")
-    unlisted = sorted({path.name for path in result.glob("part-*")} - manifest.done.keys())
+    unlisted = sorted(
+        {path.name for path in result.glob("part-*")} - manifest.done.keys()
+    )
     wrong = [Failure(name, "is not in the manifest") for name in unlisted]
     parts = []
     for name, entry in manifest.done.items():
@@ -147,8 +158,13 @@ def verify_part(
         fit = read_statement(attributes, part.file)
         fits.append(fit)
         missing = sorted(required(fit, head.columns) - head.columns.keys())
-        wrong = [Failure(name, "is missing, and every such fit writes it") for name in missing]
-        digest_of_config = hashlib.sha256(str(attributes["config"]).encode()).hexdigest()
+        wrong = [
+            Failure(name, "is missing, and every such fit writes it")
+            for name in missing
+        ]
+        digest_of_config = hashlib.sha256(
+            str(attributes["config"]).encode()
+        ).hexdigest()
         if digest_of_config != attributes.get("config_digest"):
             wrong.append(Failure("config", "is not that of the fit, by its digest"))
         files, differing = match_files(part, fit, request, digest_of)
@@ -166,7 +182,10 @@ def verify_part(
                 lambda pair: check_chunk(*pair, program, fit.certified), pairs, 1
             ):
                 counts = {"images": len(result), "certified": int(certified.sum())}
-                counts |= {"false": len(claims.reasons), "empty": int((~claims.fitted).sum())}
+                counts |= {
+                    "false": len(claims.reasons),
+                    "empty": int((~claims.fitted).sum()),
+                }
                 tally.update(counts)
                 reasons = sorted(claims.reasons.items())
                 failures = tuple(Failure(result.items[i], why) for i, why in reasons)
@@ -179,7 +198,9 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
     Raises InputError where they are not those of a fit.
     """
     try:
-        config, digests = (parse_json(attributes.get(name, "{}")) for name in ("config", "inputs"))
+        config, digests = (
+            parse_json(attributes.get(name, "{}")) for name in ("config", "inputs")
+        )
         beta = config["outlier_threshold"]
         config |= {
             "dictionary": str(config["dictionary"]),
@@ -188,13 +209,20 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
             "outlier_threshold": 0.1 if beta is None else float(beta),
             "tolerance": float(config["tolerance"]),
         }
-        certified = config["method"] in CERTIFIED and config["save"]["proof"] is not False
+        certified = (
+            config["method"] in CERTIFIED and config["save"]["proof"] is not False
+        )
         if config["method"] not in METHODS:
             raise ValueError(f"no method {config['method']}")
-        return Statement(config, {name: str(text) for name, text in digests.items()}, certified)
+        return Statement(
+            config, {name: str(text) for name, text in digests.items()}, certified
+        )
     except (KeyError, TypeError, ValueError) as error:
         wrong = f"{type(error).__name__}: {error}"
-        fault = f"its attributes `config` and `inputs` are not those of a fit ({wrong[:200]})"
+        fault = (
+            "its attributes `config` and `inputs` are not those of a fit"
+            f" ({wrong[:200]})"
+        )
         raise input_error(file, fault, FIX) from None
 
 
@@ -215,9 +243,11 @@ def required(fit: Statement, columns: Mapping[str, Any]) -> set[str]:
 def match_files(
     part: Part, fit: Statement, request: Request, digest_of: Callable[[Path], str]
 ) -> tuple[list[Path], list[Failure]]:
-    """Return the landmarks of a part as its fit read them, if all are given; and false digests.
+    """Return the landmarks of a part as its fit read them, if all are given; and false
+    digests.
 
-    A file is recognised by the digest that the fit states, else by its name, or it is the only one.
+    A file is recognised by the digest that the fit states, else by its name, or it is
+    the only one.
     """
     paths, wrong = {fit.config["dictionary"]: [request.dictionary]}, list[Failure]()
     inputs, given = part.inputs or fit.config["landmarks"], request.landmarks
@@ -230,7 +260,9 @@ def match_files(
         if stated is None and part.rows is None:
             wrong.append(Failure(name, "has no digest"))
         elif path is None and given:
-            wrong.append(Failure(name, "is a file of the fit that is not given by --landmarks"))
+            wrong.append(
+                Failure(name, "is a file of the fit that is not given by --landmarks")
+            )
         elif path is not None and stated not in (None, "stream", digest_of(path)):
             reason = f"is not the file of the fit, {name}: the digests differ"
             reason += f" ({digest_of(path)[:12]}... and {stated[:12]}...)"
@@ -249,7 +281,9 @@ def read_program(
     omits = fit.config.get("leave_one_out") is not None
     if k != dictionary.k or (omits and dictionary.atom_items is None):
         fault = f"has {counted(dictionary.k, 'atom')}, and {file} coefficients of {k}"
-        raise input_error(path, fault, "give the dictionary of the fit, whose atoms have items")
+        raise input_error(
+            path, fault, "give the dictionary of the fit, whose atoms have items"
+        )
     outliers, perspective = fit.config["outliers"], "focal" in head.columns
     return Program(
         atoms=np.ascontiguousarray(dictionary.atoms[:, :, columns]),
@@ -267,19 +301,26 @@ def read_program(
 def open_images(
     part: Part, head: ResultSet, fit: Statement, files: Sequence[Path], count: int
 ) -> Iterator[Iterator[LandmarkSet | None]]:
-    """Open the landmarks of a part as its fit read them; gives None for each without files."""
+    """Open the landmarks of a part as its fit read them; gives None for each without
+    files.
+    """
     if not files:
         yield repeat(None)
         return
     from shapefit.config.commands.input import LandmarksConfig
 
-    place, method = f"{', '.join(map(str, files))}: landmark names", METHODS[fit.config["method"]]
+    place, method = (
+        f"{', '.join(map(str, files))}: landmark names",
+        METHODS[fit.config["method"]],
+    )
     keys = LandmarksConfig.model_fields.keys() & fit.config.keys() - {"data"}
     try:
         reading = LandmarksConfig(**{key: fit.config[key] for key in keys})
         calibrated = (fit.config.get("camera") or {}).get("calibration") is not None
     except (ValueError, AttributeError):
-        raise input_error(part.file, "does not state how its landmarks were read", FIX) from None
+        raise input_error(
+            part.file, "does not state how its landmarks were read", FIX
+        ) from None
     # Without identity over frames detections are no motion.
     options = input_options(reading, "motion" if method.sequences else "none")
     with open_landmarks(files, options, part.rows) as source:
@@ -307,7 +348,9 @@ def check_chunk(
     columns = result.columns
     for name in POINTS & columns.keys() - result.LAYOUT.datasets.keys():
         columns[name] = np.ascontiguousarray(np.swapaxes(columns[name], 1, 2))
-    claims = Claims(np.isfinite(columns["scale"]) & np.isfinite(columns["shapes"]).all(axis=(1, 2)))
+    claims = Claims(
+        np.isfinite(columns["scale"]) & np.isfinite(columns["shapes"]).all(axis=(1, 2))
+    )
     bounded = np.zeros_like(claims.fitted)
     with np.errstate(all="ignore"):  # what is not finite holds for nothing
         certificate.check_ranges(columns, claims)
@@ -321,9 +364,14 @@ def check_chunk(
 def check_landmarks(
     columns: Mapping[str, Any], result: ResultSet, given: LandmarkSet, claims: Claims
 ) -> None:
-    """Claim that n results have the landmarks and confidences of a file, under their names."""
+    """Claim that n results have the landmarks and confidences of a file, under their
+    names.
+    """
     everyone, visible = np.ones_like(claims.fitted), given.visible()
-    in_file, stated = np.where(visible[:, None], given.landmarks, np.nan), columns["landmarks"]
+    in_file, stated = (
+        np.where(visible[:, None], given.landmarks, np.nan),
+        columns["landmarks"],
+    )
     off = np.where(np.isnan(stated) & np.isnan(in_file), 0.0, np.abs(stated - in_file))
     allowed = 0.0
     if REMOVED in given.columns:
@@ -336,15 +384,25 @@ def check_landmarks(
     claims.hold("items are those of the file", same, of=everyone)
 
 
-def summary_lines(tally: Mapping[str, int], fit: Statement, with_landmarks: bool) -> Iterator[str]:
+def summary_lines(
+    tally: Mapping[str, int], fit: Statement, with_landmarks: bool
+) -> Iterator[str]:
     """Yield the summary: what is certified of how many images, what is false."""
     total = f"of {counted(tally['images'] + tally['unread'], 'image')}"
     method, why = fit.config["method"], "has no certificate"
     if fit.certified:
         why = "the convex program is solved to within the gap that is stated"
     elif method in (*CERTIFIED, "global"):
-        why = "no certificate is stored" if method in CERTIFIED else "states its gap, not checked"
-    wrong = f", and {counted(tally['files'], 'claim')} of whole files" if tally["files"] else ""
+        why = (
+            "no certificate is stored"
+            if method in CERTIFIED
+            else "states its gap, not checked"
+        )
+    wrong = (
+        f", and {counted(tally['files'], 'claim')} of whole files"
+        if tally["files"]
+        else ""
+    )
     yield f"Method     {method}"
     yield f"Certified  {tally['certified']} {total}: {why}"
     if tally["empty"]:

@@ -1,16 +1,17 @@
-"""Claims of a result: the certificate of the convex program, and the ranges of datasets.
+"""Claims of a result: the certificate of the convex program, and the ranges of
+datasets.
 
-    P = f(Omega o (V - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2
-    D = <Y, Omega o V> - delta / 2 ||Y||_F^2
-    where Y omega = 0, ||(Y o Omega) B_i^T||_* <= lambda for all i, |Y| <= the bound of the loss
+    P = f(Omega o (V - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2 D = <Y, Omega o
+    V> - delta / 2 ||Y||_F^2 where Y omega = 0, ||(Y o Omega) B_i^T||_* <= lambda for
+    all i, |Y| <= the bound of the loss
 
-V are the normalised landmarks; delta is 1 for the losses squared and sparse-error, else 0. The
-shape is scale sum_i c_i R_i B_i + translation, c_i = ||M_i||_2 and R_i the rows of M_i / c_i and
-their cross product; with one rotation R of all atoms M_i = c_i Rbar, and D bounds its objective,
-too.
+V are the normalised landmarks; delta is 1 for the losses squared and sparse-error, else
+0. The shape is scale sum_i c_i R_i B_i + translation, c_i = ||M_i||_2 and R_i the rows
+of M_i / c_i and their cross product; with one rotation R of all atoms M_i = c_i Rbar,
+and D bounds its objective, too.
 
-With g = ||x||^2 + ||y||^2 = s1^2 + s2^2 and v = ||x cross y|| = s1 s2 the nuclear norm of the rows
-x, y is sqrt(g + 2 v).
+With g = ||x||^2 + ||y||^2 = s1^2 + s2^2 and v = ||x cross y|| = s1 s2 the nuclear norm
+of the rows x, y is sqrt(g + 2 v).
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from shapefit.arrays import Flags, Floats
 from shapefit.geometry.normalisation import normalise
 
 TOLERANCE = 1e-9
-"""Share of its size by which a number may be off from the one that is computed again."""
+"""Share of its size by which a number may be off from the one that is computed again.
+"""
 ORTHONORMAL = 1e-8
 """By which entries of R^T R may differ from those of the identity."""
 
@@ -37,27 +39,43 @@ STATUS = ("optimal", "converged", "iteration limit")
 
 RANGES: Mapping[tuple[float, float], str] = {
     (np.nextafter(0.0, 1.0), np.inf): "scale lambda metres_per_unit focal",
-    (0.0, np.inf): "shape_sd input_shape_sd active_atoms iterations residual expected_error "
-    "image_error",
+    (
+        0.0,
+        np.inf,
+    ): (
+        "shape_sd input_shape_sd active_atoms iterations residual expected_error "
+        "image_error"
+    ),
     (0.0, 1.0): "p_value inlier_probability trusted tight outliers",
-    (-1.0 - 2.0**-23, 1.0 + 2.0**-23): "shape_correlation input_shape_correlation",  # single
-    (-np.inf, np.inf): "shapes input_shapes landmarks_fitted coefficients translation objective "
-    "log_evidence camera_translation principal_point shape_covariance",
+    (
+        -1.0 - 2.0**-23,
+        1.0 + 2.0**-23,
+    ): "shape_correlation input_shape_correlation",  # single
+    (
+        -np.inf,
+        np.inf,
+    ): (
+        "shapes input_shapes landmarks_fitted coefficients translation objective "
+        "log_evidence camera_translation principal_point shape_covariance"
+    ),
 }
 """(least, greatest) -> datasets with finite numbers in this range, or nan."""
 CERTIFICATE = "dual convex_translation transform_count transform_atom active_transforms"
 """Datasets that certify the optimum of the convex program."""
 ROUNDING = 64 * 2.0**-53
-"""Share of the sum of its terms' magnitudes by which a sum may be off, in the fit and here."""
+"""Share of the sum of its terms' magnitudes by which a sum may be off, in the fit and
+here.
+"""
 
 
 class Program(NamedTuple):
     """The convex program of a fit.
 
-    atoms B (k, 3, p), and the items of the training shapes that they are, where they are such;
-    refined: the shapes have one rotation, refined from the solution of the program; bounds: their
-    objective has a gap to its bound; searched: landmarks labelled outliers have no weight; loss,
-    with the threshold beta; tolerance of the relative gap.
+    atoms B (k, 3, p), and the items of the training shapes that they are, where they
+    are such; refined: the shapes have one rotation, refined from the solution of the
+    program; bounds: their objective has a gap to its bound; searched: landmarks
+    labelled outliers have no weight; loss, with the threshold beta; tolerance of the
+    relative gap.
     """
 
     atoms: Floats
@@ -73,8 +91,8 @@ class Program(NamedTuple):
 class Images(NamedTuple):
     """n images as the program has them: landmarks = size x points + centroid.
 
-    points V (n, 2, p), 0 where hidden; weights omega (n, p); centroid (n, 2); size, lam (n,);
-    retained (n, k): the atoms that an image may use, None for all.
+    points V (n, 2, p), 0 where hidden; weights omega (n, p); centroid (n, 2); size, lam
+    (n,); retained (n, k): the atoms that an image may use, None for all.
     """
 
     points: Floats
@@ -86,9 +104,11 @@ class Images(NamedTuple):
 
 
 def check_certificate(columns: Columns, program: Program, claims: Claims) -> Flags:
-    """Claim that the dual bounds the objective as stated, and that the shapes are those bounded.
+    """Claim that the dual bounds the objective as stated, and that the shapes are those
+    bounded.
 
-    Returns the images (n,) that state a gap: without one nothing is certified of an image.
+    Returns the images (n,) that state a gap: without one nothing is certified of an
+    image.
     """
     images = read_images(columns, program)
     n, (k, _, p) = len(images.size), program.atoms.shape
@@ -97,8 +117,12 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
     gap = columns[f"{prefix}relative_gap"]
     stated = np.asarray(claims.fitted & np.isfinite(gap))
     M, c = np.zeros((n, k, 2, 3)), np.zeros((n, k))
-    # Of an atom that is not there another one is taken, with which the objective is false.
-    place = np.repeat(np.arange(n), columns["transform_count"]), columns["transform_atom"] % k
+    # Of an atom that is not there another one is taken, with which the objective is
+    # false.
+    place = (
+        np.repeat(np.arange(n), columns["transform_count"]),
+        columns["transform_atom"] % k,
+    )
     M[place] = columns["active_transforms"]
     c[place] = np.linalg.norm(M[place], 2, axis=(1, 2))
     D = check_dual(images, columns["dual"], program, claims, stated)
@@ -107,11 +131,15 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
     P = objective(images, X, T, c.sum(axis=1), program)
     check_gap(P, D, (columns[f"{prefix}objective"], gap), prefix, claims, stated)
     if images.retained is not None:
-        claims.hold("atoms that are left out have no coefficient", images.retained | (c == 0))
+        claims.hold(
+            "atoms that are left out have no coefficient", images.retained | (c == 0)
+        )
     if not program.refined:
         optimal = columns["status"].astype(str) == "optimal"
         text = "the gap of an optimal image is within the tolerance"
-        claims.near(text, np.abs(gap), program.tolerance + TOLERANCE, of=claims.fitted & optimal)
+        claims.near(
+            text, np.abs(gap), program.tolerance + TOLERANCE, of=claims.fitted & optimal
+        )
         third = np.nan_to_num(np.cross(M[:, :, 0], M[:, :, 1]) / c[..., None])
         turned = np.concatenate([M, third[:, :, None]], axis=2)
         S = (turned.swapaxes(1, 2).reshape(3 * n, -1) @ rows).reshape(n, 3, p)
@@ -120,9 +148,14 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
         c, R = columns["coefficients"], np.nan_to_num(columns["rotation"])
         S = R @ (c @ program.atoms.reshape(k, -1)).reshape(n, 3, p)
         square = images.weights**2
-        T = np.einsum("nap,np->na", images.points - S[:, :2], square) / square.sum(1)[:, None]
+        T = (
+            np.einsum("nap,np->na", images.points - S[:, :2], square)
+            / square.sum(1)[:, None]
+        )
         P = objective(images, S[:, :2], T, np.abs(c).sum(axis=1), program)
-        check_gap(P, D, (columns["objective"], columns["relative_gap"]), "", claims, stated)
+        check_gap(
+            P, D, (columns["objective"], columns["relative_gap"]), "", claims, stated
+        )
         check_shapes(columns, images, c, S, T, claims)
     return stated
 
@@ -130,8 +163,8 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
 def read_images(columns: Columns, program: Program) -> Images:
     """Weigh and normalise the landmarks of n images of a result.
 
-    omega is the confidence, 1 without one, and 0 where a landmark is unseen or was set aside as an
-    outlier.
+    omega is the confidence, 1 without one, and 0 where a landmark is unseen or was set
+    aside as an outlier.
     """
     landmarks = columns["landmarks"]
     visible = np.isfinite(landmarks).all(axis=1)
@@ -151,9 +184,11 @@ def read_images(columns: Columns, program: Program) -> Images:
 def objective(
     images: Images, X: Floats, T: Floats, total: Floats, program: Program
 ) -> tuple[Floats, Floats]:
-    """P (n,) of projections X (n, 2, p), of transforms whose norms sum to `total`, at T (n, 2).
+    """P (n,) of projections X (n, 2, p), of transforms whose norms sum to `total`, at T
+    (n, 2).
 
-    And its size, which differences are to be compared with: P and the objective without a shape.
+    And its size, which differences are to be compared with: P and the objective without
+    a shape.
     """
 
     def loss(r: Floats) -> Floats:
@@ -169,8 +204,12 @@ def objective(
     return P, P + loss(images.points)
 
 
-def check_dual(images: Images, Y: Floats, program: Program, claims: Claims, of: Flags) -> Floats:
-    """Claim that the dual Y (n, 2, p) is feasible, of these images (n,); returns D (n,)."""
+def check_dual(
+    images: Images, Y: Floats, program: Program, claims: Claims, of: Flags
+) -> Floats:
+    """Claim that the dual Y (n, 2, p) is feasible, of these images (n,); returns D
+    (n,).
+    """
     (n, _, p), (k, *_) = Y.shape, program.atoms.shape
     columns = np.ascontiguousarray(program.atoms.transpose(2, 1, 0).reshape(p, 3 * k))
     weighted = Y * images.weights[:, None]
@@ -182,7 +221,12 @@ def check_dual(images: Images, Y: Floats, program: Program, claims: Claims, of: 
     allowed = TOLERANCE + ROUNDING * terms
     claims.near("the dual point is feasible", most / images.lam - 1, allowed, of)
     sizes = np.abs(weighted).sum(axis=2).max(axis=1)
-    claims.near("the dual point is balanced", np.abs(weighted.sum(axis=2)), TOLERANCE * sizes, of)
+    claims.near(
+        "the dual point is balanced",
+        np.abs(weighted.sum(axis=2)),
+        TOLERANCE * sizes,
+        of,
+    )
     bound = {"l1": 1.0, "sparse-error": program.beta}.get(program.loss, np.inf)
     off = np.abs(Y).max(axis=(1, 2)) / bound - 1
     claims.near("the dual point is within the bound of the loss", off, of=of)
@@ -199,7 +243,9 @@ def check_gap(
     claims: Claims,
     of: Flags,
 ) -> None:
-    """Claim the objective P, with its size, and the gap (P - D) / P, 0 where both are 0."""
+    """Claim the objective P, with its size, and the gap (P - D) / P, 0 where both are
+    0.
+    """
     P, size = objective
     text = f"{prefix}objective is that of the shape"
     claims.near(text, np.abs(stated[0] - P), TOLERANCE * size, of)
@@ -213,7 +259,9 @@ def check_gap(
 def check_shapes(
     columns: Columns, images: Images, c: Floats, S: Floats, T: Floats, claims: Claims
 ) -> None:
-    """Claim c (n, k) and the shapes size S + (size T + centroid), for S (n, 3, p) and T (n, 2)."""
+    """Claim c (n, k) and the shapes size S + (size T + centroid), for S (n, 3, p) and T
+    (n, 2).
+    """
     size = images.size
     place = size[:, None] * T + images.centroid
     far = ROUNDING * (largest(np.abs(images.centroid)) + size * largest(np.abs(T)))
@@ -221,13 +269,23 @@ def check_shapes(
     X[:, :2] += place[..., None]
     share = TOLERANCE * (1 + largest(np.abs(S)))
     for text, off, allowed in (
-        ("coefficients are those of the transforms", columns["coefficients"] - c,
-         TOLERANCE * (1 + largest(c))),
+        (
+            "coefficients are those of the transforms",
+            columns["coefficients"] - c,
+            TOLERANCE * (1 + largest(c)),
+        ),
         ("scale is the size of the landmarks", columns["scale"] / size - 1, TOLERANCE),
-        ("translation is that of the shape", columns["translation"] - place,
-         TOLERANCE * size + far),
-        ("shapes are those of the certificate", columns["shapes"] - X, share * size + far),
-    ):  # fmt: skip
+        (
+            "translation is that of the shape",
+            columns["translation"] - place,
+            TOLERANCE * size + far,
+        ),
+        (
+            "shapes are those of the certificate",
+            columns["shapes"] - X,
+            share * size + far,
+        ),
+    ):
         claims.near(text, np.abs(off), allowed)
 
 
@@ -235,7 +293,9 @@ def nuclear_norms(x: Floats, y: Floats) -> Floats:
     """Return s1 + s2 of the blocks with rows x and y, (..., 3, k) each: (..., k)."""
     x0, x1, x2 = (x[..., axis, :] for axis in range(3))
     y0, y1, y2 = (y[..., axis, :] for axis in range(3))
-    across = (x1 * y2 - x2 * y1) ** 2 + (x2 * y0 - x0 * y2) ** 2 + (x0 * y1 - x1 * y0) ** 2
+    across = (
+        (x1 * y2 - x2 * y1) ** 2 + (x2 * y0 - x0 * y2) ** 2 + (x0 * y1 - x1 * y0) ** 2
+    )
     square = x0 * x0 + x1 * x1 + x2 * x2 + y0 * y0 + y1 * y1 + y2 * y2
     return np.asarray(np.sqrt(square + 2 * np.sqrt(across)))
 
@@ -243,7 +303,8 @@ def nuclear_norms(x: Floats, y: Floats) -> Floats:
 class Claims:
     """What is claimed of n images, of which `fitted` (n,) have a shape.
 
-    missed (n,): the images for which a claim is false; reasons: the first such claim of each.
+    missed (n,): the images for which a claim is false; reasons: the first such claim of
+    each.
     """
 
     def __init__(self, fitted: Flags) -> None:
@@ -252,7 +313,11 @@ class Claims:
         self.reasons: dict[int, str] = {}
 
     def near(
-        self, text: str, off: Floats, allowed: ArrayLike = TOLERANCE, of: Flags | None = None
+        self,
+        text: str,
+        off: Floats,
+        allowed: ArrayLike = TOLERANCE,
+        of: Flags | None = None,
     ) -> None:
         """Claim that differences (n, ...) are at most `allowed` (n,), and not nan.
 
@@ -270,12 +335,16 @@ class Claims:
 
 
 def largest(values: Floats) -> Floats:
-    """Return the largest number of each image (n,) of values (n, ...); nan where one is nan."""
+    """Return the largest number of each image (n,) of values (n, ...); nan where one is
+    nan.
+    """
     return np.asarray(values.max(axis=tuple(range(1, values.ndim)), initial=-np.inf))
 
 
 def check_ranges(columns: Columns, claims: Claims) -> None:
-    """Claim that numbers are in their range, rotations proper, shapes whole or absent."""
+    """Claim that numbers are in their range, rotations proper, shapes whole or
+    absent.
+    """
     for (low, high), names in RANGES.items():
         for name in columns.keys() & set(names.split()):
             values = np.asarray(columns[name], dtype=np.float64)
@@ -285,7 +354,9 @@ def check_ranges(columns: Columns, claims: Claims) -> None:
     absent = np.isnan(columns["shapes"]).all(axis=(1, 2))
     claims.hold("a shape is whole or absent", absent | claims.fitted, of=everyone)
     words = columns["status"].astype(str)
-    right = np.where(claims.fitted, np.isin(words, STATUS), np.isin(words, WITHOUT_SHAPE))
+    right = np.where(
+        claims.fitted, np.isin(words, STATUS), np.isin(words, WITHOUT_SHAPE)
+    )
     claims.hold("the status says whether there is a shape", right, of=everyone)
     R = columns["rotation"]
     stated = np.asarray(~np.isnan(R).all(axis=(1, 2)))

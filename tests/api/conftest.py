@@ -1,4 +1,6 @@
-"""The commands in this process, for results to compare with, and dictionaries of sample data."""
+"""The commands in this process, for results to compare with, and dictionaries of sample
+data.
+"""
 
 from pathlib import Path
 
@@ -14,20 +16,22 @@ def run_command(command: str, **arguments) -> None:
     """Run a command to its end; keys of its config as keyword arguments."""
     from importlib import import_module
 
-    module = import_module(
-        f"shapefit.pipelines.{command.replace('-', '_').replace('eval', 'evaluate')}.run"
-    )
+    package = command.replace("-", "_").replace("eval", "evaluate")
+    module = import_module(f"shapefit.pipelines.{package}.run")
     for _ in module.run(load_config(command, arguments=arguments)):
         pass
 
 
 def same_file(one: Path, other: Path, but: tuple[str, ...] = ()) -> None:
-    """Fail unless two files have the same datasets, bit for bit, those in `but` aside."""
+    """Fail unless two files have the same datasets, bit for bit, those in `but`
+    aside.
+    """
     with h5py.File(one) as a, h5py.File(other) as b:
         assert a.keys() == b.keys()
         for name in sorted(a.keys() - set(but)):
             x, y = (
-                f[name].asstr()[()] if f[name].dtype.kind in "OS" else f[name][()] for f in (a, b)
+                f[name].asstr()[()] if f[name].dtype.kind in "OS" else f[name][()]
+                for f in (a, b)
             )
             assert (x.dtype.kind, x.shape) == (y.dtype.kind, y.shape), name
             if x.dtype.kind == "f" and x.dtype == y.dtype:
@@ -61,15 +65,21 @@ def people(sample, tmp_path_factory) -> dict[str, Path]:
     }
     for method, options in keys.items():
         run_command(
-            "learn-dict", shapes=shapes, output=str(folder / f"{method}.h5"), method=method,
-            every=20, **options,
-        )  # fmt: skip
+            "learn-dict",
+            shapes=shapes,
+            output=str(folder / f"{method}.h5"),
+            method=method,
+            every=20,
+            **options,
+        )
     return {method: folder / f"{method}.h5" for method in keys}
 
 
 @pytest.fixture(scope="session")
 def views(sample, tmp_path_factory) -> Path:
-    """48 frames of three sequences with confidences, some of them 0, and unseen landmarks."""
+    """48 frames of three sequences with confidences, some of them 0, and unseen
+    landmarks.
+    """
     rng = np.random.default_rng(5)
     truth = shapefit.read_shapes(sample / "people_test.h5")
     rows = np.concatenate([start + np.arange(16) for start in (0, 80, 320)])

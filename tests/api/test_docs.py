@@ -41,7 +41,9 @@ def test_the_examples_print_what_the_page_says(project, tmp_path, monkeypatch, p
             for line in text.splitlines():
                 command = shlex.split(line.removeprefix("$ "))
                 command[0] = str(Path(sys.executable).with_name(command[0]))
-                done = subprocess.run(command, capture_output=True, text=True, check=False)
+                done = subprocess.run(
+                    command, capture_output=True, text=True, check=False
+                )
                 assert done.returncode == 0, done.stderr
         else:
             assert printed == text
@@ -49,11 +51,19 @@ def test_the_examples_print_what_the_page_says(project, tmp_path, monkeypatch, p
 
 
 @pytest.mark.slow
-def test_the_examples_that_need_other_libraries_or_files_run(project, tmp_path, monkeypatch):
-    """cvxpy finds the optimum of the page; pandas writes landmarks; a loop is an experiment."""
+def test_the_examples_that_need_other_libraries_or_files_run(
+    project, tmp_path, monkeypatch
+):
+    """cvxpy finds the optimum of the page; pandas writes landmarks; a loop is an
+    experiment.
+    """
 
     def run_block(page: str, after: str, names: dict[str, object]) -> str:
-        text = (project / f"docs/{page}.md").read_text(encoding="utf-8").partition(after)[2]
+        text = (
+            (project / f"docs/{page}.md")
+            .read_text(encoding="utf-8")
+            .partition(after)[2]
+        )
         found = re.search(r"```python\n((?s:.*?))```|\n\n((?: {4}.*\n|\n)+)", text)
         block = found[1] or found[2]
         with contextlib.redirect_stdout(io.StringIO()) as shown:

@@ -1,4 +1,6 @@
-"""What is read is written as it was, with one landmark per row; names are imported when used."""
+"""What is read is written as it was, with one landmark per row; names are imported when
+used.
+"""
 
 import subprocess
 import sys
@@ -14,7 +16,11 @@ from tests.api.conftest import run_command, same_file
 def test_what_is_read_is_written_as_it_was(tmp_path, sample, people, views):
     command = {"landmarks": str(views), "dictionary": str(people["sparse-coding"])}
     run_command(
-        "fit", **command, output=str(tmp_path / "result.h5"), method="convex", save={"proof": False}
+        "fit",
+        **command,
+        output=str(tmp_path / "result.h5"),
+        method="convex",
+        save={"proof": False},
     )
     kinds = {
         "shapes": [sample / "people_test.h5", sample / "cars.h5"],
@@ -23,7 +29,9 @@ def test_what_is_read_is_written_as_it_was(tmp_path, sample, people, views):
         "results": [tmp_path / "result.h5"],
     }
     for kind, paths in kinds.items():
-        read, write = (getattr(shapefit, f"{verb}_{kind}") for verb in ("read", "write"))
+        read, write = (
+            getattr(shapefit, f"{verb}_{kind}") for verb in ("read", "write")
+        )
         points = {"dictionary": "atoms", "results": "shapes"}.get(kind, kind)
         for path in paths:
             found = read(path)
@@ -57,5 +65,7 @@ def test_keys_of_input_say_how_files_are_read(project):
     images = shapefit.read_landmarks(people, keypoints="body_25", track="nearest")
     assert images.landmark_names[:2] == ("Nose", "Neck")
     assert set(images.sequences) == {"openpose/person 1", "openpose/person 2"}
-    with pytest.raises(shapefit.InputError, match="how files are read; use format, keypoints"):
+    with pytest.raises(
+        shapefit.InputError, match="how files are read; use format, keypoints"
+    ):
         shapefit.read_landmarks(people, keypoint="body_25")

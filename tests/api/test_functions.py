@@ -1,4 +1,6 @@
-"""`learn`, `fit`, `evaluate`, `solve` do as the commands do, bit for bit, and refuse the same."""
+"""`learn`, `fit`, `evaluate`, `solve` do as the commands do, bit for bit, and refuse
+the same.
+"""
 
 import csv
 from pathlib import Path
@@ -16,7 +18,9 @@ from tests.api.conftest import run_command, same_file
 @pytest.mark.parametrize("method", ["sparse-coding", "pca-bases", "exemplars"])
 def test_learn_makes_what_the_command_makes(tmp_path, people, sample, method):
     prior = {"components": 2, "floor": 0.01}
-    keys = {"k": 24, "iterations": 2, "prior": prior} if method == "sparse-coding" else {}
+    keys = (
+        {"k": 24, "iterations": 2, "prior": prior} if method == "sparse-coding" else {}
+    )
     shapes = shapefit.read_shapes(sample / "people_train.h5")
     made = shapefit.learn(shapes, method=method, every=20, **keys)
     shapefit.write_dictionary(tmp_path / "made.h5", made)
@@ -26,15 +30,25 @@ def test_learn_makes_what_the_command_makes(tmp_path, people, sample, method):
 def test_learn_takes_arrays_and_warns_of_those_that_cannot_be_used(sample):
     shapes = shapefit.read_shapes(sample / "people_train.h5").shapes[::60].copy()
     shapes[4] = 1.0
-    with pytest.warns(UserWarning, match="1 shape cannot be used; 4, for one: all its landmarks"):
+    with pytest.warns(
+        UserWarning, match="1 shape cannot be used; 4, for one: all its landmarks"
+    ):
         made = shapefit.learn(shapes, method="exemplars")
     assert made.atoms.shape == (31, 15, 3)
     assert made.landmark_names == tuple(map(str, range(15)))
 
 
 LEARN = [
-    (np.ones((4, 15, 2)), {}, r"^shapes: has the shape \(4, 15, 2\); it must be \(n, p, 3\)"),
-    (np.full((4, 15, 3), np.nan), {}, r"^shapes\[0\]: landmark '0' is \(nan, nan, nan\)"),
+    (
+        np.ones((4, 15, 2)),
+        {},
+        r"^shapes: has the shape \(4, 15, 2\); it must be \(n, p, 3\)",
+    ),
+    (
+        np.full((4, 15, 3), np.nan),
+        {},
+        r"^shapes\[0\]: landmark '0' is \(nan, nan, nan\)",
+    ),
     (np.ones((4, 5, 3)), {"k": 0}, r"^learn\.k: expected a whole number >= 1, found 0"),
     (np.ones((4, 5, 3)), {"kk": 0}, r"^learn\.kk: unknown key"),
 ]
@@ -62,13 +76,19 @@ def test_arrays_and_matrices_of_cameras_are_enough(people, views):
     atoms = shapefit.read_dictionary(people["sparse-coding"])
     images = shapefit.read_landmarks(views)
     named = shapefit.fit(images, atoms, method="convex")
-    plain = shapefit.fit(images.landmarks, atoms, weights=images.confidence, method="convex")
+    plain = shapefit.fit(
+        images.landmarks, atoms, weights=images.confidence, method="convex"
+    )
     np.testing.assert_array_equal(plain.shapes, named.shapes)
     assert plain.items[:2] == ("0", "1")
     assert plain.landmarks_fitted is None  # which are the x and y of the shapes
     shapes = (plain.shapes.shape, plain.rotation.shape, plain.coefficients.shape)
     assert shapes == ((48, 15, 3), (48, 3, 3), (48, 24))
-    assert (set(plain.status), plain.shape_sd, plain.p_value) == ({"optimal"}, None, None)
+    assert (set(plain.status), plain.shape_sd, plain.p_value) == (
+        {"optimal"},
+        None,
+        None,
+    )
     assert not plain.failures
     matrix = np.array([[900.0, 0, 320], [0, 900, 240], [0, 0, 1]])
     one, other = (
@@ -95,14 +115,26 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
 
 
 OPTIONS = [
-    ({"method": "convexx"}, r"^fit\.method: expected auto, convex.*did you mean 'convex'\?$"),
+    (
+        {"method": "convexx"},
+        r"^fit\.method: expected auto, convex.*did you mean 'convex'\?$",
+    ),
     ({"prior": {"scal": 2}}, r"fit\.prior: unknown key 'prior\.scal'.*'prior\.scale'"),
     ({"lamda": 1}, r"fit\.lamda: unknown key 'lamda'; did you mean 'lambda'"),
-    ({"output": "x.h5"}, r"^fit\.output: there is no argument `output`; it is for files"),
+    (
+        {"output": "x.h5"},
+        r"^fit\.output: there is no argument `output`; it is for files",
+    ),
     ({"camera": np.eye(2)}, r"camera_matrix: has the shape \(2, 2\)"),
     ({"camera": {"name": "left"}}, r"fit\.camera: `name` names a camera"),
-    ({"weights": np.ones((2, 15))}, r"confidence: has the shape \(2, 15\); it must be \(48, 15\)"),
-    ({"weights": np.full((48, 15), -1)}, r"^landmarks\.confidence\[0\]: landmark 'pelvis' is"),
+    (
+        {"weights": np.ones((2, 15))},
+        r"confidence: has the shape \(2, 15\); it must be \(48, 15\)",
+    ),
+    (
+        {"weights": np.full((48, 15), -1)},
+        r"^landmarks\.confidence\[0\]: landmark 'pelvis' is",
+    ),
 ]
 
 
@@ -114,11 +146,20 @@ def test_fit_names_the_place_of_an_error(people, views, changes, message):
 
 
 LANDMARKS = [
-    (np.ones((4, 2, 15)), r"^landmarks: has the shape \(4, 2, 15\); it must be \(n, p, 2\), one"),
+    (
+        np.ones((4, 2, 15)),
+        r"^landmarks: has the shape \(4, 2, 15\); it must be \(n, p, 2\), one",
+    ),
     (np.ones((3, 15, 4)), r"^landmarks: has the shape \(3, 15, 4\)"),
-    (np.ones((4, 14, 2)), "has 14 landmarks without names, not 15; name them: Landmarks"),
+    (
+        np.ones((4, 14, 2)),
+        "has 14 landmarks without names, not 15; name them: Landmarks",
+    ),
     ([["a"]], "^landmarks: is no array of numbers"),
-    (np.full((1, 15, 2), np.inf), r"^landmarks\[0\]: landmark 'pelvis' is \(inf, inf\); write"),
+    (
+        np.full((1, 15, 2), np.inf),
+        r"^landmarks\[0\]: landmark 'pelvis' is \(inf, inf\); write",
+    ),
     (shapefit.Landmarks(np.ones((2, 3, 2)), "abc"), "none of the 3 landmarks is in"),
     (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a", "a"]), "item 'a' is also at"),
 ]
@@ -138,11 +179,17 @@ def test_dictionaries_that_cannot_be_are_refused(people, views):
     made = shapefit.fit(images.landmarks, shapefit.Dictionary(atoms=atoms.atoms), 0.1)
     named = shapefit.fit(images.landmarks, atoms, 0.1, method="convex")
     np.testing.assert_array_equal(made.objective, named.objective)
-    with pytest.raises(shapefit.InputError, match=r"ndarray \(24, 15, 3\); for arrays there"):
+    with pytest.raises(
+        shapefit.InputError, match=r"ndarray \(24, 15, 3\); for arrays there"
+    ):
         shapefit.fit(images, atoms.atoms, 0.1)
-    with pytest.raises(shapefit.InputError, match=r"dictionary\.mean_shape: all its landmarks"):
+    with pytest.raises(
+        shapefit.InputError, match=r"dictionary\.mean_shape: all its landmarks"
+    ):
         shapefit.fit(images, atoms.replaced(mean_shape=np.ones((15, 3))))
-    with pytest.raises(shapefit.InputError, match=r"dictionary\.atoms: .*\(k, p, 3\), one landm"):
+    with pytest.raises(
+        shapefit.InputError, match=r"dictionary\.atoms: .*\(k, p, 3\), one landm"
+    ):
         atoms.replaced(atoms=atoms.atoms.swapaxes(1, 2))
 
 
@@ -160,8 +207,16 @@ def test_a_config_file_is_read_as_the_command_reads_it(tmp_path, people, views, 
     (tmp_path / "mine.yaml").write_text(f"{CONFIGS[name]}\n")
     file = Path("people") if name == "installed" else tmp_path / "mine.yaml"
     paths = {"landmarks": str(views), "dictionary": str(people["sparse-coding"])}
-    list(run(load_config("fit", file, (), paths | {"output": str(tmp_path / "command.h5")})))
-    fit = shapefit.fit(shapefit.read_landmarks(views), people["sparse-coding"], config=file)
+    list(
+        run(
+            load_config(
+                "fit", file, (), paths | {"output": str(tmp_path / "command.h5")}
+            )
+        )
+    )
+    fit = shapefit.fit(
+        shapefit.read_landmarks(views), people["sparse-coding"], config=file
+    )
     shapefit.write_results(tmp_path / "function.h5", fit)
     same_file(tmp_path / "command.h5", tmp_path / "function.h5")
 
@@ -169,7 +224,8 @@ def test_a_config_file_is_read_as_the_command_reads_it(tmp_path, people, views, 
 @pytest.fixture(scope="module")
 def chain(people, views):
     return shapefit.fit(
-        shapefit.read_landmarks(views), shapefit.read_dictionary(people["sparse-coding"])
+        shapefit.read_landmarks(views),
+        shapefit.read_dictionary(people["sparse-coding"]),
     )
 
 
@@ -177,10 +233,14 @@ def test_errors_and_sums_are_those_of_the_command(tmp_path, chain, sample):
     shapefit.write_results(tmp_path / "result.h5", chain)
     metrics = ["similarity", "reprojection"]
     run_command(
-        "eval", results={"result": str(tmp_path / "result.h5")},
-        truth=str(sample / "people_test.h5"), output=str(tmp_path / "report"),
-        metrics=metrics, groups={"all": "*"}, plots=False,
-    )  # fmt: skip
+        "eval",
+        results={"result": str(tmp_path / "result.h5")},
+        truth=str(sample / "people_test.h5"),
+        output=str(tmp_path / "report"),
+        metrics=metrics,
+        groups={"all": "*"},
+        plots=False,
+    )
     truth = shapefit.read_shapes(sample / "people_test.h5")
     found = shapefit.evaluate(chain, truth, metrics=metrics, groups={"all": "*"})
     with (tmp_path / "report/per_image.csv").open(newline="", encoding="utf-8") as file:
@@ -202,7 +262,9 @@ def test_errors_and_sums_are_those_of_the_command(tmp_path, chain, sample):
 def test_arrays_are_matched_by_their_order(chain, sample):
     truth = shapefit.read_shapes(sample / "people_test.h5")
     rows = [truth.items.index(item) for item in chain.items]
-    with pytest.warns(UserWarning, match="no camera and rotation without `true_rotation`"):
+    with pytest.warns(
+        UserWarning, match="no camera and rotation without `true_rotation`"
+    ):
         named = shapefit.evaluate(chain, truth)
     assert {metric for metric, _ in named.errors} >= {"similarity", "reprojection"}
     with pytest.raises(shapefit.InputError, match="truth: has 3 shapes for 48 images"):
@@ -210,7 +272,8 @@ def test_arrays_are_matched_by_their_order(chain, sample):
     for result in (chain, chain.shapes):
         plain = shapefit.evaluate(result, truth.shapes[rows], metrics=["similarity"])
         np.testing.assert_array_equal(
-            plain.errors["similarity", "normalised"], named.errors["similarity", "normalised"]
+            plain.errors["similarity", "normalised"],
+            named.errors["similarity", "normalised"],
         )
 
 
@@ -235,12 +298,18 @@ def program(rng):
     atoms = rng.normal(size=(6, 3, 9))
     M = np.zeros((6, 2, 3))
     M[1], M[4] = 0.8 * np.eye(3)[:2], -0.3 * np.eye(3)[1:]
-    W = np.einsum("kab,kbp->ap", M, atoms) + 0.05 * rng.normal(size=(2, 9)) + [[3.0], [-2.0]]
+    W = (
+        np.einsum("kab,kbp->ap", M, atoms)
+        + 0.05 * rng.normal(size=(2, 9))
+        + [[3.0], [-2.0]]
+    )
     return W, atoms
 
 
 def test_the_dual_proves_the_optimum(program):
-    """A feasible dual bounds every objective from below, and this one from 1e-6 below."""
+    """A feasible dual bounds every objective from below, and this one from 1e-6
+    below.
+    """
     W, B = program
     weights = np.array([1, 1, 0.5, 1, 0, 1, 2, 1, 1])
     found = shapefit.solve(W, B, 0.2, weights=weights)

@@ -1,4 +1,6 @@
-"""Arrays of detectors to people, as the command lifts them; and what a fit shows and hands on."""
+"""Arrays of detectors to people, as the command lifts them; and what a fit shows and
+hands on.
+"""
 
 import csv
 import json
@@ -36,11 +38,14 @@ def found(keypoints):
 def test_a_fit_is_the_command_on_the_same_array(found, keypoints, tmp_path):
     np.save(tmp_path / "landmarks.npy", keypoints)
     config = {"landmarks": (str(tmp_path / "landmarks.npy"),), "dictionary": "people"}
-    (tmp_path / "fit.yaml").write_text(json.dumps({"keypoints": "body_25", "method": "sequences"}))
+    (tmp_path / "fit.yaml").write_text(
+        json.dumps({"keypoints": "body_25", "method": "sequences"})
+    )
     assert found.attributes["method"] == "sequences"
     wanted = json.loads(found.attributes["config"])
     given = {
-        key: wanted[key] for key in ("lambda", "tolerance", "prior", "method", "keypoints", "save")
+        key: wanted[key]
+        for key in ("lambda", "tolerance", "prior", "method", "keypoints", "save")
     }
     run_command("fit", **config, **given, output=str(tmp_path / "result.h5"))
     result = shapefit.read_results(tmp_path / "result.h5")
@@ -52,14 +57,22 @@ def test_one_image_has_the_method_for_single_images(keypoints):
     given = {"skeleton": {"head": 1.5, "hips": 1.15}, "camera": {"focal": "none"}}
     alone = shapefit.fit(keypoints[0], "people", keypoints="body_25", **given)
     assert (len(alone), alone.attributes["method"]) == (1, "posterior")
-    config = shapefit.fit(keypoints, "people", keypoints="body_25", config="people", **given)
+    config = shapefit.fit(
+        keypoints, "people", keypoints="body_25", config="people", **given
+    )
     np.testing.assert_array_equal(config[0].shapes, alone.shapes)
 
 
 def test_a_prior_without_a_table_has_one_drawn(world):
-    """As one of an earlier version, or of arrays: p-values are about those of the stored one."""
+    """As one of an earlier version, or of arrays: p-values are about those of the
+    stored one.
+    """
     people = shapefit.read_dictionary(world.dictionary("people with a prior"))
-    learned = {name: values for name, values in people.learned.items() if name != "p_value_table"}
+    learned = {
+        name: values
+        for name, values in people.learned.items()
+        if name != "p_value_table"
+    }
     images = shapefit.read_landmarks(world.images("people"))
     stored, drawn = (
         shapefit.fit(images, one, method="posterior", camera={"focal": "none"})
@@ -71,20 +84,30 @@ def test_a_prior_without_a_table_has_one_drawn(world):
 @pytest.mark.parametrize(
     ("landmarks", "options", "message"),
     [
-        (np.ones((3, 25, 3)), {}, r'not 15; name them, as in `keypoints=body_25` or `keypoints='),
-        (np.ones((3, 17, 2)), {}, r'not 15; name them, as in `keypoints=coco_17` or `keypoints='),
+        (
+            np.ones((3, 25, 3)),
+            {},
+            r"not 15; name them, as in `keypoints=body_25` or `keypoints=",
+        ),
+        (
+            np.ones((3, 17, 2)),
+            {},
+            r"not 15; name them, as in `keypoints=coco_17` or `keypoints=",
+        ),
         (np.full((3, 25, 2), 9.0), {"keypoints": "body_26"}, "body_25"),
         (np.full((3, 15, 3), 7.0), {}, "third numbers run from 7 to 7"),
     ],
-)  # fmt: skip
+)
 def test_arrays_that_cannot_be_are_refused(landmarks, options, message):
     with pytest.raises(shapefit.InputError, match=message):
         shapefit.fit(landmarks, "people", **options)
 
 
 def test_a_fit_is_one_line_and_has_parts(found):
-    assert repr(found) == (
-        "<shapefit.Fit: 36 images, 21 landmarks, method sequences, 36 trusted, in unknown>"
+    assert (
+        repr(found)
+        == "<shapefit.Fit: 36 images, 21 landmarks, method sequences, 36 trusted, in"
+        " unknown>"
     )
     assert len(found) == 36
     part = found[4:9]
@@ -97,16 +120,23 @@ def test_a_fit_is_one_line_and_has_parts(found):
 
 def test_joints_in_metres_are_those_that_convert_writes(found, tmp_path):
     shapefit.write_results(tmp_path / "fit.h5", found)
-    files = {"files": [str(tmp_path / "fit.h5")], "output": str(tmp_path / "x.metres.csv")}
+    files = {
+        "files": [str(tmp_path / "fit.h5")],
+        "output": str(tmp_path / "x.metres.csv"),
+    }
     for _ in convert.run(load_config("convert", arguments=files)):
         pass
-    with pytest.warns(UserWarning, match="times are numbers of frames; set `frame_rate`"):
+    with pytest.warns(
+        UserWarning, match="times are numbers of frames; set `frame_rate`"
+    ):
         table = found.metres
     with (tmp_path / "x.metres.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [*rows[0], "sequence"] == list(table.dtype.names)
     for name in ("frame", "time", "x", "y", "z", "sd"):
-        np.testing.assert_allclose([float(row[name]) for row in rows], table[name], rtol=1e-6)
+        np.testing.assert_allclose(
+            [float(row[name]) for row in rows], table[name], rtol=1e-6
+        )
     assert [row["landmark"] for row in rows] == table["landmark"].tolist()
     assert {row["trusted"] for row in rows} == {"true"}
     assert table["trusted"].all()
@@ -128,7 +158,9 @@ def test_the_height_of_a_body_is_that_of_the_fit(visible, tmp_path):
 def test_what_has_no_size_has_no_metres(keypoints):
     atoms = shapefit.read_dictionary("people").atoms[:, :15]
     alone = shapefit.fit(keypoints[:2, :15, :2], shapefit.Dictionary(atoms=atoms))
-    with pytest.raises(shapefit.InputError, match=r"metres is not known .*; give it, .* `height=1"):
+    with pytest.raises(
+        shapefit.InputError, match=r"metres is not known .*; give it, .* `height=1"
+    ):
         _ = alone.metres
 
 

@@ -12,16 +12,25 @@ from shapefit.cli.main import run
 
 
 def run_in(folder: Path, *arguments: object, text: str = "") -> SimpleNamespace:
-    """Run the command line in a folder, in this process, with a text as standard input."""
-    stdin, stdout = io.TextIOWrapper(io.BytesIO(text.encode())), io.TextIOWrapper(io.BytesIO())
+    """Run the command line in a folder, in this process, with a text as standard
+    input.
+    """
+    stdin, stdout = (
+        io.TextIOWrapper(io.BytesIO(text.encode())),
+        io.TextIOWrapper(io.BytesIO()),
+    )
     with (
-        chdir(folder), patch.object(sys, "stdin", stdin),
-        redirect_stdout(stdout), redirect_stderr(io.StringIO()) as told,
-    ):  # fmt: skip
+        chdir(folder),
+        patch.object(sys, "stdin", stdin),
+        redirect_stdout(stdout),
+        redirect_stderr(io.StringIO()) as told,
+    ):
         code = run([str(argument) for argument in arguments])
         stdout.flush()
     return SimpleNamespace(
-        returncode=code, stdout=stdout.buffer.getvalue().decode(), stderr=told.getvalue()
+        returncode=code,
+        stdout=stdout.buffer.getvalue().decode(),
+        stderr=told.getvalue(),
     )
 
 

@@ -1,4 +1,6 @@
-"""What the command line hands to the pipelines, and what it makes of their outcomes and errors."""
+"""What the command line hands to the pipelines, and what it makes of their outcomes and
+errors.
+"""
 
 import os
 import re
@@ -25,72 +27,181 @@ FIT = "fit -c fit.yaml"
 EVAL = "eval result.h5 --truth shapes.h5 -o report"
 PIPELINES = {"fit": "fit.run", "eval": "evaluate.run", "view": "view.run"}
 FAILING = tuple(Failure(f"img_{i}", "hidden") for i in range(27))
-NOT_OPTIMAL = [Result(warnings=(Counted(n, "image", "not optimal"),)) for n in (128, 13, 1)]
+NOT_OPTIMAL = [
+    Result(warnings=(Counted(n, "image", "not optimal"),)) for n in (128, 13, 1)
+]
 FORGED = "x\x1b[31mRED\nfit: 8 images in 0.0 s; wrote all"
 INTERNAL = (
-    "Internal error: ZeroDivisionError: division by zero (this is a bug in shapefit; --traceback "
-    "or SHAPEFIT_TRACEBACK=1 shows where)\n"
+    "Internal error: ZeroDivisionError: division by zero (this is a bug in shapefit;"
+    " --traceback or SHAPEFIT_TRACEBACK=1 shows where)\n"
 )
 
 READ = r"Read    views\.h5\n"
 
 TOLD = {
-    "a sum of all": (FIT, [Result(done=2, warnings=("odd",)), Result(done=1)], 0,
-        rf"Warning: odd\n{READ}Result  3 images, \S+ s\n"),
-    "a warning once": (FIT, [Result(warnings=("odd",))] * 3, 0,
-        rf"Warning: odd\n{READ}Result.*\n"),
-    "numbers of a warning in sum": (FIT, NOT_OPTIMAL, 0,
-        rf"Warning: 142 images not optimal\n{READ}Result.*\n"),
-    "too few that are trusted": (f"{FIT} --fail-untrusted 0.2",
-        [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 1,
+    "a sum of all": (
+        FIT,
+        [Result(done=2, warnings=("odd",)), Result(done=1)],
+        0,
+        rf"Warning: odd\n{READ}Result  3 images, \S+ s\n",
+    ),
+    "a warning once": (
+        FIT,
+        [Result(warnings=("odd",))] * 3,
+        0,
+        rf"Warning: odd\n{READ}Result.*\n",
+    ),
+    "numbers of a warning in sum": (
+        FIT,
+        NOT_OPTIMAL,
+        0,
+        rf"Warning: 142 images not optimal\n{READ}Result.*\n",
+    ),
+    "too few that are trusted": (
+        f"{FIT} --fail-untrusted 0.2",
+        [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))],
+        1,
         r"Warning: 3 of 10 images not trusted: 3 wide error bars \(-v lists them\)\n"
-        rf"Failed: 30% are not trusted, more than --fail-untrusted allows\n{READ}Result.*\n"),
-    "all that are not trusted": (f"{FIT} -v",
-        [Result(done=2, reasons=(Counted(1, "image", "far", (item,)),)) for item in "ab"], 0,
-        r"Not trusted: a: far\nNot trusted: b: far\nWarning: 2 of 4 images not trusted: 2 far\n.*"),
-    "enough that are trusted": (f"{FIT} --fail-untrusted 0.3 -q",
-        [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 0, ""),
-    "the last note": (FIT, [Result(note="a"), Result(note="b"), Result()], 0,
-        rf"{READ}Result  0 images, b, \S+ s\n"),
+        r"Failed: 30% are not trusted, more than --fail-untrusted"
+        rf" allows\n{READ}Result.*\n",
+    ),
+    "all that are not trusted": (
+        f"{FIT} -v",
+        [
+            Result(done=2, reasons=(Counted(1, "image", "far", (item,)),))
+            for item in "ab"
+        ],
+        0,
+        (
+            r"Not trusted: a: far\nNot trusted: b: far\nWarning: 2 of 4 images not"
+            r" trusted: 2 far\n.*"
+        ),
+    ),
+    "enough that are trusted": (
+        f"{FIT} --fail-untrusted 0.3 -q",
+        [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))],
+        0,
+        "",
+    ),
+    "the last note": (
+        FIT,
+        [Result(note="a"), Result(note="b"), Result()],
+        0,
+        rf"{READ}Result  0 images, b, \S+ s\n",
+    ),
     "no item at all": (FIT, [Result(total=0)], 1, rf"{READ}Result  0 images, \S+ s\n"),
-    "rows of the pipeline, and one too long": (FIT,
-        [Result(rows=(("Read", "x: 2 images"), ("Method", "posterior " * 12))),
-         Result(done=2, note="a", rows=(("Result", "all well"), ("Next", "shapefit view r.h5")),
-            written=(Path.cwd() / "r.h5",))], 0,
-        rf"Read    x: 2 images\nMethod  (posterior ?){{10}}\n        posterior posterior\n"
-        rf"Result  all well, \S+ s\nWrote   {Path.cwd()}/r.h5\nNext    shapefit view r.h5\n"),
-    "details": (f"{FIT} -v", [Result(note="a", rows=(("Result", "all well"),))], 0,
-        rf"{READ}Result  all well, \S+ s\nDetails a\n"),
-    "the unit of the outcomes": (FIT, [Result(done=34000, unit="shape")], 0,
-        rf"{READ}Result  34,000 shapes, .*"),
-    "files": (FIT, [Result(written=tuple(Path.cwd() / name for name in "ab"))], 0,
-        rf"{READ}Result.*\nWrote   {Path.cwd()}/: a, b\n"),
-    "many files": (FIT, [Result(written=tuple(Path(f"/r/{n}.csv") for n in range(9)))], 0,
-        rf"{READ}Result.*\nWrote   9 files in /r/\n"),
-    "all files": (f"{FIT} -v", [Result(written=tuple(Path(f"/r/{n}") for n in range(9)))], 0,
-        rf"{READ}Result.*\nWrote   /r/: 0, 1, .* 8\n"),
-    "failures": (FIT, [Result(done=30, failures=FAILING[:15]), Result(failures=FAILING[15:])], 1,
+    "rows of the pipeline, and one too long": (
+        FIT,
+        [
+            Result(rows=(("Read", "x: 2 images"), ("Method", "posterior " * 12))),
+            Result(
+                done=2,
+                note="a",
+                rows=(("Result", "all well"), ("Next", "shapefit view r.h5")),
+                written=(Path.cwd() / "r.h5",),
+            ),
+        ],
+        0,
+        rf"Read    x: 2 images\nMethod  (posterior ?){{10}}\n        posterior"
+        rf" posterior\n"
+        rf"Result  all well, \S+ s\nWrote   {Path.cwd()}/r.h5\nNext    shapefit view"
+        r" r.h5\n",
+    ),
+    "details": (
+        f"{FIT} -v",
+        [Result(note="a", rows=(("Result", "all well"),))],
+        0,
+        rf"{READ}Result  all well, \S+ s\nDetails a\n",
+    ),
+    "the unit of the outcomes": (
+        FIT,
+        [Result(done=34000, unit="shape")],
+        0,
+        rf"{READ}Result  34,000 shapes, .*",
+    ),
+    "files": (
+        FIT,
+        [Result(written=tuple(Path.cwd() / name for name in "ab"))],
+        0,
+        rf"{READ}Result.*\nWrote   {Path.cwd()}/: a, b\n",
+    ),
+    "many files": (
+        FIT,
+        [Result(written=tuple(Path(f"/r/{n}.csv") for n in range(9)))],
+        0,
+        rf"{READ}Result.*\nWrote   9 files in /r/\n",
+    ),
+    "all files": (
+        f"{FIT} -v",
+        [Result(written=tuple(Path(f"/r/{n}") for n in range(9)))],
+        0,
+        rf"{READ}Result.*\nWrote   /r/: 0, 1, .* 8\n",
+    ),
+    "failures": (
+        FIT,
+        [Result(done=30, failures=FAILING[:15]), Result(failures=FAILING[15:])],
+        1,
         r"(Failed: img_1?\d: hidden\n){20}Failed: and 7 more\n"
-        rf"{READ}Result  30 images, 27 failed, \S+ s\n"),
-    "all failures": (f"{FIT} -v", [Result(failures=FAILING)], 1,
-        rf"(Failed: [^\n]*\n){{27}}{READ}Result.*\n"),
-    "many warnings": (FIT, [Result(warnings=(f"w{n}",)) for n in range(27)], 0,
-        rf"(Warning: w1?\d\n){{20}}Warning: and 7 more\n{READ}Result.*\n"),
-    "failures alone": (f"{FIT} -q", [Result(failures=FAILING[:1], warnings=("odd",), line="a")], 1,
-        r"Failed: img_0: hidden\n"),
-    "no forged line": (FIT, [Result(failures=(Failure(FORGED, "bad"),), warnings=(FORGED,))], 1,
-        rf"Warning: x\\x1b[^\n]*\nFailed: x\\x1b[^\n]*\n{READ}Result[^\n]*\n"),
-    "every problem": (FIT, [InputError(["a.csv:3: no number", "a.csv:5: repeated"])], 2,
-        r"Error: a.csv:3: no number\nError: a.csv:5: repeated\n"),
-    "an internal error": (FIT, [Result(done=1), ZeroDivisionError("division\nby zero")], 3,
-        re.escape(INTERNAL)),
-    "where it arose": (f"{FIT} --traceback", [ZeroDivisionError("division by zero")], 3,
-        "Traceback .*" + re.escape(INTERNAL)),
-    "too little memory": (FIT, [MemoryError("Unable to allocate 6.71 GiB")], 2,
-        r"Error: there is not enough memory: Unable to allocate 6.71 GiB; give fewer items .*"),
-    "an interruption": (FIT, [Result(done=1), KeyboardInterrupt()], 130,
-        r"Interrupted; no file is left half written.\n"),
-}  # fmt: skip
+        rf"{READ}Result  30 images, 27 failed, \S+ s\n",
+    ),
+    "all failures": (
+        f"{FIT} -v",
+        [Result(failures=FAILING)],
+        1,
+        rf"(Failed: [^\n]*\n){{27}}{READ}Result.*\n",
+    ),
+    "many warnings": (
+        FIT,
+        [Result(warnings=(f"w{n}",)) for n in range(27)],
+        0,
+        rf"(Warning: w1?\d\n){{20}}Warning: and 7 more\n{READ}Result.*\n",
+    ),
+    "failures alone": (
+        f"{FIT} -q",
+        [Result(failures=FAILING[:1], warnings=("odd",), line="a")],
+        1,
+        r"Failed: img_0: hidden\n",
+    ),
+    "no forged line": (
+        FIT,
+        [Result(failures=(Failure(FORGED, "bad"),), warnings=(FORGED,))],
+        1,
+        rf"Warning: x\\x1b[^\n]*\nFailed: x\\x1b[^\n]*\n{READ}Result[^\n]*\n",
+    ),
+    "every problem": (
+        FIT,
+        [InputError(["a.csv:3: no number", "a.csv:5: repeated"])],
+        2,
+        r"Error: a.csv:3: no number\nError: a.csv:5: repeated\n",
+    ),
+    "an internal error": (
+        FIT,
+        [Result(done=1), ZeroDivisionError("division\nby zero")],
+        3,
+        re.escape(INTERNAL),
+    ),
+    "where it arose": (
+        f"{FIT} --traceback",
+        [ZeroDivisionError("division by zero")],
+        3,
+        "Traceback .*" + re.escape(INTERNAL),
+    ),
+    "too little memory": (
+        FIT,
+        [MemoryError("Unable to allocate 6.71 GiB")],
+        2,
+        (
+            r"Error: there is not enough memory: Unable to allocate 6.71 GiB; give"
+            r" fewer items .*"
+        ),
+    ),
+    "an interruption": (
+        FIT,
+        [Result(done=1), KeyboardInterrupt()],
+        130,
+        r"Interrupted; no file is left half written.\n",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", TOLD)
@@ -105,7 +216,9 @@ def test_what_is_told_goes_to_standard_error(shapefit, fake_pipeline, case):
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
     report = (Path.cwd() / "report/report.md",)
-    fake_pipeline("evaluate.run", [Result(note="ours"), Result(note="| table |", written=report)])
+    fake_pipeline(
+        "evaluate.run", [Result(note="ours"), Result(note="| table |", written=report)]
+    )
     done = shapefit(*EVAL.split(), *quiet)
     assert (done.code, done.out) == (0, "| table |\n")
     assert done.err == ("" if quiet else "Wrote   report/report.md\n")
@@ -117,17 +230,33 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
     shapefit(*line.split(), "-d", "shapes.h5")
     (config,) = configs
     assert config.landmarks == (folder / "views.h5", folder / "dict.h5")
-    assert (config.output, config.lam, config.outliers) == (folder / "out.csv", 1e-3, "l1")
-    configs = fake_pipeline("view.run", [Result(done=3, written=(folder / "page.html",))])
-    line = "view result.h5 views.h5 --truth shapes.h5 --truth views.h5 -d dict.h5 -o page.html"
+    assert (config.output, config.lam, config.outliers) == (
+        folder / "out.csv",
+        1e-3,
+        "l1",
+    )
+    configs = fake_pipeline(
+        "view.run", [Result(done=3, written=(folder / "page.html",))]
+    )
+    line = (
+        "view result.h5 views.h5 --truth shapes.h5 --truth views.h5 -d dict.h5 -o"
+        " page.html"
+    )
     told = shapefit(*line.split(), "--set", "images=frames")
     (config,) = configs
-    assert config.files == {"result": (folder / "result.h5",), "views": (folder / "views.h5",)}
+    assert config.files == {
+        "result": (folder / "result.h5",),
+        "views": (folder / "views.h5",),
+    }
     assert config.truth == (folder / "shapes.h5", folder / "views.h5")
-    assert (config.dictionary, config.output) == (folder / "dict.h5", folder / "page.html")
+    assert (config.dictionary, config.output) == (
+        folder / "dict.h5",
+        folder / "page.html",
+    )
     assert config.images == folder / "frames"
     assert re.fullmatch(
-        r"Read    result.h5, views.h5\nResult  3 frames, \S+ s\nWrote   page.html\n", told.err
+        r"Read    result.h5, views.h5\nResult  3 frames, \S+ s\nWrote   page.html\n",
+        told.err,
     )
 
 
@@ -135,9 +264,13 @@ def test_verify_hands_on_its_arguments(shapefit, monkeypatch):
     asked = []
     failures = (Failure("a", "the objective is P: off by 1"),)
     outcomes = [Result(done=3, failures=failures), Result(note="| claim |")]
-    monkeypatch.setattr(verify, "run", lambda request: asked.append(request) or iter_of(outcomes))
+    monkeypatch.setattr(
+        verify, "run", lambda request: asked.append(request) or iter_of(outcomes)
+    )
     told = shapefit("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5")
-    assert asked == [verify.Request(Path("result.h5"), Path("dict.h5"), (Path("views.h5"),))]
+    assert asked == [
+        verify.Request(Path("result.h5"), Path("dict.h5"), (Path("views.h5"),))
+    ]
     assert (told.code, told.out) == (1, "| claim |\n")
     assert told.err == "Failed: a: the objective is P: off by 1\n"
 
@@ -146,7 +279,9 @@ def iter_of(outcomes):
     yield from outcomes
 
 
-def test_a_page_is_opened_where_that_is_wished(shapefit, fake_pipeline, folder, monkeypatch):
+def test_a_page_is_opened_where_that_is_wished(
+    shapefit, fake_pipeline, folder, monkeypatch
+):
     fake_pipeline("view.run", [Result(done=3, written=(folder / "page.html",))])
     opened = []
     monkeypatch.setattr(webbrowser, "open", lambda url: not opened.append(url))
@@ -158,17 +293,27 @@ def test_a_page_is_opened_where_that_is_wished(shapefit, fake_pipeline, folder, 
     assert "No browser was found; open" in shapefit("view", "result.h5", "--open").err
 
 
-def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipeline, monkeypatch):
+def test_progress_is_a_line_now_and_then_without_a_terminal(
+    shapefit, fake_pipeline, monkeypatch
+):
     clock = count(0, 4)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
     fake_pipeline("fit.run", [Result(done=10, total=90, note="gap 1e-5")] * 9)
-    lines = [line for line in shapefit(*FIT.split()).err.splitlines() if "/90 images, " in line]
+    lines = [
+        line
+        for line in shapefit(*FIT.split()).err.splitlines()
+        if "/90 images, " in line
+    ]
     assert 2 <= len(lines) <= 4
     assert lines[0].startswith("fit: ")
 
 
 def test_every_option_says_what_it_is_for():
-    assert all(option.help for spec in COMMANDS for option in make_options(spec.options).values())
+    assert all(
+        option.help
+        for spec in COMMANDS
+        for option in make_options(spec.options).values()
+    )
 
 
 @pytest.mark.parametrize("command", NAMES)
@@ -178,7 +323,9 @@ def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
     assert listed == {row.name for row in rows(CONFIGS[command])}
     told = shapefit(command, "--print-config")
     assert (told.code, told.err) == (0, "")
-    printed = {line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"}
+    printed = {
+        line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"
+    }
     assert printed == {way[0] for way in keys_of(CONFIGS[command])}
 
 
@@ -187,7 +334,9 @@ def complete(words: str, kind: str = "bash_complete") -> list[str]:
     last = str(len(words.split()) - 1)
     asked = {"_SHAPEFIT_COMPLETE": kind, "COMP_WORDS": words, "COMP_CWORD": last}
     line = [sys.executable, "-m", "shapefit"]
-    done = subprocess.run(line, env=os.environ | asked, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        line, env=os.environ | asked, capture_output=True, text=True, check=True
+    )
     return [answer.split(",", 1)[-1] for answer in done.stdout.splitlines()]
 
 
@@ -201,9 +350,13 @@ def test_a_process_has_one_thread_of_blas_where_nobody_says_how_many(monkeypatch
     """Those of several processes would wait for one another."""
     monkeypatch.setattr("sys.argv", ["shapefit", "--version"])
     monkeypatch.setattr("gc.disable", lambda: None)
-    monkeypatch.setattr("signal.getsignal", lambda _number: signal.SIG_IGN)  # so they stay
+    monkeypatch.setattr(
+        "signal.getsignal", lambda _number: signal.SIG_IGN
+    )  # so they stay
     for stated, used in (("", "1"), ("3", "3")):
-        monkeypatch.setattr("os.environ", {"OPENBLAS_NUM_THREADS": stated} if stated else {})
+        monkeypatch.setattr(
+            "os.environ", {"OPENBLAS_NUM_THREADS": stated} if stated else {}
+        )
         with pytest.raises(SystemExit) as ended:
             main.main()
         assert (ended.value.code, os.environ["OPENBLAS_NUM_THREADS"]) == (0, used)

@@ -1,4 +1,6 @@
-"""Commands as a user types them: exit code, what is told, and the output in rounded numbers."""
+"""Commands as a user types them: exit code, what is told, and the output in rounded
+numbers.
+"""
 
 import csv
 import io
@@ -12,13 +14,17 @@ from ruamel.yaml import YAML
 
 from tests.cli.conftest import run_in
 
-TABLE = YAML(typ="safe").load(Path(__file__).with_name("golden.yaml").read_text(encoding="utf-8"))
+TABLE = YAML(typ="safe").load(
+    Path(__file__).with_name("golden.yaml").read_text(encoding="utf-8")
+)
 ROWS = [(group, *row) for group, rows in TABLE["commands"].items() for row in rows]
 
 
 @pytest.fixture(scope="session")
 def inputs(project, tmp_path_factory):
-    """A folder with sample data, texts of the table, and what the commands of `made` write."""
+    """A folder with sample data, texts of the table, and what the commands of `made`
+    write.
+    """
     folder = tmp_path_factory.mktemp("golden")
     (folder / "data").symlink_to(project / "sample_data")
     for name, text in TABLE["files"].items():
@@ -33,7 +39,9 @@ def inputs(project, tmp_path_factory):
 
 
 def in_numbers(text: str) -> str:
-    """Return a table of CSV in one line: its rows, and the mean size of each column of numbers."""
+    """Return a table of CSV in one line: its rows, and the mean size of each column of
+    numbers.
+    """
     rows = list(csv.DictReader(io.StringIO(text)))
     means = []
     for name in rows[0]:
@@ -47,7 +55,9 @@ def in_numbers(text: str) -> str:
 
 def pattern(text: str) -> re.Pattern[str]:
     """Return what the text stands for: `...` is anything."""
-    return re.compile(".*".join(re.escape(part) for part in text.split("...")), re.DOTALL)
+    return re.compile(
+        ".*".join(re.escape(part) for part in text.split("...")), re.DOTALL
+    )
 
 
 @pytest.mark.parametrize(("group", "code", "line", "told", "out"), [
@@ -73,4 +83,6 @@ def test_a_command(inputs, tmp_path, group, code, line, told, out):
         )
         assert [name for name, _ in found] == [name for name, _ in expected]
         for (name, value), (_, wanted) in zip(found, expected, strict=True):
-            assert name.isdigit() or float(value) == pytest.approx(float(wanted), rel=0.01), name
+            assert name.isdigit() or float(value) == pytest.approx(
+                float(wanted), rel=0.01
+            ), name

@@ -1,4 +1,6 @@
-"""The installed command as a process: pipes, signals, terminals, streams, full disks."""
+"""The installed command as a process: pipes, signals, terminals, streams, full
+disks.
+"""
 
 import os
 import pty
@@ -31,13 +33,19 @@ main.main()
 
 
 def driver(folder: Path, body: str) -> list[str]:
-    """Return a command line that is `shapefit fit` with the given body of its pipeline."""
+    """Return a command line that is `shapefit fit` with the given body of its
+    pipeline.
+    """
     script = folder / "driver.py"
-    script.write_text(DRIVER.format(body=textwrap.indent(textwrap.dedent(body), "    ")))
+    script.write_text(
+        DRIVER.format(body=textwrap.indent(textwrap.dedent(body), "    "))
+    )
     return [sys.executable, str(script), "fit", "-c", "fit.yaml"]
 
 
-@pytest.mark.parametrize("lines", [1, 100_000], ids=["at the last flush", "while writing"])
+@pytest.mark.parametrize(
+    "lines", [1, 100_000], ids=["at the last flush", "while writing"]
+)
 def test_a_reader_that_stops_reading_is_not_an_internal_error(folder, lines):
     body = f"""
     sys.stdin.readline()
@@ -45,7 +53,9 @@ def test_a_reader_that_stops_reading_is_not_an_internal_error(folder, lines):
         print(number)
     yield Result(done=1)
     """
-    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    buffered = {
+        name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"
+    }
     process = subprocess.Popen(
         driver(folder, body),
         stdin=subprocess.PIPE,
@@ -84,7 +94,8 @@ def test_a_signal_unwinds_the_pipeline(folder, number, told):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # where the tests run in the background, SIGINT is ignored, and by their children too
+        # where the tests run in the background, SIGINT is ignored, and by their
+        # children too
         preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     )
     assert process.stdout.readline() == "ready\n"
@@ -106,7 +117,9 @@ for done in range(3):
 def test_a_terminal_gets_a_bar(folder):
     reader, writer = pty.openpty()
     termios.tcsetwinsize(writer, (24, 80))
-    process = subprocess.Popen(driver(folder, BAR_BODY), stderr=writer, stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        driver(folder, BAR_BODY), stderr=writer, stdout=subprocess.DEVNULL
+    )
     os.close(writer)
     text = b""
     while True:
@@ -157,8 +170,12 @@ def shell(command: str, folder: Path, unbuffered: str = "") -> tuple[int, str, s
 
 @FULL
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-@pytest.mark.parametrize("command", ["fit --help", f"{FIT} r.csv --print-config", EVAL, f"{FIT} -"])
-def test_a_full_disk_behind_standard_output_is_no_internal_error(fitted, command, unbuffered):
+@pytest.mark.parametrize(
+    "command", ["fit --help", f"{FIT} r.csv --print-config", EVAL, f"{FIT} -"]
+)
+def test_a_full_disk_behind_standard_output_is_no_internal_error(
+    fitted, command, unbuffered
+):
     code, out, told = shell(f"{command} >/dev/full", fitted, unbuffered)
     assert (code, out) == (2, "")
     assert "Error: standard output: " in told
@@ -167,7 +184,8 @@ def test_a_full_disk_behind_standard_output_is_no_internal_error(fitted, command
 
 UNCOMPILED = """
 import sys
-sys.meta_path = [finder for finder in sys.meta_path if "Redirecting" not in type(finder).__name__]
+installed = [f for f in sys.meta_path if "Redirecting" not in type(f).__name__]
+sys.meta_path = installed
 sys.path.insert(0, "")
 import shapefit
 shapefit.fit
@@ -177,7 +195,11 @@ shapefit.fit
 
 def test_sources_that_hide_the_installed_package_say_what_to_do(project: Path):
     done = subprocess.run(
-        [sys.executable, "-c", UNCOMPILED], cwd=project, capture_output=True, text=True, check=False
+        [sys.executable, "-c", UNCOMPILED],
+        cwd=project,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert "No module named" not in done.stderr
     assert f"InputError: {project / 'shapefit'}: " in done.stderr

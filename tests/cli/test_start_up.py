@@ -15,11 +15,13 @@ from shapefit.io.records import LandmarkSet
 
 OF_HELP = "h5py numba numpy orjson pyarrow pydantic ruamel scipy tqdm trimesh"
 OF_OTHER_FITS = """
-    concurrent.futures dask distributed llvmlite matplotlib multiprocessing numba numpy.f2py
+    concurrent.futures dask distributed llvmlite matplotlib multiprocessing numba
+    numpy.f2py
     numpy.ma numpy.polynomial numpy.random numpy.testing polars ruamel scipy
     shapefit.config.commands.others
     shapefit.evaluation shapefit.lifting.perspective
-    shapefit.lifting.outliers.ransac shapefit.lifting.sequences shapefit.lifting.posterior.method
+    shapefit.lifting.outliers.ransac shapefit.lifting.sequences
+    shapefit.lifting.posterior.method
     shapefit.meshes shapefit.pipelines.export.meshes shapefit.pipelines.export.pictures
     shapefit.pipelines.partition.run shapefit.pipelines.fit.sequences tqdm trimesh
 """
@@ -37,7 +39,9 @@ sys.exit(code)
 def imported(*arguments: object) -> set[str]:
     """Return the modules that a command line imports."""
     command = [sys.executable, "-c", SCRIPT, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=120
+    )
     return set(done.stdout.splitlines()[-1].split()[1:])
 
 
@@ -50,9 +54,13 @@ def of_a_fit(tmp_path_factory) -> set[str]:
     write_dictionary(folder / "dictionary.h5", Dictionary(atoms, names, atoms[0]))
     with landmark_writer(folder / "one.csv") as writer:
         landmarks = rng.normal(size=(1, 2, 6))
-        writer.append(LandmarkSet(landmarks=landmarks, landmark_names=names, items=("image",)))
+        writer.append(
+            LandmarkSet(landmarks=landmarks, landmark_names=names, items=("image",))
+        )
     out = folder / "out.csv"
-    modules = imported("fit", folder / "one.csv", "-d", folder / "dictionary.h5", "-o", out)
+    modules = imported(
+        "fit", folder / "one.csv", "-d", folder / "dictionary.h5", "-o", out
+    )
     assert out.read_text().startswith("item,landmark,x,y,z\n")
     return modules
 
@@ -70,13 +78,15 @@ def test_a_fit_of_csv_imports_what_it_needs_and_no_more(of_a_fit):
 
 def test_no_cycles_are_looked_for_in_what_was_imported():
     script = (
-        "import gc, sys; gc.disable()\n"
-        "from shapefit.cli.main import run\n"
-        "code = run(sys.argv[1:]); print(gc.isenabled(), gc.get_freeze_count()); sys.exit(code)"
+        "import gc, sys; gc.disable()\nfrom shapefit.cli.main import run\ncode ="
+        " run(sys.argv[1:]); print(gc.isenabled(), gc.get_freeze_count());"
+        " sys.exit(code)"
     )
     image = Path(__file__).parents[2] / "sample_data/one_person.csv"
     command = [sys.executable, "-c", script, "info", str(image)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=120
+    )
     enabled, frozen = done.stdout.splitlines()[-1].split()
     assert enabled == "True"
     assert int(frozen) > 10_000
@@ -96,18 +106,38 @@ sys.addaudithook(hook)
 sys.dont_write_bytecode = True
 from shapefit.cli.main import run
 code = run(sys.argv[1:])
-print(json.dumps({"code": code, "written": sorted(written), "modules": list(sys.modules)}))
+found = {"code": code, "written": sorted(written), "modules": list(sys.modules)}
+print(json.dumps(found))
 """
 
 
-def test_a_fit_without_a_home_writes_its_output_alone_and_reads_one_word_itself(project, tmp_path):
+def test_a_fit_without_a_home_writes_its_output_alone_and_reads_one_word_itself(
+    project, tmp_path
+):
     views, out = project / "sample_data/one_person.csv", tmp_path / "out"
     out.mkdir()
     done = subprocess.run(
-        [sys.executable, "-c", WRITES, "fit", views, "-o", out / "result.h5",
-         "--set", "method=posterior"], capture_output=True, text=True, check=True, timeout=120,
-        env={**os.environ, **dict.fromkeys(("HOME", "XDG_CACHE_HOME"), "/no"), "TMPDIR": str(out)},
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-c",
+            WRITES,
+            "fit",
+            views,
+            "-o",
+            out / "result.h5",
+            "--set",
+            "method=posterior",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+        env={
+            **os.environ,
+            **dict.fromkeys(("HOME", "XDG_CACHE_HOME"), "/no"),
+            "TMPDIR": str(out),
+        },
+    )
     told = json.loads(done.stdout.splitlines()[-1])
     assert told["code"] == 0
     own = (str(out), "/dev/", "/proc/")

@@ -40,8 +40,21 @@ def write(folder: Path, text: str, name: str = "configs/c.yaml") -> Path:
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        *(("+1", 1), ("08", 8), ("0o17", 15), ("0x1F", 31), ("12", 12), ("007.50", 7.5)),
-        *((".5", 0.5), ("-1.5e3", -1500.0), ("1e-3", 1e-3), ("-.inf", -math.inf), ("true", True)),
+        *(
+            ("+1", 1),
+            ("08", 8),
+            ("0o17", 15),
+            ("0x1F", 31),
+            ("12", 12),
+            ("007.50", 7.5),
+        ),
+        *(
+            (".5", 0.5),
+            ("-1.5e3", -1500.0),
+            ("1e-3", 1e-3),
+            ("-.inf", -math.inf),
+            ("true", True),
+        ),
         *((text, text) for text in ("1:30", "no", "e3", "2001-01-01", "a+b-", "nan")),
         ("&one [1]\n- [*one, *one]", [1]),
     ],
@@ -55,7 +68,10 @@ def test_numbers_and_words_are_those_of_the_core_schema(text, value):
 
 
 def test_arguments_go_over_options_and_options_over_the_file(folder):
-    text = FIT + "noise: 1\nthreads: 1\nlambda: 1\ncamera: {focal: 7, principal_point: [1, 2]}\n"
+    text = (
+        FIT + "noise: 1\nthreads: 1\nlambda: 1\ncamera: {focal: 7, principal_point: [1,"
+        " 2]}\n"
+    )
     arguments = {"threads": 3, "lambda": None, "camera.focal": 9.0}
     options = ["noise=2", "threads=2", "prior={scale: 2}", "save.covariance=true"]
     config = load_config("fit", write(folder, text), options, arguments)
@@ -81,7 +97,9 @@ def test_an_output_is_named_after_the_first_input(folder, command, arguments, na
 
 
 def test_paths_are_relative_to_who_says_them(folder):
-    config = load_config("fit", write(folder, FIT), ["output=o.h5"], {"landmarks": ("a.h5",)})
+    config = load_config(
+        "fit", write(folder, FIT), ["output=o.h5"], {"landmarks": ("a.h5",)}
+    )
     assert config.dictionary == folder / "configs" / "a.h5"
     assert config.output == folder / "o.h5"
     assert config.landmarks == (folder / "a.h5",)
@@ -111,7 +129,9 @@ def test_globs_are_sorted_and_name_each_file_once(folder, shapes, names):
 
 def test_a_folder_of_results_stands_for_the_parts_that_are_done(folder):
     lines = [{"shapefit": "1"}, {"file": "p10.h5", "status": "done"}]
-    lines += [{"file": f"p{n}.h5", "status": s} for n, s in ((9, "done"), (8, "failed"))]
+    lines += [
+        {"file": f"p{n}.h5", "status": s} for n, s in ((9, "done"), (8, "failed"))
+    ]
     text = "".join(f"{json.dumps(line)}\n" for line in lines)
     (folder / "far/manifest.jsonl").write_text(f"{text}cut off")
     config = load_config("convert", None, (), {"files": "far", "output": "o.h5"})
@@ -119,9 +139,14 @@ def test_a_folder_of_results_stands_for_the_parts_that_are_done(folder):
 
 
 def test_results_have_the_names_of_their_files_or_of_a_mapping(folder):
-    config = load_config("eval", None, (), {"results": "?.h5", "truth": "a.h5", "output": "r"})
+    config = load_config(
+        "eval", None, (), {"results": "?.h5", "truth": "a.h5", "output": "r"}
+    )
     assert list(config.results) == ["a", "b"]
-    text = "results: {ours: ../a.h5, theirs: [../b.h5, ../c.csv]}\ntruth: ../a.h5\noutput: r\n"
+    text = (
+        "results: {ours: ../a.h5, theirs: [../b.h5, ../c.csv]}\ntruth:"
+        " ../a.h5\noutput: r\n"
+    )
     config = load_config("eval", write(folder, text))
     assert [len(paths) for paths in config.results.values()] == [1, 2]
 
@@ -130,7 +155,10 @@ def test_results_have_the_names_of_their_files_or_of_a_mapping(folder):
     ("command", "keys"),
     [
         ("eval", EVAL | {"groups": {"walks": "13_*"}}),
-        ("learn-dict", LEARN | {"data": "far", "landmarks": ["no", "1e-3", "hip: left"]}),
+        (
+            "learn-dict",
+            LEARN | {"data": "far", "landmarks": ["no", "1e-3", "hip: left"]},
+        ),
         ("learn-dict", LEARN | {"k": 3, "mirror": True}),
     ],
 )
@@ -156,7 +184,9 @@ def test_an_output_cannot_replace_an_input(tmp_path, monkeypatch, command, text)
     (tmp_path / "sub").mkdir()
     (tmp_path / "link.h5").symlink_to("a.h5")
     (tmp_path / "c.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"c\.yaml:\d:1: `output` would replace an input, .*h5"):
+    with pytest.raises(
+        InputError, match=r"c\.yaml:\d:1: `output` would replace an input, .*h5"
+    ):
         load_config(command, Path("c.yaml"))
     load_config(command, Path("c.yaml"), arguments={"output": "new.h5"})
 
@@ -166,13 +196,17 @@ def test_a_config_can_come_from_standard_input(folder, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text)))
     config = load_config("fit", Path("-"))
     assert (config.lam, config.output) == (0.3, folder / "r.h5")
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text + b"threads: -1\n")))
+    monkeypatch.setattr(
+        "sys.stdin", io.TextIOWrapper(io.BytesIO(text + b"threads: -1\n"))
+    )
     with pytest.raises(InputError, match="standard input:5:1: expected a whole number"):
         load_config("fit", Path("-"))
 
 
 def test_keys_are_few():
-    listed = {command: [row.name for row in rows(model)] for command, model in CONFIGS.items()}
+    listed = {
+        command: [row.name for row in rows(model)] for command, model in CONFIGS.items()
+    }
     assert sum(map(len, listed.values())) <= 105
     assert len(listed["fit"]) <= 33
 
@@ -182,7 +216,11 @@ MINE = {"landmarks": ("a.h5",), "dictionary": "b.h5", "output": "r.h5"}
 
 def test_the_settings_of_a_preset_count_without_its_data(folder):
     config = load_config("fit", Path("cars"), (), MINE)
-    assert (config.method, config.lam, config.camera.focal) == ("convex+refine", 1.0, "files")
+    assert (config.method, config.lam, config.camera.focal) == (
+        "convex+refine",
+        1.0,
+        "files",
+    )
     assert config.landmarks == (folder / "a.h5",)
     assert config.data is config.leave_one_out is config.camera.principal_point is None
     report = load_config("eval", Path("cars"), (), EVAL)
@@ -223,7 +261,11 @@ def test_stand_ins_take_the_place_of_files(folder):
     files = {"landmarks": ("x",), "dictionary": "y", "output": "z"}
     config = load_config("fit", write(folder, text), stand_ins=files)
     assert (config.landmarks, config.dictionary, config.output) == (("x",), "y", "z")
-    shown = load_config("fit", None, ["lambda=2"], stand_ins={"landmarks": None, "output": None})
+    shown = load_config(
+        "fit", None, ["lambda=2"], stand_ins={"landmarks": None, "output": None}
+    )
     assert (shown.landmarks, shown.output, shown.lam) == (None, None, 2)
-    again = load_config("fit", write(folder, dump_config(shown)), (), {"landmarks": "a.h5"})
+    again = load_config(
+        "fit", write(folder, dump_config(shown)), (), {"landmarks": "a.h5"}
+    )
     assert again == load_config("fit", None, ["lambda=2"], {"landmarks": "a.h5"})

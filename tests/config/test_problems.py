@@ -83,7 +83,9 @@ fit | camera: {principal_point: [1, 2]} | 4:10 | `principal_point` needs a focal
 fit | camera: {focal: 2, calibration: a.h5} | 4:10 | `focal` and `calibration` both give the focal length
 fit | lambda: auto | 4:1 | `lambda: auto` needs `noise`
 """  # noqa: E501
-"""Command, what its config says besides, the place of the fault, and a part of the message."""
+"""Command, what its config says besides, the place of the fault, and a part of the
+message.
+"""
 
 
 @pytest.mark.parametrize("case", WRONG.strip().splitlines())
@@ -111,21 +113,37 @@ BILLION = "a: &a [1,2,3,4,5,6,7,8,9]\n" + "".join(
         ("a: b: c\n", "c.yaml:1:5: not valid YAML: "),
         ("lambda: [1, 2\n", "c.yaml:2:1: not valid YAML: "),
         ("\tlambda: 1\n", "c.yaml:1:1: not valid YAML: "),
-        ("- a\n- b\n", "c.yaml:1:1: expected keys with values (key: value), found a list"),
+        (
+            "- a\n- b\n",
+            "c.yaml:1:1: expected keys with values (key: value), found a list",
+        ),
         ("--- {}\n--- {}\n", "c.yaml:2:1: not valid YAML: "),
         ("a: \x00\n", "c.yaml:1:1: not valid YAML: unacceptable character"),
-        ("&x {fit: {lambda: *x}}\n", "c.yaml:1:1: not valid YAML: lists or mappings are nested"),
-        (BILLION, "c.yaml:1:1: not valid YAML: more than 100000 values, aliases written out"),
+        (
+            "&x {fit: {lambda: *x}}\n",
+            "c.yaml:1:1: not valid YAML: lists or mappings are nested",
+        ),
+        (
+            BILLION,
+            "c.yaml:1:1: not valid YAML: more than 100000 values, aliases written out",
+        ),
         ('a: "\\ud800"\n', "c.yaml:1:1: not valid YAML: half a letter"),
-        ("[" * 1100 + "]" * 1100, "c.yaml:1:1: not valid YAML: lists or mappings are nested"),
+        (
+            "[" * 1100 + "]" * 1100,
+            "c.yaml:1:1: not valid YAML: lists or mappings are nested",
+        ),
     ],
 )
 def test_broken_yaml_has_a_place(text, expected):
-    assert any(line.startswith(expected) for line in problems("fit", text)), problems("fit", text)
+    assert any(line.startswith(expected) for line in problems("fit", text)), problems(
+        "fit", text
+    )
 
 
 def test_a_config_that_cannot_be_read_is_named(folder):
-    with pytest.raises(InputError, match=r"sub: is a directory; give one of: a YAML file, cars"):
+    with pytest.raises(
+        InputError, match=r"sub: is a directory; give one of: a YAML file, cars"
+    ):
         load_config("fit", Path("sub"))
     (folder / "latin.yaml").write_bytes(b"output: \xe9\n")
     with pytest.raises(InputError, match=r"latin\.yaml: not UTF-8 text"):
@@ -151,7 +169,9 @@ def test_a_path_that_names_no_file(folder, path, expected):
 
 
 def test_results_of_one_name_must_be_named_apart(folder):
-    (told,) = problems("eval", EVAL.replace("results: a.h5", "results: [a.h5, sub/a.csv]"))
+    (told,) = problems(
+        "eval", EVAL.replace("results: a.h5", "results: [a.h5, sub/a.csv]")
+    )
     assert "would both be called 'a'" in told
 
 

@@ -24,13 +24,19 @@ def loss(request: pytest.FixtureRequest) -> Loss:
 
 @pytest.fixture
 def make_problem(rng: np.random.Generator) -> Callable[..., Problem]:
-    """Normalised atoms and images of a few turned atoms plus noise, with masks and weights.
+    """Normalised atoms and images of a few turned atoms plus noise, with masks and
+    weights.
 
     An EXACT problem has no noise, so that its constraint can be met.
     """
 
     def make(
-        n: int = 8, k: int = 12, p: int = 10, *, loss: Loss = Loss.SQUARED, **options: Any
+        n: int = 8,
+        k: int = 12,
+        p: int = 10,
+        *,
+        loss: Loss = Loss.SQUARED,
+        **options: Any,
     ) -> Problem:
         noise = 0.0 if loss is Loss.EXACT else options.get("noise", 0.3)
         atoms = normalise(rng.standard_normal((k, 3, p))).points
@@ -44,7 +50,9 @@ def make_problem(rng: np.random.Generator) -> Callable[..., Problem]:
         if options.get("weighted", True):
             weights = rng.uniform(0.2, 1.0, (n, p)) * (rng.random((n, p)) > 0.2)
             weights[:, :3] = 1.0
-        return build_problem(landmarks, atoms, options.get("lam", 0.1), weights=weights, loss=loss)
+        return build_problem(
+            landmarks, atoms, options.get("lam", 0.1), weights=weights, loss=loss
+        )
 
     return make
 
@@ -66,11 +74,17 @@ def judge(problem, transforms, translation, dual):
         f = 0.5 * size**2 if quadratic else np.zeros_like(size)
         if robust:
             over = problem.bound * (size - 0.5 * problem.bound)
-            f = np.where(size > problem.bound, over, f) if quadratic else problem.bound * size
+            f = (
+                np.where(size > problem.bound, over, f)
+                if quadratic
+                else problem.bound * size
+            )
         P = f.sum() + lam * np.linalg.svd(M, compute_uv=False)[:, 0].sum()
 
         Y = (Y - np.outer(Y @ omega / (omega @ omega), omega)) * (omega > 0)
-        nuclear = np.linalg.svd((Y * omega) @ problem.atoms.swapaxes(1, 2), compute_uv=False)
+        nuclear = np.linalg.svd(
+            (Y * omega) @ problem.atoms.swapaxes(1, 2), compute_uv=False
+        )
         scales = [lam / max(nuclear.sum(axis=1).max(), 1e-300)]
         yw, yy = (Y * omega * (W - mean)).sum(), (Y**2).sum()
         if robust:
@@ -91,7 +105,9 @@ def assert_certified(problem, solution, tolerance):
     P, D, residual = judge(
         problem, solution.transforms.dense(), solution.translation, solution.dual
     )
-    rounding = 1e-15 * np.abs(problem.landmarks).max() * problem.landmarks[0].size  # of W - T
+    rounding = (
+        1e-15 * np.abs(problem.landmarks).max() * problem.landmarks[0].size
+    )  # of W - T
     np.testing.assert_allclose(P, solution.objective, rtol=1e-9, atol=rounding)
     # tolerance and the rounding of P and D themselves
     assert (P - D <= tolerance * P * (1 + 1e-6) + 1e-14 * P + rounding).all()
@@ -101,7 +117,9 @@ def assert_certified(problem, solution, tolerance):
 
 
 def lambda_max(problem):
-    """max_i ||(omega^2 o (W - mean)) B_i^T||_* (n,): the least lambda whose optimum is zero."""
+    """max_i ||(omega^2 o (W - mean)) B_i^T||_* (n,): the least lambda whose optimum is
+    zero.
+    """
     square = problem.weights[:, None, :] ** 2
     W = np.where(square > 0, problem.landmarks, 0.0)
     mean = (square * W).sum(axis=2, keepdims=True) / square.sum(axis=2, keepdims=True)

@@ -1,4 +1,6 @@
-"""Cases that break solvers: each must end OPTIMAL in a few hundred steps, certified by NumPy."""
+"""Cases that break solvers: each must end OPTIMAL in a few hundred steps, certified by
+NumPy.
+"""
 
 from collections.abc import Callable
 
@@ -28,7 +30,9 @@ def random(rng: np.random.Generator, n: int = 12, k: int = 16, p: int = 12) -> A
 
 def turned_duplicates(rng: np.random.Generator) -> Arrays:
     found = random(rng, k=4)
-    return found | {"atoms": np.concatenate([R @ found["atoms"] for R in random_rotations(5, rng)])}
+    return found | {
+        "atoms": np.concatenate([R @ found["atoms"] for R in random_rotations(5, rng)])
+    }
 
 
 def rank_one(rng: np.random.Generator) -> np.ndarray:
@@ -59,7 +63,9 @@ def atoms_of_all_sizes(rng: np.random.Generator) -> Arrays:
     return found | {"atoms": found["atoms"] * 10 ** rng.uniform(-4, 4, (16, 1, 1))}
 
 
-def changed(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[..., Arrays]:
+def changed(
+    name: str, change: Callable[[np.ndarray], np.ndarray]
+) -> Callable[..., Arrays]:
     """Return a function that draws a random case with one of its arrays changed."""
 
     def draw(rng: np.random.Generator) -> Arrays:
@@ -104,10 +110,17 @@ def make(name: str, loss: Loss, rng: np.random.Generator) -> Problem:
     landmarks, atoms = found["landmarks"], found["atoms"]
     if loss is Loss.EXACT and np.ptp(landmarks) > 0:
         mixed = rng.standard_normal((len(landmarks), len(atoms), 2, 3))
-        mixed *= rng.random((len(landmarks), len(atoms), 1, 1)) < max(0.2, 1 / len(atoms))
+        mixed *= rng.random((len(landmarks), len(atoms), 1, 1)) < max(
+            0.2, 1 / len(atoms)
+        )
         landmarks = np.einsum("nkab,kbp->nap", mixed, atoms)
     return build_problem(
-        landmarks, atoms, found["lam"], weights=found.get("weights"), loss=loss, beta=0.3
+        landmarks,
+        atoms,
+        found["lam"],
+        weights=found.get("weights"),
+        loss=loss,
+        beta=0.3,
     )
 
 
@@ -118,7 +131,9 @@ def test_hard_case(name, loss, rng):
     assert_certified(problem, solution, tolerance)
 
 
-@pytest.mark.parametrize("factor", [1e-6, 1e-4, 1e-2, 0.5, 0.999, 1 - 1e-9, 1.0, 1 + 1e-9, 10.0])
+@pytest.mark.parametrize(
+    "factor", [1e-6, 1e-4, 1e-2, 0.5, 0.999, 1 - 1e-9, 1.0, 1 + 1e-9, 10.0]
+)
 def test_lambda_from_a_millionth_to_ten_times_the_largest(loss, factor, rng):
     squared = make("nothing special", Loss.SQUARED, rng)
     lam = factor * lambda_max(squared)
@@ -134,8 +149,12 @@ def test_robust_losses_place_the_translation_without_atoms(rng):
     landmarks = rng.standard_normal((6, 2, 9))
     landmarks[:, :, 0] += 100
     atoms = np.zeros((2, 3, 9))
-    median = solve_newton(build_problem(landmarks, atoms, 0.1, loss=Loss.ABSOLUTE), tolerance=1e-9)
-    np.testing.assert_allclose(median.translation, np.median(landmarks, axis=2), atol=1e-6)
+    median = solve_newton(
+        build_problem(landmarks, atoms, 0.1, loss=Loss.ABSOLUTE), tolerance=1e-9
+    )
+    np.testing.assert_allclose(
+        median.translation, np.median(landmarks, axis=2), atol=1e-6
+    )
     problem = build_problem(landmarks, atoms, 0.1, loss=Loss.SPARSE_ERROR, beta=0.5)
     huber = solve_newton(problem, tolerance=1e-12)
     slopes = np.clip(landmarks - huber.translation[..., None], -0.5, 0.5).sum(axis=2)

@@ -52,6 +52,10 @@ def test_landmarks_that_are_nan_are_hidden() -> None:
 def test_weights_of_the_exact_loss_say_only_what_is_seen() -> None:
     given = arrays(weights=np.array([[0, 1e-9, 0.5, 1, 7.0]] * 3))
     found = build_problem(
-        given["landmarks"], given["atoms"], 1.0, weights=given["weights"], loss=Loss.EXACT
+        given["landmarks"],
+        given["atoms"],
+        1.0,
+        weights=given["weights"],
+        loss=Loss.EXACT,
     )
     assert found.weights.tolist() == [[0, 1, 1, 1, 1]] * 3

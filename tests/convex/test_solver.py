@@ -1,4 +1,6 @@
-"""The fast solver: certified statuses, problems built from their optimum, cvxpy with Clarabel."""
+"""The fast solver: certified statuses, problems built from their optimum, cvxpy with
+Clarabel.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -22,7 +24,9 @@ def test_iteration_limit_comes_with_its_honest_gap(make_problem, loss):
     found = solve_newton(problem, max_iterations=2)
     assert Status.ITERATION_LIMIT in found.status
     assert (found.iterations <= 2).all()
-    P, D, residual = judge(problem, found.transforms.dense(), found.translation, found.dual)
+    P, D, residual = judge(
+        problem, found.transforms.dense(), found.translation, found.dual
+    )
     for image, status in enumerate(found.status):
         gap = (P[image] - D[image]) / P[image]
         met = loss is not Loss.EXACT or residual[image] <= 1e-4
@@ -59,7 +63,10 @@ def test_overflow_is_a_numerical_failure_and_spares_the_next(make_problem, loss)
 
 def test_exact_program_without_a_solution_is_never_optimal(rng):
     problem = build_problem(
-        rng.standard_normal((5, 2, 9)), rng.standard_normal((1, 3, 9)), 1.0, loss=Loss.EXACT
+        rng.standard_normal((5, 2, 9)),
+        rng.standard_normal((1, 3, 9)),
+        1.0,
+        loss=Loss.EXACT,
     )
     found = solve_newton(problem)
     assert Status.OPTIMAL not in found.status
@@ -87,10 +94,12 @@ class Planted:
 
 
 def plant(seed: int, loss: Loss, *, weighted: bool, k: int = 9, p: int = 14) -> Planted:
-    """Choose a dual Y, scale atoms until those that shall be active touch the bound, set W.
+    """Choose a dual Y, scale atoms until those that shall be active touch the bound,
+    set W.
 
-    Y omega = 0 and Y = 0 where hidden; ||(Omega o Y) B_i^T||_* = lambda where M_i = c_i U V^T from
-    the SVD of (Omega o Y) B_i^T, less elsewhere; r is in the subdifferential of f* at Y.
+    Y omega = 0 and Y = 0 where hidden; ||(Omega o Y) B_i^T||_* = lambda where M_i = c_i
+    U V^T from the SVD of (Omega o Y) B_i^T, less elsewhere; r is in the subdifferential
+    of f* at Y.
     """
     rng = np.random.default_rng(seed)
     omega = np.ones(p)
@@ -110,7 +119,9 @@ def plant(seed: int, loss: Loss, *, weighted: bool, k: int = 9, p: int = 14) -> 
     np.testing.assert_allclose(Y @ omega, 0, atol=1e-14)
 
     atoms = rng.standard_normal((k, 3, p))
-    nuclear = np.linalg.svd((Y * omega) @ atoms.swapaxes(1, 2), compute_uv=False).sum(axis=1)
+    nuclear = np.linalg.svd((Y * omega) @ atoms.swapaxes(1, 2), compute_uv=False).sum(
+        axis=1
+    )
     active = np.arange(k) < 3
     touch = np.where(active, 1.0, rng.uniform(0.2, 0.9, k))
     atoms *= (LAM * touch / nuclear)[:, None, None]
@@ -147,14 +158,17 @@ def test_planted_optimum_is_found(loss, seed, weighted):
     assert found.status == (Status.OPTIMAL,)
     assert found.objective[0] == pytest.approx(planted.objective, rel=1e-10)
     # the active atoms are in general position, so the optimum is the only one
-    np.testing.assert_allclose(found.transforms.dense()[0], planted.transforms, atol=1e-4)
+    np.testing.assert_allclose(
+        found.transforms.dense()[0], planted.transforms, atol=1e-4
+    )
     np.testing.assert_allclose(found.translation[0], planted.translation, atol=1e-4)
     if loss.has_quadratic:  # D is strongly concave, so Y is unique
         np.testing.assert_allclose(found.dual[0], planted.dual, atol=1e-4)
 
 
 class Clarabel:
-    """The program of one image as the paper writes it, built once for a size and a loss.
+    """The program of one image as the paper writes it, built once for a size and a
+    loss.
 
     cvxpy comes with the packages of the slow tests.
     """
@@ -165,13 +179,21 @@ class Clarabel:
         self.W, self.omega = cp.Parameter((2, p)), cp.Parameter((1, p))
         self.B, self.lam = cp.Parameter((3 * k, p)), cp.Parameter(nonneg=True)
         self.beta = cp.Parameter(nonneg=True)
-        M, T, E = [cp.Variable((2, 3)) for _ in range(k)], cp.Variable((2, 1)), cp.Variable((2, p))
-        r = self.W - cp.hstack(M) @ self.B - T @ self.omega  # weights are in W and B already
+        M, T, E = (
+            [cp.Variable((2, 3)) for _ in range(k)],
+            cp.Variable((2, 1)),
+            cp.Variable((2, p)),
+        )
+        r = (
+            self.W - cp.hstack(M) @ self.B - T @ self.omega
+        )  # weights are in W and B already
         f = {
             Loss.SQUARED: cp.sum_squares(r) / 2,
             Loss.EXACT: cp.Constant(0),
             Loss.ABSOLUTE: cp.sum(cp.abs(r)),
-            Loss.SPARSE_ERROR: cp.sum_squares(r - E) / 2 + self.beta * cp.sum(cp.abs(E)),
+            Loss.SPARSE_ERROR: (
+                cp.sum_squares(r - E) / 2 + self.beta * cp.sum(cp.abs(E))
+            ),
         }[loss]
         norms = cp.sum(cp.hstack([cp.sigma_max(block) for block in M]))
         constraints = [r == 0] if loss is Loss.EXACT else []
@@ -193,7 +215,9 @@ def assert_agreement(problem: Problem) -> None:
     assert set(found.status) == {Status.OPTIMAL}
     judge = Clarabel(len(problem.atoms), problem.landmarks.shape[2], problem.loss)
     expected = [judge.solve(problem, image) for image in range(len(problem.landmarks))]
-    size = 1e-9 * np.abs(problem.landmarks).max()  # an absolute accuracy, where all is zero
+    size = (
+        1e-9 * np.abs(problem.landmarks).max()
+    )  # an absolute accuracy, where all is zero
     np.testing.assert_allclose(found.objective, expected, rtol=1e-6, atol=size)
 
 
@@ -202,7 +226,9 @@ def assert_agreement(problem: Problem) -> None:
 def test_squared_loss_on_random_images(make_problem, rng, n, k, p):
     problem = make_problem(n, k, p)
     lam = 10 ** rng.uniform(-2, 0.5, n)
-    assert_agreement(build_problem(problem.landmarks, problem.atoms, lam, weights=problem.weights))
+    assert_agreement(
+        build_problem(problem.landmarks, problem.atoms, lam, weights=problem.weights)
+    )
 
 
 @pytest.mark.slow

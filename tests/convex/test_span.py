@@ -1,4 +1,6 @@
-"""Large shapes: images solved in the span of the atoms are solved, and certified as they are."""
+"""Large shapes: images solved in the span of the atoms are solved, and certified as
+they are.
+"""
 
 from dataclasses import replace
 
@@ -17,7 +19,9 @@ def planted(rng, rank: int | None = None, masks: int = 1):
     """Noisy images of a few atoms each, of which so many sets of landmarks are seen."""
     atoms = rng.normal(size=(K, 3, P))
     if rank is not None:
-        atoms = (rng.normal(size=(3 * K, rank)) @ rng.normal(size=(rank, P))).reshape(K, 3, P)
+        atoms = (rng.normal(size=(3 * K, rank)) @ rng.normal(size=(rank, P))).reshape(
+            K, 3, P
+        )
     atoms -= atoms.mean(axis=2, keepdims=True)
     blocks = rng.normal(size=(N, K, 2, 3)) * (rng.random((N, K, 1, 1)) < 0.3)
     w = np.einsum("nkab,kbp->nap", blocks, atoms) + 0.3 * rng.normal(size=(N, 2, P))
@@ -59,7 +63,10 @@ def test_no_bit_depends_on_how_images_are_batched(rng):
     w = np.r_[one.landmarks[rows[:64]], other.landmarks[rows[64:]]]
     many = build_problem(w, atoms, 5.0, weights=weights)
     whole = solve_newton(many)
-    parts = [solve_newton(many.take(np.arange(*ends))) for ends in ((0, 64), (64, 128), (128, 158))]
+    parts = [
+        solve_newton(many.take(np.arange(*ends)))
+        for ends in ((0, 64), (64, 128), (128, 158))
+    ]
     for name in ("objective", "dual", "iterations"):
         apart = np.concatenate([getattr(part, name) for part in parts])
         np.testing.assert_array_equal(getattr(whole, name), apart)

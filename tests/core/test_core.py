@@ -1,4 +1,6 @@
-"""The core: what its door refuses, its stub, and the solver's tests at each instruction set."""
+"""The core: what its door refuses, its stub, and the solver's tests at each instruction
+set.
+"""
 
 import os
 import subprocess
@@ -27,7 +29,11 @@ def test_the_stub_is_that_of_the_core(project):
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("rotation", np.zeros((N + 1, 3, 3)), r"\(n 3 3\) with n = 3, a = 6, not float64 \(4,"),
+        (
+            "rotation",
+            np.zeros((N + 1, 3, 3)),
+            r"\(n 3 3\) with n = 3, a = 6, not float64 \(4,",
+        ),
         ("rotation", np.zeros((N, 3, 4)), "rotation must be"),
         ("rotation", np.zeros((N, 9)), "rotation must be"),
         ("rotation", np.zeros((N, 3, 3), np.float32), "not float32"),
@@ -38,7 +44,7 @@ def test_the_stub_is_that_of_the_core(project):
         ("threads", 1.5, "threads must be an integer"),
         ("further", 1, "7 arguments, 6 are known"),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_fit_is_refused(arguments, name, value, message):
     with pytest.raises((TypeError, ValueError), match=message):
         core.synchronise(**{**arguments, name: value})
@@ -62,17 +68,21 @@ def test_what_is_only_read_may_be_of_another_layout(arguments):
 def test_sizes_that_are_named_with_others_hold_too():
     """3p and 1+k: a size is that of the argument which named it first."""
     smooth = {
-        "landmarks": np.zeros((4, 6)), "weight": np.zeros((4, 6)), "log_share": np.zeros((4, 1)),
+        "landmarks": np.zeros((4, 6)),
+        "weight": np.zeros((4, 6)),
+        "log_share": np.zeros((4, 1)),
         "means": np.zeros((4, 1, 10)),
-    }  # fmt: skip
-    with pytest.raises(ValueError, match=r"means must be .* \(t K 3p\) with t = 4, p = 3, K = 1"):
+    }
+    with pytest.raises(
+        ValueError, match=r"means must be .* \(t K 3p\) with t = 4, p = 3, K = 1"
+    ):
         core.smooth_sequence(**smooth)
 
 
 SHOW = "from shapefit import core; print(core.LEVEL)"
 
-# Certificates, planted problems and many starts judge every level alike; `make test-levels` runs
-# more than these.
+# Certificates, planted problems and many starts judge every level alike; `make
+# test-levels` runs more than these.
 QUICK = [
     "tests/convex/test_solver.py",
     "tests/dictionary/test_learning.py",
@@ -80,17 +90,28 @@ QUICK = [
 ]
 
 
-def at_level(level: str, arguments: list[str], **options) -> subprocess.CompletedProcess[str]:
-    environment, command = {**os.environ, "SHAPEFIT_LEVEL": level}, [sys.executable, "-P"]
+def at_level(
+    level: str, arguments: list[str], **options
+) -> subprocess.CompletedProcess[str]:
+    environment, command = (
+        {**os.environ, "SHAPEFIT_LEVEL": level},
+        [sys.executable, "-P"],
+    )
     return subprocess.run(
-        [*command, *arguments], env=environment, capture_output=True, text=True, **options
+        [*command, *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+        **options,
     )
 
 
 @pytest.mark.parametrize("level", ["", *core.LEVELS])
 def test_the_environment_forces_a_level(level):
     """Without it the best is taken."""
-    assert at_level(level, ["-c", SHOW], check=True).stdout.strip() == (level or core.LEVELS[0])
+    assert at_level(level, ["-c", SHOW], check=True).stdout.strip() == (
+        level or core.LEVELS[0]
+    )
 
 
 def test_an_unknown_level_is_an_error_of_the_user(project):
@@ -99,14 +120,17 @@ def test_an_unknown_level_is_an_error_of_the_user(project):
     fit = ["-m", "shapefit", "fit", landmarks, "-d", dictionary, "-o", "-"]
     refused = at_level("x86_64_v9", fit, cwd=project)
     assert refused.returncode == 2
-    assert refused.stderr == (
-        "Error: SHAPEFIT_LEVEL is x86_64_v9; this build and processor have "
+    assert (
+        refused.stderr
+        == "Error: SHAPEFIT_LEVEL is x86_64_v9; this build and processor have "
         f"{', '.join(core.LEVELS)}; set it to one of these, or unset it\n"
     )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("level", [level for level in core.LEVELS if level != core.LEVEL])
+@pytest.mark.parametrize(
+    "level", [level for level in core.LEVELS if level != core.LEVEL]
+)
 def test_the_solvers_pass_at_every_other_level(level, project):
     options = ["-n", "0", "-q", "-p", "no:cacheprovider"]
     done = at_level(level, ["-m", "pytest", *options, *QUICK], cwd=project, timeout=300)

@@ -34,7 +34,9 @@ def test_acceleration_is_the_root_mean_square_of_second_differences(film, sequen
     inside = [t for t, run in enumerate(runs, 1) if len(set(run)) == 1]
     squares = [(y[t - 1] - 2 * y[t] + y[t + 1]) ** 2 for t in inside]
     expected = np.sqrt(np.mean(squares, axis=(0, 1)))
-    np.testing.assert_allclose(find_acceleration(film, list(sequences)), expected, rtol=1e-10)
+    np.testing.assert_allclose(
+        find_acceleration(film, list(sequences)), expected, rtol=1e-10
+    )
 
 
 def test_give_is_the_deviation_of_lengths_within_each_sequence(film):
@@ -42,7 +44,9 @@ def test_give_is_the_deviation_of_lengths_within_each_sequence(film):
     lengths = np.linalg.norm(film[:, :, BONES[:, 0]] - film[:, :, BONES[:, 1]], axis=1)
     variance = [lengths[sequences == name].var(axis=0) for name in "ab"]
     expected = np.sqrt(np.mean(variance, axis=0)) / np.median(normalise(film).scale)
-    np.testing.assert_allclose(find_bone_tolerance(film, BONES, sequences), expected, rtol=1e-10)
+    np.testing.assert_allclose(
+        find_bone_tolerance(film, BONES, sequences), expected, rtol=1e-10
+    )
 
 
 @pytest.mark.parametrize("names", [["a", "b"], ["a", "b", "b"]])
@@ -57,14 +61,18 @@ def test_many_bodies_say_how_bodies_differ(rng):
     true = np.array([[0.8, 0.6, 0], [0.6, 0.8, 0], [0, 0, 0.4]])
     bodies = np.exp(rng.multivariate_normal(np.log([0.3, 0.4, 0.5]), true, 500))
     np.testing.assert_allclose(find_edge_covariance(bodies), true, atol=0.1)
-    np.testing.assert_allclose(find_edge_covariance(7 * bodies), find_edge_covariance(bodies))
+    np.testing.assert_allclose(
+        find_edge_covariance(7 * bodies), find_edge_covariance(bodies)
+    )
 
 
 def test_sequences_of_one_body_count_once(rng):
     bodies = np.exp(0.1 * rng.standard_normal((4, 6)))
     again = bodies[[0, 0, 1, 0, 2, 3, 3]] * np.exp(0.005 * rng.standard_normal((7, 6)))
     again[[0, 2, 4, 5]] = bodies
-    np.testing.assert_allclose(find_edge_covariance(again), find_edge_covariance(bodies))
+    np.testing.assert_allclose(
+        find_edge_covariance(again), find_edge_covariance(bodies)
+    )
 
 
 def test_an_edge_without_length_differs_by_the_usual_spread(rng):
@@ -76,7 +84,9 @@ def test_an_edge_without_length_differs_by_the_usual_spread(rng):
 
 
 def test_shapes_of_nobody_knows_whom_are_one_body_and_as_much_surer_as_they_are_alike():
-    """Of bones of one length, S is that of one body; lengths that differ add how they do."""
+    """Of bones of one length, S is that of one body; lengths that differ add how they
+    do.
+    """
     one = np.array([[1.0, 2.0, 0.5]])
     alone = find_edge_covariance(one)
     np.testing.assert_allclose(find_edge_covariance(one, np.tile(one, (9, 1))), alone)
@@ -85,7 +95,9 @@ def test_shapes_of_nobody_knows_whom_are_one_body_and_as_much_surer_as_they_are_
     found = find_edge_covariance(one, other)
     np.testing.assert_allclose(found, alone + 0.01 * np.eye(3), atol=1e-3)
     other[7, 1] = 0.0
-    np.testing.assert_allclose(find_edge_covariance(one, other)[1], alone[1], atol=1e-12)
+    np.testing.assert_allclose(
+        find_edge_covariance(one, other)[1], alone[1], atol=1e-12
+    )
 
 
 CHAIN = np.array([[0, 1], [1, 2], [2, 3]])
@@ -112,15 +124,17 @@ def dictionary(shapes) -> Dictionary:
 
 def test_edges_are_as_long_as_they_were(shapes, dictionary):
     factor = metres_per_unit(17 * shapes, dictionary)
-    found = find_lengths(factor[:, None, None] * 17 * shapes, CHAIN, ("",) * len(shapes))[0].mean(
-        axis=0
-    )
+    found = find_lengths(
+        factor[:, None, None] * 17 * shapes, CHAIN, ("",) * len(shapes)
+    )[0].mean(axis=0)
     total = np.linalg.norm(np.diff(shapes, axis=2), axis=1).sum(axis=1).mean()
     assert found.sum() == pytest.approx(total / 100)
 
 
 def test_without_edges_the_size_is_that_of_the_training_shapes(shapes, dictionary):
-    factor = metres_per_unit(5 * shapes, replace(dictionary, edges=None, edge_length=None))
+    factor = metres_per_unit(
+        5 * shapes, replace(dictionary, edges=None, edge_length=None)
+    )
     size = normalise(factor[:, None, None] * 5 * shapes).scale
     np.testing.assert_allclose(size, dictionary.atom_scale.mean() / 100)
 
@@ -151,7 +165,12 @@ def test_stretching_keeps_directions_and_partners_alike():
     shapes = np.random.default_rng(0).normal(size=(50, 3, 8))
     partners = np.array([0, 4, 5, 6, 1, 2, 3, 7])
     varied = vary(
-        shapes, find_skeleton(TREE, 8), copies=1, bone_scale=0.2, exchange=0.0, partners=partners
+        shapes,
+        find_skeleton(TREE, 8),
+        copies=1,
+        bone_scale=0.2,
+        exchange=0.0,
+        partners=partners,
     )
     factor = lengths(varied) / lengths(shapes)
     assert factor[:, :3] == pytest.approx(factor[:, 3:6])
@@ -163,7 +182,9 @@ def test_stretching_keeps_directions_and_partners_alike():
 
 def test_exchanged_limbs_come_from_other_shapes_whole():
     shapes = np.random.default_rng(0).normal(size=(30, 3, 8))
-    varied = vary(shapes, find_skeleton(TREE, 8), copies=1, bone_scale=0.0, exchange=1.0)
+    varied = vary(
+        shapes, find_skeleton(TREE, 8), copies=1, bone_scale=0.0, exchange=1.0
+    )
     assert varied[:, :, [0, 1, 4, 7]] == pytest.approx(shapes[:, :, [0, 1, 4, 7]])
     limb = (varied[:, :, [2, 3]] - varied[:, :, [1, 1]]).reshape(30, -1)
     given = (shapes[:, :, [2, 3]] - shapes[:, :, [1, 1]]).reshape(30, -1)

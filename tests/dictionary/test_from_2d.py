@@ -1,4 +1,6 @@
-"""Learning from 2D: dense Gaussians as judge, planted shapes, outliers, depth that is lost."""
+"""Learning from 2D: dense Gaussians as judge, planted shapes, outliers, depth that is
+lost.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -24,12 +26,18 @@ from shapefit.dictionary.from_2d.model import (
     scatter,
     split_ppca,
 )
-from shapefit.geometry.rotations import exponential, random_rotations, rotation_about_axis
+from shapefit.geometry.rotations import (
+    exponential,
+    random_rotations,
+    rotation_about_axis,
+)
 
 
 @pytest.fixture
 def plant(rng):
-    """Return a function that draws n images of p landmarks, their shapes before the camera."""
+    """Return a function that draws n images of p landmarks, their shapes before the
+    camera.
+    """
 
     def make(n, p=12, modes=3, deviation=0.15, noise=0.0, hidden=0.0):
         mean = rng.standard_normal((3, p))
@@ -37,7 +45,9 @@ def plant(rng):
         V = deviation * rng.standard_normal((3, p, modes))
         V -= V.mean(axis=1, keepdims=True)
         R = random_rotations(n, rng)
-        shapes = R @ (mean + np.einsum("ipq,nq->nip", V, rng.standard_normal((n, modes))))
+        shapes = R @ (
+            mean + np.einsum("ipq,nq->nip", V, rng.standard_normal((n, modes)))
+        )
         landmarks = shapes[:, :2] + noise * rng.standard_normal((n, 2, p))
         landmarks += rng.standard_normal((n, 2, 1))
         weights = (rng.random((n, p)) >= hidden).astype(float)
@@ -69,19 +79,25 @@ WIDE = 1e8
 
 @pytest.fixture
 def planted(plant):
-    """Few images, some landmarks hidden, confidences that differ, views that are a little off."""
+    """Few images, some landmarks hidden, confidences that differ, views that are a
+    little off.
+    """
     made = plant(4, p=6, modes=2, noise=0.02, hidden=0.2)
     confidence = np.where(made.images.weights > 0, 0.5 + 0.5 * (np.arange(6) % 2), 0.0)
-    made.images = type(made.images)(made.images.landmarks, confidence, made.images.sequence)
+    made.images = type(made.images)(
+        made.images.landmarks, confidence, made.images.sequence
+    )
     turned = exponential(np.full((4, 3), 0.05)) @ made.views.rotation
     made.views = Views(turned, np.array([0.1, -0.1, 0.0, 0.05]))
     return made
 
 
 def dense(made, i):
-    """Return mean and covariance of the shape and of the seen landmarks, log density, and noise.
+    """Return mean and covariance of the shape and of the seen landmarks, log density,
+    and noise.
 
-    All at once: joint Gaussian of the shape (3p) and the landmarks (2p), the translation wide.
+    All at once: joint Gaussian of the shape (3p) and the landmarks (2p), the
+    translation wide.
     """
     model, p = made.model, made.images.weights.shape[1]
     A = np.exp(made.views.log_scale[i]) * np.kron(made.views.rotation[i][:2], np.eye(p))
@@ -97,9 +113,16 @@ def dense(made, i):
     )
     noise_gain = model.noise * np.diag(omega**-2) @ np.linalg.inv(S)
     e = noise_gain @ r
-    of_noise = model.noise * np.diag(omega**-2) - noise_gain @ (model.noise * np.diag(omega**-2))
+    of_noise = model.noise * np.diag(omega**-2) - noise_gain @ (
+        model.noise * np.diag(omega**-2)
+    )
     residual_variance = float((omega**2 * (e**2 + np.diag(of_noise))).sum())
-    return model.mean.ravel() + gain @ r, C - gain @ A @ C, log_density, residual_variance
+    return (
+        model.mean.ravel() + gain @ r,
+        C - gain @ A @ C,
+        log_density,
+        residual_variance,
+    )
 
 
 def test_shapes_covariances_and_noise_are_those_of_the_joint_gaussian(planted):
@@ -109,7 +132,9 @@ def test_shapes_covariances_and_noise_are_those_of_the_joint_gaussian(planted):
         np.testing.assert_allclose(found.shapes[i].ravel(), mean, atol=1e-5)
         assert found.residual_variance[i] == pytest.approx(residual_variance, rel=1e-4)
     total = sum(covariance for _, covariance, _, _ in exact)
-    np.testing.assert_allclose(scatter(found, planted.views, planted.model), total, atol=1e-5)
+    np.testing.assert_allclose(
+        scatter(found, planted.views, planted.model), total, atol=1e-5
+    )
 
 
 def test_log_density_is_that_of_the_landmarks_up_to_the_wide_translation(planted):
@@ -129,13 +154,19 @@ def test_doubt_is_what_the_density_gains_where_one_belief_changes(planted):
     for i, j in np.argwhere(planted.images.weights > 0):
         changed = outliers.copy()
         changed[i, j] ^= True
-        then = posterior_mean(replace(images, outliers=changed), planted.views, planted.model)
+        then = posterior_mean(
+            replace(images, outliers=changed), planted.views, planted.model
+        )
         gain = then.log_density[i] - found.log_density[i]
         assert found.flip_gain[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
     assert np.isneginf(found.flip_gain[planted.images.weights == 0]).all()
-    hidden = posterior_mean(planted.images.hiding(outliers), planted.views, planted.model)
+    hidden = posterior_mean(
+        planted.images.hiding(outliers), planted.views, planted.model
+    )
     odds = np.log(0.02 / 0.98 * 0.05)  # one in fifty, anywhere in 20 units of area
-    assert found.log_density - hidden.log_density == pytest.approx(odds * outliers.sum(axis=1))
+    assert found.log_density - hidden.log_density == pytest.approx(
+        odds * outliers.sum(axis=1)
+    )
 
 
 def test_gradient_is_that_of_the_log_density(planted):
@@ -151,7 +182,9 @@ def test_gradient_is_that_of_the_log_density(planted):
             return posterior_mean(planted.images, views, planted.model).log_density
 
         slope = (moved(1) - moved(-1)) / (2 * h)
-        np.testing.assert_allclose(found.gradient[:, direction], slope, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(
+            found.gradient[:, direction], slope, rtol=1e-4, atol=1e-4
+        )
 
 
 def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(rng):
@@ -166,8 +199,12 @@ def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(r
     np.testing.assert_allclose(V @ V.T, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize(("noise", "hidden", "most"), [(0.0, 0.0, 0.02), (0.02, 0.1, 0.06)])
-def test_planted_shapes_are_recovered_and_the_objective_never_falls(plant, noise, hidden, most):
+@pytest.mark.parametrize(
+    ("noise", "hidden", "most"), [(0.0, 0.0, 0.02), (0.02, 0.1, 0.06)]
+)
+def test_planted_shapes_are_recovered_and_the_objective_never_falls(
+    plant, noise, hidden, most
+):
     made = plant(60, noise=noise, hidden=hidden)
     states = list(learn(made.images))
     assert (np.diff([state.objective for state in states]) > 0).all()
@@ -196,7 +233,9 @@ P, NOISE = 14, 0.03
 
 def test_the_angles_by_which_a_picture_was_rolled_are_found(rng):
     angles = rng.uniform(-1, 1, 6)
-    found = roll_angles(rotation_about_axis(2, angles)[:, :2, :2] @ rng.normal(size=(2, 8)))
+    found = roll_angles(
+        rotation_about_axis(2, angles)[:, :2, :2] @ rng.normal(size=(2, 8))
+    )
     np.testing.assert_allclose(found - found[0], angles - angles[0], atol=1e-6)
 
 
@@ -212,7 +251,9 @@ def shapes_of(rng, n=50, modes=3, deviation=0.15, depth=1.0):
 
 def swayed(rng, axis, degrees, **given):
     X = shapes_of(rng, **given)
-    return rotation_about_axis(axis, np.radians(degrees * np.sin(np.arange(len(X))))) @ X
+    return (
+        rotation_about_axis(axis, np.radians(degrees * np.sin(np.arange(len(X))))) @ X
+    )
 
 
 def seen_anywhere(rng, **given):
@@ -230,11 +271,23 @@ VERDICTS = {
     "same shape, same view": (shapes_of, {"deviation": 0.0}, {ALIKE}),
     "sways by 15 degrees": (partial(swayed, axis=1, degrees=15), {}, {ALIKE}),
     "camera rolls": (partial(swayed, axis=2, degrees=90), {}, {ALIKE}),
-    "same shape, camera rolls": (partial(swayed, axis=2, degrees=90), {"deviation": 0.0}, {ALIKE}),
+    "same shape, camera rolls": (
+        partial(swayed, axis=2, degrees=90),
+        {"deviation": 0.0},
+        {ALIKE},
+    ),
     "flat and stiff": (seen_anywhere, {"deviation": 0.0, "depth": 0.0}, {ALIKE}),
     "flat and bends": (seen_anywhere, {"depth": 0.0}, {ALIKE, DOUBTFUL}),
-    "20 images of 6 modes": (seen_anywhere, {"n": 20, "modes": 6, "deviation": 0.25}, {DOUBTFUL}),
-    "sways by 45 degrees": (partial(swayed, axis=1, degrees=45), {"n": 100}, {DOUBTFUL, LEARNED}),
+    "20 images of 6 modes": (
+        seen_anywhere,
+        {"n": 20, "modes": 6, "deviation": 0.25},
+        {DOUBTFUL},
+    ),
+    "sways by 45 degrees": (
+        partial(swayed, axis=1, degrees=45),
+        {"n": 100},
+        {DOUBTFUL, LEARNED},
+    ),
     "any view": (seen_anywhere, {}, {LEARNED}),
     "stiff, 30 images": (seen_anywhere, {"n": 30, "deviation": 0.0}, {LEARNED}),
     "shallow": (seen_anywhere, {"depth": 0.2}, {LEARNED}),
@@ -258,9 +311,14 @@ def test_verdicts(rng, name):
 def spoil(images, share, rng):
     """Throw some landmarks anywhere within their image; return which, too."""
     bad = rng.random(images.weights.shape) < share
-    low, high = (edge(images.landmarks, axis=2, keepdims=True) for edge in (np.min, np.max))
+    low, high = (
+        edge(images.landmarks, axis=2, keepdims=True) for edge in (np.min, np.max)
+    )
     anywhere = low + (high - low) * rng.random(images.landmarks.shape)
-    return replace(images, landmarks=np.where(bad[:, None], anywhere, images.landmarks)), bad
+    return (
+        replace(images, landmarks=np.where(bad[:, None], anywhere, images.landmarks)),
+        bad,
+    )
 
 
 def test_gross_landmarks_are_found_and_the_objective_never_falls(plant, rng):
@@ -287,7 +345,8 @@ def test_no_landmark_of_clean_images_is_gross_even_where_a_pose_is_rare(plant, r
 def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     A = rng.standard_normal((rank, rank))
     rows = np.concatenate(
-        [random_rotations(40, rng)[:, :2], rng.standard_normal((40, 2, rank - 3))], axis=2
+        [random_rotations(40, rng)[:, :2], rng.standard_normal((40, 2, rank - 3))],
+        axis=2,
     )
     L = rows @ np.linalg.inv(A)
     Q = upgrade(L, A[:, :3] + 0.05 * rng.standard_normal((rank, 3)))

@@ -1,4 +1,6 @@
-"""Coding and learning: certificates, planted optima and atoms, a falling objective, PCA bases."""
+"""Coding and learning: certificates, planted optima and atoms, a falling objective, PCA
+bases.
+"""
 
 import numpy as np
 import pytest
@@ -15,17 +17,25 @@ from shapefit.dictionary.learning import (
 from shapefit.geometry.normalisation import normalise
 
 
-def duality_gaps(shapes: Floats, atoms: Floats, beta: float, coefficients: Floats) -> Floats:
+def duality_gaps(
+    shapes: Floats, atoms: Floats, beta: float, coefficients: Floats
+) -> Floats:
     """objective - D(t R) >= objective - optimum for each shape; (n,), for beta > 0.
 
-    The dual is max D(Y) = <Y, S> - 1/2 ||Y||^2 subject to <B_i, Y> <= beta. Y = t R with the
-    residual R and the best t >= 0 that is feasible.
+    The dual is max D(Y) = <Y, S> - 1/2 ||Y||^2 subject to <B_i, Y> <= beta. Y = t R
+    with the residual R and the best t >= 0 that is feasible.
     """
     X, B = flat(shapes), flat(atoms)
     R = X - coefficients @ B
-    correlation, energy, highest = (R * X).sum(axis=1), (R**2).sum(axis=1), (R @ B.T).max(axis=1)
+    correlation, energy, highest = (
+        (R * X).sum(axis=1),
+        (R**2).sum(axis=1),
+        (R @ B.T).max(axis=1),
+    )
     free = np.divide(correlation, energy, out=np.zeros_like(energy), where=energy > 0)
-    feasible = np.divide(beta, highest, out=np.full_like(energy, np.inf), where=highest > 0)
+    feasible = np.divide(
+        beta, highest, out=np.full_like(energy, np.inf), where=highest > 0
+    )
     t = np.clip(free, 0.0, feasible)
     dual = t * correlation - 0.5 * t**2 * energy
     return objectives(shapes, atoms, beta, coefficients) - dual
@@ -41,7 +51,9 @@ def atoms(rng):
 
 @pytest.fixture
 def coded(rng, atoms):
-    mixed = np.tensordot(rng.random((40, 12)) * (rng.random((40, 12)) < 0.4), atoms, axes=1)
+    mixed = np.tensordot(
+        rng.random((40, 12)) * (rng.random((40, 12)) < 0.4), atoms, axes=1
+    )
     return mixed + 0.3 * rng.standard_normal(mixed.shape)
 
 
@@ -57,14 +69,19 @@ class TestOptimality:
 
 
 class TestHostileAtoms:
-    """Atoms that depend on each other, exactly and nearly; more atoms than dimensions."""
+    """Atoms that depend on each other, exactly and nearly; more atoms than
+    dimensions.
+    """
 
     def families(self, rng):
         few = rng.standard_normal((8, 3, 4))
         plane = np.tensordot(rng.standard_normal((20, 2)), few[:2], axes=1)
         yield "copies", np.concatenate([few, few])
         yield "scaled copies", np.concatenate([few, 1.3 * few, 0.2 * few])
-        yield "near copies", np.concatenate([few, few + 1e-6 * rng.standard_normal(few.shape)])
+        yield (
+            "near copies",
+            np.concatenate([few, few + 1e-6 * rng.standard_normal(few.shape)]),
+        )
         yield "overcomplete", rng.standard_normal((100, 3, 4))
         yield "positive overcomplete", np.abs(rng.standard_normal((100, 3, 4)))
         yield "one plane", plane
@@ -85,7 +102,8 @@ class TestHostileAtoms:
 
 @pytest.mark.parametrize("size", [0.01, 1.0, 100.0])
 def test_the_tolerance_is_a_share_of_the_shape(coded, atoms, size):
-    # No single coefficient, set to its best, would move the shape by more than the tolerance.
+    # No single coefficient, set to its best, would move the shape by more than the
+    # tolerance.
     B = size * flat(atoms)
     C = sparse_code(coded, size * atoms, size * PRICE, tolerance=0.1)
     slope = (C @ B - flat(coded)) @ B.T + size * PRICE
@@ -122,7 +140,9 @@ def shapes(rng):
 
 
 class TestDescent:
-    @pytest.mark.parametrize(("k", "beta"), [(1, 0.1), (8, 0.01), (8, 1.0), (30, 0.1), (80, 0.1)])
+    @pytest.mark.parametrize(
+        ("k", "beta"), [(1, 0.1), (8, 0.01), (8, 1.0), (30, 0.1), (80, 0.1)]
+    )
     def test_no_half_step_raises_the_objective(self, shapes, k, beta):
         state = last(learn(shapes, k, beta, iterations=30))
         assert (np.diff(state.trace) <= 1e-13 * state.trace[0]).all()
@@ -201,7 +221,8 @@ def start(rng):
 def test_certificate(mixtures, coefficients, start):
     # KKT: the slope at B_i is -u_i B_i with u_i >= 0, and u_i = 0 inside the ball.
     usual, five = (
-        update_atoms(mixtures, coefficients, start, LIMIT, **n) for n in ({}, {"sweeps": 5})
+        update_atoms(mixtures, coefficients, start, LIMIT, **n)
+        for n in ({}, {"sweeps": 5})
     )
     np.testing.assert_array_equal(usual, five)
     atoms = update_atoms(mixtures, coefficients, start, LIMIT, sweeps=2000)
@@ -222,8 +243,8 @@ def test_sizes_of_atoms_are_those_of_the_shapes_that_use_them():
     atoms = np.zeros((3, 3, 2))
     atoms[0, 0], atoms[1, 1], atoms[2, 2] = [1, -1], [1, -1], [1, -1]
     C = np.array([[1.0, 2, 0], [0, 4, 0]])
-    # The deviation of each atom is 1/3; the second is used twice by the first shape, four times by
-    # the other; nobody uses the third.
+    # The deviation of each atom is 1/3; the second is used twice by the first shape,
+    # four times by the other; nobody uses the third.
     found = scale_of_atoms(atoms, C, np.array([1.0, 3]))
     np.testing.assert_allclose(found, [3, 3 * (2 + 12) / 6, 6])
 
@@ -232,15 +253,21 @@ class TestPrincipalComponents:
     def test_as_many_as_the_energy_needs_and_no_more(self, rng):
         # Of energies 25, 4, 1 the first holds 0.833, the first two 0.967.
         components = np.linalg.qr(rng.standard_normal((18, 3)))[0].T
-        C = np.linalg.qr(np.column_stack([np.ones(30), rng.standard_normal((30, 3))]))[0][:, 1:]
-        planted = rng.standard_normal((3, 6)) + ((C * [5, 2, 1]) @ components).reshape(30, 3, 6)
+        C = np.linalg.qr(np.column_stack([np.ones(30), rng.standard_normal((30, 3))]))[
+            0
+        ][:, 1:]
+        planted = rng.standard_normal((3, 6)) + ((C * [5, 2, 1]) @ components).reshape(
+            30, 3, 6
+        )
         shares = (0.5, 0.83, 0.84, 0.96, 0.97, 0.999)
         counts = [len(principal_components(planted, share)) for share in shares]
         assert counts == [1, 1, 2, 2, 3, 3]
 
     @pytest.mark.parametrize("components", [1, 4, 9])
     def test_they_leave_the_least_residual(self, shapes, components):
-        """Certificate (Eckart and Young): the residual is the sum of the other squared values."""
+        """Certificate (Eckart and Young): the residual is the sum of the other squared
+        values.
+        """
         found = principal_components(shapes, components).reshape(components, -1)
         np.testing.assert_allclose(found @ found.T, np.eye(components), atol=1e-12)
         X = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
@@ -254,7 +281,9 @@ class TestPrincipalComponents:
 
     def test_rounding_of_single_precision_is_no_motion(self, shapes, rng):
         still = np.repeat(10 * shapes[:1], 40, axis=0)
-        rounded = still * (1 + np.finfo(np.float32).eps * rng.uniform(-0.5, 0.5, still.shape))
+        rounded = still * (
+            1 + np.finfo(np.float32).eps * rng.uniform(-0.5, 0.5, still.shape)
+        )
         assert len(principal_components(rounded)) == 0
         moving = rounded + 1e-4 * np.sin(np.arange(40))[:, None, None] * shapes[1]
         assert len(principal_components(moving)) == 1

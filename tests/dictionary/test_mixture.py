@@ -14,14 +14,21 @@ def draw(n: int, seed: int = 0, p: int = 3):
     roots = 0.3 * rng.normal(size=(3, 3 * p, 3 * p)) / np.sqrt(p)
     covariances = roots @ roots.swapaxes(1, 2) + 0.02 * np.eye(3 * p)
     k = rng.choice(3, size=n, p=weights)
-    z = np.einsum("nij,nj->ni", np.linalg.cholesky(covariances)[k], rng.normal(size=(n, 3 * p)))
-    return (means.reshape(3, -1)[k] + z).reshape(n, 3, p), Mixture(weights, means, covariances)
+    z = np.einsum(
+        "nij,nj->ni", np.linalg.cholesky(covariances)[k], rng.normal(size=(n, 3 * p))
+    )
+    return (means.reshape(3, -1)[k] + z).reshape(n, 3, p), Mixture(
+        weights, means, covariances
+    )
 
 
 def test_a_planted_mixture_is_recovered():
     shapes, truth = draw(6000)
     found = learn_mixture(shapes, 3, shrinkage=0.0, floor=1e-9).mixture
-    order = [int(((found.means - mean) ** 2).sum(axis=(1, 2)).argmin()) for mean in truth.means]
+    order = [
+        int(((found.means - mean) ** 2).sum(axis=(1, 2)).argmin())
+        for mean in truth.means
+    ]
     assert sorted(order) == [0, 1, 2]
     assert found.weights[order] == pytest.approx(truth.weights, abs=0.03)
     assert found.means[order] == pytest.approx(truth.means, abs=0.05)
@@ -32,7 +39,9 @@ def test_a_planted_mixture_is_recovered():
 def test_no_round_lowers_the_objective(shrinkage):
     rng = np.random.default_rng(1)
     shapes = rng.normal(size=(400, 3, 4)) ** 3
-    trace = learn_mixture(shapes, 6, shrinkage=shrinkage, floor=0.05, tolerance=0.0).trace
+    trace = learn_mixture(
+        shapes, 6, shrinkage=shrinkage, floor=0.05, tolerance=0.0
+    ).trace
     assert len(trace) > 5
     assert (np.diff(trace) >= -1e-8 * np.abs(trace[1:])).all()
 
@@ -47,14 +56,18 @@ def test_the_log_prior_of_two_covariances():
 def test_one_component_is_the_gaussian_of_all_shapes(rng):
     shapes = rng.normal(size=(50, 3, 2))
     found = learn_mixture(shapes, 1, shrinkage=0.0, floor=1e-9).mixture
-    np.testing.assert_allclose(found.covariances[0], np.cov(shapes.reshape(50, 6).T, bias=True))
+    np.testing.assert_allclose(
+        found.covariances[0], np.cov(shapes.reshape(50, 6).T, bias=True)
+    )
     with pytest.raises(ValueError, match=r"within 1\.\.50, is 51"):
         learn_mixture(shapes, 51, shrinkage=0.0, floor=1e-9)
 
 
 def test_a_component_that_dies_is_left_out():
     """Of shapes that are all but one, components of one place give way."""
-    shapes = np.zeros((50, 3, 3)) + 1e-9 * np.random.default_rng(0).normal(size=(50, 3, 3))
+    shapes = np.zeros((50, 3, 3)) + 1e-9 * np.random.default_rng(0).normal(
+        size=(50, 3, 3)
+    )
     shapes[0] += 5.0
     found = learn_mixture(shapes, 3, shrinkage=0.3, floor=0.01).mixture
     assert (found.weights > 1e-3 / 50).all()
@@ -65,10 +78,16 @@ def test_shrinkage_is_the_share_of_the_covariance_of_all():
     """Of two clusters far apart with as many shapes each, by hand."""
     rng, floor, shrinkage = np.random.default_rng(5), 0.01, 1e-3
     X = rng.normal(size=(2, 100, 9)) + 50 * np.array([[[-1.0]], [[1.0]]])
-    found = learn_mixture(X.reshape(200, 3, 3), 2, shrinkage=shrinkage, floor=floor).mixture
+    found = learn_mixture(
+        X.reshape(200, 3, 3), 2, shrinkage=shrinkage, floor=floor
+    ).mixture
     G = np.cov(X.reshape(200, 9).T, bias=True) + floor * np.eye(9)
     for cluster in X:
         own = np.cov(cluster.T, bias=True) + floor * np.eye(9)
-        k = np.abs(found.means.reshape(2, 9) - cluster.mean(axis=0)).sum(axis=1).argmin()
+        k = (
+            np.abs(found.means.reshape(2, 9) - cluster.mean(axis=0))
+            .sum(axis=1)
+            .argmin()
+        )
         expected = (1 - shrinkage) * own + shrinkage * G
         np.testing.assert_allclose(found.covariances[k], expected, rtol=1e-6)

@@ -32,7 +32,9 @@ def test_all_atoms_of_the_item_go_and_the_others_stay_as_they_were(exemplars):
     rest = exemplars.without("polo")
     assert rest.atom_items == ("golf", "jetta", "up")
     for name in ("atoms", "mesh_vertices", "atom_scale"):
-        np.testing.assert_array_equal(getattr(rest, name), getattr(exemplars, name)[[0, 2, 4]])
+        np.testing.assert_array_equal(
+            getattr(rest, name), getattr(exemplars, name)[[0, 2, 4]]
+        )
     for name in ("landmark_names", "edges", "mesh_faces", "unit", "provenance"):
         assert getattr(rest, name) is getattr(exemplars, name)
     np.testing.assert_array_equal(exemplars.atoms_without("polo"), [1, 0, 1, 0, 1])
@@ -40,7 +42,9 @@ def test_all_atoms_of_the_item_go_and_the_others_stay_as_they_were(exemplars):
 
 def test_the_mean_shape_knows_nothing_of_the_item(exemplars):
     rest = exemplars.without("polo")
-    np.testing.assert_allclose(rest.mean_shape, normalise(rest.atoms.mean(axis=0)).points)
+    np.testing.assert_allclose(
+        rest.mean_shape, normalise(rest.atoms.mean(axis=0)).points
+    )
     garbage = exemplars.atoms.copy()
     garbage[[1, 3]] = 1e9
     spoilt = replace(exemplars, atoms=garbage, mean_shape=np.full((3, 6), np.nan))
@@ -64,18 +68,28 @@ def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(rng):
     mean, A = rng.standard_normal((2, 3, 4)), np.eye(4)
     A[3] = [0.2, 0.3, -0.4, 0.9]
     B = 0.3 * rng.standard_normal((2, 12, 12))
-    prior = Mixture(np.array([0.3, 0.7]), mean, B @ B.swapaxes(1, 2) + 0.01 * np.eye(12))
+    prior = Mixture(
+        np.array([0.3, 0.7]), mean, B @ B.swapaxes(1, 2) + 0.01 * np.eye(12)
+    )
     edges, length = np.array([[0, 1], [1, 2], [2, 3]]), np.array([1.0, 2, 3])
-    given = Dictionary(mean, tuple("abcd"), mean[0], edges, prior=prior, edge_length=length)
+    given = Dictionary(
+        mean, tuple("abcd"), mean[0], edges, prior=prior, edge_length=length
+    )
     drawn = np.concatenate(
         [
-            rng.multivariate_normal(m.ravel(), C, int(weight * 400_000)).reshape(-1, 3, 4)
+            rng.multivariate_normal(m.ravel(), C, int(weight * 400_000)).reshape(
+                -1, 3, 4
+            )
             for weight, m, C in zip(prior.weights, mean, prior.covariances, strict=True)
         ]
     )
 
     def squares(x):
-        return ((x[:, :, edges[:, 0]] - x[:, :, edges[:, 1]]) ** 2).sum(axis=1).mean(axis=0)
+        return (
+            ((x[:, :, edges[:, 0]] - x[:, :, edges[:, 1]]) ** 2)
+            .sum(axis=1)
+            .mean(axis=0)
+        )
 
     expected = length * np.sqrt(squares(drawn @ A.T) / squares(drawn))
     assert given.prior_means is mean

@@ -1,4 +1,6 @@
-"""The dictionary `people`: whole, small, with its origin; and joints that few bodies have."""
+"""The dictionary `people`: whole, small, with its origin; and joints that few bodies
+have.
+"""
 
 import json
 
@@ -11,7 +13,13 @@ from shapefit.dictionary.bodies import find_skeleton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.procrustes import mirror, rotation_onto
 from shapefit.io import read_dictionary
-from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of, installed_skeletons, people_joints
+from shapefit.io.skeletons import (
+    FURTHER,
+    PEOPLE,
+    edges_of,
+    installed_skeletons,
+    people_joints,
+)
 from tools.further_joints import extend_prior
 
 JOINTS = (*PEOPLE, *FURTHER)
@@ -28,7 +36,9 @@ def test_it_has_the_joints_onto_which_all_skeletons_map(people):
     assert people.landmark_names == JOINTS
     assert people.marked(()).landmark_names == PEOPLE
     for skeleton in installed_skeletons().values():
-        assert set(people_joints(skeleton.landmark_names).values()) <= set(people.landmark_names)
+        assert set(people_joints(skeleton.landmark_names).values()) <= set(
+            people.landmark_names
+        )
 
 
 def test_it_has_what_all_methods_need(people):
@@ -43,13 +53,19 @@ def test_it_has_what_all_methods_need(people):
     assert people.bone_tolerance.shape == (24,)
     assert people.edge_covariance.shape == (24, 24)
     swapped = {"r": "l", "l": "r"}
-    partners = {JOINTS[j]: JOINTS[i] for j, i in enumerate(people.mirror_index) if i != j}
+    partners = {
+        JOINTS[j]: JOINTS[i] for j, i in enumerate(people.mirror_index) if i != j
+    }
     assert all(partners[name] == swapped[name[0]] + name[1:] for name in partners)
-    assert {f"{side}{joint}" for side in "lr" for joint in ("hip", "wrist", "toe")} <= {*partners}
+    assert {f"{side}{joint}" for side in "lr" for joint in ("hip", "wrist", "toe")} <= {
+        *partners
+    }
 
 
 def test_its_prior_does_not_know_left_from_right(people):
-    """The mean of the mixture is its own mirror image, but for what EM and rounding leave."""
+    """The mean of the mixture is its own mirror image, but for what EM and rounding
+    leave.
+    """
     mean = np.einsum("k,kcp->cp", people.prior.weights, people.prior.means)[None]
     index = people.mirror_index
     images = np.stack([mirror(mean, index, axis)[0] for axis in range(3)])
@@ -68,7 +84,9 @@ def test_it_is_small_and_says_where_it_comes_from(people):
 def test_it_was_learned_by_the_config_of_the_project(people, project):
     stored = json.loads(people.provenance["config"])
     arguments = {"shapes": [str(FILE)], "output": "people.h5"}
-    config = load_config("learn-dict", project / "configs/people/learn-box.yaml", (), arguments)
+    config = load_config(
+        "learn-dict", project / "configs/people/learn-box.yaml", (), arguments
+    )
     now = config.as_plain()
     renamed = {"stretch": "bone_scale"}  # since the release that learned it
     for key in LEARNING:
@@ -105,7 +123,9 @@ def test_a_landmark_that_follows_from_others_is_found(prior, rng):
     )
     x = drawn.reshape(-1, 3, 4)
     y = x[..., :1] + 0.5 * (x[..., 1:2] - x[..., 2:3])
-    found = extend_prior(prior, np.concatenate([x, y], axis=2), shrinkage=0.0, floor=1e-6)
+    found = extend_prior(
+        prior, np.concatenate([x, y], axis=2), shrinkage=0.0, floor=1e-6
+    )
     rows = np.hstack([np.eye(4), np.zeros((4, 1))]).T
     rows[4] = [1, 0.5, -0.5, 0]
     every = np.kron(np.eye(3), rows)

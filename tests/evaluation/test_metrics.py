@@ -1,4 +1,6 @@
-"""Metrics against hand-computed cases, an independent minimiser, and their symmetries."""
+"""Metrics against hand-computed cases, an independent minimiser, and their
+symmetries.
+"""
 
 import numpy as np
 import pytest
@@ -38,7 +40,9 @@ def best_distance(source, target, turn):
 
     starts = Rotation.random(8, rng=0).as_rotvec() if turn else np.zeros((1, 3))
     runs = [
-        minimize(lambda v: ((move(v) - target) ** 2).sum(), np.r_[r, np.zeros(4)], tol=1e-12)
+        minimize(
+            lambda v: ((move(v) - target) ** 2).sum(), np.r_[r, np.zeros(4)], tol=1e-12
+        )
         for r in starts
     ]
     best = min(runs, key=lambda run: run.fun)
@@ -47,16 +51,21 @@ def best_distance(source, target, turn):
 
 class TestSimilarity:
     def test_hand_computed(self):
-        # Onto a unit square the doubled square fits exactly; pulling one diagonal out to length
-        # a = 3, b = 1 leaves s = (a + b) / (a^2 + b^2) = 0.4 and distances 0.2 and 0.6.
+        # Onto a unit square the doubled square fits exactly; pulling one diagonal out
+        # to length a = 3, b = 1 leaves s = (a + b) / (a^2 + b^2) = 0.4 and distances
+        # 0.2 and 0.6.
         estimate = np.stack([2 * SQUARE, SQUARE * np.array([3, 3, 1, 1])])
         error = metrics.similarity(estimate, np.stack([SQUARE, SQUARE]))
         np.testing.assert_allclose(error, [0, 0.4], atol=1e-12)
-        np.testing.assert_allclose(metrics.expected(SQUARE[None] / 9, SQUARE[None], error[1:]), 3.6)
+        np.testing.assert_allclose(
+            metrics.expected(SQUARE[None] / 9, SQUARE[None], error[1:]), 3.6
+        )
 
     def test_ignores_any_similarity_of_the_estimate(self, estimate, truth, rng):
         error = metrics.similarity(estimate, truth)
-        np.testing.assert_allclose(metrics.similarity(moved(estimate, rng), truth), error)
+        np.testing.assert_allclose(
+            metrics.similarity(moved(estimate, rng), truth), error
+        )
         assert error.min() > 0.1
 
     def test_does_not_forgive_a_reflection(self, truth):
@@ -65,8 +74,13 @@ class TestSimilarity:
 
     def test_agrees_with_a_general_minimiser(self, estimate, truth):
         estimate, truth = estimate[:5], truth[:5]
-        expected = [best_distance(*pair, turn=True) for pair in zip(estimate, truth, strict=True)]
-        np.testing.assert_allclose(metrics.similarity(estimate, truth), expected, rtol=1e-5)
+        expected = [
+            best_distance(*pair, turn=True)
+            for pair in zip(estimate, truth, strict=True)
+        ]
+        np.testing.assert_allclose(
+            metrics.similarity(estimate, truth), expected, rtol=1e-5
+        )
 
     @pytest.mark.parametrize("side", ["estimate", "truth"])
     def test_leaves_out_landmarks_that_one_side_lacks(self, estimate, truth, side):
@@ -84,7 +98,8 @@ class TestCamera:
         error = metrics.camera(estimate[None], SQUARE[None], quarter[None])
         np.testing.assert_allclose(error, [0], atol=1e-12)
         wrong = metrics.camera(estimate[None], SQUARE[None], np.eye(3)[None])
-        # Unturned <e, x> = 0: the best scale is 0, and every landmark is 1 from the centroid.
+        # Unturned <e, x> = 0: the best scale is 0, and every landmark is 1 from the
+        # centroid.
         np.testing.assert_allclose(wrong, [1], atol=1e-12)
 
     def test_agrees_with_a_general_minimiser(self, estimate, truth, rng):
@@ -93,7 +108,9 @@ class TestCamera:
             best_distance(R_j @ e, R_j @ x, turn=False)
             for e, x, R_j in zip(estimate, truth, R, strict=True)
         ]
-        np.testing.assert_allclose(metrics.camera(R @ estimate, truth, R), expected, rtol=1e-5)
+        np.testing.assert_allclose(
+            metrics.camera(R @ estimate, truth, R), expected, rtol=1e-5
+        )
 
     def test_an_inverted_estimate_is_not_flipped_by_a_negative_scale(self):
         error = metrics.camera(-SQUARE[None], SQUARE[None], np.eye(3)[None])
@@ -104,7 +121,9 @@ class TestReprojection:
     def test_hand_computed(self):
         observed = np.array([[[0.0, 1, np.nan], [0, 0, np.nan]]])
         fitted = np.array([[[3.0, 1, 50], [4, 0, 50]]])
-        np.testing.assert_allclose(metrics.reprojection(fitted, observed), [5 / np.sqrt(2)])
+        np.testing.assert_allclose(
+            metrics.reprojection(fitted, observed), [5 / np.sqrt(2)]
+        )
 
 
 class TestTruthScale:
@@ -133,14 +152,20 @@ def test_boxes_are_given_or_go_around_the_visible_landmarks():
     )
     np.testing.assert_allclose(metrics.box_diagonal(observed), [5, 13, np.nan, np.nan])
     boxes = np.array([[9.0, 9, 6, 8], [9, 9, 0, 0], [9, 9, np.nan, 1], [0, 0, 3, 4]])
-    np.testing.assert_allclose(metrics.box_diagonal(observed, boxes), [10, np.nan, np.nan, 5])
+    np.testing.assert_allclose(
+        metrics.box_diagonal(observed, boxes), [10, np.nan, np.nan, 5]
+    )
 
 
 def test_precision_and_recall_are_shares_of_labelled_and_corrupted():
-    labelled = np.array([[1, 1, 1, 0, 0], [1, 0, 0, 0, 0], [0] * 5, [0] * 5, [1, 1, 0, 0, 0]], bool)
+    labelled = np.array(
+        [[1, 1, 1, 0, 0], [1, 0, 0, 0, 0], [0] * 5, [0] * 5, [1, 1, 0, 0, 0]], bool
+    )
     corrupted = np.array(
         [[1, 1, 0, 1, 1], [1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0] * 5, [0] * 5], bool
     )
     nan = np.nan
-    np.testing.assert_array_equal(precision(labelled, corrupted), [2 / 3, 1, nan, nan, 0])
+    np.testing.assert_array_equal(
+        precision(labelled, corrupted), [2 / 3, 1, nan, nan, 0]
+    )
     np.testing.assert_array_equal(recall(labelled, corrupted), [2 / 4, 1, 0, nan, nan])

@@ -1,4 +1,6 @@
-"""Sums over sequences and groups by hand; the tables, the page, the few lines and the plot."""
+"""Sums over sequences and groups by hand; the tables, the page, the few lines and the
+plot.
+"""
 
 import csv
 import io
@@ -27,7 +29,9 @@ def sums(groups, **sequences):
     """Group -> sequence (None for the group) -> its summary, of errors by sequence."""
     names = [name for name, values in sequences.items() for _ in values]
     values = np.array([v for values in sequences.values() for v in values], dtype=float)
-    order = np.argsort(np.arange(len(names)) % 2, kind="stable")  # images of a sequence lie apart
+    order = np.argsort(
+        np.arange(len(names)) % 2, kind="stable"
+    )  # images of a sequence lie apart
     rows = summarise("convex", [names[i] for i in order], {KIND: values[order]}, groups)
     found = {}
     for row in rows:
@@ -48,7 +52,9 @@ def test_means_of_groups_are_means_over_their_sequences():
 
 
 def test_failed_images_are_counted_and_infinite_errors_are_not():
-    rows = sums({"all": ("a", "b", "c")}, a=[1, NAN, 3], b=[NAN, NAN], c=[INF, INF])["all"]
+    rows = sums({"all": ("a", "b", "c")}, a=[1, NAN, 3], b=[NAN, NAN], c=[INF, INF])[
+        "all"
+    ]
     assert [*rows] == [None, "a", "b"]
     counts = [(row.images, row.failed) for row in rows.values()]
     assert counts == [(2, 3), (2, 1), (0, 2)]
@@ -79,7 +85,10 @@ def make_report(groups, failures=1):
         row
         for method, errors in SIZES.items()
         for row in summarise(
-            method, ("s", "s", "s", "t"), {k: np.array(v) for k, v in errors.items()}, groups
+            method,
+            ("s", "s", "s", "t"),
+            {k: np.array(v) for k, v in errors.items()},
+            groups,
         )
     ]
     failed = [{"item": f"<b>item{i}", "reason": "no shape"} for i in range(failures)]
@@ -87,7 +96,10 @@ def make_report(groups, failures=1):
     bars = {"method": "convex", "group": next(iter(groups)), "counted": 30}
     bars |= {"inside": (0.4, 0.876), "median_width": {"normalised": 0.3}}
     return {
-        "methods": [convex, {"name": "Ora|cle", "images": 4, "failures": [], "failed": 0}],
+        "methods": [
+            convex,
+            {"name": "Ora|cle", "images": 4, "failures": [], "failed": 0},
+        ],
         "summaries": summaries,
         "warnings": ["no true\nrotation"],
         "calibration": [bars],
@@ -105,13 +117,34 @@ def cells(text, heading):
 def test_the_page_has_groups_and_methods_down_and_metrics_across():
     text = report_markdown(make_report({"all": ("s",)}), "errors.svg")
     assert cells(text, "Errors against the truth") == [
-        ["method", "images", "failed", "similarity (normalised)", "similarity (m)",
-         "expected (normalised)", "rotation (deg)", "in 50% bars (%)", "in 90% bars (%)",
-         "width (normalised)", "expected / error"],
-        ["convex", "3", "0", "0.300 / 0.200", "0.0300 / 0.0200", "0.200 / 0.200", "18.0 / 3.0",
-         "40.0", "87.6", "0.300", "0.667"],
+        [
+            "method",
+            "images",
+            "failed",
+            "similarity (normalised)",
+            "similarity (m)",
+            "expected (normalised)",
+            "rotation (deg)",
+            "in 50% bars (%)",
+            "in 90% bars (%)",
+            "width (normalised)",
+            "expected / error",
+        ],
+        [
+            "convex",
+            "3",
+            "0",
+            "0.300 / 0.200",
+            "0.0300 / 0.0200",
+            "0.200 / 0.200",
+            "18.0 / 3.0",
+            "40.0",
+            "87.6",
+            "0.300",
+            "0.667",
+        ],
         ["Ora\\|cle", "3", "0", "0.050 / 0.050", *["–"] * 7],
-    ]  # fmt: skip
+    ]
     assert "- convex, &lt;b>item0: no shape" in text  # names are no HTML
     assert "- no true rotation\n" in text
     assert text.endswith("![errors, sorted](errors.svg)\n")
@@ -126,8 +159,10 @@ def test_the_page_has_groups_and_methods_down_and_metrics_across():
 
 def test_the_few_lines_say_errors_images_and_what_bars_hold():
     assert short_lines(make_report({"all": ("s",)})) == [
-        "convex   error aligned 30.0 mean, 20.0 median (mm); rotation 18.0 mean, 3.0 median (deg); "
-        "3 images; 90% bars hold 88%; expected / error 0.67",
+        (
+            "convex   error aligned 30.0 mean, 20.0 median (mm); rotation 18.0 mean,"
+            " 3.0 median (deg); 3 images; 90% bars hold 88%; expected / error 0.67"
+        ),
         "Ora|cle  error aligned 0.0500 mean, 0.0500 median (normalised); 3 images",
         "convex   failed: 1 of 30",
     ]
@@ -135,7 +170,9 @@ def test_the_few_lines_say_errors_images_and_what_bars_hold():
 
 def test_report_csv_has_all_digits_and_error_bars_as_metrics():
     rows = list(csv.DictReader(io.StringIO(report_csv(make_report({"G": ("s", "t")})))))
-    means = {(r["method"], r["metric"], r["unit"], r["sequence"]): r["mean"] for r in rows}
+    means = {
+        (r["method"], r["metric"], r["unit"], r["sequence"]): r["mean"] for r in rows
+    }
     assert float(means["convex", "similarity", "m", "s"]) == np.mean([0.01, 0.02, 0.06])
     assert means["convex", "similarity", "m", "t"] == ""
     assert means["convex", "inside_90", "share", ""] == "0.876"
@@ -145,12 +182,26 @@ def test_report_csv_has_all_digits_and_error_bars_as_metrics():
 
 @pytest.mark.parametrize(
     ("values", "decimals"),
-    [([0.26, 9.999], 3), ([10.0], 1), ([0.2, 345.6], 1), ([0.05, NAN], 4), ([0.1], 3),
-     ([0.00123], 5), ([0.0], 3), ([NAN, None], 3), ([], 3)],
-)  # fmt: skip
+    [
+        ([0.26, 9.999], 3),
+        ([10.0], 1),
+        ([0.2, 345.6], 1),
+        ([0.05, NAN], 4),
+        ([0.1], 3),
+        ([0.00123], 5),
+        ([0.0], 3),
+        ([NAN, None], 3),
+        ([], 3),
+    ],
+)
 def test_the_largest_number_chooses_the_decimals_of_all(values, decimals):
     assert decimals_of(values) == decimals
-    assert [number(v, 2) for v in (None, NAN, 0.006, 12.0)] == [ABSENT, ABSENT, "0.01", "12.00"]
+    assert [number(v, 2) for v in (None, NAN, 0.006, 12.0)] == [
+        ABSENT,
+        ABSENT,
+        "0.01",
+        "12.00",
+    ]
 
 
 def test_the_plot_has_a_line_a_method_and_ends_early_where_images_failed():
@@ -161,7 +212,9 @@ def test_the_plot_has_a_line_a_method_and_ends_early_where_images_failed():
     lines = [line.get("points").split() for line in root.findall(".//{*}polyline")]
     assert [len(line) for line in lines] == [4, 4, 0]
     first = np.array([point.split(",") for point in lines[0]], float)
-    np.testing.assert_allclose(first[:, 0], LEFT + WIDTH * np.array([0.1, 0.3, 0.5, 0.7]))
+    np.testing.assert_allclose(
+        first[:, 0], LEFT + WIDTH * np.array([0.1, 0.3, 0.5, 0.7])
+    )
     heights = TOP + HEIGHT * (1 - np.array([1, 3, 5, 6]) / 7)
     np.testing.assert_allclose(first[:, 1], heights, atol=0.06)
     texts = [each.text for each in root.findall(".//{*}text")]

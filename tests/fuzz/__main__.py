@@ -1,4 +1,6 @@
-"""`python -m tests.fuzz`: many spoiled inputs, each read in a fork; exit code 1 for findings."""
+"""`python -m tests.fuzz`: many spoiled inputs, each read in a fork; exit code 1 for
+findings.
+"""
 
 from __future__ import annotations
 
@@ -56,13 +58,17 @@ class Case(NamedTuple):
 
 @dataclass
 class Tally:
-    """What came of the cases so far: exit codes, and descriptions of what must not happen."""
+    """What came of the cases so far: exit codes, and descriptions of what must not
+    happen.
+    """
 
     codes: Counter[str] = field(default_factory=Counter)
     findings: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
-        counts = ", ".join(f"{code}: {number}" for code, number in sorted(self.codes.items()))
+        counts = ", ".join(
+            f"{code}: {number}" for code, number in sorted(self.codes.items())
+        )
         cases = sum(self.codes.values())
         return f"{cases} cases; exit codes {counts}; {len(self.findings)} findings"
 
@@ -72,13 +78,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--cases", type=int, default=50_000)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--past", action="store_true", help="what once failed, and nothing else")
+    parser.add_argument(
+        "--past", action="store_true", help="what once failed, and nothing else"
+    )
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS))
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
-    seeds = range(arguments.first, arguments.first - (-arguments.cases // len(arguments.kinds)))
+    seeds = range(
+        arguments.first, arguments.first - (-arguments.cases // len(arguments.kinds))
+    )
     blocks = [
-        [Case(kind, seed) for seed in seeds[at : at + BLOCK] for kind in arguments.kinds]
+        [
+            Case(kind, seed)
+            for seed in seeds[at : at + BLOCK]
+            for kind in arguments.kinds
+        ]
         for at in range(0, len(seeds), BLOCK)
     ]
     if arguments.past:
@@ -96,7 +110,9 @@ def main() -> int:
 def run(cases: list[Case]) -> Tally:
     """Run cases in copies of a folder of good files, and print what is wrong."""
     tally = Tally()
-    with tempfile.TemporaryDirectory(dir=IN_MEMORY if IN_MEMORY.is_dir() else None) as folder:
+    with tempfile.TemporaryDirectory(
+        dir=IN_MEMORY if IN_MEMORY.is_dir() else None
+    ) as folder:
         base, work = Path(folder) / "base", Path(folder) / "case"
         base.mkdir()
         with silenced():
@@ -125,12 +141,18 @@ def import_all() -> None:
 @contextmanager
 def silenced() -> Iterator[None]:
     """Send what the commands print to nowhere."""
-    with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+    with (
+        open(os.devnull, "w") as nowhere,
+        redirect_stdout(nowhere),
+        redirect_stderr(nowhere),
+    ):
         yield
 
 
 def run_case(case: Case, folder: Path, tally: Tally) -> Iterator[str]:
-    """Spoil the files in the folder, run the command there, and yield what is wrong with that."""
+    """Spoil the files in the folder, run the command there, and yield what is wrong
+    with that.
+    """
     command = case_command(case, folder)
     before = set(os.listdir(folder))
     status, usage = in_child(lambda: run_command(command), folder)
@@ -147,14 +169,16 @@ def run_case(case: Case, folder: Path, tally: Tally) -> Iterator[str]:
         f"takes more than {SECONDS} s": late,
         f"exit code {code}": not late and code not in ALLOWED,
         f"takes {usage.ru_maxrss >> 10} MB": usage.ru_maxrss * 1024 > BYTES,
-        "Python speaks on standard error": "Traceback" in text
-        or any("Warning: " in line.removeprefix("Warning: ") for line in lines),
+        "Python speaks on standard error": (
+            "Traceback" in text
+            or any("Warning: " in line.removeprefix("Warning: ") for line in lines)
+        ),
         "the message is not plain text": not all(line.isprintable() for line in lines),
         f"leaves {new}": any("partial" in name for name in new),
         f"refuses its input and writes {new}": code == 2 and bool(new - {"out"}),
-        "writes nan without a word": code == 0
-        and "out.h5" in new
-        and not _is_finite(folder / "out.h5"),
+        "writes nan without a word": (
+            code == 0 and "out.h5" in new and not _is_finite(folder / "out.h5")
+        ),
     }
     words = " ".join(map(ascii, command))
     for fault in (text for text, holds in faults.items() if holds):
@@ -175,8 +199,12 @@ def case_command(case: Case, folder: Path) -> tuple[str, ...]:
         raise
 
 
-def in_child(work: Callable[[], int], folder: Path) -> tuple[int, resource.struct_rusage]:
-    """Run in a fork whose streams are files of the folder; returns its status and what it took."""
+def in_child(
+    work: Callable[[], int], folder: Path
+) -> tuple[int, resource.struct_rusage]:
+    """Run in a fork whose streams are files of the folder; returns its status and what
+    it took.
+    """
     child = os.fork()
     if child == 0:
         become(folder)
@@ -218,7 +246,9 @@ def become(folder: Path) -> None:
 
 
 def _crashes_h5py(folder: Path) -> bool:
-    """Whether h5py alone crashes on a file of the folder: then the fault is that of libhdf5."""
+    """Whether h5py alone crashes on a file of the folder: then the fault is that of
+    libhdf5.
+    """
 
     def read(name: str, node: object) -> None:
         if isinstance(node, h5py.Dataset) and node.size < 10**6:

@@ -1,7 +1,8 @@
-"""Every call that writes fails once; outputs are old or new: `python -m tests.fuzz.faults`.
+"""Every call that writes fails once; outputs are old or new: `python -m
+tests.fuzz.faults`.
 
-The process runs with `failing_calls.c` preloaded; each case is forked from it. `--kill` kills
-commands at so many of these moments instead.
+The process runs with `failing_calls.c` preloaded; each case is forked from it. `--kill`
+kills commands at so many of these moments instead.
 """
 
 from __future__ import annotations
@@ -22,10 +23,30 @@ ERRORS = (errno.ENOSPC, errno.EIO, errno.EACCES)
 
 SHIM = Path(__file__).with_name("failing_calls.c")
 
-OLD, NEW = ("--set=threads=1", "--set=lambda=0.3"), ("--set=threads=1", "--set=lambda=0.1")
+OLD, NEW = (
+    ("--set=threads=1", "--set=lambda=0.3"),
+    ("--set=threads=1", "--set=lambda=0.1"),
+)
 FIT = ("fit", "views.h5", "-d", "dict.h5")
-MESHES = ("fit", "views.h5", "-d", "exemplars.h5", "-o", "out/r.h5", "--set=export.folder=out/m")
-LEARN = ("learn-dict", "shapes.h5", "-o", "out/d.h5", "--set", "iterations=2", "--set", "k=3")
+MESHES = (
+    "fit",
+    "views.h5",
+    "-d",
+    "exemplars.h5",
+    "-o",
+    "out/r.h5",
+    "--set=export.folder=out/m",
+)
+LEARN = (
+    "learn-dict",
+    "shapes.h5",
+    "-o",
+    "out/d.h5",
+    "--set",
+    "iterations=2",
+    "--set",
+    "k=3",
+)
 EVAL = ("eval", "--truth", "shapes.h5", "-o", "out/report", "--set=plots=false")
 PROJECT = ("project", "shapes.h5", "-o", "out/v.h5")
 
@@ -42,10 +63,18 @@ COMMANDS = {
 
 def main() -> int:
     """Preload the shim, then run every case; exit code 1 where one of them fails."""
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.faults", description=__doc__)
-    parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS))
-    parser.add_argument("--kill", type=int, default=0, help="kill -9 at so many moments instead")
-    parser.add_argument("--quick", action="store_true", help="one of the errors for each call")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.fuzz.faults", description=__doc__
+    )
+    parser.add_argument(
+        "--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS)
+    )
+    parser.add_argument(
+        "--kill", type=int, default=0, help="kill -9 at so many moments instead"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="one of the errors for each call"
+    )
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         if "failing_calls" in os.environ.get("LD_PRELOAD", ""):
@@ -82,7 +111,10 @@ def run(arguments: argparse.Namespace, folder: Path) -> int:
             print(f"{name}: {problem}", flush=True)
         cases += len(plan)
         failed += len(wrong)
-        print(f"{name}: {bench.calls} calls, {len(plan)} cases, {len(wrong)} wrong", flush=True)
+        print(
+            f"{name}: {bench.calls} calls, {len(plan)} cases, {len(wrong)} wrong",
+            flush=True,
+        )
     print(f"{cases} cases, {failed} wrong")
     return 1 if failed else 0
 
@@ -95,7 +127,11 @@ class Bench:
     ) -> None:
         """Make the old outputs, and count the calls of the new run."""
         self._shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
-        self._command, self._folder, self._retained = new, folder, folder.with_name("retained")
+        self._command, self._folder, self._retained = (
+            new,
+            folder,
+            folder.with_name("retained"),
+        )
         for path in (folder, self._retained):
             shutil.rmtree(path, ignore_errors=True)
         shutil.copytree(base, folder)
@@ -114,7 +150,9 @@ class Bench:
         shutil.copytree(self._retained, out)
         code, _ = self._run(self._command, call, error)
         word = f"call {call}, error {error}, exit code {code}"
-        if error < 0 and code == error:  # the next run puts back what this one was replacing
+        if (
+            error < 0 and code == error
+        ):  # the next run puts back what this one was replacing
             again, _ = self._run(self._command)
             return f"{word}: the next run ends with {again}" if again else ""
         files = content(out)
@@ -123,7 +161,8 @@ class Bench:
             return f"{word}: leaves {hidden}"
         names = self._old.keys() | self._new
         states = {self._state(name, files.get(name)) for name in names} - {"same"}
-        # The files of a folder move there one by one, each whole, after what stands beside it.
+        # The files of a folder move there one by one, each whole, after what stands
+        # beside it.
         folders = any("/" in name for name in names)
         wanted = {"new"} if code == 0 else {"old", "new"} if folders else {"old"}
         return "" if states <= wanted else f"{word}: outputs are {sorted(states)}"
@@ -134,10 +173,18 @@ class Bench:
             return "same" if data == old else "damaged"
         if data == old:
             return "old"
-        return "new" if data is not None and is_whole(self._folder / "out" / name) else "damaged"
+        return (
+            "new"
+            if data is not None and is_whole(self._folder / "out" / name)
+            else "damaged"
+        )
 
-    def _run(self, command: tuple[str, ...], call: int = -1, error: int = 0) -> tuple[int, int]:
-        """Run a command in a fork, with a call that fails; return exit code and number of calls."""
+    def _run(
+        self, command: tuple[str, ...], call: int = -1, error: int = 0
+    ) -> tuple[int, int]:
+        """Run a command in a fork, with a call that fails; return exit code and number
+        of calls.
+        """
         from .__main__ import become
 
         counts = self._folder / "calls"
@@ -166,12 +213,16 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def is_whole(path: Path) -> bool:
-    """Whether a file that is not the old one is a whole one: HDF5 opens, text ends with a line."""
+    """Whether a file that is not the old one is a whole one: HDF5 opens, text ends with
+    a line.
+    """
     if path.suffix == ".h5":
         import h5py
 
         with h5py.File(path) as file:
-            return "format" in file.attrs and all(node.shape is not None for node in file.values())
+            return "format" in file.attrs and all(
+                node.shape is not None for node in file.values()
+            )
     return path.suffix not in (".csv", ".md") or path.read_bytes().endswith(b"\n")
 
 

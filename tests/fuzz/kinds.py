@@ -1,4 +1,6 @@
-"""Kinds of cases: good files, and what spoils one of them and names the command that reads it."""
+"""Kinds of cases: good files, and what spoils one of them and names the command that
+reads it.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ NO_PLOTS = "--set=plots=false"
 
 
 def make_base_files(folder: Path) -> None:
-    """Fill the folder by the commands themselves; raises RuntimeError where one of them fails.
+    """Fill the folder by the commands themselves; raises RuntimeError where one of them
+    fails.
 
     They also import and compile whatever the cases need, so that these can be forked.
     """
@@ -64,7 +67,10 @@ def make_base_files(folder: Path) -> None:
         mesh_vertices=few.shapes[:, :, :6] + 0.1 * rng.standard_normal((ITEMS, 3, 6)),
         mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
         unit="m",
-        columns={"weight": rng.uniform(size=ITEMS), "model": np.array(few.items, object)},
+        columns={
+            "weight": rng.uniform(size=ITEMS),
+            "model": np.array(few.items, object),
+        },
     )
     write_shapes(Path("shapes.h5"), meshed)
     write_shapes(Path("shapes.csv"), few)
@@ -82,7 +88,15 @@ def make_base_files(folder: Path) -> None:
         ("project", "shapes.csv", *camera, "-o", "views.csv"),
         ("fit", "views.h5", "-d", "dict.h5", "-o", "result.h5"),
         ("fit", "views.csv", "-d", "dict.h5", "-o", "result.csv"),
-        ("fit", "views.h5", "-d", "dict.h5", "-o", "refined.h5", "--set=method=convex+refine"),
+        (
+            "fit",
+            "views.h5",
+            "-d",
+            "dict.h5",
+            "-o",
+            "refined.h5",
+            "--set=method=convex+refine",
+        ),
         ("fit", "views.h5", "-d", "bases.h5", "-o", "x.h5", "--set", "method=pmp"),
         ("eval", "result.h5", "--truth", "shapes.h5", "-o", "report", NO_PLOTS),
         ("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5"),
@@ -102,15 +116,37 @@ OF_SHAPES = (
     ("learn-dict", "{}", "-o", "out.h5", "--set=method=exemplars"),
     ("project", "{}", "-o", "out.csv", "--set=hidden=0.2", "--set=noise=0.1"),
     ("eval", "result.h5", "--truth", "{}", "-o", "out", NO_PLOTS),
-    *(("convert", "{}", "-o", f"out.{suffix}") for suffix in ("trc", "bvh", "metres.csv")),
+    *(
+        ("convert", "{}", "-o", f"out.{suffix}")
+        for suffix in ("trc", "bvh", "metres.csv")
+    ),
     ("view", "{}", "-o", "out.html"),
 )
 OF_IMAGES = tuple(
-    ("fit", "{}", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1", f"--set={setting}")
+    (
+        "fit",
+        "{}",
+        "-d",
+        "dict.h5",
+        "-o",
+        "out.h5",
+        "--set=threads=1",
+        f"--set={setting}",
+    )
     for setting in (
         *("outliers=none", "outliers=l1", "outliers=sparse-error", "outliers=ransac"),
-        *("method=convex+refine", "method=alternate", "method=mean-shape", "method=global"),
-        *("export.folder=out_meshes", "leave_one_out=model", "lambda=auto", "noise=0.1"),
+        *(
+            "method=convex+refine",
+            "method=alternate",
+            "method=mean-shape",
+            "method=global",
+        ),
+        *(
+            "export.folder=out_meshes",
+            "leave_one_out=model",
+            "lambda=auto",
+            "noise=0.1",
+        ),
     )
 )
 OF_RESULTS = (
@@ -153,7 +189,9 @@ def make_tracker(rng: Random, folder: Path) -> Command:
 
 
 def make_detector(rng: Random, folder: Path) -> Command:
-    """Spoil a file of a detector of people, one of its folder, or of 3D motion, and convert it."""
+    """Spoil a file of a detector of people, one of its folder, or of 3D motion, and
+    convert it.
+    """
     shutil.copytree(MOTION, folder, dirs_exist_ok=True)
     name = rng.choice((*DETECTORS, "m.trc", "m.bvh", "m.amc", "m.csv"))
     path = folder / name
@@ -173,25 +211,110 @@ def make_detector(rng: Random, folder: Path) -> Command:
 
 
 COMMANDS = {
-    "learn-dict": {"shapes": "shapes.h5", "output": "out.h5", "k": "3", "iterations": "2"},
+    "learn-dict": {
+        "shapes": "shapes.h5",
+        "output": "out.h5",
+        "k": "3",
+        "iterations": "2",
+    },
     "project": {"shapes": "shapes.h5", "output": "out.h5"},
-    "fit": {"landmarks": "views.h5", "dictionary": "dict.h5", "output": "out.h5", "threads": "1"},
-    "eval": {"results": "result.h5", "truth": "shapes.h5", "output": "out", "plots": "false"},
+    "fit": {
+        "landmarks": "views.h5",
+        "dictionary": "dict.h5",
+        "output": "out.h5",
+        "threads": "1",
+    },
+    "eval": {
+        "results": "result.h5",
+        "truth": "shapes.h5",
+        "output": "out",
+        "plots": "false",
+    },
     "view": {"files": "result.h5", "truth": "shapes.h5", "output": "out.html"},
 }
 """A good config of each command."""
 
 YAML_VALUES = (
     *NUMBERS,
-    *("[]", "{}", "[1]", "[a, b]", "{a: 1}", "[[1], 2]", "{a: {b: 1}}", "~", "*a", "&a 1"),
-    *("!!int x", "!!python/object:os.system x", "!!binary aGk=", "2020-01-01", "yes", "no", "off"),
-    *("|", ">", "'", '"', "[", "{", "- a", "? a", "<<: {a: 1}", "!!set {a}", '"\\ud800"', '"\\0"'),
-    *("@a", "%a", "/", "/dev/null", "/dev/full", "-", ".", "shapes.h5", "dict.h5", "views.h5"),
-    *("nowhere.h5", "'*.h5'", "result.h5", "[views.h5, views.csv]", "views.csv", "{m: result.h5}"),
-    *("all", "auto", "[nose, neck, pelvis]", "item", "model", "weight", "none", "[0.3, 0.2]"),
+    *(
+        "[]",
+        "{}",
+        "[1]",
+        "[a, b]",
+        "{a: 1}",
+        "[[1], 2]",
+        "{a: {b: 1}}",
+        "~",
+        "*a",
+        "&a 1",
+    ),
+    *(
+        "!!int x",
+        "!!python/object:os.system x",
+        "!!binary aGk=",
+        "2020-01-01",
+        "yes",
+        "no",
+        "off",
+    ),
+    *(
+        "|",
+        ">",
+        "'",
+        '"',
+        "[",
+        "{",
+        "- a",
+        "? a",
+        "<<: {a: 1}",
+        "!!set {a}",
+        '"\\ud800"',
+        '"\\0"',
+    ),
+    *(
+        "@a",
+        "%a",
+        "/",
+        "/dev/null",
+        "/dev/full",
+        "-",
+        ".",
+        "shapes.h5",
+        "dict.h5",
+        "views.h5",
+    ),
+    *(
+        "nowhere.h5",
+        "'*.h5'",
+        "result.h5",
+        "[views.h5, views.csv]",
+        "views.csv",
+        "{m: result.h5}",
+    ),
+    *(
+        "all",
+        "auto",
+        "[nose, neck, pelvis]",
+        "item",
+        "model",
+        "weight",
+        "none",
+        "[0.3, 0.2]",
+    ),
 )
 
-KEYS = ("method", "camera", "outliers", "save", "lambda", "seed", "rename", "mirror", "views", "k")
+KEYS = (
+    "method",
+    "camera",
+    "outliers",
+    "save",
+    "lambda",
+    "seed",
+    "rename",
+    "mirror",
+    "views",
+    "k",
+)
 """Keys that get any value, whether the command has them or not."""
 
 
@@ -223,7 +346,9 @@ def _spoil_yaml(rng: Random, text: str) -> str:
         case 4:
             return "%YAML 1.1\n---\n" + text
         case _:
-            return str(insert(rng, text, rng.choice((*marks, *letters, *YAML_VALUES, *NAMES))))
+            return str(
+                insert(rng, text, rng.choice((*marks, *letters, *YAML_VALUES, *NAMES)))
+            )
 
 
 def aliases_of_aliases(depth: int) -> str:
@@ -241,7 +366,9 @@ KINDS: Mapping[str, Make] = {
     "trackers": make_tracker,
     "yaml": make_yaml,
 }
-"""Kind -> what spoils the files of a folder and returns the command line that reads them."""
+"""Kind -> what spoils the files of a folder and returns the command line that reads
+them.
+"""
 
 
 # What once ended in an internal error, a crash, a hang or nonsense
@@ -253,26 +380,56 @@ PROJECT = ("project", "shapes.h5", "-o", "out.h5")
 Finding = tuple[str, Mapping[Any, Any], Command]
 
 FINDINGS: Mapping[str, Finding] = {
-    "items-that-nobody-wrote": ("shapes.h5",
-        {**dict.fromkeys(("sequence", "mesh_vertices", "mesh_faces", "weight", "model")),
-         "shapes": ((10**9, 15, 3), (1000, 15, 3)), "item": ((10**9,), (10**5,))}, PROJECT),
-    "further-dataset-without-end": ("views.h5", {"further": ((10**10,), (10**4,))}, FIT),
+    "items-that-nobody-wrote": (
+        "shapes.h5",
+        {
+            **dict.fromkeys(
+                ("sequence", "mesh_vertices", "mesh_faces", "weight", "model")
+            ),
+            "shapes": ((10**9, 15, 3), (1000, 15, 3)),
+            "item": ((10**9,), (10**5,)),
+        },
+        PROJECT,
+    ),
+    "further-dataset-without-end": (
+        "views.h5",
+        {"further": ((10**10,), (10**4,))},
+        FIT,
+    ),
     "a-chunk-for-each-value": ("dict.h5", {"objective_trace": ((10**6,), (1,))}, FIT),
-    "landmarks-whose-span-overflows": ("result.h5",
-        {"landmarks": np.resize([1e308, -1e308], (8, 15, 2))}, VIEW),
-    "zero-byte-in-an-item": ("views.h5",
-        {"item": np.array([f"a\0{i}".encode() for i in range(8)], "S4")}, FIT),
-    "dataset-whose-name-is-not-utf8": ("shapes.h5", {b"\xff\xfe": np.zeros(8)}, PROJECT),
+    "landmarks-whose-span-overflows": (
+        "result.h5",
+        {"landmarks": np.resize([1e308, -1e308], (8, 15, 2))},
+        VIEW,
+    ),
+    "zero-byte-in-an-item": (
+        "views.h5",
+        {"item": np.array([f"a\0{i}".encode() for i in range(8)], "S4")},
+        FIT,
+    ),
+    "dataset-whose-name-is-not-utf8": (
+        "shapes.h5",
+        {b"\xff\xfe": np.zeros(8)},
+        PROJECT,
+    ),
     "limbs-without-a-length": ("bases.h5", {"edges": np.array([[0, 0], [1, 1]])}, PMP),
-    "aliases-of-aliases": ("config.yaml", {0: aliases_of_aliases(8)}, ("eval", "-c",
-        "config.yaml")),
-    "table-without-end": ("", {}, ("fit", "/dev/zero", "-d", "dict.h5", "-o", "out.h5")),
-}  # fmt: skip
+    "aliases-of-aliases": (
+        "config.yaml",
+        {0: aliases_of_aliases(8)},
+        ("eval", "-c", "config.yaml"),
+    ),
+    "table-without-end": (
+        "",
+        {},
+        ("fit", "/dev/zero", "-d", "dict.h5", "-o", "out.h5"),
+    ),
+}
 """Name -> the file that is changed, its changes, and the command line that reads it."""
 
 
 def edit(path: Path, changes: Mapping[Any, Any]) -> None:
-    """Change lines of a text by their numbers, or datasets and `@attributes` of an HDF5 file.
+    """Change lines of a text by their numbers, or datasets and `@attributes` of an HDF5
+    file.
 
     None deletes a dataset, and a tuple (shape, chunks) is one that nobody wrote.
     """

@@ -1,4 +1,6 @@
-"""What spoils tables, text, JSON, HDF5 and bytes, with values that programs stumble over."""
+"""What spoils tables, text, JSON, HDF5 and bytes, with values that programs stumble
+over.
+"""
 
 from __future__ import annotations
 
@@ -14,26 +16,162 @@ import h5py
 import numpy as np
 
 NUMBERS = (
-    *("0", "-0", "1", "-1", "0.5", "1e-8", "1e-320", "1e150", "1e154", "1e160", "1e308", "1e400"),
-    *("nan", "NaN", "inf", "-inf", "0x10", "1_000", "1,5", "１", "+1", ".5", "5.", "1e", "--1"),
-    *("9223372036854775807", "9223372036854775808", "-9223372036854775809", "1" + 400 * "0"),
+    *(
+        "0",
+        "-0",
+        "1",
+        "-1",
+        "0.5",
+        "1e-8",
+        "1e-320",
+        "1e150",
+        "1e154",
+        "1e160",
+        "1e308",
+        "1e400",
+    ),
+    *(
+        "nan",
+        "NaN",
+        "inf",
+        "-inf",
+        "0x10",
+        "1_000",
+        "1,5",
+        "１",
+        "+1",
+        ".5",
+        "5.",
+        "1e",
+        "--1",
+    ),
+    *(
+        "9223372036854775807",
+        "9223372036854775808",
+        "-9223372036854775809",
+        "1" + 400 * "0",
+    ),
     *("3000000000", "65536", "true", "null", "", " ", "1 2", "'1'", '"1"', "1e1e1"),
 )
 NAMES = (
-    *("", " ", "a", "item", "a,b", 'a"b', "a\nb", "a\tb", "a\0b", "\x1b[31mred", "café"),
-    *("cafe\u0301", "\u202e", "\ud800", "../up", "/root", "-", ".", "..", "=1+1", "x" * 3000),
-    *("😀", "NaN", "%41", "{data}", "*", "[a]", "~", "$HOME", "`id`", "#1", "|", "item#2", "²"),
+    *(
+        "",
+        " ",
+        "a",
+        "item",
+        "a,b",
+        'a"b',
+        "a\nb",
+        "a\tb",
+        "a\0b",
+        "\x1b[31mred",
+        "café",
+    ),
+    *(
+        "cafe\u0301",
+        "\u202e",
+        "\ud800",
+        "../up",
+        "/root",
+        "-",
+        ".",
+        "..",
+        "=1+1",
+        "x" * 3000,
+    ),
+    *(
+        "😀",
+        "NaN",
+        "%41",
+        "{data}",
+        "*",
+        "[a]",
+        "~",
+        "$HOME",
+        "`id`",
+        "#1",
+        "|",
+        "item#2",
+        "²",
+    ),
 )
 JSON_VALUES: tuple[Any, ...] = (
-    *(None, True, False, -1, 0, 1, 2.5, 1e308, -1e308, 10**18, 10**30, float("nan"), float("inf")),
-    *("", "a", "0", [], {}, [[]], [{}], {"a": 1}, [1], [1, 2, 3], [None], ["x"], [1, [2], 3]),
+    *(
+        None,
+        True,
+        False,
+        -1,
+        0,
+        1,
+        2.5,
+        1e308,
+        -1e308,
+        10**18,
+        10**30,
+        float("nan"),
+        float("inf"),
+    ),
+    *(
+        "",
+        "a",
+        "0",
+        [],
+        {},
+        [[]],
+        [{}],
+        {"a": 1},
+        [1],
+        [1, 2, 3],
+        [None],
+        ["x"],
+        [1, [2], 3],
+    ),
 )
-JSON_KEYS = ("images", "people", "id", "track_id", "idx", "person_id", "instances", "keypoints")
+JSON_KEYS = (
+    "images",
+    "people",
+    "id",
+    "track_id",
+    "idx",
+    "person_id",
+    "instances",
+    "keypoints",
+)
 VALUES = (
-    *(0.0, -0.0, 1.0, -1.0, 0.5, 1e-320, 1e-160, 1e100, 1e149, 1e151, 1e154, 1e160, 1e308, -1e308),
+    *(
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        0.5,
+        1e-320,
+        1e-160,
+        1e100,
+        1e149,
+        1e151,
+        1e154,
+        1e160,
+        1e308,
+        -1e308,
+    ),
     *(np.nan, np.inf, -np.inf, 2.0**63, 95.0),
 )
-TYPES = ("f2", "f4", "f8", "g", "i1", "u1", "i8", "u8", ">f8", ">i4", "?", "c16", "S3", "V4")
+TYPES = (
+    "f2",
+    "f4",
+    "f8",
+    "g",
+    "i1",
+    "u1",
+    "i8",
+    "u8",
+    ">f8",
+    ">i4",
+    "?",
+    "c16",
+    "S3",
+    "V4",
+)
 
 MOST_VALUES = 10**6
 """Of a dataset that is changed: one made sparse before it would take all memory."""
@@ -47,7 +185,9 @@ def spoil_table(rng: Random, path: Path) -> None:
     for _ in range(rng.choice((0, 1, 1, 2, 3))):
         if rows[0]:  # a header without any column cannot be spoiled further
             rng.choice((_cells, _cells, _columns, _rows))(rng, rows)
-    data = ("\n".join(",".join(row) for row in rows) + "\n").encode("utf-8", "surrogatepass")
+    data = ("\n".join(",".join(row) for row in rows) + "\n").encode(
+        "utf-8", "surrogatepass"
+    )
     path.write_bytes(spoil_text_bytes(rng, data) if rng.random() < 0.4 else data)
 
 
@@ -61,11 +201,16 @@ def _cells(rng: Random, rows: Rows) -> None:
 
 def _columns(rng: Random, rows: Rows) -> None:
     """Drop a column, or add one."""
-    place, name = rng.randrange(len(rows[0])), rng.choice(("confidence", "sequence", "z", "weight"))
+    place, name = (
+        rng.randrange(len(rows[0])),
+        rng.choice(("confidence", "sequence", "z", "weight")),
+    )
     for number, row in enumerate(rows):
         value = rng.choice(NUMBERS + NAMES)
         row[place : place + 1] = (
-            [] if place % 2 else [*row[place : place + 1], name if number == 0 else value]
+            []
+            if place % 2
+            else [*row[place : place + 1], name if number == 0 else value]
         )
 
 
@@ -92,7 +237,16 @@ def spoil_text_bytes(rng: Random, data: bytes) -> bytes:
     """Cut text off, change line ends, delimiters or the encoding, or put bytes in."""
     ends = (b"\r\n", b"\r", b"\n\n", b"\n\r\n", b"")
     delimiters = (b";", b"\t", b", ", b",,")
-    pieces = (b'"', b"'", b"\0", b"\xff", b"\\", b"\r", b"x" * 200_000, rng.randbytes(5))
+    pieces = (
+        b'"',
+        b"'",
+        b"\0",
+        b"\xff",
+        b"\\",
+        b"\r",
+        b"x" * 200_000,
+        rng.randbytes(5),
+    )
     files = (b"", b"\n", b"item", b"\x89HDF\r\n\x1a\n", b"PK\3\4", b"\0" * 999)
     with suppress(UnicodeError):
         match rng.randrange(8):
@@ -123,7 +277,9 @@ def spoil_json(rng: Random, path: Path) -> None:
         parent, last = rng.choice(places)
         kind = rng.random()
         if kind < 0.6:
-            parent[last] = deepcopy(rng.choice(JSON_VALUES))  # since it may be spoiled next
+            parent[last] = deepcopy(
+                rng.choice(JSON_VALUES)
+            )  # since it may be spoiled next
         elif kind < 0.8:
             del parent[last]
         elif isinstance(parent, list):
@@ -135,7 +291,11 @@ def spoil_json(rng: Random, path: Path) -> None:
 
 def _places(data: Any) -> Iterator[tuple[Any, Any]]:
     """Yield every list or mapping in JSON with each of its keys."""
-    keys = data if isinstance(data, dict) else range(len(data) if isinstance(data, list) else 0)
+    keys = (
+        data
+        if isinstance(data, dict)
+        else range(len(data) if isinstance(data, list) else 0)
+    )
     for key in keys:
         yield data, key
         yield from _places(data[key])
@@ -159,13 +319,19 @@ def spoil_bytes(rng: Random, path: Path) -> None:
 
 
 def spoil_hdf5(rng: Random, path: Path) -> None:
-    """Change datasets, links and attributes of a file or of a group in it, or its bytes."""
+    """Change datasets, links and attributes of a file or of a group in it, or its
+    bytes.
+    """
     with h5py.File(path, "a") as file:
         groups = [file]
-        file.visititems(lambda _, node: groups.append(node) if hasattr(node, "keys") else None)
+        file.visititems(
+            lambda _, node: groups.append(node) if hasattr(node, "keys") else None
+        )
         group = rng.choice(groups) if rng.random() < 0.5 else file
         for _ in range(rng.choice((1, 1, 2, 3))):
-            with suppress(IndexError, KeyError, TypeError, ValueError, RuntimeError, OSError):
+            with suppress(
+                IndexError, KeyError, TypeError, ValueError, RuntimeError, OSError
+            ):
                 rng.choice(HDF5_CHANGES)(rng, group)
     if rng.random() < 0.15:
         spoil_bytes(rng, path)
@@ -197,7 +363,9 @@ def _numbers(rng: Random, file: Any) -> None:
         if kind < 2:
             flat = values.reshape(-1)
             for _ in range(rng.choice((1, 1, 3, flat.size))):
-                flat[rng.randrange(flat.size)] = np.float64(rng.choice(VALUES)).astype(flat.dtype)
+                flat[rng.randrange(flat.size)] = np.float64(rng.choice(VALUES)).astype(
+                    flat.dtype
+                )
         elif kind == 2:
             values = (values * 10.0 ** rng.uniform(-320, 300)).astype(values.dtype)
         else:
@@ -228,7 +396,11 @@ def _type(rng: Random, file: Any) -> None:
     kind = rng.choice(TYPES)
     with np.errstate(all="ignore"), suppress(TypeError, ValueError):
         zeros = rng.random() < 0.3
-        values = np.zeros(dataset.shape, kind) if zeros else np.asarray(dataset[()]).astype(kind)
+        values = (
+            np.zeros(dataset.shape, kind)
+            if zeros
+            else np.asarray(dataset[()]).astype(kind)
+        )
         put(file, dataset.name, values)
 
 
@@ -244,15 +416,35 @@ def _shape(rng: Random, file: Any) -> None:
     values = np.asarray(dataset[()])
     changed: list[Any] = [values[None], values.ravel(), values.T, h5py.Empty("f8")]
     if values.ndim:
-        changed += [values[..., :-1], values[1:], values[:0], np.concatenate([values, values])]
+        changed += [
+            values[..., :-1],
+            values[1:],
+            values[:0],
+            np.concatenate([values, values]),
+        ]
     text = {"dtype": h5py.string_dtype()} if dataset.dtype.kind == "O" else {}
     put(file, name, rng.choice(changed), **text)
 
 
 def _further(rng: Random, file: Any) -> None:
-    names = ("further", b"\xff\xfe", "deep/er", "outliers", "bounding_box", "camera_matrix", "a\nb")
+    names = (
+        "further",
+        b"\xff\xfe",
+        "deep/er",
+        "outliers",
+        "bounding_box",
+        "camera_matrix",
+        "a\nb",
+    )
     values = (
-        *(np.zeros(8), np.zeros((3, 3)), "text", [b"\xff"], np.zeros(0), h5py.Empty("f4")),
+        *(
+            np.zeros(8),
+            np.zeros((3, 3)),
+            "text",
+            [b"\xff"],
+            np.zeros(0),
+            h5py.Empty("f4"),
+        ),
         np.zeros((8, 15), "?"),
     )
     file[rng.choice(names)] = rng.choice(values)
@@ -263,7 +455,10 @@ def _replace(rng: Random, file: Any) -> None:
     name = _dataset(rng, file).name
     del file[name]
     links = (h5py.SoftLink("/nowhere"), h5py.SoftLink(name), h5py.SoftLink("/"))
-    elsewhere = (h5py.ExternalLink("shapes.h5", "/shapes"), h5py.ExternalLink("nowhere.h5", "/"))
+    elsewhere = (
+        h5py.ExternalLink("shapes.h5", "/shapes"),
+        h5py.ExternalLink("nowhere.h5", "/"),
+    )
     match rng.randrange(3):
         case 0:
             file[name] = rng.choice((*links, *elsewhere))
@@ -272,10 +467,30 @@ def _replace(rng: Random, file: Any) -> None:
 
 
 def _attribute(rng: Random, file: Any) -> None:
-    usual = ("y_axis", "unit", "frame_rate", "solve_seconds", "config", "kind", "method")
+    usual = (
+        "y_axis",
+        "unit",
+        "frame_rate",
+        "solve_seconds",
+        "config",
+        "kind",
+        "method",
+    )
     name = rng.choice([*file.attrs, *usual])
     values = (
-        *(np.nan, np.inf, -1, 2, "text", "", "\x1b[2J", b"\xff", [1, 2], np.zeros((2, 2)), 10**18),
+        *(
+            np.nan,
+            np.inf,
+            -1,
+            2,
+            "text",
+            "",
+            "\x1b[2J",
+            b"\xff",
+            [1, 2],
+            np.zeros((2, 2)),
+            10**18,
+        ),
         *(h5py.Empty("f8"), True),
     )
     if name in file.attrs:

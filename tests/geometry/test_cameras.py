@@ -1,4 +1,6 @@
-"""Cameras: known points and views, the turntable, and OpenCV's lens against its own inverse."""
+"""Cameras: known points and views, the turntable, and OpenCV's lens against its own
+inverse.
+"""
 
 import numpy as np
 import pytest
@@ -66,7 +68,8 @@ LENSES = {
 
 
 def opencv(x, y, k1, k2, p1, p2, k3=0.0, k4=0.0, k5=0.0, k6=0.0):
-    """The formula of OpenCV's documentation of calib3d, point by point, in complex numbers.
+    """The formula of OpenCV's documentation of calib3d, point by point, in complex
+    numbers.
 
     With z = x + iy the radial part is z g, and the tangential one (p2 + i p1) |z|^2 +
     2 z Re(z (p2 - i p1)) = 3-term form of (2 p1 x y + p2 (r^2 + 2 x^2), ...).
@@ -101,8 +104,13 @@ def test_where_the_lens_bends_back_there_is_no_point():
 
 def test_large_points_are_undistorted_to_their_own_precision():
     """The residual that counts as none grows with the points."""
-    points, lens = np.array([[1e4, -2e4, 3e3], [1e3, 7e3, -9e3]]), complete([1e-10, 1e-20, 0, 0])
-    np.testing.assert_allclose(undistort(distort(points, lens)[0], lens), points, rtol=1e-12)
+    points, lens = (
+        np.array([[1e4, -2e4, 3e3], [1e3, 7e3, -9e3]]),
+        complete([1e-10, 1e-20, 0, 0]),
+    )
+    np.testing.assert_allclose(
+        undistort(distort(points, lens)[0], lens), points, rtol=1e-12
+    )
 
 
 def test_zero_distortion_and_other_counts(rng):

@@ -1,4 +1,6 @@
-"""The floor is found under planted bodies whose camera is known, and never where none stands."""
+"""The floor is found under planted bodies whose camera is known, and never where none
+stands.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,12 @@ from shapefit.geometry.floor import ABOVE_FLOOR, FORWARD, Body, Floor, find_floo
 from shapefit.geometry.rotations import rotation_about_axis
 
 RATE, TALL = 25.0, 1.7
-LEVELS = {"hip": (0.1, 0.93), "shoulder": (0.18, 1.4), "elbow": (0.25, 1.15), "wrist": (0.25, 0.9)}
+LEVELS = {
+    "hip": (0.1, 0.93),
+    "shoulder": (0.18, 1.4),
+    "elbow": (0.25, 1.15),
+    "wrist": (0.25, 0.9),
+}
 """Joints of a body: how far to the side, and how high, in metres."""
 
 JOINTS = {
@@ -18,7 +25,9 @@ JOINTS = {
 
 
 def walk(seconds=6.25, speed=0.8, step=0.5, heading=0.0):
-    """Return a body (n, 3, 12) that walks on y = 0: one foot rests while the other passes it."""
+    """Return a body (n, 3, 12) that walks on y = 0: one foot rests while the other
+    passes it.
+    """
     t = np.arange(round(seconds * RATE)) / RATE
     phase = t * speed / step
     points = np.zeros((len(t), 3, len(JOINTS)))
@@ -39,7 +48,9 @@ def walk(seconds=6.25, speed=0.8, step=0.5, heading=0.0):
             points[..., JOINTS[f"{side}{joint}"]] = np.stack(
                 [np.full(len(t), aside * sign), np.full(len(t), high), along], axis=1
             )
-        points[..., JOINTS[f"{side}knee"]] = (ankle + points[..., JOINTS[f"{side}hip"]]) / 2
+        points[..., JOINTS[f"{side}knee"]] = (
+            ankle + points[..., JOINTS[f"{side}hip"]]
+        ) / 2
     return rotation_about_axis(1, np.float64(heading)) @ points
 
 
@@ -55,7 +66,9 @@ def still(seconds=3.0):
 
 
 def visible(points, height=1.5, pitch=12.0, roll=-5.0, away=5.0):
-    """Return points (n, 3, p) as a camera has them, and the direction that is up for it."""
+    """Return points (n, 3, p) as a camera has them, and the direction that is up for
+    it.
+    """
     turn = rotation_about_axis(2, np.float64(np.radians(-roll)))
     turn = turn @ rotation_about_axis(0, np.float64(np.radians(pitch)))
     middle = points.mean(axis=(0, 2)) * [1.0, 0.0, 1.0]
@@ -74,7 +87,9 @@ def find(points, distance_sd=0.05, **deviations) -> Floor:
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.7, np.pi / 2, np.pi])
-@pytest.mark.parametrize("camera", [(1.5, 12.0, -5.0), (0.4, -6.0, 3.0), (2.5, 20.0, 0.0)])
+@pytest.mark.parametrize(
+    "camera", [(1.5, 12.0, -5.0), (0.4, -6.0, 3.0), (2.5, 20.0, 0.0)]
+)
 def test_a_walk_shows_height_and_tilt(heading, camera):
     height, pitch, roll = camera
     points, up = visible(walk(heading=heading), *camera)
@@ -119,8 +134,16 @@ def test_nobody_stands(posture):
     ("axis", "move", "stands"),
     [
         (0, lambda frame: 0.5 * frame / RATE, False),
-        (2, lambda frame: 0.5 * frame / RATE, True),  # along the line of sight it counts a third
-        (0, lambda frame: 0.1 * np.sin(np.pi / 4 * frame), True),  # back after 0.3 seconds
+        (
+            2,
+            lambda frame: 0.5 * frame / RATE,
+            True,
+        ),  # along the line of sight it counts a third
+        (
+            0,
+            lambda frame: 0.1 * np.sin(np.pi / 4 * frame),
+            True,
+        ),  # back after 0.3 seconds
     ],
 )
 def test_a_foot_that_moves_bears_nobody(axis, move, stands):
@@ -175,7 +198,9 @@ def test_bars_hold(rng):
         shared, own = rng.normal(size=(2, *points.shape)) * [[0.01], [0.01], [0.06]]
         points = points * (1 + rng.normal(scale=0.04)) + (shared[:1] + own) / np.sqrt(2)
         found = find(points, sd=0.06)
-        away = np.subtract((found.height, found.pitch, found.roll), (height, pitch, roll))
+        away = np.subtract(
+            (found.height, found.pitch, found.roll), (height, pitch, roll)
+        )
         inside.append(np.abs(away) < 1.645 * np.array(found[4:]))
     held = np.mean(inside, axis=0)
     assert ((held > 0.8) & (held <= 1)).all(), held
@@ -183,5 +208,8 @@ def test_bars_hold(rng):
 
 def test_it_says_so_in_a_line():
     floor = Floor(np.array([0.0, 1.0, 0.0]), 1.416, 8.2, -1.3, 0.06, 2.1, 0.9)
-    line = "camera 1.42 m (+- 0.06) above the floor, tilted 8 degrees down (+- 2), 1 to the right"
+    line = (
+        "camera 1.42 m (+- 0.06) above the floor, tilted 8 degrees down (+- 2), 1 to"
+        " the right"
+    )
     assert str(floor) == f"{line} (+- 1)"

@@ -1,11 +1,18 @@
-"""Joint angles and rotations: planted poses, deviations of a simulation, bones with known turns."""
+"""Joint angles and rotations: planted poses, deviations of a simulation, bones with
+known turns.
+"""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from shapefit.geometry.joint_angles import ANGLES, measurable_angles, measure_angles
-from shapefit.geometry.joint_rotations import find_bones, find_rig, find_tree, forward_kinematics
+from shapefit.geometry.joint_rotations import (
+    find_bones,
+    find_rig,
+    find_tree,
+    forward_kinematics,
+)
 from shapefit.geometry.rotations import exponential, rotation_about
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -44,7 +51,9 @@ def person(truth=TRUTH):
         joints |= {
             f"{side}shoulder": shoulder,
             f"{side}elbow": elbow,
-            f"{side}wrist": elbow + 0.25 * turned(down, arm + truth[f"elbow_flex_{side}"]),
+            f"{side}wrist": (
+                elbow + 0.25 * turned(down, arm + truth[f"elbow_flex_{side}"])
+            ),
             f"{side}hip": hip,
             f"{side}knee": knee,
             f"{side}ankle": ankle,
@@ -80,7 +89,10 @@ def test_angles_do_not_depend_on_frame_and_size(rng):
 
 
 def test_left_and_right_exchange_in_a_mirror():
-    swapped = {"rl"["lr".index(n[0])] + n[1:] if n != "head" else n: p for n, p in person().items()}
+    swapped = {
+        "rl"["lr".index(n[0])] + n[1:] if n != "head" else n: p
+        for n, p in person().items()
+    }
     mirrored = {name: point * [1, 1, -1] for name, point in swapped.items()}
     found, _ = measured(mirrored)
     for name, degrees in TRUTH.items():
@@ -102,10 +114,14 @@ def test_deviations_are_those_of_a_simulation(rng, independent):
     for shoulder in ("rshoulder", "lshoulder"):  # a straight line has no derivative
         joints[shoulder] = joints[shoulder] + [0.1, 0, 0]
     p = len(joints)
-    factor = 0.01 * (np.eye(3 * p) if independent else rng.normal(size=(3 * p, 3 * p)) / np.sqrt(p))
+    factor = 0.01 * (
+        np.eye(3 * p) if independent else rng.normal(size=(3 * p, 3 * p)) / np.sqrt(p)
+    )
     whole = factor @ factor.T
     blocks = whole.reshape(p, 3, p, 3)[np.arange(p), :, np.arange(p)]
-    _, stated = measured(joints, covariance=blocks[None] if independent else whole[None])
+    _, stated = measured(
+        joints, covariance=blocks[None] if independent else whole[None]
+    )
     errors = (rng.normal(size=(20_000, 3 * p)) @ factor.T).reshape(-1, p, 3)
     drawn = {name: joints[name] + errors[:, k] for k, name in enumerate(joints)}
     simulated, _ = measured(drawn)
@@ -120,12 +136,19 @@ EDGES = np.array([(parent, j) for j, parent in enumerate(PARENTS) if parent >= 0
 
 @pytest.fixture
 def moved(rng):
-    """Joints (f, 3, p) of bones of one length, each turning smoothly against the one before."""
+    """Joints (f, 3, p) of bones of one length, each turning smoothly against the one
+    before.
+    """
     phase = np.linspace(0, 2 * np.pi, 80)
     G, places = [], []
     for parent in PARENTS:
-        axes, offset = rng.normal(size=(2, 3)), rng.uniform(0.5, 1.0) * np.eye(3)[rng.integers(3)]
-        L = exponential(np.stack([np.sin(phase), np.cos(phase)], axis=1) @ (0.25 * axes))
+        axes, offset = (
+            rng.normal(size=(2, 3)),
+            rng.uniform(0.5, 1.0) * np.eye(3)[rng.integers(3)],
+        )
+        L = exponential(
+            np.stack([np.sin(phase), np.cos(phase)], axis=1) @ (0.25 * axes)
+        )
         P = G[parent] if parent >= 0 else np.tile(np.eye(3), (80, 1, 1))
         G.append(P @ L)
         places.append(G[-1] @ offset + (places[parent] if parent >= 0 else 0))
@@ -142,7 +165,9 @@ def test_rigid_bones_end_at_their_landmarks(moved):
     np.testing.assert_allclose(forward_kinematics(rig), joints(rig, moved), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(rig.rotations), 1)
     at_rest = rig.rotations[:, rig.rest]
-    np.testing.assert_allclose(at_rest, np.broadcast_to(np.eye(3), at_rest.shape), atol=1e-12)
+    np.testing.assert_allclose(
+        at_rest, np.broadcast_to(np.eye(3), at_rest.shape), atol=1e-12
+    )
 
 
 def test_a_body_that_turns_as_a_whole_bends_no_joint(moved):
@@ -154,7 +179,9 @@ def test_a_body_that_turns_as_a_whole_bends_no_joint(moved):
 def test_of_loops_the_rigid_bones_are_taken_and_what_is_apart_is_joined(rng):
     points = np.tile(rng.normal(size=(3, 5)), (50, 1, 1))
     points[:, 0, 3] += np.linspace(0, 1, 50)  # what leads to landmark 3 stretches,
-    points[:, :, 4] = points[:, :, 3] + 0.1  # and no edge leads to 4, which moves with 3
+    points[:, :, 4] = (
+        points[:, :, 3] + 0.1
+    )  # and no edge leads to 4, which moves with 3
     tree = find_tree(points, np.array([[0, 1], [1, 2], [2, 0], [2, 3]]), root=0)
     bones = {tuple(sorted(bone)) for bone in find_bones(tree).items()}
     assert bones - {(0, 1), (1, 2), (0, 2)} == {(2, 3), (3, 4)}
@@ -168,12 +195,16 @@ def test_of_two_landmarks_in_the_middle_the_first_is_the_root(rng):
 
 
 def leg(twist, bend):
-    """A thigh along -y from the root, turned about itself, and a shank bent by angles (n,)."""
+    """A thigh along -y from the root, turned about itself, and a shank bent by angles
+    (n,).
+    """
     shank = rotation_about([0, 1, 0], twist) @ (
         rotation_about([1, 0, 0], bend) @ np.array([0, -1.0, 0])[:, None]
     )
     knee = np.tile([0, -1.0, 0], (len(twist), 1))
-    hips = np.tile(np.array([[0.2, 0, 0], [-0.2, 0, 0], [0, 1.0, 0]]), (len(twist), 1, 1))
+    hips = np.tile(
+        np.array([[0.2, 0, 0], [-0.2, 0, 0], [0, 1.0, 0]]), (len(twist), 1, 1)
+    )
     root = np.zeros((len(twist), 3))
     return np.stack([root, *hips.swapaxes(0, 1), knee, knee + shank[..., 0]], axis=2)
 
@@ -203,7 +234,9 @@ def test_a_joint_that_bends_both_ways_does_not_turn_its_bone():
 
 
 def test_at_rest_joints_are_bent_as_the_median_however_far_a_few_frames_go():
-    bend = np.concatenate([np.full(20, 0.5), np.linspace(0.45, 0.55, 21), np.full(15, 2.5)])
+    bend = np.concatenate(
+        [np.full(20, 0.5), np.linspace(0.45, 0.55, 21), np.full(15, 2.5)]
+    )
     points = leg(np.zeros(56), bend)
     rig = find_rig(points, LEG, root=0)
     assert bend[rig.rest] == pytest.approx(0.5, abs=0.01)

@@ -1,14 +1,24 @@
-"""Normalisation: hand-computed units, its symmetries, and hidden points that do not matter."""
+"""Normalisation: hand-computed units, its symmetries, and hidden points that do not
+matter.
+"""
 
 import numpy as np
 import pytest
 
-from shapefit.geometry.normalisation import as_metres, centroid, metres_in, normalise, std
+from shapefit.geometry.normalisation import (
+    as_metres,
+    centroid,
+    metres_in,
+    normalise,
+    std,
+)
 
 
 @pytest.fixture
 def points(rng):
-    return rng.standard_normal((6, 3, 8)) * [[1.0], [2], [3]] + rng.standard_normal((6, 3, 1))
+    return rng.standard_normal((6, 3, 8)) * [[1.0], [2], [3]] + rng.standard_normal(
+        (6, 3, 1)
+    )
 
 
 @pytest.fixture
@@ -44,9 +54,17 @@ def test_hidden_points_do_not_matter(points, visible, garbage):
 
 @pytest.mark.parametrize(
     ("unit", "metres"),
-    [("m", 1), ("dm", 0.1), (" Centimetres ", 0.01), ("MM", 1e-3), ("µm", 1e-6), ("in", 0.0254),
-     ("feet", 0.3048), ("px", None)],
-)  # fmt: skip
+    [
+        ("m", 1),
+        ("dm", 0.1),
+        (" Centimetres ", 0.01),
+        ("MM", 1e-3),
+        ("µm", 1e-6),
+        ("in", 0.0254),
+        ("feet", 0.3048),
+        ("px", None),
+    ],
+)
 def test_units_of_length(unit, metres):
     assert metres_in(unit) == metres
     assert as_metres(unit) == ((1, unit) if metres is None else (metres, "m"))

@@ -27,7 +27,10 @@ class TestCoincide:
         for steps, together in ((0, True), (1, True), (9, False), (100, False)):
             points[1, 2] = 7.0 + steps * rounding
             assert bool(coincide(points)) == together, steps
-        assert coincide(np.array([[[0.0, 0.0]], [[1.0, 2.0]]])).tolist() == [True, False]
+        assert coincide(np.array([[[0.0, 0.0]], [[1.0, 2.0]]])).tolist() == [
+            True,
+            False,
+        ]
         assert coincide(np.empty((2, 3, 0))).tolist() == [True, True]
 
 
@@ -39,7 +42,9 @@ class TestSimilarityTransform:
     @pytest.fixture
     def target(self, source, rng):
         turned = random_rotations(30, rng) @ source
-        return rng.uniform(0.5, 4, (30, 1, 1)) * turned + 0.5 * rng.standard_normal(source.shape)
+        return rng.uniform(0.5, 4, (30, 1, 1)) * turned + 0.5 * rng.standard_normal(
+            source.shape
+        )
 
     def test_finds_a_planted_motion(self, source, rng):
         scale, R = rng.uniform(0.1, 9, 30), random_rotations(30, rng)
@@ -60,11 +65,16 @@ class TestSimilarityTransform:
         spoiled = source.copy()
         spoiled[2, 0, 0] = np.nan
         spoiled[5] = np.nan
-        found, clean = similarity_transform(spoiled, target), similarity_transform(source, target)
+        found, clean = (
+            similarity_transform(spoiled, target),
+            similarity_transform(source, target),
+        )
         for name in ("scale", "rotation", "translation"):
             ours, theirs = getattr(found, name), getattr(clean, name)
             assert np.isnan(ours[[2, 5]]).all()
-            np.testing.assert_array_equal(np.delete(ours, [2, 5], 0), np.delete(theirs, [2, 5], 0))
+            np.testing.assert_array_equal(
+                np.delete(ours, [2, 5], 0), np.delete(theirs, [2, 5], 0)
+            )
 
     def test_a_source_of_one_point_is_only_moved(self, source):
         found = similarity_transform(np.full((3, 7), 0.1), source[0])
@@ -99,7 +109,9 @@ class TestGeneralisedProcrustes:
         found = generalised_procrustes(shapes)
         assert found.converged
         more = rotation_onto(found.shapes, found.mean)
-        np.testing.assert_allclose(more, np.broadcast_to(np.eye(3), more.shape), atol=1e-7)
+        np.testing.assert_allclose(
+            more, np.broadcast_to(np.eye(3), more.shape), atol=1e-7
+        )
         assert generalised_procrustes(shapes, max_rounds=1).rounds == 1
 
     def test_only_the_chosen_landmarks_choose_the_rotation(self, shapes, rng):
@@ -132,5 +144,8 @@ def test_the_lateral_axis_is_the_one_along_which_partners_lie_apart(rng, lateral
     assert lateral_axis(shapes, PARTNERS) == lateral
     assert lateral_axis(shapes[0] + 100, PARTNERS) == lateral
     shapes = np.zeros((4, 3, 4))
-    shapes[:, lateral, 0], shapes[0, lateral - 1, 0] = 2, 3  # apart along another axis in one
+    shapes[:, lateral, 0], shapes[0, lateral - 1, 0] = (
+        2,
+        3,
+    )  # apart along another axis in one
     assert lateral_axis(shapes, PARTNERS) == lateral

@@ -27,8 +27,9 @@ class TestNearestRotation:
         return rng.standard_normal((50, 3, 3))
 
     def test_certificate(self, matrices):
-        # R maximises <R, A> over rotations iff R^T A is symmetric and the sum of any two of its
-        # eigenvalues is >= 0 (a turn by t about the third axis costs (1 - cos t) times that sum).
+        # R maximises <R, A> over rotations iff R^T A is symmetric and the sum of any
+        # two of its eigenvalues is >= 0 (a turn by t about the third axis costs (1 -
+        # cos t) times that sum).
         P = nearest_rotation(matrices).swapaxes(-1, -2) @ matrices
         np.testing.assert_allclose(P, P.swapaxes(-1, -2), atol=1e-12)
         low = np.linalg.eigvalsh(P)[:, :2]
@@ -46,7 +47,8 @@ class TestCompleteRotation:
 
 class TestRandomRotations:
     def test_moments_of_the_uniform_distribution(self, rng):
-        # Under Haar measure E R = 0, E R_ij R_kl = 1/3 if (i, j) = (k, l) and 0 otherwise.
+        # Under Haar measure E R = 0, E R_ij R_kl = 1/3 if (i, j) = (k, l) and 0
+        # otherwise.
         R = random_rotations(100_000, rng).reshape(-1, 9)
         np.testing.assert_allclose(R.mean(axis=0), 0, atol=0.01)
         np.testing.assert_allclose(R.T @ R / len(R), np.eye(9) / 3, atol=0.01)
@@ -55,15 +57,21 @@ class TestRandomRotations:
 class TestRotationAbout:
     def test_agrees_with_scipy(self, rng):
         axis, angles = rng.standard_normal(3), rng.uniform(-10, 10, 30)
-        expected = Rotation.from_rotvec(angles[:, None] * axis / np.linalg.norm(axis)).as_matrix()
+        expected = Rotation.from_rotvec(
+            angles[:, None] * axis / np.linalg.norm(axis)
+        ).as_matrix()
         np.testing.assert_allclose(rotation_about(axis, angles), expected, atol=1e-13)
 
 
 class TestRotationAngle:
     def test_agrees_with_scipy(self, rng):
         first, second = random_rotations(50, rng), random_rotations(50, rng)
-        expected = (Rotation.from_matrix(first).inv() * Rotation.from_matrix(second)).magnitude()
-        np.testing.assert_allclose(rotation_angle(first, second), np.degrees(expected), rtol=1e-9)
+        expected = (
+            Rotation.from_matrix(first).inv() * Rotation.from_matrix(second)
+        ).magnitude()
+        np.testing.assert_allclose(
+            rotation_angle(first, second), np.degrees(expected), rtol=1e-9
+        )
 
     @pytest.mark.parametrize("degrees", [0.0, 1e-9, 1e-4, 90, 179.999, 180])
     def test_is_exact_at_both_ends(self, degrees, rng):

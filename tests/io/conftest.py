@@ -80,7 +80,12 @@ def results(rng, landmarks) -> ResultSet:
         columns=landmarks.further,
         unit="px",
         y_axis="down",
-        attributes={"method": "convex", "solve_seconds": 1.5, "count": 5, "version": "0.1.0"},
+        attributes={
+            "method": "convex",
+            "solve_seconds": 1.5,
+            "count": 5,
+            "version": "0.1.0",
+        },
     )
 
 
@@ -113,9 +118,13 @@ def same() -> Callable[[object, object], None]:
                 assert value.keys() == found.keys()
                 for key in value:
                     kind = value[key].dtype.kind
-                    np.testing.assert_array_equal(value[key], found[key], strict=kind not in "UO")
+                    np.testing.assert_array_equal(
+                        value[key], found[key], strict=kind not in "UO"
+                    )
             elif isinstance(value, np.ndarray):
-                np.testing.assert_array_equal(value, found, strict=value.dtype.kind != "U")
+                np.testing.assert_array_equal(
+                    value, found, strict=value.dtype.kind != "U"
+                )
             else:
                 assert value == found, name
 
@@ -140,7 +149,9 @@ def run_python() -> Callable[..., subprocess.CompletedProcess[str]]:
 
     def run(script: str, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-c", script, *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        return subprocess.run(
+            command, capture_output=True, text=True, timeout=120, check=False
+        )
 
     return run
 

@@ -12,7 +12,9 @@ from shapefit.io.skeletons import Skeleton
 
 
 def save(path: Path, *records: Records, to: str = "auto", **options: Any) -> Summary:
-    """Write records of one kind one after the other; options are those of files in metres."""
+    """Write records of one kind one after the other; options are those of files in
+    metres.
+    """
     with record_writer(path, records[0].LAYOUT, to, OutputOptions(**options)) as writer:
         for record in records:
             writer.append(record)
@@ -32,7 +34,9 @@ def load_shapes(path: Path) -> tuple[ShapeSet, tuple[str, ...]]:
 
 
 def mirror_pairs(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:
-    """Return right and left landmarks that a reflection of the body exchanges, each pair once."""
+    """Return right and left landmarks that a reflection of the body exchanges, each
+    pair once.
+    """
     place = {name: number for number, name in enumerate(skeleton.landmark_names)}
     lefts = (re.sub(r"^R(?=[A-Z])", "L", n.replace("right", "left")) for n in place)
     return tuple((i, place[n]) for i, n in enumerate(lefts) if place.get(n, i) != i)

@@ -80,7 +80,9 @@ class TestOneFile:
         ],
     )
     @pytest.mark.parametrize("call", ["fsync", "replace"])
-    def test_faults_of_the_disk(self, tmp_path, problems, monkeypatch, number, fix, call):
+    def test_faults_of_the_disk(
+        self, tmp_path, problems, monkeypatch, number, fix, call
+    ):
         def fail(*_, **__):
             raise OSError(number, os.strerror(number))
 
@@ -89,7 +91,9 @@ class TestOneFile:
         with monkeypatch.context() as patched:
             patched.setattr(os, call, fail)
             (line,) = problems(write, target)
-        assert line.startswith(f"{target}: cannot be written: {os.strerror(number)}; {fix}")
+        assert line.startswith(
+            f"{target}: cannot be written: {os.strerror(number)}; {fix}"
+        )
         assert content(tmp_path) == {"out.bin": "old"}
 
     def test_missing_folders_are_made(self, tmp_path):
@@ -106,7 +110,10 @@ class TestOneFile:
         target = tmp_path / "file" / "such" / "out.h5"
         for check in (write, check_output):
             (line,) = problems(check, target)
-            assert line == f"{target}: {tmp_path / 'file'} is not a folder; choose another folder"
+            assert (
+                line == f"{target}: {tmp_path / 'file'} is not a folder; choose another"
+                " folder"
+            )
             assert "it is a folder" in problems(check, tmp_path)[0]
             assert "not a regular file" in problems(check, Path(os.devnull))[0]
         assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
@@ -176,10 +183,16 @@ class TestManyFiles:
         with staged_files(folder) as files:
             put(files, "a.txt")
             put(files, "sub/sub/b.txt")
-            found = {name: text for name, text in content(folder).items() if "partial" not in name}
+            found = {
+                name: text
+                for name, text in content(folder).items()
+                if "partial" not in name
+            }
             assert found == before
         new = dict.fromkeys(["a.txt", "sub/sub/b.txt"], "new")
-        assert content(tmp_path) == {f"out/{n}": text for n, text in (before | new).items()}
+        assert content(tmp_path) == {
+            f"out/{n}": text for n, text in (before | new).items()
+        }
         (tmp_path / "plain").mkdir()
         assert folder.stat().st_mode == (tmp_path / "plain").stat().st_mode
 
@@ -204,13 +217,16 @@ class TestManyFiles:
             ("file", r"/new is not a folder; choose another folder"),
         ],
     )
-    def test_what_is_in_the_way_is_told_before_anything_moves(self, tmp_path, obstacle, message):
+    def test_what_is_in_the_way_is_told_before_anything_moves(
+        self, tmp_path, obstacle, message
+    ):
         (tmp_path / "a.txt").write_text("old")
         if obstacle == "folder":
             (tmp_path / "z.txt/deep").mkdir(parents=True)
         else:
             (tmp_path / "new").write_text("mine")
-        with pytest.raises(InputError, match=message), staged_files(tmp_path) as files:  # noqa: PT012
+        raises = pytest.raises(InputError, match=message)
+        with raises, staged_files(tmp_path) as files:
             for name in ("a.txt", "new/deep/first.txt", "z.txt"):
                 put(files, name)
         assert content(tmp_path) == {"a.txt": "old"} | (

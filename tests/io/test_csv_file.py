@@ -1,4 +1,6 @@
-"""Tidy tables: what is read and written, whatever the way they are spelled; what a fault says."""
+"""Tidy tables: what is read and written, whatever the way they are spelled; what a
+fault says.
+"""
 
 import csv as csv_module
 import io
@@ -89,7 +91,9 @@ odd_names = st.text(st.sampled_from("ab \",\n\r'"), min_size=1, max_size=4)
 def test_neither_order_nor_quotes_nor_blocks_count(
     tmp_path_factory, items, landmarks, random, size
 ):
-    """Rows and columns in any order, some missing, with or without quotes: what the rows say."""
+    """Rows and columns in any order, some missing, with or without quotes: what the
+    rows say.
+    """
     path = tmp_path_factory.mktemp("table") / "t.csv"
     rows = [(i, j) for i in range(len(items)) for j in range(len(landmarks))]
     random.shuffle(rows)
@@ -101,7 +105,9 @@ def test_neither_order_nor_quotes_nor_blocks_count(
     writer = csv_module.DictWriter(out, columns, quoting=quoting, lineterminator="\n")
     writer.writeheader()
     for i, j in rows:
-        writer.writerow({"item": items[i], "landmark": landmarks[j], "x": i + 0.5, "y": -j})
+        writer.writerow(
+            {"item": items[i], "landmark": landmarks[j], "x": i + 0.5, "y": -j}
+        )
     path.write_bytes(out.getvalue().encode())
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(inputs, "BLOCK_BYTES", size)
@@ -135,7 +141,20 @@ def test_what_is_split_is_never_read_in_another_way(text):
 @pytest.mark.parametrize(
     "text",
     [
-        *("1", "-0.0", "+1", "1.", ".5", "007", "1e5", "1E+5", " 1\t", "inf", "-Infinity", "1e400"),
+        *(
+            "1",
+            "-0.0",
+            "+1",
+            "1.",
+            ".5",
+            "007",
+            "1e5",
+            "1E+5",
+            " 1\t",
+            "inf",
+            "-Infinity",
+            "1e400",
+        ),
         *("5e-324", "1.7976931348623157e308", "18446744073709551617"),
         *("0.1000000000000000055511151231257827", "", " ", "nan", "NaN", "-nan"),
     ],
@@ -149,7 +168,21 @@ def test_numbers_are_those_of_python(text):
 
 @pytest.mark.parametrize(
     "text",
-    ["one", "1_000", "１", "null", "true", "[1]", "1,2", "{}", '"1"', "1 2", "0x10", "1d5", "--1"],
+    [
+        "one",
+        "1_000",
+        "１",
+        "null",
+        "true",
+        "[1]",
+        "1,2",
+        "{}",
+        '"1"',
+        "1 2",
+        "0x10",
+        "1d5",
+        "--1",
+    ],
 )
 def test_what_is_no_number_is_strange(text):
     for cells in ([text], ["1", text, ""], ["", text]):
@@ -170,8 +203,10 @@ ONE_CELL = "write one cell per column"
     ("text", "told"),
     [
         (
-            "item,landmark,x,y,confidence\na,head,1,2,1\na,foot,one,2,1\n\nb,head,inf,2,-0.5\n"
-            'b,foot,"1,5",-Infinity,\nc,head,,nan,nan\nc,,1,2,1\n,foot,1,2,1\n',
+            (
+                "item,landmark,x,y,confidence\na,head,1,2,1\na,foot,one,2,1\n\nb,head,inf,2,-0.5\n"
+                'b,foot,"1,5",-Infinity,\nc,head,,nan,nan\nc,,1,2,1\n,foot,1,2,1\n'
+            ),
             [
                 f"3: x is 'one'; {UNSEEN}",
                 f"5: x is 'inf'; {UNSEEN}",
@@ -195,22 +230,45 @@ ONE_CELL = "write one cell per column"
             "item,landmark,x,y,sequence\na,head,1,2,s\na,foot,1,2,t\nb,foot,1,2,t\n",
             ["3: sequence is 't'; give all rows of an item one sequence"],
         ),
-        ("item,landmark,x,y\na,h,1,2\n\nb,h,1\nc,h,1,2,3\n",
-         [f"4: has 3 cells for 4 columns; {ONE_CELL}",
-          f"5: has 5 cells for 4 columns; {ONE_CELL}"]),
-        ('item,landmark,x,y\n"a,b",h,1\n', [f"2: has 3 cells for 4 columns; {ONE_CELL}"]),
-        ("item,landmark,x,y\n1,2,3\n4,5,6,7,8\n", [f"2: has 3 cells for 4 columns; {ONE_CELL}",
-         f"3: has 5 cells for 4 columns; {ONE_CELL}"]),
-        (b"item,landmark,x,y\na,head,1,2\n\xe9,head,1,2\n",
-         ["3: is not UTF-8 text; save it as CSV in UTF-8"]),
-        ("item,landmark,x,y,confidense\n1,2,3,4,5\n",
-         [f"1: the header is 'item,landmark,x,y,confidense'; {HEADER}"]),
+        (
+            "item,landmark,x,y\na,h,1,2\n\nb,h,1\nc,h,1,2,3\n",
+            [
+                f"4: has 3 cells for 4 columns; {ONE_CELL}",
+                f"5: has 5 cells for 4 columns; {ONE_CELL}",
+            ],
+        ),
+        (
+            'item,landmark,x,y\n"a,b",h,1\n',
+            [f"2: has 3 cells for 4 columns; {ONE_CELL}"],
+        ),
+        (
+            "item,landmark,x,y\n1,2,3\n4,5,6,7,8\n",
+            [
+                f"2: has 3 cells for 4 columns; {ONE_CELL}",
+                f"3: has 5 cells for 4 columns; {ONE_CELL}",
+            ],
+        ),
+        (
+            b"item,landmark,x,y\na,head,1,2\n\xe9,head,1,2\n",
+            ["3: is not UTF-8 text; save it as CSV in UTF-8"],
+        ),
+        (
+            "item,landmark,x,y,confidense\n1,2,3,4,5\n",
+            [f"1: the header is 'item,landmark,x,y,confidense'; {HEADER}"],
+        ),
         ("item,landmark,x\n1,2,3\n", [f"1: the header is 'item,landmark,x'; {HEADER}"]),
-        ("item,landmark,x,y,x\n", [f"1: the header is 'item,landmark,x,y,x'; {HEADER}"]),
-        ("item,landmark,x,y\n" + "".join(f"\"item\n{i}\",head,{i},2\n" for i in range(30_000))
-         + "last,head,bad,2\n", [f"60002: x is 'bad'; {UNSEEN}"]),
+        (
+            "item,landmark,x,y,x\n",
+            [f"1: the header is 'item,landmark,x,y,x'; {HEADER}"],
+        ),
+        (
+            "item,landmark,x,y\n"
+            + "".join(f'"item\n{i}",head,{i},2\n' for i in range(30_000))
+            + "last,head,bad,2\n",
+            [f"60002: x is 'bad'; {UNSEEN}"],
+        ),
     ],
-)  # fmt: skip
+)
 def test_every_bad_row_is_named_with_its_line(csv, problems, read_views, text, told):
     path = csv(text)
     assert problems(read_views, path) == tuple(f"{path}:{line}" for line in told)
@@ -220,8 +278,16 @@ def test_every_bad_row_is_named_with_its_line(csv, problems, read_views, text, t
     ("rows", "line", "found"),
     [
         ('a,h,1,2\nb,"h"h,1,2\nc,h,1,2\n', 3, "a bad cell (',' expected after '\"')"),
-        ('a,h,1,2\nb,h,1,"2\n', 3, "a bad cell (unexpected end of data); put cells with commas"),
-        ('a,h,1,2\n"b,h,1,2\n' + "c,h,1,2\n" * 100_000, 3, "a bad cell (field larger than"),
+        (
+            'a,h,1,2\nb,h,1,"2\n',
+            3,
+            "a bad cell (unexpected end of data); put cells with commas",
+        ),
+        (
+            'a,h,1,2\n"b,h,1,2\n' + "c,h,1,2\n" * 100_000,
+            3,
+            "a bad cell (field larger than",
+        ),
     ],
 )
 def test_text_that_is_no_csv(csv, problems, read_views, rows, line, found):
@@ -236,7 +302,9 @@ def test_shapes_must_be_finite_and_complete(csv, problems, cell, read_one):
     assert problems(read_one, path) == (f"{path}:3: {found}; write a finite number",)
     path = csv("item,landmark,x,y,z\na,head,1,2,3\na,foot,1,2,3\nb,foot,1,2,3\n")
     (line,) = problems(read_one, path)
-    assert line.startswith(f"{path}: item 'b': landmark 'head' is (nan, nan, nan); write a finite")
+    assert line.startswith(
+        f"{path}: item 'b': landmark 'head' is (nan, nan, nan); write a finite"
+    )
 
 
 HEAD = "item,landmark,x,y,z\n"
@@ -247,7 +315,9 @@ def test_a_coordinate_whose_square_overflows_is_named(csv, problems, value):
     path = csv(f"{HEAD}a,head,1,2,3\na,foot,4,{value},6\n")
     for read in (lambda: read_shapes([path]), lambda: read_results(path)):
         (line,) = problems(read)
-        assert line.startswith(f"{path}: item 'a': landmark 'foot' is (4.0, {float(value)}, 6.0); ")
+        assert line.startswith(
+            f"{path}: item 'a': landmark 'foot' is (4.0, {float(value)}, 6.0); "
+        )
 
 
 def test_a_table_whose_rows_share_nothing(tmp_path, problems, monkeypatch):
@@ -272,7 +342,9 @@ def test_what_does_not_come_as_a_stream(
 ):
     standard_input("")
     fix = "write a CSV with a header line"
-    assert problems(read_views, Path("-")) == (f"standard input: is empty (0 bytes); {fix}",)
+    assert problems(read_views, Path("-")) == (
+        f"standard input: is empty (0 bytes); {fix}",
+    )
     standard_input("item,landmark,x,y\na,head,?,2\n")
     assert problems(read_views, Path("-"))[0].startswith("standard input:2: x is '?'; ")
     pipe = tmp_path / "pipe"
@@ -305,16 +377,22 @@ def test_results_as_csv(tmp_path, results):
 
 
 def test_items_without_landmarks_write_a_header(tmp_path):
-    none = LandmarkSet(landmarks=np.empty((2, 2, 0)), landmark_names=(), items=("a", "b"))
+    none = LandmarkSet(
+        landmarks=np.empty((2, 2, 0)), landmark_names=(), items=("a", "b")
+    )
     save(tmp_path / "none.csv", none)
     assert (tmp_path / "none.csv").read_text() == "item,landmark,x,y\n"
 
 
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2))
+@given(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2)
+)
 @example([-1.2345678901234567e-300] * 2)  # as many digits as there are
 def test_numbers_come_back_to_the_last_bit(values):
     data: list[bytes] = []
-    csv_file.CsvWriter(data.append).append(LandmarkSet(np.array([values])[..., None], "a", "b"))
+    csv_file.CsvWriter(data.append).append(
+        LandmarkSet(np.array([values])[..., None], "a", "b")
+    )
     cells = bytes(data[-1]).decode().removesuffix("\n").split(",")[2:]
     assert read_numbers(cells)[0].tobytes() == np.array(values).tobytes()
 
@@ -344,11 +422,15 @@ def test_fractions_of_the_image_are_refused_in_every_format(tmp_path, suffix, pr
     assert scaled.unit == "px"
     np.testing.assert_allclose(scaled.landmarks[:, 1], 200 * images.landmarks[:, 1])
     save(path, images.replaced(landmarks=images.landmarks - 0.5))
-    assert load(path).landmarks.min() == pytest.approx(-0.4)  # about a centre: no fractions
+    assert load(path).landmarks.min() == pytest.approx(
+        -0.4
+    )  # about a centre: no fractions
 
 
 class TestLargeTables:
-    """Beyond what is held, images go to a temporary file as soon as their rows are complete."""
+    """Beyond what is held, images go to a temporary file as soon as their rows are
+    complete.
+    """
 
     @pytest.fixture(autouse=True)
     def _small(self, monkeypatch):
@@ -356,11 +438,19 @@ class TestLargeTables:
         monkeypatch.setattr(inputs, "BLOCK_BYTES", 40)
 
     def table(self, csv, order, sequences=True):
-        rows = [f"i{i},{'abcd'[j]},{i + j / 7},{i * j},{0.5 + j},s{i // 3}" for i, j in order]
+        rows = [
+            f"i{i},{'abcd'[j]},{i + j / 7},{i * j},{0.5 + j},s{i // 3}"
+            for i, j in order
+        ]
         return csv("\n".join(["item,landmark,x,y,confidence,sequence", *rows, ""]))
 
     def test_they_are_read_as_small_ones(self, csv, monkeypatch, same):
-        order = [(i, j) for i in range(40) for j in range(4) if (i, j) not in ((0, 3), (1, 3))]
+        order = [
+            (i, j)
+            for i in range(40)
+            for j in range(4)
+            if (i, j) not in ((0, 3), (1, 3))
+        ]
         path = self.table(csv, order)
         with open_landmarks([path]) as source:
             parts = list(source.batches(7))
@@ -374,7 +464,9 @@ class TestLargeTables:
         same(rows, whole.take([1, 2, 30]))
         assert tuple(names) == whole.items
 
-    def test_their_items_are_estimated_by_the_length_of_the_first_lines(self, csv, monkeypatch):
+    def test_their_items_are_estimated_by_the_length_of_the_first_lines(
+        self, csv, monkeypatch
+    ):
         path = self.table(csv, [(i, j) for i in range(40) for j in range(4)])
         with open_landmarks([path], head=True) as source:
             assert source.count < source.estimate == pytest.approx(40, abs=4)
@@ -386,7 +478,9 @@ class TestLargeTables:
             assert source.count == source.estimate == 99  # and no fewer than were read
 
     @pytest.mark.parametrize("stream", [False, True])
-    def test_their_rows_must_stand_together(self, csv, standard_input, problems, stream):
+    def test_their_rows_must_stand_together(
+        self, csv, standard_input, problems, stream
+    ):
         path = self.table(csv, [(i, j) for j in range(4) for i in range(40)])
         if stream:
             standard_input(path.read_text())

@@ -1,4 +1,6 @@
-"""The format of a file by its content; files that are no recordings are named for what they are."""
+"""The format of a file by its content; files that are no recordings are named for what
+they are.
+"""
 
 import gzip
 import json
@@ -24,7 +26,10 @@ POINT = {"x": 0.5, "y": 0.25, "z": 0.0}
     [
         ("openpose", {"people": [{"pose_keypoints_2d": LONG}], "version": 1.3}),
         ("openpose", {"version": 1.3}),
-        ("coco-annotations", {"info": {"version": "1.0"}, "annotations": [], "images": []}),
+        (
+            "coco-annotations",
+            {"info": {"version": "1.0"}, "annotations": [], "images": []},
+        ),
         ("coco-results", [{"keypoints": LONG, "image_id": 1}]),
         ("mmpose-images", [{"keypoints": PAIRS, "keypoint_scores": LONG}]),
         ("mmpose-images", []),
@@ -46,7 +51,10 @@ def test_json_by_its_keys(tmp_path, name, content):
     ("text", "found"),
     [
         ('{"people": [', ":1: is not whole JSON"),
-        ('{"entries": [{"a": {"at": 0, "x": 1, "y": 2}}]}', "of no known kind, with entries"),
+        (
+            '{"entries": [{"a": {"at": 0, "x": 1, "y": 2}}]}',
+            "of no known kind, with entries",
+        ),
         ('[{"shapes": [], "imagePath": ""}]', "imagePath"),
     ],
 )
@@ -60,7 +68,12 @@ def test_json_that_is_not_of_a_detector(tmp_path, text, found):
 
 @pytest.mark.parametrize(
     ("further", "name"),
-    [("", "csv"), (",confidence,sequence", "csv"), (",person_id", "table"), (",id", "table")],
+    [
+        ("", "csv"),
+        (",confidence,sequence", "csv"),
+        (",person_id", "table"),
+        (",id", "table"),
+    ],
 )
 def test_a_table_with_a_column_of_individuals_is_none_of_ours(tmp_path, further, name):
     path = tmp_path / "landmarks.csv"
@@ -95,7 +108,9 @@ def refusal(path) -> str:
 def test_files_that_are_not_text(tmp_path, name, content):
     path = tmp_path / name
     path.write_bytes(content)
-    assert "neither text nor of a known format; give the landmarks that a" in refusal(path)
+    assert "neither text nor of a known format; give the landmarks that a" in refusal(
+        path
+    )
 
 
 TIDY = b"item,landmark,x,y\ni,a,250,5\ni,b,75,125\n"
@@ -105,7 +120,13 @@ ARRAY = b"[[[1,2],[3,4]]]"
 
 @pytest.mark.parametrize(
     ("name", "content"),
-    [("t.csv", TIDY), ("w.csv", WIDE), ("d.csv", TEXT), ("a.json", ARRAY), ("bare", TIDY)],
+    [
+        ("t.csv", TIDY),
+        ("w.csv", WIDE),
+        ("d.csv", TEXT),
+        ("a.json", ARRAY),
+        ("bare", TIDY),
+    ],
 )
 def test_text_that_gzip_made_smaller(tmp_path, monkeypatch, name, content):
     (tmp_path / name).write_bytes(content)
@@ -133,8 +154,14 @@ def whole(path, options):
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("calibration.toml", '[cam_0]\nname = "A"\nmatrix = [[1.0, 0.0], [0.0, 1.0]]\n'),
-        ("calibration.yaml", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n"),
+        (
+            "calibration.toml",
+            '[cam_0]\nname = "A"\nmatrix = [[1.0, 0.0], [0.0, 1.0]]\n',
+        ),
+        (
+            "calibration.yaml",
+            "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n",
+        ),
         ("calibration.json", '{"cam_0": {"matrix": [[1, 0], [0, 1]], "size": [3, 4]}}'),
         ("cameras", "[cam_0]\nmatrix = [[1.0]]\n"),
         ("cameras", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n"),
@@ -144,14 +171,19 @@ def whole(path, options):
 def test_a_calibration_is_no_file_of_landmarks(tmp_path, name, content):
     path = tmp_path / name
     path.write_text(content)
-    assert "is a calibration of cameras, not landmarks; give it as --cal" in refusal(path)
+    assert "is a calibration of cameras, not landmarks; give it as --cal" in refusal(
+        path
+    )
 
 
 @pytest.mark.parametrize(
     ("line", "found"),
     [
         ("scorer;a;a;a", "the header is 'scorer;a;a;a'; write the header"),
-        ("track,frame_idx,instance.score,nose.x,nose.y,nose.score", "the header is 'track,frame_"),
+        (
+            "track,frame_idx,instance.score,nose.x,nose.y,nose.score",
+            "the header is 'track,frame_",
+        ),
     ],
 )
 def test_tables_of_another_kind(tmp_path, line, found):
@@ -165,11 +197,20 @@ def test_hdf5_of_another_kind_says_what_was_looked_for(tmp_path):
     with h5py.File(path, "w") as file:
         file["data"] = np.zeros((3, 3, 4))
     text = refusal(path)
-    for name in ("shapefit-landmarks", "DeepLabCut", "SLEAP", "JABS", "NWB", "movement"):
+    for name in (
+        "shapefit-landmarks",
+        "DeepLabCut",
+        "SLEAP",
+        "JABS",
+        "NWB",
+        "movement",
+    ):
         assert name in text
 
 
 def test_a_folder_in_a_format_of_files_is_refused(tmp_path):
     for name in [name for name, form in FORMATS.items() if not form.together]:
-        with pytest.raises(InputError, match=r"it is a folder, and .* is a file; name the files"):
+        with pytest.raises(
+            InputError, match=r"it is a folder, and .* is a file; name the files"
+        ):
             find_kind(tmp_path, InputOptions(format=name))

@@ -43,13 +43,15 @@ def test_vertices_and_atoms_are_named(
     atoms = dictionary.atoms.swapaxes(1, 2).copy()
     atoms[3, 1] = 1e200
     (line,) = problems(read_dictionary, edit(dictionary_file, atoms=atoms))
-    assert line.startswith(f"{dictionary_file}:/atoms[3]: landmark 'left hand' is (1e+200, ")
+    assert line.startswith(
+        f"{dictionary_file}:/atoms[3]: landmark 'left hand' is (1e+200, "
+    )
 
 
 @pytest.mark.parametrize("mean", [np.ones((4, 3)), np.zeros((4, 3))])
 def test_a_mean_shape_must_be_a_shape(dictionary_file, edit, problems, mean):
     (line,) = problems(read_dictionary, edit(dictionary_file, mean_shape=mean))
-    assert line == (
-        f"{dictionary_file}:/mean_shape: all its landmarks are at one point; "
+    assert (
+        line == f"{dictionary_file}:/mean_shape: all its landmarks are at one point; "
         "make the dictionary again"
     )

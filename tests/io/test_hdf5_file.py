@@ -1,4 +1,6 @@
-"""HDF5: what is stored and read, what each fault says, what damage, links and full disks do."""
+"""HDF5: what is stored and read, what each fault says, what damage, links and full
+disks do.
+"""
 
 import errno
 import multiprocessing
@@ -48,7 +50,9 @@ def reader(request):
 # What is stored
 
 
-def test_files_are_laid_out_as_promised(shape_file, landmark_file, result_file, dictionary_file):
+def test_files_are_laid_out_as_promised(
+    shape_file, landmark_file, result_file, dictionary_file
+):
     expected = {
         shape_file: ("shapes", {"shapes": (5, 4, 3), "mesh_vertices": (5, 6, 3)}),
         landmark_file: ("landmarks", {"landmarks": (5, 4, 2), "confidence": (5, 4)}),
@@ -78,22 +82,32 @@ def test_files_are_laid_out_as_promised(shape_file, landmark_file, result_file, 
 def test_one_point_a_row_in_the_file_one_a_column_in_memory(shape_file, shapes):
     with h5py.File(shape_file) as file:
         np.testing.assert_array_equal(file["shapes"][2, 1], shapes.shapes[2, :, 1])
-        np.testing.assert_array_equal(file["mesh_vertices"][4, 5], shapes.mesh_vertices[4, :, 5])
+        np.testing.assert_array_equal(
+            file["mesh_vertices"][4, 5], shapes.mesh_vertices[4, :, 5]
+        )
     assert read_shapes([shape_file]).shapes.flags.c_contiguous
 
 
 @pytest.mark.parametrize("n", [2, 3, 4])
 def test_a_matrix_of_the_file_is_not_cut_where_there_are_as_many_items(tmp_path, n):
     items, columns = tuple(map(str, range(n))), {"time": np.arange(n)}
-    points, whole = np.full((n, 2, 3), 50.0), {"K": np.eye(3), "camera_matrix": np.eye(3)}
-    save(tmp_path / "views.h5", LandmarkSet(points, "abc", items, columns=columns, whole=whole))
+    points, whole = (
+        np.full((n, 2, 3), 50.0),
+        {"K": np.eye(3), "camera_matrix": np.eye(3)},
+    )
+    save(
+        tmp_path / "views.h5",
+        LandmarkSet(points, "abc", items, columns=columns, whole=whole),
+    )
     with h5py.File(tmp_path / "views.h5", "a") as file:
         file["L"], file["mass"] = np.eye(3), np.ones(n + 1)
         file["mass"].attrs[PER_ITEM] = True  # which cannot be
         assert file["time"].attrs[PER_ITEM]
     with open_landmarks([tmp_path / "views.h5"]) as source:
         first, *_ = source.batches(1)
-    assert all(first.whole[name].shape == (3, 3) for name in ("K", "L", "camera_matrix"))
+    assert all(
+        first.whole[name].shape == (3, 3) for name in ("K", "L", "camera_matrix")
+    )
     assert first.whole["mass"].shape == (n + 1,)
     assert first.per_item["time"].tolist() == [0]
 
@@ -137,18 +151,28 @@ def to_version_1(path):
             node.attrs.pop(PER_ITEM, None)
 
 
-def test_results_and_dictionaries_of_version_1_are_converted(tmp_path, results, dictionary_file):
-    more = {"inlier_probability": np.ones((5, 4)), "reasons": np.array([""] * 5, dtype=object)}
+def test_results_and_dictionaries_of_version_1_are_converted(
+    tmp_path, results, dictionary_file
+):
+    more = {
+        "inlier_probability": np.ones((5, 4)),
+        "reasons": np.array([""] * 5, dtype=object),
+    }
     result_file, new = tmp_path / "old.h5", tmp_path / "new.h5"
     save(result_file, results.with_columns(more))
     for path, read in ((dictionary_file, read_dictionary), (result_file, read_results)):
         to_version_1(path)
-        with pytest.raises(InputError, match=rf"version 1.*shapefit convert {path.name} -o NEW.h5"):
+        with pytest.raises(
+            InputError, match=rf"version 1.*shapefit convert {path.name} -o NEW.h5"
+        ):
             read(path)
         assert run(["info", str(path)]) == 0
         assert run(["convert", str(path), "-o", str(new)]) == 0
         again = read(new)
-    assert again.per_item["inlier_probability"].tolist() == more["inlier_probability"].tolist()
+    assert (
+        again.per_item["inlier_probability"].tolist()
+        == more["inlier_probability"].tolist()
+    )
     assert again.per_item["reasons"].tolist() == [""] * 5
     old = read_dictionary(dictionary_file, old=True)
     assert len(old.atom_items) == 7
@@ -177,13 +201,29 @@ VERSION = "this program reads version 2, a number"
         ("version", None, f"has the root attribute version None; {VERSION}"),
         ("version", [1, 2], f"has the root attribute version [1, 2]; {VERSION}"),
         ("version", h5py.Empty("f"), f"has the root attribute version None; {VERSION}"),
-        ("format", None, "has no root attribute format; give a shapefit-landmarks file"),
+        (
+            "format",
+            None,
+            "has no root attribute format; give a shapefit-landmarks file",
+        ),
         ("format", "shapefit-shapes", OTHER_FORMAT),
         ("format", [1, 2], "is a [1, 2] file; give a shapefit-landmarks file"),
         ("format", b"\xff", "cannot be read ("),
-        ("y_axis", "left", "has the root attributes y_axis 'left' and frame_rate None; set y_axis"),
-        ("y_axis", ["up", "down"], "has the root attributes y_axis ['up', 'down'] and frame_rate"),
-        ("frame_rate", -1.0, "has the root attributes y_axis 'down' and frame_rate -1.0; set y_"),
+        (
+            "y_axis",
+            "left",
+            "has the root attributes y_axis 'left' and frame_rate None; set y_axis",
+        ),
+        (
+            "y_axis",
+            ["up", "down"],
+            "has the root attributes y_axis ['up', 'down'] and frame_rate",
+        ),
+        (
+            "frame_rate",
+            -1.0,
+            "has the root attributes y_axis 'down' and frame_rate -1.0; set y_",
+        ),
     ],
 )
 def test_root_attributes_that_are_wrong(landmark_file, problems, name, value, fault):
@@ -195,7 +235,9 @@ def test_root_attributes_that_are_wrong(landmark_file, problems, name, value, fa
     assert line.startswith(f"{landmark_file}: {fault}")
 
 
-def test_names_and_attributes_that_are_not_utf8_are_refused(landmark_file, shape_file, problems):
+def test_names_and_attributes_that_are_not_utf8_are_refused(
+    landmark_file, shape_file, problems
+):
     with h5py.File(landmark_file, "a") as file:
         file[b"\xff\xfe"] = np.zeros(8)
     with h5py.File(shape_file, "a") as file:
@@ -221,47 +263,124 @@ WEIGHT = "write 0 (hidden) or a positive number"
 PER_ATOM = ("mesh_vertices", "atom_scale", "atom_item")
 
 FAULTS = [
-    ("landmarks", {"item": None, "landmarks": np.zeros((5, 2, 4)), "confidence": np.zeros((4, 4))},
-     ["item: there is no such dataset; store UTF-8 text (n,)",
-      "landmarks: holds float64 (5, 2, 4); store numbers (5, 4, 2)",
-      "confidence: holds float64 (4, 4); store numbers (5, 4)"]),
-    ("shapes", {"shapes": "text", "item": np.arange(5), "edges": np.zeros((1, 2))},
-     ["item: holds int64 (5,); store UTF-8 text (5,)",
-      "shapes: holds text (); store numbers (5, 4, 3)",
-      "edges: holds float64 (1, 2); store integers (1, 2)"]),
-    *(("shapes", {"landmark_names": ["a", name, "b", "c"]},
-       ["landmark_names: holds an empty name, or one twice; give every landmark a unique name"])
-      for name in ("a", "")),
-    *(("shapes", {"shapes": point([1.0, 2.0, value], 3, 1)},
-       [f"shapes[3]: landmark 'left hand' is (1.0, 2.0, {value}); {FINITE}"])
-      for value in (np.nan, np.inf, -np.inf)),
-    ("shapes", {"mesh_vertices": point([np.nan, 1.0, 2.0], 0, 5)},
-     [f"mesh_vertices[0]: vertex 5 is (nan, 1.0, 2.0); {FINITE}"]),
-    ("landmarks", {"landmarks": point([1.0, np.inf], 4, 0)},
-     ["landmarks[4]: landmark 'head' is (1.0, inf); write NaN where the landmark is unseen"]),
-    *(("landmarks", {"confidence": point(value, 2, 3)},
-       [f"confidence[2]: landmark 'foot' is ({value}); {WEIGHT}"])
-      for value in (-0.1, np.nan, np.inf)),
-    ("shapes", {"edges": [[0, 1], [2, 4]]},
-     ["edges[1]: holds the indices (2, 4); indices run from 0 to 3"]),
-    ("dictionary", {"mesh_faces": [[0, -1, 2]]},
-     ["mesh_faces[0]: holds the indices (0, -1, 2); indices run from 0 to 5"]),
-    ("dictionary", {"atoms": np.full((7, 4, 3), np.inf)},
-     [f"atoms[0]: landmark 'head' is (inf, inf, inf); {FINITE}", *["*"] * 9, "... and 18 more"]),
-    ("dictionary", {"atoms": np.zeros((0, 4, 3)), **dict.fromkeys(PER_ATOM)},
-     ["atoms: has the shape (0, 4, 3); a dictionary needs atoms and landmarks"]),
-    *(("dictionary", {"atom_scale": point(value, 2)},
-       ["atom_scale: holds numbers that cannot be; make the dictionary again"])
-      for value in (0.0, -1.0, np.nan, np.inf)),
-    ("dictionary", {"atom_scale": np.ones(6), "atom_item": ["x"] * 8},
-     ["atom_scale: holds float64 (6,); store numbers (7,)",
-      "atom_item: holds text (8,); store UTF-8 text (7,)"]),
-    *((kind, {"item": ["a", "b", "c", "b", "b"]},
-       [f"item[{row}]: item 'b' is also at {{path}}:/item[{other}]; give every item a unique name"
-        for row, other in ((3, 1), (4, 3))])
-      for kind in ("shapes", "results")),
-]  # fmt: skip
-"""A reader, datasets of its file changed, and the lines of the error, of which * is any."""
+    (
+        "landmarks",
+        {
+            "item": None,
+            "landmarks": np.zeros((5, 2, 4)),
+            "confidence": np.zeros((4, 4)),
+        },
+        [
+            "item: there is no such dataset; store UTF-8 text (n,)",
+            "landmarks: holds float64 (5, 2, 4); store numbers (5, 4, 2)",
+            "confidence: holds float64 (4, 4); store numbers (5, 4)",
+        ],
+    ),
+    (
+        "shapes",
+        {"shapes": "text", "item": np.arange(5), "edges": np.zeros((1, 2))},
+        [
+            "item: holds int64 (5,); store UTF-8 text (5,)",
+            "shapes: holds text (); store numbers (5, 4, 3)",
+            "edges: holds float64 (1, 2); store integers (1, 2)",
+        ],
+    ),
+    *(
+        (
+            "shapes",
+            {"landmark_names": ["a", name, "b", "c"]},
+            [
+                "landmark_names: holds an empty name, or one twice; give every landmark"
+                " a unique name"
+            ],
+        )
+        for name in ("a", "")
+    ),
+    *(
+        (
+            "shapes",
+            {"shapes": point([1.0, 2.0, value], 3, 1)},
+            [f"shapes[3]: landmark 'left hand' is (1.0, 2.0, {value}); {FINITE}"],
+        )
+        for value in (np.nan, np.inf, -np.inf)
+    ),
+    (
+        "shapes",
+        {"mesh_vertices": point([np.nan, 1.0, 2.0], 0, 5)},
+        [f"mesh_vertices[0]: vertex 5 is (nan, 1.0, 2.0); {FINITE}"],
+    ),
+    (
+        "landmarks",
+        {"landmarks": point([1.0, np.inf], 4, 0)},
+        [
+            "landmarks[4]: landmark 'head' is (1.0, inf); write NaN where the landmark"
+            " is unseen"
+        ],
+    ),
+    *(
+        (
+            "landmarks",
+            {"confidence": point(value, 2, 3)},
+            [f"confidence[2]: landmark 'foot' is ({value}); {WEIGHT}"],
+        )
+        for value in (-0.1, np.nan, np.inf)
+    ),
+    (
+        "shapes",
+        {"edges": [[0, 1], [2, 4]]},
+        ["edges[1]: holds the indices (2, 4); indices run from 0 to 3"],
+    ),
+    (
+        "dictionary",
+        {"mesh_faces": [[0, -1, 2]]},
+        ["mesh_faces[0]: holds the indices (0, -1, 2); indices run from 0 to 5"],
+    ),
+    (
+        "dictionary",
+        {"atoms": np.full((7, 4, 3), np.inf)},
+        [
+            f"atoms[0]: landmark 'head' is (inf, inf, inf); {FINITE}",
+            *["*"] * 9,
+            "... and 18 more",
+        ],
+    ),
+    (
+        "dictionary",
+        {"atoms": np.zeros((0, 4, 3)), **dict.fromkeys(PER_ATOM)},
+        ["atoms: has the shape (0, 4, 3); a dictionary needs atoms and landmarks"],
+    ),
+    *(
+        (
+            "dictionary",
+            {"atom_scale": point(value, 2)},
+            ["atom_scale: holds numbers that cannot be; make the dictionary again"],
+        )
+        for value in (0.0, -1.0, np.nan, np.inf)
+    ),
+    (
+        "dictionary",
+        {"atom_scale": np.ones(6), "atom_item": ["x"] * 8},
+        [
+            "atom_scale: holds float64 (6,); store numbers (7,)",
+            "atom_item: holds text (8,); store UTF-8 text (7,)",
+        ],
+    ),
+    *(
+        (
+            kind,
+            {"item": ["a", "b", "c", "b", "b"]},
+            [
+                f"item[{row}]: item 'b' is also at {{path}}:/item[{other}]; give every"
+                " item a unique name"
+                for row, other in ((3, 1), (4, 3))
+            ],
+        )
+        for kind in ("shapes", "results")
+    ),
+]
+"""A reader, datasets of its file changed, and the lines of the error, of which * is
+any.
+"""
 
 
 @pytest.mark.parametrize(("kind", "datasets", "lines"), FAULTS)
@@ -274,7 +393,10 @@ def test_datasets_that_are_wrong(request, problems, edit, kind, datasets, lines)
         }
     told = problems(READERS[kind], edit(path, **made))
     for line, wanted in zip(told, lines, strict=True):
-        assert wanted in ("*", line.removeprefix(f"{path}:/").replace(str(path), "{path}"))
+        assert wanted in (
+            "*",
+            line.removeprefix(f"{path}:/").replace(str(path), "{path}"),
+        )
 
 
 # What damage does
@@ -305,9 +427,19 @@ def spoil(data: bytes, kind: str, rng: np.random.Generator) -> bytes:
 def values_of(record) -> str:
     """Return what a record or a dictionary holds in datasets with checksums."""
     named = {**vars(record), **(record.columns if isinstance(record, Records) else {})}
-    unchecked = ("per_item", "whole", "prior", "maker", "attributes", "provenance", "unit")
+    unchecked = (
+        "per_item",
+        "whole",
+        "prior",
+        "maker",
+        "attributes",
+        "provenance",
+        "unit",
+    )
     named = {name: value for name, value in named.items() if name not in unchecked}
-    return repr({k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in named.items()})
+    return repr(
+        {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in named.items()}
+    )
 
 
 @pytest.mark.parametrize("kind", ["flip", "zeros", "noise"])
@@ -338,7 +470,9 @@ def read_in_a_process(read, paths) -> list[str]:
     found: list[str] = []
     while len(found) < len(paths):
         receiver, sender = fork.Pipe(duplex=False)
-        process = fork.Process(target=send_values, args=(read, paths[len(found) :], sender))
+        process = fork.Process(
+            target=send_values, args=(read, paths[len(found) :], sender)
+        )
         process.start()
         sender.close()
         while len(found) < len(paths) and receiver.poll(1):
@@ -358,7 +492,9 @@ N, NAMES = 6, ("a", "b", "c", "d")
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory) -> Path:
-    """A folder with one sound file of each kind, and one outside that a link can point at."""
+    """A folder with one sound file of each kind, and one outside that a link can point
+    at.
+    """
     folder = tmp_path_factory.mktemp("sound")
     rng = np.random.default_rng(0)
     items = tuple(f"image {i}" for i in range(N))
@@ -386,7 +522,9 @@ def files(tmp_path_factory) -> Path:
 
 
 def _external_storage(file: h5py.File, name: str, folder: Path) -> None:
-    file.create_dataset(name, (N, 8), "u1", external=[(str(folder / "secret"), 0, 8 * N)])
+    file.create_dataset(
+        name, (N, 8), "u1", external=[(str(folder / "secret"), 0, 8 * N)]
+    )
 
 
 def _external_link(file: h5py.File, name: str, folder: Path) -> None:
@@ -456,7 +594,9 @@ MANY = 10**11
 
 @pytest.fixture
 def sparse(tmp_path):
-    """Make a file of shapes of some kB whose datasets, all fill values, are of these sizes."""
+    """Make a file of shapes of some kB whose datasets, all fill values, are of these
+    sizes.
+    """
 
     def make(n=1, p=1, **further):
         path = tmp_path / "sparse.h5"
@@ -493,21 +633,31 @@ def test_values_that_were_never_written_are_the_fill_value(tmp_path, monkeypatch
     [
         ({"p": MANY}, "landmark_names", "B of memory, and this machine has "),
         ({"further": (MANY, 100)}, "further", "B of memory, and this machine has "),
-        ({"further": (10**5, 100)}, "further", ": of its 80 MB the file holds 0 bytes; "),
+        (
+            {"further": (10**5, 100)},
+            "further",
+            ": of its 80 MB the file holds 0 bytes; ",
+        ),
         ({"n": MANY}, "item", " the file holds 0 bytes; "),
     ],
 )
-def test_a_file_of_some_kilobytes_that_would_take_more(sparse, problems, sizes, place, found):
+def test_a_file_of_some_kilobytes_that_would_take_more(
+    sparse, problems, sizes, place, found
+):
     path = sparse(**sizes)
     (line,) = problems(read_shapes, [path])
     assert line.startswith(f"{path}:/{place}: ")
     assert found in line
 
 
-def test_the_limit_is_what_is_free(shape_file, dictionary_file, result_file, problems, monkeypatch):
+def test_the_limit_is_what_is_free(
+    shape_file, dictionary_file, result_file, problems, monkeypatch
+):
     monkeypatch.setattr(inputs, "ALWAYS_FITS", 0)
     readers = (lambda path: read_shapes([path]), read_dictionary, read_results)
-    for read, path in zip(readers, (shape_file, dictionary_file, result_file), strict=True):
+    for read, path in zip(
+        readers, (shape_file, dictionary_file, result_file), strict=True
+    ):
         monkeypatch.setattr(inputs, "MEMORY", 10**5)
         read(path)
         monkeypatch.setattr(inputs, "MEMORY", 10)
@@ -558,13 +708,17 @@ except InputError as error:
 """
 
 
-def test_a_full_disk_is_told_and_one_that_cannot_reserve_is_not(shapes, tmp_path, monkeypatch):
+def test_a_full_disk_is_told_and_one_that_cannot_reserve_is_not(
+    shapes, tmp_path, monkeypatch
+):
     reserve = Mock()
     monkeypatch.setattr(os, "posix_fallocate", reserve)
     for number in (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSPC):
         reserve.side_effect = OSError(number, "refused")
         with (
-            pytest.raises(InputError, match="No space") if number == errno.ENOSPC else nullcontext()
+            pytest.raises(InputError, match="No space")
+            if number == errno.ENOSPC
+            else nullcontext()
         ):
             write_shapes(tmp_path / f"{number}.h5", shapes)
         assert (tmp_path / f"{number}.h5").exists() == (number != errno.ENOSPC)
@@ -576,14 +730,17 @@ def test_a_disk_that_fills_while_writing(tmp_path, run_python, name, limit):
     target = tmp_path / name
     target.write_text("old")
     done = run_python(MAKE + FULL, target, str(limit))
-    assert done.stdout.startswith(f"{target}: cannot be written: File too large; free some space")
+    assert done.stdout.startswith(
+        f"{target}: cannot be written: File too large; free some space"
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert target.read_text() == "old"
     assert os.listdir(tmp_path) == [name]
 
 
 MEMORY = """
-def peak():  # that of getrusage begins with the peak of the process that started this one
+def peak():
+    # That of getrusage begins with the peak of the process that started this one.
     (line,) = [line for line in open("/proc/self/status") if line.startswith("VmHWM")]
     return int(line.split()[1]) * 1024
 

@@ -15,7 +15,10 @@ from tests.io.files import save
 @pytest.mark.parametrize(
     ("wanted", "told"),
     [
-        (["head", "left hnad"], ["there is no landmark 'left hnad'; did you mean 'left hand' "]),
+        (
+            ["head", "left hnad"],
+            ["there is no landmark 'left hnad'; did you mean 'left hand' "],
+        ),
         (
             ["head", "xyz"],
             ["there is no landmark 'xyz'; use one of: left hand, right "],
@@ -34,7 +37,9 @@ def test_landmarks_that_are_not_there(problems, wanted, told):
         assert line.removeprefix("views.h5: ").startswith(start)
 
 
-@pytest.mark.parametrize("rows", [[3, 0], np.array([False, True, True, False, False]), slice(1, 4)])
+@pytest.mark.parametrize(
+    "rows", [[3, 0], np.array([False, True, True, False, False]), slice(1, 4)]
+)
 @pytest.mark.parametrize("kind", ["shapes", "landmarks", "results"])
 def test_take(request, kind, rows):
     record = request.getfixturevalue(kind)
@@ -42,7 +47,9 @@ def test_take(request, kind, rows):
     retained = np.arange(5)[rows]
     assert len(part) == len(retained)
     for name in ("items", "sequences"):
-        assert getattr(part, name) == tuple(np.asarray(getattr(record, name))[retained].tolist())
+        assert getattr(part, name) == tuple(
+            np.asarray(getattr(record, name))[retained].tolist()
+        )
     for name, values in record.per_item.items():
         np.testing.assert_array_equal(part.per_item[name], values[retained])
     assert part.whole.keys() == record.whole.keys()
@@ -71,7 +78,9 @@ def test_transforms_go_with_their_images(results):
 def test_concatenate_undoes_take(request, kind, same):
     record = request.getfixturevalue(kind)
     same(
-        concatenate([record.take(slice(0, 0)), record.take(slice(0, 2)), record.take([2, 3, 4])]),
+        concatenate(
+            [record.take(slice(0, 0)), record.take(slice(0, 2)), record.take([2, 3, 4])]
+        ),
         record,
     )
 
@@ -80,12 +89,18 @@ def test_arrange_matches_by_name_and_hides_what_is_not_there(landmarks):
     names = ("foot", "tail", "head", "right hand", "left hand")
     arranged = landmarks.arrange(names)
     assert arranged.landmark_names == names
-    np.testing.assert_array_equal(arranged.landmarks[..., [2, 4, 3, 0]], landmarks.landmarks)
-    np.testing.assert_array_equal(arranged.confidence[:, [2, 4, 3, 0]], landmarks.confidence)
+    np.testing.assert_array_equal(
+        arranged.landmarks[..., [2, 4, 3, 0]], landmarks.landmarks
+    )
+    np.testing.assert_array_equal(
+        arranged.confidence[:, [2, 4, 3, 0]], landmarks.confidence
+    )
     assert np.isnan(arranged.landmarks[..., 1]).all()
     assert (arranged.confidence[:, 1] == 0).all()
     joined = landmarks.with_columns(whole={"edges": np.array([[0, 1], [0, 3], [0, 9]])})
-    assert joined.arrange(("foot", "head"), omit=True).whole["edges"].tolist() == [[1, 0]]
+    assert joined.arrange(("foot", "head"), omit=True).whole["edges"].tolist() == [
+        [1, 0]
+    ]
 
 
 @pytest.mark.parametrize("kind", [bool, np.int8])
@@ -100,7 +115,9 @@ def test_arrange_moves_labels_with_their_landmarks(landmarks, rng, kind):
     np.testing.assert_array_equal(moved[:, [2, 4, 3, 0]], labels)
     assert not moved[:, 1].any()
     np.testing.assert_array_equal(arranged.columns["bounding_box"], square)
-    np.testing.assert_array_equal(arranged.columns["outliers"], labels[:, :3])  # of something else
+    np.testing.assert_array_equal(
+        arranged.columns["outliers"], labels[:, :3]
+    )  # of something else
 
 
 def test_arrays_of_wrong_shape_are_a_programmers_error(rng):
@@ -118,9 +135,15 @@ def test_arrays_of_wrong_shape_are_a_programmers_error(rng):
 
 
 def test_columns_belong_to_the_file_or_to_its_items():
-    columns = {"angle": np.zeros((3, 2)), "camera_matrix": np.eye(3), "mirror_index": np.arange(3)}
+    columns = {
+        "angle": np.zeros((3, 2)),
+        "camera_matrix": np.eye(3),
+        "mirror_index": np.arange(3),
+    }
     whole = {"colours": np.zeros((4, 3)), "K": np.eye(3)}
-    shapes = ShapeSet(np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns=columns, whole=whole)
+    shapes = ShapeSet(
+        np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns=columns, whole=whole
+    )
     assert shapes.whole.keys() == {"camera_matrix", "mirror_index", "colours", "K"}
     assert shapes.per_item.keys() == {"shapes", "angle"}
     assert shapes.further.keys() == columns.keys() | whole.keys()
@@ -132,7 +155,9 @@ def test_columns_belong_to_the_file_or_to_its_items():
 
 
 def test_columns_are_added_replaced_and_removed():
-    shapes = ShapeSet(np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns={"a": np.zeros(3)})
+    shapes = ShapeSet(
+        np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns={"a": np.zeros(3)}
+    )
     more = shapes.with_columns({"a": np.ones(3)}, whole={"c": np.eye(3)})
     assert more.columns["a"].tolist() == [1, 1, 1]
     assert more.whole.keys() == {"c"}
@@ -161,7 +186,9 @@ def test_a_column_may_have_any_name(landmarks, name):
         ("input_landmark_names", np.arange(4), "store UTF-8 text (4,)"),
     ],
 )
-def test_what_a_fit_writes_beside_the_layout_has_its_axes(tmp_path, results, name, values, wanted):
+def test_what_a_fit_writes_beside_the_layout_has_its_axes(
+    tmp_path, results, name, values, wanted
+):
     path = tmp_path / "result.h5"
     save(path, results.with_columns(whole={name: values}))
     with pytest.raises(InputError, match=re.escape(wanted)) as caught:
@@ -177,5 +204,7 @@ def test_counts_that_do_not_fit_are_refused(tmp_path, results, count):
         active_transforms=np.zeros((6, 2, 3)),
     )
     save(tmp_path / "result.h5", proved)
-    with pytest.raises(InputError, match="transform_count: does not count the 6 rows of "):
+    with pytest.raises(
+        InputError, match="transform_count: does not count the 6 rows of "
+    ):
         read_results(tmp_path / "result.h5", proofs=True)

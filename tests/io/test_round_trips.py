@@ -30,7 +30,9 @@ finite = st.floats(-LARGEST, LARGEST)
 positive = st.floats(0, exclude_min=True, allow_infinity=False)
 anything = st.floats()
 texts = st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=6)
-names = st.text(st.characters(exclude_characters="\0", codec="utf-8"), min_size=1, max_size=6)
+names = st.text(
+    st.characters(exclude_characters="\0", codec="utf-8"), min_size=1, max_size=6
+)
 
 
 def optional(strategy):
@@ -47,7 +49,9 @@ def numbers(shape, elements=finite):
 
 def indices(columns, size):
     """Pairs or triples of indices that are smaller than `size`."""
-    return arrays(np.int64, (2 if size else 0, columns), elements=st.integers(0, max(size - 1, 0)))
+    return arrays(
+        np.int64, (2 if size else 0, columns), elements=st.integers(0, max(size - 1, 0))
+    )
 
 
 @st.composite
@@ -61,9 +65,13 @@ def sizes(draw):
         "sequences": draw(optional(st.lists(texts, min_size=n, max_size=n).map(tuple))),
         "unit": draw(names),
         "columns": {
-            **draw(st.fixed_dictionaries({}, optional={"turn": numbers((n, 2), anything)})),
+            **draw(
+                st.fixed_dictionaries({}, optional={"turn": numbers((n, 2), anything)})
+            ),
         },
-        "whole": draw(st.fixed_dictionaries({}, optional={"matrix": numbers((3, 3), anything)})),
+        "whole": draw(
+            st.fixed_dictionaries({}, optional={"matrix": numbers((3, 3), anything)})
+        ),
     }
     return n, p, common
 
@@ -100,7 +108,9 @@ def result_sets(draw):
     k = draw(st.integers(0, 3))
     shapes = draw(numbers((n, 3, p)))
     failed = draw(arrays(np.bool_, (n, 1, 1)))
-    status = arrays(np.dtype("U6"), n, elements=st.sampled_from(["solved", "failed", ""]))
+    status = arrays(
+        np.dtype("U6"), n, elements=st.sampled_from(["solved", "failed", ""])
+    )
     counts = draw(arrays(np.int64, n, elements=st.integers(0, k)))
     total = int(counts.sum())
     proof = {
@@ -182,7 +192,9 @@ def test_shapes(folder, same, record):
 @given(record=landmark_sets(), size=st.integers(1, 5))
 def test_landmarks(folder, same, record, size):
     retained = {"landmarks", "confidence", "landmark_names", "items", "sequences"}
-    record = record.replaced(landmarks=record.landmarks + 10.0)  # no fractions of an image
+    record = record.replaced(
+        landmarks=record.landmarks + 10.0
+    )  # no fractions of an image
     for suffix in ("h5", "csv"):
         path = folder / f"views.{suffix}"
         with landmark_writer(path) as writer:
@@ -229,7 +241,10 @@ def test_chunks_of_a_file_must_go_together(tmp_path, landmarks, suffix):
 
     others = [landmarks.replaced(confidence=None)]
     if suffix == "h5":
-        others += [landmarks.replaced(landmark_names=tuple("abcd")), landmarks.replaced(further={})]
+        others += [
+            landmarks.replaced(landmark_names=tuple("abcd")),
+            landmarks.replaced(further={}),
+        ]
     for other in others:
         with pytest.raises(ValueError, match="not those of the first"):
             write(landmarks, other)

@@ -1,4 +1,6 @@
-"""Skeletons of detectors: their order, their pairs, and the joints that they share with people."""
+"""Skeletons of detectors: their order, their pairs, and the joints that they share with
+people.
+"""
 
 import h5py
 import pytest
@@ -45,17 +47,22 @@ def test_joints_and_parts_mirror_as_the_landmarks_do(skeleton: Skeleton) -> None
     joints = people_joints(skeleton.landmark_names)
     assert set(joints.values()) <= set(JOINTS)
     assert len(set(joints.values())) == len(joints) >= 12
-    swap = {f"{a}{name[1:]}": f"{b}{name[1:]}" for name in JOINTS for a, b in ("rl", "lr")}
+    swap = {
+        f"{a}{name[1:]}": f"{b}{name[1:]}" for name in JOINTS for a, b in ("rl", "lr")
+    }
     for pair in mirror_pairs(skeleton):
         right, left = (skeleton.landmark_names[i] for i in pair)
         assert swap.get(joints.get(right)) == joints.get(left)
-        parts = [part_names(skeleton.landmark_names).get(name) for name in (right, left)]
+        parts = [
+            part_names(skeleton.landmark_names).get(name) for name in (right, left)
+        ]
         if None in parts:
             assert parts == [None, None]
             continue
         one, other = (PARTS[part].weights(MEAN) for part in parts)
         mirrored = {
-            swap[name] if swap.get(name) in JOINTS else name: value for name, value in one.items()
+            swap[name] if swap.get(name) in JOINTS else name: value
+            for name, value in one.items()
         }
         assert other == pytest.approx(mirrored)
 

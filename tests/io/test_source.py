@@ -1,4 +1,6 @@
-"""Files as one source: what goes together, what is refused, and what keys of reading do."""
+"""Files as one source: what goes together, what is refused, and what keys of reading
+do.
+"""
 
 import re
 import shlex
@@ -35,7 +37,10 @@ def permuted_shapes(shapes, order):
         shapes=shapes.shapes[..., order],
         landmark_names=tuple(shapes.landmark_names[i] for i in order),
         edges=position[shapes.edges],
-        further={**shapes.further, "mirror_index": position[shapes.columns["mirror_index"][order]]},
+        further={
+            **shapes.further,
+            "mirror_index": position[shapes.columns["mirror_index"][order]],
+        },
     )
 
 
@@ -44,7 +49,9 @@ def permuted_shapes(shapes, order):
 
 @given(st.permutations(range(4)), st.sampled_from([".h5", ".csv"]))
 @settings(
-    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=12,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 def test_permuted_landmarks_are_matched_by_name(tmp_path, shapes, same, order, suffix):
     one, two = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
@@ -57,7 +64,9 @@ def test_permuted_landmarks_are_matched_by_name(tmp_path, shapes, same, order, s
     assert (found.landmark_names, found.items) == (shapes.landmark_names, shapes.items)
 
 
-def test_items_in_two_files_begin_with_the_name_of_their_file(tmp_path, shapes, monkeypatch):
+def test_items_in_two_files_begin_with_the_name_of_their_file(
+    tmp_path, shapes, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "c").mkdir()
     one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c" / "b.h5"
@@ -65,16 +74,29 @@ def test_items_in_two_files_begin_with_the_name_of_their_file(tmp_path, shapes, 
     write_shapes(two, shapes.take([2, 1]))
     write_shapes(three, shapes.take([0]))
     with open_shapes([one, two]) as source:
-        assert source.whole().items == ("a/walk/0", "a/walk/1", f"b/{shapes.items[2]}", "b/walk/1")
-        assert [name for part in source.names() for name in part] == list(source.whole().items)
+        assert source.whole().items == (
+            "a/walk/0",
+            "a/walk/1",
+            f"b/{shapes.items[2]}",
+            "b/walk/1",
+        )
+        assert [name for part in source.names() for name in part] == list(
+            source.whole().items
+        )
         assert source.whole().sequences[1] == f"a/{shapes.sequences[1]}"
         (note,) = source.notes
-        assert note.startswith("'walk/1' in more than one file: items begin with the file, 'a/...")
-    with open_shapes([path.relative_to(tmp_path) for path in (one, two, three)]) as source:
+        assert note.startswith(
+            "'walk/1' in more than one file: items begin with the file, 'a/..."
+        )
+    with open_shapes(
+        [path.relative_to(tmp_path) for path in (one, two, three)]
+    ) as source:
         assert source.whole().items[3:] == ("b/walk/1", "c/b/walk/0")
 
 
-def test_an_item_that_is_twice_in_a_file_is_refused_beside_another_file(tmp_path, problems):
+def test_an_item_that_is_twice_in_a_file_is_refused_beside_another_file(
+    tmp_path, problems
+):
     one, two = tmp_path / "a.csv", tmp_path / "b.csv"
     for path in (one, two):
         path.write_text("item,landmark,x,y,z\nwalk/0,foot,1,2,3\nwalk/0,foot,1,2,3\n")
@@ -85,8 +107,14 @@ def test_an_item_that_is_twice_in_a_file_is_refused_beside_another_file(tmp_path
     ("change", "found"),
     [
         ({"unit": "mm"}, "its unit is 'mm', that of {} is 'm'"),
-        ({"mesh_faces": np.array([[3, 4, 5], [0, 1, 2]])}, "its dataset mesh_faces is not that"),
-        ({"mesh_vertices": None, "mesh_faces": None}, "its dataset mesh_faces is not that"),
+        (
+            {"mesh_faces": np.array([[3, 4, 5], [0, 1, 2]])},
+            "its dataset mesh_faces is not that",
+        ),
+        (
+            {"mesh_vertices": None, "mesh_faces": None},
+            "its dataset mesh_faces is not that",
+        ),
         ({"mirror_index": np.arange(4)}, "its dataset mirror_index is not that of {}"),
         ({"weight": np.zeros((1, 2))}, "its dataset weight is not that of {}"),
         ({"more": np.zeros(1)}, "its dataset more is not that of {}"),
@@ -96,7 +124,9 @@ def test_shapes_that_do_not_go_together(tmp_path, shapes, problems, change, foun
     one, two = tmp_path / "a.h5", tmp_path / "b.h5"
     write_shapes(one, shapes.take([0]))
     part = shapes.take([1])
-    further = {name: value for name, value in change.items() if name in (*part.further, "more")}
+    further = {
+        name: value for name, value in change.items() if name in (*part.further, "more")
+    }
     listed = {name: value for name, value in change.items() if name not in further}
     write_shapes(two, part.replaced(**listed, further={**part.further, **further}))
     (line,) = problems(read_shapes, [one, two])
@@ -106,13 +136,19 @@ def test_shapes_that_do_not_go_together(tmp_path, shapes, problems, change, foun
 
 def test_files_without_sequences_units_edges_or_shapes_go_with_others(tmp_path, shapes):
     one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c.h5"
-    write_shapes(one, shapes.take([0]).replaced(sequences=None, unit="unknown", edges=None))
+    write_shapes(
+        one, shapes.take([0]).replaced(sequences=None, unit="unknown", edges=None)
+    )
     write_shapes(two, shapes.take([]).replaced(unit="mm", further={}))
-    write_shapes(three, permuted_shapes(shapes.take([1]), [2, 0, 3, 1]).replaced(frame_rate=50.0))
+    write_shapes(
+        three, permuted_shapes(shapes.take([1]), [2, 0, 3, 1]).replaced(frame_rate=50.0)
+    )
     found = read_shapes([one, two, three])
     assert (found.sequences, found.unit, found.frame_rate) == (("", "walk"), "m", 50.0)
     np.testing.assert_array_equal(found.edges, shapes.edges)
-    np.testing.assert_array_equal(found.columns["mirror_index"], shapes.columns["mirror_index"])
+    np.testing.assert_array_equal(
+        found.columns["mirror_index"], shapes.columns["mirror_index"]
+    )
 
 
 # Landmarks
@@ -138,50 +174,77 @@ def test_batches_run_over_the_ends_of_files_unless_asked(
                 same(batch, landmarks.take(slice(start, stop)))
                 start = stop
             assert start == 5
-        chosen = [item for part in source.chosen(np.array([0, 3, 4]), 2) for item in part.items]
+        chosen = [
+            item
+            for part in source.chosen(np.array([0, 3, 4]), 2)
+            for item in part.items
+        ]
         assert chosen == [landmarks.items[row] for row in (0, 3, 4)]
 
 
-def test_wrong_values_of_a_later_batch_are_named_by_their_row(tmp_path, landmarks, problems):
+def test_wrong_values_of_a_later_batch_are_named_by_their_row(
+    tmp_path, landmarks, problems
+):
     points = landmarks.landmarks.copy()
     points[3, 0, 3] = np.inf
     save(tmp_path / "a.h5", landmarks.replaced(landmarks=points))
     for rows in (None, slice(1, None)):
         with open_landmarks([tmp_path / "a.h5"], rows=rows) as source:
             (line,) = problems(list, source.batches(2))
-        assert line.startswith(f"{tmp_path / 'a.h5'}:/landmarks[3]: landmark 'foot' is (inf, ")
+        assert line.startswith(
+            f"{tmp_path / 'a.h5'}:/landmarks[3]: landmark 'foot' is (inf, "
+        )
 
 
 def test_landmarks_of_low_confidence_are_hidden(tmp_path, landmarks):
     save(tmp_path / "a.h5", landmarks)
-    with open_landmarks([tmp_path / "a.h5"], InputOptions(min_confidence=0.5)) as source:
+    with open_landmarks(
+        [tmp_path / "a.h5"], InputOptions(min_confidence=0.5)
+    ) as source:
         images = source.whole()
     low = landmarks.confidence < 0.5
     assert np.isnan(images.landmarks.swapaxes(1, 2)[low]).all()
-    np.testing.assert_array_equal(images.confidence, np.where(low, 0, landmarks.confidence))
+    np.testing.assert_array_equal(
+        images.confidence, np.where(low, 0, landmarks.confidence)
+    )
 
 
 def test_landmarks_of_files_are_united(tmp_path, landmarks):
     one, two = tmp_path / "a.h5", tmp_path / "b.h5"
     save(one, landmarks.take([0]).replaced(confidence=None, sequences=None))
-    other = landmarks.take([1, 2]).replaced(landmark_names=("foot", "tail", "head", "right hand"))
+    other = landmarks.take([1, 2]).replaced(
+        landmark_names=("foot", "tail", "head", "right hand")
+    )
     save(two, other)
     with open_landmarks([one, two]) as source:
         whole = source.whole()
-    assert source.head.landmark_names == ("head", "left hand", "right hand", "foot", "tail")
+    assert source.head.landmark_names == (
+        "head",
+        "left hand",
+        "right hand",
+        "foot",
+        "tail",
+    )
     assert whole.sequences == ("", "a", "b")
     np.testing.assert_array_equal(whole.landmarks[0, :, :4], landmarks.landmarks[0])
     assert np.isnan(whole.landmarks[0, :, 4]).all()
     np.testing.assert_array_equal(whole.confidence[0], [1, 1, 1, 1, 0])
-    np.testing.assert_array_equal(whole.landmarks[1:][..., [3, 4, 0, 2]], other.landmarks)
+    np.testing.assert_array_equal(
+        whole.landmarks[1:][..., [3, 4, 0, 2]], other.landmarks
+    )
     assert np.isnan(whole.landmarks[1:, :, 1]).all()
-    np.testing.assert_array_equal(whole.confidence[1:][:, [3, 4, 0, 2]], other.confidence)
+    np.testing.assert_array_equal(
+        whole.confidence[1:][:, [3, 4, 0, 2]], other.confidence
+    )
 
 
 def test_what_each_camera_says_is_of_its_images(tmp_path):
     paths = [tmp_path / "a.h5", tmp_path / "b.h5"]
     for number, path in enumerate(paths):
-        camera = {"camera_matrix": np.eye(3) * (number + 1), "image_size": np.array([640, 480])}
+        camera = {
+            "camera_matrix": np.eye(3) * (number + 1),
+            "image_size": np.array([640, 480]),
+        }
         save(path, LandmarkSet(np.zeros((2, 2, 3)), "abc", ("i", "j"), columns=camera))
     with open_landmarks(paths) as source:
         whole = source.whole()
@@ -189,8 +252,12 @@ def test_what_each_camera_says_is_of_its_images(tmp_path):
     assert whole.columns["image_size"].tolist() == [640, 480]
 
 
-@pytest.mark.parametrize(("key", "value", "known"), [("y_axis", "up", "down"), ("unit", "m", "px")])
-def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems, key, value, known):
+@pytest.mark.parametrize(
+    ("key", "value", "known"), [("y_axis", "up", "down"), ("unit", "m", "px")]
+)
+def test_landmarks_that_do_not_go_together(
+    tmp_path, landmarks, problems, key, value, known
+):
     one, two = tmp_path / "a.h5", tmp_path / "b.h5"
     save(one, landmarks.take([0]))
     save(two, landmarks.take([1]).replaced(**{key: value}))
@@ -211,7 +278,10 @@ def test_results_that_do_not_go_together(tmp_path, results, problems):
             "its list of landmarks is 'a, b, c, d', that of {} is",
         ),
         (part.replaced(rotation=None), "its dataset rotation is not that of {}"),
-        (part.replaced(mesh_vertices=np.zeros((1, 3, 2))), "its dataset mesh_vertices is not"),
+        (
+            part.replaced(mesh_vertices=np.zeros((1, 3, 2))),
+            "its dataset mesh_vertices is not",
+        ),
     ):
         save(two, other)
         (line,) = problems(open_results, [one, two])
@@ -245,14 +315,20 @@ def test_one_individual_of_a_file(shapefit, tmp_path):
     assert one.items == tuple(names[3:])
     np.testing.assert_array_equal(one.shapes, shapes[3:])
     for key, found in (
-        ("individual='person 2'", "has no individual 'person 2'; there are person 1, person 7"),
+        (
+            "individual='person 2'",
+            "has no individual 'person 2'; there are person 1, person 7",
+        ),
         ("y_axis=up", "has no effect on results"),
     ):
         refused = shapefit(f"convert r.h5 -o no.h5 --set {key}")
         assert (refused.code, found in refused.text) == (2, True)
     save(tmp_path / "l.h5", LandmarkSet(shapes[:, :2], "abc", names, sequences))
     refused = shapefit("fit l.h5 -d people -o no.h5 --set individual='person 7'")
-    assert (refused.code, "`individual` is for files of other tools" in refused.text) == (2, True)
+    assert (
+        refused.code,
+        "`individual` is for files of other tools" in refused.text,
+    ) == (2, True)
 
 
 @pytest.mark.real_data
@@ -270,9 +346,12 @@ def test_the_recipe_for_motion_capture_gives_the_training_shapes(
     assert {tuple(pair) for pair in made.edges} == {tuple(pair) for pair in known.edges}
     for trial in ("86_01", "86_09"):
         one, other = (
-            each.shapes[[name == trial for name in each.sequences]] for each in (made, known)
+            each.shapes[[name == trial for name in each.sequences]]
+            for each in (made, known)
         )
-        np.testing.assert_allclose(one - one[..., :1], other, atol=1e-5)  # the pelvis is at 0
+        np.testing.assert_allclose(
+            one - one[..., :1], other, atol=1e-5
+        )  # the pelvis is at 0
 
 
 # What checks say

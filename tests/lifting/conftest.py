@@ -51,7 +51,9 @@ def make_scene(rng: np.random.Generator) -> Callable[..., Scene]:
         atoms /= np.linalg.norm(atoms, axis=(1, 2), keepdims=True)
         coefficients = np.zeros((n, k))
         for image in range(n):
-            coefficients[image, rng.choice(k, active, replace=False)] = rng.uniform(1, 3, active)
+            coefficients[image, rng.choice(k, active, replace=False)] = rng.uniform(
+                1, 3, active
+            )
         rotation = random_rotations(n, rng)
         translation = rng.standard_normal((n, 2))
         shapes = rotation @ np.einsum("nk,kap->nap", coefficients, atoms)
@@ -59,6 +61,8 @@ def make_scene(rng: np.random.Generator) -> Callable[..., Scene]:
         landmarks += noise * rng.standard_normal(landmarks.shape)
         weights = rng.uniform(0.3, 2, (n, p)) if weighted else np.ones((n, p))
         weights *= rng.random((n, p)) >= hidden
-        return Scene(landmarks, weights, atoms, mean, coefficients, rotation, translation)
+        return Scene(
+            landmarks, weights, atoms, mean, coefficients, rotation, translation
+        )
 
     return make

@@ -1,4 +1,6 @@
-"""RANSAC over triples: closed-form poses, planted outliers, and what must not change the labels."""
+"""RANSAC over triples: closed-form poses, planted outliers, and what must not change
+the labels.
+"""
 
 import numpy as np
 import pytest
@@ -21,12 +23,18 @@ def shape(rng):
 def posed(shape, rng):
     """Landmarks of the shape at N random poses."""
     size, T = rng.uniform(5, 200, N), 300 * rng.standard_normal((N, 2))
-    return size[:, None, None] * (random_rotations(N, rng)[:, :2] @ shape) + T[..., None]
+    return (
+        size[:, None, None] * (random_rotations(N, rng)[:, :2] @ shape) + T[..., None]
+    )
 
 
 def plant(landmarks, share, rng):
-    """Replace a share by points of the bounding box that lie outside every tolerance."""
-    wrong = rng.random((len(landmarks), landmarks.shape[2])).argsort(1) < round(share * P)
+    """Replace a share by points of the bounding box that lie outside every
+    tolerance.
+    """
+    wrong = rng.random((len(landmarks), landmarks.shape[2])).argsort(1) < round(
+        share * P
+    )
     low, high = (f(landmarks, axis=2, keepdims=True) for f in (np.min, np.max))
     points = rng.uniform(low, high, landmarks.shape)
     unit = np.abs(high - low).max(axis=1, keepdims=True)
@@ -51,10 +59,14 @@ def test_planted_outliers_are_found_exactly(posed, shape, share, rng):
 
 def test_the_inliers_are_those_of_the_pose_fitted_to_them(posed, shape, rng):
     landmarks, _ = plant(posed, 0.3, rng)
-    landmarks += 0.03 * np.ptp(landmarks, axis=2, keepdims=True) * rng.standard_normal((N, 2, P))
+    landmarks += (
+        0.03 * np.ptp(landmarks, axis=2, keepdims=True) * rng.standard_normal((N, 2, P))
+    )
     weights = rng.uniform(0.5, 1, (N, P))
     found = search(landmarks, shape, weights)
-    problem = build_problem(landmarks, shape[None], 1.0, weights=np.where(found, weights, 0.0))
+    problem = build_problem(
+        landmarks, shape[None], 1.0, weights=np.where(found, weights, 0.0)
+    )
     pose = find_pose(problem, shape)
     left = landmarks - pose.size[:, None, None] * pose.rotation[:, :2] @ shape
     share = np.where(found, weights**2, 0.0)
@@ -64,13 +76,21 @@ def test_the_inliers_are_those_of_the_pose_fitted_to_them(posed, shape, rng):
     assert 5 < found.sum(axis=1).mean() < 20  # the threshold divides the inliers
 
 
-def test_labels_depend_neither_on_order_nor_on_threads_nor_on_company(posed, shape, rng):
+def test_labels_depend_neither_on_order_nor_on_threads_nor_on_company(
+    posed, shape, rng
+):
     landmarks, _ = plant(posed, 0.7, rng)  # so hard that the draws decide
-    landmarks += 0.02 * np.ptp(landmarks, axis=2).max() * rng.standard_normal(landmarks.shape)
+    landmarks += (
+        0.02 * np.ptp(landmarks, axis=2).max() * rng.standard_normal(landmarks.shape)
+    )
     seeds = rng.integers(0, 2**63, N).astype(np.uint64)
     base = search(landmarks, shape, seeds=seeds, draws=50, threads=1)
-    assert (search(landmarks, shape, seeds=seeds + np.uint64(1), draws=50) != base).any()
-    np.testing.assert_array_equal(search(landmarks, shape, seeds=seeds, draws=50, threads=2), base)
+    assert (
+        search(landmarks, shape, seeds=seeds + np.uint64(1), draws=50) != base
+    ).any()
+    np.testing.assert_array_equal(
+        search(landmarks, shape, seeds=seeds, draws=50, threads=2), base
+    )
     order = rng.permutation(N)
     np.testing.assert_array_equal(
         search(landmarks[order], shape, seeds=seeds[order], draws=50), base[order]

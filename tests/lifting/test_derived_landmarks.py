@@ -1,4 +1,6 @@
-"""Feet hang on ankles and move nothing else; rows of weights of landmarks, and their error bars."""
+"""Feet hang on ankles and move nothing else; rows of weights of landmarks, and their
+error bars.
+"""
 
 import numpy as np
 import pytest
@@ -26,7 +28,10 @@ def images(people, rng):
     n, p = 8, len(people.landmark_names)
     prior = people.prior
     drawn = prior.means[:n] + np.stack(
-        [rng.multivariate_normal(np.zeros(3 * p), C).reshape(3, p) for C in prior.covariances[:n]]
+        [
+            rng.multivariate_normal(np.zeros(3 * p), C).reshape(3, p)
+            for C in prior.covariances[:n]
+        ]
     )
     turn = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
     turn[:, :, 0] *= np.linalg.det(turn)[:, None]
@@ -52,28 +57,44 @@ def test_feet_move_no_other_joint(images, lift):
     found, other = lift(images), lift(images.replaced(landmarks=moved))
     np.testing.assert_array_equal(other.shapes[..., :15], found.shapes[..., :15])
     np.testing.assert_array_equal(other.shape_sd[..., :15], found.shape_sd[..., :15])
-    assert (np.abs(found.shapes - other.shapes)[:, :2, FEET].mean(axis=(1, 2)) > 3).all()
+    assert (
+        np.abs(found.shapes - other.shapes)[:, :2, FEET].mean(axis=(1, 2)) > 3
+    ).all()
 
 
 def test_the_noise_of_an_ankle_is_shared_by_its_foot():
-    """Against all unknowns at once: the foot (9), and the noise of four landmarks (8)."""
+    """Against all unknowns at once: the foot (9), and the noise of four landmarks
+    (8).
+    """
     rng = np.random.default_rng(0)
     p, residual_variance, feet, ankle = 6, 0.02, [3, 4, 5], 1
     A = rng.standard_normal((3 * p, 3 * p))
     C = 0.02 * A @ A.T / p
     foot = np.concatenate([np.array(feet) + p * axis for axis in range(3)])
     rest = np.setdiff1d(np.arange(3 * p), foot)
-    C[np.ix_(rest, foot)] = C[np.ix_(foot, rest)] = 0.0  # the foot says nothing of the rest
+    C[np.ix_(rest, foot)] = C[np.ix_(foot, rest)] = (
+        0.0  # the foot says nothing of the rest
+    )
     shapes, landmarks = rng.standard_normal((1, 3, p)), rng.standard_normal((1, 2, p))
     estimate = Estimate(
-        shapes=shapes, translation=np.zeros((1, 2)), rotation=np.eye(3)[None],
-        objective=np.zeros(1), residual=np.zeros(1), iterations=np.ones(1, int),
-        status=(Status.CONVERGED,), covariance=C[None],
-    )  # fmt: skip
+        shapes=shapes,
+        translation=np.zeros((1, 2)),
+        rotation=np.eye(3)[None],
+        objective=np.zeros(1),
+        residual=np.zeros(1),
+        iterations=np.ones(1, int),
+        status=(Status.CONVERGED,),
+        covariance=C[None],
+    )
     lifting = Lifting(
-        shapes=shapes, landmarks_fitted=shapes[:, :2], translation=np.zeros((1, 2)),
-        scale=np.ones(1), problem=None, estimate=estimate, failures={},
-    )  # fmt: skip
+        shapes=shapes,
+        landmarks_fitted=shapes[:, :2],
+        translation=np.zeros((1, 2)),
+        scale=np.ones(1),
+        problem=None,
+        estimate=estimate,
+        failures={},
+    )
     depends_on = np.array([-1, -1, -1, ankle, ankle, ankle])
     found = place_dependents(
         lifting, landmarks, np.ones((1, p), bool), depends_on, residual_variance
@@ -91,7 +112,9 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
     visible = (away[:, feet] - away[:, [ankle]]).ravel()
     step = (gain @ visible)[:9].reshape(3, 3)
     for points in (found.shapes, found.estimate.shapes):
-        np.testing.assert_allclose((points - shapes)[0][:, feet], step, rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(
+            (points - shapes)[0][:, feet], step, rtol=1e-4, atol=1e-6
+        )
     exact = (prior - gain @ H @ prior)[:9, :9]
     K = gain[:9]
     at = np.zeros((6, len(rest)))
@@ -103,7 +126,9 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
 
 
 def test_error_bars_of_rows_are_those_of_samples(rng):
-    """Planted: points drawn with a covariance of all landmarks, seen through the rows."""
+    """Planted: points drawn with a covariance of all landmarks, seen through the
+    rows.
+    """
     n, p, q = 2, 5, 3
     rows = rng.standard_normal((q, p))
     root = rng.standard_normal((n, 3 * p, 3 * p))

@@ -22,7 +22,10 @@ from shapefit.lifting.shared_rotation import alternate
 
 def objective_of(problem, starts):
     """The least objective (n,) of descents from rotations (n, s, 3, 3)."""
-    c, R = (found := alternate(problem, starts)).coefficients, np.nan_to_num(found.rotation)
+    c, R = (
+        (found := alternate(problem, starts)).coefficients,
+        np.nan_to_num(found.rotation),
+    )
     placed = fit_translation(problem, combine(c, problem.atoms, R))
     return placed.half_squared_residual + problem.lam * c.sum(axis=1)
 
@@ -42,7 +45,9 @@ def test_the_objective_is_that_of_an_independent_solver_at_the_rotation(make_sce
     problem = make_scene(n=4, noise=0.3, weighted=True, hidden=0.2).problem(0.2)
     found = find_optimum(problem, threads=1)
     for image, R in enumerate(found.rotation):
-        assert best_at(problem, image, R[:2])[0] == pytest.approx(found.objective[image], rel=1e-8)
+        assert best_at(problem, image, R[:2])[0] == pytest.approx(
+            found.objective[image], rel=1e-8
+        )
 
 
 @pytest.mark.parametrize("hidden", [0.0, 0.25])
@@ -102,7 +107,8 @@ def test_one_landmark_is_degenerate_and_other_losses_are_refused(make_scene):
 def best_at(problem: Problem, image: int, rows: np.ndarray) -> tuple[float, np.ndarray]:
     """Return v at a rotation and the multiplier Y (2, p) there, from scipy's nnls.
 
-    With A^T A = U^T U the lasso over c >= 0 is the non-negative least squares of U c = U^-T (A^T w
+    With A^T A = U^T U the lasso over c >= 0 is the non-negative least squares of U c =
+    U^-T (A^T w
     - lambda).
     """
     omega = problem.weights[image]
@@ -123,15 +129,20 @@ def best_at(problem: Problem, image: int, rows: np.ndarray) -> tuple[float, np.n
 
 
 @pytest.fixture
-def make_planted(rng: np.random.Generator) -> Callable[..., tuple[Problem, np.ndarray, np.ndarray]]:
+def make_planted(
+    rng: np.random.Generator,
+) -> Callable[..., tuple[Problem, np.ndarray, np.ndarray]]:
     """Return a function that makes a problem whose optimum is known by construction.
 
-    A residual Y is chosen, and atoms are turned so that <Y, Rbar B_i> is largest, the nuclear norm
-    of Y B_i^T, at one rotation R for all of them, and scaled so that it is lambda for active
-    atoms: then Y is feasible at every rotation, and its value is the objective at R.
+    A residual Y is chosen, and atoms are turned so that <Y, Rbar B_i> is largest, the
+    nuclear norm of Y B_i^T, at one rotation R for all of them, and scaled so that it is
+    lambda for active atoms: then Y is feasible at every rotation, and its value is the
+    objective at R.
     """
 
-    def make(n: int = 4, k: int = 8, p: int = 12, *, active: int = 3, weighted: bool = False):
+    def make(
+        n: int = 4, k: int = 8, p: int = 12, *, active: int = 3, weighted: bool = False
+    ):
         lam = 0.5
         omega = rng.uniform(0.5, 2, p) if weighted else np.ones(p)
         R = random_rotations(1, rng)[0]

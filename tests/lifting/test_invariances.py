@@ -1,4 +1,6 @@
-"""What changes the answer of a method and how, and what does not: every method, every change."""
+"""What changes the answer of a method and how, and what does not: every method, every
+change.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,12 @@ class Case:
 
     def estimate(self, name: str, threads: int = 1) -> Estimate:
         problem = build_problem(
-            self.landmarks, self.atoms, 0.1, weights=self.weights, loss=METHODS[name][1], beta=0.3
+            self.landmarks,
+            self.atoms,
+            0.1,
+            weights=self.weights,
+            loss=METHODS[name][1],
+            beta=0.3,
         )
         return choose_method(METHODS[name][0], self.settings(name, threads))(problem)
 
@@ -73,7 +80,9 @@ def to_the_end(monkeypatch):
 
 @pytest.fixture
 def case(make_scene, rng) -> Case:
-    """Landmarks are multiples of 2^-10, so that they are the same numbers far from the origin."""
+    """Landmarks are multiples of 2^-10, so that they are the same numbers far from the
+    origin.
+    """
     scene = make_scene(n=N, k=K, p=P, noise=0.1, hidden=0.15, weighted=True)
     B = rng.standard_normal((3 * P, 3 * P))
     covariance = 0.1 * B @ B.T / (3 * P) + 0.02 * np.eye(3 * P)
@@ -87,7 +96,9 @@ def case(make_scene, rng) -> Case:
     )
 
 
-Change = Callable[[Case, np.random.Generator], tuple[Case, Callable[[np.ndarray], np.ndarray]]]
+Change = Callable[
+    [Case, np.random.Generator], tuple[Case, Callable[[np.ndarray], np.ndarray]]
+]
 
 
 def same(shapes: np.ndarray) -> np.ndarray:
@@ -95,7 +106,12 @@ def same(shapes: np.ndarray) -> np.ndarray:
 
 
 def hide_garbage(case, rng):
-    return replace(case, landmarks=np.where(case.weights[:, None] > 0, case.landmarks, 1e6)), same
+    return (
+        replace(
+            case, landmarks=np.where(case.weights[:, None] > 0, case.landmarks, 1e6)
+        ),
+        same,
+    )
 
 
 def move_far(case, rng):
@@ -104,14 +120,19 @@ def move_far(case, rng):
 
 def turn_image(case, rng):
     Q = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
-    return replace(case, landmarks=Q[:2, :2] @ case.landmarks), lambda shapes: Q @ shapes
+    return (
+        replace(case, landmarks=Q[:2, :2] @ case.landmarks),
+        lambda shapes: Q @ shapes,
+    )
 
 
 def turn_class(case, rng):
     Q = random_rotations(1, rng)[0]
     C = np.kron(Q, np.eye(P))
     prior = replace(
-        case.prior, means=Q @ case.prior.means, covariances=C @ case.prior.covariances @ C.T
+        case.prior,
+        means=Q @ case.prior.means,
+        covariances=C @ case.prior.covariances @ C.T,
     )
     return replace(case, atoms=Q @ case.atoms, mean=Q @ case.mean, prior=prior), same
 
@@ -126,7 +147,10 @@ def permute_landmarks(case, rng):
     )
     permuted = replace(
         case,
-        **{name: getattr(case, name)[..., order] for name in ("landmarks", "weights", "atoms")},
+        **{
+            name: getattr(case, name)[..., order]
+            for name in ("landmarks", "weights", "atoms")
+        },
         mean=case.mean[:, order],
         edges=np.argsort(order)[case.edges],
         prior=prior,
@@ -163,7 +187,9 @@ def test_a_change_of_the_images_or_the_class(case, rng, name, change):
     found, base = other.estimate(name), case.estimate(name)
     rows = expected(np.arange(N)) if change == "some of the images" else np.arange(N)
     if change != "far away":  # where the last digits of a residual are lost
-        np.testing.assert_allclose(found.objective, base.objective[rows], rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(
+            found.objective, base.objective[rows], rtol=1e-7, atol=1e-9
+        )
     assert found.status == tuple(base.status[row] for row in rows)
     if name != "l1":
         np.testing.assert_allclose(found.shapes, expected(base.shapes), atol=5e-4)
@@ -185,7 +211,9 @@ def test_a_weight_of_root_two_counts_as_a_landmark_seen_twice(case, name):
         atoms=case.atoms[..., twice], mean=case.mean[:, twice],
     )  # fmt: skip
     found, expected = replace(case, weights=heavy).estimate(name), copied.estimate(name)
-    np.testing.assert_allclose(found.objective, expected.objective, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(
+        found.objective, expected.objective, rtol=1e-7, atol=1e-9
+    )
     np.testing.assert_allclose(found.shapes, expected.shapes[..., :P], atol=5e-4)
 
 
@@ -202,11 +230,15 @@ def test_landmarks_in_another_unit_and_place(case, name):
     )
     assert found.failures == moved.failures == {}
     np.testing.assert_allclose(moved.scale, 50 * found.scale, rtol=1e-8)
-    np.testing.assert_allclose(moved.estimate.objective, found.estimate.objective, rtol=1e-8)
+    np.testing.assert_allclose(
+        moved.estimate.objective, found.estimate.objective, rtol=1e-8
+    )
     if name != "l1":
         expected = 50 * found.shapes
         expected[:, :2] += place
         np.testing.assert_allclose(moved.shapes, expected, atol=50 * 5e-4)
     R = found.estimate.rotation
-    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (N, 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        R @ R.swapaxes(1, 2), np.tile(np.eye(3), (N, 1, 1)), atol=1e-9
+    )
     np.testing.assert_allclose(np.linalg.det(R), 1)

@@ -1,4 +1,6 @@
-"""Lifting by any method: normalising, degenerate images, failures, scaling back, joined groups."""
+"""Lifting by any method: normalising, degenerate images, failures, scaling back, joined
+groups.
+"""
 
 from dataclasses import fields, replace
 from functools import partial
@@ -27,7 +29,9 @@ PROGRAM = Program(lam=0.1)
 
 
 class Flat:
-    """A method whose shape is the landmarks themselves, at depth 0; remembers the problem."""
+    """A method whose shape is the landmarks themselves, at depth 0; remembers the
+    problem.
+    """
 
     def __init__(self, status=Status.OPTIMAL):
         self.status = status
@@ -58,7 +62,9 @@ def test_methods_see_normalised_landmarks_and_their_answer_is_scaled_back(make_s
     np.testing.assert_allclose(found.landmarks_fitted, landmarks, rtol=1e-12)
     np.testing.assert_array_equal(found.landmarks_fitted, found.shapes[:, :2])
     np.testing.assert_array_equal(found.scale, norm.scale)
-    np.testing.assert_allclose(found.translation, norm.centroid + 0.25 * norm.scale[:, None])
+    np.testing.assert_allclose(
+        found.translation, norm.centroid + 0.25 * norm.scale[:, None]
+    )
     assert found.failures == {}
 
 
@@ -80,7 +86,9 @@ def test_failing_images_are_named_and_leave_the_others_alone(make_scene):
         assert np.isnan(found.shapes[image]).all()
         assert np.isnan(found.scale[image])
         np.testing.assert_array_equal(flat.problem.weights[image], 0.0)
-    shown = np.isfinite(scene.landmarks) & np.isin(np.arange(6), [0, 4, 5])[:, None, None]
+    shown = (
+        np.isfinite(scene.landmarks) & np.isin(np.arange(6), [0, 4, 5])[:, None, None]
+    )
     fitted = found.landmarks_fitted[shown]
     np.testing.assert_allclose(fitted, scene.landmarks[shown], rtol=1e-12)
 
@@ -172,7 +180,9 @@ def run(rng, atoms):
 
     def run(images=slice(None), retained=slice(None), method="convex"):
         B = atoms[retained]
-        settings = Settings(solve=solve_newton, mean_shape=normalise(B.mean(axis=0)).points)
+        settings = Settings(
+            solve=solve_newton, mean_shape=normalise(B.mean(axis=0)).points
+        )
         estimator = choose_method(method, settings)
         return lift(landmarks[images], weights[images], B, PROGRAM, estimator)
 
@@ -193,7 +203,9 @@ def test_images_lifted_one_by_one_are_those_lifted_alone(run, atoms, method):
             for field in fields(one):
                 values = getattr(one, field.name)
                 if isinstance(values, np.ndarray):
-                    np.testing.assert_array_equal(values[i], getattr(other, field.name)[0])
+                    np.testing.assert_array_equal(
+                        values[i], getattr(other, field.name)[0]
+                    )
         assert merged.estimate.status[i] is alone.estimate.status[0]
         assert merged.failures.get(i) == alone.failures.get(0)
 
@@ -202,18 +214,25 @@ def test_atoms_that_a_group_lacked_have_no_part(run, atoms):
     retained = np.array([0, 2, 3])
     some, rest = np.array([4, 1]), np.array([0, 2, 3, 5, 6])
     part = run(some, retained)
-    merged = merge([Group(part, some, retained), Group(run(rest), rest, np.arange(5))], atoms)
+    merged = merge(
+        [Group(part, some, retained), Group(run(rest), rest, np.arange(5))], atoms
+    )
     assert merged.estimate.coefficients.shape == (7, 5)
     np.testing.assert_array_equal(merged.estimate.coefficients[some][:, [1, 4]], 0)
-    np.testing.assert_array_equal(merged.estimate.transforms.dense()[some][:, [1, 4]], 0)
     np.testing.assert_array_equal(
-        merged.estimate.transforms.dense()[some][:, retained], part.estimate.transforms.dense()
+        merged.estimate.transforms.dense()[some][:, [1, 4]], 0
+    )
+    np.testing.assert_array_equal(
+        merged.estimate.transforms.dense()[some][:, retained],
+        part.estimate.transforms.dense(),
     )
     np.testing.assert_array_equal(
         merged.estimate.coefficients[some][:, retained], part.estimate.coefficients
     )
     np.testing.assert_array_equal(merged.problem.atoms, atoms)
-    np.testing.assert_array_equal(merged.problem.landmarks[some], part.problem.landmarks)
+    np.testing.assert_array_equal(
+        merged.problem.landmarks[some], part.problem.landmarks
+    )
 
 
 TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])
@@ -227,12 +246,17 @@ TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])
         (TRIANGLE, [0, 0, 0, 0.1], "only 1 visible landmarks, 3 are needed"),
         (np.full((2, 4), 7.3), [1, 1, 1, 1], "all visible landmarks are at one point"),
         (np.zeros((2, 4)), [1, 1, 1, 1], "all visible landmarks are at one point"),
-        ([[0, 1, 2, 9], [1, 3, 5, 0]], [1, 1, 1, 0], "all visible landmarks lie on one line"),
+        (
+            [[0, 1, 2, 9], [1, 3, 5, 0]],
+            [1, 1, 1, 0],
+            "all visible landmarks lie on one line",
+        ),
     ],
 )
 def test_a_degenerate_image_is_found_with_its_reason(landmarks, weights, reason):
     found = find_degenerate(
-        np.array([TRIANGLE, landmarks], dtype=float), np.array([np.ones(4), weights], dtype=float)
+        np.array([TRIANGLE, landmarks], dtype=float),
+        np.array([np.ones(4), weights], dtype=float),
     )
     assert found == {1: reason}
 
@@ -248,12 +272,16 @@ def test_how_thin_a_line_is_counts_beside_its_length():
 
 
 def test_coordinates_that_cannot_be_squared_are_found():
-    images = np.stack([1e200 * TRIANGLE, TRIANGLE, 1e-200 * TRIANGLE, 1e-318 * TRIANGLE])
+    images = np.stack(
+        [1e200 * TRIANGLE, TRIANGLE, 1e-200 * TRIANGLE, 1e-318 * TRIANGLE]
+    )
     images = np.concatenate([images, [1.7e308 * (2 * TRIANGLE - 1)]])
     with np.errstate(all="raise", under="ignore"):
         found = find_degenerate(images, np.ones((5, 4)))
     assert list(found) == [0, 2, 3, 4]
     assert found[0] == "coordinates too large, up to 1e+200: use a larger unit"
-    assert found[2].startswith("landmarks too close together, within 7e-201: use a smaller unit")
+    assert found[2].startswith(
+        "landmarks too close together, within 7e-201: use a smaller unit"
+    )
     assert "too close together" in found[3]
     assert "too large" in found[4]

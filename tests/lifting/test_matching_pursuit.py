@@ -1,4 +1,6 @@
-"""Matching pursuit: optimal inner steps, falling errors, planted shapes, its rules, real motion."""
+"""Matching pursuit: optimal inner steps, falling errors, planted shapes, its rules,
+real motion.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,12 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.matching_pursuit import Pursuit, lift_by_pursuit, minimise_on_sphere, pursue
+from shapefit.lifting.matching_pursuit import (
+    Pursuit,
+    lift_by_pursuit,
+    minimise_on_sphere,
+    pursue,
+)
 from shapefit.lifting.methods import Settings
 
 P, RADIUS = 12, 1.7
@@ -23,7 +30,9 @@ P, RADIUS = 12, 1.7
 
 @dataclass(frozen=True)
 class Scene:
-    """landmarks = R_bar s (mean + sum_i c_i B_i) + T 1^T + noise, with c_i of either sign."""
+    """landmarks = R_bar s (mean + sum_i c_i B_i) + T 1^T + noise, with c_i of either
+    sign.
+    """
 
     landmarks: np.ndarray
     weights: np.ndarray
@@ -61,7 +70,9 @@ def make_scene(rng: np.random.Generator) -> Callable[..., Scene]:
         bases /= np.linalg.norm(bases, axis=(1, 2), keepdims=True)
         coefficients = np.zeros((n, k))
         for image in range(n):
-            coefficients[image, rng.choice(k, active, replace=False)] = rng.choice([-2, 2], active)
+            coefficients[image, rng.choice(k, active, replace=False)] = rng.choice(
+                [-2, 2], active
+            )
         shapes = mean + np.einsum("nk,kap->nap", coefficients, bases)
         shapes = rng.uniform(0.5, 2, (n, 1, 1)) * (random_rotations(n, rng) @ shapes)
         landmarks = shapes[:, :2] + rng.standard_normal((n, 2, 1))
@@ -87,7 +98,9 @@ def centred(weights: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 class TestPursuit:
     def test_where_a_loop_comes_to_rest_both_steps_are_optimal(self, noisy):
-        """c is stationary on its constraint, whose multiplier is 0; M is the least squares one."""
+        """c is stationary on its constraint, whose multiplier is 0; M is the least
+        squares one.
+        """
         found = noisy.pursue(goal=0.0, change=1e-16, most_atoms=4, most_rounds=20_000)
         assert (np.count_nonzero(found.coefficients, axis=1) == 4).all()
         limbs = noisy.mean[:, noisy.edges[:, 0]] - noisy.mean[:, noisy.edges[:, 1]]
@@ -97,7 +110,9 @@ class TestPursuit:
             weights, M = noisy.weights[image], found.camera[image]
             w, X = centred(weights, noisy.problem.landmarks[image]), centred(weights, S)
             np.testing.assert_allclose(M, w @ np.linalg.pinv(X), rtol=0, atol=1e-9)
-            assert found.error[image] == pytest.approx(np.linalg.norm(w - M @ X) ** 2, rel=1e-10)
+            assert found.error[image] == pytest.approx(
+                np.linalg.norm(w - M @ X) ** 2, rel=1e-10
+            )
             slope = ((M @ centred(weights, shapes)) * (w - M @ X)).sum(axis=(1, 2))
             np.testing.assert_allclose(slope, 0, atol=1e-6)
             lengths = S[:, noisy.edges[:, 0]] - S[:, noisy.edges[:, 1]]
@@ -147,13 +162,17 @@ class TestPursuit:
         np.testing.assert_array_equal(rounds[0], 1)
         assert (rounds[0] < rounds[1]).all()
         assert (rounds[1] < rounds[2]).all()
-        np.testing.assert_array_equal(noisy.pursue(goal=0.0, change=0.0, most_atoms=2).rounds, 60)
+        np.testing.assert_array_equal(
+            noisy.pursue(goal=0.0, change=0.0, most_atoms=2).rounds, 60
+        )
 
     def test_atoms_that_depend_on_the_chosen_ones_are_passed_over(self, noisy):
         bases = np.concatenate([noisy.bases, -noisy.bases, noisy.mean[None]])
         expected = noisy.pursue(goal=0.0, most_atoms=9)
         found = replace(noisy, bases=bases).pursue(goal=0.0, most_atoms=15)
-        np.testing.assert_allclose(found.coefficients[:, :9], expected.coefficients, atol=1e-8)
+        np.testing.assert_allclose(
+            found.coefficients[:, :9], expected.coefficients, atol=1e-8
+        )
         assert not found.coefficients[:, 9:].any()
         assert set(found.status) == {Status.ITERATION_LIMIT}
 
@@ -164,7 +183,9 @@ class TestPursuit:
         found = scene.pursue()
         np.testing.assert_allclose(found.error, 0, atol=1e-10)
         assert not found.coefficients.any()
-        X = (scene.mean - scene.mean[:, :visible].mean(axis=1, keepdims=True))[:, :visible]
+        X = (scene.mean - scene.mean[:, :visible].mean(axis=1, keepdims=True))[
+            :, :visible
+        ]
         W = scene.landmarks[..., :visible]
         least_norm = (W - W.mean(axis=2, keepdims=True)) @ np.linalg.pinv(X)
         np.testing.assert_allclose(found.camera, least_norm, atol=1e-9)
@@ -179,7 +200,9 @@ class TestPursuit:
         assert [found.status[i] for i in (1, 3)] == [Status.DEGENERATE] * 2
         assert found.status[2] is Status.NUMERICAL_FAILURE
         assert np.isnan(found.camera[1:4]).all()
-        np.testing.assert_array_equal(found.coefficients[::4], expected.coefficients[::4])
+        np.testing.assert_array_equal(
+            found.coefficients[::4], expected.coefficients[::4]
+        )
 
 
 class TestEstimate:
@@ -191,16 +214,22 @@ class TestEstimate:
             S = s.mean() * found.rotation[image] @ noisy.mix(pursuit)[image]
             np.testing.assert_allclose(found.shapes[image], S, atol=1e-12)
             relative = found.coefficients[image] / s.mean()
-            np.testing.assert_allclose(relative, pursuit.coefficients[image], atol=1e-12)
+            np.testing.assert_allclose(
+                relative, pursuit.coefficients[image], atol=1e-12
+            )
         np.testing.assert_allclose(np.linalg.det(found.rotation), 1)
 
     def test_lifted_shapes_lie_where_the_true_ones_do(self, make_scene):
-        """The mean shape, turned, in pixels, with hidden landmarks: no atom is needed."""
+        """The mean shape, turned, in pixels, with hidden landmarks: no atom is
+        needed.
+        """
         scene = make_scene(active=0, hidden=0.2)
         shapes = 40 * scene.shapes
         shapes[:, :2] += 300
         estimator = method(scene.mean, scene.edges)
-        found = lift(shapes[:, :2], scene.weights, scene.bases, Program(lam=0.1), estimator)
+        found = lift(
+            shapes[:, :2], scene.weights, scene.bases, Program(lam=0.1), estimator
+        )
         assert not found.failures
         np.testing.assert_allclose(found.shapes, shapes, atol=1e-9)
 
@@ -217,7 +246,9 @@ class TestSphere:
     @pytest.mark.parametrize("radius", [1e-3, 1.0, 1e3])
     @pytest.mark.parametrize("rank", [3, 16])
     def test_it_meets_the_optimality_conditions(self, rng, m, radius, rank):
-        """Stationary, on the sphere, and the Hessian of the Lagrangian positive semidefinite."""
+        """Stationary, on the sphere, and the Hessian of the Lagrangian positive
+        semidefinite.
+        """
         for _ in range(20):
             A = rng.standard_normal((min(rank, m), m))
             G, g = A.T @ A, A.T @ rng.standard_normal(len(A))
@@ -230,7 +261,9 @@ class TestSphere:
 
     @pytest.mark.parametrize("side", [-1, 1])
     def test_of_two_minimisers_the_nearer_is_taken(self, side):
-        """g has no part along the least eigenvalue but rounding: the eigenvector fills up y."""
+        """g has no part along the least eigenvalue but rounding: the eigenvector fills
+        up y.
+        """
         G, g = 1e8 * np.diag([1.0, 3.0, 4.0]), 1e8 * np.array([1e-17, 2.0, 0.0])
         y = minimiser(G, g, before=[side, 0.1, 0.2])
         np.testing.assert_allclose(y, [side * np.sqrt(RADIUS**2 - 1), 1, 0], atol=1e-14)

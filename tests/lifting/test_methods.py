@@ -1,4 +1,6 @@
-"""The table of methods: what each promises beside the others, on made and on real images."""
+"""The table of methods: what each promises beside the others, on made and on real
+images.
+"""
 
 from dataclasses import fields, replace
 from functools import partial
@@ -20,10 +22,13 @@ NAMES = ("convex", *RIGID, "mean-shape")
 NEEDS = {
     "edges": np.array([[0, 1], [1, 2]]),
     "prior": Mixture(
-        np.ones(1), np.random.default_rng(0).normal(size=(1, 3, 12)), 0.1 * np.eye(36)[None]
+        np.ones(1),
+        np.random.default_rng(0).normal(size=(1, 3, 12)),
+        0.1 * np.eye(36)[None],
     ),
 }
-"""What dictionaries of 12 landmarks have for those methods that need more than atoms."""
+"""What dictionaries of 12 landmarks have for those methods that need more than atoms.
+"""
 
 
 @pytest.fixture
@@ -33,7 +38,9 @@ def scene(make_scene):
 
 @pytest.fixture
 def settings(scene):
-    return Settings(solve=partial(solve_newton, tolerance=1e-7), mean_shape=scene.mean_shape)
+    return Settings(
+        solve=partial(solve_newton, tolerance=1e-7), mean_shape=scene.mean_shape
+    )
 
 
 @pytest.mark.parametrize("name", RIGID)
@@ -55,7 +62,9 @@ def test_an_estimate_of_one_rotation_agrees_with_itself(name, signed, scene, set
     left = scene.landmarks - found.shapes[:, :2] - found.translation[..., None]
     left *= scene.weights[:, None]
     np.testing.assert_allclose(
-        found.objective, 0.5 * (left**2).sum(axis=(1, 2)) + 0.1 * np.abs(c).sum(axis=1), rtol=1e-12
+        found.objective,
+        0.5 * (left**2).sum(axis=(1, 2)) + 0.1 * np.abs(c).sum(axis=1),
+        rtol=1e-12,
     )
     assert (c < 0).any() == signed
 
@@ -64,7 +73,9 @@ def test_refinement_is_bounded_by_the_convex_program(scene, settings):
     problem = scene.problem(0.1)
     convex = choose_method("convex", settings)(problem)
     for signed in (False, True):
-        found = choose_method("convex+refine", replace(settings, signed=signed))(problem)
+        found = choose_method("convex+refine", replace(settings, signed=signed))(
+            problem
+        )
         assert (found.relative_gap >= -1e-12).all()
         assert found.relative_gap.max() > 1e-3
         np.testing.assert_allclose(
@@ -85,7 +96,11 @@ def test_a_large_lambda_and_hidden_images_are_no_accident(name, scene, settings)
         assert np.isnan(found.rotation).all()
         assert not found.transforms.count.any()
     lifting = lift(
-        scene.landmarks, scene.weights, scene.atoms, Program(1e4), choose_method(name, settings)
+        scene.landmarks,
+        scene.weights,
+        scene.atoms,
+        Program(1e4),
+        choose_method(name, settings),
     )
     assert lifting.failures == {4: "all landmarks are hidden"}
     assert np.isnan(lifting.shapes[4]).all()
@@ -93,7 +108,9 @@ def test_a_large_lambda_and_hidden_images_are_no_accident(name, scene, settings)
 
 
 def test_only_images_without_an_atom_begin_again(scene, settings):
-    """Some transforms have the wrong sign, one image is hidden, and one lets no atom in at all."""
+    """Some transforms have the wrong sign, one image is hidden, and one lets no atom in
+    at all.
+    """
     scene.weights[7] = 0.0
     wrong = np.array([2, 11, 20])
     lam = np.full(25, 0.05)
@@ -107,29 +124,39 @@ def test_only_images_without_an_atom_begin_again(scene, settings):
         return solution._replace(transforms=Transforms.of(transforms))
 
     refined = choose_method("convex+refine", replace(settings, solve=solve))(problem)
-    plain = choose_method("convex+refine", replace(settings, solve=solve_newton))(problem)
+    plain = choose_method("convex+refine", replace(settings, solve=solve_newton))(
+        problem
+    )
     retained = np.setdiff1d(np.arange(25), [*wrong, 4])
     for field in fields(refined):
         mine, theirs = getattr(refined, field.name), getattr(plain, field.name)
         if isinstance(mine, np.ndarray):
-            np.testing.assert_array_equal(mine[retained], theirs[retained], err_msg=field.name)
+            np.testing.assert_array_equal(
+                mine[retained], theirs[retained], err_msg=field.name
+            )
     assert refined.coefficients[wrong].any(axis=1).all()
     assert not refined.coefficients[[4, 7]].any()
     assert refined.status[7] is Status.DEGENERATE
     assert {refined.status[i] for i in range(25) if i != 7} == {Status.CONVERGED}
 
     alone = choose_method("alternate", settings)(problem.take(wrong))
-    np.testing.assert_allclose(refined.coefficients[wrong], alone.coefficients, atol=1e-9)
+    np.testing.assert_allclose(
+        refined.coefficients[wrong], alone.coefficients, atol=1e-9
+    )
     np.testing.assert_allclose(refined.shapes[wrong], alone.shapes, atol=1e-9)
     np.testing.assert_allclose(refined.residual[wrong], alone.residual, rtol=1e-9)
     assert (refined.iterations[wrong] > alone.iterations).all()
 
 
 @pytest.mark.parametrize("loss", [Loss.ABSOLUTE, Loss.SPARSE_ERROR])
-def test_outliers_are_the_landmarks_whose_weighted_residual_exceeds_beta(loss, scene, settings):
+def test_outliers_are_the_landmarks_whose_weighted_residual_exceeds_beta(
+    loss, scene, settings
+):
     problem = replace(scene.problem(1.0), loss=loss, beta=0.1)
     found = choose_method("convex", settings)(problem)
-    left = np.abs(problem.landmarks - found.shapes[:, :2] - found.translation[..., None])
+    left = np.abs(
+        problem.landmarks - found.shapes[:, :2] - found.translation[..., None]
+    )
     beyond = (left * problem.weights[:, None] > 0.1).any(axis=1)
     np.testing.assert_array_equal(found.outliers, beyond)
     assert ((left > 0.1).any(axis=1) != beyond).any()

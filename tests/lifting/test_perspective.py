@@ -1,4 +1,6 @@
-"""Refinement under perspective: planted shapes, another solver, fields that belong together."""
+"""Refinement under perspective: planted shapes, another solver, fields that belong
+together.
+"""
 
 import numpy as np
 import pytest
@@ -44,15 +46,20 @@ class Planted:
         self.coefficients = c / (c @ gauge)[:, None]
         self.rotation = random_rotations(n, rng)
         self.translation = np.stack(
-            [rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), rng.uniform(6, 12, n)], axis=1
+            [rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), rng.uniform(6, 12, n)],
+            axis=1,
         )
         self.shapes = self.rotation @ np.tensordot(self.coefficients, atoms, axes=1)
         focal = np.stack([np.full(n, 7.0), np.full(n, 7.5)], axis=1)
         self.camera = Camera(focal, rng.uniform(-0.5, 0.5, (n, 2)), 1.0)
         self.landmarks = project(self.camera, self.shapes + self.translation[..., None])
-        self.landmarks = self.landmarks + noise * rng.standard_normal(self.landmarks.shape)
+        self.landmarks = self.landmarks + noise * rng.standard_normal(
+            self.landmarks.shape
+        )
         self.weights = rng.uniform(0.3, 1.5, (n, P)) if weighted else np.ones((n, P))
-        turns = [rotation_about(axis, np.array([0.2]))[0] for axis in random_axes(rng, n)]
+        turns = [
+            rotation_about(axis, np.array([0.2]))[0] for axis in random_axes(rng, n)
+        ]
         self.start = np.array(turns) @ self.rotation
 
 
@@ -79,14 +86,21 @@ def refine(scene, atoms, prior, **options):
     }
     given = {**vars(scene), **changes}
     return refine_perspective(
-        given["landmarks"], given["weights"], atoms, given["camera"], given["start"], prior,
+        given["landmarks"],
+        given["weights"],
+        atoms,
+        given["camera"],
+        given["start"],
+        prior,
         **options,
-    )  # fmt: skip
+    )
 
 
 def objective(scene, image, atoms, prior, R, t, c, ridge, softness):
     S = R @ np.tensordot(c, atoms, axes=1) + t[:, None]
-    one = Camera(scene.camera.focal[image], scene.camera.centre[image], scene.camera.sign)
+    one = Camera(
+        scene.camera.focal[image], scene.camera.centre[image], scene.camera.sign
+    )
     flat = one.centre[:, None] + one.focal[:, None] * S[:2] / S[2]
     r = scene.weights[image] * (flat - scene.landmarks[image])
     loss = softness**2 * np.log1p((r**2).sum(axis=0) / softness**2).sum()
@@ -103,14 +117,23 @@ def test_planted_shapes_and_poses_are_found(planted, atoms, prior):
 
 
 @pytest.mark.parametrize("softness", [0.05, 2.0])
-def test_an_independent_solver_cannot_lower_the_objective(noisy, atoms, prior, softness):
+def test_an_independent_solver_cannot_lower_the_objective(
+    noisy, atoms, prior, softness
+):
     found = refine(noisy, atoms, prior, softness=softness)
     for image in range(8):
         start = found.rotation[image]
         here = objective(
-            noisy, image, atoms, prior, start, found.translation[image],
-            found.coefficients[image], 0.3, softness,
-        )  # fmt: skip
+            noisy,
+            image,
+            atoms,
+            prior,
+            start,
+            found.translation[image],
+            found.coefficients[image],
+            0.3,
+            softness,
+        )
         np.testing.assert_allclose(found.objective[image], here, rtol=1e-9)
 
         def residuals(x, image=image, start=start):
@@ -118,14 +141,23 @@ def test_an_independent_solver_cannot_lower_the_objective(noisy, atoms, prior, s
             c = x[6:] * (prior @ prior) / (x[6:] @ prior)
             camera = noisy.camera
             S = R @ np.tensordot(c, atoms, axes=1) + x[3:6, None]
-            flat = camera.centre[image][:, None] + camera.focal[image][:, None] * S[:2] / S[2]
-            r = noisy.weights[image] * np.linalg.norm(flat - noisy.landmarks[image], axis=0)
+            flat = (
+                camera.centre[image][:, None]
+                + camera.focal[image][:, None] * S[:2] / S[2]
+            )
+            r = noisy.weights[image] * np.linalg.norm(
+                flat - noisy.landmarks[image], axis=0
+            )
             cauchy = softness * np.sqrt(np.log1p((r / softness) ** 2))
             return np.concatenate([cauchy, np.sqrt(0.3) * (c - prior)])
 
-        x = np.concatenate([np.zeros(3), found.translation[image], found.coefficients[image]])
+        x = np.concatenate(
+            [np.zeros(3), found.translation[image], found.coefficients[image]]
+        )
         lower = np.concatenate([np.full(6, -np.inf), np.full(K, -1e-12)])
-        other = least_squares(residuals, x, bounds=(lower, np.inf), xtol=1e-12, ftol=1e-12)
+        other = least_squares(
+            residuals, x, bounds=(lower, np.inf), xtol=1e-12, ftol=1e-12
+        )
         assert other.cost >= here * (1 - 1e-6)
 
 
@@ -137,7 +169,9 @@ def test_what_is_far_away_starts_where_it_is(rng, atoms):
     np.testing.assert_allclose(start, t, rtol=5e-4)
 
 
-def test_coefficients_of_the_mean_are_pulled_to_0_by_a_millionth_of_the_largest_atom(rng):
+def test_coefficients_of_the_mean_are_pulled_to_0_by_a_millionth_of_the_largest_atom(
+    rng,
+):
     atoms = np.array([1.0, 4.0, 0.25])[:, None, None] * rng.standard_normal((3, 3, P))
     A = atoms.reshape(3, -1).T
     pulled = A.T @ A + 1e-6 * (A**2).sum(axis=0).max() * np.eye(3)
@@ -152,9 +186,13 @@ def test_y_up_is_the_same_scene_in_another_frame(noisy, atoms, prior):
     camera = Camera(noisy.camera.focal, noisy.camera.centre * mirror, -1.0)
     down = refine(noisy, atoms, prior)
     up = refine(
-        noisy, atoms, prior, camera=camera,
-        landmarks=noisy.landmarks * mirror[:, None], start=FLIP @ noisy.start,
-    )  # fmt: skip
+        noisy,
+        atoms,
+        prior,
+        camera=camera,
+        landmarks=noisy.landmarks * mirror[:, None],
+        start=FLIP @ noisy.start,
+    )
     np.testing.assert_allclose(up.rotation, FLIP @ down.rotation, atol=1e-6)
     np.testing.assert_allclose(up.translation, down.translation @ FLIP, atol=1e-6)
 
@@ -163,7 +201,9 @@ def test_outliers_pull_little_where_the_loss_is_soft(planted, atoms, prior):
     landmarks = planted.landmarks.copy()
     landmarks[:, :, 0] += 2.0
     soft = refine(planted, atoms, prior, landmarks=landmarks, softness=0.02, ridge=1e-3)
-    stiff = refine(planted, atoms, prior, landmarks=landmarks, softness=100.0, ridge=1e-3)
+    stiff = refine(
+        planted, atoms, prior, landmarks=landmarks, softness=100.0, ridge=1e-3
+    )
     angles = [rotation_angle(r.rotation, planted.rotation) for r in (soft, stiff)]
     assert np.median(angles[0]) < 0.1 * np.median(angles[1])
 
@@ -194,7 +234,9 @@ def camera():
 def landmarks(dictionary, rotations, camera, rng):
     """Mixtures of atoms, 8 units away, in pixels."""
     c = rng.dirichlet(np.ones(ATOMS), N)
-    t = np.stack([rng.uniform(-1, 1, N), rng.uniform(-1, 1, N), np.full(N, 8.0)], axis=1)
+    t = np.stack(
+        [rng.uniform(-1, 1, N), rng.uniform(-1, 1, N), np.full(N, 8.0)], axis=1
+    )
     X = rotations @ np.tensordot(c, dictionary.atoms, axes=1) + t[..., None]
     return project(camera, X)
 
@@ -206,7 +248,9 @@ def view(landmarks, weights, dictionary, camera, method="convex+refine"):
     return first, refine_view(first, landmarks, camera, dictionary)
 
 
-@pytest.mark.parametrize("method", ["convex", "convex+refine", "alternate", "mean-shape"])
+@pytest.mark.parametrize(
+    "method", ["convex", "convex+refine", "alternate", "mean-shape"]
+)
 def test_every_method_can_be_refined(method, landmarks, dictionary, camera, rotations):
     first, found = view(landmarks, np.ones((N, POINTS)), dictionary, camera, method)
     assert rotation_angle(found.estimate.rotation, rotations).max() < 1.0
@@ -222,10 +266,14 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
     S = e.rotation @ np.tensordot(e.coefficients, dictionary.atoms, axes=1)
     np.testing.assert_allclose(e.shapes, S)
     flat = np.pad(found.translation, ((0, 0), (0, 1)))
-    np.testing.assert_allclose(found.shapes, found.scale[:, None, None] * S + flat[..., None])
+    np.testing.assert_allclose(
+        found.shapes, found.scale[:, None, None] * S + flat[..., None]
+    )
     X = S + visible.translation[..., None]
     np.testing.assert_allclose(found.landmarks_fitted, project(camera, X), rtol=1e-9)
-    np.testing.assert_allclose(found.scale, np.sqrt(900 * 910) / visible.translation[:, 2])
+    np.testing.assert_allclose(
+        found.scale, np.sqrt(900 * 910) / visible.translation[:, 2]
+    )
     np.testing.assert_allclose(
         found.translation, project(camera, visible.translation[..., None])[..., 0]
     )
@@ -236,8 +284,12 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
     at = norm.scale[:, None] * e.translation + norm.centroid
     np.testing.assert_allclose(at, found.translation)
     w = weights[:, None]
-    centred = landmarks - (w**2 * landmarks).sum(2, keepdims=True) / (w**2).sum(2, keepdims=True)
-    residual_variance = np.linalg.norm(w * (landmarks - found.landmarks_fitted), axis=(1, 2))
+    centred = landmarks - (w**2 * landmarks).sum(2, keepdims=True) / (w**2).sum(
+        2, keepdims=True
+    )
+    residual_variance = np.linalg.norm(
+        w * (landmarks - found.landmarks_fitted), axis=(1, 2)
+    )
     np.testing.assert_allclose(
         e.residual, residual_variance / np.linalg.norm(w * centred, axis=(1, 2))
     )
@@ -245,7 +297,9 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
 
 
 def test_a_camera_inside_the_object_is_the_users_to_mend(landmarks, dictionary, camera):
-    """A focal length in another unit than the landmarks puts some of them behind the camera."""
+    """A focal length in another unit than the landmarks puts some of them behind the
+    camera.
+    """
     focal = camera.focal.copy()
     focal[3] = 20.0
     near = Camera(focal, camera.centre, camera.sign)
@@ -256,9 +310,17 @@ def test_a_camera_inside_the_object_is_the_users_to_mend(landmarks, dictionary, 
     e = found.estimate
     assert e.status[3] is Status.DEGENERATE
     for values in (
-        found.shapes, found.landmarks_fitted, found.translation, found.scale, e.shapes, e.rotation,
-        e.objective, e.residual, e.coefficients, found.perspective.translation,
-    ):  # fmt: skip
+        found.shapes,
+        found.landmarks_fitted,
+        found.translation,
+        found.scale,
+        e.shapes,
+        e.rotation,
+        e.objective,
+        e.residual,
+        e.coefficients,
+        found.perspective.translation,
+    ):
         assert np.isnan(values[3]).all()
         assert np.isfinite(np.delete(values, 3, axis=0)).all()
     assert e.iterations[3] == first.estimate.iterations[3]

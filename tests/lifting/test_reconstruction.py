@@ -38,16 +38,23 @@ def test_a_shape_is_placed_where_no_other_place_is_better(scene, rng):
             return 0.5 * ((w * (points - T[:, None])) ** 2).sum()
 
         best = minimize(
-            half_squared_residual, np.zeros(2), args=(problem.landmarks[i] - S[i], w), tol=1e-12
+            half_squared_residual,
+            np.zeros(2),
+            args=(problem.landmarks[i] - S[i], w),
+            tol=1e-12,
         )
         np.testing.assert_allclose(placed.translation[i], best.x, atol=1e-6)
         np.testing.assert_allclose(placed.half_squared_residual[i], best.fun, rtol=1e-9)
         whole = minimize(half_squared_residual, np.zeros(2), tol=1e-12).fun
-        np.testing.assert_allclose(placed.residual[i], np.sqrt(best.fun / whole), rtol=1e-9)
+        np.testing.assert_allclose(
+            placed.residual[i], np.sqrt(best.fun / whole), rtol=1e-9
+        )
 
 
 def test_images_of_two_estimates_are_joined_in_the_order_asked_for(run):
-    one, other = (replace(run(lam), further={"sd": np.full(5, lam)}) for lam in (0.1, 1.0))
+    one, other = (
+        replace(run(lam), further={"sd": np.full(5, lam)}) for lam in (0.1, 1.0)
+    )
     order = np.array([7, 0, 5, 3])
     both = join_images([one, other], order)
     for field in fields(one):
@@ -55,7 +62,12 @@ def test_images_of_two_estimates_are_joined_in_the_order_asked_for(run):
         if isinstance(first, np.ndarray):
             expected = np.stack([second[2], first[0], second[0], first[3]])
             np.testing.assert_array_equal(getattr(both, field.name), expected)
-    assert both.status == (other.status[2], one.status[0], other.status[0], one.status[3])
+    assert both.status == (
+        other.status[2],
+        one.status[0],
+        other.status[0],
+        one.status[3],
+    )
     np.testing.assert_array_equal(both.further["sd"], [1.0, 0.1, 1.0, 0.1])
     np.testing.assert_array_equal(
         both.transforms.dense()[[0, 1]],
@@ -69,7 +81,11 @@ def planted(rng):
     n, k, p = 5, 6, 9
     c = np.where(rng.random((n, k)) < 0.5, rng.uniform(0.5, 2, (n, k)), 0.0)
     c[:, 0] = 1.0
-    return c, random_rotations(n * k, rng).reshape(n, k, 3, 3), rng.standard_normal((k, 3, p))
+    return (
+        c,
+        random_rotations(n * k, rng).reshape(n, k, 3, 3),
+        rng.standard_normal((k, 3, p)),
+    )
 
 
 def transforms(c, R):
@@ -78,20 +94,26 @@ def transforms(c, R):
 
 def test_all_of_it_is_what_singular_value_decompositions_say(planted, rng):
     c, R, atoms = planted
-    M = transforms(c, R) + 0.3 * (c > 0)[..., None, None] * rng.standard_normal((5, 6, 2, 3))
+    M = transforms(c, R) + 0.3 * (c > 0)[..., None, None] * rng.standard_normal(
+        (5, 6, 2, 3)
+    )
     found = reconstruct(Transforms.of(M), atoms)
     s = np.linalg.svd(M, compute_uv=False)
     size = np.where(s[..., :1] > 0, s[..., :1], 1.0)
     third = np.cross(M[..., 0, :], M[..., 1, :]) / size
     turned = np.concatenate([M, third[..., None, :]], axis=2) * (c > 0)[..., None, None]
     np.testing.assert_allclose(found.coefficients, s[..., 0], atol=1e-13)
-    np.testing.assert_allclose(found.shapes, np.einsum("nkab,kbp->nap", turned, atoms), atol=1e-12)
+    np.testing.assert_allclose(
+        found.shapes, np.einsum("nkab,kbp->nap", turned, atoms), atol=1e-12
+    )
     for A, nearest in zip(turned.sum(axis=1), found.rotation, strict=True):
         U, _, Vt = np.linalg.svd(A)
         flip = np.diag([1.0, 1.0, np.linalg.det(U @ Vt)])
         np.testing.assert_allclose(nearest, U @ flip @ Vt, atol=1e-11)
     np.testing.assert_array_equal(found.active_atoms, (c > 0).sum(axis=1))
-    np.testing.assert_array_equal(found.tight, (s[..., 0] - s[..., 1] < 1e-9).all(axis=1))
+    np.testing.assert_array_equal(
+        found.tight, (s[..., 0] - s[..., 1] < 1e-9).all(axis=1)
+    )
 
 
 def test_without_coefficients_there_is_no_rotation(planted):

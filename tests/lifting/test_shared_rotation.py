@@ -1,4 +1,6 @@
-"""One rotation: alternation, poses, synchronisation, and refinement without outliers."""
+"""One rotation: alternation, poses, synchronisation, and refinement without
+outliers.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -21,7 +23,9 @@ signs = pytest.mark.parametrize("signed", [False, True])
 
 
 def nearby(rotation, angle=0.3):
-    return (rotation @ rotation_about(np.array([1.0, -1.0, 0.5]), np.array([angle]))[0])[:, None]
+    return (
+        rotation @ rotation_about(np.array([1.0, -1.0, 0.5]), np.array([angle]))[0]
+    )[:, None]
 
 
 def parts(problem, found):
@@ -36,13 +40,17 @@ def parts(problem, found):
 
 @signs
 def test_the_objective_never_rises(make_scene, signed):
-    """From one round to the next: what fewer rounds end with is never below what more end with."""
+    """From one round to the next: what fewer rounds end with is never below what more
+    end with.
+    """
     scene = make_scene(n=12, k=20, noise=0.3)
     problem = scene.problem(0.1)
     before = np.inf
     for rounds in (1, 2, 3, 5, 9, 17, 33):
         starts = nearby(scene.rotation, 1.0)
-        found = alternate(problem, starts, signed=signed, tolerance=0, max_rounds=rounds)
+        found = alternate(
+            problem, starts, signed=signed, tolerance=0, max_rounds=rounds
+        )
         _, now = parts(problem, found)
         assert (now <= before * (1 + 1e-13)).all()
         before = now
@@ -50,7 +58,9 @@ def test_the_objective_never_rises(make_scene, signed):
 
 @signs
 def test_it_ends_where_neither_step_can_gain(make_scene, signed):
-    """Optimal c for R (KKT), vanishing Riemannian gradient in R for c: with weights and T."""
+    """Optimal c for R (KKT), vanishing Riemannian gradient in R for c: with weights and
+    T.
+    """
     scene = make_scene(n=20, k=20, noise=0.2, weighted=True, hidden=0.2)
     problem = scene.problem(0.05)
     starts = nearby(scene.rotation)
@@ -63,7 +73,9 @@ def test_it_ends_where_neither_step_can_gain(make_scene, signed):
     if not signed:
         assert (c >= 0).all()
     assert (np.abs(correlation) if signed else correlation).max() < 0.05 * (1 + 1e-5)
-    np.testing.assert_allclose(correlation[c != 0], 0.05 * np.sign(c[c != 0]), rtol=1e-5)
+    np.testing.assert_allclose(
+        correlation[c != 0], 0.05 * np.sign(c[c != 0]), rtol=1e-5
+    )
     S = np.einsum("nk,kap->nap", c, problem.atoms)
     G = -pull @ S.swapaxes(1, 2)
     inner = R[:, :2] @ G.swapaxes(1, 2)
@@ -89,7 +101,9 @@ def test_the_best_start_counts(make_scene, rng):
     starts = np.stack([random_rotations(5, rng) for _ in range(15)])
     alone = [parts(problem, alternate(problem, starts[:, [s]]))[1] for s in range(5)]
     together = alternate(problem, starts)
-    np.testing.assert_allclose(parts(problem, together)[1], np.min(alone, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(
+        parts(problem, together)[1], np.min(alone, axis=0), rtol=1e-12
+    )
     rounds = [alternate(problem, starts[:, [s]]).rounds for s in range(5)]
     np.testing.assert_array_equal(together.rounds, np.sum(rounds, axis=0))
 
@@ -151,7 +165,9 @@ def test_views_are_spread_over_the_sphere(count, rng):
     views = even_views(count)
     np.testing.assert_array_equal(views[0], np.eye(3))
     np.testing.assert_allclose(
-        views @ views.swapaxes(1, 2), np.broadcast_to(np.eye(3), views.shape), atol=1e-14
+        views @ views.swapaxes(1, 2),
+        np.broadcast_to(np.eye(3), views.shape),
+        atol=1e-14,
     )
     np.testing.assert_allclose(np.linalg.det(views), 1)
     axes = views[:, 2]
@@ -163,9 +179,13 @@ def test_views_are_spread_over_the_sphere(count, rng):
 def test_without_landmarks_there_is_no_pose(shape):
     weights = np.ones((2, 10))
     weights[0] = 0.0
-    problem = build_problem(np.stack([shape[:2], shape[:2]]), shape[None], 1.0, weights=weights)
+    problem = build_problem(
+        np.stack([shape[:2], shape[:2]]), shape[None], 1.0, weights=weights
+    )
     found = find_pose(problem, shape)
-    np.testing.assert_array_equal(np.isnan(found.rotation).all(axis=(1, 2)), [True, False])
+    np.testing.assert_array_equal(
+        np.isnan(found.rotation).all(axis=(1, 2)), [True, False]
+    )
     np.testing.assert_allclose(found.size, [0, 1], atol=1e-9)
 
 
@@ -203,7 +223,9 @@ def test_transforms_that_share_a_rotation_give_it_exactly(rng):
 
 
 def test_the_answer_is_a_stationary_point(loose):
-    """sum_i c_i M_i Rbar^T is symmetric and positive semidefinite, and each c_i the best >= 0."""
+    """sum_i c_i M_i Rbar^T is symmetric and positive semidefinite, and each c_i the
+    best >= 0.
+    """
     found = synchronise(loose)
     R, c = found.rotation, found.coefficients
     np.testing.assert_allclose(np.linalg.norm(R, axis=2), 1, atol=1e-14)
@@ -243,12 +265,16 @@ def scene(make_scene):
 
 @pytest.fixture
 def settings(scene):
-    return Settings(solve=partial(solve_newton, tolerance=1e-6), mean_shape=scene.mean_shape)
+    return Settings(
+        solve=partial(solve_newton, tolerance=1e-6), mean_shape=scene.mean_shape
+    )
 
 
 @pytest.fixture
 def corrupted(scene, rng):
-    """A problem with every fifth landmark of each image elsewhere, and which those are."""
+    """A problem with every fifth landmark of each image elsewhere, and which those
+    are.
+    """
     wrong = rng.random((20, 40)).argsort(axis=1) < 8
     move = np.where(wrong[:, None], rng.choice([-1, 1], (20, 2, 40)) * 2.0, 0.0)
     return replace(scene, landmarks=scene.landmarks + move).problem(0.02), wrong
@@ -257,16 +283,22 @@ def corrupted(scene, rng):
 @pytest.mark.parametrize("loss", ROBUST)
 def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
     problem, wrong = corrupted
-    robust = choose_method("convex+refine", settings)(replace(problem, loss=loss, beta=0.1))
+    robust = choose_method("convex+refine", settings)(
+        replace(problem, loss=loss, beta=0.1)
+    )
     assert set(robust.status) == {Status.CONVERGED}
     assert robust.relative_gap is None
     assert robust.outliers[wrong].all()
-    labels = choose_method("convex", settings)(replace(problem, loss=loss, beta=0.1)).outliers
+    labels = choose_method("convex", settings)(
+        replace(problem, loss=loss, beta=0.1)
+    ).outliers
     np.testing.assert_array_equal(robust.outliers, labels)
 
     garbage = np.where(wrong[:, None], 1e6, problem.landmarks)
     inliers = replace(
-        problem, landmarks=garbage, weights=np.where(robust.outliers, 0.0, problem.weights)
+        problem,
+        landmarks=garbage,
+        weights=np.where(robust.outliers, 0.0, problem.weights),
     )
     alone = choose_method("convex+refine", settings)(inliers)
     np.testing.assert_allclose(robust.objective, alone.objective, rtol=1e-3)

@@ -66,7 +66,9 @@ def test_the_first_reason_that_holds_is_named(changes, reason):
         (1.0, 0.9, 15, 20, True),
     ],
 )
-def test_a_file_that_contradicts_the_dictionary(kappa, distance, visible, images, wrong):
+def test_a_file_that_contradicts_the_dictionary(
+    kappa, distance, visible, images, wrong
+):
     apart = median_distance(np.full(images, distance), np.full(images, visible))
     assert contradicts(kappa, apart) == wrong
 
@@ -82,7 +84,9 @@ def test_the_expected_error_is_that_of_draws(rng, kind):
         x, y, z = shape - shape.mean(axis=1, keepdims=True)
         o = np.zeros(p)
         L = 0.02 * np.array([np.r_[o + 1, o, o], np.r_[-y, x, o], np.r_[x, y, z]]).T
-    truths = shape + (L @ rng.standard_normal((L.shape[1], draws))).T.reshape(draws, 3, p)
+    truths = shape + (L @ rng.standard_normal((L.shape[1], draws))).T.reshape(
+        draws, 3, p
+    )
     found = expected_error(shape[None], (L @ L.T)[None])[0] / CALIBRATED
     measured = similarity(np.repeat(shape[None], draws, axis=0), truths).mean()
     assert found == pytest.approx(measured, rel=0.08, abs=2e-3)

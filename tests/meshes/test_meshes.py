@@ -1,4 +1,6 @@
-"""Dense vertices follow the landmarks; what pictures show, and where, read from matplotlib."""
+"""Dense vertices follow the landmarks; what pictures show, and where, read from
+matplotlib.
+"""
 
 import warnings
 from collections.abc import Callable
@@ -41,10 +43,20 @@ def box_faces() -> NDArray[np.int64]:
     """Return two triangles a side, wound outwards."""
     return np.array(
         [
-            (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-            (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+            (0, 1, 3),
+            (0, 3, 2),
+            (4, 6, 7),
+            (4, 7, 5),
+            (0, 4, 5),
+            (0, 5, 1),
+            (2, 3, 7),
+            (2, 7, 6),
+            (0, 2, 6),
+            (0, 6, 4),
+            (1, 5, 7),
+            (1, 7, 3),
         ]
-    )  # fmt: skip
+    )
 
 
 def normalised_models(shapes):
@@ -53,7 +65,9 @@ def normalised_models(shapes):
 
 
 def residual_variance(source, target):
-    """Largest distance of points left by the best similarity, as a share of the target's norm."""
+    """Largest distance of points left by the best similarity, as a share of the
+    target's norm.
+    """
     rest = similarity_transform(source, target).apply(source) - target
     return np.linalg.norm(rest, axis=-2).max() / np.linalg.norm(target)
 
@@ -78,13 +92,17 @@ def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):
 
 
 def test_without_coefficients_there_is_no_metric_size(rng):
-    factor = metric_scale(rng.normal(size=(2, 3, 4)), np.array([[0.0, 0], [1, 0]]), np.ones(2))
+    factor = metric_scale(
+        rng.normal(size=(2, 3, 4)), np.array([[0.0, 0], [1, 0]]), np.ones(2)
+    )
     np.testing.assert_array_equal(np.isnan(factor), [True, False])
 
 
 @pytest.fixture
 def image(box):
-    """Eight corners of a box of which one is hidden and one an outlier, two pixels off."""
+    """Eight corners of a box of which one is hidden and one an outlier, two pixels
+    off.
+    """
     shape = box(4, 3, 2) * 100 + 500
     landmarks = shape[:2] + 2.0
     landmarks[:, 3] = np.nan
@@ -109,28 +127,38 @@ def test_landmarks_stand_as_in_the_image(y_axis, image, box_faces):
     found = marks(axes)
     np.testing.assert_array_equal(found["judged outlier"], image.landmarks[:, [5]])
     np.testing.assert_array_equal(found["hidden, from the model"], image.shape[:2, [3]])
-    np.testing.assert_array_equal(found["seen"], image.landmarks[:, [0, 1, 2, 3, 4, 6, 7]])
+    np.testing.assert_array_equal(
+        found["seen"], image.landmarks[:, [0, 1, 2, 3, 4, 6, 7]]
+    )
     assert axes.yaxis_inverted() == (y_axis == "down")
     assert axes.get_aspect() == 1
     assert axes.figure.legends[0].get_window_extent().y1 < axes.get_window_extent().y0
-    lines = next(c for c in axes.collections if c.get_label() == "to the model").get_segments()
+    lines = next(
+        c for c in axes.collections if c.get_label() == "to the model"
+    ).get_segments()
     assert len(lines) == 7
     for line in lines:
         np.testing.assert_allclose(line[0] - line[1], 2.0)
 
 
 @pytest.mark.parametrize("y_axis", ["up", "down"])
-def test_novel_views_walk_around_the_model_which_stands_upright(y_axis, image, box_faces):
+def test_novel_views_walk_around_the_model_which_stands_upright(
+    y_axis, image, box_faces
+):
     _, right = contact_sheet([image], Model(y_axis, box_faces)).axes
     corner = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
     flip = np.array([1.0, 1, 1] if y_axis == "up" else [1.0, -1, -1])[:, None]
     viewer = flip * corner  # x right, y up, z towards the viewer
     frame = IN_AXES @ np.diag(flip.ravel())
-    tilt, turn = (rotation_about(np.eye(3)[a], np.radians([d]))[0] for a, d in ((0, 15), (1, 60)))
+    tilt, turn = (
+        rotation_about(np.eye(3)[a], np.radians([d]))[0] for a, d in ((0, 15), (1, 60))
+    )
     expected = (tilt @ turn @ viewer)[:2]
     middle = frame @ np.full((3, 1), 500.0)
     shown = on_screen(right, middle + frame @ corner) - on_screen(right, middle)
-    inside = np.ptp(right.transLimits.transform(on_screen(right, frame @ image.shape).T), axis=0)
+    inside = np.ptp(
+        right.transLimits.transform(on_screen(right, frame @ image.shape).T), axis=0
+    )
     assert 0.6 < inside.max() < 1  # of the panel
     shown *= np.linalg.norm(expected) / np.linalg.norm(shown)
     np.testing.assert_allclose(shown, expected, atol=1e-9)
@@ -148,8 +176,14 @@ def test_edges_are_drawn_where_there_is_no_mesh(image):
     widths = [lines.get_linewidths()[0] for lines in (residuals, drawn, bones)]
     assert widths == [0.8, 1.5, 1.5]  # thin residuals on thick bones
     flat, right = contact_sheet([bare], Model("down")).axes
-    ring = next(line for line in flat.lines if line.get_label() == "hidden, from the model")
-    assert 4 * ring.get_markeredgewidth() == ring.get_markersize() < right.lines[0].get_markersize()
+    ring = next(
+        line for line in flat.lines if line.get_label() == "hidden, from the model"
+    )
+    assert (
+        4 * ring.get_markeredgewidth()
+        == ring.get_markersize()
+        < right.lines[0].get_markersize()
+    )
     assert right.lines[0].get_markersize() < 4
 
 

@@ -9,13 +9,17 @@ from shapefit.io import read_shapes
 
 @pytest.fixture(scope="session")
 def exemplars():
-    """Return the function that makes a dictionary of shapes, each an atom in their common frame."""
+    """Return the function that makes a dictionary of shapes, each an atom in their
+    common frame.
+    """
 
     def make(shapes):
         normalised = normalise(shapes.shapes)
         mesh = shapes.mesh_vertices
         if mesh is not None:
-            mesh = (mesh - normalised.centroid[..., None]) / normalised.scale[:, None, None]
+            mesh = (mesh - normalised.centroid[..., None]) / normalised.scale[
+                :, None, None
+            ]
         return Dictionary(
             atoms=normalised.points,
             landmark_names=shapes.landmark_names,

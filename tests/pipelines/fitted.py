@@ -1,4 +1,6 @@
-"""Landmarks fitted from file to file, as the command does it, and what the results tell."""
+"""Landmarks fitted from file to file, as the command does it, and what the results
+tell.
+"""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,8 +16,14 @@ from tests.io.files import save
 def fit_file(
     landmarks: Path, dictionary: Path | str, output: Path, **keys: Any
 ) -> tuple[ResultSet, list[Result]]:
-    """Fit a file of landmarks with keys of the config; return the result and the outcomes."""
-    paths = {"landmarks": str(landmarks), "dictionary": str(dictionary), "output": str(output)}
+    """Fit a file of landmarks with keys of the config; return the result and the
+    outcomes.
+    """
+    paths = {
+        "landmarks": str(landmarks),
+        "dictionary": str(dictionary),
+        "output": str(output),
+    }
     outcomes = list(run(FitConfig(**paths, **{"method": "convex"} | keys)))
     return read_results(output), outcomes
 

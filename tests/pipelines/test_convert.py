@@ -85,8 +85,12 @@ def test_a_result_keeps_its_proof(world, tmp_path):
 @pytest.mark.parametrize("every", [1, 2, 7])
 @pytest.mark.parametrize("first", [0, 3])
 def test_thinned_frames_keep_their_times(tmp_path, rng, every, first):
-    """1.40 s of walking last 1.40 s, whoever is missing where, and both walkers stay in step."""
-    frames = np.r_[np.arange(first, first + 43), np.delete(np.arange(first, first + 43), [4, 5, 9])]
+    """1.40 s of walking last 1.40 s, whoever is missing where, and both walkers stay in
+    step.
+    """
+    frames = np.r_[
+        np.arange(first, first + 43), np.delete(np.arange(first, first + 43), [4, 5, 9])
+    ]
     shapes = ShapeSet(
         rng.normal(size=(len(frames), 3, 4)),
         NAMES,

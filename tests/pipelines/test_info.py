@@ -53,7 +53,9 @@ def test_files_of_one_recording_are_one_input():
     assert outcome.note.startswith(f"{SAMPLES / 'openpose'} (36 files)")
     row = lines(outcome.note)
     assert row["images"] == "72"
-    assert row["next"].endswith("openpose/*.json' -d people -o result.h5 --keypoints body_25")
+    assert row["next"].endswith(
+        "openpose/*.json' -d people -o result.h5 --keypoints body_25"
+    )
 
 
 def test_commands_are_as_they_are_typed(tmp_path, monkeypatch):
@@ -74,7 +76,9 @@ def test_files_of_several_folders_are_named_by_each():
 
 def test_of_a_long_table_images_are_estimated(monkeypatch):
     head = csv_file.read_csv_head
-    monkeypatch.setattr(csv_file, "read_csv_head", lambda *given: (head(*given)[0], 1e-3))
+    monkeypatch.setattr(
+        csv_file, "read_csv_head", lambda *given: (head(*given)[0], 1e-3)
+    )
     assert lines(info(SAMPLES / "cars_views.csv").note)["images"] == "about 110,000"
 
 

@@ -51,7 +51,9 @@ class TestTruthByFrame:
             (Keys(("x", "y"), ("cam1", "cam2")), [0, 0]),
         ],
     )
-    def test_frames_are_of_the_same_sequence_one_that_ends_so_or_the_only_one(self, own, expected):
+    def test_frames_are_of_the_same_sequence_one_that_ends_so_or_the_only_one(
+        self, own, expected
+    ):
         assert rows("frame", own, self.ANNA) == expected
 
     def test_times_where_rates_differ(self):

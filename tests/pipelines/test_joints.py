@@ -1,4 +1,6 @@
-"""Landmarks of detectors in the place of joints: which stand for which, and what is said."""
+"""Landmarks of detectors in the place of joints: which stand for which, and what is
+said.
+"""
 
 import numpy as np
 import pytest
@@ -42,13 +44,17 @@ def images(people, rng):
 
 
 def as_detected(images, skeleton, theta=MEANS):
-    """The images with the landmarks of a skeleton in its order, those of no part not found."""
+    """The images with the landmarks of a skeleton in its order, those of no part not
+    found.
+    """
     joints = find_joints(skeleton.landmark_names, images.landmark_names)
     points = np.full((len(images), 2, len(skeleton.landmark_names)), np.nan)
     names = list(joints.parts)
     columns = [skeleton.landmark_names.index(name) for name in names]
     points[..., columns] = images.landmarks @ joints.rows(names, theta).T
-    return LandmarkSet(landmarks=points, landmark_names=skeleton.landmark_names, items=images.items)
+    return LandmarkSet(
+        landmarks=points, landmark_names=skeleton.landmark_names, items=images.items
+    )
 
 
 @pytest.fixture
@@ -61,7 +67,9 @@ def lift(tmp_path):
     return lift
 
 
-@pytest.mark.parametrize("skeleton", installed_skeletons().values(), ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "skeleton", installed_skeletons().values(), ids=lambda one: one.name
+)
 def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     images, lift, people, skeleton, tmp_path
 ):
@@ -73,7 +81,9 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     visible = named_as_joints(as_detected(images, skeleton), joints, "here")
     visible = visible.arrange(names, "here", omit=True)
     points = images.arrange(names, "here", omit=True).landmarks @ A.T
-    points[..., [j for j, name in enumerate(names) if name not in joints.markers]] = np.nan
+    points[..., [j for j, name in enumerate(names) if name not in joints.markers]] = (
+        np.nan
+    )
     np.testing.assert_allclose(visible.landmarks, points, atol=1e-9)
     write_dictionary(tmp_path / "seen.h5", mapped(people, A, joints.deviations()))
     direct, _ = lift(
@@ -86,29 +96,52 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     np.testing.assert_allclose(found.shapes, direct.shapes @ back.T, atol=1e-5)
     covariance = direct.columns["shape_covariance"].reshape(len(images), p, 3, p, 3)
     expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
-    np.testing.assert_allclose(found.shape_sd.swapaxes(1, 2), np.sqrt(expected), rtol=1e-4)
+    np.testing.assert_allclose(
+        found.shape_sd.swapaxes(1, 2), np.sqrt(expected), rtol=1e-4
+    )
     assert "keypoints" in dict(last.rows)["Read"]
 
 
 def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
-    """Those that stand for joints as they were fitted, the others where the joints put them."""
+    """Those that stand for joints as they were fitted, the others where the joints put
+    them.
+    """
     found, _ = lift(as_detected(images, BODY), skeleton=MEANS)
     names = tuple(map(str, found.columns["input_landmark_names"]))
-    points = dict(zip(names, found.columns["input_shapes"].transpose(1, 0, 2), strict=True))
-    joint = dict(zip(found.landmark_names, found.shapes.transpose(2, 0, 1), strict=True))
+    points = dict(
+        zip(names, found.columns["input_shapes"].transpose(1, 0, 2), strict=True)
+    )
+    joint = dict(
+        zip(found.landmark_names, found.shapes.transpose(2, 0, 1), strict=True)
+    )
     np.testing.assert_allclose(points["LKnee"], joint["lknee"], atol=1e-9)
     middle = (joint["lshoulder"] + joint["rshoulder"]) / 2
-    np.testing.assert_allclose(points["Head"], middle + 1.5 * (joint["head"] - middle), atol=1e-9)
+    np.testing.assert_allclose(
+        points["Head"], middle + 1.5 * (joint["head"] - middle), atol=1e-9
+    )
     np.testing.assert_allclose(points["Neck"], middle, atol=1e-9)
-    for mark, joint_of_foot in (("BigToe", "toe"), ("SmallToe", "ball"), ("Heel", "heel")):
-        np.testing.assert_allclose(points[f"R{mark}"], joint[f"r{joint_of_foot}"], atol=1e-9)
-    fitted = dict(zip(found.landmark_names, found.landmarks_fitted.transpose(2, 0, 1), strict=True))
+    for mark, joint_of_foot in (
+        ("BigToe", "toe"),
+        ("SmallToe", "ball"),
+        ("Heel", "heel"),
+    ):
+        np.testing.assert_allclose(
+            points[f"R{mark}"], joint[f"r{joint_of_foot}"], atol=1e-9
+        )
+    fitted = dict(
+        zip(
+            found.landmark_names, found.landmarks_fitted.transpose(2, 0, 1), strict=True
+        )
+    )
     np.testing.assert_allclose(points["Head"][:, :2], fitted["head"], atol=1e-6)
     sd = found.columns["input_shape_sd"]
     assert sd.shape == (24, len(names), 3)
     assert (sd > 0).all()
-    np.testing.assert_allclose(sd[:, names.index("LKnee")], found.shape_sd[..., 5], rtol=1e-9)
-    # What stands for a joint has its error bars: how far apart they may be is in the prior already.
+    np.testing.assert_allclose(
+        sd[:, names.index("LKnee")], found.shape_sd[..., 5], rtol=1e-9
+    )
+    # What stands for a joint has its error bars: how far apart they may be is in the
+    # prior already.
     toe = found.shape_sd[..., found.landmark_names.index("rtoe")]
     np.testing.assert_allclose(sd[:, names.index("RBigToe")], toe, rtol=1e-9)
 
@@ -139,7 +172,10 @@ def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
         names = np.array(part.landmark_names)
         assert (part.mirror_index[part.mirror_index] == np.arange(len(names))).all()
         bones = {tuple(sorted(bone)) for bone in names[part.edges]}
-        every = {tuple(sorted(bone)) for bone in np.array(people.landmark_names)[people.edges]}
+        every = {
+            tuple(sorted(bone))
+            for bone in np.array(people.landmark_names)[people.edges]
+        }
         assert bones == {bone for bone in every if set(bone) <= set(names)}
         assert len(part.edge_length) == len(part.edge_covariance) == len(bones)
 
@@ -163,8 +199,10 @@ def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
 
 
 @pytest.mark.parametrize(("own", "known", "expected"), [
-    (("lhip", "LHip", "RHip"), PEOPLE, {"RHip": "rhip"}),  # what the file names itself stays
-    (("left_hip", "LHip", "RHip"), PEOPLE, {"RHip": "rhip"}),  # of two alike none is meant
+    # what the file names itself stays
+    (("lhip", "LHip", "RHip"), PEOPLE, {"RHip": "rhip"}),
+    # of two alike none is meant
+    (("left_hip", "LHip", "RHip"), PEOPLE, {"RHip": "rhip"}),
     (("LHip", "Head"), ("snout", "tail"), {}),
     (PEOPLE, PEOPLE, {}),
 ])  # fmt: skip
@@ -172,10 +210,17 @@ def test_which_names_stand_for_joints(own, known, expected):
     assert find_joints(own, known).names == expected
 
 
-@pytest.mark.parametrize("own", [("lft_hip", "2", "rhip"), ("snout", "leftear", "tail")])
+@pytest.mark.parametrize(
+    "own", [("lft_hip", "2", "rhip"), ("snout", "leftear", "tail")]
+)
 def test_names_that_do_not_match_are_told(people, own):
-    found = f"the 3 landmarks .* in the dictionary, at least 3 must be .files: {', '.join(own)}; "
-    with pytest.raises(InputError, match=f"{found}dictionary: pelvis, rhip, .*`rename: "):
+    found = (
+        "the 3 landmarks .* in the dictionary, at least 3 must be .files:"
+        f" {', '.join(own)}; "
+    )
+    with pytest.raises(
+        InputError, match=f"{found}dictionary: pelvis, rhip, .*`rename: "
+    ):
         match_names(own, people, "here")
 
 
@@ -194,7 +239,9 @@ def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
     named = named_as_joints(images, joints, "place")
     column = named.landmark_names.index("head")
     np.testing.assert_allclose(named.confidence[:, column], [0.7, 0.6, 0.0])
-    np.testing.assert_allclose(named.landmarks[0, :, column], images.landmarks[0, :, 6:].mean(1))
+    np.testing.assert_allclose(
+        named.landmarks[0, :, column], images.landmarks[0, :, 6:].mean(1)
+    )
     np.testing.assert_allclose(named.landmarks[1, :, column], images.landmarks[1, :, 7])
 
 
@@ -202,8 +249,12 @@ def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
 def test_joints_are_those_of_the_dictionary_that_is_left(people, in_place):
     for skeleton in installed_skeletons().values():
         try:
-            matched = match_names(skeleton.landmark_names, people, "file", in_place=in_place)
+            matched = match_names(
+                skeleton.landmark_names, people, "file", in_place=in_place
+            )
         except InputError:  # hands alone have too few landmarks of the dictionary
             continue
         left = matched.dictionary.landmark_names
-        assert matched.joints == find_joints(skeleton.landmark_names, left, in_place=in_place)
+        assert matched.joints == find_joints(
+            skeleton.landmark_names, left, in_place=in_place
+        )

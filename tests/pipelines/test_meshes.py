@@ -1,4 +1,6 @@
-"""Meshes of results: what `convert` and `export` of `fit` write is opened again by trimesh."""
+"""Meshes of results: what `convert` and `export` of `fit` write is opened again by
+trimesh.
+"""
 
 import json
 import struct
@@ -29,7 +31,9 @@ def convert(result, dictionary, folder, to="ply"):
 
 def only_mesh(path):
     """The one object of a file as it stands; frames of viewers do not matter."""
-    (mesh,) = trimesh.load_scene(path, process=False, split_objects=True).geometry.values()
+    (mesh,) = trimesh.load_scene(
+        path, process=False, split_objects=True
+    ).geometry.values()
     return mesh
 
 
@@ -51,11 +55,16 @@ def test_the_mesh_is_that_of_the_coefficients(tmp_path, cars, to):
     dictionary, fit = read_dictionary(path), read_results(result)
     outcomes = convert(result, path, tmp_path / "meshes", to)
     assert sum(outcome.done for outcome in outcomes) == len(fit) == 108
-    assert (outcomes[-1].note, outcomes[-1].written) == ("108 meshes", (tmp_path / "meshes",))
+    assert (outcomes[-1].note, outcomes[-1].written) == (
+        "108 meshes",
+        (tmp_path / "meshes",),
+    )
     assert len(list((tmp_path / "meshes").rglob(f"*.{to}"))) == 108
     for image in range(0, 108, 20):
         c = fit.coefficients[image]
-        vertices = metres(dictionary, c) * np.tensordot(c, dictionary.mesh_vertices, axes=1)
+        vertices = metres(dictionary, c) * np.tensordot(
+            c, dictionary.mesh_vertices, axes=1
+        )
         mesh = only_mesh(tmp_path / "meshes" / f"{fit.items[image]}.{to}")
         np.testing.assert_allclose(mesh.vertices.T, vertices, atol=PRECISION[to])
         np.testing.assert_array_equal(mesh.faces, dictionary.mesh_faces)
@@ -105,7 +114,8 @@ def test_fit_refuses_before_an_image_is_lifted(
     write_dictionary(changed, replace(read_dictionary(cars[0]), **change))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "shapefit.pipelines.fit.run.lift_batch", lambda *_: pytest.fail("an image was lifted")
+        "shapefit.pipelines.fit.run.lift_batch",
+        lambda *_: pytest.fail("an image was lifted"),
     )
     images = load(world.images("cars")).take(slice(3))
     keys = {"export": {"folder": str(tmp_path / "meshes")}} | keys
@@ -116,7 +126,9 @@ def test_fit_refuses_before_an_image_is_lifted(
 
 def test_convert_names_what_is_missing(tmp_path, cars, world):
     _, result = cars
-    with pytest.raises(InputError, match=r"dictionary: .*name the dictionary of the fit"):
+    with pytest.raises(
+        InputError, match=r"dictionary: .*name the dictionary of the fit"
+    ):
         convert(result, None, tmp_path / "meshes")
     with pytest.raises(InputError, match="its landmarks are not those of"):
         convert(result, world.dictionary("people"), tmp_path / "meshes")
@@ -132,22 +144,32 @@ def test_a_shape_without_extent_has_no_mesh(cars):
 
 @pytest.mark.parametrize("to", PRECISION)
 def test_vertices_that_coincide_stay_apart_in_one_object(to):
-    corners = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], float).T + 1 / 3
+    corners = (
+        np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], float).T + 1 / 3
+    )
     vertices, around = np.hstack([corners, corners]), np.arange(8)
     faces = np.stack([around, (around + 1) % 8, (around + 3) % 8], axis=1)
     faces = np.concatenate([faces, faces + 8])
     content = mesh_file(vertices, faces, to)
     assert content == mesh_file(vertices, faces, to)
-    scene = trimesh.load_scene(BytesIO(content), file_type=to, process=False, split_objects=True)
+    scene = trimesh.load_scene(
+        BytesIO(content), file_type=to, process=False, split_objects=True
+    )
     (mesh,) = scene.geometry.values()
     np.testing.assert_allclose(mesh.vertices, vertices.T, atol=PRECISION[to])
     np.testing.assert_array_equal(mesh.faces, faces)
     if to == "ply":
         assert content.startswith(b"ply\nformat binary_little_endian 1.0\n")
     elif to == "obj":
-        assert {line.split()[0] for line in content.decode().splitlines()} == {"o", "v", "f"}
+        assert {line.split()[0] for line in content.decode().splitlines()} == {
+            "o",
+            "v",
+            "f",
+        }
     else:
         magic, version, length, size = struct.unpack("<4sIII", content[:16])
         assert (magic, version, length) == (b"glTF", 2, len(content))
         (material,) = json.loads(content[20 : 20 + size])["materials"]
-        assert material["pbrMetallicRoughness"]["metallicFactor"] == 0  # else it is black
+        assert (
+            material["pbrMetallicRoughness"]["metallicFactor"] == 0
+        )  # else it is black

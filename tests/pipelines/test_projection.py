@@ -1,4 +1,6 @@
-"""`project`: views of known shapes, with what is carried along and what is drawn at random."""
+"""`project`: views of known shapes, with what is carried along and what is drawn at
+random.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,16 @@ from shapefit.config import ProjectConfig
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
-from shapefit.pipelines.projection import BATCH, HIDDEN, NOISE, VIEW, add_noise, hide, run, stream
+from shapefit.pipelines.projection import (
+    BATCH,
+    HIDDEN,
+    NOISE,
+    VIEW,
+    add_noise,
+    hide,
+    run,
+    stream,
+)
 from tests.io.files import load
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -41,7 +52,9 @@ def many(rng):
 
 
 def view(folder, *parts, **keys):
-    """Project sets of shapes, each in a file of its own; returns images and outcomes."""
+    """Project sets of shapes, each in a file of its own; returns images and
+    outcomes.
+    """
     paths = [folder / f"shapes{number}.h5" for number, _ in enumerate(parts)]
     for path, shapes in zip(paths, parts, strict=True):
         write_shapes(path, shapes)
@@ -63,11 +76,15 @@ def test_a_fixed_camera_uses_the_given_rotation(tmp_path, shapes):
     images, _ = view(tmp_path, shapes, camera={"view": rotation})
     np.testing.assert_array_equal(images.landmarks[:, 0], -shapes.shapes[:, 2])
     np.testing.assert_array_equal(images.landmarks[:, 1], shapes.shapes[:, 1])
-    np.testing.assert_array_equal(images.columns["true_rotation"], np.tile(rotation, (8, 1, 1)))
+    np.testing.assert_array_equal(
+        images.columns["true_rotation"], np.tile(rotation, (8, 1, 1))
+    )
 
 
 @pytest.mark.parametrize(("y_axis", "up"), [("down", -1), ("up", 1)])
-def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, shapes, y_axis, up):
+def test_each_sequence_turns_once_whatever_stands_between_its_frames(
+    tmp_path, shapes, y_axis, up
+):
     images, _ = view(tmp_path, shapes, y_axis=y_axis)
     assert images.y_axis == y_axis
     for name, length in LENGTHS.items():
@@ -75,7 +92,9 @@ def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, s
         R = images.columns["true_rotation"][frames]
         turned = np.arctan2(R[:, 0, 2], R[:, 0, 0]) / (2 * np.pi) % 1
         np.testing.assert_allclose(turned, np.arange(length) / length, atol=1e-12)
-        np.testing.assert_allclose(R[:, 1], np.tile([0, up, 0], (length, 1)), atol=1e-12)
+        np.testing.assert_allclose(
+            R[:, 1], np.tile([0, up, 0], (length, 1)), atol=1e-12
+        )
         np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
 
 
@@ -96,10 +115,14 @@ def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes)
     assert "corrupted" not in images.columns
 
 
-def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(tmp_path, many):
+def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(
+    tmp_path, many
+):
     plain, _ = view(tmp_path, many, noise=0.1)
     scaled, _ = view(tmp_path, many, noise=20.0, camera={"scale": 200.0})
-    np.testing.assert_allclose(scaled.landmarks, 200 * plain.landmarks, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        scaled.landmarks, 200 * plain.landmarks, rtol=1e-9, atol=1e-9
+    )
     assert (plain.unit, scaled.unit) == ("unknown", "px")
 
 
@@ -110,7 +133,9 @@ def test_the_seed_decides(tmp_path, shapes):
     keys = {"noise": 0.1, "hidden": 0.3, "camera": {"view": "random"}}
     first, _ = view(tmp_path, shapes, seed=3, **keys)
     other, _ = view(tmp_path, shapes, seed=2, **keys)
-    np.testing.assert_allclose(first.landmarks, hide(noisy, 0.3, stream(3, HIDDEN, 0)), rtol=1e-12)
+    np.testing.assert_allclose(
+        first.landmarks, hide(noisy, 0.3, stream(3, HIDDEN, 0)), rtol=1e-12
+    )
     assert not np.array_equal(first.landmarks, other.landmarks, equal_nan=True)
 
 
@@ -154,4 +179,6 @@ def test_each_image_has_its_share_of_hidden_landmarks(noisy, rng, share):
     assert set(number) <= {int(np.floor(share * P)), int(np.ceil(share * P))}
     assert number.mean() == pytest.approx(share * P, abs=5 * 0.5 / np.sqrt(BATCH))
     often = hidden[:, 0].mean(axis=0)
-    np.testing.assert_allclose(often, share, atol=5 * np.sqrt(share * (1 - share) / BATCH))
+    np.testing.assert_allclose(
+        often, share, atol=5 * np.sqrt(share * (1 - share) / BATCH)
+    )

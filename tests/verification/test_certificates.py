@@ -1,4 +1,6 @@
-"""Norms in closed form beside LAPACK's, missed claims, a program whose optimum is known."""
+"""Norms in closed form beside LAPACK's, missed claims, a program whose optimum is
+known.
+"""
 
 import numpy as np
 import pytest
@@ -17,10 +19,14 @@ def test_norms_are_sums_of_singular_values(rng):
     turned = np.linalg.svd(some, full_matrices=False)
     flat, line = some.copy(), some.copy()
     flat[:, 1], line[:, 1] = 2 * flat[:, 0] + 1e-9 * flat[:, 1], 0
-    blocks = np.concatenate([some, turned.U @ turned.Vh, flat, line, np.zeros((1, 2, 3))])
+    blocks = np.concatenate(
+        [some, turned.U @ turned.Vh, flat, line, np.zeros((1, 2, 3))]
+    )
     s = np.linalg.svd(blocks, compute_uv=False)
     x, y = blocks[:, 0, :, None], blocks[:, 1, :, None]
-    assert nuclear_norms(x, y)[:, 0] == pytest.approx(s.sum(axis=1), rel=1e-14, abs=1e-28)
+    assert nuclear_norms(x, y)[:, 0] == pytest.approx(
+        s.sum(axis=1), rel=1e-14, abs=1e-28
+    )
 
 
 def test_the_worst_of_an_image_counts_and_nan_misses():
@@ -42,10 +48,11 @@ LAMBDA, HALF = 0.1, 0.5
 
 @pytest.fixture
 def planted():
-    """One atom, seen from the front at half its size: M = c Rbar, Y = Omega o (V - M B).
+    """One atom, seen from the front at half its size: M = c Rbar, Y = Omega o (V - M
+    B).
 
-    V = B_xy / (2 s), with its standard deviation at 1, so that M B = a V with the largest a for
-    which Y stays feasible: the nuclear norm of (1 - a) V B^T is lambda.
+    V = B_xy / (2 s), with its standard deviation at 1, so that M B = a V with the
+    largest a for which Y stays feasible: the nuclear norm of (1 - a) V B^T is lambda.
     """
     w = 100 * HALF * B[0, :2]
     V = B[0, :2] / B[0, :2].std(axis=1).mean()
@@ -56,13 +63,22 @@ def planted():
     P = 0.5 * (Y**2).sum() + LAMBDA * c
     S = c * B[0]
     return {
-        "landmarks": w[None], "lambda": np.array([LAMBDA]), "dual": Y[None],
-        "convex_translation": np.zeros((1, 2)), "transform_count": np.array([1]),
-        "transform_atom": np.array([0]), "active_transforms": M[None], "objective": np.array([P]),
-        "relative_gap": np.zeros(1), "coefficients": np.array([[c]]), "scale": np.array([size]),
-        "translation": np.zeros((1, 2)), "shapes": size * S[None], "status": np.array(["optimal"]),
+        "landmarks": w[None],
+        "lambda": np.array([LAMBDA]),
+        "dual": Y[None],
+        "convex_translation": np.zeros((1, 2)),
+        "transform_count": np.array([1]),
+        "transform_atom": np.array([0]),
+        "active_transforms": M[None],
+        "objective": np.array([P]),
+        "relative_gap": np.zeros(1),
+        "coefficients": np.array([[c]]),
+        "scale": np.array([size]),
+        "translation": np.zeros((1, 2)),
+        "shapes": size * S[None],
+        "status": np.array(["optimal"]),
         "rotation": np.eye(3)[None],
-    }  # fmt: skip
+    }
 
 
 def missed(columns):
@@ -95,5 +111,7 @@ def test_a_known_optimum_is_certified_and_nothing_else(planted):
         assert said in missed(planted | {name: change(planted[name])}), (name, said)
     half, claims = planted["shapes"].copy(), Claims(np.zeros(1, dtype=bool))
     half[0, 0, 0] = np.nan
-    check_ranges(planted | {"shapes": half, "status": np.array(["degenerate input"])}, claims)
+    check_ranges(
+        planted | {"shapes": half, "status": np.array(["degenerate input"])}, claims
+    )
     assert "whole or absent" in claims.reasons[0]

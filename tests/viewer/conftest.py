@@ -29,7 +29,9 @@ FLAGS = (
 
 
 def require(program: str) -> str:
-    """Return the path of a program; skip, or fail in continuous integration, where it is absent."""
+    """Return the path of a program; skip, or fail in continuous integration, where it
+    is absent.
+    """
     path = shutil.which(program)
     if path is None:
         reason = f"{program} is not installed: {ONE_COMMAND}"
@@ -49,7 +51,9 @@ def browser(tmp_path_factory):
     options.binary_location = require("chromium")
     for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
         options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    options.set_capability(
+        "goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"}
+    )
     driver = webdriver.Chrome(options=options, service=Service(require("chromedriver")))
     driver.set_page_load_timeout(30)
     driver.set_script_timeout(30)
@@ -84,7 +88,8 @@ class Opened:
     def settle(self):
         """Wait until what was asked for is drawn."""
         self.driver.execute_async_script(
-            "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done))"
+            "const done = arguments[0]; requestAnimationFrame(() =>"
+            " requestAnimationFrame(done))"
         )
 
     def keys(self, *keys, alt=False):
@@ -127,17 +132,23 @@ class Opened:
         return [
             entry["message"]
             for entry in entries
-            if not any(word in entry["message"] for word in EXPECTED_OF_SOFTWARE_RENDERING)
+            if not any(
+                word in entry["message"] for word in EXPECTED_OF_SOFTWARE_RENDERING
+            )
         ]
 
     def requests(self):
-        """The addresses that were asked for, but for the page itself and what is inlined."""
+        """The addresses that were asked for, but for the page itself and what is
+        inlined.
+        """
         asked = []
         for entry in self.driver.get_log("performance"):
             message = json.loads(entry["message"])["message"]
             if message["method"] != "Network.requestWillBeSent":
                 continue
-            if message["params"]["documentURL"].startswith("file:"):  # not the browser's start page
+            if message["params"]["documentURL"].startswith(
+                "file:"
+            ):  # not the browser's start page
                 asked.append(message["params"]["request"]["url"])
         own = self.path.as_uri()
         return [url for url in asked if not url.startswith((own, "data:"))]
@@ -168,7 +179,9 @@ def view(tmp_path_factory):
     def viewed(files, **settings):
         output = tmp_path_factory.mktemp("view") / "page.html"
         (outcome,) = run(ViewConfig(files=files, output=output, **settings))
-        return SimpleNamespace(path=output, outcome=outcome, text=output.read_text("utf-8"))
+        return SimpleNamespace(
+            path=output, outcome=outcome, text=output.read_text("utf-8")
+        )
 
     return viewed
 
@@ -189,12 +202,23 @@ def sequence(tmp_path_factory):
     landmarks = shapes[:, :2] + 0.3 * rng.normal(size=(N, 2, 4))
     landmarks[::7, :, 2] = np.nan
     items = tuple(f"{'walk' if i < 400 else 'jump'}/{i:04d}" for i in range(N))
-    names = {"landmark_names": NAMES, "items": items, "sequences": [item[:4] for item in items]}
+    names = {
+        "landmark_names": NAMES,
+        "items": items,
+        "sequences": [item[:4] for item in items],
+    }
     status = np.array(["optimal"] * N, dtype=object)
     status[123] = "iteration limit"
     seen = {"landmarks": landmarks.swapaxes(1, 2)}
     how = {"landmarks_fitted": shapes[:, :2], "y_axis": "down", "frame_rate": 50.0}
-    result = write_result(folder / "walker.h5", shapes, seen, status=status, **names, **how)
-    true, edges = base + 3 * rng.normal(size=(N, 3, 4)), np.array([[0, 1], [1, 2], [2, 3]])
+    result = write_result(
+        folder / "walker.h5", shapes, seen, status=status, **names, **how
+    )
+    true, edges = (
+        base + 3 * rng.normal(size=(N, 3, 4)),
+        np.array([[0, 1], [1, 2], [2, 3]]),
+    )
     truth = write_truth(folder / "truth.h5", true, edges=edges, unit="mm", **names)
-    return SimpleNamespace(shapes=shapes, landmarks=landmarks, result=result, truth=truth)
+    return SimpleNamespace(
+        shapes=shapes, landmarks=landmarks, result=result, truth=truth
+    )

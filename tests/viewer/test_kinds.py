@@ -1,4 +1,6 @@
-"""What people bring, opened as they would; meshes that the browser blends are those of `fit`."""
+"""What people bring, opened as they would; meshes that the browser blends are those of
+`fit`.
+"""
 
 from dataclasses import dataclass, field
 
@@ -40,25 +42,44 @@ MODELS = ("{samples}/cars.h5", "--method", "exemplars", "--set", "align=none")
 RATS = ("{data}/rat7m/prior_shapes.h5", "--set", "prior.components=1")
 KINDS = {
     "walkers": Kind("{samples}/openpose", WALK, bodies=2, facts=TWO),
-    "TRC": Kind("{samples}/openpose", WALK, output="m.trc", bodies=2, facts=TWO, image=False),
-    "tables": Kind("{samples}/openpose", WALK, output=TABLES, bodies=2, facts=TWO, image=False),
+    "TRC": Kind(
+        "{samples}/openpose", WALK, output="m.trc", bodies=2, facts=TWO, image=False
+    ),
+    "tables": Kind(
+        "{samples}/openpose", WALK, output=TABLES, bodies=2, facts=TWO, image=False
+    ),
     "dog": Kind(
-        "{samples}/animal_walk.csv", ("--frame-rate", "25"), learn=("{samples}/animal_train.h5",),
-        view={"truth": "{samples}/animal_truth.h5"}, bodies=2, chart="hip flexion r",
+        "{samples}/animal_walk.csv",
+        ("--frame-rate", "25"),
+        learn=("{samples}/animal_train.h5",),
+        view={"truth": "{samples}/animal_truth.h5"},
+        bodies=2,
+        chart="hip flexion r",
         facts=("100 frames", "25 Hz"),
     ),
     "cars": Kind(
-        "{samples}/cars_views.h5", CARS, learn=MODELS, view={"dictionary": "dictionary.h5"},
-        plays=False, chart="distance in the image", facts=("108 images",),
+        "{samples}/cars_views.h5",
+        CARS,
+        learn=MODELS,
+        view={"dictionary": "dictionary.h5"},
+        plays=False,
+        chart="distance in the image",
+        facts=("108 images",),
     ),
     "beam": Kind(BEAM, ("--frame-rate", "60"), facts=("100 frames",)),
-    "desk": Kind("{data}/pyxy3d_desk/port_1.h5", ("--frame-rate", "25"), facts=("267 frames",)),
+    "desk": Kind(
+        "{data}/pyxy3d_desk/port_1.h5", ("--frame-rate", "25"), facts=("267 frames",)
+    ),
     "rat": Kind(
-        "{data}/rat7m/camera1.h5", ("--method", "posterior"), learn=RATS, bodies=2,
-        view={"truth": "{data}/rat7m/camera1_truth.h5"}, chart="error against the truth",
+        "{data}/rat7m/camera1.h5",
+        ("--method", "posterior"),
+        learn=RATS,
+        bodies=2,
+        view={"truth": "{data}/rat7m/camera1_truth.h5"},
+        chart="error against the truth",
         facts=("100 frames",),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.fixture
@@ -75,7 +96,15 @@ def made(request, view, project, tmp_path_factory):
         learn = ("learn-dict", *kind.learn, "-o", dictionary)
         assert run([part.format(**places) for part in learn]) == 0
     result = folder / kind.output
-    line = ["fit", kind.landmarks.format(**places), "-d", dictionary, *kind.fit, "-o", str(result)]
+    line = [
+        "fit",
+        kind.landmarks.format(**places),
+        "-d",
+        dictionary,
+        *kind.fit,
+        "-o",
+        str(result),
+    ]
     assert run(line) in (0, 1)
     each = f"*person_[12]{result.suffix}"
     files = [result] if result.exists() else sorted(folder.glob(each))
@@ -95,7 +124,10 @@ def test_a_page_of_each_kind(made, open_page):
     assert page.run("return [shapefit.view.yaw, shapefit.view.pitch]") == [30, 15]
     facts = page.text("#facts").split("\n")
     assert facts[: len(kind.facts)] == list(kind.facts)
-    assert page.run("return look.bodiesOf(shapefit.data, shapefit.view).length") == kind.bodies
+    assert (
+        page.run("return look.bodiesOf(shapefit.data, shapefit.view).length")
+        == kind.bodies
+    )
     assert page.find("#play").is_displayed() == kind.plays
     assert page.find("#flat").is_displayed() == kind.image
     assert page.run("return document.getElementById('measure').value") == kind.chart
@@ -119,12 +151,14 @@ def test_ten_thousand_frames_play_smoothly(view, project, tmp_path, open_page):
     from shapefit.io import read_results, result_writer
 
     walk = tmp_path / "walk.h5"
-    assert run(["fit", str(project / "sample_data/openpose"), *WALK, "-o", str(walk)]) == 0
+    assert (
+        run(["fit", str(project / "sample_data/openpose"), *WALK, "-o", str(walk)]) == 0
+    )
     few, n = read_results(walk), 10_000
     rows = [frame % 36 for frame in range(n)]
     long = few.take(rows).replaced(
         items=tuple(map(str, range(n))), sequences=("walk",) * n, frame_rate=60.0
-    )  # fmt: skip
+    )
     long = long.with_columns({"frame": np.arange(n)})
     with result_writer(tmp_path / "long.h5") as writer:
         writer.append(long)
@@ -142,13 +176,16 @@ MESH = "return Array.from(shapefit.layer(arguments[0]).mesh(shapefit.view.frame)
 POINTS = "return Array.from(shapefit.layer(arguments[0]).points(shapefit.view.frame))"
 IN_IMAGE = """
   const layer = shapefit.layer(arguments[0]);
-  return Array.from(layer.inImage(shapefit.view.frame, layer.points(shapefit.view.frame)));
+  const points = layer.points(shapefit.view.frame);
+  return Array.from(layer.inImage(shapefit.view.frame, points));
 """
 
 
 @pytest.fixture(scope="module")
 def cars(world, tmp_path_factory):
-    """Made cars, fitted in weak perspective and under a camera, with the meshes of two of them."""
+    """Made cars, fitted in weak perspective and under a camera, with the meshes of two
+    of them.
+    """
     folder = tmp_path_factory.mktemp("cars")
     cameras = {"weak": {}, "perspective": {"focal": "files"}}
     for name, camera in cameras.items():
@@ -163,7 +200,9 @@ def cars(world, tmp_path_factory):
 def cars_page(cars, view, project, world):
     files = {name: (cars / f"{name}.h5",) for name in ("weak", "perspective")}
     truth = (project / "sample_data/cars.h5",)
-    return view(files, truth=truth, match="true_model", dictionary=world.dictionary("cars"))
+    return view(
+        files, truth=truth, match="true_model", dictionary=world.dictionary("cars")
+    )
 
 
 @pytest.mark.parametrize("method", ["weak", "perspective"])
@@ -173,7 +212,9 @@ def test_a_blended_mesh_is_the_exported_one(cars_page, cars, open_page, method, 
     results = read_results(cars / f"{method}.h5")
     row = results.items.index(item)
     page = open_page(cars_page.path, f"#item={item}")
-    mesh, points = (np.array(page.run(each, method)).reshape(-1, 3).T for each in (MESH, POINTS))
+    mesh, points = (
+        np.array(page.run(each, method)).reshape(-1, 3).T for each in (MESH, POINTS)
+    )
     shape = results.shapes[row]
     exported = trimesh.load(cars / method / f"{item}.ply", process=False).vertices.T
     turned = results.rotation[row] @ exported
@@ -183,7 +224,9 @@ def test_a_blended_mesh_is_the_exported_one(cars_page, cars, open_page, method, 
     spans = np.ptp(mesh, axis=1), np.ptp(turned, axis=1)
     assert 1 < spans[0][1] < 3  # metres
     if method == "perspective":  # this one is where the camera has it: not turned
-        np.testing.assert_allclose(spans[0] / spans[0][0], spans[1] / spans[1][0], rtol=1e-3)
+        np.testing.assert_allclose(
+            spans[0] / spans[0][0], spans[1] / spans[1][0], rtol=1e-3
+        )
 
 
 def test_landmarks_are_seen_where_the_camera_sees_them(cars_page, cars, open_page):

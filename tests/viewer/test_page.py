@@ -1,4 +1,6 @@
-"""The page in a browser, used as a person would; names by unknown become no markup or script."""
+"""The page in a browser, used as a person would; names by unknown become no markup or
+script.
+"""
 
 import json
 import re
@@ -34,7 +36,8 @@ def test_a_frame_shows_its_landmarks(page, sequence):
     assert (page.state("view.frame"), page.state("item")) == (310, "walk/0310")
     shown = (
         np.array(
-            page.run("return Array.from(shapefit.data.observed(shapefit.view.frame))"), dtype=float
+            page.run("return Array.from(shapefit.data.observed(shapefit.view.frame))"),
+            dtype=float,
         )
         .reshape(-1, 2)
         .T
@@ -58,7 +61,9 @@ def test_a_drag_by_a_quarter_turn_turns_the_projected_points(page, sequence):
     page.drag("#space", 0, 300)
     assert page.state("view.pitch") == 90  # and no farther
     assert camera == [90, 0]
-    points = sequence.shapes[42] * np.array([[1], [-1], [-1]])  # upright, y down in the image
+    points = sequence.shapes[42] * np.array(
+        [[1], [-1], [-1]]
+    )  # upright, y down in the image
     zoom = np.ptp(before[:, 0]) / np.ptp(points[0])
     for shown, x in ((before, points[0]), (after, points[2])):
         expected = zoom * np.stack([x, -points[1]], axis=1)
@@ -69,7 +74,9 @@ def test_a_drag_by_a_quarter_turn_turns_the_projected_points(page, sequence):
 
 @pytest.fixture(scope="module")
 def walkers(view, project, tmp_path_factory):
-    """Two people of one video, the second of whom is not to be trusted in two frames."""
+    """Two people of one video, the second of whom is not to be trusted in two
+    frames.
+    """
     import h5py
 
     walk = tmp_path_factory.mktemp("walkers") / "walk.h5"
@@ -90,14 +97,18 @@ def test_individuals_of_a_moment_are_in_one_scene(walkers, open_page):
     page.run("shapefit.go(3)")
     page.settle()
     assert page.run("return shapefit.data.items[39]") == "openpose/person 2/3"
-    framed = "return look.bodiesOf(shapefit.data, shapefit.view).map(({ frame }) => frame)"
+    framed = (
+        "return look.bodiesOf(shapefit.data, shapefit.view).map(({ frame }) => frame)"
+    )
     assert page.run(framed) == [3, 39]
     assert page.text("#layers").split("\n") == ["person 1", "person 2"]
     before = np.array(page.state("view.projected.walk"))
     page.click("#layers label:nth-of-type(2) input")
     assert page.run(framed) == [3]
     alone = np.array(page.state("view.projected.walk"))
-    assert np.ptp(alone[:, 1]) == pytest.approx(np.ptp(before[:, 1]))  # the scale is that of all
+    assert np.ptp(alone[:, 1]) == pytest.approx(
+        np.ptp(before[:, 1])
+    )  # the scale is that of all
     page.keys("ARROW_DOWN")
     assert page.state("item") == "openpose/person 2/0"
     assert page.run(framed) == [0, 36]  # whose frame it is stays
@@ -110,7 +121,9 @@ def test_the_next_doubtful_frame_is_that_of_anybody(walkers, open_page):
         page.keys("d")
         assert page.run("return shapefit.data.timeOf(shapefit.view.frame)") == moment
         assert page.text("#badge") == "doubtful: person 2: wide error bars"
-    page.click("#layers label:nth-of-type(2) input")  # who is switched off is not looked at
+    page.click(
+        "#layers label:nth-of-type(2) input"
+    )  # who is switched off is not looked at
     page.run("shapefit.go(0)")
     page.keys("d")
     assert page.state("view.frame") == 0
@@ -120,7 +133,9 @@ def test_the_next_doubtful_frame_is_that_of_anybody(walkers, open_page):
 def test_the_chart_has_a_line_and_a_band_for_each_individual(walkers, open_page):
     page = open_page(walkers.path)
     assert page.run("return document.getElementById('measure').value") == "knee angle r"
-    rows = page.run("return shapefit.chart().map(({ values, sd, states }) => [values, sd, states])")
+    rows = page.run(
+        "return shapefit.chart().map(({ values, sd, states }) => [values, sd, states])"
+    )
     assert [len(values) for values, _, _ in rows] == [36, 36]
     assert all(0 < deviation < 60 for _, sd, _ in rows for deviation in sd)
     doubtful = [i for i, state in enumerate(rows[1][2]) if state == "doubtful"]
@@ -131,7 +146,9 @@ def test_the_chart_has_a_line_and_a_band_for_each_individual(walkers, open_page)
     from selenium.webdriver import ActionChains
 
     middle = x - box["width"] / 2, y - box["height"] / 2
-    chain = ActionChains(page.driver).move_to_element_with_offset(page.find("#space"), *middle)
+    chain = ActionChains(page.driver).move_to_element_with_offset(
+        page.find("#space"), *middle
+    )
     chain.click().perform()
     page.settle()
     name = page.run("return shapefit.data.landmarks[5]")
@@ -144,21 +161,31 @@ def test_the_chart_has_a_line_and_a_band_for_each_individual(walkers, open_page)
 @pytest.mark.parametrize(("width", "height"), [(1280, 757), (1280, 640), (390, 800)])
 def test_nothing_is_cut_off_in_a_small_window(walkers, open_page, width, height):
     page = open_page(walkers.path)
-    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    size = {
+        "width": width,
+        "height": height,
+        "deviceScaleFactor": 1,
+        "mobile": width < 500,
+    }
     page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     try:
         page.settle()
-        seen = page.run("""
+        seen = page.run(
+            """
           const boxes = [...document.querySelectorAll("button, select, canvas")];
-          return boxes.filter((e) => e.offsetParent).map((e) => e.getBoundingClientRect())
-            .map(({ left, right, bottom, height }) => [left, right, bottom, height]);""")
+          return boxes.filter((e) => e.offsetParent)
+            .map((e) => e.getBoundingClientRect())
+            .map(({ left, right, bottom, height }) => [left, right, bottom, height]);"""
+        )
         left, right, bottom, tall = np.array(seen).T
         assert left.min() >= 0
         assert right.max() <= width
         assert tall.min() > 15
         if width > 500:
             assert bottom.max() <= height
-            assert page.run("return document.getElementById('space').clientHeight") >= 220
+            assert (
+                page.run("return document.getElementById('space').clientHeight") >= 220
+            )
         assert page.run("return document.documentElement.scrollWidth") == width
     finally:
         page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
@@ -173,7 +200,10 @@ def test_named_views_zoom_and_reset(page):
     page.keys("ARROW_RIGHT", "ARROW_UP", alt=True)
     assert (page.state("view.yaw"), page.state("view.pitch")) == (-85, -5)
     page.click("[data-key='0']")
-    first = "const { yaw, pitch, zoom, pan } = shapefit.view; return [yaw, pitch, zoom, ...pan]"
+    first = (
+        "const { yaw, pitch, zoom, pan } = shapefit.view; return [yaw, pitch, zoom,"
+        " ...pan]"
+    )
     assert page.run(first) == [30, 15, 1, 0, 0]
 
 
@@ -269,12 +299,26 @@ def test_the_colours_can_be_told_from_the_background():
         parts = np.array(
             [[int(c[i : i + 2], 16) / 255 for i in (0, 2, 4)] for c in colours.values()]
         )
-        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-        light_of = dict(zip(colours, linear @ [0.2126, 0.7152, 0.0722] + 0.05, strict=True))
-        for name in colours.keys() - {"background", "surface", "line", "mesh", "ground", "shadow"}:
+        linear = np.where(
+            parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4
+        )
+        light_of = dict(
+            zip(colours, linear @ [0.2126, 0.7152, 0.0722] + 0.05, strict=True)
+        )
+        for name in colours.keys() - {
+            "background",
+            "surface",
+            "line",
+            "mesh",
+            "ground",
+            "shadow",
+        }:
             for behind in ("background", "ground"):
                 low, high = sorted([light_of[name], light_of[behind]])
-                assert high / low >= (4.5 if name in ("ink", "faint") else 3), (name, behind)
+                assert high / low >= (4.5 if name in ("ink", "faint") else 3), (
+                    name,
+                    behind,
+                )
         assert light_of["shadow"] < light_of["ground"]
 
 
@@ -302,7 +346,9 @@ HOSTILE = (
 
 @pytest.fixture(scope="module")
 def hostile(tmp_path_factory):
-    """A result and its truth in which every name is an attack, and so is the rest of the text."""
+    """A result and its truth in which every name is an attack, and so is the rest of
+    the text.
+    """
     folder = tmp_path_factory.mktemp("hostile")
     n, p = len(HOSTILE), 5
     rng = np.random.default_rng(0)
@@ -316,26 +362,36 @@ def hostile(tmp_path_factory):
     called = {"landmark_names": names, "items": items, "sequences": sequences}
     status = np.array(HOSTILE, dtype=object)
     path = folder / f"{HOSTILE[1].replace('/', '_')}.h5"
-    result = write_result(path, shapes, columns, config, status=status, unit=HOSTILE[0], **called)
+    result = write_result(
+        path, shapes, columns, config, status=status, unit=HOSTILE[0], **called
+    )
     true = np.nan_to_num(shapes) + rng.normal(size=shapes.shape)
     edges = np.array([[0, 1], [1, 2]])
-    truth = write_truth(folder / "truth.h5", true, edges=edges, unit=HOSTILE[2], **called)
+    truth = write_truth(
+        folder / "truth.h5", true, edges=edges, unit=HOSTILE[2], **called
+    )
     return result, truth, items, names
 
 
 def check(page):
-    """No script but ours ran, nothing was asked for, and nothing in the page could do either."""
+    """No script but ours ran, nothing was asked for, and nothing in the page could do
+    either.
+    """
     assert page.run("return window.hacked === undefined")
     assert page.complaints() == []
     assert page.requests() == []
-    strange = page.run("""
+    strange = page.run(
+        """
       const own = new Set(["SCRIPT", "STYLE", "META", "TITLE"]);
-      return [...document.querySelectorAll("*")].filter((e) => e.tagName === "SCRIPT" ? e.src :
+      const inside = (href) => /^\\.\\/[\\w.]+(#item=[^"]*)?$/.test(href);
+      return [...document.querySelectorAll("*")].filter((e) =>
+        e.tagName === "SCRIPT" ? e.src :
         ["IFRAME", "OBJECT", "EMBED", "LINK", "BASE", "FORM"].includes(e.tagName) ||
         (e.tagName === "IMG" && !e.src.startsWith("data:image/svg+xml;base64,")) ||
         [...e.attributes].some((a) => a.name.startsWith("on")) ||
-        (e.tagName === "A" && !/^\\.\\/[\\w.]+(#item=[^"]*)?$/.test(e.getAttribute("href")))
-      ).map((e) => e.outerHTML)""")
+        (e.tagName === "A" && !inside(e.getAttribute("href")))
+      ).map((e) => e.outerHTML)"""
+    )
     assert strange == []
     assert page.run("return document.scripts.length") <= 2
 
@@ -360,9 +416,12 @@ def test_a_script_that_were_put_into_the_page_would_not_run(hostile, view, open_
     made = view({"x": (hostile[0],)})
     broken = made.path.with_name("broken.html")
     attack = (
-        f"<script>{ATTACK}</script><img src=x onerror='{ATTACK}'><img src='http://127.0.0.1:9/x'>"
+        f"<script>{ATTACK}</script><img src=x onerror='{ATTACK}'><img"
+        " src='http://127.0.0.1:9/x'>"
     )
-    broken.write_text(made.text.replace("<main>", f"<main>{attack}", 1), encoding="utf-8")
+    broken.write_text(
+        made.text.replace("<main>", f"<main>{attack}", 1), encoding="utf-8"
+    )
     page = open_page(broken)
     assert page.run("return window.hacked === undefined")
     assert any("Content Security Policy" in line for line in page.complaints())

@@ -1,4 +1,6 @@
-"""The config of each command, imported when it is used: a schema takes long to build."""
+"""The config of each command, imported when it is used: a schema takes long to
+build.
+"""
 
 from __future__ import annotations
 

@@ -37,25 +37,34 @@ class CameraConfig(ConfigModel):
     """The camera of the images; the section is printed with every fit."""
 
     focal: Positive | Literal["auto", "none", "files"] = "auto"
-    """Focal length in pixels; files: of their `camera_matrix`; none: weak perspective; auto: with a
-    prior of the calibration, the files, or 1.1 times the longer side of the image, else none."""
+    """Focal length in pixels; files: of their `camera_matrix`; none: weak perspective;
+    auto: with a prior of the calibration, the files, or 1.1 times the longer side of
+    the image, else none.
+    """
     focal_sd: Annotated[float, Field(ge=0), HIDDEN] = 0.0
     """Standard deviation of the logarithm of `focal`: 0.2 where it is assumed."""
     principal_point: Pair[float] | None = None
     """Pixel on the optical axis; by default of the camera matrix, or the centre."""
     calibration: OptionalInputPath = None
-    """File of cameras: TOML of anipose, Pose2Sim, caliscope or FreeMoCap, or OpenCV's."""
+    """File of cameras: TOML of anipose, Pose2Sim, caliscope or FreeMoCap, or OpenCV's.
+    """
     name: Text | None = None
-    """The camera of the calibration, by section, name or port; not needed if there is one."""
+    """The camera of the calibration, by section, name or port; not needed if there is
+    one.
+    """
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
         if self.calibration is not None and isinstance(self.focal, float | int):
-            raise ValueError("`focal` and `calibration` both give the focal length; leave one out")
+            raise ValueError(
+                "`focal` and `calibration` both give the focal length; leave one out"
+            )
         if self.calibration is None and self.name is not None:
             raise ValueError("`name` names a camera of a `calibration`; give both")
         if self.focal in ("auto", "none") and self.principal_point is not None:
-            raise ValueError("`principal_point` needs a focal length; give `focal`, too")
+            raise ValueError(
+                "`principal_point` needs a focal length; give `focal`, too"
+            )
         return self
 
 
@@ -65,8 +74,10 @@ class PriorConfig(ConfigModel):
     scale: Auto[Positive] = None
     """Factor on the covariances of the prior; auto: the likeliest of 1, 2, 4 and 8."""
     residual_variance: Auto[Positive] = None
-    """Variance of a normalised coordinate that neither prior nor camera explains; `noise` adds to
-    it. auto: the dictionary's value, times the likeliest of 1, 2, 4 and 8."""
+    """Variance of a normalised coordinate that neither prior nor camera explains;
+    `noise` adds to it. auto: the dictionary's value, times the likeliest of 1, 2, 4 and
+    8.
+    """
     calibration: OptionalInputPath = None
     """error_bars.json of a report of eval, whose factors scale the error bars."""
     bar_scale: Annotated[Positive, HIDDEN] = PosteriorOptions.bar_scale
@@ -79,7 +90,9 @@ class SaveConfig(ConfigModel):
     proof: Auto[bool] = None
     """The certificate for `shapefit verify`; auto: for methods without a prior."""
     covariance: bool = False
-    """The covariance of all landmarks of an image, `shape_covariance` (n, 3p, 3p) (large)."""
+    """The covariance of all landmarks of an image, `shape_covariance` (n, 3p, 3p)
+    (large).
+    """
 
 
 class ExportConfig(ConfigModel):
@@ -98,14 +111,20 @@ class FitConfig(MetresConfig):
 
     landmarks: InputPaths
     """Files of 2D landmarks (- is stdin, CSV), or folders with one file per frame."""
-    dictionary: DictionaryPath = Field(default_factory=lambda: find_dictionaries()["people"])
+    dictionary: DictionaryPath = Field(
+        default_factory=lambda: find_dictionaries()["people"]
+    )
     """Dictionary file that learn-dict wrote, or the name of an installed one."""
     output: OutputOrFolder = UNNAMED
-    """Result file, by its ending (docs/export.md); - is stdout, FOLDER/ one file per part."""
+    """Result file, by its ending (docs/export.md); - is stdout, FOLDER/ one file per
+    part.
+    """
     method: MethodName = Field(
         default=AUTO,
-        description=f"How to lift: {summarise()}. auto: with a prior sequences for videos and "
-        "posterior for single images, otherwise convex.",
+        description=(
+            f"How to lift: {summarise()}. auto: with a prior sequences for videos and "
+            "posterior for single images, otherwise convex."
+        ),
     )
     camera: CameraConfig = section(CameraConfig)
     lam: Positive | Literal["auto"] = Field(default=0.1, alias="lambda")
@@ -113,31 +132,43 @@ class FitConfig(MetresConfig):
     noise: NotNegative | None = None
     """Standard deviation of a landmark's coordinate in pixels."""
     outliers: Literal["none", "ransac", "sparse-error", "l1"] = "none"
-    """Wrong landmarks, without a prior: rejected before the fit (ransac), or a robust loss."""
+    """Wrong landmarks, without a prior: rejected before the fit (ransac), or a robust
+    loss.
+    """
     outlier_threshold: Annotated[Positive | None, HIDDEN] = None
-    """Residual beyond which a landmark is an outlier: 0.25 for ransac, 0.1 for sparse-error."""
+    """Residual beyond which a landmark is an outlier: 0.25 for ransac, 0.1 for
+    sparse-error.
+    """
     tolerance: Auto[Positive] = None
-    """Relative duality gap of a solved image; auto: 1e-6, with a prior 1e-3, of global 0.01."""
+    """Relative duality gap of a solved image; auto: 1e-6, with a prior 1e-3, of global
+    0.01.
+    """
     prior: PriorConfig = section(PriorConfig)
     skeleton: Annotated[
         Auto[dict[Part, Positive]],
         Description("a mapping of head, hips and shoulders to factors > 0, or auto"),
     ] = None
-    """A detector's height of the head and distances of hips and shoulders, times the dictionary's;
-    auto: estimated from the first images."""
+    """A detector's height of the head and distances of hips and shoulders, times the
+    dictionary's; auto: estimated from the first images.
+    """
     leave_one_out: Text | None = None
-    """Dataset with the training shape that the fit of an image must not use, or `item`."""
+    """Dataset with the training shape that the fit of an image must not use, or `item`.
+    """
     save: SaveConfig = section(SaveConfig)
     export: ExportConfig = section(ExportConfig)
     threads: Annotated[int, Field(ge=0, le=1024)] = 0
     """Threads to solve with; 0 is one per core."""
     signed: Annotated[bool, HIDDEN] = False
-    """Coefficients of either sign, for methods that alternate between shape and rotation."""
+    """Coefficients of either sign, for methods that alternate between shape and
+    rotation.
+    """
 
     @model_validator(mode="after")
     def _belong_together(self) -> Self:
         if self.lam == "auto" and self.noise is None:
-            raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
+            raise ValueError(
+                "`lambda: auto` needs `noise`; give the noise of a landmark"
+            )
         if (conflict := find_conflict(self)) is not None:
             raise ValueError(conflict)
         return self

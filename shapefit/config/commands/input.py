@@ -1,4 +1,6 @@
-"""Keys that several commands have: how files are read, how the truth is found, sizes in metres."""
+"""Keys that several commands have: how files are read, how the truth is found, sizes in
+metres.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ class LandmarksConfig(CommandConfig):
     individual: Text | None = None
     """Read only this individual; by default, all."""
     rename: Mapping[str, str] = Field(default_factory=dict)
-    """Landmarks to rename: name in the files -> name in the dictionary or in the results."""
+    """Landmarks to rename: name in the files -> name in the dictionary or in the
+    results.
+    """
     keypoints: Text | None = None
     """Skeleton of files without names, such as body_25b; numbered: 0, 1 and so on."""
     min_confidence: Auto[NotNegative] = None
@@ -31,7 +35,9 @@ class LandmarksConfig(CommandConfig):
     y_axis: Literal["down", "up"] | None = None
     """Direction of y in the images; by default that of the format, or down (pixels)."""
     image_size: Pair[Positive] | None = None
-    """Width and height of the images in pixels; fractions of it (MediaPipe, YOLO) need it."""
+    """Width and height of the images in pixels; fractions of it (MediaPipe, YOLO) need
+    it.
+    """
 
 
 class MetresConfig(LandmarksConfig):
@@ -40,16 +46,21 @@ class MetresConfig(LandmarksConfig):
     frame_rate: Positive | None = None
     """Frames per second of the files, before `every`; by default, as they state it."""
     height: Annotated[float, Field(gt=0, le=3)] | None = None
-    """Height of the body or object, for outputs in metres; by default of the training shapes."""
+    """Height of the body or object, for outputs in metres; by default of the training
+    shapes.
+    """
     markers: Literal["joints", "input"] = "joints"
-    """Markers of a TRC file: joints, or input for the landmarks of the detector by their names."""
+    """Markers of a TRC file: joints, or input for the landmarks of the detector by
+    their names.
+    """
 
 
 class TruthConfig(CommandConfig):
     """How results are compared with the truth."""
 
     match: Text = "item"
-    """What identifies the true shape of an image: `item`; `frame` (and sequence); or a dataset that
-    holds items of the truth."""
+    """What identifies the true shape of an image: `item`; `frame` (and sequence); or a
+    dataset that holds items of the truth.
+    """
     rename: Mapping[str, str] = Field(default_factory=dict)
     """Landmarks of the truth to rename: name in its files -> name in the results."""

@@ -17,7 +17,14 @@ from shapefit.config.commands.input import (
     Text,
     TruthConfig,
 )
-from shapefit.config.model import FROM_LIST, HIDDEN, CommandConfig, ConfigModel, ListOf, section
+from shapefit.config.model import (
+    FROM_LIST,
+    HIDDEN,
+    CommandConfig,
+    ConfigModel,
+    ListOf,
+    section,
+)
 from shapefit.config.paths import (
     UNNAMED,
     Description,
@@ -39,9 +46,13 @@ class PriorConfig(ConfigModel):
     """The prior over shapes that the methods posterior and sequences of `fit` need."""
 
     components: Annotated[int, Field(ge=0, le=1000)] | Literal["auto"] = 0
-    """Gaussians in the mixture; 0 learns none, auto one for every 150 shapes, from 1 to 32."""
+    """Gaussians in the mixture; 0 learns none, auto one for every 150 shapes, from 1 to
+    32.
+    """
     bone_scale: float = Field(default=0.0, ge=0, le=1)
-    """Standard deviation of log bone lengths of varied shapes, whose edges must be a tree."""
+    """Standard deviation of log bone lengths of varied shapes, whose edges must be a
+    tree.
+    """
     exchange: float = Field(default=0.0, ge=0, le=1)
     """Share of the shapes that take limbs from other shapes."""
     shrinkage: Annotated[float, Field(ge=0, lt=1), HIDDEN] = 0.3
@@ -51,29 +62,39 @@ class PriorConfig(ConfigModel):
 
 
 class LearnDictConfig(LandmarksConfig):
-    """Learn a dictionary of rotatable basis shapes from 3D shapes or from 2D landmarks."""
+    """Learn a dictionary of rotatable basis shapes from 3D shapes or from 2D
+    landmarks.
+    """
 
     OUTPUT = "_dictionary.h5"
 
     shapes: InputPaths
     """Files of 3D training shapes, or of 2D landmarks."""
     output: OutputPath = UNNAMED
-    """Dictionary file to write (HDF5); by default NAME_dictionary.h5 in the working directory."""
+    """Dictionary file to write (HDF5); by default NAME_dictionary.h5 in the working
+    directory.
+    """
     landmarks: ListOf[str] | None = Field(default=None, min_length=1)
-    """Landmarks to keep, in this order, by their names after `rename`; by default, all."""
+    """Landmarks to keep, in this order, by their names after `rename`; by default, all.
+    """
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = "sparse-coding"
     """exemplars: every training shape is an atom; pca-bases: for matching pursuit."""
     every: Count | Annotated[Mapping[str, Count], Field(min_length=1)] = 1
-    """Keep every n-th shape of each sequence; of {13_*: 18, "*": 2} the first glob that fits."""
+    """Keep every n-th shape of each sequence; of {13_*: 18, "*": 2} the first glob that
+    fits.
+    """
     align: Literal["all", "none"] = "all"
     """Turn the training shapes onto their mean, or leave them in their common frame."""
     mirror: bool | dict[str, str] = False
-    """Add mirror images: partners such as rhip: lhip, or true for those that the shapes state."""
+    """Add mirror images: partners such as rhip: lhip, or true for those that the shapes
+    state.
+    """
     k: Count = 64
     """Number of atoms of sparse-coding."""
     flip: bool | None = None
-    """Of shapes learned from 2D landmarks: true exchanges near and far, false confirms them. No
-    shape is trusted without, unless cameras decide."""
+    """Of shapes learned from 2D landmarks: true exchanges near and far, false confirms
+    them. No shape is trusted without, unless cameras decide.
+    """
     prior: PriorConfig = section(PriorConfig)
     beta: Annotated[float, Field(ge=0), HIDDEN] = 0.1
     """Weight of the sparsity of the coefficients."""
@@ -85,7 +106,9 @@ Row = Annotated[tuple[float, float, float], FROM_LIST]
 
 
 def _rotation(view: Any) -> Any:
-    """Return the view; raises ValueError for rows that are not orthonormal, determinant +1."""
+    """Return the view; raises ValueError for rows that are not orthonormal, determinant
+    +1.
+    """
     if not isinstance(view, str):
         R = np.array(view)
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
@@ -101,9 +124,12 @@ class CameraConfig(ConfigModel):
         Description("turntable, random, or a rotation as three rows of three numbers"),
         AfterValidator(_rotation),
     ] = "turntable"
-    """One turn per sequence about y, a random rotation per image, or one from object to camera."""
+    """One turn per sequence about y, a random rotation per image, or one from object to
+    camera.
+    """
     scale: Positive | None = None
-    """Pixels per unit of the shape; without it landmarks have the unit of the shapes."""
+    """Pixels per unit of the shape; without it landmarks have the unit of the shapes.
+    """
 
 
 class ProjectConfig(CommandConfig):
@@ -114,14 +140,20 @@ class ProjectConfig(CommandConfig):
     shapes: InputPaths
     """Files of 3D shapes (- is stdin, CSV)."""
     output: OutputPath = UNNAMED
-    """Landmark file to write, HDF5 or CSV; by default NAME_landmarks.h5 in the working folder."""
+    """Landmark file to write, HDF5 or CSV; by default NAME_landmarks.h5 in the working
+    folder.
+    """
     camera: CameraConfig = section(CameraConfig)
     y_axis: Literal["down", "up"] = "down"
     """Direction of y in the landmarks."""
     noise: NotNegative = 0.0
-    """Standard deviation of Gaussian noise on each coordinate, in the unit of the landmarks."""
+    """Standard deviation of Gaussian noise on each coordinate, in the unit of the
+    landmarks.
+    """
     hidden: float = Field(default=0.0, ge=0, lt=1)
-    """Share of landmarks hidden, different ones in each image; at least three remain visible."""
+    """Share of landmarks hidden, different ones in each image; at least three remain
+    visible.
+    """
     seed: int = Field(default=0, ge=0)
     """Seed of every random choice."""
 
@@ -136,7 +168,8 @@ class EvalConfig(TruthConfig):
     truth: InputPaths
     """Files of the true 3D shapes."""
     output: OutputPath = UNNAMED
-    """Folder to write the report to; by default NAME_report in the working directory."""
+    """Folder to write the report to; by default NAME_report in the working directory.
+    """
     groups: Mapping[str, str] = Field(default_factory=dict)
     """Groups of sequences to average over: name -> glob on sequence names."""
     metrics: ListOf[AnyMetric] = Field(
@@ -145,7 +178,8 @@ class EvalConfig(TruthConfig):
     )
     """Errors to measure; those of the outlier labels only where they are named."""
     least_visible: Annotated[int, Field(ge=0), HIDDEN] = 0
-    """Minimum number of visible landmarks of an image; others are counted in a warning."""
+    """Minimum number of visible landmarks of an image; others are counted in a warning.
+    """
     truth_frame: Literal["object", "camera"] = "object"
     """Frame of the true shapes; `object` is turned by the result's `true_rotation`."""
     plots: bool = True
@@ -156,28 +190,37 @@ class ConvertConfig(MetresConfig):
     """Write what files hold in another format."""
 
     files: InputPaths
-    """Files of landmarks, shapes or results, of one kind, or folders with one file per frame."""
+    """Files of landmarks, shapes or results, of one kind, or folders with one file per
+    frame.
+    """
     output: OutputPath
     """File to write, or the folder of meshes; - is stdout (CSV)."""
     dictionary: OptionalDictionaryPath = None
     """Dictionary that a result was fitted with: its meshes or edges are written."""
     to: Text = "auto"
-    """Format to write (docs/export.md), by default that of the output's ending, or HDF5. obj, ply
-    and glb write a mesh of each image of a result into the folder `output`."""
+    """Format to write (docs/export.md), by default that of the output's ending, or
+    HDF5. obj, ply and glb write a mesh of each image of a result into the folder
+    `output`.
+    """
     every: Count = 1
     """Take every n-th item of each sequence, the first one first."""
     unit: Text | None = None
-    """Unit of shapes whose files do not state it (m, cm, mm, ...), for outputs in metres."""
+    """Unit of shapes whose files do not state it (m, cm, mm, ...), for outputs in
+    metres.
+    """
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
-    """Axis of the shapes, or of the world of the camera, that points up and becomes y in metres; by
-    default that of the shapes, or the nearest to up in the image."""
+    """Axis of the shapes, or of the world of the camera, that points up and becomes y
+    in metres; by default that of the shapes, or the nearest to up in the image.
+    """
 
 
 class InfoConfig(CommandConfig):
     """Describe files and print the next command."""
 
     files: InputPaths = ()
-    """Files of any kind, or names of dictionaries; without any, what is installed is listed."""
+    """Files of any kind, or names of dictionaries; without any, what is installed is
+    listed.
+    """
     format: Text = "auto"
     """Format of the files (docs/formats.md); auto recognises it by their content."""
     keypoints: Text | None = None
@@ -188,18 +231,25 @@ class ViewConfig(TruthConfig):
     """Write one HTML page that shows results, to rotate and play."""
 
     files: NamedFiles
-    """Results, shapes or landmarks to show, each with its name; in a list files name themselves."""
+    """Results, shapes or landmarks to show, each with its name; in a list files name
+    themselves.
+    """
     truth: InputPaths = ()
-    """Files of the true 3D shapes, aligned with the first result by the best similarity."""
+    """Files of the true 3D shapes, aligned with the first result by the best
+    similarity.
+    """
     keypoints: Text | None = None
     """Skeleton that names the landmarks of files without names, such as body_25b."""
     dictionary: OptionalDictionaryPath = None
     """Dictionary with the edges and meshes to draw."""
     images: OptionalPath = None
-    """Folder of PNG or JPEG images under the landmarks, named after the items or frames."""
+    """Folder of PNG or JPEG images under the landmarks, named after the items or
+    frames.
+    """
     items: ListOf[str] = ("*",)
     """Items to show: names or globs."""
     frame_rate: Positive | None = None
     """Frames per second; by default, as stated in the files."""
     output: OptionalPath = None
-    """HTML file to write, or PNG or SVG for a sheet of pictures; by default NAME.html."""
+    """HTML file to write, or PNG or SVG for a sheet of pictures; by default NAME.html.
+    """

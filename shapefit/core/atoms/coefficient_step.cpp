@@ -3,8 +3,10 @@
 namespace shapefit {
 namespace {
 
-constexpr double SLACK = 1e-9;  // by which an unused correlation may exceed lambda, as a share of it
-constexpr double DEPENDENT = 1e-11;  // share of an atom's square outside the span of the others
+constexpr double SLACK =
+    1e-9;  // by which an unused correlation may exceed lambda, as a share of it
+constexpr double DEPENDENT =
+    1e-11;  // share of an atom's square outside the span of the others
 
 }  // namespace
 
@@ -46,7 +48,8 @@ double CoefficientStep::mix(double* shape) {
 
 void CoefficientStep::overlaps(long i, const long* used, long m, double* out) const {
     const double* V = projected(i);
-    for (long e = 0; e < m; ++e) out[e] = dot_padded(V, projected(used[e]), 2 * atoms_.row);
+    for (long e = 0; e < m; ++e)
+        out[e] = dot_padded(V, projected(used[e]), 2 * atoms_.row);
 }
 
 bool CoefficientStep::choose(const ActiveSet&, long& next, double& sign) {

@@ -8,8 +8,9 @@ namespace shapefit {
 
 // argmin_c 1/2 ||w - sum_i c_i Rbar B_i||_F^2 + lam ||c||_1, over c >= 0 unless signed.
 //
-// At the end used atoms have correlation sign(c_i) lam with the residual, others at most
-// lam (1 + SLACK). Also the `Terms` of the active-set method: V_i = Rbar B_i, h_i = <V_i, w>.
+// At the end used atoms have correlation sign(c_i) lam with the residual, others at
+// most lam (1 + SLACK). Also the `Terms` of the active-set method: V_i = Rbar B_i, h_i
+// = <V_i, w>.
 class CoefficientStep {
   public:
     static constexpr bool scaled = false;
@@ -31,7 +32,9 @@ class CoefficientStep {
     // shape (3, row) = sum_i c_i B_i; returns ||c||_1.
     double mix(double* shape);
 
-    double square(long i) const { return dot_padded(projected(i), projected(i), 2 * atoms_.row); }
+    double square(long i) const {
+        return dot_padded(projected(i), projected(i), 2 * atoms_.row);
+    }
     void overlaps(long i, const long* used, long m, double* out) const;
     double linear_term(long i, double sign) const { return along_[i] - lam_ * sign; }
     bool choose(const ActiveSet& used, long& next, double& sign);
@@ -47,10 +50,10 @@ class CoefficientStep {
     const double* R_ = nullptr;
     double lam_ = 0;
     bool is_signed_ = false;
-    double* projected_;    // V (k, 2 row), of those that are or were used at R
-    double* along_;        // h (k,), of the same
-    double* residual_;     // (2 row,)
-    double* back_;         // Rbar^T residual (3 q,)
+    double* projected_;  // V (k, 2 row), of those that are or were used at R
+    double* along_;      // h (k,), of the same
+    double* residual_;   // (2 row,)
+    double* back_;       // Rbar^T residual (3 q,)
     double *correlation_, *magnitudes_;  // (padded_atoms,)
 };
 

@@ -23,7 +23,8 @@ void Reduction::find(Vector<const double> omega) {
     for (long m = 0; m < visible_count; ++m) h[m] *= scale;
 }
 
-void Reduction::reduce(const double* x, const double* omega, double* out, double anchor) const {
+void Reduction::reduce(const double* x, const double* omega, double* out,
+                       double anchor) const {
     double along = 0;
     for (long m = 0; m < visible_count; ++m)
         along += (x[visible[m]] - anchor) * omega[visible[m]] * h[m];
@@ -63,17 +64,20 @@ template <int count>
                 sums[3 + b][v] += y1[j] * atoms;
             }
     for (int e = 0; e < 6; ++e)
-        for (int v = 0; v < count; ++v) store(N + e * B.padded_atoms + i + v * WIDTH, sums[e][v]);
+        for (int v = 0; v < count; ++v)
+            store(N + e * B.padded_atoms + i + v * WIDTH, sums[e][v]);
 }
 
 template <int count>
-[[gnu::always_inline]] inline void find_some(const Planes& B, const double* X, double* out, long i) {
+[[gnu::always_inline]] inline void find_some(const Planes& B, const double* X,
+                                             double* out, long i) {
     Doubles sums[3][count] = {};
     for (long j = 0; j < B.columns; ++j)
         for (int b = 0; b < 3; ++b)
             for (int v = 0; v < count; ++v)
                 sums[b][v] += X[b * B.columns + j] * load(B.at(b, j, i + v * WIDTH));
-    for (int v = 0; v < count; ++v) store(out + i + v * WIDTH, sums[0][v] + sums[1][v] + sums[2][v]);
+    for (int v = 0; v < count; ++v)
+        store(out + i + v * WIDTH, sums[0][v] + sums[1][v] + sums[2][v]);
 }
 
 }  // namespace
@@ -89,7 +93,8 @@ void correlate(const Planes& B, const double* y0, const double* y1, double* N) {
 void find_inner_products(const Planes& B, const double* X, double* out) {
     constexpr int MANY = 4;
     long i = 0;
-    for (; i + MANY * WIDTH <= B.padded_atoms; i += MANY * WIDTH) find_some<MANY>(B, X, out, i);
+    for (; i + MANY * WIDTH <= B.padded_atoms; i += MANY * WIDTH)
+        find_some<MANY>(B, X, out, i);
     for (; i < B.padded_atoms; i += WIDTH) find_some<1>(B, X, out, i);
 }
 
@@ -106,7 +111,8 @@ double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
             }
             for (long m = 0; m < q(); ++m) {
                 const long j = reduction.visible[m];
-                const Doubles x = omega[j] * load(all_.at(b, j, i)) - reduction.h[m] * along;
+                const Doubles x =
+                    omega[j] * load(all_.at(b, j, i)) - reduction.h[m] * along;
                 squares += x * x;
                 store(planes.at(b, m, i), x);
             }
@@ -135,7 +141,8 @@ void ReducedAtoms::resize(long coordinates) {
 const double* ReducedAtoms::lay(long i) {
     double* B = rows_ + i * 3 * row;
     for (int b = 0; b < 3; ++b)
-        for (long j = 0; j < row; ++j) B[b * row + j] = j < q() ? *planes.at(b, j, i) : 0;
+        for (long j = 0; j < row; ++j)
+            B[b * row + j] = j < q() ? *planes.at(b, j, i) : 0;
     laid_[i] = true;
     return B;
 }

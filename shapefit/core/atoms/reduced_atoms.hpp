@@ -1,10 +1,10 @@
-// Atoms and landmarks of an image without the translation: p weighted landmarks -> q = p_visible - 1
-// coordinates.
+// Atoms and landmarks of an image without the translation: p weighted landmarks -> q =
+// p_visible - 1 coordinates.
 //
-// The optimal T makes the weighted residual orthogonal to omega, so nothing is lost by turning the
-// space of landmarks until omega is the last axis (a Householder reflection I - h h^T) and dropping
-// that axis: w = (W o omega)(I - h h^T), B_i likewise. For the quadratic losses this is the same as
-// centring with weights omega^2.
+// The optimal T makes the weighted residual orthogonal to omega, so nothing is lost by
+// turning the space of landmarks until omega is the last axis (a Householder reflection
+// I - h h^T) and dropping that axis: w = (W o omega)(I - h h^T), B_i likewise. For the
+// quadratic losses this is the same as centring with weights omega^2.
 #pragma once
 
 #include "../base/memory.hpp"
@@ -13,9 +13,9 @@
 namespace shapefit {
 
 struct Reduction {
-    long visible_count = 0;         // visible landmarks; q = visible_count - 1
-    Vector<long> visible;  // (p,) their indices
-    Vector<double> h;      // (p,) the reflection that maps omega to the last axis
+    long visible_count = 0;  // visible landmarks; q = visible_count - 1
+    Vector<long> visible;    // (p,) their indices
+    Vector<double> h;        // (p,) the reflection that maps omega to the last axis
 
     Reduction(Workspace& workspace, long p)
         : visible(workspace.vector<long>(p)), h(workspace.vector<double>(p)) {}
@@ -26,23 +26,28 @@ struct Reduction {
     void find(Vector<const double> omega);
 
     // out = the first q entries of ((x - anchor) o omega)(I - h h^T); x and omega (p,).
-    void reduce(const double* x, const double* omega, double* out, double anchor = 0) const;
+    void reduce(const double* x, const double* omega, double* out,
+                double anchor = 0) const;
 
-    // Landmarks W (2, p) likewise, in rows `stride` apart: from the first one that is seen, so that
-    // no digits are lost where they are far from the origin, and those on one point are exactly 0.
-    void reduce_landmarks(Matrix<const double> W, const double* omega, double* out, long stride) const {
+    // Landmarks W (2, p) likewise, in rows `stride` apart: from the first one that is
+    // seen, so that no digits are lost where they are far from the origin, and those on
+    // one point are exactly 0.
+    void reduce_landmarks(Matrix<const double> W, const double* omega, double* out,
+                          long stride) const {
         for (int a = 0; a < 2; ++a)
             reduce(W[a].data, omega, out + a * stride, W[a][visible[0]]);
     }
 
-    // out = [y 0](I - h h^T) at the visible landmarks, 0 elsewhere: orthogonal to omega. out (p,).
+    // out = [y 0](I - h h^T) at the visible landmarks, 0 elsewhere: orthogonal to
+    // omega. out (p,).
     void expand(const double* y, double* out, long p) const;
 };
 
-// Atoms with the atoms innermost, PADDING of them together, in the order in which they are read.
+// Atoms with the atoms innermost, PADDING of them together, in the order in which they
+// are read.
 //
-// Blocks of all atoms lie as six rows of `padded` numbers: entry (a, b) of block i is in row
-// 3 a + b, so that loops over atoms vectorise. Zero atoms fill the last vector.
+// Blocks of all atoms lie as six rows of `padded` numbers: entry (a, b) of block i is
+// in row 3 a + b, so that loops over atoms vectorise. Zero atoms fill the last vector.
 struct Planes {
     double* data = nullptr;  // (padded / PADDING, columns, 3, PADDING)
     long columns = 0;
@@ -68,9 +73,9 @@ void find_inner_products(const Planes& B, const double* X, double* out);
 // The atoms of one image after another.
 class ReducedAtoms {
   public:
-    const long k;     // atoms
-    Planes planes;    // B (3, q, padded)
-    long row = 0;     // q, padded
+    const long k;   // atoms
+    Planes planes;  // B (3, q, padded)
+    long row = 0;   // q, padded
 
     // Room for reductions of all atoms.
     ReducedAtoms(Workspace& workspace, const Planes& all, long k)
@@ -89,7 +94,8 @@ class ReducedAtoms {
     // The atoms as they are: q = p.
     void copy();
 
-    // B_i (3, row). Few atoms of an image are ever used: rows are laid when they are asked for.
+    // B_i (3, row). Few atoms of an image are ever used: rows are laid when they are
+    // asked for.
     const double* operator[](long i) { return laid_[i] ? rows_ + i * 3 * row : lay(i); }
 
   private:
@@ -108,8 +114,8 @@ struct ReducedImage {
           atoms(workspace, find_planes(all, workspace), all.size[0]),
           w(workspace.zeros<double>(2 * padded(all.size[2]))) {}
 
-    // Reduce landmarks W (2, p), and the atoms unless the weights are the last image's; false where
-    // fewer than two landmarks are seen.
+    // Reduce landmarks W (2, p), and the atoms unless the weights are the last image's;
+    // false where fewer than two landmarks are seen.
     bool take(Matrix<const double> W, Vector<const double> weights);
 
     Reduction reduction;

@@ -1,4 +1,5 @@
-// Lower triangles of lanes, in tiles of 4 rows and columns whose sums of products stay in registers.
+// Lower triangles of lanes, in tiles of 4 rows and columns whose sums of products stay
+// in registers.
 #pragma once
 
 #include "lanes.hpp"
@@ -24,8 +25,9 @@ struct Triangle {
 
 // sums_rc += sum_k a(k, r) b(k, c) for first <= k < last.
 template <class Lanes, int columns, class A, class B>
-[[gnu::always_inline]] inline void add_products(Lanes (&sums)[TILE][columns], long first, long last,
-                                                const A& a, const B& b) {
+[[gnu::always_inline]] inline void add_products(Lanes (&sums)[TILE][columns],
+                                                long first, long last, const A& a,
+                                                const B& b) {
     for (long k = first; k < last; ++k) {
         Lanes x[TILE], y[columns];
 #pragma GCC unroll 4
@@ -44,7 +46,8 @@ using Tile = Lanes[TILE][TILE];
 
 // X <- (X - sums) L^-T for a tile X beside a tile L on the diagonal.
 template <class Lanes>
-[[gnu::always_inline]] inline void solve_tile(Lanes* const* x, Tile<Lanes>& sums, const Lanes* const* L,
+[[gnu::always_inline]] inline void solve_tile(Lanes* const* x, Tile<Lanes>& sums,
+                                              const Lanes* const* L,
                                               const Lanes* reciprocal) {
 #pragma GCC unroll 4
     for (int c = 0; c < TILE; ++c)
@@ -59,7 +62,8 @@ template <class Lanes>
 
 // The Cholesky factor of a tile less sums; returns log det.
 template <class Lanes>
-[[gnu::always_inline]] inline Lanes factorise_tile(Lanes* const* x, Tile<Lanes>& sums, Lanes* reciprocal) {
+[[gnu::always_inline]] inline Lanes factorise_tile(Lanes* const* x, Tile<Lanes>& sums,
+                                                   Lanes* reciprocal) {
     Lanes product = all<Lanes>(1.0);
 #pragma GCC unroll 4
     for (int c = 0; c < TILE; ++c) {
@@ -80,7 +84,8 @@ template <class Lanes>
 
 // X <- -L^-1 X for the sums X beside a tile L on the diagonal.
 template <class Lanes>
-[[gnu::always_inline]] inline void solve_back(Tile<Lanes>& X, Lanes* const* L, const Lanes* reciprocal) {
+[[gnu::always_inline]] inline void solve_back(Tile<Lanes>& X, Lanes* const* L,
+                                              const Lanes* reciprocal) {
 #pragma GCC unroll 4
     for (int r = 0; r < TILE; ++r)
 #pragma GCC unroll 4
@@ -98,19 +103,18 @@ Lanes factorise(long n, Triangle<Lanes> S, Lanes* reciprocal) {
     Lanes log_det = {};
     for (long i = 0; i < n; i += TILE)
         for (long j = 0; j <= i; j += TILE) {
-            Lanes *a[TILE] = {S[i], S[i + 1], S[i + 2], S[i + 3]};
-            Lanes *b[TILE] = {S[j], S[j + 1], S[j + 2], S[j + 3]};
+            Lanes* a[TILE] = {S[i], S[i + 1], S[i + 2], S[i + 3]};
+            Lanes* b[TILE] = {S[j], S[j + 1], S[j + 2], S[j + 3]};
             Tile<Lanes> sums = {};
-            add_products(sums, 0, j, [=](long k, int r) { return a[r][k]; },
-                         [=](long k, int c) { return b[c][k]; });
+            add_products(
+                sums, 0, j, [=](long k, int r) { return a[r][k]; },
+                [=](long k, int c) { return b[c][k]; });
             for (int r = 0; r < TILE; ++r) {
                 a[r] += j;
                 b[r] += j;
             }
-            if (j < i)
-                solve_tile(a, sums, b, reciprocal + j);
-            else
-                log_det += factorise_tile(a, sums, reciprocal + i);
+            if (j < i) solve_tile(a, sums, b, reciprocal + j);
+            else log_det += factorise_tile(a, sums, reciprocal + i);
         }
     return log_det;
 }
@@ -119,12 +123,13 @@ Lanes factorise(long n, Triangle<Lanes> S, Lanes* reciprocal) {
 template <class Lanes>
 void invert(long n, Triangle<Lanes> L, const Lanes* reciprocal) {
     for (long i = 0; i < n; i += TILE) {
-        Lanes *a[TILE] = {L[i], L[i + 1], L[i + 2], L[i + 3]};
+        Lanes* a[TILE] = {L[i], L[i + 1], L[i + 2], L[i + 3]};
         Lanes* diagonal[TILE] = {a[0] + i, a[1] + i, a[2] + i, a[3] + i};
         for (long j = 0; j <= i; j += TILE) {
             Tile<Lanes> sums = {};
-            add_products(sums, j, i, [=](long k, int r) { return a[r][k]; },
-                         [=](long k, int c) { return L[k][j + c]; });
+            add_products(
+                sums, j, i, [=](long k, int r) { return a[r][k]; },
+                [=](long k, int c) { return L[k][j + c]; });
             if (j == i)
                 for (int r = 0; r < TILE; ++r) sums[r][r] = all<Lanes>(-1.0);
             solve_back(sums, diagonal, reciprocal + i);
@@ -142,8 +147,9 @@ template <int count, class Lanes>
                                             Lanes* __restrict out) {
     for (long i = 0; i < n; i += TILE) {
         Lanes sums[TILE][count] = {};
-        add_products(sums, 0, i + TILE, [&](long k, int r) { return M[i + r][k]; },
-                     [&](long k, int v) { return x[v * n + k]; });
+        add_products(
+            sums, 0, i + TILE, [&](long k, int r) { return M[i + r][k]; },
+            [&](long k, int v) { return x[v * n + k]; });
         for (int r = 0; r < TILE; ++r)
             for (int v = 0; v < count; ++v) out[v * n + i + r] = sums[r][v];
     }
@@ -151,12 +157,14 @@ template <int count, class Lanes>
 
 // out_v = M^T x_v likewise.
 template <int count, class Lanes>
-[[gnu::always_inline]] inline void multiply_transposed(long n, Triangle<Lanes> M, const Lanes* x,
+[[gnu::always_inline]] inline void multiply_transposed(long n, Triangle<Lanes> M,
+                                                       const Lanes* x,
                                                        Lanes* __restrict out) {
     for (long i = 0; i < n; i += TILE) {
         Lanes sums[TILE][count] = {};
-        add_products(sums, i, n, [&](long k, int r) { return M[k][i + r]; },
-                     [&](long k, int v) { return x[v * n + k]; });
+        add_products(
+            sums, i, n, [&](long k, int r) { return M[k][i + r]; },
+            [&](long k, int v) { return x[v * n + k]; });
         for (int r = 0; r < TILE; ++r)
             for (int v = 0; v < count; ++v) out[v * n + i + r] = sums[r][v];
     }

@@ -1,4 +1,5 @@
-// Functions of numbers, and of vectors of numbers as wide as the instruction set has them.
+// Functions of numbers, and of vectors of numbers as wide as the instruction set has
+// them.
 #pragma once
 
 #include <stdint.h>
@@ -7,7 +8,8 @@
 
 namespace shapefit {
 
-// The compiler knows them without <math.h>, which takes longer to read than most kernels.
+// The compiler knows them without <math.h>, which takes longer to read than most
+// kernels.
 constexpr double INFINITE = __builtin_huge_val();
 constexpr double NOT_A_NUMBER = __builtin_nan("");
 constexpr double TINY = 1e-300;  // in place of a zero divisor
@@ -39,8 +41,8 @@ constexpr int WIDTH = 2;
 typedef double Doubles __attribute__((vector_size(WIDTH * sizeof(double))));
 // Twice as many in single precision.
 typedef float Singles __attribute__((vector_size(WIDTH * sizeof(double))));
-typedef double LooseDoubles
-    __attribute__((vector_size(WIDTH * sizeof(double)), aligned(sizeof(double)), may_alias));
+typedef double LooseDoubles __attribute__((vector_size(WIDTH * sizeof(double)),
+                                           aligned(sizeof(double)), may_alias));
 
 // Rows are padded with zeros to this many numbers, whatever the width.
 constexpr long PADDING = 8;
@@ -52,10 +54,12 @@ inline Doubles load(const double* x) {
 inline void store(double* x, Doubles value) {
     *reinterpret_cast<LooseDoubles*>(x) = value;
 }
-// What <immintrin.h> names _mm_sqrt_pd and so on, without the seconds that it takes to read.
+// What <immintrin.h> names _mm_sqrt_pd and so on, without the seconds that it takes to
+// read.
 inline Doubles root(Doubles x) {
 #if defined(__AVX512F__) && !defined(__clang__)
-    return __builtin_ia32_sqrtpd512_mask(x, x, -1, 4);  // all lanes, rounded as elsewhere
+    return __builtin_ia32_sqrtpd512_mask(x, x, -1,
+                                         4);  // all lanes, rounded as elsewhere
 #elif defined(__AVX__) && !defined(__clang__)
     return __builtin_ia32_sqrtpd256(x);
 #elif defined(__SSE2__) && !defined(__clang__)
@@ -84,7 +88,8 @@ inline Singles smaller(Singles a, Singles b) { return a < b ? a : b; }
 inline Doubles magnitude(Doubles x) { return x < 0.0 ? -x : x; }
 // All lanes alike.
 inline Doubles all(double x) { return Doubles{} + x; }
-// For functions of lanes of either precision: what a lane holds, how many there are, all alike.
+// For functions of lanes of either precision: what a lane holds, how many there are,
+// all alike.
 template <class Lanes>
 using Number = std::remove_cvref_t<decltype(Lanes{}[0])>;
 template <class Lanes>
@@ -107,16 +112,28 @@ inline double sum(Doubles x) {
 
 inline Doubles square(Doubles x) { return x * x; }
 
-// exp(x) without a call, so that a loop over many x becomes vector instructions: to a relative
-// error of 1 + |x| roundings, for |x| < 700; its values there beyond.
+// exp(x) without a call, so that a loop over many x becomes vector instructions: to a
+// relative error of 1 + |x| roundings, for |x| < 700; its values there beyond.
 //
-// x = e log 2 + f with |f| <= log(2) / 2: then exp x = 2^e (1 + f + f^2 / 2! + ... + f^13 / 13!).
+// x = e log 2 + f with |f| <= log(2) / 2: then exp x = 2^e (1 + f + f^2 / 2! + ... +
+// f^13 / 13!).
 inline double power_of_e(double x) {
     x = larger(smaller(x, 700.0), -700.0);
     const double e = __builtin_floor(x * 0x1.71547652b82fep0 + 0.5);
     const double f = x - e * 0x1.62e42fefa39efp-1;
-    constexpr double TERMS[] = {1.0, 1.0, 1.0 / 2, 1.0 / 6, 1.0 / 24, 1.0 / 120, 1.0 / 720, 1.0 / 5040,
-                                1.0 / 40320, 1.0 / 362880, 1.0 / 3628800, 1.0 / 39916800, 1.0 / 479001600};
+    constexpr double TERMS[] = {1.0,
+                                1.0,
+                                1.0 / 2,
+                                1.0 / 6,
+                                1.0 / 24,
+                                1.0 / 120,
+                                1.0 / 720,
+                                1.0 / 5040,
+                                1.0 / 40320,
+                                1.0 / 362880,
+                                1.0 / 3628800,
+                                1.0 / 39916800,
+                                1.0 / 479001600};
     double series = 1.0 / 6227020800;
 #pragma GCC unroll 13
     for (int term = 13; term-- > 0;) series = series * f + TERMS[term];
@@ -124,11 +141,12 @@ inline double power_of_e(double x) {
     return series * __builtin_bit_cast(double, exponent);
 }
 
-// log(1 + x) without a call, likewise: for finite x >= 0, to a relative error of a few roundings;
-// nan for nan.
+// log(1 + x) without a call, likewise: for finite x >= 0, to a relative error of a few
+// roundings; nan for nan.
 //
-// 1 + x = 2^e (1 + f) with 1 + f in [0.7, 1.42), and e = 0, f = x without rounding for small x:
-// then log(1 + f) = 2 atanh(s) = 2 s (1 + s^2 / 3 + s^4 / 5 + ...) at s = f / (2 + f), |s| < 0.172.
+// 1 + x = 2^e (1 + f) with 1 + f in [0.7, 1.42), and e = 0, f = x without rounding for
+// small x: then log(1 + f) = 2 atanh(s) = 2 s (1 + s^2 / 3 + s^4 / 5 + ...) at s = f /
+// (2 + f), |s| < 0.172.
 inline double log_of_one_plus(double x) {
     constexpr uint64_t HALF_ROOT = 0x3fe6a09e00000000;  // the bits of sqrt(1/2), nearly
     constexpr uint64_t WHOLE = 0x4330000000000000;      // those of 2^52
@@ -136,7 +154,8 @@ inline double log_of_one_plus(double x) {
     const uint64_t exponent = (bits - HALF_ROOT) >> 52;
     const bool small = !(x >= 0.41);  // nan too, which stays
     const double mantissa = __builtin_bit_cast(double, bits - (exponent << 52));
-    const double e = small ? 0.0 : __builtin_bit_cast(double, exponent | WHOLE) - 0x1p52;
+    const double e =
+        small ? 0.0 : __builtin_bit_cast(double, exponent | WHOLE) - 0x1p52;
     const double f = small ? x : mantissa - 1.0;
     const double s = f / (2.0 + f), z = s * s;
     double series = 1.0 / 19;

@@ -1,4 +1,5 @@
-// Views of row-major arrays that Python owns, a pointer and the sizes, and memory of a kernel.
+// Views of row-major arrays that Python owns, a pointer and the sizes, and memory of a
+// kernel.
 #pragma once
 
 #include <string.h>
@@ -61,9 +62,9 @@ struct Range {
     long last = 0;
 };
 
-// Images of one block may start from one another's solutions; each block starts afresh. Its
-// length is fixed, so that no result depends on the number of threads, nor on how a file is cut into
-// batches of whole blocks.
+// Images of one block may start from one another's solutions; each block starts afresh.
+// Its length is fixed, so that no result depends on the number of threads, nor on how a
+// file is cut into batches of whole blocks.
 constexpr long IMAGES_PER_BLOCK = 64;
 
 // From outside the code of any instruction set.
@@ -89,7 +90,8 @@ class Workspace {
     // `count` zeros, aligned to 64 bytes and followed by a vector's worth of padding.
     template <class T>
     T* zeros(long count) {
-        const size_t bytes = (static_cast<size_t>(count) * sizeof(T) + 63) / 64 * 64 + 64;
+        const size_t bytes =
+            (static_cast<size_t>(count) * sizeof(T) + 63) / 64 * 64 + 64;
         Block* block = static_cast<Block*>(
             ::operator new(sizeof(Block) + bytes, std::align_val_t{64}, std::nothrow));
         if (!block) raise_out_of_memory(static_cast<long>(bytes));

@@ -2,13 +2,15 @@
 //
 //   const Exported<solve_convex> exported{"solve_convex"};
 //
-// A kernel takes its data and a range of images, and is called on several threads; another function
-// takes its data and is called once, and may return a count.
+// A kernel takes its data and a range of images, and is called on several threads;
+// another function takes its data and is called once, and may return a count.
 //
-// The arguments of a kernel, listed once: the members of its data, each with its name and shape.
+// The arguments of a kernel, listed once: the members of its data, each with its name
+// and shape.
 //
-// From the list follow the keywords of the Python function, its signature and the checks. Sizes of
-// one name are one size: "n 2 p", "n 3p 3p", "1+k"; "n p?" may also be an array without elements.
+// From the list follow the keywords of the Python function, its signature and the
+// checks. Sizes of one name are one size: "n 2 p", "n 3p 3p", "1+k"; "n p?" may also be
+// an array without elements.
 #pragma once
 
 #include <stdint.h>
@@ -36,7 +38,13 @@ struct AnyArray {
 
 // How the work on an image ended, in the order of `Status` in convex/solver.py.
 struct Status {
-    enum : int64_t { OPTIMAL, CONVERGED, ITERATION_LIMIT, DEGENERATE, NUMERICAL_FAILURE };
+    enum : int64_t {
+        OPTIMAL,
+        CONVERGED,
+        ITERATION_LIMIT,
+        DEGENERATE,
+        NUMERICAL_FAILURE
+    };
 };
 
 class Arguments;
@@ -53,19 +61,24 @@ struct Argument {
     operator bool() const;
 };
 
-// Those of a call, or of none, when only the list is wanted; and what the call gives back.
+// Those of a call, or of none, when only the list is wanted; and what the call gives
+// back.
 class Arguments {
   public:
-    Argument operator()(const char* name, const char* shape = "") { return {*this, name, shape}; }
+    Argument operator()(const char* name, const char* shape = "") {
+        return {*this, name, shape};
+    }
 
     virtual void take(const Argument& argument, AnyArray& array) = 0;
     virtual double take_number(const Argument& argument) = 0;
     virtual long take_count(const Argument& argument) = 0;
     virtual bool take_flag(const Argument& argument) = 0;
 
-    // After the last argument of a function that is called once: whether it is to be called.
+    // After the last argument of a function that is called once: whether it is to be
+    // called.
     virtual bool begin() = 0;
-    // Likewise of a kernel: call it on ranges that cover all images, on several threads.
+    // Likewise of a kernel: call it on ranges that cover all images, on several
+    // threads.
     virtual void run(void (*kernel)(const void* data, Range), const void* data) = 0;
     // What the function returns.
     virtual void give_count(long value) = 0;
@@ -110,7 +123,8 @@ struct Caller<kernel> {
     static constexpr bool silent = true;
     static void call(Arguments& from) {
         const Data data{from};
-        from.run([](const void* all, Range range) { kernel(*static_cast<const Data*>(all), range); },
+        from.run([](const void* all,
+                    Range range) { kernel(*static_cast<const Data*>(all), range); },
                  &data);
     }
 };
@@ -121,10 +135,8 @@ struct Caller<function> {
     static void call(Arguments& from) {
         const Data data{from};
         if (!from.begin()) return;
-        if constexpr (std::is_void_v<Result>)
-            function(data);
-        else
-            from.give_count(function(data));
+        if constexpr (std::is_void_v<Result>) function(data);
+        else from.give_count(function(data));
     }
 };
 

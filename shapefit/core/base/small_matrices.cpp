@@ -6,16 +6,19 @@ namespace shapefit {
 namespace {
 
 // row -= share other, from the vector of column j on.
-void subtract(double* __restrict row, double share, const double* other, long j, long end) {
+void subtract(double* __restrict row, double share, const double* other, long j,
+              long end) {
     for (long c = j / PADDING * PADDING; c < end; ++c) row[c] -= share * other[c];
 }
 
-// U in the place of four rows, which have lost what the rows above take; false where S has no U.
+// U in the place of four rows, which have lost what the rows above take; false where S
+// has no U.
 bool factorise_rows(double* S, long i, long stride, double& log_det) {
     double product = 1;
     for (long r = i; r < i + TILE_ROWS; ++r) {
         double* row = S + r * stride;
-        for (long m = i; m < r; ++m) subtract(row, S[m * stride + r], S + m * stride, r, stride);
+        for (long m = i; m < r; ++m)
+            subtract(row, S[m * stride + r], S + m * stride, r, stride);
         if (!(row[r] > TINY)) return false;
         product *= row[r];
         const double pivot = root(row[r]), inverse = 1 / pivot;
@@ -26,11 +29,13 @@ bool factorise_rows(double* S, long i, long stride, double& log_det) {
     return true;
 }
 
-// V_r = (e_r - sum_(k < r) U_kr V_k) / U_rr for four rows, which have lost what the rows above take.
+// V_r = (e_r - sum_(k < r) U_kr V_k) / U_rr for four rows, which have lost what the
+// rows above take.
 void invert_rows(const double* U, double* V, long i, long stride) {
     for (long r = i; r < i + TILE_ROWS; ++r) {
         double* row = V + r * stride;
-        for (long m = i; m < r; ++m) subtract(row, U[m * stride + r], V + m * stride, 0, padded(r));
+        for (long m = i; m < r; ++m)
+            subtract(row, U[m * stride + r], V + m * stride, 0, padded(r));
         const double inverse = 1 / U[r * stride + r];
         for (long c = 0; c < padded(r); ++c) row[c] *= inverse;
         row[r] = inverse;
@@ -43,14 +48,14 @@ double cholesky_inverse(double* S, double* V, long n, long stride) {
     double log_det = 0;
     for (long i = 0; i < n; i += TILE_ROWS) {
         const long from = i / PADDING * PADDING;
-        add_product(-1, transposed(S + i, stride), S + from, S + i * stride + from, TILE_ROWS,
-                    stride - from, stride, stride, every(i));
+        add_product(-1, transposed(S + i, stride), S + from, S + i * stride + from,
+                    TILE_ROWS, stride - from, stride, stride, every(i));
         if (!factorise_rows(S, i, stride, log_det)) return NOT_A_NUMBER;
     }
     for (long e = 0; e < n * stride; ++e) V[e] = 0;
     for (long i = 0; i < n; i += TILE_ROWS) {
-        add_product(-1, transposed(S + i, stride), V, V + i * stride, TILE_ROWS, padded(i), stride,
-                    stride, from_column(i));
+        add_product(-1, transposed(S + i, stride), V, V + i * stride, TILE_ROWS,
+                    padded(i), stride, stride, from_column(i));
         invert_rows(S, V, i, stride);
     }
     return log_det;
@@ -58,7 +63,8 @@ double cholesky_inverse(double* S, double* V, long n, long stride) {
 
 void multiply_out(const double* V, double* C, long n, long stride) {
     for (long e = 0; e < n * stride; ++e) C[e] = 0;
-    add_product(1, transposed(V, stride), V, C, n, stride, stride, stride, upper_from_column(n));
+    add_product(1, transposed(V, stride), V, C, n, stride, stride, stride,
+                upper_from_column(n));
 }
 
 void mirror(double* C, long n, long stride) {
@@ -78,7 +84,8 @@ double norm(Matrix<const double> A) {
 }
 
 // (x, y) <- (c x - s y, s x + c y)
-void rotate_rows(double c, double s, double* __restrict x, double* __restrict y, long count) {
+void rotate_rows(double c, double s, double* __restrict x, double* __restrict y,
+                 long count) {
     for (long e = 0; e < count; ++e) {
         const double before = x[e];
         x[e] = c * before - s * y[e];
@@ -91,7 +98,8 @@ void rotate(Matrix<double> A, Matrix<double> V, long p, long q) {
     const long m = A.size[0];
     const double pp = A[p][p], qq = A[q][q], pq = A[p][q];
     const double ratio = (qq - pp) / (2 * pq);
-    const double tangent = copysign(1.0, ratio) / (magnitude(ratio) + root(1 + square(ratio)));
+    const double tangent =
+        copysign(1.0, ratio) / (magnitude(ratio) + root(1 + square(ratio)));
     const double c = 1 / root(1 + square(tangent)), s = c * tangent;
     rotate_rows(c, s, A[p].data, A[q].data, m);
     rotate_rows(c, s, V[p].data, V[q].data, m);

@@ -1,5 +1,5 @@
-// Sums over rows of numbers and products of small dense matrices, in vector instructions. Padded rows
-// end in zeros up to a multiple of PADDING.
+// Sums over rows of numbers and products of small dense matrices, in vector
+// instructions. Padded rows end in zeros up to a multiple of PADDING.
 #pragma once
 
 #include "lanes.hpp"
@@ -25,7 +25,8 @@ inline bool are_equal(const double* x, const double* y, long n) {
 }
 
 // <a, b> of padded rows.
-[[gnu::always_inline]] inline double dot_padded(const double* a, const double* b, long n) {
+[[gnu::always_inline]] inline double dot_padded(const double* a, const double* b,
+                                                long n) {
     Doubles even = {}, odd = {};
     long i = 0;
     for (; i + 2 * WIDTH <= n; i += 2 * WIDTH) {
@@ -45,8 +46,9 @@ inline void find_gram(const double* S, long row, double* P) {
 
 // `count` vectors from `column` of sum_r x_r row_r; see mix_rows.
 template <int count>
-[[gnu::always_inline]] inline void mix_columns(const double* x, long m, const double* rows,
-                                               long stride, long column, double* out) {
+[[gnu::always_inline]] inline void mix_columns(const double* x, long m,
+                                               const double* rows, long stride,
+                                               long column, double* out) {
     Doubles sums[count] = {};
     for (long r = 0; r < m; ++r)
         for (int v = 0; v < count; ++v)
@@ -54,13 +56,13 @@ template <int count>
     for (int v = 0; v < count; ++v) store(out + column + v * WIDTH, sums[v]);
 }
 
-// The last `left` vectors, at most `most`, all at once: each sum alone would wait for itself.
+// The last `left` vectors, at most `most`, all at once: each sum alone would wait for
+// itself.
 template <int most>
 [[gnu::always_inline]] inline void mix_last_columns(long left, const double* x, long m,
-                                                    const double* rows, long stride, long column,
-                                                    double* out) {
-    if (left == most)
-        mix_columns<most>(x, m, rows, stride, column, out);
+                                                    const double* rows, long stride,
+                                                    long column, double* out) {
+    if (left == most) mix_columns<most>(x, m, rows, stride, column, out);
     else if constexpr (most > 1)
         mix_last_columns<most - 1>(left, x, m, rows, stride, column, out);
 }
@@ -77,14 +79,16 @@ inline void mix_rows(const double* x, long m, const double* rows, long stride, l
 
 // y -= sum_e x_e row_(index_e) for m rows of n numbers.
 inline void subtract_mixture(double* __restrict y, const double* __restrict x,
-                             const long* __restrict index, long m, const double* __restrict rows,
-                             long stride, long n) {
+                             const long* __restrict index, long m,
+                             const double* __restrict rows, long stride, long n) {
     long e = 0;
     for (; e + 4 <= m; e += 4) {
         const double *r0 = rows + index[e] * stride, *r1 = rows + index[e + 1] * stride;
-        const double *r2 = rows + index[e + 2] * stride, *r3 = rows + index[e + 3] * stride;
+        const double *r2 = rows + index[e + 2] * stride,
+                     *r3 = rows + index[e + 3] * stride;
         const double x0 = x[e], x1 = x[e + 1], x2 = x[e + 2], x3 = x[e + 3];
-        for (long i = 0; i < n; ++i) y[i] -= x0 * r0[i] + x1 * r1[i] + x2 * r2[i] + x3 * r3[i];
+        for (long i = 0; i < n; ++i)
+            y[i] -= x0 * r0[i] + x1 * r1[i] + x2 * r2[i] + x3 * r3[i];
     }
     for (; e < m; ++e) {
         const double* row = rows + index[e] * stride;
@@ -98,7 +102,8 @@ inline double largest_of(const double* x, long n) {
     for (long lane = 0; lane < PADDING; ++lane) best[lane] = -INFINITE;
     long i = 0;
     for (; i + PADDING <= n; i += PADDING)
-        for (long lane = 0; lane < PADDING; ++lane) best[lane] = larger(x[i + lane], best[lane]);
+        for (long lane = 0; lane < PADDING; ++lane)
+            best[lane] = larger(x[i + lane], best[lane]);
     for (; i < n; ++i) best[0] = larger(x[i], best[0]);
     for (long lane = 1; lane < PADDING; ++lane) best[0] = larger(best[lane], best[0]);
     return best[0];
@@ -113,10 +118,11 @@ inline long place_of(double value, const double* x, long n) {
 
 // Products of small dense matrices with sums in registers.
 //
-//   C_ij += sign sum_k A_ki B_kj      for first <= k < last, which may depend on the tile
+//   C_ij += sign sum_k A_ki B_kj      for first <= k < last, which may depend on the
+//   tile
 //
-// Rows of B and C are padded and their strides multiples of PADDING; A is read number by number,
-// in either order. A tile is 4 rows and up to 3 vectors wide.
+// Rows of B and C are padded and their strides multiples of PADDING; A is read number
+// by number, in either order. A tile is 4 rows and up to 3 vectors wide.
 
 struct Factor {
     const double* data;
@@ -134,8 +140,9 @@ struct Inner {
 constexpr long TILE_ROWS = 4;
 
 template <int vectors>
-[[gnu::always_inline]] inline void add_tile(double sign, Factor A, const double* B, double* C,
-                                            long stride, Inner k, long stride_of_B) {
+[[gnu::always_inline]] inline void add_tile(double sign, Factor A, const double* B,
+                                            double* C, long stride, Inner k,
+                                            long stride_of_B) {
     Doubles sums[TILE_ROWS][vectors] = {};
     for (long e = k.first; e < k.last; ++e) {
         const double* a = A.data + e * A.by_k;
@@ -151,11 +158,12 @@ template <int vectors>
         }
 }
 
-// C (rows, columns) += sign A^T B; inner(i, j, width) the k of the tile from row i and column j on,
-// where first > last leaves it out.
+// C (rows, columns) += sign A^T B; inner(i, j, width) the k of the tile from row i and
+// column j on, where first > last leaves it out.
 template <class Inside>
-inline void add_product(double sign, Factor A, const double* B, double* C, long rows, long columns,
-                        long stride_of_B, long stride, const Inside& inner) {
+inline void add_product(double sign, Factor A, const double* B, double* C, long rows,
+                        long columns, long stride_of_B, long stride,
+                        const Inside& inner) {
     for (long j = 0; j < columns;) {
         const long left = (columns - j) / WIDTH, vectors = left < 3 ? left : 3;
         for (long i = 0; i < rows; i += TILE_ROWS) {
@@ -167,15 +175,14 @@ inline void add_product(double sign, Factor A, const double* B, double* C, long 
                 add_tile<3>(sign, part, B + j, to, stride, k, stride_of_B);
             else if (vectors == 2)
                 add_tile<2>(sign, part, B + j, to, stride, k, stride_of_B);
-            else
-                add_tile<1>(sign, part, B + j, to, stride, k, stride_of_B);
+            else add_tile<1>(sign, part, B + j, to, stride, k, stride_of_B);
         }
         j += vectors * WIDTH;
     }
 }
 
-// Which k count: all of n; those of a factor A with A_ki = 0 for k > i, or of a B with B_kj = 0 for
-// k < j; and, of a symmetric C, tiles that reach the upper triangle only.
+// Which k count: all of n; those of a factor A with A_ki = 0 for k > i, or of a B with
+// B_kj = 0 for k < j; and, of a symmetric C, tiles that reach the upper triangle only.
 inline auto every(long n) {
     return [n](long, long, long) { return Inner{0, n}; };
 }

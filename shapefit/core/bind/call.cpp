@@ -12,20 +12,22 @@ namespace {
 // At most so many blocks at a time: what a kernel sets up is spent on more images.
 constexpr long MAX_BLOCKS = 8;
 
-// Call work(range) on whole blocks that cover 0..count; `threads` = 0 means one per core. The
-// first exception of a thread is raised again, after all have ended.
+// Call work(range) on whole blocks that cover 0..count; `threads` = 0 means one per
+// core. The first exception of a thread is raised again, after all have ended.
 template <class Work>
 void run_blocks(long count, int threads, const Work& work) {
     const long blocks = (count + IMAGES_PER_BLOCK - 1) / IMAGES_PER_BLOCK;
     const long cores = std::max(1u, std::thread::hardware_concurrency());
     const long wanted = std::min<long>(threads > 0 ? threads : cores, blocks);
-    const long step = std::clamp(blocks / std::max(1L, 8 * wanted), 1L, MAX_BLOCKS) * IMAGES_PER_BLOCK;
+    const long step = std::clamp(blocks / std::max(1L, 8 * wanted), 1L, MAX_BLOCKS) *
+                      IMAGES_PER_BLOCK;
     std::atomic<long> next{0};
     std::exception_ptr failure;
     std::mutex guard;
     const auto take_blocks = [&] {
         try {
-            for (long first = next.fetch_add(step); first < count; first = next.fetch_add(step))
+            for (long first = next.fetch_add(step); first < count;
+                 first = next.fetch_add(step))
                 work(Range{first, std::min(first + step, count)});
         } catch (...) {
             const std::lock_guard<std::mutex> lock(guard);
@@ -43,8 +45,10 @@ void run_blocks(long count, int threads, const Work& work) {
 struct Type {
     const char *in_python, *in_numpy;
 };
-constexpr Type TYPES[] = {
-    {"Floats", "float64"}, {"Flags", "bool"}, {"Indices", "int64"}, {"States", "uint64"}};
+constexpr Type TYPES[] = {{"Floats", "float64"},
+                          {"Flags", "bool"},
+                          {"Indices", "int64"},
+                          {"States", "uint64"}};
 
 const Type& type_of(Element element) { return TYPES[static_cast<int>(element)]; }
 
@@ -57,7 +61,8 @@ int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& retained
         const int rank = static_cast<int>(found.ndim());
         if (rank != array.rank) return rank;
         array.data = const_cast<std::remove_const_t<T>*>(found.data());
-        for (int d = 0; d < array.rank; ++d) array.size[d] = static_cast<long>(found.shape(d));
+        for (int d = 0; d < array.rank; ++d)
+            array.size[d] = static_cast<long>(found.shape(d));
         retained.emplace_back(found);
         return rank;
     };
@@ -69,7 +74,9 @@ int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& retained
     return nb::try_cast(given, found) ? look(found) : NO_ARRAY;
 }
 
-std::string text_of(const nb::object& value) { return nb::str(nb::handle(value)).c_str(); }
+std::string text_of(const nb::object& value) {
+    return nb::str(nb::handle(value)).c_str();
+}
 
 // The parts of a text between spaces.
 template <class Visit>
@@ -88,7 +95,8 @@ Call::Call(const char* function, nb::args values, nb::kwargs keywords)
 
 nb::handle Call::find(const Argument& argument) {
     if (!keywords_.contains(argument.name))
-        throw nb::type_error((std::string(function_) + ": no " + argument.name).c_str());
+        throw nb::type_error(
+            (std::string(function_) + ": no " + argument.name).c_str());
     ++taken_;
     return nb::handle(PyDict_GetItemString(keywords_.ptr(), argument.name));
 }
@@ -97,17 +105,26 @@ void Call::take(const Argument& argument, AnyArray& array) {
     const nb::handle given = find(argument);
     int rank = NO_ARRAY;
     switch (array.element) {
-        case Element::NUMBER: rank = read<double>(given, array, retained_); break;
-        case Element::FLAG: rank = read<bool>(given, array, retained_); break;
-        case Element::INDEX: rank = read<int64_t>(given, array, retained_); break;
-        case Element::STATE: rank = read<uint64_t>(given, array, retained_); break;
+        case Element::NUMBER:
+            rank = read<double>(given, array, retained_);
+            break;
+        case Element::FLAG:
+            rank = read<bool>(given, array, retained_);
+            break;
+        case Element::INDEX:
+            rank = read<int64_t>(given, array, retained_);
+            break;
+        case Element::STATE:
+            rank = read<uint64_t>(given, array, retained_);
+            break;
     }
     const bool is_array = rank != NO_ARRAY;
     if (!is_array || rank != array.rank || !has_shape(argument, array)) {
-        const std::string kind = array.written ? "a writable, C-contiguous array of "
-                                               : "an array of ";
-        refuse(argument, kind + type_of(array.element).in_numpy + " (" + argument.shape + ")", given,
-               is_array);
+        const std::string kind =
+            array.written ? "a writable, C-contiguous array of " : "an array of ";
+        refuse(argument,
+               kind + type_of(array.element).in_numpy + " (" + argument.shape + ")",
+               given, is_array);
     }
 }
 
@@ -153,7 +170,8 @@ nb::object Call::result() {
 void Call::end() const {
     const size_t given = values_.size() + keywords_.size();
     if (taken_ == given) return;
-    const std::string text = std::to_string(given) + " arguments, " + std::to_string(taken_);
+    const std::string text =
+        std::to_string(given) + " arguments, " + std::to_string(taken_);
     throw nb::type_error((std::string(function_) + ": " + text + " are known").c_str());
 }
 
@@ -183,7 +201,8 @@ bool Call::has_shape(const Argument& argument, const AnyArray& array) {
 bool Call::fits(std::string_view token, long value) {
     long number = 0;
     bool leads = false;
-    for (; !token.empty() && token[0] >= '0' && token[0] <= '9'; token.remove_prefix(1)) {
+    for (; !token.empty() && token[0] >= '0' && token[0] <= '9';
+         token.remove_prefix(1)) {
         number = 10 * number + (token[0] - '0');
         leads = true;
     }
@@ -209,8 +228,8 @@ void Call::refuse(const Argument& argument, const std::string& wanted, nb::handl
     std::string text = std::string(function_) + ": " + argument.name;
     text += " must be " + wanted;
     for (const Size& size : sizes_)
-        text += std::string(&size == sizes_.data() ? " with " : ", ") + std::string(size.name) +
-                " = " + std::to_string(size.value);
+        text += std::string(&size == sizes_.data() ? " with " : ", ") +
+                std::string(size.name) + " = " + std::to_string(size.value);
     text += ", not " + found;
     if (is_array) throw nb::value_error(text.c_str());
     throw nb::type_error(text.c_str());

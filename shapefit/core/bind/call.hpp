@@ -15,9 +15,9 @@ namespace shapefit {
 
 namespace nb = nanobind;
 
-// Arrays are C-contiguous and have their element type; those that are only read may be copies.
-// Raises TypeError for an argument that is missing, unknown or of another type, ValueError for an
-// array of another shape.
+// Arrays are C-contiguous and have their element type; those that are only read may be
+// copies. Raises TypeError for an argument that is missing, unknown or of another type,
+// ValueError for an array of another shape.
 class Call : public Arguments {
   public:
     Call(const char* function, nb::args values, nb::kwargs keywords);
@@ -41,12 +41,13 @@ class Call : public Arguments {
     };
 
     void end() const;  // after the last argument
-    long size(std::string_view name) const;  // of a name in the shapes, 0 where it does not occur
+    long size(std::string_view name)
+        const;  // of a name in the shapes, 0 where it does not occur
     nb::handle find(const Argument& argument);
     bool fits(std::string_view token, long value);
     bool has_shape(const Argument& argument, const AnyArray& array);
-    [[noreturn]] void refuse(const Argument& argument, const std::string& wanted, nb::handle given,
-                             bool is_array = false);
+    [[noreturn]] void refuse(const Argument& argument, const std::string& wanted,
+                             nb::handle given, bool is_array = false);
 
     const char* function_;
     nb::args values_;
@@ -62,12 +63,20 @@ class Call : public Arguments {
 class Signature : public Arguments {
   public:
     void take(const Argument& argument, AnyArray& array) override;
-    double take_number(const Argument& argument) override { return add(argument, "float"), 0; }
-    long take_count(const Argument& argument) override { return add(argument, "int"), 0; }
-    bool take_flag(const Argument& argument) override { return add(argument, "bool"), false; }
+    double take_number(const Argument& argument) override {
+        return add(argument, "float"), 0;
+    }
+    long take_count(const Argument& argument) override {
+        return add(argument, "int"), 0;
+    }
+    bool take_flag(const Argument& argument) override {
+        return add(argument, "bool"), false;
+    }
 
     bool begin() override { return false; }
-    void run(void (*)(const void* data, Range), const void*) override { add({*this, "threads", ""}, "int"); }
+    void run(void (*)(const void* data, Range), const void*) override {
+        add({*this, "threads", ""}, "int");
+    }
     void give_count(long) override {}
 
     std::string text;

@@ -1,5 +1,5 @@
-// Rows of a table as text with commas: cells of text as they stand, numbers with the fewest digits
-// that read back to the same double.
+// Rows of a table as text with commas: cells of text as they stand, numbers with the
+// fewest digits that read back to the same double.
 #include "../base/registry.hpp"
 
 #include <charconv>
@@ -10,13 +10,18 @@ namespace shapefit {
 
 struct CsvRowsData {
     Arguments& from;
-    Vector<const uint64_t> letters = from("letters", "w");  // of the texts, one after another
-    Vector<const int64_t> starts = from("starts", "1+t");   // of each text, and the end of the last
-    Matrix<const int64_t> texts = from("texts", "n c");     // of each row, by their numbers
+    Vector<const uint64_t> letters =
+        from("letters", "w");  // of the texts, one after another
+    Vector<const int64_t> starts =
+        from("starts", "1+t");  // of each text, and the end of the last
+    Matrix<const int64_t> texts =
+        from("texts", "n c");  // of each row, by their numbers
     Matrix<const double> numbers = from("numbers", "n d");  // nan is an empty cell
-    long leading = from("leading");  // texts of a row before its numbers; the others follow them
+    long leading =
+        from("leading");  // texts of a row before its numbers; the others follow them
     bool as_python = from("as_python");  // as `repr` has numbers; else as orjson
-    Vector<uint64_t> rows = from("rows", "s");  // room for all texts, commas, 25 bytes a number
+    Vector<uint64_t> rows =
+        from("rows", "s");  // room for all texts, commas, 25 bytes a number
 };
 
 namespace {
@@ -46,7 +51,8 @@ char* put_with_exponent(char* out, double number, bool as_python) {
 
 char* put_number(char* out, double number, bool as_python) {
     if (std::isnan(number) || (std::isinf(number) && !as_python)) return out;
-    const double size = std::abs(number), least = as_python ? LEAST_OF_PYTHON : LEAST_OF_JSON;
+    const double size = std::abs(number),
+                 least = as_python ? LEAST_OF_PYTHON : LEAST_OF_JSON;
     if (size == 0 || (size >= least && size < MOST)) return put_plain(out, number);
     return put_with_exponent(out, number, as_python);
 }

@@ -24,7 +24,8 @@ void bind_function(nb::module_& module, const Function& function) {
     Signature list;
     function.call(list);
     const char* result = function.silent ? ") -> None" : ") -> int";
-    signatures.push_back(std::string("def ") + function.name + "(" + list.text + result);
+    signatures.push_back(std::string("def ") + function.name + "(" + list.text +
+                         result);
     module.def(
         function.name,
         [&function](nb::args values, nb::kwargs keywords) {
@@ -42,9 +43,11 @@ NB_MODULE(SHAPEFIT_MODULE, module) {
     using namespace shapefit;
     module.attr("IMAGES_PER_BLOCK") = IMAGES_PER_BLOCK;
     std::vector<const Function*> functions;
-    for (const Function* each = Function::first; each; each = each->next) functions.push_back(each);
-    std::sort(functions.begin(), functions.end(), [](const Function* a, const Function* b) {
-        return std::strcmp(a->name, b->name) < 0;
-    });
+    for (const Function* each = Function::first; each; each = each->next)
+        functions.push_back(each);
+    std::sort(functions.begin(), functions.end(),
+              [](const Function* a, const Function* b) {
+                  return std::strcmp(a->name, b->name) < 0;
+              });
     for (const Function* each : functions) bind_function(module, *each);
 }

@@ -1,5 +1,6 @@
-// The module that says what an x86-64 processor can run: LEVEL is 2, 3 or 4, and 0 on another one.
-// It is the only one that is loaded before a level is chosen, and needs Python's stable ABI alone.
+// The module that says what an x86-64 processor can run: LEVEL is 2, 3 or 4, and 0 on
+// another one. It is the only one that is loaded before a level is chosen, and needs
+// Python's stable ABI alone.
 #ifndef SHAPEFIT_PROBE
 #include <Python.h>
 #endif
@@ -12,8 +13,12 @@
 namespace shapefit {
 
 #ifdef _WIN32
-inline bool runs_x86_64_v3() { return IsProcessorFeaturePresent(PF_AVX2_INSTRUCTIONS_AVAILABLE); }
-inline bool runs_x86_64_v4() { return IsProcessorFeaturePresent(PF_AVX512F_INSTRUCTIONS_AVAILABLE); }
+inline bool runs_x86_64_v3() {
+    return IsProcessorFeaturePresent(PF_AVX2_INSTRUCTIONS_AVAILABLE);
+}
+inline bool runs_x86_64_v4() {
+    return IsProcessorFeaturePresent(PF_AVX512F_INSTRUCTIONS_AVAILABLE);
+}
 #else
 inline bool runs_x86_64_v3() {
     __builtin_cpu_init();
@@ -30,7 +35,9 @@ inline bool runs_x86_64_v4() {
 
 }  // namespace shapefit
 
-static const int LEVEL = shapefit::runs_x86_64_v4() ? 4 : shapefit::runs_x86_64_v3() ? 3 : 2;
+static const int LEVEL = shapefit::runs_x86_64_v4()   ? 4
+                         : shapefit::runs_x86_64_v3() ? 3
+                                                      : 2;
 #else
 static const int LEVEL = 0;
 #endif
@@ -41,8 +48,15 @@ int main() { return LEVEL; }
 
 #else
 
-static PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_processor", nullptr, -1, nullptr,
-                                 nullptr, nullptr, nullptr, nullptr};
+static PyModuleDef definition = {PyModuleDef_HEAD_INIT,
+                                 "_processor",
+                                 nullptr,
+                                 -1,
+                                 nullptr,
+                                 nullptr,
+                                 nullptr,
+                                 nullptr,
+                                 nullptr};
 
 PyMODINIT_FUNC PyInit__processor() {
     PyObject* module = PyModule_Create(&definition);

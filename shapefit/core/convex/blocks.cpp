@@ -2,8 +2,8 @@
 
 namespace shapefit {
 
-double moreau(const double* M, const double* N, double step, const double* dN, double sigma,
-              double t, double* total, long k) {
+double moreau(const double* M, const double* N, double step, const double* dN,
+              double sigma, double t, double* total, long k) {
     Doubles value = {};
     for (long i = 0; i < k; i += WIDTH) {
         const BlockLanes m = load_blocks(M, k, i), n = load_blocks(N, k, i);
@@ -15,14 +15,16 @@ double moreau(const double* M, const double* N, double step, const double* dN, d
         const Doubles minus = block.discriminant / larger(plus, all(TINY));
         store(total + i, plus);
         // both singular values become (plus - t) / 2, or the first alone falls by t
-        const Doubles excess = larger(plus - t, Doubles{}), first = 0.5 * (plus + minus) - t;
+        const Doubles excess = larger(plus - t, Doubles{}),
+                      first = 0.5 * (plus + minus) - t;
         const Doubles second = 0.5 * (plus - minus);
         value += minus <= t ? 0.5 * excess * excess : first * first + second * second;
     }
     return sum(value);
 }
 
-void sum_singular_values(const double* M, const double* N, double sigma, double* total, long k) {
+void sum_singular_values(const double* M, const double* N, double sigma, double* total,
+                         long k) {
     for (long i = 0; i < k; i += WIDTH) {
         const BlockLanes m = load_blocks(M, k, i), n = load_blocks(N, k, i);
         Doubles q[6];
@@ -42,7 +44,8 @@ double largest_nuclear_norm(const double* N, long k) {
 
 namespace {
 
-constexpr double RANK_ONE = 1e-14;  // s2 / s1, below which any direction orthogonal to v serves
+constexpr double RANK_ONE =
+    1e-14;  // s2 / s1, below which any direction orthogonal to v serves
 constexpr double HALF_ROOT = 0.70710678118654752440;
 
 struct Vector3 {
@@ -52,14 +55,17 @@ struct Vector3 {
 [[gnu::always_inline]] inline Vector3 load3(const double* rows, long stride, long c) {
     return {{load(rows + c), load(rows + stride + c), load(rows + 2 * stride + c)}};
 }
-[[gnu::always_inline]] inline void store3(double* rows, long stride, long c, const Vector3& v) {
+[[gnu::always_inline]] inline void store3(double* rows, long stride, long c,
+                                          const Vector3& v) {
     for (int b = 0; b < 3; ++b) store(rows + b * stride + c, v.x[b]);
 }
 [[gnu::always_inline]] inline Doubles dot(const Vector3& u, const Vector3& v) {
     return u.x[0] * v.x[0] + u.x[1] * v.x[1] + u.x[2] * v.x[2];
 }
-[[gnu::always_inline]] inline Vector3 combine(Doubles a, const Vector3& u, Doubles b, const Vector3& v) {
-    return {{a * u.x[0] + b * v.x[0], a * u.x[1] + b * v.x[1], a * u.x[2] + b * v.x[2]}};
+[[gnu::always_inline]] inline Vector3 combine(Doubles a, const Vector3& u, Doubles b,
+                                              const Vector3& v) {
+    return {
+        {a * u.x[0] + b * v.x[0], a * u.x[1] + b * v.x[1], a * u.x[2] + b * v.x[2]}};
 }
 [[gnu::always_inline]] inline Vector3 cross(const Vector3& u, const Vector3& v) {
     return {{u.x[1] * v.x[2] - u.x[2] * v.x[1], u.x[2] * v.x[0] - u.x[0] * v.x[2],
@@ -70,11 +76,13 @@ struct Vector3 {
 struct Turned {
     Vector3 first, second;
 };
-[[gnu::always_inline]] inline Turned to_frame(const ActiveBlocks& a, const double* G, long c) {
+[[gnu::always_inline]] inline Turned to_frame(const ActiveBlocks& a, const double* G,
+                                              long c) {
     const long n = a.capacity;
     const Vector3 top = load3(G, n, c), low = load3(G + 3 * n, n, c);
     const Doubles cosine = load(a.cosine + c), sine = load(a.sine + c);
-    const Vector3 along = combine(cosine, top, sine, low), across = combine(cosine, low, -sine, top);
+    const Vector3 along = combine(cosine, top, sine, low),
+                  across = combine(cosine, low, -sine, top);
     const Vector3 v = load3(a.v, n, c), w = load3(a.w, n, c), z = load3(a.z, n, c);
     return {{{dot(along, v), dot(along, w), dot(along, z)}},
             {{dot(across, v), dot(across, w), dot(across, z)}}};
@@ -82,9 +90,12 @@ struct Turned {
 
 }  // namespace
 
-ActiveBlocks::ActiveBlocks(Workspace& workspace, long padded_atoms) : capacity(padded_atoms) {
+ActiveBlocks::ActiveBlocks(Workspace& workspace, long padded_atoms)
+    : capacity(padded_atoms) {
     index = workspace.zeros<long>(capacity);
-    const auto rows = [&](long count) { return workspace.zeros<double>(count * capacity); };
+    const auto rows = [&](long count) {
+        return workspace.zeros<double>(count * capacity);
+    };
     argument = rows(6), prox = rows(6), weight = rows(6);
     v = rows(3), w = rows(3), z = rows(3);
     cosine = rows(1), sine = rows(1), norm = rows(1);
@@ -101,7 +112,8 @@ void ActiveBlocks::find(const double* M, const double* N, double sigma, double t
     }
     for (long c = 0; c < count; ++c)
         for (int e = 0; e < 6; ++e)
-            argument[e * capacity + c] = M[e * k + index[c]] + sigma * N[e * k + index[c]];
+            argument[e * capacity + c] =
+                M[e * k + index[c]] + sigma * N[e * k + index[c]];
     for (long c = 0; c < count; c += WIDTH) svd_and_prox(c, t);
     norms = 0;
     for (long c = 0; c < count; ++c) norms += norm[c];
@@ -110,16 +122,21 @@ void ActiveBlocks::find(const double* M, const double* N, double sigma, double t
 // Frame and prox of blocks c, c + 1, ...
 void ActiveBlocks::svd_and_prox(long c, double t) {
     const long n = capacity;
-    const Vector3 x = load3(argument, n, c), y = load3(argument + 3 * n, n, c), normal = cross(x, y);
-    const Doubles A = dot(x, x), C = dot(y, y), D = dot(x, y), product = root(dot(normal, normal));
+    const Vector3 x = load3(argument, n, c), y = load3(argument + 3 * n, n, c),
+                  normal = cross(x, y);
+    const Doubles A = dot(x, x), C = dot(y, y), D = dot(x, y),
+                  product = root(dot(normal, normal));
     const Doubles plus = root(A + C + 2.0 * product);
     const Doubles half = 0.5 * (A - C), radius = root(half * half + D * D);
-    const Doubles minus = 2.0 * radius / plus, s1 = 0.5 * (plus + minus), s2 = product / s1;
+    const Doubles minus = 2.0 * radius / plus, s1 = 0.5 * (plus + minus),
+                  s2 = product / s1;
 
     // u1 = (cosine, sine) is the eigenvector of [[A, D], [D, C]] for s1^2.
-    const Doubles a = half >= 0.0 ? half + radius : D, b = half >= 0.0 ? D : radius - half;
+    const Doubles a = half >= 0.0 ? half + radius : D,
+                  b = half >= 0.0 ? D : radius - half;
     const Doubles span = root(a * a + b * b);
-    const Doubles u = span > 0.0 ? a / span : all(1), s = span > 0.0 ? b / span : Doubles{};
+    const Doubles u = span > 0.0 ? a / span : all(1),
+                  s = span > 0.0 ? b / span : Doubles{};
 
     const Doubles none = {};
     Vector3 right = combine(u, x, s, y), other = combine(u, y, -s, x);
@@ -138,7 +155,8 @@ void ActiveBlocks::svd_and_prox(long c, double t) {
     store(cosine + c, u), store(sine + c, s);
     store(first + c, s1), store(second + c, s2), store(difference + c, minus);
     store(norm + c, f1);
-    store3(v, n, c, right), store3(w, n, c, other), store3(z, n, c, cross(right, other));
+    store3(v, n, c, right), store3(w, n, c, other),
+        store3(z, n, c, cross(right, other));
     store3(prox, n, c, combine(f1 * u, right, -f2 * s, other));
     store3(prox + 3 * n, n, c, combine(f1 * s, right, f2 * u, other));
 }
@@ -168,7 +186,8 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
     }
 }
 
-// Row r of block c is (top . B, low . B): top and low in the coordinates of B, three numbers each.
+// Row r of block c is (top . B, low . B): top and low in the coordinates of B, three
+// numbers each.
 void ActiveBlocks::lay_directions(double sigma, const double* moved) {
     const long n = capacity;
     const Doubles none = {};
@@ -177,15 +196,18 @@ void ActiveBlocks::lay_directions(double sigma, const double* moved) {
         const Doubles u = load(cosine + c), s = load(sine + c);
         Turned X = {};
         if (moved) X = to_frame(*this, moved, c);
-        const Doubles along[6] = {X.first.x[0] + X.second.x[1], X.first.x[1] - X.second.x[0],
-                                X.first.x[2],                 X.second.x[2],
-                                X.first.x[0] - X.second.x[1], X.first.x[1] + X.second.x[0]};
-        const Vector3 top[6] = {combine(u, v1, -s, w1), combine(s, v1, u, w1),
+        const Doubles along[6] = {X.first.x[0] + X.second.x[1],
+                                  X.first.x[1] - X.second.x[0],
+                                  X.first.x[2],
+                                  X.second.x[2],
+                                  X.first.x[0] - X.second.x[1],
+                                  X.first.x[1] + X.second.x[0]};
+        const Vector3 top[6] = {combine(u, v1, -s, w1),   combine(s, v1, u, w1),
                                 combine(u, z1, none, z1), combine(-s, z1, none, z1),
-                                combine(u, v1, s, w1), combine(-s, v1, u, w1)};
-        const Vector3 low[6] = {combine(s, v1, u, w1), combine(-u, v1, s, w1),
+                                combine(u, v1, s, w1),    combine(-s, v1, u, w1)};
+        const Vector3 low[6] = {combine(s, v1, u, w1),    combine(-u, v1, s, w1),
                                 combine(s, z1, none, z1), combine(u, z1, none, z1),
-                                combine(s, v1, -u, w1), combine(u, v1, s, w1)};
+                                combine(s, v1, -u, w1),   combine(u, v1, s, w1)};
         for (int r = 0; r < 6; ++r) {
             const double unit = r == 2 || r == 3 ? 1 : HALF_ROOT;
             const Doubles scale = unit * root(sigma * load(weight + r * n + c));
@@ -196,17 +218,20 @@ void ActiveBlocks::lay_directions(double sigma, const double* moved) {
     }
 }
 
-// `directions` rows of one block: (top . B, low . B), the numbers of each `capacity` apart.
+// `directions` rows of one block: (top . B, low . B), the numbers of each `capacity`
+// apart.
 template <int directions>
-[[gnu::always_inline]] inline void write_block(const double* number, long capacity, const double* B,
-                                               long atom_stride, long q, double* row, long stride) {
+[[gnu::always_inline]] inline void write_block(const double* number, long capacity,
+                                               const double* B, long atom_stride,
+                                               long q, double* row, long stride) {
     for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
         for (long j = 0; j < atom_stride; j += WIDTH) {
             const Doubles b0 = load(B + j), b1 = load(B + atom_stride + j);
             const Doubles b2 = load(B + 2 * atom_stride + j);
             for (int r = 0; r < directions; ++r) {
                 const double* t = number + (7 * r + 3 * half) * capacity;
-                store(row + r * stride + half * q + j, t[0] * b0 + t[capacity] * b1 + t[2 * capacity] * b2);
+                store(row + r * stride + half * q + j,
+                      t[0] * b0 + t[capacity] * b1 + t[2 * capacity] * b2);
             }
         }
 }
@@ -218,12 +243,12 @@ long ActiveBlocks::write_rows(double sigma, ReducedAtoms& atoms, const double* m
     long rows = 0;
     for (long c = 0; c < count; ++c) {
         const double *B = atoms[index[c]], *number = row_ + c;
-        const int directions = weight[4 * capacity + c] == 0 ? 4 : 6;  // four where f1 = f2
+        const int directions =
+            weight[4 * capacity + c] == 0 ? 4 : 6;  // four where f1 = f2
         double* row = gram.row(rows);
         if (directions == 4)
             write_block<4>(number, capacity, B, atoms.row, q, row, gram.stride());
-        else
-            write_block<6>(number, capacity, B, atoms.row, q, row, gram.stride());
+        else write_block<6>(number, capacity, B, atoms.row, q, row, gram.stride());
         for (int r = 0; r < directions; ++r, row += gram.stride()) {
             for (long j = unknowns; j < right; ++j) row[j] = 0;
             row[right] = number[(7 * r + 6) * capacity];
@@ -237,30 +262,36 @@ void ActiveBlocks::apply_weights(const double* X, double* out) const {
     const long n = capacity;
     for (long c = 0; c < count; c += WIDTH) {
         const Turned G = to_frame(*this, X, c);
-        const auto scaled = [&](int r, Doubles value) { return load(weight + r * n + c) * value; };
+        const auto scaled = [&](int r, Doubles value) {
+            return load(weight + r * n + c) * value;
+        };
         const Doubles same = scaled(0, 0.5 * (G.first.x[0] + G.second.x[1]));
         const Doubles skew = scaled(1, 0.5 * (G.first.x[1] - G.second.x[0]));
         const Doubles differ = scaled(4, 0.5 * (G.first.x[0] - G.second.x[1]));
         const Doubles symmetric = scaled(5, 0.5 * (G.first.x[1] + G.second.x[0]));
         const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
         const Doubles one = all(1);
-        const Vector3 along = combine(one, combine(same + differ, v1, symmetric + skew, w1),
-                                      scaled(2, G.first.x[2]), z1);
-        const Vector3 across = combine(one, combine(symmetric - skew, v1, same - differ, w1),
-                                       scaled(3, G.second.x[2]), z1);
+        const Vector3 along =
+            combine(one, combine(same + differ, v1, symmetric + skew, w1),
+                    scaled(2, G.first.x[2]), z1);
+        const Vector3 across =
+            combine(one, combine(symmetric - skew, v1, same - differ, w1),
+                    scaled(3, G.second.x[2]), z1);
         const Doubles u = load(cosine + c), s = load(sine + c);
         store3(out, n, c, combine(u, along, -s, across));
         store3(out + 3 * n, n, c, combine(s, along, u, across));
     }
 }
 
-void ActiveBlocks::subtract_fit(ReducedAtoms& atoms, double* y0, double* y1, long q) const {
+void ActiveBlocks::subtract_fit(ReducedAtoms& atoms, double* y0, double* y1,
+                                long q) const {
     const long stride = atoms.row, n = capacity;
     for (long j = 0; j < q; j += WIDTH) {
         Doubles top = {}, low = {};
         for (long c = 0; c < count; ++c) {
             const double *B = atoms[index[c]] + j, *m = prox + c;
-            const Doubles b0 = load(B), b1 = load(B + stride), b2 = load(B + 2 * stride);
+            const Doubles b0 = load(B), b1 = load(B + stride),
+                          b2 = load(B + 2 * stride);
             top += m[0] * b0 + m[n] * b1 + m[2 * n] * b2;
             low += m[3 * n] * b0 + m[4 * n] * b1 + m[5 * n] * b2;
         }

@@ -1,9 +1,10 @@
 // 2 x 3 blocks in closed form, a vector of them at a time.
 //
-// For a block Q with rows x, y let A = |x|^2, C = |y|^2, D = x.y and r = |x x y| = s1 s2. Then
+// For a block Q with rows x, y let A = |x|^2, C = |y|^2, D = x.y and r = |x x y| = s1
+// s2. Then
 //     s1 + s2 = sqrt(A + C + 2 r),   s1 - s2 = sqrt((A - C)^2 + 4 D^2) / (s1 + s2),
-// which stays exact where the two are equal; no singular value decomposition is needed. `Number` is
-// a double or Doubles.
+// which stays exact where the two are equal; no singular value decomposition is needed.
+// `Number` is a double or Doubles.
 #pragma once
 
 #include "../atoms/reduced_atoms.hpp"
@@ -23,7 +24,8 @@ template <class Number>
     const Number A = q[0] * q[0] + q[1] * q[1] + q[2] * q[2];
     const Number C = q[3] * q[3] + q[4] * q[4] + q[5] * q[5];
     const Number D = q[0] * q[3] + q[1] * q[4] + q[2] * q[5];
-    return {A + C, root(c0 * c0 + c1 * c1 + c2 * c2), root((A - C) * (A - C) + 4.0 * D * D)};
+    return {A + C, root(c0 * c0 + c1 * c1 + c2 * c2),
+            root((A - C) * (A - C) + 4.0 * D * D)};
 }
 
 // s1 + s2.
@@ -42,73 +44,86 @@ template <class Number>
 struct BlockLanes {
     Doubles q[6];
 };
-[[gnu::always_inline]] inline BlockLanes load_blocks(const double* Q, long stride, long i) {
+[[gnu::always_inline]] inline BlockLanes load_blocks(const double* Q, long stride,
+                                                     long i) {
     BlockLanes blocks;
     for (int e = 0; e < 6; ++e) blocks.q[e] = load(Q + e * stride + i);
     return blocks;
 }
 
-// left -= M B for one block M (2, 3) and atom B (3, n), its rows `stride` apart; left (2, n).
-[[gnu::always_inline]] inline void subtract_shape(const double* M, const double* B, long stride,
-                                                  double* left, long n) {
+// left -= M B for one block M (2, 3) and atom B (3, n), its rows `stride` apart; left
+// (2, n).
+[[gnu::always_inline]] inline void subtract_shape(const double* M, const double* B,
+                                                  long stride, double* left, long n) {
     for (int a = 0; a < 2; ++a, left += n, M += 3)
         for (long j = 0; j < n; ++j)
             left[j] -= M[0] * B[j] + M[1] * B[stride + j] + M[2] * B[2 * stride + j];
 }
 
-// sum_i ||prox_t(M_i + sigma (N_i + step dN_i))||_F^2, and s1 + s2 of every argument in total (k,):
-// atom i is active where total[i] > t. M, N, dN (6, k), k a multiple of PADDING.
-double moreau(const double* M, const double* N, double step, const double* dN, double sigma,
-              double t, double* total, long k);
+// sum_i ||prox_t(M_i + sigma (N_i + step dN_i))||_F^2, and s1 + s2 of every argument in
+// total (k,): atom i is active where total[i] > t. M, N, dN (6, k), k a multiple of
+// PADDING.
+double moreau(const double* M, const double* N, double step, const double* dN,
+              double sigma, double t, double* total, long k);
 
 // s1 + s2 of every M_i + sigma N_i, in total (k,).
-void sum_singular_values(const double* M, const double* N, double sigma, double* total, long k);
+void sum_singular_values(const double* M, const double* N, double sigma, double* total,
+                         long k);
 
 // max_i ||N_i||_*.
 double largest_nuclear_norm(const double* N, long k);
 
-// The blocks that the prox leaves alive, their frames, and the derivative of the prox in them.
+// The blocks that the prox leaves alive, their frames, and the derivative of the prox
+// in them.
 //
-// With Q = U diag(s) V^T and prox_t(Q) = U diag(f) V^T the derivative D acts on X = U^T dQ V: it
-// scales the six unit directions
-//     (X11 + X22) / sqrt 2   by 1,                    (X12 - X21) / sqrt 2   by (f1 + f2) / (s1 + s2),
-//     X13                    by f1 / s1,              X23                    by f2 / s2,
+// With Q = U diag(s) V^T and prox_t(Q) = U diag(f) V^T the derivative D acts on X = U^T
+// dQ V: it scales the six unit directions
+//     (X11 + X22) / sqrt 2   by 1,                    (X12 - X21) / sqrt 2   by (f1 +
+//     f2) / (s1 + s2), X13                    by f1 / s1,              X23 by f2 / s2,
 //     (X11 - X22) / sqrt 2   by 0 where f1 = f2, else 1,
 //     (X12 + X21) / sqrt 2   by (f1 - f2) / (s1 - s2),
-// so that a block whose singular values have become equal moves in four directions only.
+// so that a block whose singular values have become equal moves in four directions
+// only.
 
-// What a direction with the eigenvalue d of D weighs: d itself, as in the Newton system of the
-// augmented dual, or d / (1 - d), at most MOST_WEIGHT, as in that of the optimality conditions.
+// What a direction with the eigenvalue d of D weighs: d itself, as in the Newton system
+// of the augmented dual, or d / (1 - d), at most MOST_WEIGHT, as in that of the
+// optimality conditions.
 enum class Weighing { derivative, resolvent };
 constexpr double MOST_WEIGHT = 1e3;
 
 struct ActiveBlocks {
     long count = 0;
     double norms = 0;         // sum of the spectral norms of prox
-    long capacity;                // of every row below, a multiple of PADDING
+    long capacity;            // of every row below, a multiple of PADDING
     long* index;              // atoms
     double *argument, *prox;  // (6, capacity)
-    double *v, *w, *z;        // (3, capacity) right frame; u1 = (cosine, sine), u2 = (-sine, cosine)
-    double *cosine, *sine;    // (capacity,)
-    double *first, *second;   // (capacity,) singular values s1, s2 of the argument
-    double* difference;       // (capacity,) s1 - s2
-    double* norm;             // (capacity,) f1
-    double* weight;           // (6, capacity) of the directions in the order above
+    double *v, *w,
+        *z;  // (3, capacity) right frame; u1 = (cosine, sine), u2 = (-sine, cosine)
+    double *cosine, *sine;   // (capacity,)
+    double *first, *second;  // (capacity,) singular values s1, s2 of the argument
+    double* difference;      // (capacity,) s1 - s2
+    double* norm;            // (capacity,) f1
+    double* weight;          // (6, capacity) of the directions in the order above
 
     ActiveBlocks(Workspace& workspace, long padded_atoms);
 
-    // The blocks with s1 + s2 > t (total (k,) holds the sums) of M + sigma N (6, k), and their prox.
-    void find(const double* M, const double* N, double sigma, double t, const double* total, long k);
+    // The blocks with s1 + s2 > t (total (k,) holds the sums) of M + sigma N (6, k),
+    // and their prox.
+    void find(const double* M, const double* N, double sigma, double t,
+              const double* total, long k);
 
     // Weights of the directions; after `find`, with the same t.
     void weigh(double t, Weighing weighing);
 
-    // Write the rows f with sum f^T f = sigma B_i^T W B_i, W the weights; returns their number. In
-    // the column of the right-hand side: 0, or, where `moved` (6, capacity) is given,
+    // Write the rows f with sum f^T f = sigma B_i^T W B_i, W the weights; returns their
+    // number. In the column of the right-hand side: 0, or, where `moved` (6, capacity)
+    // is given,
     // - sqrt(weight / sigma) <direction, moved>.
-    long write_rows(double sigma, ReducedAtoms& atoms, const double* moved, ShiftedGram& gram);
+    long write_rows(double sigma, ReducedAtoms& atoms, const double* moved,
+                    ShiftedGram& gram);
 
-    // out = W X for X and out (6, capacity): the part of X in each direction, times its weight.
+    // out = W X for X and out (6, capacity): the part of X in each direction, times its
+    // weight.
     void apply_weights(const double* X, double* out) const;
 
     // rows (2, q) -= sum_i prox_i B_i; rows y0, y1.
@@ -118,7 +133,8 @@ struct ActiveBlocks {
     void svd_and_prox(long c, double t);
     void lay_directions(double sigma, const double* moved);
 
-    double* row_;  // (7, 6, capacity): the six numbers of each direction, and the right-hand side
+    double* row_;  // (7, 6, capacity): the six numbers of each direction, and the
+                   // right-hand side
 };
 
 }  // namespace shapefit

@@ -5,23 +5,25 @@
 
 namespace shapefit {
 
-// min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2 for n images.
+// min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2 for n
+// images.
 //
-// The dual is max_Y <Y, Omega o W> - delta/2 ||Y||_F^2 over ||(Omega o Y) B_i^T||_* <= lambda,
-// |Y| <= bound and Y omega = 0. The losses differ in delta and the bound alone: squared 1 and
-// infinity, exact 0 and infinity, l1 0 and 1, sparse errors 1 and beta.
+// The dual is max_Y <Y, Omega o W> - delta/2 ||Y||_F^2 over ||(Omega o Y) B_i^T||_* <=
+// lambda, |Y| <= bound and Y omega = 0. The losses differ in delta and the bound alone:
+// squared 1 and infinity, exact 0 and infinity, l1 0 and 1, sparse errors 1 and beta.
 struct ConvexProgram {
     Arguments& from;
     // W; what it holds where the weight is 0 is ignored
     Tensor<const double> landmarks = from("landmarks", "n 2 p");
     Matrix<const double> weights = from("weights", "n p");  // Omega, 0 = hidden
-    Tensor<const double> atoms = from("atoms", "k 3 p");  // B
+    Tensor<const double> atoms = from("atoms", "k 3 p");    // B
     Vector<const double> lam = from("lam", "n");
     double delta = from("delta");
     double bound = from("bound");
 };
 
-// The transforms of one image that are not 0: their atoms, in order, and blocks (count, 2, 3).
+// The transforms of one image that are not 0: their atoms, in order, and blocks (count,
+// 2, 3).
 struct ImageTransforms {
     const int64_t* atom;
     const double* blocks;
@@ -42,7 +44,8 @@ struct SparseTransforms {
     }
 };
 using GivenTransforms = SparseTransforms<const int64_t, const double>;
-// Images take their places in the list as they are done: whoever reads it must not rely on their order.
+// Images take their places in the list as they are done: whoever reads it must not rely
+// on their order.
 struct FoundTransforms : SparseTransforms<int64_t, double> {
     Vector<int64_t> used = from("used", "1");  // places that are taken
 };
@@ -51,12 +54,13 @@ struct FoundTransforms : SparseTransforms<int64_t, double> {
 struct ConvexPoint {
     Arguments& from;
     Matrix<double> translation = from("translation", "n 2");  // T
-    Tensor<double> dual = from("dual", "n 2 p");  // Y
+    Tensor<double> dual = from("dual", "n 2 p");              // Y
     // E, 0 before an image is solved; the squared loss has none
     Tensor<double> errors = from("errors", "n 2 p?");
 };
 
-// What a point proves: P, (P - D) / P and ||Omega o (W - sum M_i B_i - T)|| / ||Omega o (W - mean)||.
+// What a point proves: P, (P - D) / P and ||Omega o (W - sum M_i B_i - T)|| / ||Omega o
+// (W - mean)||.
 struct ConvexProof {
     Arguments& from;
     Vector<double> objective = from("objective", "n");
@@ -72,7 +76,7 @@ struct ConvexOptions {
 
 struct ConvexEnd {
     Arguments& from;
-    Vector<int64_t> steps = from("steps", "n");  // Newton steps
+    Vector<int64_t> steps = from("steps", "n");    // Newton steps
     Vector<int64_t> status = from("status", "n");  // a Status
 };
 

@@ -56,7 +56,8 @@ ErrorsPoint SparseErrors::find(double* g, long q) {
             point.share = larger(point.share, magnitude(Y_[at]) / bounds_[j]);
         }
         for (long m = 0; m < q; ++m)
-            g[a * q + m] += fresh_[a * p_ + reduction_->visible[m]] - along * reduction_->h[m];
+            g[a * q + m] +=
+                fresh_[a * p_ + reduction_->visible[m]] - along * reduction_->h[m];
     }
     return point;
 }
@@ -68,7 +69,8 @@ double SparseErrors::penalty(const double* g, long q, bool quadratic) {
     for (int a = 0; a < 2; ++a)
         for (long j = 0; j < p_; ++j) {
             const long at = a * p_ + j;
-            total += bounds_[j] * magnitude(quadratic ? fresh_[at] : fresh_[at] - D_[at]);
+            total +=
+                bounds_[j] * magnitude(quadratic ? fresh_[at] : fresh_[at] - D_[at]);
         }
     return total;
 }

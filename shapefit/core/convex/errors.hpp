@@ -1,9 +1,11 @@
 // The sparse errors E of the robust losses, as a part of the augmented Lagrangian.
 //
-//     |Y| <= bound   becomes   sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j Y_j)||^2
+//     |Y| <= bound   becomes   sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j
+//     Y_j)||^2
 //
-// for columns E_j and Y_j. rho_j bound_j is the same for all j, so that the steps of E and M fit the
-// sizes of both, whatever the bounds and lambda. NoErrors is the same part where no bound is set.
+// for columns E_j and Y_j. rho_j bound_j is the same for all j, so that the steps of E
+// and M fit the sizes of both, whatever the bounds and lambda. NoErrors is the same
+// part where no bound is set.
 #pragma once
 
 #include "blocks.hpp"
@@ -45,17 +47,18 @@ class SparseErrors {
     double value(double step) const;
     // fresh E = soft(E + rho Y), reduced and added to the gradient g (2, q).
     ErrorsPoint find(double* g, long q);
-    // bound |fresh E|, with what the gradient leaves of the landmarks where no quadratic takes it.
+    // bound |fresh E|, with what the gradient leaves of the landmarks where no
+    // quadratic takes it.
     double penalty(const double* g, long q, bool quadratic);
     // The direction d (2, q) of y as D, and a step along it.
     void aim(const double* d, long q);
     void step(double length);
     void accept();
 
-    // The second derivative sum_am c_am f f^T, c (2, p) of the visible landmarks in turn: rho_j at those
-    // of fresh errors. f = e_m - h_m h is row m of the reflection without its last entry, placed in the
-    // half of axis a. As rows sqrt(c_am) f where c_am > 0, from row `first` on; and as a matrix
-    // shift I + it (n, n).
+    // The second derivative sum_am c_am f f^T, c (2, p) of the visible landmarks in
+    // turn: rho_j at those of fresh errors. f = e_m - h_m h is row m of the reflection
+    // without its last entry, placed in the half of axis a. As rows sqrt(c_am) f where
+    // c_am > 0, from row `first` on; and as a matrix shift I + it (n, n).
     long count_curved();
     void append_rows(long first, ShiftedGram& gram) const;
     void write_matrix(double shift, double* C) const;
@@ -67,8 +70,8 @@ class SparseErrors {
     double* E_ = nullptr;
     double threshold_ = 0;
     double *Y_, *D_, *fresh_;  // (2, p)
-    double *rho_;              // (p,)
-    double *curvature_;        // (2, p), of the visible landmarks in turn
+    double* rho_;              // (p,)
+    double* curvature_;        // (2, p), of the visible landmarks in turn
 };
 
 }  // namespace shapefit

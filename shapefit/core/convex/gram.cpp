@@ -8,30 +8,32 @@ namespace {
 constexpr int BLOCK = 4;  // rows of the factor at a time
 // Vectors of columns at a time: 4 x 4 sums fill half of 32 registers, 4 x 2 half of 16.
 constexpr int TILE = WIDTH == 8 ? 4 : 2;
-// Vectors of columns that hold the diagonal block. Where it is narrower than one, tiles begin at the
-// vector that it is in, so that none straddles two lines of the cache; nobody reads what is left of it.
+// Vectors of columns that hold the diagonal block. Where it is narrower than one, tiles
+// begin at the vector that it is in, so that none straddles two lines of the cache;
+// nobody reads what is left of it.
 constexpr int DIAGONAL = WIDTH >= BLOCK ? 1 : BLOCK / WIDTH;
 constexpr long GRID = WIDTH >= BLOCK ? WIDTH : BLOCK;
 constexpr long grid_at(long i) { return i / GRID * GRID; }
-// Pivots that rounding has made tiny or negative are lifted to this share of their diagonal: the
-// step stays a descent direction.
+// Pivots that rounding has made tiny or negative are lifted to this share of their
+// diagonal: the step stays a descent direction.
 constexpr double LEAST_PIVOT = 1e-14;
 
 constexpr long blocks_of(long n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
 
 // sums += sign * share^T row for one row of F or of the factor.
 template <int count>
-[[gnu::always_inline]] inline void add_row(const double* row, const double* share, double sign,
-                                           Doubles (&sums)[BLOCK][count]) {
+[[gnu::always_inline]] inline void add_row(const double* row, const double* share,
+                                           double sign, Doubles (&sums)[BLOCK][count]) {
     for (int v = 0; v < count; ++v) {
         const Doubles columns = load(row + v * WIDTH);
         for (int r = 0; r < BLOCK; ++r) sums[r][v] += (sign * share[r]) * columns;
     }
 }
 
-// Rows i .. i + 3 and `count` vectors of columns from j on: what `factor` holds there, + F^T F,
-// - what the rows above have taken. Narrow tiles take turns between several sums, or each addition
-// would wait for the one before.
+// Rows i .. i + 3 and `count` vectors of columns from j on: what `factor` holds there,
+// + F^T F,
+// - what the rows above have taken. Narrow tiles take turns between several sums, or
+// each addition would wait for the one before.
 template <int count>
 [[gnu::always_inline]] inline void sum_tile(const GramSystem& s, long i, long j,
                                             Doubles (&sums)[BLOCK][count]) {
@@ -45,7 +47,8 @@ template <int count>
     long f = 0;
     for (; f + TURNS <= s.rows; f += TURNS)
         for (int t = 0; t < TURNS; ++t)
-            add_row<count>(s.F + (f + t) * s.stride + j, s.F + (f + t) * s.stride + i, 1, parts[t]);
+            add_row<count>(s.F + (f + t) * s.stride + j, s.F + (f + t) * s.stride + i,
+                           1, parts[t]);
     for (; f < s.rows; ++f)
         add_row<count>(s.F + f * s.stride + j, s.F + f * s.stride + i, 1, parts[0]);
     static_assert(BLOCK % TURNS == 0);  // i is a multiple of BLOCK
@@ -62,9 +65,9 @@ template <int count>
 
 // L D L^T of the diagonal block: share[m][r] is what row r gives up of row m.
 template <int count>
-[[gnu::always_inline]] inline void factorise_diagonal(const GramSystem& s, long i,
-                                                      const Doubles (&sums)[BLOCK][count],
-                                                      double (&share)[BLOCK][BLOCK]) {
+[[gnu::always_inline]] inline void factorise_diagonal(
+    const GramSystem& s, long i, const Doubles (&sums)[BLOCK][count],
+    double (&share)[BLOCK][BLOCK]) {
     const long at = i - grid_at(i);
     double block[BLOCK][DIAGONAL * WIDTH];
     for (int r = 0; r < BLOCK; ++r)
@@ -75,15 +78,16 @@ template <int count>
         s.inverse[i + m] = 1 / pivot;
         for (int r = m + 1; r < BLOCK; ++r) {
             share[m][r] = block[m][at + r] * s.inverse[i + m];
-            for (int c = r; c < BLOCK; ++c) block[r][at + c] -= share[m][r] * block[m][at + c];
+            for (int c = r; c < BLOCK; ++c)
+                block[r][at + c] -= share[m][r] * block[m][at + c];
         }
     }
 }
 
 template <int count>
-[[gnu::always_inline]] inline void eliminate_and_store(const GramSystem& s, long i, long j,
-                                                       const double (&share)[BLOCK][BLOCK],
-                                                       Doubles (&sums)[BLOCK][count]) {
+[[gnu::always_inline]] inline void eliminate_and_store(
+    const GramSystem& s, long i, long j, const double (&share)[BLOCK][BLOCK],
+    Doubles (&sums)[BLOCK][count]) {
     for (int r = 0; r < BLOCK; ++r)
         for (int v = 0; v < count; ++v) {
             for (int m = 0; m < r; ++m) sums[r][v] -= share[m][r] * sums[m][v];
@@ -101,20 +105,24 @@ void finish_tile(const GramSystem& s, long i, long j, double (&share)[BLOCK][BLO
     eliminate_and_store<count>(s, i, j, share, sums);
 }
 
-// `count` vectors of columns from j, as many as are left but at most TILE; not one alone if it can be.
+// `count` vectors of columns from j, as many as are left but at most TILE; not one
+// alone if it can be.
 template <bool first>
-long finish_tiles(const GramSystem& s, long i, long j, long left, double (&share)[BLOCK][BLOCK]) {
+long finish_tiles(const GramSystem& s, long i, long j, long left,
+                  double (&share)[BLOCK][BLOCK]) {
     const long count = left > TILE && left % TILE == 1 && TILE > 2 ? TILE - 1 : left;
     if (count >= TILE) return finish_tile<TILE, first>(s, i, j, share), TILE;
     if (count == 3) return finish_tile<3, first>(s, i, j, share), 3;
     if (count == 2) return finish_tile<2, first>(s, i, j, share), 2;
-    return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, share), first ? DIAGONAL : 1;
+    return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, share),
+           first ? DIAGONAL : 1;
 }
 
 void cholesky_inverse(const GramSystem& s, long i) {
     double share[BLOCK][BLOCK];
     const long start = grid_at(i);
-    long left = (s.columns + 1 - start + WIDTH - 1) / WIDTH;  // vectors of columns, r among them
+    long left = (s.columns + 1 - start + WIDTH - 1) /
+                WIDTH;  // vectors of columns, r among them
     long taken = finish_tiles<true>(s, i, start, left, share);
     for (long j = start; left > taken;) {
         j += taken * WIDTH;
@@ -123,8 +131,9 @@ void cholesky_inverse(const GramSystem& s, long i) {
     }
 }
 
-// L^T x = D^-1 z from below, four unknowns at a time; x is as wide as the columns. The four found last
-// stay in registers: a vector cannot be loaded yet from where they were stored one by one.
+// L^T x = D^-1 z from below, four unknowns at a time; x is as wide as the columns. The
+// four found last stay in registers: a vector cannot be loaded yet from where they were
+// stored one by one.
 void substitute_back(const GramSystem& s, double* x) {
     double below[BLOCK] = {};
     for (long i = s.columns - BLOCK; i >= 0; i -= BLOCK) {
@@ -148,8 +157,10 @@ void substitute_back(const GramSystem& s, double* x) {
 void find_least_pivots(const GramSystem& s) {
     for (long i = 0; i < s.columns; ++i) s.least[i] = s.factor[i * s.factor_stride + i];
     for (long f = 0; f < s.rows; ++f)
-        for (long i = 0; i < s.columns; ++i) s.least[i] += square(s.F[f * s.stride + i]);
-    for (long i = 0; i < s.columns; ++i) s.least[i] = larger(LEAST_PIVOT * s.least[i], TINY);
+        for (long i = 0; i < s.columns; ++i)
+            s.least[i] += square(s.F[f * s.stride + i]);
+    for (long i = 0; i < s.columns; ++i)
+        s.least[i] = larger(LEAST_PIVOT * s.least[i], TINY);
 }
 
 void solve_system(const GramSystem& s, double* x) {
@@ -172,13 +183,15 @@ void begin_with_shift(const GramSystem& s, double shift, const double* r, long n
 void begin_with_matrix(const GramSystem& s, const double* C, const double* r, long n) {
     begin_with_shift(s, 0, r, n);
     for (long i = 0; i < n; ++i)
-        for (long j = i / BLOCK * BLOCK; j < n; ++j) s.factor[i * s.factor_stride + j] = C[i * n + j];
+        for (long j = i / BLOCK * BLOCK; j < n; ++j)
+            s.factor[i * s.factor_stride + j] = C[i * n + j];
 }
 
 }  // namespace
 
-// Tiles read and write up to DIAGONAL vectors beyond the last column. Rows are an odd number of lines
-// of the cache apart, or many of them would share the same few places in it.
+// Tiles read and write up to DIAGONAL vectors beyond the last column. Rows are an odd
+// number of lines of the cache apart, or many of them would share the same few places
+// in it.
 constexpr long stride_for(long columns) {
     constexpr long LINE = PADDING;
     return (padded(columns + 1 + DIAGONAL * WIDTH) / LINE | 1) * LINE;
@@ -202,11 +215,15 @@ void ShiftedGram::set_unknowns(long n) {
     stride_ = stride_for(tiled_);
 }
 
-GramSystem ShiftedGram::system(const double* F, long rows, long columns, bool lift) const {
-    return {F, rows, stride_, columns, factor_, scaled_, inverse_, lift ? least_ : nullptr, stride_};
+GramSystem ShiftedGram::system(const double* F, long rows, long columns,
+                               bool lift) const {
+    return {F,       rows,    stride_,  columns,
+            factor_, scaled_, inverse_, lift ? least_ : nullptr,
+            stride_};
 }
 
-void ShiftedGram::solve(long rows, double shift, bool by_rows, const double* r, double* x) {
+void ShiftedGram::solve(long rows, double shift, bool by_rows, const double* r,
+                        double* x) {
     if (by_rows && blocks_of(rows) < tiled_) return solve_by_rows(rows, shift, r, x);
     const GramSystem s = system(F_, rows, tiled_, shift < 1);
     begin_with_shift(s, shift, r, n_);

@@ -19,20 +19,21 @@ struct GramSystem {
 
 // Room for a matrix F (rows, n) with a column for f, and for its factorisation.
 //
-// The matrix is taken apart four rows at a time, looking left: F^T F is summed into the registers
-// that hold the four rows, so that the Gram matrix is never stored.
+// The matrix is taken apart four rows at a time, looking left: F^T F is summed into the
+// registers that hold the four rows, so that the Gram matrix is never stored.
 class ShiftedGram {
   public:
     ShiftedGram(Workspace& workspace, long most_rows, long most_unknowns);
 
     void set_unknowns(long n);  // 1 .. most_unknowns; what the rows held is lost
     long unknowns() const { return n_; }
-    long right_side() const { return tiled_; }  // the column of F that holds f
+    long right_side() const { return tiled_; }        // the column of F that holds f
     double* row(long f) { return F_ + f * stride_; }  // zero between the unknowns and f
     long stride() const { return stride_; }
 
-    // C = shift I, shift > 0; x may be r. `by_rows` allows the inverse to be taken in the space of
-    // the rows where these are fewer (Woodbury), which loses digits where the shift is tiny.
+    // C = shift I, shift > 0; x may be r. `by_rows` allows the inverse to be taken in
+    // the space of the rows where these are fewer (Woodbury), which loses digits where
+    // the shift is tiny.
     void solve(long rows, double shift, bool by_rows, const double* r, double* x);
 
     // C (n, n), row-major, positive definite together with F^T F.

@@ -4,7 +4,8 @@
 
 namespace shapefit {
 
-NewtonWorkspace::NewtonWorkspace(Workspace& workspace, long padded_atoms, long q, long further_rows)
+NewtonWorkspace::NewtonWorkspace(Workspace& workspace, long padded_atoms, long q,
+                                 long further_rows)
     : active(workspace, padded_atoms),
       gram(workspace, 6 * padded_atoms + further_rows, 2 * q),
       N(workspace.zeros<double>(6 * padded_atoms)),
@@ -20,22 +21,27 @@ NewtonWorkspace::NewtonWorkspace(Workspace& workspace, long padded_atoms, long q
 
 namespace {
 
-// sigma starts at START / lambda, the step on which M can move by its own size where ||w|| = 1 and
+// sigma starts at START / lambda, the step on which M can move by its own size where
+// ||w|| = 1 and
 // ||B_i|| = 1, and grows by GROWTH per outer iteration.
 constexpr double START = 20, GROWTH = 4;
-// rho_j bound_j = PART sigma lambda: an entry of E has the size of one residual, M that of all of w.
-// The count of steps is flat from 0.03 to 0.1, with 12 landmarks as with 256.
+// rho_j bound_j = PART sigma lambda: an entry of E has the size of one residual, M that
+// of all of w. The count of steps is flat from 0.03 to 0.1, with 12 landmarks as with
+// 256.
 constexpr double PART = 0.05;
-// An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| / (sigma lambda).
+// An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| /
+// (sigma lambda).
 constexpr double LOOSENESS = 2;
-// Rounding of the gradient, whose terms M + sigma y B^T and E + rho Y cancel, as a share of sigma
-// lambda. No inner problem is solved beyond it, nor in more than PATIENCE steps; where one of these
-// comes first sigma falls: the noise grows with it, and so do the kinks of phi that a step crosses.
+// Rounding of the gradient, whose terms M + sigma y B^T and E + rho Y cancel, as a
+// share of sigma lambda. No inner problem is solved beyond it, nor in more than
+// PATIENCE steps; where one of these comes first sigma falls: the noise grows with it,
+// and so do the kinks of phi that a step crosses.
 constexpr double ROUNDING = 1e-15;
 constexpr long PATIENCE = 40;
 constexpr double ARMIJO = 1e-4, SHORTEST = 1e-10;
 
-// A proximal point: prox in the active blocks, fresh errors, and what they say of the optimum.
+// A proximal point: prox in the active blocks, fresh errors, and what they say of the
+// optimum.
 struct ProximalPoint {
     double gradient;  // ||gradient of phi||^2
     double moved;     // ||change of (M, E)||^2
@@ -45,7 +51,8 @@ struct ProximalPoint {
 template <class Errors>
 class Lagrangian {
   public:
-    Lagrangian(const ReducedProgram& program, Iterate& iterate, Errors& errors, NewtonWorkspace& work)
+    Lagrangian(const ReducedProgram& program, Iterate& iterate, Errors& errors,
+               NewtonWorkspace& work)
         : program_(program),
           iterate_(iterate),
           errors_(errors),
@@ -63,7 +70,8 @@ class Lagrangian {
             inner = minimise();
             accept();
             sigma_ *= inner == Inner::SOLVED ? GROWTH : 1 / GROWTH;
-            if (inner == Inner::DONE || Errors::robust || !(program_.delta > 0)) continue;
+            if (inner == Inner::DONE || Errors::robust || !(program_.delta > 0))
+                continue;
             // the proximal point may be a good start
             const PrimalDualEnd end = solve_primal_dual(program_, iterate_, work_);
             steps_ += end.steps;
@@ -73,8 +81,8 @@ class Lagrangian {
     }
 
   private:
-    // How the minimisation of phi ended: the program is solved or the steps are used up, phi is
-    // minimised as far as asked, or rounding stops it.
+    // How the minimisation of phi ended: the program is solved or the steps are used
+    // up, phi is minimised as far as asked, or rounding stops it.
     enum class Inner { DONE, SOLVED, STUCK };
 
     Inner minimise() {
@@ -84,7 +92,8 @@ class Lagrangian {
                 !is_finite(point.gap))
                 return Inner::DONE;
             const double t = threshold(), noise = ROUNDING * t;
-            if (inner > 0 && point.gradient * t * t <= LOOSENESS * LOOSENESS * point.moved)
+            if (inner > 0 &&
+                point.gradient * t * t <= LOOSENESS * LOOSENESS * point.moved)
                 return Inner::SOLVED;
             if (inner > 0 && (point.gradient <= noise * noise || inner >= PATIENCE))
                 return Inner::STUCK;
@@ -103,19 +112,21 @@ class Lagrangian {
 
     // phi(y + step direction); the sums of singular values there are left in total.
     double value_along(double step) {
-        const double part = moreau(iterate_.M, work_.N, step, work_.change, sigma_, threshold(),
-                                   work_.total, k_);
+        const double part = moreau(iterate_.M, work_.N, step, work_.change, sigma_,
+                                   threshold(), work_.total, k_);
         const double square = 0.5 * yy_ + step * yd_ + 0.5 * step * step * dd_;
         return program_.delta * square - yw_ - step * wd_ + part / (2 * sigma_) +
                errors_.value(step);
     }
 
-    // The gradient delta y - w + sum P_i B_i + errors, and the gap of the point it belongs to.
+    // The gradient delta y - w + sum P_i B_i + errors, and the gap of the point it
+    // belongs to.
     ProximalPoint find_proximal_point() {
         ActiveBlocks& active = work_.active;
         double* g = work_.gradient;
         active.find(iterate_.M, work_.N, sigma_, threshold(), work_.total, k_);
-        for (long j = 0; j < n_; ++j) g[j] = program_.w[j] - program_.delta * iterate_.y[j];
+        for (long j = 0; j < n_; ++j)
+            g[j] = program_.w[j] - program_.delta * iterate_.y[j];
         active.subtract_fit(program_.atoms, g, g + q_, q_);
         for (long j = 0; j < n_; ++j) g[j] = -g[j];
         const ErrorsPoint errors = errors_.find(g, q_);
@@ -148,8 +159,8 @@ class Lagrangian {
         const double primal = program_.lam * work_.active.norms +
                               errors_.penalty(work_.gradient, q_, quadratic) +
                               program_.delta * 0.5 * residual;
-        const DualBound bound(program_.lam, program_.delta, largest_nuclear_norm(work_.N, k_), share,
-                              yy_, yw_);
+        const DualBound bound(program_.lam, program_.delta,
+                              largest_nuclear_norm(work_.N, k_), share, yy_, yw_);
         const double gap = bound.relative_gap(primal);
         return !quadratic && !Errors::robust ? larger(gap, root(gradient)) : gap;
     }
@@ -165,7 +176,8 @@ class Lagrangian {
             return value <= phi_ + ARMIJO * step * slope + 1e-13 * magnitude(phi_);
         };
         double step = 1, value = value_along(step);
-        while (!falls(step, value) && !(step < SHORTEST)) value = value_along(step *= 0.5);
+        while (!falls(step, value) && !(step < SHORTEST))
+            value = value_along(step *= 0.5);
         phi_ = value;
         for (long j = 0; j < n_; ++j) iterate_.y[j] += step * d[j];
         for (long e = 0; e < 6 * k_; ++e) work_.N[e] += step * work_.change[e];
@@ -190,7 +202,8 @@ class Lagrangian {
             gram.solve(rows, work_.matrix, work_.gradient, work_.direction);
         } else {
             errors_.append_rows(rows, gram);
-            gram.solve(rows + curved, shift, quadratic, work_.gradient, work_.direction);
+            gram.solve(rows + curved, shift, quadratic, work_.gradient,
+                       work_.direction);
         }
         for (long j = 0; j < n_; ++j) work_.direction[j] = -work_.direction[j];
     }
@@ -211,19 +224,19 @@ class Lagrangian {
     const long q_, n_, k_;
     double sigma_;
     long steps_ = 0;
-    double phi_ = 0, yy_ = 0, yw_ = 0;            // at y
-    double yd_ = 0, dd_ = 0, wd_ = 0;             // with the direction
+    double phi_ = 0, yy_ = 0, yw_ = 0;  // at y
+    double yd_ = 0, dd_ = 0, wd_ = 0;   // with the direction
 };
 
 }  // namespace
 
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors, NewtonWorkspace& work,
-                      long taken) {
+long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
+                      NewtonWorkspace& work, long taken) {
     return Lagrangian<NoErrors>(program, iterate, errors, work).solve(taken);
 }
 
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, SparseErrors& errors,
-                      NewtonWorkspace& work, long taken) {
+long solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
+                      SparseErrors& errors, NewtonWorkspace& work, long taken) {
     return Lagrangian<SparseErrors>(program, iterate, errors, work).solve(taken);
 }
 
@@ -232,13 +245,15 @@ namespace {
 // sigma lambda: the count of steps is flat from 0.3 to 4.
 constexpr double STEP = 1;
 constexpr long MOST_ROUNDS = 8;
-// The gap of a start from which the steps diverge: soon nearly all atoms are active, and each step
-// costs many times what the augmented Lagrangian asks. Attempts that converge stay below 0.9.
-// This and the start that is put back in the end are for speed: the certificate judges either solver.
+// The gap of a start from which the steps diverge: soon nearly all atoms are active,
+// and each step costs many times what the augmented Lagrangian asks. Attempts that
+// converge stay below 0.9. This and the start that is put back in the end are for
+// speed: the certificate judges either solver.
 constexpr double HOPELESS = 0.95;
 
 // The right-hand side w - y - sum P_i B_i, and the rest of it in the rows of F.
-long build_system(const ReducedProgram& program, const Iterate& iterate, double sigma, NewtonWorkspace& work) {
+long build_system(const ReducedProgram& program, const Iterate& iterate, double sigma,
+                  NewtonWorkspace& work) {
     const long k = program.padded_atoms(), n = program.unknowns();
     ActiveBlocks& active = work.active;
     sum_singular_values(iterate.M, work.N, sigma, work.total, k);
@@ -246,15 +261,17 @@ long build_system(const ReducedProgram& program, const Iterate& iterate, double 
     active.weigh(sigma * program.lam, Weighing::resolvent);
     for (int e = 0; e < 6; ++e)
         for (long c = 0; c < active.count; ++c)
-            work.moved[e * k + c] = active.prox[e * k + c] - iterate.M[e * k + active.index[c]];
+            work.moved[e * k + c] =
+                active.prox[e * k + c] - iterate.M[e * k + active.index[c]];
     for (long j = 0; j < n; ++j) work.gradient[j] = program.w[j] - iterate.y[j];
-    active.subtract_fit(program.atoms, work.gradient, work.gradient + program.q(), program.q());
+    active.subtract_fit(program.atoms, work.gradient, work.gradient + program.q(),
+                        program.q());
     return active.write_rows(sigma, program.atoms, work.moved, work.gram);
 }
 
 // M_i <- P_i + W_i (sigma dN_i + P_i - M_i); returns sum ||M_i||_2.
-double move_transforms(const ReducedProgram& program, double sigma, const double* fresh_N,
-                       Iterate& iterate, NewtonWorkspace& work) {
+double move_transforms(const ReducedProgram& program, double sigma,
+                       const double* fresh_N, Iterate& iterate, NewtonWorkspace& work) {
     const long k = program.padded_atoms();
     const ActiveBlocks& active = work.active;
     for (int e = 0; e < 6; ++e)
@@ -270,7 +287,8 @@ double move_transforms(const ReducedProgram& program, double sigma, const double
         for (int e = 0; e < 6; ++e) M.q[e] += load(active.prox + e * k + c);
         for (int e = 0; e < 6; ++e) store(work.weighted + e * k + c, M.q[e]);
         const Doubles sizes = spectral_norm(invariants(M.q));
-        for (int lane = 0; lane < WIDTH && c + lane < active.count; ++lane) norms += sizes[lane];
+        for (int lane = 0; lane < WIDTH && c + lane < active.count; ++lane)
+            norms += sizes[lane];
     }
     for (int e = 0; e < 6; ++e)
         for (long c = 0; c < active.count; ++c)
@@ -280,7 +298,8 @@ double move_transforms(const ReducedProgram& program, double sigma, const double
 
 }  // namespace
 
-PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate, NewtonWorkspace& work) {
+PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
+                                NewtonWorkspace& work) {
     const long k = program.padded_atoms(), q = program.q(), n = program.unknowns();
     const double sigma = STEP / program.lam;
     memcpy(work.start_M, iterate.M, sizeof(double) * 6 * k);
@@ -291,13 +310,16 @@ PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
         work.gram.solve(rows, 1, true, work.gradient, work.direction);
         for (long j = 0; j < n; ++j) iterate.y[j] += work.direction[j];
         correlate(program.atoms.planes, iterate.y, iterate.y + q, work.change);
-        const double norms = move_transforms(program, sigma, work.change, iterate, work);
+        const double norms =
+            move_transforms(program, sigma, work.change, iterate, work);
         double* fresh = work.change;
         work.change = work.N;
         work.N = fresh;
         ++steps;
-        const double yy = dot(iterate.y, iterate.y, n), yw = dot(iterate.y, program.w, n);
-        const DualBound bound(program.lam, 1, largest_nuclear_norm(work.N, k), 0, yy, yw);
+        const double yy = dot(iterate.y, iterate.y, n),
+                     yw = dot(iterate.y, program.w, n);
+        const DualBound bound(program.lam, 1, largest_nuclear_norm(work.N, k), 0, yy,
+                              yw);
         const double gap = bound.relative_gap(0.5 * yy + program.lam * norms);
         if (gap <= program.tolerance) return {steps, true};
         if (!(gap < HOPELESS)) break;

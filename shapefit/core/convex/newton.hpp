@@ -1,30 +1,35 @@
 // One image in reduced coordinates, solved by Newton steps of two kinds.
 //
-//     min_M f(w - sum_i M_i B_i) + lambda sum_i ||M_i||_2,    max_y <y, w> - delta/2 ||y||^2
+//     min_M f(w - sum_i M_i B_i) + lambda sum_i ||M_i||_2,    max_y <y, w> - delta/2
+//     ||y||^2
 //
-// in the units ||w|| = 1 and max ||B_i|| = 1, and lambda = 1 where the loss has no quadratic, so that
-// the unit of the dual is free there.
+// in the units ||w|| = 1 and max ||B_i|| = 1, and lambda = 1 where the loss has no
+// quadratic, so that the unit of the dual is free there.
 //
-// From any start: the proximal-point method on the primal (equivalently the augmented Lagrangian
-// method on the dual) repeats, with growing sigma,
+// From any start: the proximal-point method on the primal (equivalently the augmented
+// Lagrangian method on the dual) repeats, with growing sigma,
 //
 //     y <- argmin phi(y) = delta/2 ||y||^2 - <y, w>
-//                          + 1/(2 sigma) sum_i ||prox_{sigma lambda}(M_i + sigma y B_i^T)||^2
+//                          + 1/(2 sigma) sum_i ||prox_{sigma lambda}(M_i + sigma y
+//                          B_i^T)||^2
 //                          + the part of the errors (errors.hpp)
 //     M_i <- prox_{sigma lambda}(M_i + sigma y B_i^T)
 //     E_j <- soft_{rho_j bound_j}(E_j + rho_j Y_j)
 //
-// phi is convex with a semismooth gradient and lives in 2 (p - 1) dimensions, so a Newton step costs
-// one small factorisation and few steps suffice. Every iterate carries its duality gap.
+// phi is convex with a semismooth gradient and lives in 2 (p - 1) dimensions, so a
+// Newton step costs one small factorisation and few steps suffice. Every iterate
+// carries its duality gap.
 //
-// From a good start, for the squared loss: M and y solve the program and its dual together where
+// From a good start, for the squared loss: M and y solve the program and its dual
+// together where
 //     y = w - sum_i M_i B_i,    M_i = P_i := prox_{sigma lambda}(M_i + sigma y B_i^T).
 // With W_i = D_i (I - D_i)^-1, D_i the derivative of the prox, a Newton step on both is
 //     (I + sigma sum_i B_i^T W_i B_i) dy = w - y - sum_i (P_i + W_i (P_i - M_i)) B_i,
 //     M_i <- P_i + W_i (sigma dy B_i^T + P_i - M_i),
-// the system of the augmented dual with other weights. D_i has eigenvalues of 1, for a transform may
-// grow freely along itself: their weights are capped (MOST_WEIGHT). Full steps, no line search: it
-// converges from the solution of a neighbouring image or not at all.
+// the system of the augmented dual with other weights. D_i has eigenvalues of 1, for a
+// transform may grow freely along itself: their weights are capped (MOST_WEIGHT). Full
+// steps, no line search: it converges from the solution of a neighbouring image or not
+// at all.
 #pragma once
 
 #include "errors.hpp"
@@ -63,28 +68,32 @@ struct NewtonWorkspace {
     NewtonWorkspace(Workspace& workspace, long padded_atoms, long q, long further_rows);
 };
 
-// Solve from the iterate, which is overwritten, within most_steps - taken; returns Newton steps.
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors, NewtonWorkspace& work,
-                      long taken);
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, SparseErrors& errors,
+// Solve from the iterate, which is overwritten, within most_steps - taken; returns
+// Newton steps.
+long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
                       NewtonWorkspace& work, long taken);
+long solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
+                      SparseErrors& errors, NewtonWorkspace& work, long taken);
 
 struct PrimalDualEnd {
     long steps;
     bool solved;
 };
 
-// Takes the iterate, of which room.N holds the correlation, to the tolerance; where it does not get
-// there the iterate is left as it was.
-PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate, NewtonWorkspace& work);
+// Takes the iterate, of which room.N holds the correlation, to the tolerance; where it
+// does not get there the iterate is left as it was.
+PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
+                                NewtonWorkspace& work);
 
 // What a dual point y proves once it is scaled until it is feasible: s y has the value
 // D = s <y, w> - delta/2 s^2 ||y||^2.
 struct DualBound {
     double scale, value;
 
-    // `largest` is max_i ||y B_i^T||_*, `share` that of the bound which |y| reaches (none: 0).
-    DualBound(double lam, double delta, double largest, double share, double yy, double yw) {
+    // `largest` is max_i ||y B_i^T||_*, `share` that of the bound which |y| reaches
+    // (none: 0).
+    DualBound(double lam, double delta, double largest, double share, double yy,
+              double yw) {
         scale = smaller(lam / larger(largest, TINY), 1 / larger(share, TINY));
         if (delta > 0) scale = smaller(scale, yw / larger(yy, TINY));
         scale = larger(scale, 0);

@@ -9,13 +9,15 @@ namespace shapefit {
 
 namespace {
 
-// The solver aims a little below the tolerance, so that the certificate in the units of the data,
-// which rounds differently, agrees with it. This saves a second round, and decides nothing else.
+// The solver aims a little below the tolerance, so that the certificate in the units of
+// the data, which rounds differently, agrees with it. This saves a second round, and
+// decides nothing else.
 constexpr double CLOSER = 0.99;
-// Where it does not, as with weights over six orders at a gap of 1e-10, the solver goes on once, to
-// this share of the tolerance.
+// Where it does not, as with weights over six orders at a gap of 1e-10, the solver goes
+// on once, to this share of the tolerance.
 constexpr double STILL_CLOSER = 0.1;
-// A neighbour's transforms are a start where they leave less than this share of ||w||^2.
+// A neighbour's transforms are a start where they leave less than this share of
+// ||w||^2.
 constexpr double EXPLAINED = 0.1;
 // The start goes on from the last two solutions by this share of their difference.
 constexpr double AHEAD = 0.5;
@@ -23,11 +25,11 @@ constexpr double AHEAD = 0.5;
 // The certificate from scratch: original data in, objective and gap out.
 struct Certifier {
     const ConvexProgram& program;
-    Planes planes;                // B (3, p, padded)
-    Matrix<double> centred;       // W less its mean
-    Matrix<double> left;          // what M leaves of it
-    Matrix<double> weighted;      // Omega o Y
-    double* N;                    // (6, padded)
+    Planes planes;            // B (3, p, padded)
+    Matrix<double> centred;   // W less its mean
+    Matrix<double> left;      // what M leaves of it
+    Matrix<double> weighted;  // Omega o Y
+    double* N;                // (6, padded)
 
     Certifier(const ConvexProgram& data, Workspace& workspace)
         : program(data),
@@ -40,10 +42,11 @@ struct Certifier {
     // P = f(Omega o (W - sum M_i B_i - T 1^T)) + lambda sum ||M_i||_2, its gap to
     // D = <Y, Omega o W> - delta/2 ||Y||^2, and the residual, for one image.
     //
-    // On entry E holds the sparse errors from which the translation follows: the mean of what M and E
-    // leave, weighted by omega^2 where the loss has a quadratic. On return it holds those that
-    // minimise the objective, T is written, and Y has been made orthogonal to omega and scaled until
-    // it is dual feasible, so P - D bounds the distance to the optimum whatever the solver did.
+    // On entry E holds the sparse errors from which the translation follows: the mean
+    // of what M and E leave, weighted by omega^2 where the loss has a quadratic. On
+    // return it holds those that minimise the objective, T is written, and Y has been
+    // made orthogonal to omega and scaled until it is dual feasible, so P - D bounds
+    // the distance to the optimum whatever the solver did.
     void certify(long image, const ImageTransforms& M, const ConvexPoint& point,
                  const ConvexProof& proof);
 };
@@ -52,8 +55,10 @@ struct Sums {
     double primal = 0, residual = 0, scale = 0;
 };
 
-// `centred` and `left` become W less its mean, weighted by omega^2; returns omega . omega.
-double centre(Matrix<const double> W, Vector<const double> omega, Certifier& work, double* mean) {
+// `centred` and `left` become W less its mean, weighted by omega^2; returns omega .
+// omega.
+double centre(Matrix<const double> W, Vector<const double> omega, Certifier& work,
+              double* mean) {
     const long p = omega.size[0];
     double total = 0;
     long first = -1;
@@ -78,7 +83,8 @@ double centre(Matrix<const double> W, Vector<const double> omega, Certifier& wor
 }
 
 // left -= sum M_i B_i; returns sum ||M_i||_2.
-double subtract_shapes(const ImageTransforms& M, Tensor<const double> B, Matrix<double> left) {
+double subtract_shapes(const ImageTransforms& M, Tensor<const double> B,
+                       Matrix<double> left) {
     const long p = B.size[2];
     double norms = 0;
     for (long e = 0; e < M.count; ++e) {
@@ -91,7 +97,8 @@ double subtract_shapes(const ImageTransforms& M, Tensor<const double> B, Matrix<
 }
 
 // The translation of one axis beside the mean: the mean of what M and, if any, E leave.
-double find_shift(Vector<const double> omega, const double* left, const double* E, bool quadratic) {
+double find_shift(Vector<const double> omega, const double* left, const double* E,
+                  bool quadratic) {
     double shift = 0, total = 0;
     for (long j = 0; j < omega.size[0]; ++j) {
         if (!(omega[j] > 0)) continue;
@@ -103,8 +110,9 @@ double find_shift(Vector<const double> omega, const double* left, const double* 
 }
 
 // The loss of one axis, its errors, and Y made orthogonal to omega.
-void add_axis(const ConvexProgram& program, Vector<const double> omega, double total, double shift,
-              const double* centred, const double* left, double* E, double* Y, Sums& sums) {
+void add_axis(const ConvexProgram& program, Vector<const double> omega, double total,
+              double shift, const double* centred, const double* left, double* E,
+              double* Y, Sums& sums) {
     const bool robust = program.bound < INFINITE, quadratic = program.delta > 0;
     const double bound = program.bound;
     double along = 0;
@@ -115,12 +123,13 @@ void add_axis(const ConvexProgram& program, Vector<const double> omega, double t
         const double excess = larger(size - bound, 0);
         if (robust) E[j] = quadratic ? sign_of(r) * excess : r;
         if (quadratic)
-            sums.primal += robust && excess > 0 ? bound * (size - 0.5 * bound) : 0.5 * r * r;
-        else if (robust)
-            sums.primal += bound * size;
+            sums.primal +=
+                robust && excess > 0 ? bound * (size - 0.5 * bound) : 0.5 * r * r;
+        else if (robust) sums.primal += bound * size;
         along += Y[j] * omega[j] / total;
     }
-    for (long j = 0; j < omega.size[0]; ++j) Y[j] = omega[j] > 0 ? Y[j] - along * omega[j] : 0;
+    for (long j = 0; j < omega.size[0]; ++j)
+        Y[j] = omega[j] > 0 ? Y[j] - along * omega[j] : 0;
 }
 
 // Scale Y until it is feasible; returns D.
@@ -152,14 +161,19 @@ void Certifier::certify(long image, const ImageTransforms& M, const ConvexPoint&
     sums.primal = program.lam[image] * norms;
     for (int a = 0; a < 2; ++a) {
         double *E = point.errors[image][a].data, *Y = point.dual[image][a].data;
-        const bool quadratic = program.delta > 0, squared = quadratic && !(program.bound < INFINITE);
-        const double shift = find_shift(omega, left[a].data, squared ? nullptr : E, quadratic);
+        const bool quadratic = program.delta > 0,
+                   squared = quadratic && !(program.bound < INFINITE);
+        const double shift =
+            find_shift(omega, left[a].data, squared ? nullptr : E, quadratic);
         point.translation[image][a] = mean[a] + shift;
-        add_axis(program, omega, total, shift, centred[a].data, left[a].data, E, Y, sums);
+        add_axis(program, omega, total, shift, centred[a].data, left[a].data, E, Y,
+                 sums);
     }
-    const double dual = find_bound(program, omega, program.lam[image], *this, point.dual[image]);
+    const double dual =
+        find_bound(program, omega, program.lam[image], *this, point.dual[image]);
     proof.objective[image] = sums.primal;
-    proof.relative_gap[image] = sums.primal == 0 ? 0 : (sums.primal - dual) / sums.primal;
+    proof.relative_gap[image] =
+        sums.primal == 0 ? 0 : (sums.primal - dual) / sums.primal;
     proof.residual[image] = sums.scale > 0 ? root(sums.residual / sums.scale) : 0;
 }
 
@@ -196,7 +210,9 @@ class BlockSolver {
           atoms_(workspace_, certifier_.planes, padded_),
           errors_(workspace_, p_),
           work_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, robust() ? 2 * p_ : 0) {
-        const auto numbers = [&](long count) { return workspace_.zeros<double>(count); };
+        const auto numbers = [&](long count) {
+            return workspace_.zeros<double>(count);
+        };
         active_ = {workspace_.zeros<int64_t>(padded_ + 1), numbers(6 * padded_)};
         last_weights_ = workspace_.vector<double>(p_);
         rho_ = workspace_.vector<double>(p_);
@@ -215,15 +231,19 @@ class BlockSolver {
         const bool same_mask = take_weights(image);
         if (reduction_.visible_count < 2) return give_up(image);
         take_landmarks(image);
-        ReducedProgram reduced{atoms_, w_,
-                               program_.lam[image] / (units_.dual * units_.atoms), program_.delta,
-                               CLOSER * task_.options.tolerance, task_.options.most_steps};
+        ReducedProgram reduced{atoms_,
+                               w_,
+                               program_.lam[image] / (units_.dual * units_.atoms),
+                               program_.delta,
+                               CLOSER * task_.options.tolerance,
+                               task_.options.most_steps};
         const bool near = start(same_mask, reduced.lam);
         long steps = solve_reduced(image, reduced, near, 0);
         remember(same_mask);
         write(image);
         set_status(image);
-        if (task_.end.status[image] == Status::ITERATION_LIMIT && steps < reduced.most_steps) {
+        if (task_.end.status[image] == Status::ITERATION_LIMIT &&
+            steps < reduced.most_steps) {
             reduced.tolerance *= STILL_CLOSER;
             take_errors_back(image);
             steps += solve_reduced(image, reduced, false, steps);
@@ -241,14 +261,16 @@ class BlockSolver {
     bool quadratic() const { return program_.delta > 0; }
     long q() const { return reduction_.coordinates(); }
 
-    // Reduce the atoms where the weights are not the last image's; returns whether they are.
+    // Reduce the atoms where the weights are not the last image's; returns whether they
+    // are.
     bool take_weights(long image) {
         const Vector<const double> omega = program_.weights[image];
         if (are_equal(omega.data, last_weights_.data, p_)) return true;
         for (long j = 0; j < p_; ++j) {
             last_weights_[j] = omega[j];
-            // Without a quadratic the weights move from the residual to the bounds of the dual,
-            // f(omega r) = omega f(r): the same program, but well conditioned whatever they are.
+            // Without a quadratic the weights move from the residual to the bounds of
+            // the dual, f(omega r) = omega f(r): the same program, but well conditioned
+            // whatever they are.
             rho_[j] = !quadratic() && omega[j] > 0 ? 1 : omega[j];
         }
         reduction_.find(rho_);
@@ -267,14 +289,16 @@ class BlockSolver {
         for (long j = 0; j < 2 * q(); ++j) total += square(w_[j]);
         units_.landmarks = total > 0 ? root(total) : 1;
         for (long j = 0; j < 2 * q(); ++j) w_[j] /= units_.landmarks;
-        units_.dual = quadratic() ? units_.landmarks : program_.lam[image] / units_.atoms;
+        units_.dual =
+            quadratic() ? units_.landmarks : program_.lam[image] / units_.atoms;
         for (long j = 0; j < p_; ++j) {
             const double weight = quadratic() ? 1 : last_weights_[j];
             bounds_[j] = program_.bound * weight / units_.dual;
         }
     }
 
-    // The first iterate; returns whether it is the solution of a neighbour with the same weights.
+    // The first iterate; returns whether it is the solution of a neighbour with the
+    // same weights.
     bool start(bool same_mask, double lam) {
         const bool known = last_.known && start_from_last(same_mask);
         if (!known) start_cold(lam);
@@ -284,15 +308,16 @@ class BlockSolver {
     bool start_from_last(bool same_mask) {
         const bool ahead = same_mask && before_.known;
         for (long e = 0; e < 6 * padded_; ++e)
-            iterate_.M[e] =
-                (ahead ? last_.M[e] + AHEAD * (last_.M[e] - before_.M[e]) : last_.M[e]) /
-                units_.transforms();
+            iterate_.M[e] = (ahead ? last_.M[e] + AHEAD * (last_.M[e] - before_.M[e])
+                                   : last_.M[e]) /
+                            units_.transforms();
         if (!explains()) return false;
         if (!same_mask)
             for (int a = 0; a < 2; ++a)
                 reduction_.reduce(Y_ + a * p_, ones_, last_.y + a * q());
         for (long j = 0; j < 2 * q(); ++j)
-            iterate_.y[j] = (ahead ? last_.y[j] + AHEAD * (last_.y[j] - before_.y[j]) : last_.y[j]) /
+            iterate_.y[j] = (ahead ? last_.y[j] + AHEAD * (last_.y[j] - before_.y[j])
+                                   : last_.y[j]) /
                             units_.dual;
         return true;
     }
@@ -304,11 +329,13 @@ class BlockSolver {
         memcpy(left, w_, sizeof(double) * n);
         list_active(iterate_.M);
         for (long c = 0; c < active_.count; ++c)
-            subtract_shape(active_.blocks + 6 * c, atoms_[active_.atom[c]], atoms_.row, left, q());
+            subtract_shape(active_.blocks + 6 * c, atoms_[active_.atom[c]], atoms_.row,
+                           left, q());
         return dot(left, left, n) < EXPLAINED * dot(w_, w_, n);
     }
 
-    // Those of the transforms M (6, padded) that are not 0; beyond the atoms nothing counts.
+    // Those of the transforms M (6, padded) that are not 0; beyond the atoms nothing
+    // counts.
     void list_active(const double* M) {
         active_.count = 0;
         for (long i = 0; i < padded_; i += WIDTH) {
@@ -334,7 +361,8 @@ class BlockSolver {
     }
 
     // Newton steps, `taken` of which came before.
-    long solve_reduced(long image, const ReducedProgram& reduced, bool near, long taken) {
+    long solve_reduced(long image, const ReducedProgram& reduced, bool near,
+                       long taken) {
         if (robust()) {
             errors_.attach(reduction_, bounds_, task_.point.errors[image].data);
             return solve_lagrangian(reduced, iterate_, errors_, work_, taken);
@@ -346,7 +374,8 @@ class BlockSolver {
             steps = end.steps;
             if (end.solved) return steps;
         }
-        return steps + solve_lagrangian(reduced, iterate_, NoErrors{}, work_, taken + steps);
+        return steps +
+               solve_lagrangian(reduced, iterate_, NoErrors{}, work_, taken + steps);
     }
 
     void remember(bool same_mask) {
@@ -362,14 +391,16 @@ class BlockSolver {
         const double scale = units_.transforms();
         for (long e = 0; e < 6 * padded_; ++e) last_.M[e] = iterate_.M[e] * scale;
         for (long j = 0; j < 2 * q(); ++j) last_.y[j] = iterate_.y[j] * units_.dual;
-        for (int a = 0; a < 2; ++a) reduction_.expand(last_.y + a * q(), Y_ + a * p_, p_);
+        for (int a = 0; a < 2; ++a)
+            reduction_.expand(last_.y + a * q(), Y_ + a * p_, p_);
     }
 
     // Back to the landmarks of the image.
     void write(long image) {
         list_active(last_.M);
         for (int a = 0; a < 2; ++a) {
-            double *E = task_.point.errors[image][a].data, *Y = task_.point.dual[image][a].data;
+            double *E = task_.point.errors[image][a].data,
+                   *Y = task_.point.dual[image][a].data;
             for (long j = 0; j < p_; ++j) Y[j] = 0;
             for (long m = 0; m < reduction_.visible_count; ++m) {
                 const long j = reduction_.visible[m];
@@ -390,12 +421,17 @@ class BlockSolver {
         }
         const bool exact = !quadratic() && !robust();
         const double worst = exact ? larger(gap, task_.proof.residual[image]) : gap;
-        task_.end.status[image] = worst <= task_.options.tolerance ? Status::OPTIMAL : Status::ITERATION_LIMIT;
+        task_.end.status[image] = worst <= task_.options.tolerance
+                                      ? Status::OPTIMAL
+                                      : Status::ITERATION_LIMIT;
     }
 
-    // E, in the units of the residual after `set_status`, in those of the solver, and in the landmarks'.
+    // E, in the units of the residual after `set_status`, in those of the solver, and
+    // in the landmarks'.
     void take_errors_back(long image) {
-        scale_errors(image, [&](long j) { return rho_[j] / last_weights_[j] / units_.landmarks; });
+        scale_errors(image, [&](long j) {
+            return rho_[j] / last_weights_[j] / units_.landmarks;
+        });
     }
     void give_errors_their_unit(long image) {
         scale_errors(image, [&](long j) { return 1 / last_weights_[j]; });
@@ -413,11 +449,13 @@ class BlockSolver {
     // Take as many places of the common list as there are transforms, and fill them.
     void hand_over(long image) {
         const long count = active_.count;
-        const long at = __atomic_fetch_add(task_.transforms.used.data, count, __ATOMIC_RELAXED);
+        const long at =
+            __atomic_fetch_add(task_.transforms.used.data, count, __ATOMIC_RELAXED);
         task_.transforms.first[image] = at;
         task_.transforms.count[image] = count;
         memcpy(task_.transforms.atom.data + at, active_.atom, sizeof(int64_t) * count);
-        memcpy(task_.transforms.blocks.data + 6 * at, active_.blocks, sizeof(double) * 6 * count);
+        memcpy(task_.transforms.blocks.data + 6 * at, active_.blocks,
+               sizeof(double) * 6 * count);
     }
 
     void give_up(long image) {

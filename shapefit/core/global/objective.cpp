@@ -29,7 +29,8 @@ void quaternion_of(const double* R, double* q) {
 void turn_by(const double* turn, double* q) {
     const double angle = root(inner3(turn, turn));
     const double share = angle > 1e-8 ? sin(angle / 2) / angle : 0.5;
-    const double w = cos(angle / 2), x = share * turn[0], y = share * turn[1], z = share * turn[2];
+    const double w = cos(angle / 2), x = share * turn[0], y = share * turn[1],
+                 z = share * turn[2];
     const double old[4] = {q[0], q[1], q[2], q[3]};
     q[0] = w * old[0] - x * old[1] - y * old[2] - z * old[3];
     q[1] = w * old[1] + x * old[0] + y * old[3] - z * old[2];
@@ -94,10 +95,10 @@ void RotationObjective::derivatives(double* gradient, double* curvature) {
 namespace {
 
 constexpr int MOST_STEPS = 100, MOST_TRIALS = 20;
-constexpr double LONGEST = 0.5;    // radians in one step
-constexpr double ENOUGH = 1e-4;    // share of the promised fall (Armijo)
-constexpr double DAMPING = 1e-3;   // of the first curvature, beside its trace
-constexpr double CURVED = 1e-10;   // share of |s| |y| from which s.y counts as positive
+constexpr double LONGEST = 0.5;   // radians in one step
+constexpr double ENOUGH = 1e-4;   // share of the promised fall (Armijo)
+constexpr double DAMPING = 1e-3;  // of the first curvature, beside its trace
+constexpr double CURVED = 1e-10;  // share of |s| |y| from which s.y counts as positive
 
 struct Point {
     double q[4], value, gradient[3];
@@ -111,9 +112,11 @@ double value_at(RotationObjective& objective, const double* q) {
 void invert_curvature(const double* curvature, double* H) {
     double A[9], C[9];
     const double trace = curvature[0] + curvature[4] + curvature[8];
-    for (int e = 0; e < 9; ++e) A[e] = curvature[e] + (e % 4 == 0 ? DAMPING * trace : 0);
+    for (int e = 0; e < 9; ++e)
+        A[e] = curvature[e] + (e % 4 == 0 ? DAMPING * trace : 0);
     const double determinant = find_cofactors(A, C);
-    for (int e = 0; e < 9; ++e) H[e] = determinant > 0 ? C[e] / determinant : e % 4 == 0;
+    for (int e = 0; e < 9; ++e)
+        H[e] = determinant > 0 ? C[e] / determinant : e % 4 == 0;
 }
 
 // H <- (I - s y^T / s.y) H (I - y s^T / s.y) + s s^T / s.y, where s.y is positive.
@@ -129,8 +132,8 @@ void update(const double* s, const double* y, double* H) {
 }
 
 // A step that keeps Armijo's rule; false where none does.
-bool search_line(RotationObjective& objective, const Point& from, double* step, double slope,
-                 Point& to) {
+bool search_line(RotationObjective& objective, const Point& from, double* step,
+                 double slope, Point& to) {
     for (int trial = 0; trial < MOST_TRIALS; ++trial) {
         for (int e = 0; e < 4; ++e) to.q[e] = from.q[e];
         turn_by(step, to.q);

@@ -10,16 +10,17 @@ namespace shapefit {
 // Where a search gives up.
 struct SearchLimits {
     Arguments& from;
-    long cells = from("most_cells");  // tests of a cell
+    long cells = from("most_cells");        // tests of a cell
     double seconds = from("most_seconds");  // wall-clock
 };
 
-// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all rotations and c >= 0.
+// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all
+// rotations and c >= 0.
 struct SearchProblem {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
-    Matrix<const double> weights = from("weights", "n p");  // Omega
-    Tensor<const double> atoms = from("atoms", "k 3 p");  // B
+    Matrix<const double> weights = from("weights", "n p");        // Omega
+    Tensor<const double> atoms = from("atoms", "k 3 p");          // B
     Vector<const double> lam = from("lam", "n");
 };
 
@@ -30,13 +31,15 @@ struct GlobalData {
     // proper rotations; nan where there is none
     Blocks<const double> starts = from("starts", "n s 3 3");
     double tolerance = from("tolerance");  // relative gap at which the search ends
-    SearchLimits limits{from};  // of each image
+    SearchLimits limits{from};             // of each image
     Matrix<double> coefficients = from("coefficients", "n k");
     Tensor<double> rotation = from("rotation", "n 3 3");
     Vector<double> objective = from("objective", "n");  // U
-    Vector<double> bound = from("bound", "n");  // L: no rotation has an objective below it
+    Vector<double> bound =
+        from("bound", "n");  // L: no rotation has an objective below it
     Vector<int64_t> cells = from("cells", "n");  // tests
-    Vector<int64_t> vertices = from("vertices", "n");  // rotations whose coefficients were found
+    Vector<int64_t> vertices =
+        from("vertices", "n");  // rotations whose coefficients were found
     Vector<int64_t> status = from("status", "n");  // a Status
 };
 
@@ -51,7 +54,8 @@ inline void make_unit(double* q) {
     for (int e = 0; e < 4; ++e) q[e] *= length;
 }
 
-// out (6,) = Q(p, q), symmetric and bilinear, rows one after another: Q(q, q) = |q|^2 Rbar.
+// out (6,) = Q(p, q), symmetric and bilinear, rows one after another: Q(q, q) = |q|^2
+// Rbar.
 inline void bilinear_rows(const double* p, const double* q, double* out) {
     const double ww = p[0] * q[0], xx = p[1] * q[1], yy = p[2] * q[2], zz = p[3] * q[3];
     const double wx = p[0] * q[1] + p[1] * q[0], wy = p[0] * q[2] + p[2] * q[0];
@@ -71,11 +75,12 @@ Rotation rotation_of(const double* q);
 // The unit quaternion of R (3, 3), one of the two.
 void quaternion_of(const double* R, double* q);
 
-// q <- exp(turn) q: the rotation goes on by |turn| radians about the axis `turn` of the camera frame.
+// q <- exp(turn) q: the rotation goes on by |turn| radians about the axis `turn` of the
+// camera frame.
 void turn_by(const double* turn, double* q);
 
-// v(R) = min_{c, T} 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, at one
-// rotation of one image after another.
+// v(R) = min_{c, T} 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda
+// ||c||_1, at one rotation of one image after another.
 
 // What rounding may add to an objective or take off D(s Y), beside ||w||^2.
 constexpr double ROUNDING = 64 * 0x1p-52;
@@ -87,15 +92,19 @@ class RotationObjective {
     // Turn to an image; false where it shows fewer than two landmarks.
     bool aim(long image);
 
-    // v at R (3, 3), with `coefficients()` as the start and the end of their minimisation.
+    // v at R (3, 3), with `coefficients()` as the start and the end of their
+    // minimisation.
     double value(const Rotation& R);
 
-    // Of the last value, by the turn of the camera frame: the gradient (3,), and the curvature
-    // (3, 3) with the coefficients held and the residual left out (Gauss and Newton).
+    // Of the last value, by the turn of the camera frame: the gradient (3,), and the
+    // curvature (3, 3) with the coefficients held and the residual left out (Gauss and
+    // Newton).
     void derivatives(double* gradient, double* curvature);
 
     ActiveSet& coefficients() { return step_.set; }
-    const double* residual() const { return step_.residual(); }  // Y (2, row), 0 from q on
+    const double* residual() const {
+        return step_.residual();
+    }  // Y (2, row), 0 from q on
 
     const SearchProblem& problem;
     ReducedImage image;
@@ -109,12 +118,14 @@ class RotationObjective {
     Rotation R_;
 };
 
-// Descent of v(R) from a rotation to a local minimum: BFGS in the turns of the camera frame.
+// Descent of v(R) from a rotation to a local minimum: BFGS in the turns of the camera
+// frame.
 
 constexpr double FINE = 1e-13;  // share of v that a step of a last descent must promise
 
-// Take the unit quaternion q downhill until a step promises a fall of at most `share` of v, or none
-// is found; returns v there. The coefficients of the objective are the start and those of the end.
+// Take the unit quaternion q downhill until a step promises a fall of at most `share`
+// of v, or none is found; returns v there. The coefficients of the objective are the
+// start and those of the end.
 double descend(RotationObjective& objective, double* q, double share);
 
 }  // namespace shapefit

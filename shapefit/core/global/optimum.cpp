@@ -7,11 +7,14 @@ namespace shapefit {
 
 namespace {
 
-constexpr int DESCENTS = 8;            // from the best of the root vertices
-constexpr double ROUGH = 1e-5;         // share of v that a step must promise while descents compete
-constexpr double CLOSE = 1e-3;         // descents within this share of the best one go on to the end
-constexpr double FIRST_SHARE = 2.0 / 3;  // of the time, for the gap asked for; the rest for looser ones
-constexpr double LOOSER = 3;            // each gap to the one before, where the limit is reached
+constexpr int DESCENTS = 8;  // from the best of the root vertices
+constexpr double ROUGH =
+    1e-5;  // share of v that a step must promise while descents compete
+constexpr double CLOSE =
+    1e-3;  // descents within this share of the best one go on to the end
+constexpr double FIRST_SHARE =
+    2.0 / 3;  // of the time, for the gap asked for; the rest for looser ones
+constexpr double LOOSER = 3;  // each gap to the one before, where the limit is reached
 constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
 
 // The best rotation so far.
@@ -35,12 +38,15 @@ void find_upper_bound(const GlobalData& data, long image, RotationObjective& obj
     const auto start_from = [&](const Vertex& vertex) {
         ActiveSet& set = objective.coefficients();
         set.clear();
-        for (long e = 0; e < vertex.count; ++e) set.use(vertex.index[e], vertex.x[e], sign_of(vertex.x[e]));
+        for (long e = 0; e < vertex.count; ++e)
+            set.use(vertex.index[e], vertex.x[e], sign_of(vertex.x[e]));
     };
     for (int d = 0; d < DESCENTS; ++d) {
         int least = -1;
         for (int v = 0; v < ROOT_VERTICES; ++v)
-            if (!used[v] && (least < 0 || vertices[v].objective < vertices[least].objective)) least = v;
+            if (!used[v] &&
+                (least < 0 || vertices[v].objective < vertices[least].objective))
+                least = v;
         used[least] = true;
         for (int e = 0; e < 4; ++e) q[d][e] = vertices[least].q[e];
         start_from(vertices[least]);
@@ -74,8 +80,9 @@ Ended search(double gap, long most_cells, double deadline, RotationObjective& ob
     lower();
     cells.begin();
     while (cells.take(cell)) {
-        const bool may_go_on = cells.tested < most_cells &&
-                               (cells.tested % CELLS_BETWEEN_LOOKS != 0 || monotonic_seconds() < deadline);
+        const bool may_go_on =
+            cells.tested < most_cells &&
+            (cells.tested % CELLS_BETWEEN_LOOKS != 0 || monotonic_seconds() < deadline);
         const int before = cells.vertices.count();
         if (may_go_on && cells.is_dropped(cell, edge)) continue;
         if (!may_go_on || !cells.split(cell, edge, middle)) {
@@ -93,20 +100,21 @@ Ended search(double gap, long most_cells, double deadline, RotationObjective& ob
     return {cells.vertices.cut(), true};
 }
 
-// Search with the gap asked for, and where the limit is reached with looser ones, on as many cells
-// again at most: what a search that was cut short proves is little.
-Ended search_within_limits(const GlobalData& data, double begin, RotationObjective& objective,
-                           CellSearch& cells, Best& best) {
+// Search with the gap asked for, and where the limit is reached with looser ones, on as
+// many cells again at most: what a search that was cut short proves is little.
+Ended search_within_limits(const GlobalData& data, double begin,
+                           RotationObjective& objective, CellSearch& cells,
+                           Best& best) {
     const double seconds = data.limits.seconds;
-    const Ended first = search(data.tolerance, data.limits.cells, begin + FIRST_SHARE * seconds,
-                               objective, cells, best);
+    const Ended first = search(data.tolerance, data.limits.cells,
+                               begin + FIRST_SHARE * seconds, objective, cells, best);
     if (first.complete) return first;
     double bound = first.bound;
     long remaining = data.limits.cells;
     for (double gap = LOOSER * data.tolerance; gap < 1; gap *= LOOSER) {
         const long before = cells.tested;
-        const Ended ended =
-            search(gap, before + remaining / 2, begin + seconds, objective, cells, best);
+        const Ended ended = search(gap, before + remaining / 2, begin + seconds,
+                                   objective, cells, best);
         bound = larger(ended.bound, bound);
         if (ended.complete) break;
         remaining -= cells.tested - before;

@@ -11,8 +11,8 @@ constexpr int EVEN[12][4] = {{0, 1, 2, 3}, {0, 2, 3, 1}, {0, 3, 1, 2}, {1, 0, 3,
                              {1, 2, 0, 3}, {1, 3, 2, 0}, {2, 0, 1, 3}, {2, 1, 3, 0},
                              {2, 3, 0, 1}, {3, 0, 2, 1}, {3, 1, 0, 2}, {3, 2, 1, 0}};
 
-// Vertices of one sign each: the units, (1, +-1, +-1, +-1) / 2 and the even permutations of
-// (golden, +-1, +-1/golden, 0) / 2.
+// Vertices of one sign each: the units, (1, +-1, +-1, +-1) / 2 and the even
+// permutations of (golden, +-1, +-1/golden, 0) / 2.
 int place_vertices(double (*vertex)[4]) {
     int count = 0;
     for (int e = 0; e < 4; ++e, ++count)
@@ -35,13 +35,15 @@ int place_vertices(double (*vertex)[4]) {
 
 RootCells::RootCells() {
     place_vertices(vertex);
-    double sign[ROOT_VERTICES][ROOT_VERTICES];  // of the inner product of neighbours, else 0
+    double sign[ROOT_VERTICES]
+               [ROOT_VERTICES];  // of the inner product of neighbours, else 0
     for (int a = 0; a < ROOT_VERTICES; ++a)
         for (int b = 0; b < ROOT_VERTICES; ++b) {
             const double inner = inner4(vertex[a], vertex[b]);
             sign[a][b] = a != b && magnitude(inner) > 0.8 ? sign_of(inner) : 0;
         }
-    // Four are a cell where, with the signs of the first one's hemisphere, all are neighbours.
+    // Four are a cell where, with the signs of the first one's hemisphere, all are
+    // neighbours.
     const auto join = [&](int a, int b, int c) {
         return sign[b][c] != 0 && sign[a][b] * sign[a][c] * sign[b][c] > 0;
     };
@@ -50,7 +52,8 @@ RootCells::RootCells() {
         for (int b = a + 1; b < ROOT_VERTICES; ++b)
             for (int c = b + 1; sign[a][b] != 0 && c < ROOT_VERTICES; ++c)
                 for (int d = c + 1; join(a, b, c) && d < ROOT_VERTICES; ++d)
-                    if (join(a, b, d) && join(a, c, d)) cell[count++] = {{a, b, c, d}, 0};
+                    if (join(a, b, d) && join(a, c, d))
+                        cell[count++] = {{a, b, c, d}, 0};
 }
 
 namespace {
@@ -73,7 +76,9 @@ void Vertices::begin(const RootCells& roots) {
         // the best start is that of the nearest vertex so far
         int near = -1;
         for (int b = 0; b < count_; ++b)
-            if (near < 0 || magnitude(inner4(q, all_[b]->q)) > magnitude(inner4(q, all_[near]->q))) near = b;
+            if (near < 0 ||
+                magnitude(inner4(q, all_[b]->q)) > magnitude(inner4(q, all_[near]->q)))
+                near = b;
         add(q, near < 0 ? nullptr : all_[near]);
     }
 }
@@ -107,12 +112,14 @@ void Vertices::set_cut(double value) {
 // The smaller root of s <Y, w> - s^2 ||Y||^2 / 2 = cut.
 bool Vertices::reaches(Vertex& vertex) const {
     if (vertex.scaled_for != number_of_cut_) {
-        const double goal = cut_ + ROUNDING * objective_.square, a = vertex.square, b = vertex.along;
+        const double goal = cut_ + ROUNDING * objective_.square, a = vertex.square,
+                     b = vertex.along;
         const double under = b * b - 2 * a * goal;
-        // goal <= 0: 0 reaches it. The other form of the root has no difference of large numbers.
-        vertex.scale = goal <= 0                ? 0
+        // goal <= 0: 0 reaches it. The other form of the root has no difference of
+        // large numbers.
+        vertex.scale = goal <= 0             ? 0
                        : under >= 0 && b > 0 ? 2 * goal / (b + root(under))
-                                                : NOT_A_NUMBER;
+                                             : NOT_A_NUMBER;
         vertex.scaled_for = number_of_cut_;
     }
     return vertex.scale >= 0;
@@ -127,7 +134,8 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
     ActiveSet& set = objective_.coefficients();
     set.clear();
     if (like)
-        for (long e = 0; e < like->count; ++e) set.use(like->index[e], like->x[e], sign_of(like->x[e]));
+        for (long e = 0; e < like->count; ++e)
+            set.use(like->index[e], like->x[e], sign_of(like->x[e]));
     for (int e = 0; e < 4; ++e) vertex.q[e] = q[e];
     vertex.objective = objective_.value(rotation_of(q));
     vertex.count = set.count;
@@ -147,7 +155,8 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
 void Vertices::lay(Vertex& vertex) {
     const long k = objective_.atoms.k;
     const long row = padded(objective_.problem.atoms.size[2]);
-    vertex.products = workspace_.zeros<double>(6 * objective_.atoms.planes.padded_atoms);
+    vertex.products =
+        workspace_.zeros<double>(6 * objective_.atoms.planes.padded_atoms);
     vertex.Y = workspace_.zeros<double>(2 * row);
     vertex.index = workspace_.zeros<long>(k);
     vertex.x = workspace_.zeros<double>(k);
@@ -160,7 +169,8 @@ void Vertices::find_products(Vertex& vertex) {
     for (long i = 0; i < atoms.planes.padded_atoms; i += WIDTH) {
         Doubles squares = {};
         for (int e = 0; e < 6; ++e)
-            squares += square(load(vertex.products + e * atoms.planes.padded_atoms + i));
+            squares +=
+                square(load(vertex.products + e * atoms.planes.padded_atoms + i));
         most = larger(squares, most);
     }
     vertex.largest = root(largest(most));
@@ -202,12 +212,14 @@ constexpr int TRIPLE[TRIPLES][3] = {
     {2, 2, 3}, {2, 3, 3}, {0, 1, 2}, {0, 1, 3}, {0, 2, 3}, {1, 2, 3}};
 constexpr int ON_EDGE = 4;  // from this one on two triples of each edge
 
-// Rounding of a coefficient is at most this share of max_i ||s_a G_a||; see docs/global.md.
+// Rounding of a coefficient is at most this share of max_i ||s_a G_a||; see
+// docs/global.md.
 constexpr double OF_COEFFICIENTS = 128 * 0x1p-53;
 // By which midpoints may lie off their edges, in all generations of cells together.
 constexpr double OFF_THE_EDGE = 1e-12;
 
-// rows[a][pair] (6,) = s_a Q(q_b, q_c), as often as a, b, c stands on the left side of its triple.
+// rows[a][pair] (6,) = s_a Q(q_b, q_c), as often as a, b, c stands on the left side of
+// its triple.
 struct Forms {
     double rows[4][PAIRS][6];
     double inner[PAIRS];
@@ -224,14 +236,17 @@ constexpr int triple_of(int a, int pair) {
                 sorted[e] = low;
             }
     int t = 0;
-    while (TRIPLE[t][0] != sorted[0] || TRIPLE[t][1] != sorted[1] || TRIPLE[t][2] != sorted[2]) ++t;
+    while (TRIPLE[t][0] != sorted[0] || TRIPLE[t][1] != sorted[1] ||
+           TRIPLE[t][2] != sorted[2])
+        ++t;
     return t;
 }
 
 struct Targets {
     constexpr Targets() : triple() {
         for (int a = 0; a < 4; ++a)
-            for (int pair = 0; pair < PAIRS; ++pair) triple[a][pair] = triple_of(a, pair);
+            for (int pair = 0; pair < PAIRS; ++pair)
+                triple[a][pair] = triple_of(a, pair);
     }
     int triple[4][PAIRS];
 };
@@ -251,15 +266,17 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
         forms.inner[pair] = inner4(q[b], q[c]);
         for (int a = 0; a < 4; ++a) {
             const int often = 1 + (a == b) + (a == c);
-            for (int e = 0; e < 6; ++e) forms.rows[a][pair][e] = often * corner[a]->scale * Q[e];
+            for (int e = 0; e < 6; ++e)
+                forms.rows[a][pair][e] = often * corner[a]->scale * Q[e];
         }
     }
 }
 
-// The left side of every inequality at WIDTH atoms from i on; the largest so far goes to `most`.
-// Not inlined: out of its loop the compiler would copy each number of the forms into a vector.
-[[gnu::noinline]] void raise(const Vertex* const* corner, long k, long i, const Forms& forms,
-                             Doubles* most) {
+// The left side of every inequality at WIDTH atoms from i on; the largest so far goes
+// to `most`. Not inlined: out of its loop the compiler would copy each number of the
+// forms into a vector.
+[[gnu::noinline]] void raise(const Vertex* const* corner, long k, long i,
+                             const Forms& forms, Doubles* most) {
     Doubles left[TRIPLES] = {};
 #pragma GCC unroll 4
     for (int a = 0; a < 4; ++a) {
@@ -273,19 +290,21 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
             for (int e = 0; e < 6; ++e) sum += Q[e] * G[e];
         }
     }
-    for (int t = 0; t < TRIPLES; ++t)
-        most[t] = larger(left[t], most[t]);
+    for (int t = 0; t < TRIPLES; ++t) most[t] = larger(left[t], most[t]);
 }
 
-void find_largest(const Vertex* const* corner, long k, const Forms& forms, double* out) {
+void find_largest(const Vertex* const* corner, long k, const Forms& forms,
+                  double* out) {
     Doubles most[TRIPLES];
     for (int t = 0; t < TRIPLES; ++t) most[t] = all(-INFINITE);
     for (long i = 0; i < k; i += WIDTH) raise(corner, k, i, forms, most);
     for (int t = 0; t < TRIPLES; ++t) out[t] = largest(most[t]);
 }
 
-// By how much the left side of each inequality exceeds the right one, rounding included.
-void find_excess(const RotationObjective& objective, const Vertex* const* corner, double* excess) {
+// By how much the left side of each inequality exceeds the right one, rounding
+// included.
+void find_excess(const RotationObjective& objective, const Vertex* const* corner,
+                 double* excess) {
     const ReducedAtoms& atoms = objective.atoms;
     Forms forms;
     double left[TRIPLES];
@@ -296,12 +315,14 @@ void find_excess(const RotationObjective& objective, const Vertex* const* corner
         size = larger(corner[a]->scale * corner[a]->largest, size);
         length = larger(corner[a]->scale * root(corner[a]->square), length);
     }
-    const double margin = 3 * ((OF_COEFFICIENTS + OFF_THE_EDGE) * size +
-                               (atoms.q() + 64) * 0x1p-52 * length * objective.image.largest_norm);
+    const double margin =
+        3 * ((OF_COEFFICIENTS + OFF_THE_EDGE) * size +
+             (atoms.q() + 64) * 0x1p-52 * length * objective.image.largest_norm);
     for (int t = 0; t < TRIPLES; ++t) {
         const int a = TRIPLE[t][0], b = TRIPLE[t][1], c = TRIPLE[t][2];
-        const double right = objective.lam * (forms.inner[NUMBER[b][c]] + forms.inner[NUMBER[a][c]] +
-                                               forms.inner[NUMBER[a][b]]);
+        const double right =
+            objective.lam * (forms.inner[NUMBER[b][c]] + forms.inner[NUMBER[a][c]] +
+                             forms.inner[NUMBER[a][b]]);
         excess[t] = left[t] + margin - right;
     }
 }
@@ -314,22 +335,24 @@ Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corn
     Verdict verdict{true, {}};
     for (double over : excess) verdict.dropped &= over <= 0;
     for (int edge = 0; edge < EDGES; ++edge)
-        verdict.excess[edge] = larger(excess[ON_EDGE + 2 * edge], excess[ON_EDGE + 2 * edge + 1]);
+        verdict.excess[edge] =
+            larger(excess[ON_EDGE + 2 * edge], excess[ON_EDGE + 2 * edge + 1]);
     return verdict;
 }
 
 namespace {
 
-constexpr long DEEPEST = 700;            // cells that wait, beside those of the 600-cell
-constexpr double SHORTEST_SHARE = 0.25;  // of the longest edge's 1 - q_a.q_b; shorter ones stay whole
-constexpr int MOST_PASSED = 6;           // splits in a row that may spare the longest edge
+constexpr long DEEPEST = 700;  // cells that wait, beside those of the 600-cell
+constexpr double SHORTEST_SHARE =
+    0.25;  // of the longest edge's 1 - q_a.q_b; shorter ones stay whole
+constexpr int MOST_PASSED = 6;  // splits in a row that may spare the longest edge
 constexpr int HALVINGS = 40;
 
 }  // namespace
 
 // A cell adds a vertex at most.
-CellSearch::CellSearch(Workspace& workspace, RotationObjective& objective, const RootCells& roots,
-                       long most_cells)
+CellSearch::CellSearch(Workspace& workspace, RotationObjective& objective,
+                       const RootCells& roots, long most_cells)
     : vertices(workspace, objective, ROOT_VERTICES + most_cells),
       roots_(roots),
       objective_(objective),
@@ -365,9 +388,9 @@ bool CellSearch::is_dropped(const Cell& cell, int& edge) {
     return false;
 }
 
-// The edge with the most violation times length, among those that are not much shorter than
-// others: without this cells flatten. Where no edge is violated the longest, and after some splits
-// too, so that every cell gets small in the end.
+// The edge with the most violation times length, among those that are not much shorter
+// than others: without this cells flatten. Where no edge is violated the longest, and
+// after some splits too, so that every cell gets small in the end.
 int CellSearch::choose_edge(const Cell& cell, const Verdict& verdict) {
     double length[EDGES], longest = 0, most = 0;
     int chosen = longest_edge(cell);
@@ -428,7 +451,8 @@ int CellSearch::longest_edge(const Cell& cell) {
 
 // |q_a . q_b| of the ends of an edge.
 double CellSearch::inner_along(const Cell& cell, int edge) {
-    const Vertex &one = vertices[cell.vertex[EDGE[edge][0]]], &other = vertices[cell.vertex[EDGE[edge][1]]];
+    const Vertex &one = vertices[cell.vertex[EDGE[edge][0]]],
+                 &other = vertices[cell.vertex[EDGE[edge][1]]];
     return magnitude(inner4(one.q, other.q));
 }
 

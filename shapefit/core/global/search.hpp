@@ -1,15 +1,16 @@
-// Depth-first search of all cells with one cut: which of them cannot be dropped, and is there a
-// rotation below it.
+// Depth-first search of all cells with one cut: which of them cannot be dropped, and is
+// there a rotation below it.
 #pragma once
 
 #include "objective.hpp"
 
 namespace shapefit {
 
-// Cells of rotations: cones over four unit quaternions, of which q and -q are one rotation.
+// Cells of rotations: cones over four unit quaternions, of which q and -q are one
+// rotation.
 //
-// The 600-cell has 120 vertices and 600 tetrahedra; modulo sign 60 and 300, which cover all
-// rotations. Neighbouring vertices are 72 degrees of rotation apart.
+// The 600-cell has 120 vertices and 600 tetrahedra; modulo sign 60 and 300, which cover
+// all rotations. Neighbouring vertices are 72 degrees of rotation apart.
 
 // Four vertices, by number. Their signs are those of the hemisphere about the first.
 struct Cell {
@@ -29,10 +30,12 @@ struct RootCells {
     Cell cell[ROOT_CELLS];
 };
 
-// The vertices of an image's cells: at each rotation the best coefficients, and their multiplier.
+// The vertices of an image's cells: at each rotation the best coefficients, and their
+// multiplier.
 //
-// The multiplier Y = w - Rbar sum_i c_i B_i is feasible at its own rotation; scaled by s it has the
-// value D(s Y) = s <Y, w> - s^2 ||Y||^2 / 2, and s is the least one at which that reaches the cut.
+// The multiplier Y = w - Rbar sum_i c_i B_i is feasible at its own rotation; scaled by
+// s it has the value D(s Y) = s <Y, w> - s^2 ||Y||^2 / 2, and s is the least one at
+// which that reaches the cut.
 
 struct Vertex {
     double q[4];
@@ -92,17 +95,19 @@ class Vertices {
 
 // The test of a cell: whether no rotation in it has an objective below the cut.
 //
-// At q = sum_a mu_a q_a, mu >= 0, sum_a mu_a = 1, the multiplier Y(mu) = sum_a mu_a s_a Y_a has a value
-// D >= cut, for D is concave and reaches the cut at the vertices. It is feasible where for every
-// atom <Y(mu), Q(q, q) B_i> <= lambda |q|^2. Both sides are cubic in mu; in Bernstein form the
-// inequality holds on the whole cell if it holds for the coefficients of all a <= b <= c:
+// At q = sum_a mu_a q_a, mu >= 0, sum_a mu_a = 1, the multiplier Y(mu) = sum_a mu_a s_a
+// Y_a has a value D >= cut, for D is concave and reaches the cut at the vertices. It is
+// feasible where for every atom <Y(mu), Q(q, q) B_i> <= lambda |q|^2. Both sides are
+// cubic in mu; in Bernstein form the inequality holds on the whole cell if it holds for
+// the coefficients of all a <= b <= c:
 //
 //   s_a <G_a, Q(q_b, q_c)> + s_b <G_b, Q(q_a, q_c)> + s_c <G_c, Q(q_a, q_b)>
 //       <= lambda (q_b.q_c + q_a.q_c + q_a.q_b),          G_a = Y_a B_i^T.
 //
 // Rounding is on the safe side: lambda is lowered by what it may add to the left.
 
-// Whether all coefficients hold, and if not by how much they fail at most: of the two on each edge.
+// Whether all coefficients hold, and if not by how much they fail at most: of the two
+// on each edge.
 struct Verdict {
     bool dropped;
     double excess[EDGES];
@@ -115,9 +120,11 @@ Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corn
 
 class CellSearch {
   public:
-    CellSearch(Workspace& workspace, RotationObjective& objective, const RootCells& roots, long most_cells);
+    CellSearch(Workspace& workspace, RotationObjective& objective,
+               const RootCells& roots, long most_cells);
 
-    // Start over with the cells of the 600-cell; the vertices keep what is known of them.
+    // Start over with the cells of the 600-cell; the vertices keep what is known of
+    // them.
     void begin();
 
     // Lay the vertices of the 600-cell for the image that the objective is turned to.
@@ -126,15 +133,18 @@ class CellSearch {
     // The next cell; false where none is left.
     bool take(Cell& cell);
 
-    // Whether the cell holds no rotation below the cut. If not, `edge` is the one to split.
+    // Whether the cell holds no rotation below the cut. If not, `edge` is the one to
+    // split.
     bool is_dropped(const Cell& cell, int& edge);
 
-    // Replace a cell by its halves; `middle` is the new vertex. False where there is no room.
+    // Replace a cell by its halves; `middle` is the new vertex. False where there is no
+    // room.
     bool split(const Cell& cell, int edge, int& middle);
 
     void put_back(const Cell& cell) { stack_[waiting_++] = cell; }
 
-    // The largest cut, at most the present one, at which all cells that wait can be dropped.
+    // The largest cut, at most the present one, at which all cells that wait can be
+    // dropped.
     double prove_rest();
 
     int longest_edge(const Cell& cell);

@@ -9,19 +9,25 @@ namespace shapefit {
 struct CodingData {
     Arguments& from;
     Matrix<const double> gram = from("gram", "k k");  // G = B B^T
-    Matrix<const double> linear_terms = from("linear_terms", "n k");  // h = S B^T - beta
+    Matrix<const double> linear_terms =
+        from("linear_terms", "n k");  // h = S B^T - beta
     // by which a coefficient still has to move the shape
     Vector<const double> smallest_moves = from("smallest_moves", "n");
-    Matrix<double> coefficients = from("coefficients", "n k");  // c >= 0, the start, overwritten
-    Vector<bool> unsettled = from("unsettled", "n");  // where the moves did not become smaller
+    Matrix<double> coefficients =
+        from("coefficients", "n k");  // c >= 0, the start, overwritten
+    Vector<bool> unsettled =
+        from("unsettled", "n");  // where the moves did not become smaller
 };
 
 constexpr long MOST_ROUNDS = 10000;
-constexpr double DEPENDENT = 1e-12;  // share of an atom's square outside the span of the others
+constexpr double DEPENDENT =
+    1e-12;  // share of an atom's square outside the span of the others
 
-// min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0, for the shapes of the range.
+// min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0, for the shapes of
+// the range.
 //
-// The next atom is the one that a coordinate descent step would move the shape by most with.
+// The next atom is the one that a coordinate descent step would move the shape by most
+// with.
 void code(const CodingData& data, Range range) {
     const long k = data.gram.size[0];
     Workspace workspace;
@@ -54,7 +60,8 @@ const Exported<code> code_exported{"code"};
 
 struct FactorData {
     Arguments& from;
-    Tensor<double> matrices = from("matrices", "n d d");  // M = L L^T, L^-1 in its place
+    Tensor<double> matrices =
+        from("matrices", "n d d");  // M = L L^T, L^-1 in its place
 };
 
 void invert_factors(const FactorData& data, Range range) {
@@ -66,7 +73,8 @@ void invert_factors(const FactorData& data, Range range) {
             for (long j = 0; j < D; ++j)
                 S[i * D + j] = i < d && j < d ? data.matrices[image][i][j] : i == j;
         cholesky_inverse(S, V, D, D);
-        for (long i = 0; i < d; ++i) memcpy(data.matrices[image][i].data, V + i * D, d * sizeof(double));
+        for (long i = 0; i < d; ++i)
+            memcpy(data.matrices[image][i].data, V + i * D, d * sizeof(double));
     }
 }
 

@@ -64,7 +64,8 @@ struct RotationOf {
     // The third row from the first two.
     void complete() { cross(entry, entry + 3, entry + 6); }
 
-    // Orthonormalise the first two rows by Gram-Schmidt; their cross product is the third.
+    // Orthonormalise the first two rows by Gram-Schmidt; their cross product is the
+    // third.
     void orthonormalise() {
         Number *u = entry, *v = entry + 3;
         const Number uu = inner3<Number>(u, u), share = inner3<Number>(v, u) / uu;

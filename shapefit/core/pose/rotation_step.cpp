@@ -11,13 +11,16 @@ constexpr double ACCEPT = 0.1, SHRINK = 0.25, GROW = 0.75;
 constexpr double LINEAR = 0.1;  // tCG stops where the residual is |g| min(|g|, LINEAR)
 constexpr double SHORT = 0.1;   // length of a step that needs no caution
 // Beside the size of the terms of value and gradient, s (s tr P + ||D||):
-constexpr double ROUNDING = 1e3 * 0x1p-52;  // changes of the value below this are not judged
-constexpr double STATIONARY = 1e-11;        // norm of the gradient at the end
+constexpr double ROUNDING =
+    1e3 * 0x1p-52;                    // changes of the value below this are not judged
+constexpr double STATIONARY = 1e-11;  // norm of the gradient at the end
 constexpr int MOST_STEPS = 200;
 
-// The step -H^-1 g, by cofactors, and the fall of the model; false where H is not positive definite
-// or the step not short enough to end where conjugate gradients would.
-bool newton_step(const double* g, const double* H, double radius, double* step, double& fall) {
+// The step -H^-1 g, by cofactors, and the fall of the model; false where H is not
+// positive definite or the step not short enough to end where conjugate gradients
+// would.
+bool newton_step(const double* g, const double* H, double radius, double* step,
+                 double& fall) {
     double C[9];
     const double det = find_cofactors(H, C);
     if (!(H[0] > 0 && C[8] > 0 && det > 0)) return false;
@@ -32,7 +35,8 @@ void mirror(double* H) {
     H[7] = H[5];
 }
 
-// A step within a trust region: whether it ends at the edge, and the fall that the model promises.
+// A step within a trust region: whether it ends at the edge, and the fall that the
+// model promises.
 struct TrustedStep {
     bool at_edge;
     double fall;
@@ -40,10 +44,11 @@ struct TrustedStep {
 
 // The residual at R, its Riemannian gradient g (3,) and Hessian H (3, 3).
 //
-// The Hessian is Proj(s^2 U P - Lambda U) with Lambda = sym(Rbar G^T) and G = s (s Rbar P - D);
-// a free s takes its share off, h h^T / tr(Rbar P Rbar^T) with h the derivative of the gradient
-// by s (Schur complement).
-SquaredResidual model_at(const ShapeMoments& moments, const Rotation& rotation, double* g, double* H) {
+// The Hessian is Proj(s^2 U P - Lambda U) with Lambda = sym(Rbar G^T) and G = s (s Rbar
+// P - D); a free s takes its share off, h h^T / tr(Rbar P Rbar^T) with h the derivative
+// of the gradient by s (Schur complement).
+SquaredResidual model_at(const ShapeMoments& moments, const Rotation& rotation,
+                         double* g, double* H) {
     const double* R = rotation;
     const double *P = moments.P, *D = moments.D;
     double PR[3][3], DR[2][3];  // P and D in the frame of R: r_a P r_b, D_a r_b
@@ -67,7 +72,8 @@ SquaredResidual model_at(const ShapeMoments& moments, const Rotation& rotation, 
     H[2] = -s * s * HALF * PR[1][2];
     H[5] = s * s * HALF * PR[0][2];
     if (moments.free_scale && s > 0) {
-        const double h[3] = {2 * s * PR[0][2] - DR[0][2], 2 * s * PR[1][2] - DR[1][2], turn};
+        const double h[3] = {2 * s * PR[0][2] - DR[0][2], 2 * s * PR[1][2] - DR[1][2],
+                             turn};
         for (int a = 0; a < 3; ++a)
             for (int b = a; b < 3; ++b) H[3 * a + b] -= h[a] * h[b] / total;
     }
@@ -75,8 +81,10 @@ SquaredResidual model_at(const ShapeMoments& moments, const Rotation& rotation, 
     return {0.5 * s * s * total - s * overlap, s};
 }
 
-// Steihaug's conjugate gradients for min g x + 1/2 x H x over |x| <= radius; step x (3,).
-TrustedStep truncated_cg(const double* g, const double* H, double radius, double* step) {
+// Steihaug's conjugate gradients for min g x + 1/2 x H x over |x| <= radius; step x
+// (3,).
+TrustedStep truncated_cg(const double* g, const double* H, double radius,
+                         double* step) {
     double r[3], d[3], Hd[3];
     for (int a = 0; a < 3; ++a) {
         step[a] = 0;
@@ -90,7 +98,8 @@ TrustedStep truncated_cg(const double* g, const double* H, double radius, double
         for (int a = 0; a < 3; ++a) Hd[a] = inner3(H + 3 * a, d);
         const double curvature = inner3(d, Hd), slope = inner3(d, r);
         double length = curvature > 0 ? rr / curvature : 0;
-        at_edge = curvature <= 0 || xx + length * (2 * xd + length * dd) >= radius * radius;
+        at_edge =
+            curvature <= 0 || xx + length * (2 * xd + length * dd) >= radius * radius;
         if (at_edge) length = (root(xd * xd + dd * (radius * radius - xx)) - xd) / dd;
         for (int a = 0; a < 3; ++a) {
             step[a] += length * d[a];
@@ -109,7 +118,8 @@ TrustedStep truncated_cg(const double* g, const double* H, double radius, double
     return {at_edge, fall};
 }
 
-// Orthonormalise Rbar + step, step (3,) in the basis of the tangent space, and complete it.
+// Orthonormalise Rbar + step, step (3,) in the basis of the tangent space, and complete
+// it.
 void retract(const double* R, const double* step, Rotation& trial) {
     const double turn = HALF * step[2];
     double* to = trial;
@@ -122,8 +132,10 @@ void retract(const double* R, const double* step, Rotation& trial) {
 
 }  // namespace
 
-// As one function: its parts are short, and hand each other a few numbers through memory else.
-[[gnu::flatten]] SquaredResidual rotation_step(const ShapeMoments& moments, Rotation& R) {
+// As one function: its parts are short, and hand each other a few numbers through
+// memory else.
+[[gnu::flatten]] SquaredResidual rotation_step(const ShapeMoments& moments,
+                                               Rotation& R) {
     const double *P = moments.P, *D = moments.D;
     Rotation trial;
     double g[3], H[9], step[3], trial_g[3], trial_H[9];
@@ -140,9 +152,9 @@ void retract(const double* R, const double* step, Rotation& trial) {
         retract(R, step, trial);
         const SquaredResidual reached = model_at(moments, trial, trial_g, trial_H);
         const double slack = ROUNDING * size;
-        const double ratio = (residual.value - reached.value + slack) / (trusted.fall + slack);
-        if (!(ratio >= SHRINK))
-            radius *= 0.25;
+        const double ratio =
+            (residual.value - reached.value + slack) / (trusted.fall + slack);
+        if (!(ratio >= SHRINK)) radius *= 0.25;
         else if (ratio > GROW && trusted.at_edge)
             radius = smaller(2 * radius, LARGEST_RADIUS);
         if (!(ratio > ACCEPT)) continue;

@@ -11,28 +11,34 @@ namespace shapefit {
 struct SynchronisationData {
     Arguments& from;
     GivenTransforms transforms{from};  // M
-    Tensor<double> rotation = from("rotation", "n 3 3");  // R, left alone where all M_i are 0
+    Tensor<double> rotation =
+        from("rotation", "n 3 3");  // R, left alone where all M_i are 0
 };
 
 // S = sum_i c_i R_i B_i and its parts, for each image.
 struct ReconstructionData {
     Arguments& from;
-    GivenTransforms transforms{from};  // M
+    GivenTransforms transforms{from};                     // M
     Tensor<const double> atoms = from("atoms", "k 3 p");  // B
     Vector<double> sizes = from("sizes", "a");  // c_i = ||M_i||_2 of each transform
     Tensor<double> shapes = from("shapes", "n 3 p");  // S
-    Tensor<double> rotation = from("rotation", "n 3 3");  // left alone where none is known
-    Vector<int64_t> active = from("active", "n");  // number of atoms that are not negligible
-    Vector<bool> tight = from("tight", "n");  // whether their transforms are all orthogonal
+    Tensor<double> rotation =
+        from("rotation", "n 3 3");  // left alone where none is known
+    Vector<int64_t> active =
+        from("active", "n");  // number of atoms that are not negligible
+    Vector<bool> tight =
+        from("tight", "n");  // whether their transforms are all orthogonal
 };
 
 namespace {
 
-constexpr int STARTS = 4;  // the sum of all transforms, and the largest ones
+constexpr int STARTS = 4;        // the sum of all transforms, and the largest ones
 constexpr double STILL = 1e-13;  // largest entry of the last change of Rbar
-constexpr double SAME = 1e-6;    // and of the difference to a maximum that another start has found
+constexpr double SAME =
+    1e-6;  // and of the difference to a maximum that another start has found
 constexpr int MOST_ROUNDS = 2000;
-constexpr double RANK_ONE = 1e-8;  // s1 s2 / (s1^2 + s2^2) below which rounding hides the second
+constexpr double RANK_ONE =
+    1e-8;  // s1 s2 / (s1^2 + s2^2) below which rounding hides the second
 // An atom is active where its coefficient is more than this share of the largest one.
 constexpr double ACTIVE = 1e-6;
 // A transform is orthogonal where ||M M^T / c^2 - I||_F is at most this.
@@ -50,11 +56,11 @@ bool is_near(const double* R, const double* other, double most) {
     return change <= most;
 }
 
-// Iterate from R to a local maximum of sum_i max(0, <M_i, Rbar>)^2, blocks M (k, 2, 3); returns it.
-// What comes near the maximum at `known` stops there, with the value 0.
+// Iterate from R to a local maximum of sum_i max(0, <M_i, Rbar>)^2, blocks M (k, 2, 3);
+// returns it. What comes near the maximum at `known` stops there, with the value 0.
 //
-// The sum is convex in Rbar, so that the maximiser of its linearisation, the polar factor of
-// sum_i max(0, <M_i, Rbar>) M_i, never lowers it.
+// The sum is convex in Rbar, so that the maximiser of its linearisation, the polar
+// factor of sum_i max(0, <M_i, Rbar>) M_i, never lowers it.
 double ascent(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
     double value = 0;
     for (int round = 0; round < MOST_ROUNDS; ++round) {
@@ -75,7 +81,8 @@ double ascent(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
     return value;
 }
 
-// Ascent from the sum of all blocks (k, 2, 3) and from the largest ones; the best goes to R.
+// Ascent from the sum of all blocks (k, 2, 3) and from the largest ones; the best goes
+// to R.
 void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) {
     double start[6] = {};
     Rotation trial;
@@ -103,7 +110,8 @@ void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) 
     }
 }
 
-// A = sqrt(trace) u v^T: any unit vector orthogonal to v serves for the second direction.
+// A = sqrt(trace) u v^T: any unit vector orthogonal to v serves for the second
+// direction.
 void polar_of_rank_one(const double* A, double xx, double yy, double xy, Rotation& R) {
     const double trace = xx + yy;
     const double u0 = root(xx / trace), u1 = copysign(root(yy / trace), xy);
@@ -136,7 +144,8 @@ Rotation scaled_rotation(const double* M, double c) {
 // ||M M^T / c^2 - I||_F.
 double skewness(const double* M, double c) {
     const double xx = inner3(M, M) / (c * c), yy = inner3(M + 3, M + 3) / (c * c);
-    return root(square(xx - 1) + square(yy - 1) + 2 * square(inner3(M, M + 3) / (c * c)));
+    return root(square(xx - 1) + square(yy - 1) +
+                2 * square(inner3(M, M + 3) / (c * c)));
 }
 
 // S += c R B.
@@ -179,7 +188,8 @@ void reconstruct_image(const ReconstructionData& data, long image) {
 }  // namespace
 
 bool polar_rotation(const double* A, Rotation& R) {
-    const double xx = inner3(A, A), yy = inner3(A + 3, A + 3), xy = inner3(A, A + 3), trace = xx + yy;
+    const double xx = inner3(A, A), yy = inner3(A + 3, A + 3), xy = inner3(A, A + 3),
+                 trace = xx + yy;
     double normal[3];
     if (!(trace > 0)) return false;
     cross(A, A + 3, normal);
@@ -199,17 +209,18 @@ bool polar_rotation(const double* A, Rotation& R) {
 
 Rotation nearest_rotation(const double* a) {
     const double yz = a[7] - a[5], zx = a[2] - a[6], xy = a[3] - a[1];
-    double N[16] = {a[0] + a[4] + a[8], yz, zx, xy,
-                    yz, a[0] - a[4] - a[8], a[1] + a[3], a[2] + a[6],
-                    zx, a[1] + a[3], a[4] - a[0] - a[8], a[5] + a[7],
-                    xy, a[2] + a[6], a[5] + a[7], a[8] - a[0] - a[4]};
+    double N[16] = {
+        a[0] + a[4] + a[8], yz,          zx,          xy,          yz,
+        a[0] - a[4] - a[8], a[1] + a[3], a[2] + a[6], zx,          a[1] + a[3],
+        a[4] - a[0] - a[8], a[5] + a[7], xy,          a[2] + a[6], a[5] + a[7],
+        a[8] - a[0] - a[4]};
     double values[4], V[16];
     symmetric_eigen({N, {4, 4}}, {values, {4}}, {V, {4, 4}});
     return rotation_of(V + 12);
 }
 
-// One rotation shared by all transforms of an image, by a monotone fixed-point iteration:
-// argmax sum_i max(0, <M_i, Rbar>)^2 over orthonormal rows.
+// One rotation shared by all transforms of an image, by a monotone fixed-point
+// iteration: argmax sum_i max(0, <M_i, Rbar>)^2 over orthonormal rows.
 void synchronise(const SynchronisationData& data, Range range) {
     Workspace workspace;
     long most = 0;
@@ -226,7 +237,8 @@ void synchronise(const SynchronisationData& data, Range range) {
 
 // R_i completes M_i / c_i by the cross product of its rows.
 void reconstruct(const ReconstructionData& data, Range range) {
-    for (long image = range.first; image < range.last; ++image) reconstruct_image(data, image);
+    for (long image = range.first; image < range.last; ++image)
+        reconstruct_image(data, image);
 }
 
 const Exported<synchronise> synchronise_exported{"synchronise"};

@@ -1,19 +1,21 @@
-// The way up to a maximum of the likelihood over the view, one start and component a lane.
+// The way up to a maximum of the likelihood over the view, one start and component a
+// lane.
 #pragma once
 
 #include "likelihood.hpp"
 
 namespace shapefit {
 
-constexpr double LONGEST = 0.5;    // step, in radians and log s
+constexpr double LONGEST = 0.5;  // step, in radians and log s
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
-constexpr long EARLY = 3;  // times that inlier probabilities come from the other landmarks, at the start
+constexpr long EARLY =
+    3;  // times that inlier probabilities come from the other landmarks, at the start
 // Of a value.
 template <class Lanes>
 constexpr double ROUNDING = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-9;
 constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
-// Newton's last step: a longer one, or one that gains more, is no small one (the gain is half the
-// square of Newton's decrement).
+// Newton's last step: a longer one, or one that gains more, is no small one (the gain
+// is half the square of Newton's decrement).
 constexpr double LAST_LENGTH = 0.1, LAST_GAIN = 1e-2;
 
 // Where the lanes of a block stand.
@@ -21,19 +23,24 @@ template <class Lanes>
 struct Ascent {
     LaneView<Lanes> view;
     Likelihood<Lanes> found;
-    Lanes curvature[VIEW * VIEW];  // Gauss and Newton's, mended; at the end the Hessian of -value
+    Lanes curvature[VIEW * VIEW];  // Gauss and Newton's, mended; at the end the Hessian
+                                   // of -value
     Lanes damping;
-    Lanes moving;  // 1, or 0 where a lane has arrived
-    Lanes predicted_gain;    // what the next step is expected to gain
-    Lanes largest;  // log of the scale beyond which no step goes
-    Lanes before;   // the value with which the ascent ended, in single precision or in double
+    Lanes moving;          // 1, or 0 where a lane has arrived
+    Lanes predicted_gain;  // what the next step is expected to gain
+    Lanes largest;         // log of the scale beyond which no step goes
+    Lanes before;  // the value with which the ascent ended, in single precision or in
+                   // double
 
     Lanes *inlier_probability, *next;  // (p,), of which the first m count
 };
 
-// set(entry of one, that of the other) for each vector of two ascents, or of what they found.
+// set(entry of one, that of the other) for each vector of two ascents, or of what they
+// found.
 template <class One, class Other, class Set>
-[[gnu::always_inline]] inline void each_pair(Likelihood<One>& one, const Likelihood<Other>& other, const Set& set) {
+[[gnu::always_inline]] inline void each_pair(Likelihood<One>& one,
+                                             const Likelihood<Other>& other,
+                                             const Set& set) {
     set(one.value, other.value);
     for (int i = 0; i < VIEW; ++i) set(one.gradient[i], other.gradient[i]);
     for (int e = 0; e < VIEW * VIEW; ++e) set(one.curvature[e], other.curvature[e]);
@@ -69,9 +76,13 @@ struct AscentSpace {
 };
 
 template <class Lanes>
-Lanes select(Lanes mask, Lanes yes, Lanes no) { return mask > 0.5 ? yes : no; }
+Lanes select(Lanes mask, Lanes yes, Lanes no) {
+    return mask > 0.5 ? yes : no;
+}
 template <class Lanes>
-Lanes indicate(Lanes value) { return value > 0.0 ? all<Lanes>(1.0) : Lanes{}; }
+Lanes indicate(Lanes value) {
+    return value > 0.0 ? all<Lanes>(1.0) : Lanes{};
+}
 
 // x = A^-1 b, A (4, 4) made positive definite by small pivots lifted.
 template <class Lanes>
@@ -106,7 +117,8 @@ void update_curvature(Lanes* B, const Lanes* s, const Lanes* y) {
     const Lanes up = select(fine, 1.0 / larger(overlap, all<Lanes>(1e-30)), Lanes{});
     const Lanes down = select(fine, 1.0 / larger(square, all<Lanes>(1e-30)), Lanes{});
     for (int i = 0; i < VIEW; ++i)
-        for (int j = 0; j < VIEW; ++j) B[VIEW * i + j] += y[i] * y[j] * up - Bs[i] * Bs[j] * down;
+        for (int j = 0; j < VIEW; ++j)
+            B[VIEW * i + j] += y[i] * y[j] * up - Bs[i] * Bs[j] * down;
 }
 
 template <class Lanes>
@@ -126,7 +138,9 @@ Lanes propose(const Ascent<Lanes>& at, Lanes* step) {
     }
     solve_view(A, down, step);
     for (int i = 0; i < VIEW; ++i) length += step[i] * step[i];
-    const Lanes cut = at.moving * smaller(all<Lanes>(1.0), LONGEST / larger(root(length), all<Lanes>(1e-30)));
+    const Lanes cut =
+        at.moving *
+        smaller(all<Lanes>(1.0), LONGEST / larger(root(length), all<Lanes>(1e-30)));
     for (int i = 0; i < VIEW; ++i) slope += (step[i] *= cut) * down[i];
     return 0.5 * slope;
 }
@@ -149,7 +163,8 @@ Lanes take_last_step(Ascent<Lanes>& at) {
     return select(small, gain, Lanes{});
 }
 
-// The first values, at the views where the lanes start; inlier probabilities come from the other landmarks.
+// The first values, at the views where the lanes start; inlier probabilities come from
+// the other landmarks.
 template <class Lanes>
 void begin(const PosteriorData& data, const Observed<Lanes>& observed,
            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
@@ -158,8 +173,8 @@ void begin(const PosteriorData& data, const Observed<Lanes>& observed,
     for (long left = data.chance > 0 ? EARLY : 1; left--;) {
         for (long j = 0; j < m; ++j) at.inlier_probability[j] = at.next[j];
         find_likelihood(data, observed, at.view, at.inlier_probability, true,
-                        left ? Wanted::INLIERS : Wanted::CURVATURE, space.likelihood, at.found,
-                        at.next);
+                        left ? Wanted::INLIERS : Wanted::CURVATURE, space.likelihood,
+                        at.found, at.next);
     }
     for (int e = 0; e < VIEW * VIEW; ++e) at.curvature[e] = at.found.curvature[e];
     at.damping = all<Lanes>(FIRST_DAMPING);
@@ -168,13 +183,13 @@ void begin(const PosteriorData& data, const Observed<Lanes>& observed,
     at.predicted_gain = propose(at, step);
 }
 
-// Steps of Newton's kind, whose curvature is Gauss and Newton's, mended by what the gradient does
-// (Broyden, Fletcher, Goldfarb, Shanno); damped where they would lead downhill. A lane that stands
-// still has arrived. Where every landmark is an outlier the likelihood grows with the scale for ever: there
-// steps end at `largest`.
+// Steps of Newton's kind, whose curvature is Gauss and Newton's, mended by what the
+// gradient does (Broyden, Fletcher, Goldfarb, Shanno); damped where they would lead
+// downhill. A lane that stands still has arrived. Where every landmark is an outlier
+// the likelihood grows with the scale for ever: there steps end at `largest`.
 template <class Lanes>
 void ascent(const PosteriorData& data, const Observed<Lanes>& observed, long rounds,
-           AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
+            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     const long m = observed.m;
     const Lanes enough = all<Lanes>(data.tolerance);
     const Wanted wanted = data.chance > 0 ? Wanted::CURVATURE : Wanted::GRADIENT;
@@ -183,65 +198,78 @@ void ascent(const PosteriorData& data, const Observed<Lanes>& observed, long rou
         propose(at, step);
         move(at.view, step, space.view);
         for (long j = 0; j < m; ++j) space.inlier_probability[j] = at.next[j];
-        find_likelihood(data, observed, space.view, space.inlier_probability, false, wanted, space.likelihood,
-                        space.found, space.next);
+        find_likelihood(data, observed, space.view, space.inlier_probability, false,
+                        wanted, space.likelihood, space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
-        const Lanes accepted = at.moving * indicate(gain + all<Lanes>(ROUNDING<Lanes>)) *
-                           indicate(at.largest - space.view.log_scale);
-        for (int i = 0; i < VIEW; ++i) change[i] = space.found.gradient[i] - at.found.gradient[i];
+        const Lanes accepted = at.moving *
+                               indicate(gain + all<Lanes>(ROUNDING<Lanes>)) *
+                               indicate(at.largest - space.view.log_scale);
+        for (int i = 0; i < VIEW; ++i)
+            change[i] = space.found.gradient[i] - at.found.gradient[i];
         for (int e = 0; e < VIEW * VIEW; ++e)
             mended[e] = data.chance > 0 ? space.found.curvature[e] : at.curvature[e];
         update_curvature(mended, step, change);
         for (int e = 0; e < VIEW * VIEW; ++e)
             at.curvature[e] = select(accepted, mended[e], at.curvature[e]);
         take(accepted, at.view, space.view);
-        each_pair(at.found, space.found, [&](Lanes& old, Lanes found) { old = select(accepted, found, old); });
+        each_pair(at.found, space.found,
+                  [&](Lanes& old, Lanes found) { old = select(accepted, found, old); });
         for (long j = 0; j < m; ++j) {
-            at.inlier_probability[j] = select(accepted, space.inlier_probability[j], at.inlier_probability[j]);
+            at.inlier_probability[j] =
+                select(accepted, space.inlier_probability[j], at.inlier_probability[j]);
             at.next[j] = select(accepted, space.next[j], at.next[j]);
         }
-        at.damping = select(accepted, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)), at.damping * HARDEN);
+        at.damping =
+            select(accepted, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)),
+                   at.damping * HARDEN);
         at.predicted_gain = select(at.moving, propose(at, step), at.predicted_gain);
-        const Lanes converged = indicate(enough - at.predicted_gain) * indicate(enough - gain) * accepted;
+        const Lanes converged =
+            indicate(enough - at.predicted_gain) * indicate(enough - gain) * accepted;
         at.moving *= (1.0 - converged) * indicate(MOST_DAMPING - at.damping);
     }
 }
 
-// The likelihood where an ascent ends, after one more step, and the next inlier probabilities.
+// The likelihood where an ascent ends, after one more step, and the next inlier
+// probabilities.
 template <class Lanes>
 void settle(const PosteriorData& data, const Observed<Lanes>& observed,
             AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     at.view.R.orthonormalise();  // to the last digit, from one in single precision
     for (int again = 1; again >= 0; --again) {
-        find_likelihood(data, observed, at.view, at.inlier_probability, false, Wanted::GRADIENT, space.likelihood, at.found,
-                        space.next);
+        find_likelihood(data, observed, at.view, at.inlier_probability, false,
+                        Wanted::GRADIENT, space.likelihood, at.found, space.next);
         if (again) take_last_step(at);
-        for (long j = 0; again && j < observed.m; ++j) at.inlier_probability[j] = space.next[j];
+        for (long j = 0; again && j < observed.m; ++j)
+            at.inlier_probability[j] = space.next[j];
     }
 }
 
-// The Hessian where an ascent has ended, by differences of gradients, inlier probabilities held.
+// The Hessian where an ascent has ended, by differences of gradients, inlier
+// probabilities held.
 template <class Lanes>
-void find_hessian(const PosteriorData& data, const Observed<Lanes>& observed, AscentSpace<Lanes>& space,
-                  Ascent<Lanes>& at) {
+void find_hessian(const PosteriorData& data, const Observed<Lanes>& observed,
+                  AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     for (int i = 0; i < VIEW; ++i) {
         Lanes step[VIEW] = {};
         step[i] = all<Lanes>(DIFFERENCE);
         move(at.view, step, space.view);
-        find_likelihood(data, observed, space.view, at.inlier_probability, false, Wanted::GRADIENT, space.likelihood,
-                        space.found, space.next);
+        find_likelihood(data, observed, space.view, at.inlier_probability, false,
+                        Wanted::GRADIENT, space.likelihood, space.found, space.next);
         for (int j = 0; j < VIEW; ++j)
-            at.curvature[VIEW * i + j] = (space.found.gradient[j] - at.found.gradient[j]) / DIFFERENCE;
+            at.curvature[VIEW * i + j] =
+                (space.found.gradient[j] - at.found.gradient[j]) / DIFFERENCE;
     }
 }
 
-// Newton's last step. A lane is still moving where it is not small: it stands on no stationary point.
+// Newton's last step. A lane is still moving where it is not small: it stands on no
+// stationary point.
 template <class Lanes>
 void finish(Ascent<Lanes>& at) {
     Lanes* H = at.curvature;
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j < i; ++j)
-            H[VIEW * i + j] = H[VIEW * j + i] = 0.5 * (H[VIEW * i + j] + H[VIEW * j + i]);
+            H[VIEW * i + j] = H[VIEW * j + i] =
+                0.5 * (H[VIEW * i + j] + H[VIEW * j + i]);
     at.found.value += take_last_step(at);
 }
 

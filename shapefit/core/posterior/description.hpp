@@ -1,14 +1,16 @@
 // Mean and covariance of all landmarks at modes of the posterior, one mode a lane.
 //
-// In the frame of the camera, with K = A C R^T the covariance of what is seen with all points, L the
-// Cholesky factor of S_0, B = S_0^-1 1 and G the covariance of the translation (likelihood.hpp):
+// In the frame of the camera, with K = A C R^T the covariance of what is seen with all
+// points, L the Cholesky factor of S_0, B = S_0^-1 1 and G the covariance of the
+// translation (likelihood.hpp):
 //
-//     X = R mu + K^T alpha,    t = G 1^T S_0^-1 r,    y = s (X + t),    with U = 1 - K^T B
-//     cov y = s^2 (R C R^T - (L^-1 K)^T (L^-1 K) + U G U^T) + J^T (H + I)^-1 J
+//     X = R mu + K^T alpha,    t = G 1^T S_0^-1 r,    y = s (X + t),    with U = 1 -
+//     K^T B cov y = s^2 (R C R^T - (L^-1 K)^T (L^-1 K) + U G U^T) + J^T (H + I)^-1 J
 //
-// with J the derivatives of y over theta. Those of X for a turn G_i of the camera frame are
-// G_i X - R C R^T G_i P^T alpha + K^T d(alpha), where d(alpha) = -S^-1 P of the terms before; for log s
-// d(alpha) = S^-1 (-y + 2 V / (s^2 q) alpha). The mean depth is taken out of y.
+// with J the derivatives of y over theta. Those of X for a turn G_i of the camera frame
+// are G_i X - R C R^T G_i P^T alpha + K^T d(alpha), where d(alpha) = -S^-1 P of the
+// terms before; for log s d(alpha) = S^-1 (-y + 2 V / (s^2 q) alpha). The mean depth is
+// taken out of y.
 #pragma once
 
 #include "search.hpp"
@@ -17,7 +19,9 @@ namespace shapefit {
 
 struct Description {
     Description(Workspace& workspace, long p)
-        : p(p), d(tiled(3 * p)), n(tiled(2 * p)),
+        : p(p),
+          d(tiled(3 * p)),
+          n(tiled(2 * p)),
           place(workspace.zeros<long>(p)),
           row(workspace.zeros<long>(3 * p)),
           mean(workspace.zeros<Doubles>(d)),
@@ -34,8 +38,9 @@ struct Description {
     const long p, d, n;  // coordinate a of landmark j is row 3 j + a
     long* place;         // of a landmark among those seen, or -1 (p,)
     long* row;           // of all x, then y, then z (3 p,)
-    Doubles *mean, *C, *K, *W, *U, *J;  // (d,), (d, d), K^T (d, n), (L^-1 K)^T (d, n), (d, 2), (4, d)
-    Doubles *change, *white;            // (4, n)
+    Doubles *mean, *C, *K, *W, *U,
+        *J;  // (d,), (d, d), K^T (d, n), (L^-1 K)^T (d, n), (d, 2), (4, d)
+    Doubles *change, *white;  // (4, n)
 };
 
 inline Doubles dot(const Doubles* a, const Doubles* b, long n) {
@@ -52,25 +57,29 @@ inline void turn_about(int axis, const Doubles* x, Doubles* out) {
     out[c] = x[b];
 }
 
-// Q (3, 3), the covariance of landmark k with landmark j, which is seen, to K and the turns' J.
-inline void relate(const Observed<Doubles>& observed, long k, long j, const Doubles* Q, const Doubles* alpha,
-                   long n, Description& to) {
+// Q (3, 3), the covariance of landmark k with landmark j, which is seen, to K and the
+// turns' J.
+inline void relate(const Observed<Doubles>& observed, long k, long j, const Doubles* Q,
+                   const Doubles* alpha, long n, Description& to) {
     const long e = 2 * to.place[j];
-    const Doubles *slope = observed.slope + e;
-    const Doubles raised[3] = {alpha[e], alpha[e + 1], -slope[0] * alpha[e] - slope[1] * alpha[e + 1]};
+    const Doubles* slope = observed.slope + e;
+    const Doubles raised[3] = {alpha[e], alpha[e + 1],
+                               -slope[0] * alpha[e] - slope[1] * alpha[e + 1]};
     for (int b = 0; b < 3; ++b)
         for (int a = 0; a < 2; ++a)
             to.K[(3 * k + b) * n + e + a] = Q[3 * b + a] - slope[a] * Q[3 * b + 2];
     for (int i = 0; i < 3; ++i) {
         Doubles turned[3];
         turn_about(i, raised, turned);
-        for (int b = 0; b < 3; ++b) to.J[i * to.d + 3 * k + b] -= inner3<Doubles>(Q + 3 * b, turned);
+        for (int b = 0; b < 3; ++b)
+            to.J[i * to.d + 3 * k + b] -= inner3<Doubles>(Q + 3 * b, turned);
     }
 }
 
 // R C R^T, K and the means, of the components of the lanes.
-inline void turn_components(const PosteriorData& data, const Side<Doubles>& side, const LaneView<Doubles>& view,
-                            const Doubles* alpha, long n, Description& to) {
+inline void turn_components(const PosteriorData& data, const Side<Doubles>& side,
+                            const LaneView<Doubles>& view, const Doubles* alpha, long n,
+                            Description& to) {
     const Observed<Doubles>& observed = side.observed;
     const RotationOf<Doubles>& R = view.R;
     for (long e = 0; e < VIEW * to.d; ++e) to.J[e] = Doubles{};
@@ -81,32 +90,41 @@ inline void turn_components(const PosteriorData& data, const Side<Doubles>& side
         for (long j = 0; j <= k; ++j) {
             Doubles copied[9], CR[9], Q[9], transposed[9];
             const bool seen = to.place[k] >= 0 && to.place[j] >= 0;
-            const Doubles* C = seen ? observed.covariance + 9 * (corner(to.place[k]) + to.place[j]) : copied;
+            const Doubles* C =
+                seen ? observed.covariance + 9 * (corner(to.place[k]) + to.place[j])
+                     : copied;
             for (int e = 0; !seen && e < 9 * WIDTH; ++e)
                 copied[e / WIDTH][e % WIDTH] =
-                    data.covariances[side.component[e % WIDTH]][e / WIDTH / 3 * to.p + k][e / WIDTH % 3 * to.p + j];
+                    data.covariances[side.component[e % WIDTH]]
+                                    [e / WIDTH / 3 * to.p + k]
+                                    [e / WIDTH % 3 * to.p + j];
             for (int a = 0; a < 3; ++a)
-                for (int b = 0; b < 3; ++b) CR[3 * b + a] = inner3<Doubles>(C + 3 * a, R + 3 * b);
+                for (int b = 0; b < 3; ++b)
+                    CR[3 * b + a] = inner3<Doubles>(C + 3 * a, R + 3 * b);
             for (int a = 0; a < 3; ++a)
                 for (int b = 0; b < 3; ++b) {
                     const Doubles entry = inner3<Doubles>(R + 3 * a, CR + 3 * b);
                     Q[3 * a + b] = transposed[3 * b + a] = entry;
-                    to.C[(3 * k + a) * to.d + 3 * j + b] = to.C[(3 * j + b) * to.d + 3 * k + a] = entry;
+                    to.C[(3 * k + a) * to.d + 3 * j + b] =
+                        to.C[(3 * j + b) * to.d + 3 * k + a] = entry;
                 }
             if (to.place[j] >= 0) relate(observed, k, j, Q, alpha, n, to);
-            if (to.place[k] >= 0 && j != k) relate(observed, j, k, transposed, alpha, n, to);
+            if (to.place[k] >= 0 && j != k)
+                relate(observed, j, k, transposed, alpha, n, to);
         }
     for (long j = 0; j < to.p; ++j) {
         Doubles mu[3];
         for (int e = 0; e < 3 * WIDTH; ++e)
-            mu[e / WIDTH][e % WIDTH] = data.means[side.component[e % WIDTH]][e / WIDTH][j];
+            mu[e / WIDTH][e % WIDTH] =
+                data.means[side.component[e % WIDTH]][e / WIDTH][j];
         for (int a = 0; a < 3; ++a) to.mean[3 * j + a] = inner3<Doubles>(R + 3 * a, mu);
     }
 }
 
 // J less s, and the mean becomes X + t.
-inline void differentiate_points(const Observed<Doubles>& observed, const Doubles* q, Doubles shrunk,
-                                 const Translation<Doubles>& t, const LikelihoodSpace<Doubles>& space, long n,
+inline void differentiate_points(const Observed<Doubles>& observed, const Doubles* q,
+                                 Doubles shrunk, const Translation<Doubles>& t,
+                                 const LikelihoodSpace<Doubles>& space, long n,
                                  Description& to) {
     const Doubles *alpha = space.alpha, *Bx = alpha + n, *By = Bx + n;
     for (long e = 0; e < VIEW * n; ++e) to.change[e] = Doubles{};
@@ -125,7 +143,9 @@ inline void differentiate_points(const Observed<Doubles>& observed, const Double
                 const Doubles* J = to.J + i * to.d + row;
                 to.change[i * n + e] = slope[a] * J[2] - J[a];
             }
-            to.change[3 * n + e] = share * (V[a] * alpha[2 * j] + V[1 + a] * alpha[2 * j + 1]) - space.y[e];
+            to.change[3 * n + e] =
+                share * (V[a] * alpha[2 * j] + V[1 + a] * alpha[2 * j + 1]) -
+                space.y[e];
         }
     }
     Doubles shift[VIEW][2];
@@ -153,12 +173,14 @@ inline void centre_depth(Doubles* x, long p, long stride, long count) {
     for (long i = 0; i < count; ++i) {
         Doubles mean = {};
         for (long j = 0; j < p; ++j) mean += x[(3 * j + 2) * stride + i];
-        for (long j = 0; j < p; ++j) x[(3 * j + 2) * stride + i] -= mean / static_cast<double>(p);
+        for (long j = 0; j < p; ++j)
+            x[(3 * j + 2) * stride + i] -= mean / static_cast<double>(p);
     }
 }
 
 // C (3 p, 3 p) <- cov y; all of it or, for each landmark, that of its coordinates.
-inline void add_up(const Translation<Doubles>& t, Doubles size, long n, bool whole, Description& to) {
+inline void add_up(const Translation<Doubles>& t, Doubles size, long n, bool whole,
+                   Description& to) {
     const auto add = [&](long e, long f, Doubles less) {
         const Doubles *u = to.U + 2 * e, *v = to.U + 2 * f;
         Doubles total = to.C[e * to.d + f] - less + u[0] * (t.xx * v[0] + t.xy * v[1]) +
@@ -167,21 +189,25 @@ inline void add_up(const Translation<Doubles>& t, Doubles size, long n, bool who
         to.C[e * to.d + f] = to.C[f * to.d + e] = size * total;
     };
     for (long e = 0; !whole && e < 3 * to.p; ++e)
-        for (long f = e / 3 * 3; f <= e; ++f) add(e, f, dot(to.W + e * n, to.W + f * n, n));
+        for (long f = e / 3 * 3; f <= e; ++f)
+            add(e, f, dot(to.W + e * n, to.W + f * n, n));
     for (long e = 0; whole && e < to.d; e += TILE)
         for (long f = 0; f <= e; f += TILE) {
             Tile<Doubles> sums = {};
-            add_products(sums, 0, n, [&](long i, int r) { return to.W[(e + r) * n + i]; },
-                         [&](long i, int c) { return to.W[(f + c) * n + i]; });
+            add_products(
+                sums, 0, n, [&](long i, int r) { return to.W[(e + r) * n + i]; },
+                [&](long i, int c) { return to.W[(f + c) * n + i]; });
             for (int r = 0; r < TILE; ++r)
-                for (int c = 0; c < TILE && f + c <= e + r; ++c) add(e + r, f + c, sums[r][c]);
+                for (int c = 0; c < TILE && f + c <= e + r; ++c)
+                    add(e + r, f + c, sums[r][c]);
         }
 }
 
-// Mean and covariance at a view per lane, with the inlier probabilities q (m,); `root` is W (4, 4) with
-// W^T W = (H + I)^-1, one a lane.
-inline void describe(const PosteriorData& data, const Side<Doubles>& side, const LaneView<Doubles>& view,
-                     const Doubles* q, const Doubles* root_of, bool whole, Description& to) {
+// Mean and covariance at a view per lane, with the inlier probabilities q (m,); `root`
+// is W (4, 4) with W^T W = (H + I)^-1, one a lane.
+inline void describe(const PosteriorData& data, const Side<Doubles>& side,
+                     const LaneView<Doubles>& view, const Doubles* q,
+                     const Doubles* root_of, bool whole, Description& to) {
     const Observed<Doubles>& observed = side.observed;
     const LikelihoodSpace<Doubles>& space = side.space.likelihood;
     const long n = tiled(2 * observed.m);
@@ -197,14 +223,17 @@ inline void describe(const PosteriorData& data, const Side<Doubles>& side, const
     differentiate_points(observed, q, shrink * shrink, t, space, n, to);
     for (long e = 0; e < 3 * to.p; ++e)
         for (int a = 0; a < 2; ++a)
-            to.U[2 * e + a] = (e % 3 == a ? one : none) - dot(to.K + e * n, space.alpha + (1 + a) * n, n);
-    for (long e = 0; e < 3 * to.p; e += 3) multiply<3>(n, space.L, to.K + e * n, to.W + e * n);
+            to.U[2 * e + a] = (e % 3 == a ? one : none) -
+                              dot(to.K + e * n, space.alpha + (1 + a) * n, n);
+    for (long e = 0; e < 3 * to.p; e += 3)
+        multiply<3>(n, space.L, to.K + e * n, to.W + e * n);
     for (long e = 0; e < 3 * to.p; ++e) {
         Doubles row[VIEW];
         for (int i = 0; i < VIEW; ++i) row[i] = to.J[i * to.d + e];
         for (int i = 0; i < VIEW; ++i) {
             to.J[i * to.d + e] = none;
-            for (int j = 0; j < VIEW; ++j) to.J[i * to.d + e] += root_of[VIEW * i + j] * row[j];
+            for (int j = 0; j < VIEW; ++j)
+                to.J[i * to.d + e] += root_of[VIEW * i + j] * row[j];
         }
     }
     for (long e = 0; e < 3 * to.p; ++e) centre_depth(to.C + e * to.d, to.p, 1, 1);

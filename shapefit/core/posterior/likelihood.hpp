@@ -1,19 +1,23 @@
-// The likelihood of an image under Gaussians over shapes and known views, one Gaussian a lane.
+// The likelihood of an image under Gaussians over shapes and known views, one Gaussian
+// a lane.
 //
 // In the unit of shapes the landmarks y = w / s are jointly Gaussian,
 //
-//     y ~ N(A mu, S),   S = S_0 + TAU^2 1 1^T,   S_0 = A C A^T + N / q,   N_j = v_j + V_j / s^2,
+//     y ~ N(A mu, S),   S = S_0 + TAU^2 1 1^T,   S_0 = A C A^T + N / q,   N_j = v_j +
+//     V_j / s^2,
 //
-// where A_j = P_j R projects landmark j along its own ray, P_j = [I | -slope_j] (weak perspective:
-// A_j = R_2), and the translation is integrated out under a wide prior. With alpha = S^-1 (y - A mu)
-// the expected shape is X = R mu + R C A^T alpha. The log likelihood of the m seen landmarks w is that of y less
-// (2 m - 2) log s. Derivatives are over theta: R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s.
+// where A_j = P_j R projects landmark j along its own ray, P_j = [I | -slope_j] (weak
+// perspective: A_j = R_2), and the translation is integrated out under a wide prior.
+// With alpha = S^-1 (y - A mu) the expected shape is X = R mu + R C A^T alpha. The log
+// likelihood of the m seen landmarks w is that of y less (2 m - 2) log s. Derivatives
+// are over theta: R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s.
 //
-// q_j is the probability that landmark j is an inlier. Outliers are uniform with the density u per area of
-// landmarks, u s^2 in the unit of shapes. With the prior probability g of an outlier the value is the
-// variational bound, u for u s^2,
+// q_j is the probability that landmark j is an inlier. Outliers are uniform with the
+// density u per area of landmarks, u s^2 in the unit of shapes. With the prior
+// probability g of an outlier the value is the variational bound, u for u s^2,
 //
-//     log N(y; A mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 - g)
+//     log N(y; A mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 -
+//     g)
 //                         - (1 + q_j) log q_j - (1 - q_j) log(1 - q_j),
 //
 // and a landmark is an inlier by the odds of its expected Gaussian density beside g u.
@@ -25,8 +29,8 @@
 
 namespace shapefit {
 
-// w_j = s (P_j R x_j + t) + noise, x ~ sum_k pi_k N(mu_k, C_k), for n images and K components, with
-// P_j = [I | -slope_j], along the ray on which landmark j lies.
+// w_j = s (P_j R x_j + t) + noise, x ~ sum_k pi_k N(mu_k, C_k), for n images and K
+// components, with P_j = [I | -slope_j], along the ray on which landmark j lies.
 struct PosteriorData {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // w
@@ -36,28 +40,35 @@ struct PosteriorData {
     Matrix<const double> residual_variance = from("residual_variance", "n p");
     // V, covariance in the unit of the landmarks
     Blocks<const double> noise = from("noise", "n p 2 2");
-    Vector<const double> log_weights = from("log_weights", "K");  // log pi
-    Tensor<const double> means = from("means", "K 3 p");  // mu
+    Vector<const double> log_weights = from("log_weights", "K");        // log pi
+    Tensor<const double> means = from("means", "K 3 p");                // mu
     Tensor<const double> covariances = from("covariances", "K 3p 3p");  // C
-    Blocks<const double> starts = from("starts", "n S 3 3");  // nan where there are fewer
-    double chance = from("chance");  // that a landmark is an outlier
+    Blocks<const double> starts =
+        from("starts", "n S 3 3");     // nan where there are fewer
+    double chance = from("chance");    // that a landmark is an outlier
     double density = from("density");  // of outliers, per area in their unit
-    double tolerance = from("tolerance");  // an ascent ends when the log likelihood gains less
+    double tolerance =
+        from("tolerance");  // an ascent ends when the log likelihood gains less
     Tensor<double> mean = from("mean", "n 3 p");  // of y = s (R x + t), mean depth 0
     Tensor<double> deviation = from("deviation", "n 3 p");  // its standard deviations
     // of x with y, x with z and y with z of a landmark
     Tensor<double> correlation = from("correlation", "n 3 p");
     Tensor<double> covariance = from("covariance", "n 3p 3p?");  // where it is wanted
-    Matrix<double> inlier_probability = from("inlier_probability", "n p");  // that a landmark is an inlier
-    Tensor<double> rotation = from("rotation", "n 3 3");  // of the most likely mode
-    Vector<double> scale = from("scale", "n");  // likewise
+    Matrix<double> inlier_probability =
+        from("inlier_probability", "n p");  // that a landmark is an inlier
+    Tensor<double> rotation = from("rotation", "n 3 3");      // of the most likely mode
+    Vector<double> scale = from("scale", "n");                // likewise
     Vector<double> log_evidence = from("log_evidence", "n");  // of the image
-    // squared Mahalanobis distance of the landmarks, noise of landmark j over its inlier probability
+    // squared Mahalanobis distance of the landmarks, noise of landmark j over its
+    // inlier probability
     Vector<double> squared_mahalanobis = from("squared_mahalanobis", "n");
-    Vector<bool> stationary = from("stationary", "n");  // whether an ascent ended on a maximum
-    Vector<int64_t> rounds = from("rounds", "n");  // steps taken by all ascents together
+    Vector<bool> stationary =
+        from("stationary", "n");  // whether an ascent ended on a maximum
+    Vector<int64_t> rounds =
+        from("rounds", "n");  // steps taken by all ascents together
     // The M most likely modes, where they are wanted.
-    Matrix<int64_t> mode_component = from("mode_component", "n M?");  // -1 where there are fewer
+    Matrix<int64_t> mode_component =
+        from("mode_component", "n M?");  // -1 where there are fewer
     Blocks<double> mode_rotation = from("mode_rotation", "n M 3 3?");
     Matrix<double> mode_scale = from("mode_scale", "n M?");
     // -inf where there are fewer
@@ -67,22 +78,27 @@ struct PosteriorData {
     Tensor<double> mode_inlier_probability = from("mode_inlier_probability", "n M p?");
 };
 
-// What of the likelihood at a view: the next inlier probabilities alone, or the gradient too, or all.
+// What of the likelihood at a view: the next inlier probabilities alone, or the
+// gradient too, or all.
 enum class Wanted { INLIERS, GRADIENT, CURVATURE };
 
 constexpr double LOG_TWO_PI = 1.8378770664093453;
-constexpr int VIEW = 4;             // numbers of theta
-constexpr double TAU_SQUARE = 900;  // variance of the translation in the unit of shapes: wide
-// Curvature that a prior adds to that of the view, in any direction: none is less certain than a radian.
+constexpr int VIEW = 4;  // numbers of theta
+constexpr double TAU_SQUARE =
+    900;  // variance of the translation in the unit of shapes: wide
+// Curvature that a prior adds to that of the view, in any direction: none is less
+// certain than a radian.
 constexpr double CURVATURE_OF_PRIOR = 1;
 // So that D^-1 is not lost to rounding beside what N / q takes from it, see `predict`.
 template <class Lanes>
-constexpr double MIN_INLIER_PROBABILITY = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;
+constexpr double MIN_INLIER_PROBABILITY =
+    sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;
 
 // Where row i of a lower triangle begins.
 inline long corner(long i) { return i * (i + 1) / 2; }
 
-// What the lanes of a block stand for: the same m landmarks seen, of an image each, and a component.
+// What the lanes of a block stand for: the same m landmarks seen, of an image each, and
+// a component.
 template <class Lanes>
 struct Observed {
     Observed(Workspace& workspace, long p)
@@ -113,7 +129,7 @@ struct Likelihood {
     Lanes value;
     Lanes gradient[VIEW];          // of -value
     Lanes curvature[VIEW * VIEW];  // Gauss and Newton's
-    Lanes squared_mahalanobis;                // (y - A mu)^T S^-1 (y - A mu)
+    Lanes squared_mahalanobis;     // (y - A mu)^T S^-1 (y - A mu)
 };
 
 // Rows of 2 m numbers are padded to n, a multiple of TILE.
@@ -124,18 +140,20 @@ struct LikelihoodSpace {
     Workspace& workspace;
     const long n;
 
-    Triangle<Lanes> L{allocate(Triangle<Lanes>::size(n))};  // S_0, its Cholesky factor L, then L^-1
-    Lanes* reciprocal = allocate(n);                        // 1 / L_ii (2 m,)
-    Lanes* y = allocate(n);                                 // (2 m,)
+    Triangle<Lanes> L{
+        allocate(Triangle<Lanes>::size(n))};  // S_0, its Cholesky factor L, then L^-1
+    Lanes* reciprocal = allocate(n);          // 1 / L_ii (2 m,)
+    Lanes* y = allocate(n);                   // (2 m,)
     // r and S^-1 r, then 1 along x and y and S_0^-1 of it (3, 2 m)
     Lanes *r = allocate(3 * n), *alpha = allocate(3 * n);
-    Lanes* white = allocate(VIEW * n);                            // L^-1 of r or of J (4, 2 m)
-    Lanes* BG = allocate(2 * n);                                  // (2, 2 m), see Translation
-    Lanes *mean = allocate(3 * n / 2), *X = allocate(3 * n / 2);      // R mu and X (m, 3)
+    Lanes* white = allocate(VIEW * n);  // L^-1 of r or of J (4, 2 m)
+    Lanes* BG = allocate(2 * n);        // (2, 2 m), see Translation
+    Lanes *mean = allocate(3 * n / 2), *X = allocate(3 * n / 2);  // R mu and X (m, 3)
     Lanes* A = allocate(3 * n);                                   // (m, 2, 3)
-    Lanes* F = allocate(n * n / 2);         // z^T R C A^T, of depths with what is seen (m, 2 m)
-    Lanes* D = allocate(n);                 // sum_k F_jk S^-1_kj (m, 2)
-    Lanes* J = allocate(VIEW * n);          // (VIEW, 2 m) of r, then L^-1 of them
+    Lanes* F =
+        allocate(n * n / 2);        // z^T R C A^T, of depths with what is seen (m, 2 m)
+    Lanes* D = allocate(n);         // sum_k F_jk S^-1_kj (m, 2)
+    Lanes* J = allocate(VIEW * n);  // (VIEW, 2 m) of r, then L^-1 of them
     Lanes* diagonal = allocate(3 * n / 2);  // S^-1_jj (m, 3)
 
   private:
@@ -149,9 +167,11 @@ struct Noise {
 };
 
 template <class Lanes>
-[[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Lanes>& observed, long j, Lanes shrunk) {
+[[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Lanes>& observed,
+                                                    long j, Lanes shrunk) {
     const Lanes* V = observed.noise + 3 * j;
-    return {observed.residual_variance[j] + V[0] * shrunk, V[1] * shrunk, observed.residual_variance[j] + V[2] * shrunk};
+    return {observed.residual_variance[j] + V[0] * shrunk, V[1] * shrunk,
+            observed.residual_variance[j] + V[2] * shrunk};
 }
 
 template <class Lanes>
@@ -170,15 +190,18 @@ void centre(const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes 
             space.r[n * (1 + a) + 2 * j + a] = all<Lanes>(1.0);
             space.r[n * (2 - a) + 2 * j + a] = Lanes{};
             space.y[2 * j + a] = observed.w[2 * j + a] * shrunk;
-            space.r[2 * j + a] = space.y[2 * j + a] - space.mean[3 * j + a] + slope * space.mean[3 * j + 2];
+            space.r[2 * j + a] = space.y[2 * j + a] - space.mean[3 * j + a] +
+                                 slope * space.mean[3 * j + 2];
         }
     }
 }
 
-// S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen of k.
+// S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen
+// of k.
 template <class Lanes>
-void fill_covariance(const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes shrunk,
-                     const Lanes* inlier_probability, const LikelihoodSpace<Lanes>& space) {
+void fill_covariance(const Observed<Lanes>& observed, const LaneView<Lanes>& view,
+                     Lanes shrunk, const Lanes* inlier_probability,
+                     const LikelihoodSpace<Lanes>& space) {
     const long n = tiled(2 * observed.m);
     const Lanes* z = view.R + 6;
     for (long j = 0; j < observed.m; ++j) {
@@ -186,7 +209,8 @@ void fill_covariance(const Observed<Lanes>& observed, const LaneView<Lanes>& vie
         Lanes Aj[6];
         for (int e = 0; e < 6; ++e) Aj[e] = space.A[6 * j + e];
         for (long k = 0; k <= j; ++k) {
-            const Lanes *C = observed.covariance + 9 * (corner(j) + k), *A = space.A + 6 * k;
+            const Lanes *C = observed.covariance + 9 * (corner(j) + k),
+                        *A = space.A + 6 * k;
             Lanes T[9];  // A_j C_jk, then z^T R C_jk
             for (int c = 0; c < 3; ++c) {
                 T[c] = Aj[0] * C[c] + Aj[1] * C[3 + c] + Aj[2] * C[6 + c];
@@ -225,8 +249,8 @@ void fill_covariance(const Observed<Lanes>& observed, const LaneView<Lanes>& vie
 //     G = (1^T B + I / TAU^2)^-1,   E[t] = G 1^T S_0^-1 r,   S^-1 = S_0^-1 - B G B^T
 template <class Lanes>
 struct Translation {
-    Lanes xx, xy, yy;  // G
-    Lanes x, y;        // E[t]
+    Lanes xx, xy, yy;       // G
+    Lanes x, y;             // E[t]
     Lanes square, log_det;  // <r, S^-1 r> and log det S, less those of S_0
 };
 
@@ -245,7 +269,13 @@ Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
         y += alpha[e + 1];
     }
     const Lanes det = xx * yy - xy * xy, scale = 1.0 / det;
-    Translation<Lanes> t{yy * scale, -xy * scale, xx * scale, {}, {}, {}, logarithm(det * all<Lanes>(square(TAU_SQUARE)))};
+    Translation<Lanes> t{yy * scale,
+                         -xy * scale,
+                         xx * scale,
+                         {},
+                         {},
+                         {},
+                         logarithm(det * all<Lanes>(square(TAU_SQUARE)))};
     t.x = t.xx * x + t.xy * y;
     t.y = t.xy * x + t.yy * y;
     t.square = -(x * t.x + y * t.y);
@@ -259,36 +289,44 @@ Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
 
 // X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
 template <class Lanes>
-void posterior_mean(const Observed<Lanes>& observed, Lanes shrunk, const Lanes* inlier_probability,
-                    const Translation<Lanes>& t, const LikelihoodSpace<Lanes>& space) {
+void posterior_mean(const Observed<Lanes>& observed, Lanes shrunk,
+                    const Lanes* inlier_probability, const Translation<Lanes>& t,
+                    const LikelihoodSpace<Lanes>& space) {
     const long N = 2 * observed.m, n = tiled(N);
     for (long j = 0; j < observed.m; ++j) {
-        const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j, *y = space.y + 2 * j;
+        const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j,
+                    *y = space.y + 2 * j;
         const Noise<Lanes> noise = noise_of(observed, j, shrunk);
         const Lanes share = 1.0 / inlier_probability[j];
         Lanes z = space.mean[3 * j + 2];
         for (long e = 0; e < N; ++e) z += F[e] * space.alpha[e];
         Lanes* X = space.X + 3 * j;
-        X[0] = y[0] - (noise.xx * alpha[0] + noise.xy * alpha[1]) * share - t.x + observed.slope[2 * j] * z;
-        X[1] = y[1] - (noise.xy * alpha[0] + noise.yy * alpha[1]) * share - t.y + observed.slope[2 * j + 1] * z;
+        X[0] = y[0] - (noise.xx * alpha[0] + noise.xy * alpha[1]) * share - t.x +
+               observed.slope[2 * j] * z;
+        X[1] = y[1] - (noise.xy * alpha[0] + noise.yy * alpha[1]) * share - t.y +
+               observed.slope[2 * j + 1] * z;
         X[2] = z;
     }
 }
 
 // The blocks S^-1_jj, and, unless they are `alone`, D_j = sum_k F_jk S^-1_kj (m, 2).
 template <class Lanes>
-void pull_back(const Observed<Lanes>& observed, bool alone, const LikelihoodSpace<Lanes>& space) {
+void pull_back(const Observed<Lanes>& observed, bool alone,
+               const LikelihoodSpace<Lanes>& space) {
     const long N = 2 * observed.m, n = tiled(N);
     for (long e = 0; e < n; ++e) space.D[e] = Lanes{};
     for (long j = 0; j < n; j += TILE)
         for (long k = alone ? j : 0; k <= j; k += TILE) {
             Lanes inverse[TILE][TILE] = {};  // a tile of S_0^-1
-            add_products(inverse, j, n, [&](long i, int r) { return space.L[i][j + r]; },
-                         [&](long i, int c) { return space.L[i][k + c]; });
+            add_products(
+                inverse, j, n, [&](long i, int r) { return space.L[i][j + r]; },
+                [&](long i, int c) { return space.L[i][k + c]; });
             for (int r = 0; r < TILE; ++r)
                 for (int c = 0; c < TILE; ++c) {
                     space.D[j + r] += inverse[r][c] * space.F[(j + r) / 2 * n + k + c];
-                    if (k < j) space.D[k + c] += inverse[r][c] * space.F[(k + c) / 2 * n + j + r];
+                    if (k < j)
+                        space.D[k + c] +=
+                            inverse[r][c] * space.F[(k + c) / 2 * n + j + r];
                 }
             for (int r = 0; j == k && r < TILE; r += 2) {
                 Lanes* diagonal = space.diagonal + 3 * ((j + r) / 2);
@@ -314,10 +352,12 @@ void pull_back(const Observed<Lanes>& observed, bool alone, const LikelihoodSpac
     }
 }
 
-// Half the change of log det S with a turn G, sum_j tr(P_j G V_j), where V_j (3, 2), the rows of
-// sum_k R C_jk A_k^T S^-1_kj, is D_j in depth, and P_j V_j = I - N_j S^-1_jj - (B G)_j.
+// Half the change of log det S with a turn G, sum_j tr(P_j G V_j), where V_j (3, 2),
+// the rows of sum_k R C_jk A_k^T S^-1_kj, is D_j in depth, and P_j V_j = I - N_j
+// S^-1_jj - (B G)_j.
 template <class Lanes>
-void turn_determinant(const Observed<Lanes>& observed, Lanes shrunk, const Lanes* inlier_probability,
+void turn_determinant(const Observed<Lanes>& observed, Lanes shrunk,
+                      const Lanes* inlier_probability,
                       const LikelihoodSpace<Lanes>& space, Lanes* gradient) {
     const Lanes* BG = space.BG;
     const long n = tiled(2 * observed.m);
@@ -329,8 +369,10 @@ void turn_determinant(const Observed<Lanes>& observed, Lanes shrunk, const Lanes
         Lanes V[2][2];
         for (int b = 0; b < 2; ++b) {
             const Lanes column[2] = {I[b], I[1 + b]};
-            V[0][b] = u[0] * D[b] - BG[2 * j + b] - (noise.xx * column[0] + noise.xy * column[1]) * share;
-            V[1][b] = u[1] * D[b] - BG[n + 2 * j + b] - (noise.xy * column[0] + noise.yy * column[1]) * share;
+            V[0][b] = u[0] * D[b] - BG[2 * j + b] -
+                      (noise.xx * column[0] + noise.xy * column[1]) * share;
+            V[1][b] = u[1] * D[b] - BG[n + 2 * j + b] -
+                      (noise.xy * column[0] + noise.yy * column[1]) * share;
             V[b][b] += 1.0;
         }
         gradient[0] -= D[1] + u[0] * V[1][0] + u[1] * V[1][1];
@@ -359,8 +401,10 @@ void linearise(const Observed<Lanes>& observed, const LikelihoodSpace<Lanes>& sp
 }
 
 template <class Lanes>
-void differentiate(const Observed<Lanes>& observed, Lanes shrunk, const Lanes* inlier_probability, const Translation<Lanes>& t,
-                   bool curved, const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found) {
+void differentiate(const Observed<Lanes>& observed, Lanes shrunk,
+                   const Lanes* inlier_probability, const Translation<Lanes>& t,
+                   bool curved, const LikelihoodSpace<Lanes>& space,
+                   Likelihood<Lanes>& found) {
     const long N = 2 * observed.m, n = tiled(N);
     linearise(observed, space);
     for (int i = 0; i < VIEW; ++i) {
@@ -371,80 +415,99 @@ void differentiate(const Observed<Lanes>& observed, Lanes shrunk, const Lanes* i
     turn_determinant(observed, shrunk, inlier_probability, space, found.gradient);
     found.gradient[3] += static_cast<Number<Lanes>>(N - 2);
     for (long j = 0; j < observed.m; ++j) {
-        const Lanes *V = observed.noise + 3 * j, *alpha = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
+        const Lanes *V = observed.noise + 3 * j, *alpha = space.alpha + 2 * j,
+                    *D = space.diagonal + 3 * j;
         const Noise<Lanes> noise = noise_of(observed, j, shrunk);
-        const Lanes q = inlier_probability[j], det = noise.xx * noise.yy - noise.xy * noise.xy;
+        const Lanes q = inlier_probability[j],
+                    det = noise.xx * noise.yy - noise.xy * noise.xy;
         found.gradient[3] +=
-            shrunk * ((V[0] * (alpha[0] * alpha[0] - D[0]) + V[2] * (alpha[1] * alpha[1] - D[2]) +
-                       2.0 * V[1] * (alpha[0] * alpha[1] - D[1])) / q +
-                      (1.0 - q) * (V[0] * noise.yy + V[2] * noise.xx - 2.0 * V[1] * noise.xy) / det);
+            shrunk *
+            ((V[0] * (alpha[0] * alpha[0] - D[0]) +
+              V[2] * (alpha[1] * alpha[1] - D[2]) +
+              2.0 * V[1] * (alpha[0] * alpha[1] - D[1])) /
+                 q +
+             (1.0 - q) * (V[0] * noise.yy + V[2] * noise.xx - 2.0 * V[1] * noise.xy) /
+                 det);
     }
     if (!curved) return;
     multiply<VIEW>(n, space.L, space.J, space.white);
     Lanes along[VIEW][2] = {};  // J B
     for (int i = 0; i < VIEW; ++i)
         for (long e = 0; e < N; ++e)
-            for (int a = 0; a < 2; ++a) along[i][a] += space.J[i * n + e] * space.alpha[(1 + a) * n + e];
+            for (int a = 0; a < 2; ++a)
+                along[i][a] += space.J[i * n + e] * space.alpha[(1 + a) * n + e];
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j <= i; ++j) {
             Lanes total = -along[i][0] * (t.xx * along[j][0] + t.xy * along[j][1]) -
                           along[i][1] * (t.xy * along[j][0] + t.yy * along[j][1]);
-            for (long e = 0; e < n; ++e) total += space.white[i * n + e] * space.white[j * n + e];
+            for (long e = 0; e < n; ++e)
+                total += space.white[i * n + e] * space.white[j * n + e];
             found.curvature[VIEW * i + j] = found.curvature[VIEW * j + i] = total;
         }
 }
 
-// log N(r; 0, P) of a landmark as the others predict it: with D = S^-1_jj and a = alpha_j it is
-// off by r = D^-1 a, with the covariance P = D^-1 - N / q + N.
+// log N(r; 0, P) of a landmark as the others predict it: with D = S^-1_jj and a =
+// alpha_j it is off by r = D^-1 a, with the covariance P = D^-1 - N / q + N.
 template <class Lanes>
 Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
     const Lanes scale = 1.0 / (D[0] * D[2] - D[1] * D[1]);
-    const Lanes rx = (D[2] * a[0] - D[1] * a[1]) * scale, ry = (D[0] * a[1] - D[1] * a[0]) * scale;
+    const Lanes rx = (D[2] * a[0] - D[1] * a[1]) * scale,
+                ry = (D[0] * a[1] - D[1] * a[0]) * scale;
     const Lanes less = 1.0 - 1.0 / q;
     const Lanes xx = D[2] * scale + N.xx * less, yy = D[0] * scale + N.yy * less;
     const Lanes xy = -D[1] * scale + N.xy * less;
     const Lanes det = larger(xx * yy - xy * xy, all<Lanes>(1e-12));
-    return -0.5 * ((yy * rx * rx - 2.0 * xy * rx * ry + xx * ry * ry) / det + logarithm(det)) -
+    return -0.5 * ((yy * rx * rx - 2.0 * xy * rx * ry + xx * ry * ry) / det +
+                   logarithm(det)) -
            all<Lanes>(LOG_TWO_PI);
 }
 
-// Add the terms of the inlier probabilities to the value; the next inlier probabilities.
+// Add the terms of the inlier probabilities to the value; the next inlier
+// probabilities.
 template <class Lanes>
-void believe(const PosteriorData& data, const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes shrunk,
-             const Lanes* inlier_probability,
-             bool by_others, bool valued, const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found,
-             Lanes* next) {
+void believe(const PosteriorData& data, const Observed<Lanes>& observed,
+             const LaneView<Lanes>& view, Lanes shrunk, const Lanes* inlier_probability,
+             bool by_others, bool valued, const LikelihoodSpace<Lanes>& space,
+             Likelihood<Lanes>& found, Lanes* next) {
     if (!(data.chance > 0)) {
         for (long j = 0; j < observed.m; ++j) next[j] = all<Lanes>(1.0);
         return;
     }
     const Number<Lanes> log_inlier = log1p(-data.chance);
-    const Lanes outlier = all<Lanes>(log(data.chance * data.density)) + 2.0 * view.log_scale;
+    const Lanes outlier =
+        all<Lanes>(log(data.chance * data.density)) + 2.0 * view.log_scale;
     for (long j = 0; j < observed.m; ++j) {
         const Noise<Lanes> N = noise_of(observed, j, shrunk);
         const Lanes q = inlier_probability[j], rest = 1.0 - q;
         found.gradient[3] -= 2.0 * rest;
-        const Lanes log_size = 0.5 * logarithm(N.xx * N.yy - N.xy * N.xy) + all<Lanes>(LOG_TWO_PI);
+        const Lanes log_size =
+            0.5 * logarithm(N.xx * N.yy - N.xy * N.xy) + all<Lanes>(LOG_TWO_PI);
         const Lanes *a = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
-        const Lanes square = N.xx * (a[0] * a[0] - D[0]) + 2.0 * N.xy * (a[0] * a[1] - D[1]) +
+        const Lanes square = N.xx * (a[0] * a[0] - D[0]) +
+                             2.0 * N.xy * (a[0] * a[1] - D[1]) +
                              N.yy * (a[1] * a[1] - D[2]);
         const Lanes expected = square / (q * q) + 2.0 / q;
-        const Lanes density = by_others ? predict(N, q, a, D) : -log_size - 0.5 * expected;
+        const Lanes density =
+            by_others ? predict(N, q, a, D) : -log_size - 0.5 * expected;
         const Lanes odds = log_inlier + density - outlier;
         const Lanes steep = larger(smaller(odds, all<Lanes>(40.0)), all<Lanes>(-40.0));
-        next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(MIN_INLIER_PROBABILITY<Lanes>));
+        next[j] = larger(1.0 / (1.0 + exponential(-steep)),
+                         all<Lanes>(MIN_INLIER_PROBABILITY<Lanes>));
         if (!valued) continue;
-        found.value += rest * (log_size + outlier) + q * log_inlier - (1.0 + q) * logarithm(q) -
+        found.value += rest * (log_size + outlier) + q * log_inlier -
+                       (1.0 + q) * logarithm(q) -
                        rest * logarithm(rest + all<Lanes>(1e-30));
     }
 }
 
-// `inlier_probability` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
-// alone say of each, which an outlier cannot sway. Only what is wanted is found.
+// `inlier_probability` q (m,) in, `next` (m,) its next fixed point; or, `by_others`,
+// what the other landmarks alone say of each, which an outlier cannot sway. Only what
+// is wanted is found.
 template <class Lanes>
 void find_likelihood(const PosteriorData& data, const Observed<Lanes>& observed,
-                     const LaneView<Lanes>& view, const Lanes* inlier_probability, bool by_others, Wanted wanted,
-                     const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
+                     const LaneView<Lanes>& view, const Lanes* inlier_probability,
+                     bool by_others, Wanted wanted, const LikelihoodSpace<Lanes>& space,
+                     Likelihood<Lanes>& found, Lanes* next) {
     const long N = 2 * observed.m, n = tiled(N);
     const Lanes shrink = exponential(-view.log_scale);
     centre(observed, view, shrink, space);
@@ -453,16 +516,21 @@ void find_likelihood(const PosteriorData& data, const Observed<Lanes>& observed,
     invert(n, space.L, space.reciprocal);
     const Translation<Lanes> t = solve(n, space);
     found.squared_mahalanobis = t.square;
-    for (long e = 0; e < n; ++e) found.squared_mahalanobis += space.white[e] * space.white[e];
-    found.value = -0.5 * (found.squared_mahalanobis + log_det + t.log_det + all<Lanes>(static_cast<double>(N) * LOG_TWO_PI)) -
+    for (long e = 0; e < n; ++e)
+        found.squared_mahalanobis += space.white[e] * space.white[e];
+    found.value = -0.5 * (found.squared_mahalanobis + log_det + t.log_det +
+                          all<Lanes>(static_cast<double>(N) * LOG_TWO_PI)) -
                   static_cast<Number<Lanes>>(N - 2) * view.log_scale;
-    const bool derived = wanted != Wanted::INLIERS, curved = wanted == Wanted::CURVATURE;
+    const bool derived = wanted != Wanted::INLIERS,
+               curved = wanted == Wanted::CURVATURE;
     pull_back(observed, !derived, space);
     if (derived) {
         posterior_mean(observed, shrink * shrink, inlier_probability, t, space);
-        differentiate(observed, shrink * shrink, inlier_probability, t, curved, space, found);
+        differentiate(observed, shrink * shrink, inlier_probability, t, curved, space,
+                      found);
     }
-    believe(data, observed, view, shrink * shrink, inlier_probability, by_others, derived, space, found, next);
+    believe(data, observed, view, shrink * shrink, inlier_probability, by_others,
+            derived, space, found, next);
 }
 
 }  // namespace shapefit

@@ -1,14 +1,18 @@
-// The posterior over shape and view of each image: one mode after another, and all of them combined.
+// The posterior over shape and view of each image: one mode after another, and all of
+// them combined.
 #include "../base/small_matrices.hpp"
 #include "description.hpp"
 
 namespace shapefit {
 namespace {
 
-constexpr double SAME_VIEW = 1e-2;    // rotations as close are one mode (Frobenius norm)
-constexpr double NO_MAXIMUM = 50;     // subtracted from the log evidence of a point that is no maximum
-constexpr double NEGLIGIBLE = 6;      // modes this far below the best in log evidence are left out
-constexpr double LAPLACE = 1;         // by which integrating over the view may change their order
+constexpr double SAME_VIEW = 1e-2;  // rotations as close are one mode (Frobenius norm)
+constexpr double NO_MAXIMUM =
+    50;  // subtracted from the log evidence of a point that is no maximum
+constexpr double NEGLIGIBLE =
+    6;  // modes this far below the best in log evidence are left out
+constexpr double LAPLACE =
+    1;  // by which integrating over the view may change their order
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
 struct Mode {
@@ -18,14 +22,15 @@ struct Mode {
     double log_scale;
     double log_evidence;
     double squared_mahalanobis;
-    bool stationary;            // the gradient is 0, and every direction leads down
-    double root[VIEW * VIEW];   // W with W^T W = (H + I)^-1, the covariance of the view
+    bool stationary;           // the gradient is 0, and every direction leads down
+    double root[VIEW * VIEW];  // W with W^T W = (H + I)^-1, the covariance of the view
     double* inlier_probability;  // (m,)
     double share;                // of the evidence of its image
     double* mean;                // (3 p,)
 };
 
-// The modes of the images of a group; `order` has those that count, image by image, the best first.
+// The modes of the images of a group; `order` has those that count, image by image, the
+// best first.
 struct Modes {
     Modes(Workspace& workspace, long most, long p)
         : modes(workspace.zeros<Mode>(most)), order(workspace.zeros<long>(most)) {
@@ -42,7 +47,8 @@ struct Modes {
     long count = 0;  // of order
 };
 
-// The point on which ascent i ended, with its evidence; no direction of its view is less than flat.
+// The point on which ascent i ended, with its evidence; no direction of its view is
+// less than flat.
 void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
     Ascent<Doubles>& at = search.arrived[i];
     const long lane = i % WIDTH;
@@ -50,14 +56,16 @@ void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) 
     for (int e = 0; e < VIEW * VIEW; ++e) H[e] = at.curvature[e][lane];
     symmetric_eigen({H, {VIEW, VIEW}}, {values, {VIEW}}, {axes, {VIEW, VIEW}});
     for (int e = 0; e < VIEW * VIEW; ++e)
-        mode.root[e] = axes[e] / root(larger(values[e / VIEW], 0.0) + CURVATURE_OF_PRIOR);
+        mode.root[e] =
+            axes[e] / root(larger(values[e / VIEW], 0.0) + CURVATURE_OF_PRIOR);
     for (double value : values) log_det += log(larger(value, 0.0) + CURVATURE_OF_PRIOR);
     mode.stationary = values[0] > 1e-6 && !(at.moving[lane] > 0);
     mode.origin = search.arrived.origin[i];
     mode.component = mode.origin.pair % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
-    for (long j = 0; j < search.group.m; ++j) mode.inlier_probability[j] = at.inlier_probability[j][lane];
+    for (long j = 0; j < search.group.m; ++j)
+        mode.inlier_probability[j] = at.inlier_probability[j][lane];
     mode.squared_mahalanobis = at.found.squared_mahalanobis[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
                         0.5 * (VIEW * LOG_TWO_PI - log_det);
@@ -65,15 +73,17 @@ void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) 
     if (!mode.stationary) mode.log_evidence -= NO_MAXIMUM;
 }
 
-// Append to the order the modes of an image, of which the first `count` are all, by their evidence, without
-// what was found before and what is negligible.
+// Append to the order the modes of an image, of which the first `count` are all, by
+// their evidence, without what was found before and what is negligible.
 void rank(Modes& all, long count, long slot) {
     const long first = all.count;
     long *order = all.order + first, found = 0, retained = 0;
     for (long i = 0; i < count; ++i) {
         if (all.modes[i].origin.slot != slot) continue;
         long place = found++;
-        for (; place > 0 && all.modes[order[place - 1]].log_evidence < all.modes[i].log_evidence; --place)
+        for (; place > 0 &&
+               all.modes[order[place - 1]].log_evidence < all.modes[i].log_evidence;
+             --place)
             order[place] = order[place - 1];
         order[place] = i;
     }
@@ -85,7 +95,8 @@ void rank(Modes& all, long count, long slot) {
             const Mode& other = all.modes[order[o]];
             double distance = 0;
             for (int e = 0; e < 9; ++e) distance += square(mode.R[e] - other.R[e]);
-            known = other.component == mode.component && distance < SAME_VIEW * SAME_VIEW;
+            known =
+                other.component == mode.component && distance < SAME_VIEW * SAME_VIEW;
         }
         if (!known) order[retained++] = order[i];
     }
@@ -96,8 +107,9 @@ void fill(double* x, long n, double value) {
     for (long e = 0; e < n; ++e) x[e] = value;
 }
 
-// Mean and covariance of the mixture of an image, C = sum_i share_i (C_i + (mean_i - mean) (mean_i - mean)^T):
-// deviations and MIXED correlations, and the whole covariance where there is room for it.
+// Mean and covariance of the mixture of an image, C = sum_i share_i (C_i + (mean_i -
+// mean) (mean_i - mean)^T): deviations and MIXED correlations, and the whole covariance
+// where there is room for it.
 struct Mixture {
     Mixture(const PosteriorData& data, long image)
         : p(data.landmarks.size[2]),
@@ -131,7 +143,8 @@ struct Mixture {
             for (long f = 0; f < e; ++f) whole[f * d + e] = whole[e * d + f];
         }
         for (long e = 0; e < d; ++e) squares[e] = root(larger(squares[e], 0.0));
-        for (long e = 0; e < d; ++e) mixed[e] /= larger(squares[first(e)] * squares[second(e)], TINY);
+        for (long e = 0; e < d; ++e)
+            mixed[e] /= larger(squares[first(e)] * squares[second(e)], TINY);
     }
 
     long first(long e) const { return MIXED[e / p][0] * p + e % p; }
@@ -145,13 +158,16 @@ void fail(const PosteriorData& data, long image) {
     Mixture(data, image).set_all(NOT_A_NUMBER);
     fill(data.inlier_probability[image].data, data.landmarks.size[2], NOT_A_NUMBER);
     fill(data.rotation[image].data, 9, NOT_A_NUMBER);
-    data.scale[image] = data.log_evidence[image] = data.squared_mahalanobis[image] = NOT_A_NUMBER;
+    data.scale[image] = data.log_evidence[image] = data.squared_mahalanobis[image] =
+        NOT_A_NUMBER;
     data.stationary[image] = false;
 }
 
 template <class Covariance>
-void store(const PosteriorData& data, const Group& group, const Mode& mode, long rank, const Covariance& C) {
-    const long p = data.landmarks.size[2], d = 3 * p, image = group.image[mode.origin.slot];
+void store(const PosteriorData& data, const Group& group, const Mode& mode, long rank,
+           const Covariance& C) {
+    const long p = data.landmarks.size[2], d = 3 * p,
+               image = group.image[mode.origin.slot];
     data.mode_component[image][rank] = mode.component;
     data.mode_scale[image][rank] = exp(mode.log_scale);
     data.mode_log_evidence[image][rank] = mode.log_evidence;
@@ -161,15 +177,19 @@ void store(const PosteriorData& data, const Group& group, const Mode& mode, long
         for (long f = 0; f < d; ++f) data.mode_covariance[image][rank][e][f] = C(e, f);
     const Vector<double> inlier_probability = data.mode_inlier_probability[image][rank];
     fill(inlier_probability.data, p, NOT_A_NUMBER);
-    for (long j = 0; j < group.m; ++j) inlier_probability[group.index[j]] = mode.inlier_probability[j];
+    for (long j = 0; j < group.m; ++j)
+        inlier_probability[group.index[j]] = mode.inlier_probability[j];
 }
 
-// Shares of the evidence of an image, and what is a mean over its modes, the last from `first` on.
-void share_out(const PosteriorData& data, const Group& group, const Modes& modes, long first) {
+// Shares of the evidence of an image, and what is a mean over its modes, the last from
+// `first` on.
+void share_out(const PosteriorData& data, const Group& group, const Modes& modes,
+               long first) {
     const long image = group.image[modes[first].origin.slot], last = modes.count;
     const double best = modes[first].log_evidence;
     double total = 0;
-    for (long i = first; i < last; ++i) total += modes[i].share = exp(modes[i].log_evidence - best);
+    for (long i = first; i < last; ++i)
+        total += modes[i].share = exp(modes[i].log_evidence - best);
     const Vector<double> inlier_probability = data.inlier_probability[image];
     fill(inlier_probability.data, inlier_probability.size[0], NOT_A_NUMBER);
     for (long j = 0; j < group.m; ++j) inlier_probability[group.index[j]] = 0;
@@ -178,7 +198,8 @@ void share_out(const PosteriorData& data, const Group& group, const Modes& modes
         const double share = modes[i].share /= total;
         data.squared_mahalanobis[image] += share * modes[i].squared_mahalanobis;
         for (long j = 0; j < group.m; ++j)
-            inlier_probability[group.index[j]] += share * modes[i].inlier_probability[j];
+            inlier_probability[group.index[j]] +=
+                share * modes[i].inlier_probability[j];
     }
     Mixture(data, image).set_all(0);
     modes[first].R.write(data.rotation[image].data);
@@ -188,38 +209,49 @@ void share_out(const PosteriorData& data, const Group& group, const Modes& modes
 }
 
 // Describe the modes from `first` on, one a lane; lanes without one stand for the last.
-void describe_modes(const PosteriorData& data, const Group& group, const Modes& modes, long first, bool whole,
-                    Side<Doubles>& side, Description& description) {
+void describe_modes(const PosteriorData& data, const Group& group, const Modes& modes,
+                    long first, bool whole, Side<Doubles>& side,
+                    Description& description) {
     LaneView<Doubles> view;
     Doubles root_of[VIEW * VIEW];
     Origin origin[WIDTH];
     for (int lane = 0; lane < WIDTH; ++lane) {
-        const Mode& mode = modes[first + lane < modes.count ? first + lane : modes.count - 1];
+        const Mode& mode =
+            modes[first + lane < modes.count ? first + lane : modes.count - 1];
         origin[lane] = mode.origin;
         for (int e = 0; e < 9; ++e) view.R[e][lane] = mode.R[e];
         view.log_scale[lane] = mode.log_scale;
         for (int e = 0; e < VIEW * VIEW; ++e) root_of[e][lane] = mode.root[e];
-        for (long j = 0; j < group.m; ++j) side.space.inlier_probability[j][lane] = mode.inlier_probability[j];
+        for (long j = 0; j < group.m; ++j)
+            side.space.inlier_probability[j][lane] = mode.inlier_probability[j];
     }
     fetch(data, group, origin, side);
-    describe(data, side, view, side.space.inlier_probability, root_of, whole, description);
+    describe(data, side, view, side.space.inlier_probability, root_of, whole,
+             description);
 }
 
-// The mixtures of the images of a group, by the evidence of their modes, several of them described at once.
-void combine(const PosteriorData& data, const Group& group, const Modes& modes, Side<Doubles>& side,
-             Description& description) {
-    const long d = 3 * data.landmarks.size[2], most_stored = data.mode_component.size[1];
+// The mixtures of the images of a group, by the evidence of their modes, several of
+// them described at once.
+void combine(const PosteriorData& data, const Group& group, const Modes& modes,
+             Side<Doubles>& side, Description& description) {
+    const long d = 3 * data.landmarks.size[2],
+               most_stored = data.mode_component.size[1];
     const auto image_of = [&](long i) { return group.image[modes[i].origin.slot]; };
     for (long i = 0, rank = 0; i < modes.count; ++i) {
         const Mode& mode = modes[i];
         const long lane = i % WIDTH, image = image_of(i);
         Mixture mixture(data, image);
-        if (lane == 0) describe_modes(data, group, modes, i, mixture.whole || most_stored, side, description);
+        if (lane == 0)
+            describe_modes(data, group, modes, i, mixture.whole || most_stored, side,
+                           description);
         const auto C = [&](long e, long f) {
-            return description.C[description.row[e] * description.d + description.row[f]][lane];
+            return description
+                .C[description.row[e] * description.d + description.row[f]][lane];
         };
         for (long e = 0; e < d; ++e)
-            mixture.mean[e] += mode.share * (mode.mean[e] = description.mean[description.row[e]][lane]);
+            mixture.mean[e] +=
+                mode.share *
+                (mode.mean[e] = description.mean[description.row[e]][lane]);
         mixture.add([&](long e, long f) { return mode.share * C(e, f); });
         if (rank < most_stored) store(data, group, mode, rank, C);
         ++rank;
@@ -227,7 +259,8 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes, 
         for (; rank; --rank) {
             const Mode& of = modes[i + 1 - rank];
             mixture.add([&](long e, long f) {
-                return of.share * (of.mean[e] - mixture.mean[e]) * (of.mean[f] - mixture.mean[f]);
+                return of.share * (of.mean[e] - mixture.mean[e]) *
+                       (of.mean[f] - mixture.mean[f]);
             });
         }
         mixture.finish();
@@ -235,26 +268,27 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes, 
 }
 
 // The posteriors of a group of images, all in double precision where `precise`.
-void find_group(const PosteriorData& data, bool precise, Search& search, Modes& modes, Description& description) {
+void find_group(const PosteriorData& data, bool precise, Search& search, Modes& modes,
+                Description& description) {
     Group& group = search.group;
     ascend_all(data, NEGLIGIBLE + LAPLACE, precise, search);
-    for (long i = 0; i < search.arrived.count; ++i) weigh(data, search, i, modes.modes[i]);
+    for (long i = 0; i < search.arrived.count; ++i)
+        weigh(data, search, i, modes.modes[i]);
     modes.count = 0;
     for (long slot = 0; slot < group.count; ++slot) {
         const long before = modes.count;
         if (precise || !group.failed[slot]) rank(modes, search.arrived.count, slot);
-        if (modes.count > before)
-            share_out(data, group, modes, before);
-        else
-            fail(data, group.image[slot]);
+        if (modes.count > before) share_out(data, group, modes, before);
+        else fail(data, group.image[slot]);
     }
     combine(data, group, modes, search.late, description);
 }
 
 }  // namespace
 
-// Ascent from every start under every component; weigh the maxima by their evidence, the view
-// integrated out by Laplace's approximation; mean and covariance of the mixture of those that count.
+// Ascent from every start under every component; weigh the maxima by their evidence,
+// the view integrated out by Laplace's approximation; mean and covariance of the
+// mixture of those that count.
 void find_posterior(const PosteriorData& data, Range range) {
     const long p = data.landmarks.size[2];
     Workspace workspace;
@@ -270,9 +304,12 @@ void find_posterior(const PosteriorData& data, Range range) {
         }
     }
     for (long first = range.first; first < range.last; first += IMAGES_PER_BLOCK) {
-        const Range block{first, first + IMAGES_PER_BLOCK < range.last ? first + IMAGES_PER_BLOCK : range.last};
+        const Range block{first, first + IMAGES_PER_BLOCK < range.last
+                                     ? first + IMAGES_PER_BLOCK
+                                     : range.last};
         bool taken[IMAGES_PER_BLOCK] = {};
-        for (group.collect(data, block, taken); group.count; group.collect(data, block, taken)) {
+        for (group.collect(data, block, taken); group.count;
+             group.collect(data, block, taken)) {
             find_group(data, false, search, modes, description);
             group.retain_failed();
             find_group(data, true, search, modes, description);

@@ -1,5 +1,5 @@
-// The ascents of images side by side, one a lane. Those that have finished are dropped, so that blocks of
-// lanes stay full; no lane knows of its neighbours.
+// The ascents of images side by side, one a lane. Those that have finished are dropped,
+// so that blocks of lanes stay full; no lane knows of its neighbours.
 #pragma once
 
 #include "ascent.hpp"
@@ -7,14 +7,19 @@
 namespace shapefit {
 
 constexpr long MOST_ASCENTS = 512;  // of a group of more than one image
-constexpr long ROUNDS = 2;  // after which finished ascents are dropped
-constexpr long QUICK = 16;  // rounds in single precision; what takes longer starts again in double
+constexpr long ROUNDS = 2;          // after which finished ascents are dropped
+constexpr long QUICK =
+    16;  // rounds in single precision; what takes longer starts again in double
 constexpr long MOST_ROUNDS = 200;  // in double
-constexpr double AGREEMENT = 1;    // of single and double precision at the end, in log likelihood
+constexpr double AGREEMENT =
+    1;  // of single and double precision at the end, in log likelihood
 constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
-constexpr double GAIN_FACTOR = 2;  // an ascent may still gain this many times the predicted gain
+constexpr double GAIN_FACTOR =
+    2;  // an ascent may still gain this many times the predicted gain
 
-constexpr long ascents_per_image(const PosteriorData& data) { return data.starts.size[1] * data.means.size[0]; }
+constexpr long ascents_per_image(const PosteriorData& data) {
+    return data.starts.size[1] * data.means.size[0];
+}
 
 // Images of a block that have the same landmarks in sight.
 struct Group {
@@ -32,12 +37,16 @@ struct Group {
 
     // The first image of a range that is not yet `taken`, and those like it.
     void collect(const PosteriorData& data, Range range, bool* taken) {
-        const auto sees = [&](long i, long j) { return is_finite(data.residual_variance[i][j]); };
+        const auto sees = [&](long i, long j) {
+            return is_finite(data.residual_variance[i][j]);
+        };
         const long p = data.means.size[2];
         count = m = 0;
         for (long i = range.first; i < range.last && count < capacity; ++i) {
             long alike = taken[i - range.first] ? -1 : 0;
-            while (count && alike >= 0 && alike < p && sees(i, alike) == sees(image[0], alike)) ++alike;
+            while (count && alike >= 0 && alike < p &&
+                   sees(i, alike) == sees(image[0], alike))
+                ++alike;
             if (alike < (count ? p : 0)) continue;
             taken[i - range.first] = true;
             image[count++] = i;
@@ -62,7 +71,8 @@ struct Group {
     bool* failed;  // whether single precision has (count,)
 };
 
-// The image of a lane, by its place in the group, its start and component as K start + component.
+// The image of a lane, by its place in the group, its start and component as K start +
+// component.
 struct Origin {
     long slot, pair;
 };
@@ -72,7 +82,8 @@ struct Ascents {
     Ascents(Workspace& workspace, long most, long p)
         : p(p),
           origin(workspace.zeros<Origin>(most + width<Lanes>)),
-          lanes(workspace.zeros<Ascent<Lanes>>((most + width<Lanes> - 1) / width<Lanes>)) {
+          lanes(workspace.zeros<Ascent<Lanes>>((most + width<Lanes> - 1) /
+                                               width<Lanes>)) {
         for (long b = 0; b * width<Lanes> < most; ++b) {
             lanes[b].inlier_probability = workspace.zeros<Lanes>(p);
             lanes[b].next = workspace.zeros<Lanes>(p);
@@ -118,14 +129,15 @@ struct Side {
     Ascents<Lanes> ascents;
 };
 
-// Ascents begin in single precision; their end, and those that take long, are in double, as is everything
-// where single precision fails.
+// Ascents begin in single precision; their end, and those that take long, are in
+// double, as is everything where single precision fails.
 struct Search {
     Search(Workspace& workspace, const PosteriorData& data)
         : group(workspace, data),
           going(workspace, data, group.capacity * ascents_per_image(data)),
           late(workspace, data, group.capacity * ascents_per_image(data)),
-          arrived(workspace, group.capacity * ascents_per_image(data), data.means.size[2]) {}
+          arrived(workspace, group.capacity * ascents_per_image(data),
+                  data.means.size[2]) {}
 
     Group group;
     Side<Singles> going;
@@ -135,7 +147,8 @@ struct Search {
 
 // Landmarks and component of each lane of a block, as far as they are seen.
 template <class Lanes>
-void fetch(const PosteriorData& data, const Group& group, const Origin* origin, Side<Lanes>& side) {
+void fetch(const PosteriorData& data, const Group& group, const Origin* origin,
+           Side<Lanes>& side) {
     Observed<Lanes>& to = side.observed;
     const long p = data.means.size[2], m = group.m, *index = group.index;
     long image[width<Lanes>];
@@ -147,35 +160,46 @@ void fetch(const PosteriorData& data, const Group& group, const Origin* origin, 
         side.component[lane] = k;
     }
     const auto fill = [](Lanes& to, const auto& of) {
-        for (int lane = 0; lane < width<Lanes>; ++lane) to[lane] = static_cast<Number<Lanes>>(of(lane));
+        for (int lane = 0; lane < width<Lanes>; ++lane)
+            to[lane] = static_cast<Number<Lanes>>(of(lane));
     };
     to.m = m;
     to.index = index;
     for (long e = 0; e < m; ++e) {
         const long j = index[e];
         for (int a = 0; a < 2; ++a) {
-            fill(to.w[2 * e + a], [&](int lane) { return data.landmarks[image[lane]][a][j]; });
-            fill(to.slope[2 * e + a], [&](int lane) { return data.slopes[image[lane]][a][j]; });
+            fill(to.w[2 * e + a],
+                 [&](int lane) { return data.landmarks[image[lane]][a][j]; });
+            fill(to.slope[2 * e + a],
+                 [&](int lane) { return data.slopes[image[lane]][a][j]; });
         }
-        fill(to.residual_variance[e], [&](int lane) { return data.residual_variance[image[lane]][j]; });
+        fill(to.residual_variance[e],
+             [&](int lane) { return data.residual_variance[image[lane]][j]; });
         for (int c = 0; c < 3; ++c)
-            fill(to.noise[3 * e + c], [&](int lane) { return data.noise[image[lane]][j].data[c == 2 ? 3 : c]; });
+            fill(to.noise[3 * e + c], [&](int lane) {
+                return data.noise[image[lane]][j].data[c == 2 ? 3 : c];
+            });
     }
     for (long e = 0; !known && e < 3 * m; ++e)
-        fill(to.mean[e], [&](int lane) { return data.means[side.component[lane]][e % 3][index[e / 3]]; });
+        fill(to.mean[e], [&](int lane) {
+            return data.means[side.component[lane]][e % 3][index[e / 3]];
+        });
     for (long e = 0; !known && e < m; ++e)
         for (long f = 0; f <= e; ++f)
             for (int a = 0; a < 3; ++a)
                 for (int b = 0; b < 3; ++b)
                     fill(to.covariance[9 * (corner(e) + f) + 3 * a + b], [&](int lane) {
-                        return data.covariances[side.component[lane]][a * p + index[e]][b * p + index[f]];
+                        return data.covariances[side.component[lane]][a * p + index[e]]
+                                               [b * p + index[f]];
                     });
 }
 
 // The s that fits s A mu + t to the landmarks best.
-inline double first_scale(const PosteriorData& data, const Group& group, long image, const double* R, long k) {
+inline double first_scale(const PosteriorData& data, const Group& group, long image,
+                          const double* R, long k) {
     const double* mu = data.means[k].data;
-    const Matrix<const double> landmarks = data.landmarks[image], slope = data.slopes[image];
+    const Matrix<const double> landmarks = data.landmarks[image],
+                               slope = data.slopes[image];
     const long p = landmarks.size[1];
     double middle[2] = {}, origin[2] = {}, overlap = 0, square = 0, size = 0;
     for (int pass = 0; pass < 2; ++pass)
@@ -183,7 +207,8 @@ inline double first_scale(const PosteriorData& data, const Group& group, long im
             for (int a = 0; a < 2; ++a) {
                 const long j = group.index[e];
                 double A[3];
-                for (int c = 0; c < 3; ++c) A[c] = R[3 * a + c] - slope[a][j] * R[6 + c];
+                for (int c = 0; c < 3; ++c)
+                    A[c] = R[3 * a + c] - slope[a][j] * R[6 + c];
                 const double x = A[0] * mu[j] + A[1] * mu[p + j] + A[2] * mu[2 * p + j];
                 const double w = landmarks[a][j];
                 if (pass == 0) {
@@ -201,8 +226,10 @@ inline double first_scale(const PosteriorData& data, const Group& group, long im
 
 // One more ascent, from its start.
 template <class Lanes>
-void add_ascent(const PosteriorData& data, const Group& group, Origin origin, Ascents<Lanes>& ascents) {
-    const long K = data.means.size[0], lane = ascents.count % width<Lanes>, image = group.image[origin.slot];
+void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
+                Ascents<Lanes>& ascents) {
+    const long K = data.means.size[0], lane = ascents.count % width<Lanes>,
+               image = group.image[origin.slot];
     const double* R = data.starts[image][origin.pair / K].data;
     Ascent<Lanes>& at = ascents[ascents.count];
     for (int e = 0; e < 9; ++e) at.view.R[e][lane] = static_cast<Number<Lanes>>(R[e]);
@@ -212,10 +239,12 @@ void add_ascent(const PosteriorData& data, const Group& group, Origin origin, As
     ascents.origin[ascents.count++] = origin;
 }
 
-// Every start under every component, where three landmarks are seen; blocks in a row have the same components.
+// Every start under every component, where three landmarks are seen; blocks in a row
+// have the same components.
 template <class Lanes>
 void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& ascents) {
-    const long K = data.means.size[0], pairs = group.m < 3 ? 0 : ascents_per_image(data);
+    const long K = data.means.size[0],
+               pairs = group.m < 3 ? 0 : ascents_per_image(data);
     for (long first = 0; first < pairs; first += width<Lanes>)
         for (long slot = 0; slot < group.count; ++slot)
             for (long pair = first; pair < pairs && pair < first + width<Lanes>; ++pair)
@@ -237,27 +266,29 @@ void note_best(const PosteriorData& data, const Ascents<Lanes>& ascents, Group& 
     }
 }
 
-// Ascents that have converged leave, and so do those that cannot come near the best any more.
+// Ascents that have converged leave, and so do those that cannot come near the best any
+// more.
 template <class Lanes>
-void drop_finished(const PosteriorData& data, double margin, Ascents<Lanes>& going, Search& search) {
+void drop_finished(const PosteriorData& data, double margin, Ascents<Lanes>& going,
+                   Search& search) {
     const long count = going.count;
     going.count = 0;
     for (long i = 0; i < count; ++i) {
         const Ascent<Lanes>& at = going[i];
         const long lane = i % width<Lanes>;
-        const double most = value_of(data, going, i) + GAIN_FACTOR * at.predicted_gain[lane];
+        const double most =
+            value_of(data, going, i) + GAIN_FACTOR * at.predicted_gain[lane];
         if (!(most > search.group.best[going.origin[i].slot] - margin)) continue;
-        if (at.moving[lane] > 0)
-            going.append(going, i);
-        else
-            search.arrived.append(going, i);
+        if (at.moving[lane] > 0) going.append(going, i);
+        else search.arrived.append(going, i);
     }
     going.pad();
 }
 
 // At most so many rounds for all that have been placed.
 template <class Lanes>
-void run_ascents(const PosteriorData& data, long rounds, double margin, Side<Lanes>& going, Search& search) {
+void run_ascents(const PosteriorData& data, long rounds, double margin,
+                 Side<Lanes>& going, Search& search) {
     Ascents<Lanes>& ascents = going.ascents;
     ascents.pad();
     for (long b = 0; b < ascents.blocks(); ++b) {
@@ -277,8 +308,9 @@ void run_ascents(const PosteriorData& data, long rounds, double margin, Side<Lan
     }
 }
 
-// The ascents that are `late`, then value and Hessian in double precision near the best. An image has failed
-// where none stands on a stationary point, or one is not worth what its ascent took it for.
+// The ascents that are `late`, then value and Hessian in double precision near the
+// best. An image has failed where none stands on a stationary point, or one is not
+// worth what its ascent took it for.
 inline void finish_all(const PosteriorData& data, double margin, Search& search) {
     Group& group = search.group;
     Ascents<Doubles>& arrived = search.arrived;
@@ -290,7 +322,8 @@ inline void finish_all(const PosteriorData& data, double margin, Search& search)
     const long count = arrived.count;
     arrived.count = 0;
     for (long i = 0; i < count; ++i)
-        if (value_of(data, arrived, i) > group.best[arrived.origin[i].slot] - margin) arrived.append(arrived, i);
+        if (value_of(data, arrived, i) > group.best[arrived.origin[i].slot] - margin)
+            arrived.append(arrived, i);
     arrived.pad();
     for (long b = 0; b < arrived.blocks(); ++b) {
         Ascent<Doubles>& at = arrived.block(b);
@@ -303,7 +336,8 @@ inline void finish_all(const PosteriorData& data, double margin, Search& search)
     for (long slot = 0; slot < group.count; ++slot) {
         bool stands = false, agrees = true;
         for (long i = 0; i < arrived.count; ++i) {
-            const double away = arrived[i].found.value[i % WIDTH] - arrived[i].before[i % WIDTH];
+            const double away =
+                arrived[i].found.value[i % WIDTH] - arrived[i].before[i % WIDTH];
             if (arrived.origin[i].slot != slot) continue;
             stands = stands || !(arrived[i].moving[i % WIDTH] > 0);
             agrees = agrees && magnitude(away) < AGREEMENT;
@@ -312,18 +346,23 @@ inline void finish_all(const PosteriorData& data, double margin, Search& search)
     }
 }
 
-// Ascent from all starts of a group under every component. What has `arrived` is at most `margin` below the
-// best of its image, in log likelihood and weight; what is still moving there ran out of rounds.
-inline void ascend_all(const PosteriorData& data, double margin, bool precise, Search& search) {
+// Ascent from all starts of a group under every component. What has `arrived` is at
+// most `margin` below the best of its image, in log likelihood and weight; what is
+// still moving there ran out of rounds.
+inline void ascend_all(const PosteriorData& data, double margin, bool precise,
+                       Search& search) {
     Ascents<Singles>& going = search.going.ascents;
     Ascents<Doubles>& late = search.late.ascents;
     late.count = going.count = search.arrived.count = 0;
-    for (long& k : search.going.component) k = -1;  // what stands there is of another group
+    for (long& k : search.going.component)
+        k = -1;  // what stands there is of another group
     for (long& k : search.late.component) k = -1;
-    for (long slot = 0; slot < search.group.count; ++slot) search.group.best[slot] = -INFINITE;
+    for (long slot = 0; slot < search.group.count; ++slot)
+        search.group.best[slot] = -INFINITE;
     precise ? add_all(data, search.group, late) : add_all(data, search.group, going);
     run_ascents(data, QUICK, margin, search.going, search);
-    for (long i = 0; i < going.count; ++i) add_ascent(data, search.group, going.origin[i], late);
+    for (long i = 0; i < going.count; ++i)
+        add_ascent(data, search.group, going.origin[i], late);
     finish_all(data, margin, search);
 }
 

@@ -1,24 +1,28 @@
 // RANSAC: the pose of a known shape that most landmarks agree on, from triples of them.
 //
-// Weak perspective poses that three landmarks determine: with an orthonormal basis Q of the plane of
-// the triple i, j, k in the shape, its normal n and s Rbar = G Q^T + a n^T, the landmarks w_j - w_i,
-// w_k - w_i give G, and rows of equal length at right angles mean a a^T = s^2 I - G G^T. That has rank
-// one: s is the spectral norm of G, and a is known but for its sign, which reflects the depths
-// (Huttenlocher and Ullman, Recognizing solid objects by alignment, IJCV 1990).
+// Weak perspective poses that three landmarks determine: with an orthonormal basis Q of
+// the plane of the triple i, j, k in the shape, its normal n and s Rbar = G Q^T + a
+// n^T, the landmarks w_j - w_i, w_k - w_i give G, and rows of equal length at right
+// angles mean a a^T = s^2 I - G G^T. That has rank one: s is the spectral norm of G,
+// and a is known but for its sign, which reflects the depths (Huttenlocher and Ullman,
+// Recognizing solid objects by alignment, IJCV 1990).
 //
 // How much a pose s, Rbar, T explains beyond its own triple:
 //
-//     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3),   tol = (threshold s)^2,
+//     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3),   tol =
+//     (threshold s)^2,
 //
-// with residuals r_j = ||w_j - s Rbar S_j - T||, visible landmarks spread over an area A, and
-// omega^2 of mean 1. The sum is the truncated one of MSAC; residuals count in units of the size of
-// the shape. The logarithm is the log-probability of a landmark that keeps to its place, where a wrong one
-// could be anywhere in A: without it a shape blown up far beyond the image finds some landmarks in
-// its wide tolerance always. Three landmarks fit whatever they are.
+// with residuals r_j = ||w_j - s Rbar S_j - T||, visible landmarks spread over an area
+// A, and omega^2 of mean 1. The sum is the truncated one of MSAC; residuals count in
+// units of the size of the shape. The logarithm is the log-probability of a landmark
+// that keeps to its place, where a wrong one could be anywhere in A: without it a shape
+// blown up far beyond the image finds some landmarks in its wide tolerance always.
+// Three landmarks fit whatever they are.
 //
-// Each draw that gains more than all draws before is fitted to its inliers, and these are judged again;
-// the better of the drawn and the fitted poses counts. Draws stop early by the share of inliers found.
-// An image in which no triple determines a pose has no inliers.
+// Each draw that gains more than all draws before is fitted to its inliers, and these
+// are judged again; the better of the drawn and the fitted poses counts. Draws stop
+// early by the share of inliers found. An image in which no triple determines a pose
+// has no inliers.
 #include "../base/registry.hpp"
 #include "../base/vectors.hpp"
 #include "../pose/rotation_step.hpp"
@@ -33,7 +37,8 @@ struct ConsensusData {
     Matrix<const double> squares = from("squares", "n p");
     Matrix<const double> shape = from("shape", "3 p");  // S
     Vector<const uint64_t> seeds = from("seeds", "n");  // of the draws
-    double threshold = from("threshold");  // of a residual, in units of the size of the shape
+    double threshold =
+        from("threshold");  // of a residual, in units of the size of the shape
     long draws = from("draws");
     long most_rounds = from("max_rounds");  // of fits of a pose to its inliers
     Matrix<bool> inliers = from("inliers", "n p");
@@ -44,14 +49,17 @@ namespace {
 constexpr int TRIPLE = 3;
 constexpr double FLAT = 1e-6;  // a triangle as flat as this determines no pose
 constexpr double PI = 0x1.921fb54442d18p1;
-// Triples of inliers to be expected among the draws, after which none is drawn any more. One would do
-// for exact landmarks of the very shape; on made cars, whose shapes are not the mean and whose
-// landmarks are noisy, 20 find the pose in as many images as 500 draws (to three digits, for 0 to 70%
-// wrong landmarks) and 5 lose it in one of a hundred with 60% wrong.
+// Triples of inliers to be expected among the draws, after which none is drawn any
+// more. One would do for exact landmarks of the very shape; on made cars, whose shapes
+// are not the mean and whose landmarks are noisy, 20 find the pose in as many images as
+// 500 draws (to three digits, for 0 to 70% wrong landmarks) and 5 lose it in one of a
+// hundred with 60% wrong.
 constexpr double ENOUGH = 20;
-constexpr long CHECKED = 8;  // draws from one check to the next, a multiple of every WIDTH
+constexpr long CHECKED =
+    8;  // draws from one check to the next, a multiple of every WIDTH
 
-// The visible landmarks of one image beside those of the shape, without the hidden ones.
+// The visible landmarks of one image beside those of the shape, without the hidden
+// ones.
 struct VisibleLandmarks {
     VisibleLandmarks(Workspace& workspace, long p)
         : x(workspace.zeros<double>(p)),
@@ -62,7 +70,8 @@ struct VisibleLandmarks {
     }
 
     // Gather the landmarks of w (2, p) and S (3, p) with omega^2 > 0.
-    void take(Matrix<const double> w, Vector<const double> squares, Matrix<const double> shape) {
+    void take(Matrix<const double> w, Vector<const double> squares,
+              Matrix<const double> shape) {
         count = 0;
         for (long j = 0; j < squares.size[0]; ++j) {
             if (!(squares[j] > 0)) continue;
@@ -86,8 +95,8 @@ struct Triple {
     long index[TRIPLE];
 };
 
-// An integer of 0..m-1 and the next state, the same on every machine: SplitMix64 of Steele, Lea and
-// Flood (2014).
+// An integer of 0..m-1 and the next state, the same on every machine: SplitMix64 of
+// Steele, Lea and Flood (2014).
 long draw_below(uint64_t& state, long m) {
     state += 0x9E3779B97F4A7C15u;
     uint64_t z = state;
@@ -128,7 +137,8 @@ struct TripleLanes {
     Doubles to_w[2][2], to_S[2][3];
 };
 
-[[gnu::noinline]] void gather(const VisibleLandmarks& visible, const Triple* triples, TripleLanes& lanes) {
+[[gnu::noinline]] void gather(const VisibleLandmarks& visible, const Triple* triples,
+                              TripleLanes& lanes) {
     const double* w[2] = {visible.x, visible.y};
     for (int l = 0; l < WIDTH; ++l) {
         const long i = triples[l].index[0];
@@ -137,7 +147,8 @@ struct TripleLanes {
         for (int other = 0; other < 2; ++other) {
             const long j = triples[l].index[1 + other];
             for (int a = 0; a < 2; ++a) lanes.to_w[other][a][l] = w[a][j] - w[a][i];
-            for (int b = 0; b < 3; ++b) lanes.to_S[other][b][l] = visible.S[b][j] - visible.S[b][i];
+            for (int b = 0; b < 3; ++b)
+                lanes.to_S[other][b][l] = visible.S[b][j] - visible.S[b][i];
         }
     }
 }
@@ -153,14 +164,16 @@ Plane span(const TripleLanes& triple) {
     plane.base = root(inner3(triple.to_S[0], triple.to_S[0]));
     for (int b = 0; b < 3; ++b) plane.Q[b] = triple.to_S[0][b] / plane.base;
     plane.along = inner3<Doubles>(plane.Q, triple.to_S[1]);
-    for (int b = 0; b < 3; ++b) plane.Q[3 + b] = triple.to_S[1][b] - plane.along * plane.Q[b];
+    for (int b = 0; b < 3; ++b)
+        plane.Q[3 + b] = triple.to_S[1][b] - plane.along * plane.Q[b];
     plane.height = root(inner3(plane.Q + 3, plane.Q + 3));
     plane.Q.orthonormalise();
     return plane;
 }
 
 // Both poses of each triple.
-void pose_triples(const VisibleLandmarks& visible, const Triple* triples, Pose<Doubles> poses[2]) {
+void pose_triples(const VisibleLandmarks& visible, const Triple* triples,
+                  Pose<Doubles> poses[2]) {
     TripleLanes triple{};
     gather(visible, triples, triple);
     const Plane plane = span(triple);
@@ -169,7 +182,8 @@ void pose_triples(const VisibleLandmarks& visible, const Triple* triples, Pose<D
         G[a][0] = triple.to_w[0][a] / plane.base;
         G[a][1] = (triple.to_w[1][a] - plane.along * G[a][0]) / plane.height;
     }
-    const Doubles xx = square(G[0][0]) + square(G[0][1]), yy = square(G[1][0]) + square(G[1][1]);
+    const Doubles xx = square(G[0][0]) + square(G[0][1]),
+                  yy = square(G[1][0]) + square(G[1][1]);
     const Doubles xy = G[0][0] * G[1][0] + G[0][1] * G[1][1];
     const Doubles largest = 0.5 * (xx + yy + root(square(xx - yy) + 4.0 * square(xy)));
     const Doubles s = root(largest), zero{};
@@ -177,7 +191,8 @@ void pose_triples(const VisibleLandmarks& visible, const Triple* triples, Pose<D
     normal[1] = root(larger(largest - yy, zero));
     normal[1] = xy > 0 ? -normal[1] : normal[1];
     const Doubles flat = FLAT * larger(plane.base, magnitude(plane.along));
-    const Doubles size = plane.base > 0 ? (plane.height > flat ? (largest > 0 ? s : zero) : zero) : zero;
+    const Doubles size =
+        plane.base > 0 ? (plane.height > flat ? (largest > 0 ? s : zero) : zero) : zero;
     for (int side = 0; side < 2; ++side) {
         Pose<Doubles>& pose = poses[side];
         const double sign = 1 - 2 * side;
@@ -185,13 +200,16 @@ void pose_triples(const VisibleLandmarks& visible, const Triple* triples, Pose<D
         for (int a = 0; a < 2; ++a)
             for (int b = 0; b < 3; ++b)
                 pose.R[3 * a + b] = (G[a][0] * plane.Q[b] + G[a][1] * plane.Q[3 + b] +
-                                     sign * normal[a] * plane.Q[6 + b]) / s;
+                                     sign * normal[a] * plane.Q[6 + b]) /
+                                    s;
         pose.R.orthonormalise();
-        for (int a = 0; a < 2; ++a) pose.T[a] = triple.w[a] - s * inner3(pose.R + 3 * a, triple.S);
+        for (int a = 0; a < 2; ++a)
+            pose.T[a] = triple.w[a] - s * inner3(pose.R + 3 * a, triple.S);
     }
 }
 
-// 12 sqrt(det Cov) of the visible landmarks: the area of a rectangle with their covariance.
+// 12 sqrt(det Cov) of the visible landmarks: the area of a rectangle with their
+// covariance.
 double find_area(const VisibleLandmarks& visible) {
     const long m = visible.count;
     double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
@@ -207,12 +225,15 @@ double find_area(const VisibleLandmarks& visible) {
     return 12 * root(larger(xx * yy - xy * xy, 0));
 }
 
-// The gain of a pose, or of one a lane; -infinity where there is none, and where the tolerance covers
-// the whole area. visit(j, residual^2, its limit) for each landmark.
+// The gain of a pose, or of one a lane; -infinity where there is none, and where the
+// tolerance covers the whole area. visit(j, residual^2, its limit) for each landmark.
 template <class Number, class Visit>
-[[gnu::always_inline]] inline Number evaluate(const VisibleLandmarks& visible, const Pose<Number>& pose,
-                                           const Tolerance& tolerance, const Visit& visit) {
-    const Number limit = square(tolerance.threshold * pose.size), inverse = 1 / limit, zero{};
+[[gnu::always_inline]] inline Number evaluate(const VisibleLandmarks& visible,
+                                              const Pose<Number>& pose,
+                                              const Tolerance& tolerance,
+                                              const Visit& visit) {
+    const Number limit = square(tolerance.threshold * pose.size), inverse = 1 / limit,
+                 zero{};
     Number M[6], total = zero - TRIPLE;
     for (int e = 0; e < 6; ++e) M[e] = pose.size * pose.R[e];
     const Number Tx = pose.T[0], Ty = pose.T[1];
@@ -230,18 +251,20 @@ template <class Number, class Visit>
                          : zero - INFINITE;
 }
 
-// Of one pose, with inside (count,) = 1 for the landmarks in its tolerance, else 0; none is where the
-// gain is -infinity.
-double evaluate_one(const VisibleLandmarks& visible, const Pose<double>& pose, const Tolerance& tolerance,
-                 double* __restrict inside) {
-    const double gain = evaluate(visible, pose, tolerance, [=](long j, double residual, double limit) {
-        inside[j] = residual <= limit ? 1.0 : 0.0;
-    });
+// Of one pose, with inside (count,) = 1 for the landmarks in its tolerance, else 0;
+// none is where the gain is -infinity.
+double evaluate_one(const VisibleLandmarks& visible, const Pose<double>& pose,
+                    const Tolerance& tolerance, double* __restrict inside) {
+    const double gain =
+        evaluate(visible, pose, tolerance, [=](long j, double residual, double limit) {
+            inside[j] = residual <= limit ? 1.0 : 0.0;
+        });
     for (long j = 0; j < visible.count && gain == -INFINITE; ++j) inside[j] = 0;
     return gain;
 }
 
-// S Omega^2 S^T and w Omega^2 S^T of the inliers about their weighted means, and the means.
+// S Omega^2 S^T and w Omega^2 S^T of the inliers about their weighted means, and the
+// means.
 struct Moments {
     double P[9];
     double D[6];
@@ -300,20 +323,23 @@ struct Best {
 };
 
 // Keep what lies inside the tolerance of a pose if it gains more than all before it.
-void keep_better(const VisibleLandmarks& visible, double gain, const double* inside, Best& best,
-                 Vector<bool> inliers) {
+void keep_better(const VisibleLandmarks& visible, double gain, const double* inside,
+                 Best& best, Vector<bool> inliers) {
     if (!(gain > best.gain)) return;
     best.gain = gain;
     best.inliers = static_cast<long>(sum(inside, visible.count));
     for (long j = 0; j < visible.count; ++j) inliers[visible.index[j]] = inside[j] > 0;
 }
 
-// Fit a drawn pose to its inliers and judge again, until they stay or `most` times; a fit that gains
-// less than the pose before it does not replace it. A pose with no inliers but its triple is not fitted.
-void refine_pose(const VisibleLandmarks& visible, const Tolerance& tolerance, long most, Pose<double>& pose,
-            Inside& inside, Best& best, Vector<bool> inliers) {
-    keep_better(visible, evaluate_one(visible, pose, tolerance, inside.now), inside.now, best, inliers);
-    for (long round = 0; round < most && sum(inside.now, visible.count) > TRIPLE; ++round) {
+// Fit a drawn pose to its inliers and judge again, until they stay or `most` times; a
+// fit that gains less than the pose before it does not replace it. A pose with no
+// inliers but its triple is not fitted.
+void refine_pose(const VisibleLandmarks& visible, const Tolerance& tolerance, long most,
+                 Pose<double>& pose, Inside& inside, Best& best, Vector<bool> inliers) {
+    keep_better(visible, evaluate_one(visible, pose, tolerance, inside.now), inside.now,
+                best, inliers);
+    for (long round = 0; round < most && sum(inside.now, visible.count) > TRIPLE;
+         ++round) {
         const Moments moments = find_moments(visible, inside.now);
         const double size = rotation_step({moments.P, moments.D, true}, pose.R).scale;
         if (!(size > 0)) break;
@@ -326,7 +352,8 @@ void refine_pose(const VisibleLandmarks& visible, const Tolerance& tolerance, lo
         double* before = inside.now;
         inside.now = inside.before;
         inside.before = before;
-        keep_better(visible, evaluate_one(visible, pose, tolerance, inside.now), inside.now, best, inliers);
+        keep_better(visible, evaluate_one(visible, pose, tolerance, inside.now),
+                    inside.now, best, inliers);
         if (!count_differences(inside.now, before, visible.count)) break;
     }
 }
@@ -348,13 +375,15 @@ Pose<double> pose_of_lane(const Pose<Doubles>& poses, int lane) {
 }
 
 // Let both poses of `count` triples compete, in the order of the draws.
-void compete(const VisibleLandmarks& visible, const Triple* triples, int count, long most,
-             const Tolerance& tolerance, Best& best, Inside& inside, Vector<bool> inliers) {
+void compete(const VisibleLandmarks& visible, const Triple* triples, int count,
+             long most, const Tolerance& tolerance, Best& best, Inside& inside,
+             Vector<bool> inliers) {
     Pose<Doubles> poses[2];
     Doubles gains[2];
     pose_triples(visible, triples, poses);
     for (int side = 0; side < 2; ++side)
-        gains[side] = evaluate(visible, poses[side], tolerance, [](long, Doubles, Doubles) {});
+        gains[side] =
+            evaluate(visible, poses[side], tolerance, [](long, Doubles, Doubles) {});
     for (int lane = 0; lane < count; ++lane)
         for (int side = 0; side < 2; ++side) {
             if (!(gains[side][lane] > best.drawn)) continue;
@@ -364,18 +393,22 @@ void compete(const VisibleLandmarks& visible, const Triple* triples, int count, 
         }
 }
 
-void search_image(const VisibleLandmarks& visible, const ConsensusData& data, uint64_t state,
-                  Inside& inside, Vector<bool> inliers) {
+void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
+                  uint64_t state, Inside& inside, Vector<bool> inliers) {
     const Tolerance tolerance{data.threshold, find_area(visible)};
     Best best;
     Triple triples[WIDTH] = {};
     for (long drawn = 0; drawn < data.draws; drawn += WIDTH) {
         // Stop by the inlier ratio: triples of inliers have been drawn often enough.
-        const double good = drawn % CHECKED ? 0 : share_of_triples(best.inliers, visible.count);
+        const double good =
+            drawn % CHECKED ? 0 : share_of_triples(best.inliers, visible.count);
         if (static_cast<double>(drawn) * good >= ENOUGH) break;
-        const int count = static_cast<int>(data.draws - drawn < WIDTH ? data.draws - drawn : WIDTH);
-        for (int lane = 0; lane < count; ++lane) triples[lane] = draw_triple(state, visible.count);
-        compete(visible, triples, count, data.most_rounds, tolerance, best, inside, inliers);
+        const int count =
+            static_cast<int>(data.draws - drawn < WIDTH ? data.draws - drawn : WIDTH);
+        for (int lane = 0; lane < count; ++lane)
+            triples[lane] = draw_triple(state, visible.count);
+        compete(visible, triples, count, data.most_rounds, tolerance, best, inside,
+                inliers);
     }
 }
 
@@ -390,7 +423,8 @@ void find_consensus(const ConsensusData& data, Range range) {
         const Vector<bool> inliers = data.inliers[image];
         for (long j = 0; j < p; ++j) inliers[j] = false;
         visible.take(data.landmarks[image], data.squares[image], data.shape);
-        if (visible.count >= TRIPLE) search_image(visible, data, data.seeds[image], inside, inliers);
+        if (visible.count >= TRIPLE)
+            search_image(visible, data, data.seeds[image], inside, inliers);
     }
 }
 

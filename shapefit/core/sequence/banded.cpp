@@ -20,17 +20,20 @@ void clear(double* x, long n) {
 void Banded::scales(const SequenceData& data, long f, long lag, double* out) const {
     const long p = data.stiffness.size[0];
     const double tied = tie(f, lag, t_);
-    for (long e = 0; e < D_; ++e) out[e] = e < 3 * p ? tied * data.stiffness[e % p] : 0.0;
+    for (long e = 0; e < D_; ++e)
+        out[e] = e < 3 * p ? tied * data.stiffness[e % p] : 0.0;
 }
 
-bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones, double damping) {
+bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones,
+                       double damping) {
     const long d = data.points.size[1], D = D_, DD = D * D, DE = D * E_;
     double* tied = work_;
     clear(products_, E_ * E_);
     for (long f = 0; f < t_; ++f) {
         double *V = V_ + f * DD, *N = N_ + f * DD, *F = F_ + f * DE;
         double* W = W_ + f % 3 * DD;
-        const double *W1 = W_ + (f + 2) % 3 * DD, *W2 = W_ + (f + 1) % 3 * DD;  // of f - 1, f - 2
+        const double *W1 = W_ + (f + 2) % 3 * DD,
+                     *W2 = W_ + (f + 1) % 3 * DD;  // of f - 1, f - 2
         derive(data, at, f, bones, S_, R_, E_);
         scales(data, f, 0, tied);
         for (long e = 0; e < d; ++e) S_[e * D + e] += tied[e] + damping;
@@ -39,7 +42,8 @@ bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones, d
             add_product(-1, transposed(N - DD, D), F - DE, R_, D, E_, E_, E_, every(D));
         }
         if (f > 1) {
-            add_product(-1, transposed(W2, D), W2, S_, D, D, D, D, upper_from_column(D));
+            add_product(-1, transposed(W2, D), W2, S_, D, D, D, D,
+                        upper_from_column(D));
             add_product(-1, transposed(W2, D), F - 2 * DE, R_, D, E_, E_, E_, every(D));
         }
         if (!is_finite(cholesky_inverse(S_, V, D, D))) return false;
@@ -50,7 +54,8 @@ bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones, d
         clear(S_, DD);
         scales(data, f, 1, tied);
         for (long e = 0; e < D; ++e) S_[e * D + e] = tied[e];
-        if (f > 0) add_product(-1, transposed(N - DD, D), W1, S_, D, D, D, D, from_column(D));
+        if (f > 0)
+            add_product(-1, transposed(N - DD, D), W1, S_, D, D, D, D, from_column(D));
         clear(N, DD);
         add_product(1, plain(V, D), S_, N, D, D, D, D, up_to_row());
         scales(data, f, 2, tied);
@@ -60,7 +65,8 @@ bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones, d
     return true;
 }
 
-void Banded::solve(const SequenceData& data, const double* x, Matrix<double> out) const {
+void Banded::solve(const SequenceData& data, const double* x,
+                   Matrix<double> out) const {
     const long D = D_, e = data.lengths.size[0];
     double *scaled = work_, *left = work_ + D;
     for (long f = t_ - 1; f >= 0; --f) {
@@ -72,23 +78,27 @@ void Banded::solve(const SequenceData& data, const double* x, Matrix<double> out
         if (f + 2 < t_) {
             scales(data, f, 2, scaled);
             for (long i = 0; i < D; ++i) scaled[i] *= out[f + 2][i];
-            for (long i = 0; i < D; ++i) left[i] -= dot_padded(V + i * D, scaled, padded(i + 1));
+            for (long i = 0; i < D; ++i)
+                left[i] -= dot_padded(V + i * D, scaled, padded(i + 1));
         }
         mix_rows(left, D, V, D, D, out[f].data);
     }
 }
 
-// The blocks of A^-1 from the last frame to the first, G_N = U_ff^-1 N_f and G_W = U_ff^-1 W_f:
+// The blocks of A^-1 from the last frame to the first, G_N = U_ff^-1 N_f and G_W =
+// U_ff^-1 W_f:
 //
 //   Sigma_f,f+1 = -G_N Sigma_f+1,f+1 - G_W Sigma_f+2,f+1
 //   Sigma_f,f+2 = -G_N Sigma_f+1,f+2 - G_W Sigma_f+2,f+2
 //   Sigma_ff = V^T V - Sigma_f,f+1 G_N^T - Sigma_f,f+2 G_W^T
-void Banded::write_covariances(const SequenceData& data, const Place& at, Marginal& marginal) const {
+void Banded::write_covariances(const SequenceData& data, const Place& at,
+                               Marginal& marginal) const {
     const long D = D_, DD = D * D;
     double* left = work_;
     const auto take = [&] { return left += DD, left - DD; };
-    double *here = take(), *next = take(), *last = take();  // Sigma_ff of f, f + 1, f + 2
-    double *between = take();                               // Sigma_f+1,f+2
+    double *here = take(), *next = take(),
+           *last = take();     // Sigma_ff of f, f + 1, f + 2
+    double* between = take();  // Sigma_f+1,f+2
     double *GN = take(), *GW = take(), *one = take(), *two = take();
     double *turned = S_, *tied = R_;
     clear(next, DD);
@@ -124,13 +134,15 @@ void Banded::write_covariances(const SequenceData& data, const Place& at, Margin
     }
 }
 
-void Marginal::write(const SequenceData& data, const Place& at, long f, const double* Sigma) {
+void Marginal::write(const SequenceData& data, const Place& at, long f,
+                     const double* Sigma) {
     const long D = D_, d = data.points.size[1], p = d / 3;
     const double* C = mix(data, at, f, Sigma) ? whole_ : Sigma;
     double *sd = data.deviation[f].data, *correlation = data.correlation[f].data;
     for (long e = 0; e < d; ++e) sd[e] = root(larger(C[e * D + e], 0.0));
     for (long e = 0; e < d; ++e) {
-        const long first = (e / p == 2 ? p : 0) + e % p, second = (e / p == 0 ? p : 2 * p) + e % p;
+        const long first = (e / p == 2 ? p : 0) + e % p,
+                   second = (e / p == 0 ? p : 2 * p) + e % p;
         correlation[e] = C[first * D + second] / larger(sd[first] * sd[second], TINY);
     }
     if (data.covariance.size[0])
@@ -138,7 +150,8 @@ void Marginal::write(const SequenceData& data, const Place& at, long f, const do
             for (long i = 0; i < d; ++i) data.covariance[f][e][i] = C[e * D + i];
 }
 
-bool Marginal::mix(const SequenceData& data, const Place& at, long f, const double* Sigma) {
+bool Marginal::mix(const SequenceData& data, const Place& at, long f,
+                   const double* Sigma) {
     const long D = D_, DD = D * D, K = data.log_share.size[1];
     long modes = 0;
     for (long k = 0; k < K; ++k) modes += data.log_share[f][k] > -INFINITE;
@@ -149,7 +162,8 @@ bool Marginal::mix(const SequenceData& data, const Place& at, long f, const doub
     add_precision(data, at, f, -1, rest_);
     double best = -INFINITE, total = 0;
     for (long k = 0; k < K; ++k) {
-        weight_[k] = data.log_share[f][k] > -INFINITE ? weigh(data, at, f, k) : -INFINITE;
+        weight_[k] =
+            data.log_share[f][k] > -INFINITE ? weigh(data, at, f, k) : -INFINITE;
         best = larger(weight_[k], best);
     }
     if (!is_finite(best)) return false;
@@ -162,13 +176,14 @@ bool Marginal::mix(const SequenceData& data, const Place& at, long f, const doub
         double* delta = delta_ + k * D;
         add_to(delta, -1, mean_, D);
         add_to(whole_, weight_[k], each_ + k * DD, DD);
-        for (long e = 0; e < D; ++e) add_to(whole_ + e * D, weight_[k] * delta[e], delta, D);
+        for (long e = 0; e < D; ++e)
+            add_to(whole_ + e * D, weight_[k] * delta[e], delta, D);
     }
     return true;
 }
 
-// Log of the weight of mode k, but for a constant, with its Q^-1 and delta; -infinity where rounding
-// has left Q without a factor.
+// Log of the weight of mode k, but for a constant, with its Q^-1 and delta; -infinity
+// where rounding has left Q without a factor.
 double Marginal::weigh(const SequenceData& data, const Place& at, long f, long k) {
     const long D = D_, d = data.means.size[2];
     double *Q = each_ + k * D * D, *delta = delta_ + k * D;

@@ -21,8 +21,8 @@ Bone bone_of(const SequenceData& data, const double* y, long b) {
 }
 
 // -log sum_k share_k N(y; m_k, P_k^-1), with the shares at y and the gradient.
-double mix(const SequenceData& data, long f, const double* y, double* share, double* linear_term,
-           double* scratch) {
+double mix(const SequenceData& data, long f, const double* y, double* share,
+           double* linear_term, double* scratch) {
     const long K = data.log_share.size[1], d = data.means.size[2], D = padded(d);
     double best = -INFINITE, whole = 0;
     for (long k = 0; k < K; ++k) {
@@ -31,7 +31,8 @@ double mix(const SequenceData& data, long f, const double* y, double* share, dou
         const double* mean = data.means[f][k].data;
         double *away = scratch, *pulled = scratch + (1 + k) * D;
         for (long e = 0; e < d; ++e) away[e] = y[e] - mean[e];
-        const double square = multiply_symmetric(data.precisions[f][k].data, away, d, pulled);
+        const double square =
+            multiply_symmetric(data.precisions[f][k].data, away, d, pulled);
         share[k] -= 0.5 * (square + data.log_det[f][k]);
         best = larger(share[k], best);
     }
@@ -46,7 +47,8 @@ double mix(const SequenceData& data, long f, const double* y, double* share, dou
 
 }  // namespace
 
-double multiply_symmetric(const double* P, const double* x, long d, double* __restrict out) {
+double multiply_symmetric(const double* P, const double* x, long d,
+                          double* __restrict out) {
     for (long i = 0; i < d; ++i) out[i] = 0;
     for (long i = 0; i < d; ++i) {
         const double *row = P + i * d, xi = x[i];
@@ -70,7 +72,8 @@ double held_back(const SequenceData& data, const Place& at, long b) {
 double tie(long f, long lag, long frames) {
     constexpr double DIFFERENCE[3] = {1, -2, 1};
     double total = 0;
-    for (int a = 0; a + lag < 3; ++a) {  // f is member a of the difference that begins at f - a
+    for (int a = 0; a + lag < 3;
+         ++a) {  // f is member a of the difference that begins at f - a
         const bool whole = f >= a && f - a + 3 <= frames;
         total += whole ? DIFFERENCE[a] * DIFFERENCE[a + lag] : 0.0;
     }
@@ -82,9 +85,11 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
     double energy = 0;
     for (long b = 0; b < data.lengths.size[0]; ++b) at.too_long[b] = 0;
     for (long f = 0; f < t; ++f) {
-        const double *y = at.y[f].data, *w = data.landmarks[f].data, *weight = data.weight[f].data;
+        const double *y = at.y[f].data, *w = data.landmarks[f].data,
+                     *weight = data.weight[f].data;
         energy += mix(data, f, y, at.share[f].data, at.linear_term[f].data, scratch);
-        for (long e = 0; e < 2 * p; ++e) energy += 0.5 * weight[e] * square(y[e] - w[e]);
+        for (long e = 0; e < 2 * p; ++e)
+            energy += 0.5 * weight[e] * square(y[e] - w[e]);
         for (long b = 0; b < data.lengths.size[0]; ++b) {
             const double longer = bone_of(data, y, b).length - at.lengths[b];
             at.too_long[b] += longer;
@@ -95,7 +100,8 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
         for (int a = 0; a < 3; ++a)
             for (long j = 0; j < p; ++j) {
                 const long e = a * p + j;
-                energy += 0.5 * data.stiffness[j] * square(y[e] - 2 * next[e] + last[e]);
+                energy +=
+                    0.5 * data.stiffness[j] * square(y[e] - 2 * next[e] + last[e]);
             }
     }
     for (long b = 0; b < data.lengths.size[0]; ++b)
@@ -103,7 +109,8 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
     at.energy = energy;
 }
 
-void add_precision(const SequenceData& data, const Place& at, long f, double sign, double* S) {
+void add_precision(const SequenceData& data, const Place& at, long f, double sign,
+                   double* S) {
     const long D = at.y.size[1], d = data.means.size[2];
     for (long k = 0; k < data.log_share.size[1]; ++k) {
         const double share = sign * at.share[f][k];
@@ -114,10 +121,12 @@ void add_precision(const SequenceData& data, const Place& at, long f, double sig
     }
 }
 
-void derive(const SequenceData& data, const Place& at, long f, Bones bones, double* S, double* R,
-            long E) {
-    const long t = at.y.size[0], D = at.y.size[1], p = data.stiffness.size[0], d = 3 * p;
-    const double *y = at.y[f].data, *w = data.landmarks[f].data, *weight = data.weight[f].data;
+void derive(const SequenceData& data, const Place& at, long f, Bones bones, double* S,
+            double* R, long E) {
+    const long t = at.y.size[0], D = at.y.size[1], p = data.stiffness.size[0],
+               d = 3 * p;
+    const double *y = at.y[f].data, *w = data.landmarks[f].data,
+                 *weight = data.weight[f].data;
     for (long e = 0; e < D * D; ++e) S[e] = 0;
     for (long e = 0; e < D * E; ++e) R[e] = 0;
     add_precision(data, at, f, 1, S);
@@ -135,8 +144,9 @@ void derive(const SequenceData& data, const Place& at, long f, Bones bones, doub
     for (long b = 0; b < data.lengths.size[0]; ++b) {
         const Bone bone = bone_of(data, y, b);
         const double rigidity = data.rigidity[b], longer = bone.length - at.lengths[b];
-        const double across =
-            bones == Bones::WHOLE ? rigidity * longer / larger(bone.length, 1e-12) : 0.0;
+        const double across = bones == Bones::WHOLE
+                                  ? rigidity * longer / larger(bone.length, 1e-12)
+                                  : 0.0;
         for (int end = 0; end < 6; ++end) {
             const double along = (end < 3 ? 1 : -1) * bone.along[end % 3];
             const long e = end % 3 * p + (end < 3 ? bone.i : bone.j);
@@ -147,7 +157,8 @@ void derive(const SequenceData& data, const Place& at, long f, Bones bones, doub
                 const double with = (other < 3 ? 1 : -1) * bone.along[other % 3];
                 const double same = (end < 3) == (other < 3) ? 1.0 : -1.0;
                 const double unit = end % 3 == other % 3 ? same : 0.0;
-                if (o >= e) S[e * D + o] += (rigidity - across) * along * with + across * unit;
+                if (o >= e)
+                    S[e * D + o] += (rigidity - across) * along * with + across * unit;
             }
         }
     }

@@ -1,8 +1,10 @@
 // The objective of a sequence, and its derivatives frame by frame.
 //
-//   sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)  +  1/2 sum_(f,j) weight_fj ||w_fj - y_fj||^2
+//   sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)  +  1/2 sum_(f,j) weight_fj ||w_fj
+//   - y_fj||^2
 //     + 1/2 sum_(f,j) ||y_(f-1)j - 2 y_fj + y_(f+1)j||^2 / a_j^2
-//     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2  +  1/2 (l - known)^T H (l - known)
+//     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2  +  1/2 (l - known)^T
+//     H (l - known)
 //
 // over frames and lengths l together.
 #pragma once
@@ -15,26 +17,32 @@ namespace shapefit {
 // One sequence of t frames y_t (3p,) and its bones, of lengths l (e,).
 struct SequenceData {
     Arguments& from;
-    Matrix<const double> landmarks = from("landmarks", "t 2p");  // w, any number where hidden
-    Matrix<const double> weight = from("weight", "t 2p");  // of their squares, 0 where hidden
+    Matrix<const double> landmarks =
+        from("landmarks", "t 2p");  // w, any number where hidden
+    Matrix<const double> weight =
+        from("weight", "t 2p");  // of their squares, 0 where hidden
     // of the modes, -inf where there are fewer
     Matrix<const double> log_share = from("log_share", "t K");
-    Tensor<const double> means = from("means", "t K 3p");  // m
+    Tensor<const double> means = from("means", "t K 3p");               // m
     Blocks<const double> precisions = from("precisions", "t K 3p 3p");  // P
-    Matrix<const double> log_det = from("log_det", "t K");  // of the covariances
+    Matrix<const double> log_det = from("log_det", "t K");    // of the covariances
     Vector<const double> stiffness = from("stiffness", "p");  // 1/a^2
     Matrix<const int64_t> bones = from("bones", "e 2");
     Vector<const double> rigidity = from("rigidity", "e");  // 1/b^2
-    Matrix<const double> hold = from("hold", "e e");  // H of (l - known)^T H (l - known)
+    Matrix<const double> hold =
+        from("hold", "e e");  // H of (l - known)^T H (l - known)
     Vector<const double> known = from("known", "e");
     long most_rounds = from("most_rounds");
-    double tolerance = from("tolerance");  // rounds end when the energy per frame falls by less
-    Matrix<double> points = from("points", "t 3p");  // y: the start, and then the minimum
-    Vector<double> lengths = from("lengths", "e");  // l, likewise
+    double tolerance =
+        from("tolerance");  // rounds end when the energy per frame falls by less
+    Matrix<double> points =
+        from("points", "t 3p");  // y: the start, and then the minimum
+    Vector<double> lengths = from("lengths", "e");         // l, likewise
     Matrix<double> deviation = from("deviation", "t 3p");  // of the points
     // of x with y, x with z and y with z of a landmark
     Matrix<double> correlation = from("correlation", "t 3p");
-    Tensor<double> covariance = from("covariance", "t 3p 3p?");  // of each frame, where wanted
+    Tensor<double> covariance =
+        from("covariance", "t 3p 3p?");     // of each frame, where wanted
     Vector<double> end = from("end", "2");  // energy at the minimum, rounds
 };
 
@@ -43,39 +51,45 @@ struct Place {
     Place(Workspace& workspace, const SequenceData& data)
         : y(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
           lengths(workspace.vector<double>(data.lengths.size[0])),
-          linear_term(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
+          linear_term(workspace.matrix<double>(data.points.size[0],
+                                               padded(data.points.size[1]))),
           share(workspace.matrix<double>(data.points.size[0], data.log_share.size[1])),
           too_long(workspace.vector<double>(data.lengths.size[0])) {}
 
-    Matrix<double> y;        // (t, D)
-    Vector<double> lengths;  // (e,)
-    Matrix<double> linear_term;     // gradient of the energy of the mixtures (t, D)
-    Matrix<double> share;    // of the modes at y (t, K)
-    Vector<double> too_long;  // sum over the frames of how much longer than l a bone is (e,)
+    Matrix<double> y;            // (t, D)
+    Vector<double> lengths;      // (e,)
+    Matrix<double> linear_term;  // gradient of the energy of the mixtures (t, D)
+    Matrix<double> share;        // of the modes at y (t, K)
+    Vector<double>
+        too_long;  // sum over the frames of how much longer than l a bone is (e,)
     double energy = 0;
 };
 
 // Energy, pull and shares at y and lengths.
 void measure(const SequenceData& data, Place& at, double* scratch);
 
-// What stands for the second derivatives of the bones: those of their squares with the directions
-// held (Gauss and Newton's, never negative), or all of them.
+// What stands for the second derivatives of the bones: those of their squares with the
+// directions held (Gauss and Newton's, never negative), or all of them.
 enum class Bones { HELD, WHOLE };
 
-// Of frame f: the upper triangle of S (D, D) = its block of the Hessian without the motion,
-// D = at.y.size[1], the shares of the modes held, ones on the diagonal of the padding; and R (D, E),
-// the gradient and then the second derivatives with the lengths, one per column.
-void derive(const SequenceData& data, const Place& at, long f, Bones bones, double* S, double* R,
-            long E);
+// Of frame f: the upper triangle of S (D, D) = its block of the Hessian without the
+// motion, D = at.y.size[1], the shares of the modes held, ones on the diagonal of the
+// padding; and R (D, E), the gradient and then the second derivatives with the lengths,
+// one per column.
+void derive(const SequenceData& data, const Place& at, long f, Bones bones, double* S,
+            double* R, long E);
 
-// S (D, D) += sign sum_k share_k P_k of frame f, its upper triangle: how the mixture bends at y.
-void add_precision(const SequenceData& data, const Place& at, long f, double sign, double* S);
+// S (D, D) += sign sum_k share_k P_k of frame f, its upper triangle: how the mixture
+// bends at y.
+void add_precision(const SequenceData& data, const Place& at, long f, double sign,
+                   double* S);
 
 // Element b of H (l - known): how lengths are held to those that are known.
 double held_back(const SequenceData& data, const Place& at, long b);
 
 // out = P x of a symmetric P (d, d), read above the diagonal; returns <x, P x>.
-double multiply_symmetric(const double* P, const double* x, long d, double* __restrict out);
+double multiply_symmetric(const double* P, const double* x, long d,
+                          double* __restrict out);
 
 // How frame f is tied to frame f + apart by D^T D of the second difference D.
 double tie(long f, long lag, long frames);

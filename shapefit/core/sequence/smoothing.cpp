@@ -4,7 +4,8 @@
 
 namespace shapefit {
 
-// Precisions (factor C + more I)^-1 in the place of covariances C, and log det, where `there` is set.
+// Precisions (factor C + more I)^-1 in the place of covariances C, and log det, where
+// `there` is set.
 struct PrecisionData {
     Arguments& from;
     Blocks<double> matrices = from("matrices", "n K d d");
@@ -40,13 +41,15 @@ const Exported<find_precisions> find_precisions_exported{"find_precisions"};
 
 namespace {
 
-constexpr double LONGEST_STEP = 0.5;  // of a coordinate, in units of the size of the landmarks
+constexpr double LONGEST_STEP =
+    0.5;  // of a coordinate, in units of the size of the landmarks
 constexpr double FIRST_DAMPING = 1e-1, LEAST_DAMPING = 1e-2, MOST_DAMPING = 1e8;
 constexpr double DAMPED_MORE = 6, DAMPED_LESS = 5;
 
 struct Step {
     Step(Workspace& workspace, const SequenceData& data)
-        : frames(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
+        : frames(workspace.matrix<double>(data.points.size[0],
+                                          padded(data.points.size[1]))),
           lengths(workspace.vector<double>(data.lengths.size[0])),
           schur(workspace.zeros<double>(square_of(data))),
           inverse(workspace.zeros<double>(square_of(data))),
@@ -62,30 +65,34 @@ struct Step {
     double *schur, *inverse, *side;
 };
 
-// The lengths' step with the frames eliminated, and then the frames'. False where the system is not
-// positive definite.
-bool find_step(const SequenceData& data, const Place& at, const Banded& factor, Step& step) {
+// The lengths' step with the frames eliminated, and then the frames'. False where the
+// system is not positive definite.
+bool find_step(const SequenceData& data, const Place& at, const Banded& factor,
+               Step& step) {
     const long e = data.lengths.size[0], E = factor.columns(), n = padded(e);
     const double* G = factor.products();
     const double t = static_cast<double>(at.y.size[0]);
     for (long a = 0; a < n; ++a) {
         for (long b = 0; b < n; ++b)
-            step.schur[a * n + b] = a < e && b < e ? data.hold[a][b] - G[(1 + a) * E + 1 + b] : 0.0;
+            step.schur[a * n + b] =
+                a < e && b < e ? data.hold[a][b] - G[(1 + a) * E + 1 + b] : 0.0;
         step.schur[a * n + a] += a < e ? t * data.rigidity[a] + 1e-9 : 1.0;
         step.side[a] = 0;
         if (a < e)
-            step.side[a] =
-                held_back(data, at, a) - data.rigidity[a] * at.too_long[a] - G[(1 + a) * E];
+            step.side[a] = held_back(data, at, a) - data.rigidity[a] * at.too_long[a] -
+                           G[(1 + a) * E];
     }
     if (!is_finite(cholesky_inverse(step.schur, step.inverse, n, n))) return false;
     multiply_out(step.inverse, step.schur, n, n);
     mirror(step.schur, n, n);
-    for (long a = 0; a < e; ++a) step.lengths[a] = -dot(step.schur + a * n, step.side, n);
+    for (long a = 0; a < e; ++a)
+        step.lengths[a] = -dot(step.schur + a * n, step.side, n);
     factor.solve(data, step.lengths.data, step.frames);
     return true;
 }
 
-// to = from - shrink * step, with `shrink` below 1 where a coordinate would move too far.
+// to = from - shrink * step, with `shrink` below 1 where a coordinate would move too
+// far.
 void move(const Place& from, const Step& step, Place& to) {
     const long count = from.y.size[0] * from.y.size[1];
     double farthest = 0;
@@ -105,10 +112,11 @@ void copy_rows(Matrix<const double> from, Matrix<double> to, long width) {
 
 }  // namespace
 
-// A local minimum near the start, by the method of Levenberg and Marquardt, and the deviations there, the
-// lengths held; no step raises the objective.
+// A local minimum near the start, by the method of Levenberg and Marquardt, and the
+// deviations there, the lengths held; no step raises the objective.
 void smooth_sequence(const SequenceData& data) {
-    const long t = data.points.size[0], d = data.points.size[1], e = data.lengths.size[0];
+    const long t = data.points.size[0], d = data.points.size[1],
+               e = data.lengths.size[0];
     Workspace workspace;
     Banded factor(workspace, data);
     Step step(workspace, data);
@@ -123,7 +131,8 @@ void smooth_sequence(const SequenceData& data) {
     while (rounds < data.most_rounds) {
         bool lower = false;
         for (; damping < MOST_DAMPING; damping *= DAMPED_MORE) {
-            if (!factor.factorise(data, *at, Bones::HELD, damping) || !find_step(data, *at, factor, step))
+            if (!factor.factorise(data, *at, Bones::HELD, damping) ||
+                !find_step(data, *at, factor, step))
                 continue;
             move(*at, step, *tried);
             measure(data, *tried, scratch);
@@ -143,15 +152,17 @@ void smooth_sequence(const SequenceData& data) {
     for (long b = 0; b < e; ++b) data.lengths[b] = at->lengths[b];
     data.end[0] = at->energy;
     data.end[1] = static_cast<double>(rounds);
-    // the Hessian itself where it is positive definite, which Gauss and Newton's always is but for
-    // rounding
-    if (factor.factorise(data, *at, Bones::WHOLE, 0) || factor.factorise(data, *at, Bones::HELD, 0)) {
+    // the Hessian itself where it is positive definite, which Gauss and Newton's always
+    // is but for rounding
+    if (factor.factorise(data, *at, Bones::WHOLE, 0) ||
+        factor.factorise(data, *at, Bones::HELD, 0)) {
         Marginal marginal(workspace, data);
         return factor.write_covariances(data, *at, marginal);
     }
     for (long i = 0; i < t * d; ++i)
         data.deviation.data[i] = data.correlation.data[i] = NOT_A_NUMBER;
-    for (long i = 0; i < data.covariance.size[0] * d * d; ++i) data.covariance.data[i] = NOT_A_NUMBER;
+    for (long i = 0; i < data.covariance.size[0] * d * d; ++i)
+        data.covariance.data[i] = NOT_A_NUMBER;
 }
 
 const Exported<smooth_sequence> smooth_sequence_exported{"smooth_sequence"};

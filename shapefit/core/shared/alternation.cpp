@@ -1,6 +1,8 @@
-// Alternation of the model with one rotation shared by all atoms, from one start or several.
+// Alternation of the model with one rotation shared by all atoms, from one start or
+// several.
 //
-//     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1,    Rbar Rbar^T = I,
+//     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar
+//     Rbar^T = I,
 //
 // in turn over c and over R, until a round lowers the objective by little.
 #include "../atoms/coefficient_step.hpp"
@@ -9,12 +11,13 @@
 
 namespace shapefit {
 
-// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar Rbar^T = I.
+// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar
+// Rbar^T = I.
 struct AlternationData {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
-    Matrix<const double> weights = from("weights", "n p");  // Omega
-    Tensor<const double> atoms = from("atoms", "k 3 p");  // B
+    Matrix<const double> weights = from("weights", "n p");        // Omega
+    Tensor<const double> atoms = from("atoms", "k 3 p");          // B
     Vector<const double> lam = from("lam", "n");
     Blocks<const double> starts = from("starts", "n s 3 3");
     bool is_signed = from("is_signed");  // c of either sign, or c >= 0
@@ -48,7 +51,8 @@ struct Ended {
 };
 
 // Alternate from R and c = 0.
-Ended alternate_image(const AlternationData& data, double lam, Alternation& work, Rotation& R) {
+Ended alternate_image(const AlternationData& data, double lam, Alternation& work,
+                      Rotation& R) {
     const long row = work.image.atoms.row;
     const double *w = work.image.w, *S = work.shape;
     const double energy = 0.5 * dot_padded(w, w, 2 * row);
@@ -60,10 +64,12 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& work
         const double penalty = work.step.mix(work.shape);
         if (penalty > 0) {
             find_gram(S, row, P);
-            for (int a = 0; a < 6; ++a) D[a] = dot_padded(w + a / 3 * row, S + a % 3 * row, row);
+            for (int a = 0; a < 6; ++a)
+                D[a] = dot_padded(w + a / 3 * row, S + a % 3 * row, row);
             now = energy + rotation_step({P, D, false}, R).value + lam * penalty;
         }
-        if (round > 0 && before - now <= data.tolerance * before) return {now, round + 1, true};
+        if (round > 0 && before - now <= data.tolerance * before)
+            return {now, round + 1, true};
         before = now;
     }
     return {now, data.most_rounds, false};
@@ -80,7 +86,8 @@ void alternate_starts(const AlternationData& data, long image, Alternation& work
         least = ended.objective;
         work.step.set.write(data.coefficients[image]);
         R.write(data.rotation[image].data);
-        data.status[image] = ended.converged ? Status::CONVERGED : Status::ITERATION_LIMIT;
+        data.status[image] =
+            ended.converged ? Status::CONVERGED : Status::ITERATION_LIMIT;
     }
 }
 
@@ -92,8 +99,7 @@ void alternate(const AlternationData& data, Range range) {
     for (long image = range.first; image < range.last; ++image) {
         if (work.image.take(data.landmarks[image], data.weights[image]))
             alternate_starts(data, image, work);
-        else
-            data.status[image] = Status::DEGENERATE;
+        else data.status[image] = Status::DEGENERATE;
     }
 }
 

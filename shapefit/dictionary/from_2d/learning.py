@@ -3,13 +3,15 @@
 max over mu, V, rho, sigma, tau, R, s of  sum_n log p(w_n | R_n, s_n) + log p(s_n)
                                           - n / 2 (log tau^2 + SCALE^2 / tau^2),
 
-the depths and the deformations integrated out. No round lowers it: views are kept where they raise
-the density of their image, and the noise goes no farther than to its best value.
+the depths and the deformations integrated out. No round lowers it: views are kept where
+they raise the density of their image, and the noise goes no farther than to its best
+value.
 
-First views: the landmarks of all images, W (2n, p), have a few leading factors L (2n, r). However
-the shape deforms, three columns Q (r, 3) make L Q the first two rows of the rotations (Akhter,
-Sheikh, Khan and Kanade, PAMI 2011). Q has few unknowns and many local optima: it grows from the
-rigid solution, r = 3, a factor at a time, by Levenberg and Marquardt's method.
+First views: the landmarks of all images, W (2n, p), have a few leading factors L (2n,
+r). However the shape deforms, three columns Q (r, 3) make L Q the first two rows of the
+rotations (Akhter, Sheikh, Khan and Kanade, PAMI 2011). Q has few unknowns and many
+local optima: it grows from the rigid solution, r = 3, a factor at a time, by Levenberg
+and Marquardt's method.
 """
 
 from __future__ import annotations
@@ -47,7 +49,9 @@ COOLING = 0.7
 """Least factor of the noise from round to round; faster, the views freeze."""
 
 CLEARLY = 0.85
-"""Factor of the error of hidden landmarks below which it pays to believe that some are outliers."""
+"""Factor of the error of hidden landmarks below which it pays to believe that some are
+outliers.
+"""
 
 TRIAL, TRIAL_IMAGES = 10, 200
 """Rounds and images by which starts are judged."""
@@ -71,11 +75,14 @@ COMPLETION_ROUNDS = 30
 UPGRADE_ROUNDS = 30
 
 FAR, NEAR = 4.0, 0.02
-"""A landmark is an outlier, at first, so many medians from where the factors have it; or so many
-times a share of the size of a shape, if that is more."""
+"""A landmark is an outlier, at first, so many medians from where the factors have it;
+or so many times a share of the size of a shape, if that is more.
+"""
 
 MOST = 0.25
-"""Share of the landmarks of an image beyond which they show a rare pose, and none is an outlier."""
+"""Share of the landmarks of an image beyond which they show a rare pose, and none is an
+outlier.
+"""
 
 SAME_SIZE = 1.0
 """Weight of the size of an image beside the angle and the ratio of its axes."""
@@ -83,7 +90,8 @@ SAME_SIZE = 1.0
 
 @dataclass(frozen=True)
 class State:
-    """Views, the model that follows from them, damping of their steps (n,); outliers (n, p).
+    """Views, the model that follows from them, damping of their steps (n,); outliers
+    (n, p).
 
     shapes (n, 3, p) and the objective are those of the views under the model before.
     """
@@ -106,9 +114,9 @@ class State:
 def learn(images: Images) -> Iterator[State]:
     """Yield the state after each round from the best start.
 
-    Starts are judged by the objective after some rounds with images that lie evenly. Landmarks are
-    outliers only where others, hidden, are then predicted clearly better: rare poses
-    of a class that is no Gaussian look like outliers, too.
+    Starts are judged by the objective after some rounds with images that lie evenly.
+    Landmarks are outliers only where others, hidden, are then predicted clearly better:
+    rare poses of a class that is no Gaussian look like outliers, too.
     """
     ranks = tuple(sorted({min(rank, images.landmarks.shape[2] - 1) for rank in RANKS}))
     some = evenly(len(images), TRIAL_IMAGES)
@@ -124,7 +132,9 @@ def learn(images: Images) -> Iterator[State]:
         (views,) = find_views(W, ranks[best : best + 1])
         without = replace(remaining, outliers=outliers[some] & ~hidden)
         doubting = run_trial(without, W[some], views[some])
-        errors = [hidden_error(images[some], hidden, of) for of in (doubting, trials[best])]
+        errors = [
+            hidden_error(images[some], hidden, of) for of in (doubting, trials[best])
+        ]
         if errors[0] < CLEARLY * errors[1]:
             images = replace(images, outliers=outliers)
             first = first_state(images, W, views)
@@ -142,7 +152,8 @@ def run_trial(images: Images, W: Floats, views: Views) -> State:
 def hidden_error(images: Images, hidden: Mask, state: State) -> float:
     """Median distance of the hidden landmarks (n, p) from where the model has them."""
     distance = np.linalg.norm(
-        predict(images.hiding(hidden | state.outliers), state) - images.landmarks, axis=1
+        predict(images.hiding(hidden | state.outliers), state) - images.landmarks,
+        axis=1,
     )
     return float(np.median(distance[hidden])) if hidden.any() else 0.0
 
@@ -172,22 +183,34 @@ def improve(
 
 
 def first_state(images: Images, W: Floats, views: Views) -> State:
-    """Return the rigid model of completed landmarks W (n, 2, p), with outliers, in given views."""
+    """Return the rigid model of completed landmarks W (n, 2, p), with outliers, in
+    given views.
+    """
     n, _, p = W.shape
     A = np.exp(views.log_scale)[:, None, None] * views.rotation[:, :2]
-    mean = np.asarray(np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0], np.float64)
+    mean = np.asarray(
+        np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0], np.float64
+    )
     mean = mean - mean.mean(axis=1, keepdims=True)
     left = max(float(((W - A @ mean) ** 2).mean()), EXACT**2)
     size = sequence_means(views.log_scale, images.sequence)
     model = Gaussian(mean, np.zeros((3, p, 0)), left, left / 2, size, SIZE_STD**2)
     outliers = np.zeros((n, p), bool) if images.outliers is None else images.outliers
-    return State(views, model, np.full(n, 0.1), np.broadcast_to(mean, (n, 3, p)), outliers)
+    return State(
+        views, model, np.full(n, 0.1), np.broadcast_to(mean, (n, 3, p)), outliers
+    )
 
 
 def learn_round(images: Images, state: State, *, hold: bool) -> State:
-    """Take one round: a step of each view unless `hold`, expectation, and maximisation."""
+    """Take one round: a step of each view unless `hold`, expectation, and
+    maximisation.
+    """
     n, p = images.weights.shape
-    model, damping, doubting = state.model, state.damping.copy(), images.outliers is not None
+    model, damping, doubting = (
+        state.model,
+        state.damping.copy(),
+        images.outliers is not None,
+    )
     rotation, log_scale = state.views.rotation.copy(), state.views.log_scale.copy()
     shapes, outliers, density = np.empty((n, 3, p)), state.outliers.copy(), 0.0
     covariance, residual_variance = np.zeros((3 * p, 3 * p)), 0.0
@@ -196,14 +219,23 @@ def learn_round(images: Images, state: State, *, hold: bool) -> State:
         block, views = replace(images[rows], outliers=outliers[rows]), state.views[rows]
         expected = posterior_mean(block, views, model, slopes=not hold)
         if doubting or not hold:
-            doubted = change_inliers(block, expected.flip_gain) if doubting else outliers[rows]
+            doubted = (
+                change_inliers(block, expected.flip_gain)
+                if doubting
+                else outliers[rows]
+            )
             moved = views if hold else ascent(views, expected, damping[rows])
             then = posterior_mean(replace(block, outliers=doubted), moved, model)
             better = then.log_density > expected.log_density
-            expected, views = choose(better, then, expected), choose(better, moved, views)
+            expected, views = (
+                choose(better, then, expected),
+                choose(better, moved, views),
+            )
             outliers[rows] = np.where(better[:, None], doubted, outliers[rows])
         if not hold:
-            damping[rows] = np.clip(np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3)
+            damping[rows] = np.clip(
+                np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3
+            )
         rotation[rows], log_scale[rows] = views.rotation, views.log_scale
         shapes[rows] = expected.shapes
         density += float(expected.log_density.sum())
@@ -213,7 +245,9 @@ def learn_round(images: Images, state: State, *, hold: bool) -> State:
     centred = (shapes - mean).reshape(n, 3 * p)
     noise = residual_variance / (2 * int(((images.weights > 0) & ~outliers).sum()))
     size = sequence_means(log_scale, images.sequence)
-    size_variance = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
+    size_variance = float(
+        (((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2
+    )
     most = min(MOST_MODES, max(n // IMAGES_PER_MODE, 1))
     following = replace(
         split_ppca(mean, (covariance + centred.T @ centred) / n, most=most),
@@ -232,8 +266,11 @@ def sequence_means(values: Floats, sequence: Indices) -> Floats:
     return means
 
 
-def complete(images: Images, rank: int, *, doubting: bool = False) -> tuple[Floats, Mask]:
-    """Return the landmarks (n, 2, p), centred, and which are outliers (n, p), where it is open.
+def complete(
+    images: Images, rank: int, *, doubting: bool = False
+) -> tuple[Floats, Mask]:
+    """Return the landmarks (n, 2, p), centred, and which are outliers (n, p), where it
+    is open.
 
     Hidden and outliers are as factors of the rank have them; these are found by turns.
     """
@@ -253,15 +290,21 @@ def complete(images: Images, rank: int, *, doubting: bool = False) -> tuple[Floa
 
 
 def filled(w: Floats, visible: Mask, placed: Floats) -> tuple[Floats, Floats]:
-    """Fill hidden landmarks of w (n, 2, p) by `placed`; return it centred, and the centre."""
+    """Fill hidden landmarks of w (n, 2, p) by `placed`; return it centred, and the
+    centre.
+    """
     count = np.maximum(visible.sum(axis=1), 1)[:, None, None]
-    middle = np.where(visible[:, None], w - placed, 0.0).sum(axis=2, keepdims=True) / count
+    middle = (
+        np.where(visible[:, None], w - placed, 0.0).sum(axis=2, keepdims=True) / count
+    )
     W = np.where(visible[:, None], w - middle, placed)
     return W - W.mean(axis=2, keepdims=True), middle
 
 
 def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:
-    """Return the views of landmarks W (n, 2, p), complete and centred, for each rank r."""
+    """Return the views of landmarks W (n, 2, p), complete and centred, for each rank
+    r.
+    """
     n, _, p = W.shape
     U = np.linalg.svd(W.reshape(2 * n, p), full_matrices=False)[0]
     views = []
@@ -277,7 +320,9 @@ def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:
 
 
 def rigid_upgrade(L: Floats) -> Floats:
-    """Return Q (3, 3) with Q Q^T nearest to making L Q (n, 2, 3) orthonormal, linear in Q Q^T."""
+    """Return Q (3, 3) with Q Q^T nearest to making L Q (n, 2, 3) orthonormal, linear in
+    Q Q^T.
+    """
     i, j = np.triu_indices(3)
     products = L[:, [0, 1, 0]][..., i] * L[:, [0, 1, 1]][..., j]
     products += np.where(i != j, L[:, [0, 1, 0]][..., j] * L[:, [0, 1, 1]][..., i], 0.0)
@@ -290,7 +335,9 @@ def rigid_upgrade(L: Floats) -> Floats:
 
 
 def upgrade(L: Floats, Q: Floats) -> Floats:
-    """min over Q (r, 3) of sum_n (a b)^2 + (a a - b b)^2 / 4 + (a a + b b - 2)^2 / 4, rows a, b."""
+    """min over Q (r, 3) of sum_n (a b)^2 + (a a - b b)^2 / 4 + (a a + b b - 2)^2 / 4,
+    rows a, b.
+    """
     r, damping = len(Q), 1e-3
 
     def residuals(Q: Floats) -> tuple[Floats, Floats]:
@@ -307,7 +354,9 @@ def upgrade(L: Floats, Q: Floats) -> Floats:
         dab = L[:, 0, :, None] * M[:, 1, None] + L[:, 1, :, None] * M[:, 0, None]
         J = np.stack([dab, da - db, SAME_SIZE * (da + db)]).reshape(-1, 3 * r)
         H, g = J.T @ J, J.T @ c.ravel()
-        step = np.linalg.solve(H + damping * np.diag(np.diag(H)) + floor, g).reshape(r, 3)
+        step = np.linalg.solve(H + damping * np.diag(np.diag(H)) + floor, g).reshape(
+            r, 3
+        )
         tried, left = residuals(Q - step)
         if (left**2).sum() < (c**2).sum():
             done = (left**2).sum() > (1 - 1e-4) * (c**2).sum()

@@ -1,6 +1,7 @@
 """Calibrations of cameras, in TOML, YAML or JSON.
 
-TOML is what anipose, Pose2Sim, caliscope and FreeMoCap write, the others are OpenCV's and ROS's.
+TOML is what anipose, Pose2Sim, caliscope and FreeMoCap write, the others are OpenCV's
+and ROS's.
 """
 
 from __future__ import annotations
@@ -24,26 +25,33 @@ from shapefit.io.readers.text import read_json
 
 KEYS = {
     "matrix": "matrix camera_matrix cameramatrix intrinsic_matrix mtx k",
-    "distortion": "distortions distortion distortion_coefficients distcoeffs dist_coeffs dist "
-    "distcoef d",
+    "distortion": (
+        "distortions distortion distortion_coefficients distcoeffs dist_coeffs dist "
+        "distcoef d"
+    ),
     "size": "size image_size resolution",
     "rotation": "rotation rvec r",
     "translation": "translation tvec t",
 }
 """A field of `CalibratedCamera` -> what tools call it, in small letters."""
 
-OF_TOOLS = "give the calibration of anipose, Pose2Sim, caliscope or OpenCV (TOML, YAML, JSON)"
+OF_TOOLS = (
+    "give the calibration of anipose, Pose2Sim, caliscope or OpenCV (TOML, YAML, JSON)"
+)
 CORRECT = (
-    "give a matrix without skew, 4, 5 or 8 of OpenCV's k1 k2 p1 p2 k3 k4 k5 k6, and the rotation "
-    "as a vector or a matrix; of other lenses remove the distortion of the landmarks first"
+    "give a matrix without skew, 4, 5 or 8 of OpenCV's k1 k2 p1 p2 k3 k4 k5 k6, and the"
+    " rotation as a vector or a matrix; of other lenses remove the distortion of the"
+    " landmarks first"
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibratedCamera:
-    """matrix (3, 3) and size (2,) in pixels; distortion (8,) as `geometry.pinhole` has it.
+    """matrix (3, 3) and size (2,) in pixels; distortion (8,) as `geometry.pinhole` has
+    it.
 
-    rotation (3, 3) and translation (3,) lead from the world to the camera, in the file's unit.
+    rotation (3, 3) and translation (3,) lead from the world to the camera, in the
+    file's unit.
     """
 
     matrix: Floats
@@ -54,9 +62,11 @@ class CalibratedCamera:
 
 
 def read_camera(path: Path, name: str | None) -> CalibratedCamera:
-    """Return the camera of this name: its section, its `name` or its `port`; or the only one.
+    """Return the camera of this name: its section, its `name` or its `port`; or the
+    only one.
 
-    Raises InputError for a file that is no calibration, and a name that it does not have.
+    Raises InputError for a file that is no calibration, and a name that it does not
+    have.
     """
     require_file(path)
     with parsing(path, "a calibration", OF_TOOLS):
@@ -66,9 +76,13 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
         [section, *(str(table[key]) for key in ("name", "port") if key in table)]
         for section, table in cameras
     ]
-    chosen = [number for number, some in enumerate(names) if name is None or name in some]
+    chosen = [
+        number for number, some in enumerate(names) if name is None or name in some
+    ]
     if len(chosen) != 1:
-        problem = f"has {len(cameras)} cameras" if name is None else f"has no camera {name!r}"
+        problem = (
+            f"has {len(cameras)} cameras" if name is None else f"has no camera {name!r}"
+        )
         labels = listed((" or ".join(dict.fromkeys(some)) for some in names), "and")
         raise input_error(path, problem, f"set `camera.name`: there are {labels}")
     section, table = cameras[chosen[0]]
@@ -77,7 +91,9 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
 
 
 def _read_content(path: Path) -> Any:
-    """Return the mappings and lists in a file, whose name tells whether it is JSON or YAML."""
+    """Return the mappings and lists in a file, whose name tells whether it is JSON or
+    YAML.
+    """
     if path.suffix.lower() == ".json":
         return read_json(path)
     if path.suffix.lower() not in (".yaml", ".yml"):
@@ -97,7 +113,9 @@ def _sections(name: str, value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
     if isinstance(value, dict) and _field(value, "matrix") is not None:
         yield name, value
     elif isinstance(value, dict | list):
-        for key, within in value.items() if isinstance(value, dict) else enumerate(value):
+        for key, within in (
+            value.items() if isinstance(value, dict) else enumerate(value)
+        ):
             yield from _sections(str(key), within)
 
 
@@ -105,7 +123,9 @@ def _field(table: Mapping[str, Any], field: str) -> Any:
     """Return what stands under one of the names of a field; None for nothing."""
     small = {str(key).lower(): value for key, value in table.items()}
     values = (small.get(key) for key in KEYS[field].split())
-    return next((value for value in values if value is not None and value not in ([], "")), None)
+    return next(
+        (value for value in values if value is not None and value not in ([], "")), None
+    )
 
 
 def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
@@ -127,7 +147,9 @@ def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
         table = {"size": [table["image_width"], table["image_height"]], **table}
     given = _array(table, "distortion")
     given = np.zeros(4) if given is None else given.ravel()
-    beyond = f"{len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
+    beyond = (
+        f"{len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
+    )
     require(not given[COEFFICIENTS:].any(), beyond)
     given = np.pad(given, (0, max(4 - len(given), 0)))  # k1, or k1 k2, or k1 k2 p1
     return CalibratedCamera(
@@ -140,19 +162,34 @@ def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
 
 
 def _rotation(given: Floats | None) -> Floats | None:
-    """Return a rotation (3, 3) given as a matrix or as a vector, its axis times its angle."""
+    """Return a rotation (3, 3) given as a matrix or as a vector, its axis times its
+    angle.
+    """
     if given is None:
         return None
     if given.size == 3:
         angle = float(np.linalg.norm(given))
-        return rotation_about(given.ravel(), np.array([angle]))[0] if angle > 0 else np.eye(3)
-    square = given.shape == (3, 3) and np.linalg.norm(given @ given.T - np.eye(3)) <= 1e-3
-    require(square and np.linalg.det(given) > 0, f"a rotation that is none (shape {given.shape})")
+        return (
+            rotation_about(given.ravel(), np.array([angle]))[0]
+            if angle > 0
+            else np.eye(3)
+        )
+    square = (
+        given.shape == (3, 3) and np.linalg.norm(given @ given.T - np.eye(3)) <= 1e-3
+    )
+    require(
+        square and np.linalg.det(given) > 0,
+        f"a rotation that is none (shape {given.shape})",
+    )
     return given
 
 
-def _array(table: Mapping[str, Any], field: str, shape: tuple[int, ...] = ()) -> Floats | None:
-    """Return a field as numbers, None where it has none; OpenCV gives a matrix by its `data`."""
+def _array(
+    table: Mapping[str, Any], field: str, shape: tuple[int, ...] = ()
+) -> Floats | None:
+    """Return a field as numbers, None where it has none; OpenCV gives a matrix by its
+    `data`.
+    """
     given = _field(table, field)
     if given is None:
         return None
@@ -161,5 +198,7 @@ def _array(table: Mapping[str, Any], field: str, shape: tuple[int, ...] = ()) ->
         values = values.reshape(int(given["rows"]), int(given["cols"]))
     values = values.ravel() if len(shape) == 1 else values
     fits = np.isfinite(values).all() and shape in ((), values.shape)
-    require(fits, f"{field} is {str(given)[:60]}, not {' x '.join(map(str, shape))} numbers")
+    require(
+        fits, f"{field} is {str(given)[:60]}, not {' x '.join(map(str, shape))} numbers"
+    )
     return values

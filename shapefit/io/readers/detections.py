@@ -1,6 +1,8 @@
-"""Detections of people and animals: OpenPose, COCO (and AlphaPose), MMPose, MediaPipe, YOLO.
+"""Detections of people and animals: OpenPose, COCO (and AlphaPose), MMPose, MediaPipe,
+YOLO.
 
-Files differ in where the people of a frame stand, as a rule without an identity over frames.
+Files differ in where the people of a frame stand, as a rule without an identity over
+frames.
 """
 
 from __future__ import annotations
@@ -30,37 +32,49 @@ from shapefit.io.readers.poses import (
 from shapefit.io.readers.text import floats, read_json, read_text
 from shapefit.io.skeletons import skeletons_of_size
 
-Detection = tuple[Sequence[Any], int, Any]  # x, y, confidence of all landmarks; image; who it is
+Detection = tuple[
+    Sequence[Any], int, Any
+]  # x, y, confidence of all landmarks; image; who it is
 
 
 # One file per image.
 
 
 def read_image_files(paths: tuple[Path, ...]) -> Poses:
-    """Read a file per frame, with the people in it: OpenPose's, or MMPose's list of instances.
+    """Read a file per frame, with the people in it: OpenPose's, or MMPose's list of
+    instances.
 
-    A landmark of confidence 0 is missing. Pose2Sim, Sports2D and RTMLib write such files, too.
+    A landmark of confidence 0 is missing. Pose2Sim, Sports2D and RTMLib write such
+    files, too.
     """
     files, labels, fields = _find_images(paths, ".json")
     detections: list[Detection] = []
     for number, file in enumerate(files):
-        with parsing(file, "a file of people", "remove it from the folder, or export it again"):
+        with parsing(
+            file, "a file of people", "remove it from the folder, or export it again"
+        ):
             content = read_json(file)
             if isinstance(content, dict):
-                content = content.get("people", None if content.keys() - {"version"} else [])
+                content = content.get(
+                    "people", None if content.keys() - {"version"} else []
+                )
             detections += _detections(content, number)
     return _as_poses(paths[0], labels, detections, **fields)
 
 
-BOX, DATA = 5, "data.yaml"  # numbers of YOLO before landmarks, and the file that names those
+BOX, DATA = (
+    5,
+    "data.yaml",
+)  # numbers of YOLO before landmarks, and the file that names those
 
 
 def read_yolo(paths: tuple[Path, ...]) -> Poses:
     """Read YOLO's labels: a line for each detection, in fractions of the image.
 
-    A line is class, centre and size of a box, and x, y and v of each landmark; predictions may end
-    in a score and a track. v is 0 (missing), 1, 2, or a confidence. `kpt_shape` in data.yaml beside
-    the labels says whether it is left out: then a landmark at 0, 0 is missing.
+    A line is class, centre and size of a box, and x, y and v of each landmark;
+    predictions may end in a score and a track. v is 0 (missing), 1, 2, or a confidence.
+    `kpt_shape` in data.yaml beside the labels says whether it is left out: then a
+    landmark at 0, 0 is missing.
     """
     files, labels, fields = _find_images(paths, ".txt")
     data = _read_data_yaml(paths[0] if paths[0].is_dir() else paths[0].parent)
@@ -104,7 +118,9 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_data_yaml(folder: Path) -> dict[str, Any]:
-    """Return the nearest data.yaml in this folder or three above it, {} without; or InputError."""
+    """Return the nearest data.yaml in this folder or three above it, {} without; or
+    InputError.
+    """
     from ruamel.yaml import YAML
 
     folder = folder.resolve()
@@ -118,10 +134,12 @@ def _read_data_yaml(folder: Path) -> dict[str, Any]:
 def _find_images(
     paths: Sequence[Path], suffix: str
 ) -> tuple[Sequence[Path], Sequence[str], dict[str, Any]]:
-    """Return the files of a folder, or these, in order; their labels, and fields of Poses.
+    """Return the files of a folder, or these, in order; their labels, and fields of
+    Poses.
 
-    Where names differ in one number alone it is that of the frame; else each is that of an image.
-    Raises InputError for links that lead nowhere, pipes and devices, which cannot be read whole.
+    Where names differ in one number alone it is that of the frame; else each is that of
+    an image. Raises InputError for links that lead nowhere, pipes and devices, which
+    cannot be read whole.
     """
     folder, files = paths[0].parent, sorted(paths)
     if paths[0].is_dir():
@@ -146,7 +164,8 @@ def _find_images(
 
 
 def read_coco_results(paths: tuple[Path, ...]) -> Poses:
-    """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose write it.
+    """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose
+    write it.
 
     A landmark of 0, 0, 0 is missing, others of confidence 0 have no weight.
     """
@@ -157,14 +176,16 @@ def read_coco_results(paths: tuple[Path, ...]) -> Poses:
         detections += _detections([entry], image, needed=True)
     labels = image_labels([*map(str, numbers)])
     unordered = not are_series(labels)
-    return _as_poses(paths[0], labels, detections, hide_unscored=False, unordered=unordered)
+    return _as_poses(
+        paths[0], labels, detections, hide_unscored=False, unordered=unordered
+    )
 
 
 def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     """Read what people annotated: images, annotations, and categories with names.
 
-    keypoints are [x, y, v, ...]; v = 0 is missing, 1 hidden and 2 visible. Categories may have
-    different landmarks: then all names together, in their order.
+    keypoints are [x, y, v, ...]; v = 0 is missing, 1 hidden and 2 visible. Categories
+    may have different landmarks: then all names together, in their order.
     """
     content = read_json(paths[0])
     place: dict[str, int] = {}
@@ -173,7 +194,9 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     for category in content.get("categories", ()):
         names = category.get("keypoints") or []
         check_names(names, "landmark")
-        columns[category["id"]] = here = [place.setdefault(name, len(place)) for name in names]
+        columns[category["id"]] = here = [
+            place.setdefault(name, len(place)) for name in names
+        ]
         pairs = edges_of(category.get("skeleton"), len(names) + 1)  # counted from 1
         edges |= {(here[a - 1], here[b - 1]): None for a, b in pairs if a and b}
     images = content.get("images", ())
@@ -184,7 +207,10 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
         if keypoints := entry.get("keypoints"):
             image = order.setdefault(entry["image_id"], len(order))
             if place:  # those of the category among those of all
-                here, points = columns[entry.get("category_id")], np.zeros((len(place), 3))
+                here, points = (
+                    columns[entry.get("category_id")],
+                    np.zeros((len(place), 3)),
+                )
                 points[here] = np.reshape(keypoints, (len(here), 3))
                 keypoints = points.ravel().tolist()
             detections.append((keypoints, image, entry.get("track_id")))
@@ -201,9 +227,11 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
 
 
 def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
-    """Read a list of {frame_id, instances}, which may stand as `instance_info` beside `meta_info`.
+    """Read a list of {frame_id, instances}, which may stand as `instance_info` beside
+    `meta_info`.
 
-    An instance has keypoints [[x, y], ...] and keypoint_scores; `meta_info` the names, by number.
+    An instance has keypoints [[x, y], ...] and keypoint_scores; `meta_info` the names,
+    by number.
     """
     content = read_json(paths[0])
     meta: Any = {}
@@ -215,37 +243,55 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     for number, frame in enumerate(content):
         detections += _detections(frame["instances"], number, needed=True)
     names = meta.get("keypoint_id2name") or {}
-    labels = [str(frame.get("frame_id", number)) for number, frame in enumerate(content)]
+    labels = [
+        str(frame.get("frame_id", number)) for number, frame in enumerate(content)
+    ]
     return _as_poses(
         paths[0],
         labels,
         detections,
-        landmark_names=tuple(names[str(number)] for number in range(len(names))) or None,
+        landmark_names=tuple(names[str(number)] for number in range(len(names)))
+        or None,
         edges=edges_of(meta.get("skeleton_links"), len(names)),
     )
 
 
-BODIES = ("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "keypoints", "hand_landmarks")
+BODIES = (
+    "pose_landmarks",
+    "poseLandmarks",
+    "landmarks",
+    "landmark",
+    "keypoints",
+    "hand_landmarks",
+)
 SCORES = ("visibility", "score", "confidence", "presence")
 
 
 def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
     """Read landmarks as MediaPipe gives them: lists of {x, y, z, visibility}.
 
-    Each body is such a list. A frame has one, or a list of them, or an object with them under
-    `pose_landmarks` or the like. A file has one frame, a list of them, or an object with `frames`.
+    Each body is such a list. A frame has one, or a list of them, or an object with them
+    under `pose_landmarks` or the like. A file has one frame, a list of them, or an
+    object with `frames`.
     """
     content = read_json(paths[0])
     if isinstance(content, dict):
         content = content.get("frames", [content])
     elif _is_body(content):
         content = [content]
-    bodies = [(body, number) for number, frame in enumerate(content) for body in _bodies(frame)]
+    bodies = [
+        (body, number)
+        for number, frame in enumerate(content)
+        for body in _bodies(frame)
+    ]
     require(bodies, "no list of landmarks")
     names = tuple(str(point.get("name") or "") for point in bodies[0][0])
     detections = []
     for body, number in bodies:
-        rows = ((point.get("x"), point.get("y"), _first(point, SCORES, 1.0)) for point in body)
+        rows = (
+            (point.get("x"), point.get("y"), _first(point, SCORES, 1.0))
+            for point in body
+        )
         detections.append(([value for row in rows for value in row], number, None))
     return _as_poses(
         paths[0],
@@ -258,7 +304,9 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
 
 
 def _is_body(content: Any) -> bool:
-    return isinstance(content, list) and any(isinstance(p, dict) and "x" in p for p in content)
+    return isinstance(content, list) and any(
+        isinstance(p, dict) and "x" in p for p in content
+    )
 
 
 def _bodies(frame: Any) -> Iterator[list[dict[str, Any]]]:
@@ -285,9 +333,11 @@ def _first(content: Mapping[str, Any], keys: Sequence[str], default: Any = None)
 
 
 def _detections(people: Any, image: int, *, needed: bool = False) -> list[Detection]:
-    """Return the people of an image, who may have no landmarks unless they are `needed`.
+    """Return the people of an image, who may have no landmarks unless they are
+    `needed`.
 
-    The landmarks of each are x, y, confidence in one list, or [x, y] beside `keypoint_scores`.
+    The landmarks of each are x, y, confidence in one list, or [x, y] beside
+    `keypoint_scores`.
     """
     detections: list[Detection] = []
     require(isinstance(people, list), "no list of people")
@@ -298,7 +348,10 @@ def _detections(people: Any, image: int, *, needed: bool = False) -> list[Detect
             scores = _first(person, ("keypoint_scores",), [1.0] * len(numbers))
             scored = zip(numbers, scores, strict=True)
             numbers = [number for (x, y), score in scored for number in (x, y, score)]
-        require(len(numbers) % 3 == 0, f"a person of {len(numbers)} numbers, not 3 a landmark")
+        require(
+            len(numbers) % 3 == 0,
+            f"a person of {len(numbers)} numbers, not 3 a landmark",
+        )
         detections.append((numbers, image, _first(person, WHO)))
     return detections
 
@@ -314,12 +367,14 @@ def _as_poses(
     unit: str | None = "px",
     **fields: Any,
 ) -> Poses:
-    """Return detections in images of these labels (n), at `places` (n) in their video, as poses.
+    """Return detections in images of these labels (n), at `places` (n) in their video,
+    as poses.
 
-    A landmark is missing where it has no number, and to `hide_unscored`, where its confidence is
-    not above 0. Confidences of AlphaPose run to 6, or to 1 with newer models: where one is above 2,
-    all are divided by 6. Without a unit the points are fractions where they can be. Raises
-    InputError where detections have different numbers of landmarks.
+    A landmark is missing where it has no number, and to `hide_unscored`, where its
+    confidence is not above 0. Confidences of AlphaPose run to 6, or to 1 with newer
+    models: where one is above 2, all are divided by 6. Without a unit the points are
+    fractions where they can be. Raises InputError where detections have different
+    numbers of landmarks.
     """
     fields = {"name": str(path), "video": video_name(path), **fields}
     detections = sorted(detections, key=lambda one: one[1])
@@ -327,7 +382,9 @@ def _as_poses(
     if len(sizes) > 1:
         kinds = [f"{n} detections with {p}" for p, n in sorted(sizes.items())]
         problem = f"several skeletons: {listed(kinds, 'and')} landmarks"
-        raise input_error(fields["name"], problem, "give the files of each in a separate call")
+        raise input_error(
+            fields["name"], problem, "give the files of each in a separate call"
+        )
     p, notes = next(iter(sizes), len(fields.get("landmark_names") or ())), list[str]()
     rows = [numbers or [None] * (3 * p) for numbers, *_ in detections]
     values = np.array(rows, np.float64).reshape(len(rows), p, 3)
@@ -342,12 +399,17 @@ def _as_poses(
     times = Counter(zip(images, who, strict=True))
     if doubles := sum(number > 1 for (_, name), number in times.items() if name):
         # Some tools number the people of each frame anew.
-        notes.append(f"numbers of people are not used, as {doubles} of them occur twice in a frame")
+        notes.append(
+            f"numbers of people are not used, as {doubles} of them occur twice in a"
+            " frame"
+        )
         who = [""] * len(who)
     return Poses(
         points=points,
         confidence=np.where(missing, 0.0, confidence) if scored else None,
-        frame=np.array([places[image] for image in images] if places else images, np.int64),
+        frame=np.array(
+            [places[image] for image in images] if places else images, np.int64
+        ),
         label=[labels[image] for image in images],
         individual=who,
         skeleton=next(iter(skeletons_of_size(p)), None),

@@ -37,17 +37,29 @@ def read_landmarks(
 
 
 def read_shapes(
-    form: FileFormat, paths: tuple[Path, ...], options: InputOptions, *, gaps: bool = False
+    form: FileFormat,
+    paths: tuple[Path, ...],
+    options: InputOptions,
+    *,
+    gaps: bool = False,
 ) -> tuple[ShapeSet, Notes]:
-    """Return the shapes of a file of poses, and warnings; without `gaps` the whole ones alone."""
+    """Return the shapes of a file of poses, and warnings; without `gaps` the whole ones
+    alone.
+    """
     poses = _read_kind(form, paths, "shapes", 3)
     fields, notes = _fields(poses, options)
-    shapes = ShapeSet(**fields, edges=np.array(poses.edges, np.int64) if poses.edges else None)
+    shapes = ShapeSet(
+        **fields, edges=np.array(poses.edges, np.int64) if poses.edges else None
+    )
     return (shapes, notes) if gaps else _without_gaps(shapes, notes, poses.name)
 
 
-def _read_kind(form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int) -> Poses:
-    """Return the poses in these files. Raises InputError where they are not of this kind."""
+def _read_kind(
+    form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int
+) -> Poses:
+    """Return the poses in these files. Raises InputError where they are not of this
+    kind.
+    """
     name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
     poses = read_poses(form, paths)
     if (d := poses.points.shape[2]) != dimensions:
@@ -59,7 +71,8 @@ def read_poses(form: FileFormat, paths: tuple[Path, ...]) -> Poses:
     """Return the poses in these files, in 2D or 3D. Raises InputError."""
     assert form.read_poses is not None
     running = gc.isenabled()
-    gc.disable()  # half the time of a large JSON file is looking for cycles in its lists
+    # half the time of a large JSON file is looking for cycles in its lists
+    gc.disable()
     try:
         with parsing(source_name(paths[0]), form.title):
             return form.read_poses(paths)
@@ -82,7 +95,9 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
     elif poses.unit == FRACTION:
         if poses.size_needed:
             raise input_error(poses.name, FRACTIONS, SIZE_FIX)
-        note = f"{FRACTIONS}, so figures are squeezed where it is not square; {SIZE_FIX}"
+        note = (
+            f"{FRACTIONS}, so figures are squeezed where it is not square; {SIZE_FIX}"
+        )
         poses = replace(poses, notes=(*poses.notes, note))
     fields, notes = _fields(poses, options)
     edges = {EDGES: np.array(poses.edges, np.int64)} if poses.edges else {}
@@ -109,11 +124,14 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
 NUMBERED = "numbered"  # landmarks are called 0, 1 and so on
 
 
-def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...], Notes]:
+def _landmark_names(
+    poses: Poses, options: InputOptions
+) -> tuple[tuple[str, ...], Notes]:
     """Return the names of the landmarks, and a note of what was assumed.
 
-    They are those of the file, else of the skeleton `keypoints`, else of the usual one, else their
-    numbers. Raises InputError for skeletons that do not fit, and where several may be meant.
+    They are those of the file, else of the skeleton `keypoints`, else of the usual one,
+    else their numbers. Raises InputError for skeletons that do not fit, and where
+    several may be meant.
     """
     wanted, skeletons = options.keypoints, installed_skeletons()
     if wanted is not None and wanted not in (*skeletons, NUMBERED):
@@ -142,14 +160,17 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
 
 
 def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
-    """Return the poses with landmarks that the options select, sequence by sequence; and (n) items
-    and sequences, "" for none.
+    """Return the poses with landmarks that the options select, sequence by sequence;
+    and (n) items and sequences, "" for none.
 
-    Raises InputError for an individual that is not there, and where unordered images are a motion.
+    Raises InputError for an individual that is not there, and where unordered images
+    are a motion.
     """
     named = bool(poses.individuals)
     if options.track == "motion" and poses.unordered and len({*poses.label}) > 1:
-        problem = "holds images of different files, without numbers of frames: no motion"
+        problem = (
+            "holds images of different files, without numbers of frames: no motion"
+        )
         fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
         raise input_error(poses.name, problem, fix)
     if options.track != "none":
@@ -159,20 +180,27 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     people, wanted = poses.individuals, options.individual
     if wanted is not None and wanted not in people:
         names = abbreviate(people) or "nobody: join people with `track: nearest`"
-        raise input_error(poses.name, f"has no individual {wanted!r}", f"it names {names}")
+        raise input_error(
+            poses.name, f"has no individual {wanted!r}", f"it names {names}"
+        )
     poses, rows = _hide(poses, options.min_confidence)
     items, sequences = _name_items(poses, named)
     if wanted is not None:
         rows = rows & np.array([who == wanted for who in poses.individual or ()])
     retained = np.flatnonzero(rows).tolist()
-    first = {name: n for n, name in enumerate(dict.fromkeys(sequences[row] for row in retained))}
+    first = {
+        name: n
+        for n, name in enumerate(dict.fromkeys(sequences[row] for row in retained))
+    }
     retained.sort(key=lambda row: first[sequences[row]])
     poses = poses.take(np.array(retained, np.intp))
     return poses, [items[row] for row in retained], [sequences[row] for row in retained]
 
 
 def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
-    """Return poses without landmarks that are not to be used, and which have any left."""
+    """Return poses without landmarks that are not to be used, and which have any
+    left.
+    """
     points, confidence = poses.points, poses.confidence
     placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
     low: Flags = np.zeros_like(placed)
@@ -183,18 +211,22 @@ def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
         confidence = np.where(placed, np.maximum(weights, 0.0), 0.0)
     rows: Flags = np.asarray(placed.any(axis=1))
     counts = {
-        "landmarks hidden, whose coordinates are infinite": int(np.isinf(points).any(axis=2).sum()),
+        "landmarks hidden, whose coordinates are infinite": int(
+            np.isinf(points).any(axis=2).sum()
+        ),
         "landmarks hidden, whose confidence is below `min_confidence`": int(low.sum()),
         "individuals without a landmark left out": int((~rows).sum()),
     }
-    notes = poses.notes + tuple(f"{number} {text}" for text, number in counts.items() if number)
+    notes = poses.notes + tuple(
+        f"{number} {text}" for text, number in counts.items() if number
+    )
     points = np.where(placed[..., None], points, np.nan)
     return replace(poses, points=points, confidence=confidence, notes=notes), rows
 
 
 def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
-    """Return the item and the sequence of each pose; those without identity are numbered, and
-    `untracked` beside individuals that are `named` by the file.
+    """Return the item and the sequence of each pose; those without identity are
+    numbered, and `untracked` beside individuals that are `named` by the file.
     """
     if poses.individual is None:
         rows = zip(poses.videos, poses.label, strict=True)
@@ -202,32 +234,49 @@ def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
     items: list[str] = []
     sequences: list[str] = []
     numbers = Counter[str]()
-    for video, who, label in zip(poses.videos, poses.individual, poses.label, strict=True):
+    for video, who, label in zip(
+        poses.videos, poses.individual, poses.label, strict=True
+    ):
         sequences.append(f"{video}/{who}" if who else "")
-        item = f"{video}/{who}/{label}" if who else f"{video}/{'untracked/' * named}{label}"
+        item = (
+            f"{video}/{who}/{label}"
+            if who
+            else f"{video}/{'untracked/' * named}{label}"
+        )
         items.append(item if who else f"{item}/{numbers[item]}")
         numbers[item] += 1
     return items, sequences
 
 
-MIN_SHARE = 0.9  # of the shapes of a file in which a landmark that is learned from is known
+MIN_SHARE = (
+    0.9  # of the shapes of a file in which a landmark that is learned from is known
+)
 
 
 def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, Notes]:
-    """Return the whole shapes of the landmarks that are mostly known, and notes of what is lost.
+    """Return the whole shapes of the landmarks that are mostly known, and notes of what
+    is lost.
 
     Raises InputError where no landmark is.
     """
     finite = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
     often: Flags = np.asarray(finite.sum(axis=0) >= MIN_SHARE * len(shapes))
     if not often.any():
-        problem = f"no landmark is known in {MIN_SHARE:.0%} of its {counted(len(shapes), 'shape')}"
+        problem = (
+            f"no landmark is known in {MIN_SHARE:.0%} of its"
+            f" {counted(len(shapes), 'shape')}"
+        )
         raise input_error(name, problem, "give shapes with fewer gaps")
     rows: Flags = np.asarray(finite[:, often].all(axis=1))
     if names := np.array(shapes.landmark_names, object)[~often].tolist():
-        text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes ({abbreviate(names)})"
+        text = (
+            f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
+            f" ({abbreviate(names)})"
+        )
         notes += (f"{name}: {counted(len(names), 'landmark')} {text}",)
-        shapes = _with_landmarks(shapes, [n for n in shapes.landmark_names if n not in names])
+        shapes = _with_landmarks(
+            shapes, [n for n in shapes.landmark_names if n not in names]
+        )
     if not rows.all():
         omitted = counted(int((~rows).sum()), "shape")
         notes += (f"{name}: {omitted} left out, in which a landmark is unknown",)
@@ -240,7 +289,9 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
     Raises InputError at `place` for names that are not there, or twice.
     """
     if len(set(names)) < len(names):
-        raise input_error("landmarks", "a name is there twice", "name each landmark once")
+        raise input_error(
+            "landmarks", "a name is there twice", "name each landmark once"
+        )
     match_landmarks(records.landmark_names, names, f"{place}: landmarks")
     if isinstance(records, LandmarkSet):
         return records.arrange(names, place, omit=True)
@@ -250,13 +301,21 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
 def _with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
     """Return the shapes with some of their landmarks, and the edges between those.
 
-    Of a tree, whose edges lead from parents to children, a landmark is joined to the nearest of
-    its ancestors that stays. The index of mirrored landmarks does not stay.
+    Of a tree, whose edges lead from parents to children, a landmark is joined to the
+    nearest of its ancestors that stays. The index of mirrored landmarks does not stay.
     """
     if shapes.edges is not None:
-        edges, stay = shapes.edges.tolist(), [name in names for name in shapes.landmark_names]
+        edges, stay = (
+            shapes.edges.tolist(),
+            [name in names for name in shapes.landmark_names],
+        )
         parents = {below: above for above, below in edges}
-        for _ in parents if len(parents) == len(edges) else ():  # damaged edges can be a ring
-            edges = [[above if stay[above] else parents.get(above, above), n] for above, n in edges]
+        for _ in (
+            parents if len(parents) == len(edges) else ()
+        ):  # damaged edges can be a ring
+            edges = [
+                [above if stay[above] else parents.get(above, above), n]
+                for above, n in edges
+            ]
         shapes = shapes.replaced(edges=np.array(edges, np.int64).reshape(-1, 2))
     return shapes.without(["mirror_index"]).arrange(names, omit=True)

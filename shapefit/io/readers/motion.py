@@ -11,7 +11,14 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.readers.poses import Poses, check_names, make_unique, of_frames, parsing, require
+from shapefit.io.readers.poses import (
+    Poses,
+    check_names,
+    make_unique,
+    of_frames,
+    parsing,
+    require,
+)
 from shapefit.io.readers.text import floats, read_table, read_text
 
 Channel = tuple[bool, int]  # whether it turns, and the axis
@@ -19,10 +26,11 @@ Channel = tuple[bool, int]  # whether it turns, and the axis
 
 @dataclass
 class Joint:
-    """A joint, or the end of a bone, which turns in the frame axes (3, 3), its last channel first.
+    """A joint, or the end of a bone, which turns in the frame axes (3, 3), its last
+    channel first.
 
-    before (3,) leads from the parent to where it turns, in the frame of the parent, and after (3,)
-    from there to its position, in its own.
+    before (3,) leads from the parent to where it turns, in the frame of the parent, and
+    after (3,) from there to its position, in its own.
     """
 
     name: str
@@ -36,8 +44,9 @@ class Joint:
 def forward_kinematics(joints: Sequence[Joint], values: Floats) -> Floats:
     """x = x_parent + R_parent (before + shift) + R after, with R = R_parent C M C^T.
 
-    values (n, c) are those of all channels, joint by joint, angles in degrees; returns positions
-    (n, joints, 3). C is the frame of the joint, M turns by its channels, and shift moves by them.
+    values (n, c) are those of all channels, joint by joint, angles in degrees; returns
+    positions (n, joints, 3). C is the frame of the joint, M turns by its channels, and
+    shift moves by them.
     """
     from scipy.spatial.transform import Rotation
 
@@ -57,14 +66,18 @@ def forward_kinematics(joints: Sequence[Joint], values: Floats) -> Floats:
                 before[:, axis] += value
         above = rotations[joint.parent]
         rotations[number] = above @ joint.axes @ motion @ joint.axes.T
-        positions[:, number] = (above @ before[..., None])[..., 0] + rotations[number] @ joint.after
+        positions[:, number] = (above @ before[..., None])[..., 0] + rotations[
+            number
+        ] @ joint.after
         if joint.parent >= 0:
             positions[:, number] += positions[:, joint.parent]
     return positions
 
 
 def _parents_first(parents: Sequence[int]) -> list[int]:
-    """Return the joints of a tree, or of a part of it, each after its parent, -1 for none."""
+    """Return the joints of a tree, or of a part of it, each after its parent, -1 for
+    none.
+    """
     order = [number for number, parent in enumerate(parents) if parent < 0]
     for number in order:
         order += [child for child, parent in enumerate(parents) if parent == number]
@@ -85,7 +98,9 @@ def _channel(axis: str, kind: str) -> Channel:
 
 
 def read_bvh(paths: tuple[Path, ...]) -> Poses:
-    """Return the joints of a BVH file, in its unit, and then the ends of bones, `JOINT_end`."""
+    """Return the joints of a BVH file, in its unit, and then the ends of bones,
+    `JOINT_end`.
+    """
     path, text = paths[0], read_text(paths[0])
     joints, lines, seconds = _read_hierarchy(path, text)
     channels = [joint.name for joint in joints for _ in joint.channels]
@@ -104,12 +119,16 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
         video=path.stem,
         landmark_names=make_unique([joints[number].name for number in order]),
         frame_rate=rate,
-        edges=tuple((place[j.parent], place[i]) for i, j in enumerate(joints) if j.parent >= 0),
+        edges=tuple(
+            (place[j.parent], place[i]) for i, j in enumerate(joints) if j.parent >= 0
+        ),
     )
 
 
 def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, float]:
-    """Return joints, ends without channels, lines before the motion, frame time; or InputError."""
+    """Return joints, ends without channels, lines before the motion, frame time; or
+    InputError.
+    """
     joints: list[Joint] = []
     above: list[int] = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -117,7 +136,9 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, float]:
         key, parent = word.upper(), above[-1] if above else -1
         with parsing(f"{path}:{number}", "BVH", "correct it"):
             if key in ("ROOT", "JOINT", "END"):
-                require((parent < 0) == (key == "ROOT"), f"{key} stands in the wrong place")
+                require(
+                    (parent < 0) == (key == "ROOT"), f"{key} stands in the wrong place"
+                )
                 above.append(len(joints))
                 name = f"{joints[parent].name}_end" if key == "END" else " ".join(rest)
                 joints.append(Joint(name, parent))
@@ -130,15 +151,21 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, float]:
                 joints[above[-1]].channels = channels
             elif key == "FRAME" and rest[:1] == ["Time:"]:
                 require(joints and not above, "the tree of joints is not complete")
-                for joint in joints:  # a channel of position replaces the offset along its axis
-                    joint.before[[axis for turns, axis in joint.channels if not turns]] = 0
+                for (
+                    joint
+                ) in joints:  # a channel of position replaces the offset along its axis
+                    joint.before[
+                        [axis for turns, axis in joint.channels if not turns]
+                    ] = 0
                 return joints, number, floats(rest[1:2], 1)[0]
             else:
                 exists = key in ("", "HIERARCHY", "MOTION", "FRAMES:")
                 require(exists, f"begins with {word!r}, which is no word of BVH")
         if "}" in line and above:
             del above[-line.count("}") :]
-    raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
+    raise input_error(
+        path, "has no motion, or is cut off before it", "give a complete BVH file"
+    )
 
 
 # ASF/AMC, of Acclaim
@@ -150,16 +177,23 @@ WHOLE = "give whole files, in which every frame lists the bones of the skeleton"
 def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     """Return the ends of the bones of a motion: the root, then bones as ASF lists them.
 
-    The skeleton lies in its folder, and is named as the motion begins (86.asf, 86_01.amc), or is
-    the only one. Raises ValueError where there is none, or several are.
+    The skeleton lies in its folder, and is named as the motion begins (86.asf,
+    86_01.amc), or is the only one. Raises ValueError where there is none, or several
+    are.
     """
     path = paths[0]
-    require(path.suffix.lower() == ".amc", "a skeleton without a motion; give the AMC file")
-    skeletons = [file for file in path.parent.iterdir() if file.suffix.lower() == ".asf"]
+    require(
+        path.suffix.lower() == ".amc", "a skeleton without a motion; give the AMC file"
+    )
+    skeletons = [
+        file for file in path.parent.iterdir() if file.suffix.lower() == ".asf"
+    ]
     named = [file for file in skeletons if path.stem.startswith(file.stem)]
     problem = f"none of the {len(skeletons)} skeletons beside it is named like it"
     require(named or len(skeletons) == 1, problem)
-    bones, unit, scale = _read_skeleton(max(named or skeletons, key=lambda file: len(file.stem)))
+    bones, unit, scale = _read_skeleton(
+        max(named or skeletons, key=lambda file: len(file.stem))
+    )
     labels, values = _read_motion(path, bones)
     return of_frames(
         path,
@@ -168,15 +202,18 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
         video=path.stem,
         landmark_names=tuple(bone.name for bone in bones),
         unit=unit,
-        edges=tuple((bone.parent, i) for i, bone in enumerate(bones) if bone.parent >= 0),
+        edges=tuple(
+            (bone.parent, i) for i, bone in enumerate(bones) if bone.parent >= 0
+        ),
     )
 
 
 def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:
-    """Return the bones of an ASF file, the root first, their unit, and what lengths are times.
+    """Return the bones of an ASF file, the root first, their unit, and what lengths are
+    times.
 
-    Lengths are in inches / `length`, as in CMU's database (0.45), and given out in metres; with
-    `length 1` their unit is unknown. Raises InputError, naming the line.
+    Lengths are in inches / `length`, as in CMU's database (0.45), and given out in
+    metres; with `length 1` their unit is unknown. Raises InputError, naming the line.
     """
     units: dict[str, str] = {}
     root = {"name": ["root"], "dof": ["TX", "TY", "TZ", "RX", "RY", "RZ"], "axis": []}
@@ -210,17 +247,25 @@ def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:
         (length,) = floats([units.get("length", "1")])
         require(length > 0, f"the unit of length {length:g}")
         index = {bone.name: number for number, bone in enumerate(bones)}
-        pairs = [(index[above], index[name]) for above, *below in links for name in below]
+        pairs = [
+            (index[above], index[name]) for above, *below in links for name in below
+        ]
         for above, child in pairs:
             bones[child].parent = above
         reached = len(_parents_first([bone.parent for bone in bones])) == len(bones)
         whole = len(bones) > 1 and reached and len(pairs) == len(bones) - 1
         require(whole, "the hierarchy does not reach every bone once")
-    return bones, UNKNOWN_UNIT if length == 1 else "m", 1.0 if length == 1 else INCH / length
+    return (
+        bones,
+        UNKNOWN_UNIT if length == 1 else "m",
+        1.0 if length == 1 else INCH / length,
+    )
 
 
 def _bone(block: dict[str, list[str]]) -> Joint:
-    """Return a bone, or the root, whose place is where it turns; its first angle turns first."""
+    """Return a bone, or the root, whose place is where it turns; its first angle turns
+    first.
+    """
     from scipy.spatial.transform import Rotation
 
     before, after, turn = np.zeros(3), np.zeros(3), block["axis"]
@@ -236,10 +281,11 @@ def _bone(block: dict[str, list[str]]) -> Joint:
 
 
 def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]:
-    """Return the labels of the frames of a motion, and the channels (n, c) of all bones.
+    """Return the labels of the frames of a motion, and the channels (n, c) of all
+    bones.
 
-    A bone that no frame lists does not move. Raises InputError, naming the line, for other bones
-    or channels than the skeleton has.
+    A bone that no frame lists does not move. Raises InputError, naming the line, for
+    other bones or channels than the skeleton has.
     """
     labels: list[str] = []
     cells = {bone.name: list[str]() for bone in bones}
@@ -250,10 +296,17 @@ def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]
         if name.isdigit() and not row:
             labels.append(name)
         elif name[0] not in "#:":
-            if len(row) != count.get(name) or len(cells[name]) != len(row) * (len(labels) - 1):
-                problem = f"{len(row)} numbers of {name!r}, not {count.get(name, 0)} in each frame"
+            if len(row) != count.get(name) or len(cells[name]) != len(row) * (
+                len(labels) - 1
+            ):
+                problem = (
+                    f"{len(row)} numbers of {name!r}, not {count.get(name, 0)} in each"
+                    " frame"
+                )
                 raise input_error(f"{path}:{line}", problem, WHOLE)
             cells[name] += reversed(row)
     sizes = [(bone.name, len(labels) * count[bone.name]) for bone in bones]
-    values = [np.array(floats(cells[name] or ["0"] * size, size)) for name, size in sizes]
+    values = [
+        np.array(floats(cells[name] or ["0"] * size, size)) for name, size in sizes
+    ]
     return labels, np.hstack([block.reshape(len(labels), -1) for block in values])

@@ -1,4 +1,6 @@
-"""Poses from files of other tools: every reader hands its arrays to `Poses`, which checks them."""
+"""Poses from files of other tools: every reader hands its arrays to `Poses`, which
+checks them.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +33,17 @@ class Poses:
 
     name        the path, for messages
     points      (N, p, 2) or (N, p, 3), NaN where a landmark is missing
-    confidence  (N, p), NaN where a landmark has none (then 1); None where the format has none
-    frame       (N,), the position of the frame in its video, from 0, never falling in a video
+    confidence  (N, p), NaN where a landmark has none (then 1); None where the format
+                has none
+    frame       (N,), the position of the frame in its video, from 0, never falling in a
+                video
     label       (N,), what the file calls the frame: a number, a time, an image
-    individual  (N,), "" for a pose without identity over frames; None for one body, one sequence
-    video       what items begin with: one text, or (N,) where a file holds several videos
-    landmark_names  None where the file has none: `keypoints` or the usual `skeleton` names them
+    individual  (N,), "" for a pose without identity over frames; None for one body, one
+                sequence
+    video       what items begin with: one text, or (N,) where a file holds several
+                videos
+    landmark_names  None where the file has none: `keypoints` or the usual `skeleton`
+                    names them
     frame_rate  in Hz
     edges       pairs of landmarks, by position
     size_needed of fractions of the image: whether they are useless without `image_size`
@@ -61,10 +68,11 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise ValueError for names that are empty or repeat, and fields that do not agree.
+        """Raise ValueError for names that are empty or repeat, and fields that do not
+        agree.
 
-        In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a confidence or
-        with 0, and (0, 0) with a confidence of 0.
+        In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a
+        confidence or with 0, and (0, 0) with a confidence of 0.
         """
         n, p, d = self.points.shape
         require(d in (2, 3), f"points of {d} coordinates")
@@ -72,7 +80,9 @@ class Poses:
         names = p if self.landmark_names is None else len(self.landmark_names)
         require(names == p or not n, f"{names} names of {p} landmarks")
         scores = self.confidence
-        require(scores is None or scores.shape == (n, p), "other confidences than landmarks")
+        require(
+            scores is None or scores.shape == (n, p), "other confidences than landmarks"
+        )
         for field in PER_POSE[2:]:
             values = getattr(self, field)
             fits = values is None or isinstance(values, str) or len(values) == n
@@ -106,7 +116,9 @@ class Poses:
             values = getattr(self, field)
             if values is not None and not isinstance(values, str):
                 array = isinstance(values, np.ndarray)
-                changes[field] = values[rows] if array else [values[row] for row in rows.tolist()]
+                changes[field] = (
+                    values[rows] if array else [values[row] for row in rows.tolist()]
+                )
         return replace(self, **changes)
 
 
@@ -122,14 +134,17 @@ def of_frames(
 ) -> Poses:
     """Return the poses of points (n, [i,] p, d), of i individuals in each of n frames.
 
-    confidence (n, [i,] p); labels (n), by default numbers; names of individuals (i); `present`
-    (n, i), the poses that count; `fields` of `Poses`. Raises ValueError for sizes that differ.
+    confidence (n, [i,] p); labels (n), by default numbers; names of individuals (i);
+    `present` (n, i), the poses that count; `fields` of `Poses`. Raises ValueError for
+    sizes that differ.
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
     labels = [*map(str, range(n))] if labels is None else labels
     if confidence is not None:
-        require(confidence.shape == points.shape[:-1], "other confidences than landmarks")
+        require(
+            confidence.shape == points.shape[:-1], "other confidences than landmarks"
+        )
         confidence = confidence.reshape(n * many, p)
     if individuals is not None:
         check_names(individuals, "individual")
@@ -149,7 +164,9 @@ def of_frames(
 
 
 def unit_of(points: Floats) -> dict[str, Any]:
-    """Return the fields `unit` and `size_needed` of points (n, p, d) whose file states no unit."""
+    """Return the fields `unit` and `size_needed` of points (n, p, d) whose file states
+    no unit.
+    """
     finite = points[np.isfinite(points)]
     inside = finite.size > 0 and bool(finite.min() >= -0.5 and finite.max() <= 1.5)
     fraction = inside and points.shape[2] == 2
@@ -157,16 +174,25 @@ def unit_of(points: Floats) -> dict[str, Any]:
 
 
 @contextmanager
-def parsing(place: str | Path, title: str, fix: str = "export it again") -> Iterator[None]:
-    """Turn whatever a file leads to here into the InputError that names it and its format."""
+def parsing(
+    place: str | Path, title: str, fix: str = "export it again"
+) -> Iterator[None]:
+    """Turn whatever a file leads to here into the InputError that names it and its
+    format.
+    """
     try:
         yield
     except (InputError, MemoryError):
         raise
     except Exception as error:  # damage leads anywhere
-        reason = printable(str(error).strip().partition("\n")[0][:160]) or type(error).__name__
+        reason = (
+            printable(str(error).strip().partition("\n")[0][:160])
+            or type(error).__name__
+        )
         reason = f"it has no {reason}" if isinstance(error, KeyError) else reason
-        raise input_error(place, f"cannot be read as {title} ({reason})", fix) from error
+        raise input_error(
+            place, f"cannot be read as {title} ({reason})", fix
+        ) from error
 
 
 def require(condition: object, problem: str) -> None:
@@ -177,33 +203,48 @@ def require(condition: object, problem: str) -> None:
 
 def check_names(names: Sequence[str], what: str) -> None:
     """Raise ValueError for names that are empty or repeat."""
-    require(all(isinstance(name, str) and name for name in names), f"a {what} without a name")
+    require(
+        all(isinstance(name, str) and name for name in names),
+        f"a {what} without a name",
+    )
     twice = next((name for name, number in Counter(names).items() if number > 1), "")
     require(not twice, f"the {what} {twice!r} twice")
 
 
 # Names.
 
-ENDINGS = re.compile(r"(?:\.(?:analysis|predictions|pkg|pose)|_pose_est(?:_v\d+)?)$", re.IGNORECASE)
+ENDINGS = re.compile(
+    r"(?:\.(?:analysis|predictions|pkg|pose)|_pose_est(?:_v\d+)?)$", re.IGNORECASE
+)
 IMAGES = re.compile(r"\.(?:png|jpe?g|tiff?|bmp)$", re.IGNORECASE)
 
 
 def video_name(path: Path) -> str:
-    """Return the name of a file without its endings, which is what its items begin with."""
+    """Return the name of a file without its endings, which is what its items begin
+    with.
+    """
     return ENDINGS.sub("", Path(path.name.removesuffix(".gz")).stem) or path.name
 
 
 def image_labels(paths: Sequence[str]) -> list[str]:
-    """Return names of images, of any system: without folder and suffix if that tells them apart."""
+    """Return names of images, of any system: without folder and suffix if that tells
+    them apart.
+    """
     stems = [IMAGES.sub("", PureWindowsPath(path).name) for path in paths]
-    return stems if len({*stems}) == len(stems) else [IMAGES.sub("", path) for path in paths]
+    return (
+        stems
+        if len({*stems}) == len(stems)
+        else [IMAGES.sub("", path) for path in paths]
+    )
 
 
 LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
 
 
 def are_series(names: Sequence[str]) -> bool:
-    """Whether names differ in one number alone, and may be frames: there is one in 100 at least."""
+    """Whether names differ in one number alone, and may be frames: there is one in 100
+    at least.
+    """
     matches = [match for name in names if (match := LAST_NUMBER.match(name))]
     numbers = {int(match[2]) for match in matches}
     alike = len({(m[1], m[3]) for m in matches}) <= 1 and len(numbers) == len(names)
@@ -211,13 +252,17 @@ def are_series(names: Sequence[str]) -> bool:
 
 
 def number_labels(values: NDArray[Any]) -> list[str]:
-    """Return frames or seconds as text, to the microsecond. Raises ValueError for no number."""
+    """Return frames or seconds as text, to the microsecond. Raises ValueError for no
+    number.
+    """
     require(np.isfinite(values).all(), "a frame without a number")
     return [f"{value:.6f}".rstrip("0").rstrip(".") for value in values.tolist()]
 
 
 def make_unique(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels, numbered where they repeat an earlier one; the eighth, if empty, is `*7`."""
+    """Return labels, numbered where they repeat an earlier one; the eighth, if empty,
+    is `*7`.
+    """
     times = Counter[str]()
     names: dict[str, None] = {}
     for place, label in enumerate(labels):
@@ -230,7 +275,9 @@ def make_unique(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def name_individual(who: Any) -> str:
-    """Return an identity, or [it], as text: `id 3` for 3; "" for what is below 0, or of no kind."""
+    """Return an identity, or [it], as text: `id 3` for 3; "" for what is below 0, or of
+    no kind.
+    """
     while isinstance(who, list) and len(who) == 1:
         who = who[0]
     if isinstance(who, str):
@@ -241,4 +288,6 @@ def name_individual(who: Any) -> str:
 
 def edges_of(lines: Sequence[tuple[int, int]] | None, landmarks: int) -> Edges:
     """Return those of a list of lines that join two of so many landmarks."""
-    return tuple((a, b) for a, b in lines or () if min(a, b) >= 0 and max(a, b) < landmarks)
+    return tuple(
+        (a, b) for a, b in lines or () if min(a, b) >= 0 and max(a, b) < landmarks
+    )

@@ -1,7 +1,7 @@
 """Tables of no known tool, of caliscope and anipose, and NumPy's arrays of landmarks.
 
-A *wide* table has a row per image, a *long* one a row per landmark of an image. Cells are separated
-by `,`, `;` or tabs; with the latter two the decimal point may be a comma.
+A *wide* table has a row per image, a *long* one a row per landmark of an image. Cells
+are separated by `,`, `;` or tabs; with the latter two the decimal point may be a comma.
 """
 
 from __future__ import annotations
@@ -42,12 +42,17 @@ ROLES: Mapping[str, str] = {
         "frame": "frame frame_id frame_idx frame_index frame_number frame_no fnum",
         "sequence": "sequence video clip session port cam_id",
         "individual": " ".join(INDIVIDUALS),
-        "landmark": "landmark joint bodypart body_part keypoint part node marker landmark_name "
-        "joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index point_id",
+        "landmark": (
+            "landmark joint bodypart body_part keypoint part node marker landmark_name"
+            " joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index"
+            " point_id"
+        ),
         "x": "x x_px px img_loc_x",
         "y": "y y_px py img_loc_y",
         "z": "z",
-        "confidence": "confidence conf likelihood score visibility probability prob v c",
+        "confidence": (
+            "confidence conf likelihood score visibility probability prob v c"
+        ),
     }.items()
     for name in names.split()
 }
@@ -66,7 +71,9 @@ _OF_LANDMARK = (
 
 
 class Header(NamedTuple):
-    """Names of all columns; roles -> column; landmarks of a wide table -> their roles -> column."""
+    """Names of all columns; roles -> column; landmarks of a wide table -> their roles
+    -> column.
+    """
 
     delimiter: str
     names: Sequence[str]
@@ -76,8 +83,8 @@ class Header(NamedTuple):
 
 
 def parse_header(line: str) -> Header | None:
-    """Return what columns hold; None unless they are landmark, x, y, and item or frame, or NAME_x
-    and NAME_y, or x_NAME and y_NAME, of two landmarks at least.
+    """Return what columns hold; None unless they are landmark, x, y, and item or frame,
+    or NAME_x and NAME_y, or x_NAME and y_NAME, of two landmarks at least.
     """
     for delimiter in sorted((",", ";", "\t"), key=line.count, reverse=True):
         names = [cell.strip() for cell in line.replace('"', "").split(delimiter)]
@@ -98,8 +105,12 @@ def parse_header(line: str) -> Header | None:
                 others.append(name)
         if {"landmark", "x", "y"} <= roles.keys() and {"item", "frame"} & roles.keys():
             return Header(delimiter, names, roles, {}, [*others, *landmarks])
-        others += [name for name, axes in landmarks.items() if not {"x", "y"} <= axes.keys()]
-        landmarks = {name: axes for name, axes in landmarks.items() if name not in others}
+        others += [
+            name for name, axes in landmarks.items() if not {"x", "y"} <= axes.keys()
+        ]
+        landmarks = {
+            name: axes for name, axes in landmarks.items() if name not in others
+        }
         if len(landmarks) > 1:
             return Header(delimiter, names, roles, landmarks, others)
     return None
@@ -108,16 +119,28 @@ def parse_header(line: str) -> Header | None:
 # Tables.
 
 Grid = tuple[Floats, Sequence[str], Mapping[str, Sequence[str]]]
-"""What a table holds: values (n, p, axes); landmarks (p); cells (n) of item, frame and so on."""
+"""What a table holds: values (n, p, axes); landmarks (p); cells (n) of item, frame and
+so on.
+"""
 
-METRES = {"frame", "time", "landmark", "x", "y", "z", "sd", "trusted"}  # as they are written here
+METRES = {
+    "frame",
+    "time",
+    "landmark",
+    "x",
+    "y",
+    "z",
+    "sd",
+    "trusted",
+}  # as they are written here
 
 
 def read_any_table(paths: tuple[Path, ...]) -> Poses:
     """Read a table of no known tool, or the 3D points that anipose writes, in its unit.
 
-    z beside a confidence is the depth that detectors guess, which is left out, except anipose's;
-    otherwise it is a third coordinate. Landmarks that are numbered have no names.
+    z beside a confidence is the depth that detectors guess, which is left out, except
+    anipose's; otherwise it is a third coordinate. Landmarks that are numbered have no
+    names.
     """
     path, text = paths[0], read_text(paths[0])
     header = parse_header(text.partition("\n")[0])
@@ -127,7 +150,9 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
     table = read_table(path, text, header.names, header.delimiter, after=1)
     columns = header.landmarks.values() or [header.roles]
     axes = [axis for axis in OF_POINTS if any(axis in places for places in columns)]
-    values, names, cells = (_read_wide if header.landmarks else _read_long)(table, header, axes)
+    values, names, cells = (_read_wide if header.landmarks else _read_long)(
+        table, header, axes
+    )
     fields: dict[str, Any] = {}
     order = _by_number(names)
     if order is None:
@@ -138,11 +163,15 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
     if "confidence" in axes:
         points, confidence = values[..., :-1], values[..., -1]
     if not header.landmarks and {*header.names} >= METRES:
-        steps = np.ptp(table.numbers([header.names.index("frame"), header.names.index("time")]), 0)
+        steps = np.ptp(
+            table.numbers([header.names.index("frame"), header.names.index("time")]), 0
+        )
         rate = round(float(steps[0] / steps[1]), 6) if steps.all() else 1.0
         fields |= {"unit": "m", "frame_rate": None if rate == 1 else rate}
     elif header.others and not triangulated:
-        fields["notes"] = (f"columns left out: {abbreviate([*map(printable, header.others)])}",)
+        fields["notes"] = (
+            f"columns left out: {abbreviate([*map(printable, header.others)])}",
+        )
     if points.shape[2] == 3 and confidence is not None and not triangulated:
         points = points[..., :2]
     if "individual" in cells:
@@ -153,14 +182,20 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
         fields["frame"], rows = _frames(cells["frame"], fields.get("video"))
     labels = cells.get("item") or cells.get("frame")
     if labels and not {"frame", "sequence"} & cells.keys():
-        fields = {"individual": [""] * len(points), "unordered": not are_series(labels), **fields}
+        fields = {
+            "individual": [""] * len(points),
+            "unordered": not are_series(labels),
+            **fields,
+        }
     poses = of_bodies(path, points, confidence, labels=labels, **fields)
     return poses.take(rows) if "frame" in cells else poses
 
 
 def _read_wide(table: Table, header: Header, axes: Sequence[str]) -> Grid:
     """Read a table with a row per image."""
-    columns = sorted({at for places in header.landmarks.values() for at in places.values()})
+    columns = sorted(
+        {at for places in header.landmarks.values() for at in places.values()}
+    )
     numbers = table.numbers(columns, finite=True)
     numbers = np.column_stack([numbers, np.full(len(numbers), np.nan)])
     places = [
@@ -182,9 +217,13 @@ def _read_long(table: Table, header: Header, axes: Sequence[str]) -> Grid:
     rows: dict[tuple[int, int], int] = {}
     for row, (name, *key) in enumerate(zip(texts, *keys, strict=True)):
         image = images.setdefault(tuple(key), len(images))
-        first = rows.setdefault((image, landmarks.setdefault(name, len(landmarks))), row)
+        first = rows.setdefault(
+            (image, landmarks.setdefault(name, len(landmarks))), row
+        )
         if first != row:
-            problem = f"{name!r} of {' '.join(key)} is also in line {table.lines[first]}"
+            problem = (
+                f"{name!r} of {' '.join(key)} is also in line {table.lines[first]}"
+            )
             fix = "keep one body per image, or separate them by a column `sequence`"
             raise input_error(f"{table.path}:{table.lines[row]}", problem, fix)
     values = np.full((len(images), len(landmarks), len(axes)), np.nan)
@@ -202,7 +241,9 @@ def _by_number(names: Sequence[str]) -> Integers | None:
 
 
 def _individual(cell: str) -> str:
-    """Return an individual as files of detectors name it: 3 is `id 3`, -1 and nothing nobody."""
+    """Return an individual as files of detectors name it: 3 is `id 3`, -1 and nothing
+    nobody.
+    """
     (value,), wrong = read_numbers([cell])
     return printable(cell) if wrong.any() else name_individual(float(value))
 
@@ -210,15 +251,27 @@ def _individual(cell: str) -> str:
 def _whole_numbers(cells: Sequence[str]) -> list[int]:
     """Return cells as whole numbers. Raises ValueError for the first that is none."""
     values, _ = read_numbers(cells)
-    wrong = ~(np.abs(values) < 2.0**53) | (values % 1 != 0)  # beyond, numbers are not told apart
+    wrong = ~(np.abs(values) < 2.0**53) | (
+        values % 1 != 0
+    )  # beyond, numbers are not told apart
     unfit = [cells[row] for row in np.flatnonzero(wrong)[:1].tolist()]
-    require(not unfit, f"{unfit} is no whole number; number the frames, or call the column `item`")
+    require(
+        not unfit,
+        f"{unfit} is no whole number; number the frames, or call the column `item`",
+    )
     return [*map(int, values.tolist())]
 
 
-def _frames(cells: Sequence[str], videos: Sequence[str] | None) -> tuple[Integers, Integers]:
-    """Return the positions of frames in their videos, from the first on, and their order."""
-    frames, videos = np.array(_whole_numbers(cells), np.int64), videos or [""] * len(cells)
+def _frames(
+    cells: Sequence[str], videos: Sequence[str] | None
+) -> tuple[Integers, Integers]:
+    """Return the positions of frames in their videos, from the first on, and their
+    order.
+    """
+    frames, videos = (
+        np.array(_whole_numbers(cells), np.int64),
+        videos or [""] * len(cells),
+    )
     rank = {video: number for number, video in enumerate(dict.fromkeys(videos))}
     ranks = np.array([rank[video] for video in videos], np.intp)
     order = np.lexsort((frames, ranks))
@@ -227,13 +280,17 @@ def _frames(cells: Sequence[str], videos: Sequence[str] | None) -> tuple[Integer
 
 
 def read_caliscope(paths: tuple[Path, ...]) -> Poses:
-    """Read caliscope's CSV of MediaPipe's landmarks: a row per point of a frame of a camera.
+    """Read caliscope's CSV of MediaPipe's landmarks: a row per point of a frame of a
+    camera.
 
-    A port (or cam_id) is a video. Points 0 to 32 are the body and have the names of mediapipe_33;
-    hands (100, 200 and more) and face (500 and more) keep their numbers as names.
+    A port (or cam_id) is a video. Points 0 to 32 are the body and have the names of
+    mediapipe_33; hands (100, 200 and more) and face (500 and more) keep their numbers
+    as names.
     """
     poses = read_any_table(paths)
-    ids = _whole_numbers(poses.landmark_names or [*map(str, range(poses.points.shape[1]))])
+    ids = _whole_numbers(
+        poses.landmark_names or [*map(str, range(poses.points.shape[1]))]
+    )
     body = dict(enumerate(installed_skeletons()["mediapipe_33"].landmark_names))
     stem = paths[0].name.partition(".")[0]
     return replace(
@@ -246,7 +303,8 @@ def read_caliscope(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-# Arrays of landmarks without names: (n, p, 2), or 3 with a confidence; (p, 2 or 3) is one image.
+# Arrays of landmarks without names: (n, p, 2), or 3 with a confidence; (p, 2 or 3) is
+# one image.
 
 POINTS = ("landmarks", "keypoints", "points", "poses")
 SCORES = ("confidence", "scores", "keypoint_scores", "likelihood", "visibility")
@@ -254,11 +312,15 @@ WANTED = "give (images, landmarks, 2), or 3 with a confidence of 0 to 1"
 
 
 def read_array(paths: tuple[Path, ...]) -> Poses:
-    """Return the images of an array of NumPy, in .npz beside its confidences (n, p), or of JSON."""
+    """Return the images of an array of NumPy, in .npz beside its confidences (n, p), or
+    of JSON.
+    """
     path = paths[0]
     if path.name.lower().endswith((".json", ".json.gz")):
         return of_array(path, np.array(read_json(path), np.float64))
-    with parsing(path, "an array", f"{WANTED}; save it again with numpy.save, without objects"):
+    with parsing(
+        path, "an array", f"{WANTED}; save it again with numpy.save, without objects"
+    ):
         arrays = np.load(path, mmap_mode="r", allow_pickle=False)
         if not isinstance(arrays, np.lib.npyio.NpzFile):
             return of_array(path, arrays)
@@ -273,27 +335,43 @@ def read_array(paths: tuple[Path, ...]) -> Poses:
 def of_array(
     path: Path, points: NDArray[Any], scores: NDArray[Any] | None = None, **fields: Any
 ) -> Poses:
-    """Return the images of an array (n, p, 2 or 3) or (p, 2 or 3); `path` names it in messages.
+    """Return the images of an array (n, p, 2 or 3) or (p, 2 or 3); `path` names it in
+    messages.
 
-    Raises InputError for arrays of other shapes, and for a third number that is no confidence.
+    Raises InputError for arrays of other shapes, and for a third number that is no
+    confidence.
     """
     if points.ndim == 2:
         points, scores = points[None], None if scores is None else scores[None]
     with parsing(path, "an array of landmarks", WANTED):
-        numeric = points.dtype.kind in "biuf" and points.ndim == 3 and points.shape[2] in (2, 3)
+        numeric = (
+            points.dtype.kind in "biuf"
+            and points.ndim == 3
+            and points.shape[2] in (2, 3)
+        )
         require(numeric, f"{points.dtype} of the shape {points.shape}")
         points = points.astype(np.float64)
         if points.shape[2] == 3:
-            require(scores is None, "three numbers of each landmark beside its confidence")
+            require(
+                scores is None, "three numbers of each landmark beside its confidence"
+            )
             points, scores = points[..., :2], points[..., 2]
-            least, most = np.nanmin(scores, initial=np.inf), np.nanmax(scores, initial=-np.inf)
+            least, most = (
+                np.nanmin(scores, initial=np.inf),
+                np.nanmax(scores, initial=-np.inf),
+            )
             fits = not (least < 0 or most > 1)
-            require(fits, f"third numbers run from {least:g} to {most:g}, are they confidences?")
+            require(
+                fits,
+                f"third numbers run from {least:g} to {most:g}, are they confidences?",
+            )
         scores = None if scores is None else np.nan_to_num(scores.astype(np.float64))
         return of_bodies(path, points, scores, **fields)
 
 
-def of_bodies(path: Path, points: Floats, confidence: Floats | None, **fields: Any) -> Poses:
+def of_bodies(
+    path: Path, points: Floats, confidence: Floats | None, **fields: Any
+) -> Poses:
     """Return the poses of points (n, p, 2 or 3), one body per image.
 
     `fields` are those of `of_frames`. Raises ValueError for confidences below 0.

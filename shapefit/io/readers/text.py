@@ -25,9 +25,11 @@ _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
 
 def read_json(path: Path, *, keep: bool = False) -> Any:
-    """Return the content of a JSON file, and `keep` it for the next call: 0.7 of the time in all.
+    """Return the content of a JSON file, and `keep` it for the next call: 0.7 of the
+    time in all.
 
-    NaN and Infinity, which Python writes, are read, too. Raises InputError, naming the line.
+    NaN and Infinity, which Python writes, are read, too. Raises InputError, naming the
+    line.
     """
     state = os.stat(path)
     content = _parse_json(path, state.st_mtime_ns, state.st_size)
@@ -46,7 +48,9 @@ def _parse_json(path: Path, _time: int, _size: int) -> Any:
             if _NOT_JSON.search(data):
                 return json.loads(data)
         problem = f"is not whole JSON ({error.msg})"
-        raise input_error(f"{path}:{error.lineno}", problem, "make or copy it again") from error
+        raise input_error(
+            f"{path}:{error.lineno}", problem, "make or copy it again"
+        ) from error
 
 
 def decode(data: bytes) -> str:
@@ -62,15 +66,23 @@ def read_text(path: Path) -> str:
     text = decode(read_whole(path)).replace("\r\n", "\n").replace("\r", "\n")
     if "\0" in text:
         line = 1 + text.count("\n", 0, text.index("\0"))
-        raise input_error(f"{path}:{line}", "is not text (a zero byte)", "save it as CSV in UTF-8")
+        raise input_error(
+            f"{path}:{line}", "is not text (a zero byte)", "save it as CSV in UTF-8"
+        )
     return text
 
 
 def floats(words: Sequence[str], count: int | None = None) -> list[float]:
-    """Return words, so many, as finite numbers. Raises ValueError where they are none."""
+    """Return words, so many, as finite numbers. Raises ValueError where they are
+    none.
+    """
     require(len(words) == (count or len(words)), f"{len(words)} numbers, not {count}")
     values = read_numbers(words)[0].tolist()
-    wrong = [word for word, value in zip(words, values, strict=True) if not math.isfinite(value)]
+    wrong = [
+        word
+        for word, value in zip(words, values, strict=True)
+        if not math.isfinite(value)
+    ]
     require(not wrong, f"{wrong[0][:40] if wrong else ''!r} is no number")
     return values
 
@@ -80,7 +92,9 @@ EMPTY = {"", "na", "n/a", "#n/a", "none", "null", "-", "nan"}
 
 
 class Table(NamedTuple):
-    """The rows of a table (n,), their cells not yet divided, and their lines (n,) in the file."""
+    """The rows of a table (n,), their cells not yet divided, and their lines (n,) in
+    the file.
+    """
 
     path: Path
     names: Sequence[str]
@@ -97,7 +111,8 @@ class Table(NamedTuple):
     def numbers(self, columns: Sequence[int], *, finite: bool = False) -> Floats:
         """Return columns as numbers (n, ...), NaN for empty cells.
 
-        Raises InputError for cells that are no numbers, or, where all must be `finite`, infinite.
+        Raises InputError for cells that are no numbers, or, where all must be `finite`,
+        infinite.
         """
         if (plain := self._plain_numbers(columns)) is not None:
             return plain
@@ -111,12 +126,16 @@ class Table(NamedTuple):
             for row in np.flatnonzero(wrong)[:1].tolist():
                 name = printable(self.names[columns[number]])
                 problem = f"{printable(cells[row][:40])!r} is no number (column {name})"
-                fix = "write a number, or leave the cell empty where the landmark is missing"
+                fix = (
+                    "write a number, or leave the cell empty where the landmark is"
+                    " missing"
+                )
                 raise input_error(f"{self.path}:{self.lines[row]}", problem, fix)
         return values
 
     def _plain_numbers(self, columns: Sequence[int]) -> Floats | None:
-        """Return columns where all cells are plain numbers or empty; None where any is not.
+        """Return columns where all cells are plain numbers or empty; None where any is
+        not.
 
         JSON reads 21 MB of DeepLabCut's CSV in half the time that NumPy takes.
         """
@@ -141,10 +160,11 @@ def read_table(
     after: int,
     padded: bool = False,
 ) -> Table:
-    """Return the rows with any content in a text, after so many lines; quotes do not count.
+    """Return the rows with any content in a text, after so many lines; quotes do not
+    count.
 
-    `padded` rows may have other numbers of empty cells at their end. Raises InputError for rows of
-    other widths.
+    `padded` rows may have other numbers of empty cells at their end. Raises InputError
+    for rows of other widths.
     """
     blank = f" \t{delimiter}"
     numbered = enumerate(text.replace('"', "").split("\n"), 1)
@@ -158,4 +178,6 @@ def read_table(
         if count != len(names):
             problem = f"has {count} cells, not {len(names)}"
             raise input_error(f"{path}:{line}", problem, "write one cell per column")
-    return Table(path, names, [row for _, row in rows], [line for line, _ in rows], delimiter)
+    return Table(
+        path, names, [row for _, row in rows], [line for line, _ in rows], delimiter
+    )

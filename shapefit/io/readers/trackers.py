@@ -38,39 +38,58 @@ class TrackerFile(Hdf5File):
         return self.numbers(name) if self.is_dataset(name) else None
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a dataset of names; () where it is absent or empty, as SLEAP writes numbers."""
-        values = np.ravel(np.asarray(self.rows(name), object) if self.is_dataset(name) else ())
-        require(all(isinstance(value, str) for value in values), f"{name} holds no text")
+        """Return a dataset of names; () where it is absent or empty, as SLEAP writes
+        numbers.
+        """
+        values = np.ravel(
+            np.asarray(self.rows(name), object) if self.is_dataset(name) else ()
+        )
+        require(
+            all(isinstance(value, str) for value in values), f"{name} holds no text"
+        )
         return tuple(values.tolist())
 
     def text(self, attribute: str, node: str = "/") -> str:
         """Return an attribute as text; "" for none."""
         value = self.attribute(attribute, node) or ""
-        return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
+        return (
+            value.decode("utf-8", "backslashreplace")
+            if isinstance(value, bytes)
+            else str(value)
+        )
 
     def number(self, attribute: str, node: str = "/") -> float:
         """Return an attribute that is a number above 0; 0 for none."""
         return max(float(self.attribute(attribute, node) or 0), 0.0)
 
     def edges(self, name: str, count: int) -> Edges:
-        """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or empty."""
-        pairs = self.numbers(name).reshape(-1, 2) if self.is_dataset(name) else np.empty((0, 2))
-        require(((pairs >= 0) & (pairs < count)).all(), f"{name} points at no landmarks")
+        """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or
+        empty.
+        """
+        pairs = (
+            self.numbers(name).reshape(-1, 2)
+            if self.is_dataset(name)
+            else np.empty((0, 2))
+        )
+        require(
+            ((pairs >= 0) & (pairs < count)).all(), f"{name} points at no landmarks"
+        )
         return tuple((int(a), int(b)) for a, b in pairs)
 
 
-# SLEAP: the analysis HDF5, an array of all tracks, and .slp, tables of frames and instances.
+# SLEAP: the analysis HDF5, an array of all tracks, and .slp, tables of frames and
+# instances.
 
 SLEAP_ORDER = ("track", "xy", "node", "frame")
 FRAMES_FIRST = ("frame", "track", "node", "xy")
 
 
 def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
-    """Read an analysis file, whose array `tracks` is (track, xy, node, frame), as SLEAP writes it,
-    or (frame, track, node, xy).
+    """Read an analysis file, whose array `tracks` is (track, xy, node, frame), as SLEAP
+    writes it, or (frame, track, node, xy).
 
-    Newer files name the axes in the attribute `dims`; in older ones the lengths decide: those of
-    `node_names`, and of `track_occupancy` (frame, track).
+    Newer files name the axes in the attribute `dims`; in older ones the lengths decide:
+    those of `node_names`, and of `track_occupancy` (frame, track).
     """
     with TrackerFile(paths[0]) as file:
         nodes, names = file.texts("node_names"), file.texts("track_names")
@@ -86,12 +105,17 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
         axes = [*map(str, dims if isinstance(dims, list) else json.loads(dims))]
     # any order -> (frame, track, node, xy)
     points = tracks.transpose([axes.index(axis) for axis in FRAMES_FIRST])
-    require(points.shape[2:] == (len(nodes), 2), f"tracks {tracks.shape} of {len(nodes)} nodes")
+    require(
+        points.shape[2:] == (len(nodes), 2),
+        f"tracks {tracks.shape} of {len(nodes)} nodes",
+    )
     if scores is not None:
         axes.remove("xy")
         scores = scores.transpose([axes.index(axis) for axis in FRAMES_FIRST[:3]])
     many = points.shape[1]
-    names = tuple(name or f"track_{number}" for number, name in enumerate(names or ("",) * many))
+    names = tuple(
+        name or f"track_{number}" for number, name in enumerate(names or ("",) * many)
+    )
     return of_frames(
         paths[0],
         points,
@@ -107,10 +131,12 @@ USER, PREDICTED = 0, 1
 
 
 def read_slp(paths: tuple[Path, ...]) -> Poses:
-    """Read a .slp file of one skeleton: tables of labelled frames, their instances and points.
+    """Read a .slp file of one skeleton: tables of labelled frames, their instances and
+    points.
 
-    An instance that a user placed replaces the predicted one from which it was made, or which has
-    its track in the frame. Before version 1.1 the middle of the first pixel was at 0.5.
+    An instance that a user placed replaces the predicted one from which it was made, or
+    which has its track in the frame. Before version 1.1 the middle of the first pixel
+    was at 0.5.
     """
     with TrackerFile(paths[0]) as file:
         tracks = [str(json.loads(text)[1]) for text in file.texts("tracks_json")]
@@ -120,25 +146,38 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
         frames, instances = file.rows("frames"), file.rows("instances")
         tables = [file.rows("points"), file.rows("pred_points")]
     frames = frames[np.lexsort((frames["frame_idx"], frames["video"]))]
-    start, end = (frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end"))
+    start, end = (
+        frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end")
+    )
     exist = (start >= 0) & (end >= start) & (end <= len(instances))
     require(exist.all(), "frames of instances that it does not hold")
     of_frame = np.repeat(np.arange(len(frames)), end - start)
     rows = [np.arange(*ends) for ends in zip(start.tolist(), end.tolist(), strict=True)]
     instances = instances[np.concatenate([np.empty(0, int), *rows])]
-    video, frame = (frames[name][of_frame].astype(int) for name in ("video", "frame_idx"))
+    video, frame = (
+        frames[name][of_frame].astype(int) for name in ("video", "frame_idx")
+    )
     track, kind = (instances[name].astype(int) for name in ("track", "instance_type"))
-    first, last = (instances[f"point_id_{name}"].astype(np.int64) for name in ("start", "end"))
+    first, last = (
+        instances[f"point_id_{name}"].astype(np.int64) for name in ("start", "end")
+    )
     exist = (track >= -1) & (track < len(tracks)) & (instances["skeleton"] == 0)
-    exist &= (video >= 0) & (video < (len(videos) or 1)) & np.isin(kind, (USER, PREDICTED))
+    exist &= (
+        (video >= 0) & (video < (len(videos) or 1)) & np.isin(kind, (USER, PREDICTED))
+    )
     exist &= (first >= 0) & (last - first == len(names))
-    require(exist.all(), "instances of tracks, skeletons, videos or points that it does not hold")
+    require(
+        exist.all(),
+        "instances of tracks, skeletons, videos or points that it does not hold",
+    )
     points = np.full((len(instances), len(names), 3), np.nan)  # x, y, score
     for number, table in enumerate(tables):
         mine = kind == number
         cells = table[first[mine, None] + np.arange(len(names))]
         for place, axis in enumerate("xy"):
-            points[mine, :, place] = np.where(cells["visible"], cells[axis] - shift, np.nan)
+            points[mine, :, place] = np.where(
+                cells["visible"], cells[axis] - shift, np.nan
+            )
         if number == PREDICTED:
             points[mine, :, 2] = cells["score"]
     user = kind == USER
@@ -149,11 +188,17 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     replaced = ~user & (replaced | np.isin(instances["instance_id"], origins))
     lost = int(replaced.sum())
     individuals = (*make_unique(tracks), "")
-    files = [about.get("filename") or about["backend"].get("filename") for about in videos]
-    video_names = make_unique([PureWindowsPath(str(name or "video")).stem for name in files])
+    files = [
+        about.get("filename") or about["backend"].get("filename") for about in videos
+    ]
+    video_names = make_unique(
+        [PureWindowsPath(str(name or "video")).stem for name in files]
+    )
     return Poses(
         name=str(paths[0]),
-        video=[video_names[n] for n in video] if len(videos) > 1 else video_name(paths[0]),
+        video=(
+            [video_names[n] for n in video] if len(videos) > 1 else video_name(paths[0])
+        ),
         points=points[..., :2],
         confidence=None if np.isnan(points[~replaced, :, 2]).all() else points[..., 2],
         frame=frame,
@@ -162,12 +207,15 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
         landmark_names=names,
         unit="px",
         edges=edges,
-        notes=(f"{lost} predicted instances replaced by those that a user placed",) * bool(lost),
+        notes=(f"{lost} predicted instances replaced by those that a user placed",)
+        * bool(lost),
     ).take(~replaced)
 
 
 def _read_skeleton(about: Any) -> tuple[tuple[str, ...], Edges]:
-    """Return the nodes of the one skeleton, and its edges: links whose type, or its place, is 1."""
+    """Return the nodes of the one skeleton, and its edges: links whose type, or its
+    place, is 1.
+    """
     (skeleton,) = about["skeletons"]
     ids = [node["id"] for node in skeleton["nodes"]]
     types: list[int] = []
@@ -185,16 +233,44 @@ def _read_skeleton(about: Any) -> tuple[tuple[str, ...], Edges]:
 # JABS and movement.
 
 MOUSE = (
-    *("NOSE", "LEFT_EAR", "RIGHT_EAR", "BASE_NECK", "LEFT_FRONT_PAW", "RIGHT_FRONT_PAW"),
-    *("CENTER_SPINE", "LEFT_REAR_PAW", "RIGHT_REAR_PAW", "BASE_TAIL", "MID_TAIL", "TIP_TAIL"),
+    *(
+        "NOSE",
+        "LEFT_EAR",
+        "RIGHT_EAR",
+        "BASE_NECK",
+        "LEFT_FRONT_PAW",
+        "RIGHT_FRONT_PAW",
+    ),
+    *(
+        "CENTER_SPINE",
+        "LEFT_REAR_PAW",
+        "RIGHT_REAR_PAW",
+        "BASE_TAIL",
+        "MID_TAIL",
+        "TIP_TAIL",
+    ),
 )
 """The landmarks of JABS, which its files do not name."""
 
-LINES = ((0, 1), (0, 2), (0, 3), (3, 6), (6, 9), (9, 10), (10, 11), (6, 4), (6, 5), (9, 7), (9, 8))
+LINES = (
+    (0, 1),
+    (0, 2),
+    (0, 3),
+    (3, 6),
+    (6, 9),
+    (9, 10),
+    (10, 11),
+    (6, 4),
+    (6, 5),
+    (9, 7),
+    (9, 8),
+)
 
 
 def read_jabs(paths: tuple[Path, ...]) -> Poses:
-    """Read version 2 of JABS, of one mouse: (frame, point, [y, x]), missing with confidence 0."""
+    """Read version 2 of JABS, of one mouse: (frame, point, [y, x]), missing with
+    confidence 0.
+    """
     with TrackerFile(paths[0]) as file:
         points = file.numbers("poseest/points")[..., ::-1]
         confidence = file.numbers("poseest/confidence")
@@ -212,8 +288,8 @@ AXES = ("time", "individual", "keypoint", "space")
 
 
 def read_movement(paths: tuple[Path, ...]) -> Poses:
-    """Read movement's netCDF, which is HDF5: `position` over time, space, keypoints, individuals,
-    in any order; newer versions say `keypoint` and `individual`.
+    """Read movement's netCDF, which is HDF5: `position` over time, space, keypoints,
+    individuals, in any order; newer versions say `keypoint` and `individual`.
     """
     with TrackerFile(paths[0]) as file:
         kind = file.text("ds_type")
@@ -222,10 +298,13 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
         scored = file.is_dataset("confidence")
         confidence = _arranged(file, "confidence", AXES[:3]) if scored else None
         individuals, landmarks, space = (
-            file.texts(axis if file.is_dataset(axis) else f"{axis}s") for axis in AXES[1:]
+            file.texts(axis if file.is_dataset(axis) else f"{axis}s")
+            for axis in AXES[1:]
         )
         rate = file.number("fps")
-    require(space == tuple("xyz"[: points.shape[3]]), f"the coordinates {', '.join(space)}")
+    require(
+        space == tuple("xyz"[: points.shape[3]]), f"the coordinates {', '.join(space)}"
+    )
     return of_frames(
         paths[0],
         points,
@@ -252,11 +331,15 @@ def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
 POSES_OF_NWB = ("PoseEstimationSeries", "PoseEstimation")
 UNITS = {"m": "m", "meter": "m", "meters": "m", "metres": "m"}
 
-Series = tuple[Floats, Floats, Floats, float, str]  # points, confidence, times, rate or 0, unit
+Series = tuple[
+    Floats, Floats, Floats, float, str
+]  # points, confidence, times, rate or 0, unit
 
 
 def read_nwb(paths: tuple[Path, ...]) -> Poses:
-    """Read all PoseEstimations of `processing`; ValueError where there is none, or one twice."""
+    """Read all PoseEstimations of `processing`; ValueError where there is none, or one
+    twice.
+    """
     series: dict[tuple[str, str], Series] = {}
     with TrackerFile(paths[0]) as file:
         groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
@@ -265,14 +348,19 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
             if (kinds[name], kinds.get(name.rpartition("/")[0])) == POSES_OF_NWB:
                 *_, animal, landmark = name.split("/")
                 once = (animal, landmark) not in series
-                require(once, "animals of one name in several modules; save each in its own file")
+                require(
+                    once,
+                    "animals of one name in several modules; save each in its own file",
+                )
                 series[animal, landmark] = _read_series(file, name)
         require(series, "no PoseEstimation (ndx-pose), so no landmarks")
         skeleton = next((name for name in groups if file.texts(f"{name}/nodes")), "")
         nodes = file.texts(f"{skeleton}/nodes")
         pairs = file.edges(f"{skeleton}/edges", len(nodes))
     landmarks = [*dict.fromkeys(landmark for _, landmark in series)]
-    names = [*dict.fromkeys([*(node for node in nodes if node in landmarks), *landmarks])]
+    names = [
+        *dict.fromkeys([*(node for node in nodes if node in landmarks), *landmarks])
+    ]
     animals = [*dict.fromkeys(animal for animal, _ in series)]
     all_points, _, all_times, all_rates, all_units = zip(*series.values(), strict=True)
     axes, units = {points.shape[1] for points in all_points}, {*all_units}
@@ -316,7 +404,9 @@ def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
-    """Return points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, and unit."""
+    """Return points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, and
+    unit.
+    """
     data, start, rate = f"{group}/data", f"{group}/starting_time", 0.0
     points = file.numbers(data) * (file.number("conversion", data) or 1.0)
     points += file.attribute("offset", data) or 0.0
@@ -331,4 +421,10 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     require(rising, f"the times of {group} do not increase")
     fits = times.shape == confidence.shape == points.shape[:-1]
     require(fits, f"{group} has other numbers of points, times and confidences")
-    return points, confidence, times, rate, UNITS.get(file.text("unit", data).lower(), UNKNOWN_UNIT)
+    return (
+        points,
+        confidence,
+        times,
+        rate,
+        UNITS.get(file.text("unit", data).lower(), UNKNOWN_UNIT),
+    )

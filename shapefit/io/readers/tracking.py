@@ -4,9 +4,10 @@ In each frame the assignment of detections to tracks that minimises
 
     sum of d / reach + (1 - overlap) / 2
 
-over the pairs with d <= reach, after as many pairs as possible: d is the mean distance of their
-landmarks, after the smooth motion of the track, relative to the size of the person; overlap is
-that of their boxes (intersection over union). No learned appearance, nothing beyond one pass.
+over the pairs with d <= reach, after as many pairs as possible: d is the mean distance
+of their landmarks, after the smooth motion of the track, relative to the size of the
+person; overlap is that of their boxes (intersection over union). No learned appearance,
+nothing beyond one pass.
 """
 
 from __future__ import annotations
@@ -22,19 +23,25 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.io.readers.poses import Poses
 
 REACH, REACH_PER_GAP, FARTHEST = 0.35, 0.1, 1.0
-"""How far landmarks go in a frame beyond the motion so far, in diagonals of the box (who runs
-crosses a fifth of it at 30 Hz); what each missed frame adds; and the largest reach."""
+"""How far landmarks go in a frame beyond the motion so far, in diagonals of the box
+(who runs crosses a fifth of it at 30 Hz); what each missed frame adds; and the largest
+reach.
+"""
 
-LONGEST_GAP, SMOOTH_MOTION = 15, 3  # frames that a track goes on unseen, and is expected to move
+LONGEST_GAP, SMOOTH_MOTION = (
+    15,
+    3,
+)  # frames that a track goes on unseen, and is expected to move
 
 FORGETTING = 0.3  # share of a frame's motion in the smooth motion of a track
 
 
 class _Detections(NamedTuple):
-    """N detections; the last one of a track also has the landmarks that were seen before.
+    """N detections; the last one of a track also has the landmarks that were seen
+    before.
 
-    points (N, p, 2 or 3), weights (N, p), frame (N,), motion (N, 2) in pixels a frame, boxes (N, 4)
-    of least and largest x and y, and size (N,), their diagonals.
+    points (N, p, 2 or 3), weights (N, p), frame (N,), motion (N, 2) in pixels a frame,
+    boxes (N, 4) of least and largest x and y, and size (N,), their diagonals.
     """
 
     points: Floats
@@ -63,7 +70,9 @@ def track_people(poses: Poses) -> Sequence[str] | None:
     boxes = np.concatenate([low, high], axis=1)
     size = np.maximum(np.sqrt(((high - low) ** 2).sum(axis=1)), 1e-9)
     motion = np.zeros((len(poses), 2))
-    detections = _Detections(points, weights, np.asarray(poses.frame), motion, boxes, size)
+    detections = _Detections(
+        points, weights, np.asarray(poses.frame), motion, boxes, size
+    )
     anonymous = np.array([not who for who in poses.individual], bool)
     rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
     videos, frames = poses.videos, poses.frame.tolist()
@@ -87,11 +96,15 @@ def track_people(poses: Poses) -> Sequence[str] | None:
     taken = set(poses.individual)
     free = (name for n in count(1) if (name := f"person {n}") not in taken)
     names = [*islice(free, following), ""]  # the last is that of -1
-    return [who or names[n] for who, n in zip(poses.individual, number.tolist(), strict=True)]
+    return [
+        who or names[n]
+        for who, n in zip(poses.individual, number.tolist(), strict=True)
+    ]
 
 
 def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Integers:
-    """Return which tracks (T,) go on in which detections (D,) of a frame, as pairs (2, m).
+    """Return which tracks (T,) go on in which detections (D,) of a frame, as pairs (2,
+    m).
 
     Landmarks that a detection lacks are taken from its track, and move as that does.
     """
@@ -100,7 +113,10 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
     expected = detections.points[tracks]
     expected[..., :2] += steps[:, None]
 
-    boxes, others = (detections.boxes[tracks] + np.tile(steps, 2))[:, None], detections.boxes[rows]
+    boxes, others = (
+        (detections.boxes[tracks] + np.tile(steps, 2))[:, None],
+        detections.boxes[rows],
+    )
     reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
     scale = np.maximum(detections.size[tracks, None], detections.size[rows])
     difference = detections.points[rows] - expected[:, None]
@@ -114,7 +130,9 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
         middle = (others[:, :2] + others[:, 2:] - boxes[..., :2] - boxes[..., 2:]) / 2
         distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
     ratio = distance / (scale * reach[:, None])
-    sides = np.minimum(boxes[..., 2:], others[:, 2:]) - np.maximum(boxes[..., :2], others[:, :2])
+    sides = np.minimum(boxes[..., 2:], others[:, 2:]) - np.maximum(
+        boxes[..., :2], others[:, :2]
+    )
     shared = np.maximum(sides, 0).prod(axis=-1)
     areas = sum((box[..., 2:] - box[..., :2]).prod(axis=-1) for box in (boxes, others))
     overlap = shared / np.maximum(areas - shared, 1e-12)
@@ -131,7 +149,9 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
     motion = smooth + FORGETTING * (mean / passed[who, None] - smooth)
     detections.motion[after] = np.where(number > 0, motion, smooth)
     detections.points[after] = np.where(np.isnan(points), expected[who], points)
-    detections.size[after] = np.maximum(detections.size[after], 0.95 * detections.size[before])
+    detections.size[after] = np.maximum(
+        detections.size[after], 0.95 * detections.size[before]
+    )
     return np.array([who, which])
 
 

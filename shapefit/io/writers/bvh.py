@@ -1,4 +1,6 @@
-"""Write motions as BVH (metres, y up): bones that turn so that they follow the landmarks."""
+"""Write motions as BVH (metres, y up): bones that turn so that they follow the
+landmarks.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 
 
 def write_bvh(path: Path, motion: Motion) -> str:
-    """Write one motion, gaps bridged in straight lines; say how far joints are from the landmarks.
+    """Write one motion, gaps bridged in straight lines; say how far joints are from the
+    landmarks.
 
     Raises InputError where no edge joins two landmarks that have a place.
     """
@@ -37,10 +40,16 @@ def write_bvh(path: Path, motion: Motion) -> str:
     column = np.cumsum(placed) - 1
     edges = column[motion.edges[placed[motion.edges].all(axis=1)]]
     if not len(edges):
-        problem = "no edge joins two landmarks that have a place, so there are no bones to turn"
+        problem = (
+            "no edge joins two landmarks that have a place, so there are no bones to"
+            " turn"
+        )
         fix = "write TRC or C3D, or lift with a dictionary that has `edges`"
         raise input_error(path.name, problem, fix)
-    points, landmarks = points[:, :, placed], np.array(motion.landmark_names, dtype=object)[placed]
+    points, landmarks = (
+        points[:, :, placed],
+        np.array(motion.landmark_names, dtype=object)[placed],
+    )
     parts = _parts(motion.landmark_names)
     rows = [parts.get(name, {}) for name in landmarks]
     hips = [j for j, row in enumerate(rows) if row.get("joint") == "Hips"]
@@ -50,13 +59,20 @@ def write_bvh(path: Path, motion: Motion) -> str:
     table = np.hstack([rig.root, angles]).round(DECIMALS)
     text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
     with path.open("wb") as file:
-        head = "\n".join(["HIERARCHY", *_joint_lines(rig, _names(rig, landmarks, rows)), "MOTION"])
-        file.write(f"{head}\nFrames: {len(points)}\nFrame Time: {1 / motion.rate:.10g}\n".encode())
+        head = "\n".join(
+            ["HIERARCHY", *_joint_lines(rig, _names(rig, landmarks, rows)), "MOTION"]
+        )
+        frame_time = f"{1 / motion.rate:.10g}"
+        head += f"\nFrames: {len(points)}\nFrame Time: {frame_time}\n"
+        file.write(head.encode())
         file.write(text.replace(b"],[", b"\n").replace(b",", b" ") + b"\n")
     truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
     far = 1000 * np.linalg.norm(forward_kinematics(rig) - truth, axis=2)
     joints = f"joints of {motion.name}" if motion.name else "joints"
-    return f"{joints} {far.mean():.1f} mm from the landmarks on average, {far.max():.1f} at most"
+    return (
+        f"{joints} {far.mean():.1f} mm from the landmarks on average,"
+        f" {far.max():.1f} at most"
+    )
 
 
 def _without_gaps(points: Floats) -> Floats:
@@ -70,7 +86,9 @@ def _without_gaps(points: Floats) -> Floats:
 
 
 def _parts(names: tuple[str, ...]) -> dict[str, Mapping[str, Any]]:
-    """Return the rows of `data/bvh.toml` by the landmarks of a person; none of others."""
+    """Return the rows of `data/bvh.toml` by the landmarks of a person; none of
+    others.
+    """
     parts = part_names(names)
     person = set(parts.values()) >= {f"{side}{limb}" for side in "lr" for limb in LIMBS}
     return {name: _rows().get(part, {}) for name, part in parts.items() if person}
@@ -82,7 +100,10 @@ def _rows() -> dict[str, dict[str, Any]]:
     data = tomllib.loads(file.read_text(encoding="utf-8"))
     rows: dict[str, dict[str, Any]] = data["middle"]
     for part, row in data["side"].items():
-        (x, y, z), names = row["rest"], {key: row[key] for key in ("joint", "bone") if key in row}
+        (x, y, z), names = (
+            row["rest"],
+            {key: row[key] for key in ("joint", "bone") if key in row},
+        )
         for side, word, sign in (("l", "Left", 1), ("r", "Right", -1)):
             of_side = {key: f"{word}{name}" for key, name in names.items()}
             rows[f"{side}{part}"] = {**of_side, "rest": [sign * x, y, z]}
@@ -90,16 +111,20 @@ def _rows() -> dict[str, dict[str, Any]]:
 
 
 def find_angles(rotations: Floats) -> Floats:
-    """R = R_z(a) R_x(b) R_y(c): angles (m, f, 3), in radians, of rotations (m, f, 3, 3).
+    """R = R_z(a) R_x(b) R_y(c): angles (m, f, 3), in radians, of rotations (m, f, 3,
+    3).
 
-    They change as little as can be from frame to frame: a, b, c and a + pi, pi - b, c + pi are one
-    rotation, and so are angles that differ by 2 pi.
+    They change as little as can be from frame to frame: a, b, c and a + pi, pi - b, c +
+    pi are one rotation, and so are angles that differ by 2 pi.
     """
     R = rotations
     a = np.arctan2(-R[..., 0, 1], R[..., 1, 1])
     b = np.arcsin(np.clip(R[..., 2, 1], -1, 1))
     c = np.arctan2(-R[..., 2, 0], R[..., 2, 2])
-    one, other = np.stack([a, b, c], axis=-1), np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1)
+    one, other = (
+        np.stack([a, b, c], axis=-1),
+        np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1),
+    )
 
     def change(start: Floats, end: Floats) -> Floats:
         turn = (end - start + np.pi) % (2 * np.pi) - np.pi
@@ -111,7 +136,9 @@ def find_angles(rotations: Floats) -> Floats:
     return np.unwrap(one, axis=1)
 
 
-def _joint_lines(rig: Rig, names: list[str], number: int = 0, tabs: str = "") -> Iterator[str]:
+def _joint_lines(
+    rig: Rig, names: list[str], number: int = 0, tabs: str = ""
+) -> Iterator[str]:
     """Yield the lines of a node at rest and of all below it."""
     below = [k for k, node in enumerate(rig.tree) if node.above == number]
     yield f"{tabs}{'JOINT' if number else 'ROOT'} {names[number]}"
@@ -132,7 +159,9 @@ def _triple(vector: Floats) -> str:
 
 
 def _names(rig: Rig, landmarks: Floats, rows: list[Mapping[str, Any]]) -> list[str]:
-    """Name each node of a rig by its landmark; one that only leads to another, by both."""
+    """Name each node of a rig by its landmark; one that only leads to another, by
+    both.
+    """
     names: list[str] = []
     for node in rig.tree:
         name = rows[node.joint].get("joint", landmarks[node.joint])

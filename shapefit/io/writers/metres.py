@@ -1,4 +1,6 @@
-"""Shapes and results in metres and upright: what was measured in pixels never passes for metres."""
+"""Shapes and results in metres and upright: what was measured in pixels never passes
+for metres.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +22,29 @@ from shapefit.io.skeletons import joint_columns
 Shapes3D = ShapeSet | ResultSet
 
 CAMERA_TRANSLATION = "camera_translation"
-EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = "extrinsic_rotation", "extrinsic_translation"
-"""Datasets of the file or of each image: X_camera = R X_world + t, in metres; z away from it."""
+EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = (
+    "extrinsic_rotation",
+    "extrinsic_translation",
+)
+"""Datasets of the file or of each image: X_camera = R X_world + t, in metres; z away
+from it.
+"""
 
 ANKLE_TO_SHOULDER = 0.818 - 0.039
-"""Share of the height of a person between the heights of ankles and shoulders (R. Drillis and R.
-Contini, Body segment parameters, 1966)."""
+"""Share of the height of a person between the heights of ankles and shoulders (R.
+Drillis and R. Contini, Body segment parameters, 1966).
+"""
 
-EXTENT_PERCENTILE = 95.0  # of the frames of a sequence: a few that went wrong do not count
+EXTENT_PERCENTILE = (
+    95.0  # of the frames of a sequence: a few that went wrong do not count
+)
 FARTHEST = 100.0  # metres from a camera to the origin of its world in any room or arena
 
 
 class MetricShapes(NamedTuple):
-    """points (n, 3, p) in metres; factor (n,), metres in a unit; where axes and size come from."""
+    """points (n, 3, p) in metres; factor (n,), metres in a unit; where axes and size
+    come from.
+    """
 
     points: Floats
     factor: Floats
@@ -46,8 +58,9 @@ def in_metres(
 ) -> MetricShapes:
     """Return one sequence in metres.
 
-    Results have y up, shapes keep their axes unless `up` turns them. On a floor y = 0 is the floor,
-    and x = z = 0 the camera. Raises InputError at `place` where the size is unknown.
+    Results have y up, shapes keep their axes unless `up` turns them. On a floor y = 0
+    is the floor, and x = z = 0 the camera. Raises InputError at `place` where the size
+    is unknown.
     """
     turn, axes = _turn(records, options, place)
     upright = turn @ records.points
@@ -56,25 +69,37 @@ def in_metres(
         return MetricShapes(factor[:, None, None] * upright, factor, axes, size)
     if not {CAMERA_TRANSLATION, "translation", "scale"} <= records.columns.keys():
         points = _in_the_image(upright, factor)
-        return MetricShapes(points, factor, f"{axes}; lowest landmark at height 0", size)
+        return MetricShapes(
+            points, factor, f"{axes}; lowest landmark at height 0", size
+        )
     points, far = _from_the_camera(records, factor, place)
     points = turn @ points
     axes = f"{axes}; position from the camera"
     if floor is not None:
         points, axes = floor.stand(points), f"y up from the floor; {floor}"
-    warning = f"the camera is {far:.0f} m from the origin of its world: if its extrinsics are in "
+    warning = (
+        f"the camera is {far:.0f} m from the origin of its world: if its extrinsics"
+        " are in "
+    )
     warning += "millimetres, divide their translation by 1000"
-    return MetricShapes(points, factor, axes, size, (warning,) if far > FARTHEST else ())
+    return MetricShapes(
+        points, factor, axes, size, (warning,) if far > FARTHEST else ()
+    )
 
 
 def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
     """(|ankle knee| + |knee hip| + |hips shoulders|) / 0.779 along the body: (n,).
 
-    shapes (n, 3, p); legs are the mean of both, hips and shoulders the middles of theirs. None
-    where the landmarks are not those of a person with hips, knees, ankles and shoulders.
+    shapes (n, 3, p); legs are the mean of both, hips and shoulders the middles of
+    theirs. None where the landmarks are not those of a person with hips, knees, ankles
+    and shoulders.
     """
     column = joint_columns(names)
-    joints = [f"{side}{joint}" for side in "lr" for joint in ("hip", "knee", "ankle", "shoulder")]
+    joints = [
+        f"{side}{joint}"
+        for side in "lr"
+        for joint in ("hip", "knee", "ankle", "shoulder")
+    ]
     if not set(joints) <= column.keys():
         return None
     at = {joint: shapes[:, :, column[joint]] for joint in joints}
@@ -86,12 +111,16 @@ def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
 
 
 def flip(records: Shapes3D) -> Floats:
-    """Return the signs (3,) between the frame of results and x right, y down, z away."""
+    """Return the signs (3,) between the frame of results and x right, y down, z
+    away.
+    """
     return np.array([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.ones(3)
 
 
 def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats, str]:
-    """Return the rotations that turn shapes so that y is up, and where up comes from."""
+    """Return the rotations that turn shapes so that y is up, and where up comes
+    from.
+    """
     up = options.up
     if isinstance(records, ShapeSet):
         axes = "axes as in the shapes" if up is None else f"y up, which was {up}"
@@ -110,8 +139,9 @@ def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats
 def _factor(
     records: Shapes3D, upright: Floats, options: OutputOptions, place: str
 ) -> tuple[Floats, str]:
-    """Return the metres (n,) in a unit of each shape, and by what: the height, the unit, or the
-    training shapes, for all shapes the same unless edges say their lengths.
+    """Return the metres (n,) in a unit of each shape, and by what: the height, the
+    unit, or the training shapes, for all shapes the same unless edges say their
+    lengths.
     """
     n, unit = len(records), records.unit
     if options.unit and metres_in(unit) not in (None, metres_in(options.unit)):
@@ -138,16 +168,23 @@ def _factor(
         y = whole[:, None] * upright[:, 1]
         extents = np.fmax.reduce(y, axis=1) - np.fmin.reduce(y, axis=1)
         extents = extents[np.isfinite(extents)]
-        tall = float(np.percentile(extents, EXTENT_PERCENTILE)) if len(extents) else np.nan
+        tall = (
+            float(np.percentile(extents, EXTENT_PERCENTILE)) if len(extents) else np.nan
+        )
     elif factor is None and isinstance(records, ResultSet):
         whole, tall = 1 / np.where(stature > 0, stature, np.nan), 1.0
     else:
         tall = finite_median(whole * stature)
-    return whole * (options.height / tall if tall > 0 else np.nan), f"height {options.height:g} m"
+    return (
+        whole * (options.height / tall if tall > 0 else np.nan),
+        f"height {options.height:g} m",
+    )
 
 
 def _in_the_image(upright: Floats, factor: Floats) -> Floats:
-    """Place shapes of unknown depth in the plane of the image, the first at 0, the lowest y 0."""
+    """Place shapes of unknown depth in the plane of the image, the first at 0, the
+    lowest y 0.
+    """
     middle = upright.mean(axis=2, keepdims=True)
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
     if not len(placed):
@@ -158,10 +195,14 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
     return points
 
 
-def _from_the_camera(records: ResultSet, factor: Floats, place: str) -> tuple[Floats, float]:
-    """X = factor (shape - its origin in the image + scale t), from the world's origin if known.
+def _from_the_camera(
+    records: ResultSet, factor: Floats, place: str
+) -> tuple[Floats, float]:
+    """X = factor (shape - its origin in the image + scale t), from the world's origin
+    if known.
 
-    Returns X in the frame of the shapes, and the metres from the camera to the world's origin.
+    Returns X in the frame of the shapes, and the metres from the camera to the world's
+    origin.
     """
     t = _per_item(records, CAMERA_TRANSLATION, (3,), place)
     shapes = records.shapes.copy()
@@ -174,13 +215,19 @@ def _from_the_camera(records: ResultSet, factor: Floats, place: str) -> tuple[Fl
     return X - (world * flip(records))[..., None], far
 
 
-def _per_item(records: ResultSet, name: str, shape: tuple[int, ...], place: str) -> Floats | None:
-    """Return a dataset of the file or of each item for each item (n, ...); None without it."""
+def _per_item(
+    records: ResultSet, name: str, shape: tuple[int, ...], place: str
+) -> Floats | None:
+    """Return a dataset of the file or of each item for each item (n, ...); None without
+    it.
+    """
     values = records.columns.get(name)
     if values is None:
         return None
     whole = (len(records), *shape)
     if values.shape not in (shape, whole) or values.dtype.kind not in "fiu":
         fix = f"give numbers of the shape {shape}, or one such for each image"
-        raise input_error(place, f"its dataset {name} has the shape {values.shape}", fix)
+        raise input_error(
+            place, f"its dataset {name} has the shape {values.shape}", fix
+        )
     return np.broadcast_to(np.asarray(values, np.float64), whole)

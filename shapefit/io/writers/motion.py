@@ -1,4 +1,6 @@
-"""Motion in metres: records parted into sequences, with joint angles, on a floor; their writer."""
+"""Motion in metres: records parted into sequences, with joint angles, on a floor; their
+writer.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,14 @@ from shapefit.geometry.floor import Body, Floor, find_floor
 from shapefit.geometry.joint_angles import measurable_angles, measure_angles
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import check_output, file_stem, staged_files
-from shapefit.io.layout import EDGES, FRAME, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, METRES_PER_UNIT
+from shapefit.io.layout import (
+    EDGES,
+    FRAME,
+    INPUT_NAMES,
+    INPUT_SD,
+    INPUT_SHAPES,
+    METRES_PER_UNIT,
+)
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
 from shapefit.io.readers.poses import make_unique
 from shapefit.io.records import Names, ResultSet, concatenate
@@ -39,15 +48,31 @@ ANGLES, ANGLE_SD = "joint_angles", "joint_angle_sd"
 """Columns (n, a) of records on their way to a file of motion, in degrees."""
 
 RETAINED = {
-    *("shapes", "translation", "scale", "shape_sd", "focal", "principal_point", "landmarks"),
-    *(EDGES, METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),
+    *(
+        "shapes",
+        "translation",
+        "scale",
+        "shape_sd",
+        "focal",
+        "principal_point",
+        "landmarks",
+    ),
+    *(
+        EDGES,
+        METRES_PER_UNIT,
+        CAMERA_TRANSLATION,
+        EXTRINSIC_ROTATION,
+        EXTRINSIC_TRANSLATION,
+    ),
     *(FRAME, REASONS, ANGLES, ANGLE_SD, INPUT_SHAPES, INPUT_SD, INPUT_NAMES),
 }
 """Columns of which files of motion are made."""
 
 FOCAL_SD, SCALE_SD = 0.18, 0.05
-"""Of the logarithm of the distance to a body: by a focal length that is assumed (lenses have .8 to
-1.5 widths), and by a known one."""
+"""Of the logarithm of the distance to a body: by a focal length that is assumed (lenses
+have .8 to
+1.5 widths), and by a known one.
+"""
 
 USUAL_RATE = 25.0  # frames a second, where it is unknown
 
@@ -58,8 +83,9 @@ NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame
 class Motion:
     """Every frame of a sequence, from the number `first` on.
 
-    points (f, 3, p) and deviations (f, p) in metres, angles and deviations (f, a) in degrees, nan
-    where unknown; rate in Hz, 1 where unknown; edges (e, 2); trusted (f,): true, false, or "".
+    points (f, 3, p) and deviations (f, p) in metres, angles and deviations (f, a) in
+    degrees, nan where unknown; rate in Hz, 1 where unknown; edges (e, 2); trusted (f,):
+    true, false, or "".
     """
 
     name: str
@@ -83,15 +109,23 @@ class Motion:
         return self.first + np.arange(len(self.points), dtype=np.int64)
 
 
-Track = tuple[str, Shapes3D, Integers]  # a sequence: its name, and items by their frames (n,)
-Write = Callable[[Path, Motion], str | None]  # fills a new file; may return a note for the summary
+Track = tuple[
+    str, Shapes3D, Integers
+]  # a sequence: its name, and items by their frames (n,)
+Write = Callable[
+    [Path, Motion], str | None
+]  # fills a new file; may return a note for the summary
 
 
 class MotionWriter(RecordWriter[Shapes3D]):
-    """Takes shapes or results; keeps their points, as the scale of a sequence takes all of it."""
+    """Takes shapes or results; keeps their points, as the scale of a sequence takes all
+    of it.
+    """
 
     def __init__(self, options: OutputOptions, *, angles: bool) -> None:
-        """Take records for files in metres; `angles`, whether joint angles are written of them."""
+        """Take records for files in metres; `angles`, whether joint angles are written
+        of them.
+        """
         super().__init__()
         self.parts: list[Shapes3D] = []
         self._options, self._angles = options, angles
@@ -99,7 +133,10 @@ class MotionWriter(RecordWriter[Shapes3D]):
     def append(self, record: Shapes3D) -> None:
         """Take the items of a record after those that are there."""
         if self._options.markers == "input" and INPUT_SHAPES not in record.columns:
-            problem = "`--markers input`: there are no landmarks of a detector beside the joints"
+            problem = (
+                "`--markers input`: there are no landmarks of a detector beside the"
+                " joints"
+            )
             fix = "leave it out, or lift them with `posterior` or `sequences`"
             raise input_error("markers", problem, fix)
         self.begun = True
@@ -119,8 +156,9 @@ def motion_output(
 ) -> Iterator[MotionWriter]:
     """Give a writer to a file per sequence; all appear on a clean exit.
 
-    One sequence goes to `target`; several are named after it: man.trc becomes man_NAME.trc. Raises
-    InputError where the files cannot be written; earlier ones then stay.
+    One sequence goes to `target`; several are named after it: man.trc becomes
+    man_NAME.trc. Raises InputError where the files cannot be written; earlier ones then
+    stay.
     """
     check_output(target)
     writer = MotionWriter(options, angles=angles)
@@ -133,40 +171,61 @@ def motion_output(
     stems = _file_stems(resolved.stem, [motion.name for motion in motions])
     with staged_files(resolved.parent) as staged:
         paths = [staged / f"{stem}{resolved.suffix}" for stem in stems]
-        notes = [write(path, motion) for path, motion in zip(paths, motions, strict=True)]
+        notes = [
+            write(path, motion) for path, motion in zip(paths, motions, strict=True)
+        ]
         names = sorted(path.name for path in staged.iterdir())
     placed = [f"in {unit} by {motion.size}, {motion.axes}" for motion in motions]
     writer.summary = Summary(
         note="; ".join(dict.fromkeys(filter(None, (*placed, *notes)))),
-        warnings=tuple(dict.fromkeys(text for motion in motions for text in motion.warnings)),
-        written=tuple(target.parent / name for name in names) if len(names) > 1 else (target,),
+        warnings=tuple(
+            dict.fromkeys(text for motion in motions for text in motion.warnings)
+        ),
+        written=(
+            tuple(target.parent / name for name in names)
+            if len(names) > 1
+            else (target,)
+        ),
     )
 
 
 def _file_stems(stem: str, names: Sequence[str]) -> list[str]:
-    """Return the stems of the files of sequences: after the target's their names, if several.
+    """Return the stems of the files of sequences: after the target's their names, if
+    several.
 
-    Folders that all names share are left out; those that are then the same get a number.
+    Folders that all names share are left out; those that are then the same get a
+    number.
     """
     parts, shared = [name.split("/") for name in names], 0
-    while all(len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts):
+    while all(
+        len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts
+    ):
         shared += 1
     short = make_unique(["_".join(part[shared:]).replace(" ", "_") for part in parts])
-    return [str(file_stem(f"{stem}_{name}")) if len(names) > 1 else stem for name in short]
+    return [
+        str(file_stem(f"{stem}_{name}")) if len(names) > 1 else stem for name in short
+    ]
 
 
 def find_motions(records: Shapes3D, options: OutputOptions, place: str) -> list[Motion]:
-    """Part records by sequence, each in the order of its frames, on the floor of its video.
+    """Part records by sequence, each in the order of its frames, on the floor of its
+    video.
 
     Raises InputError at `place` as `_tracks` and `in_metres`.
     """
     floors = find_floors(records, options, place)
     tracks = _tracks(records, place)
-    return [_motion(track, options, place, floors.get(video_of(track[0]))) for track in tracks]
+    return [
+        _motion(track, options, place, floors.get(video_of(track[0])))
+        for track in tracks
+    ]
 
 
-def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[str, Floor]:
-    """Return the floor that the bodies of each video stand on, by its name, where it is known.
+def find_floors(
+    records: Shapes3D, options: OutputOptions, place: str
+) -> dict[str, Floor]:
+    """Return the floor that the bodies of each video stand on, by its name, where it is
+    known.
 
     It is that of trusted results under perspective. Raises InputError as `in_metres`.
     """
@@ -179,19 +238,25 @@ def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[s
     bodies: dict[str, list[Body]] = {}
     for name, track, _ in _tracks(records, place):
         metric, rate = in_metres(track, options, place), track.frame_rate or USUAL_RATE
-        points, sd = metric.points.copy(), track.columns.get("shape_sd", np.full(1, 0.1))
+        points, sd = (
+            metric.points.copy(),
+            track.columns.get("shape_sd", np.full(1, 0.1)),
+        )
         if (reasons := track.columns.get(REASONS)) is not None:
             points[reasons != ""] = np.nan
         for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
             points[~_visible_around(track, ankle, rate), :, ankle] = np.nan
         stature = find_stature(points, names)
         if stature is not None and np.isfinite(stature).any():
-            deviations = metric.factor[:, None, None] * np.broadcast_to(sd, points.shape)
+            deviations = metric.factor[:, None, None] * np.broadcast_to(
+                sd, points.shape
+            )
             tall = float(np.nanmedian(stature))
             body = Body(points, deviations, joint_columns(names), tall, rate)
             bodies.setdefault(video_of(name), []).append(body)
     floors = {
-        name: find_floor(of, FOCAL_SD if assumed else SCALE_SD) for name, of in bodies.items()
+        name: find_floor(of, FOCAL_SD if assumed else SCALE_SD)
+        for name, of in bodies.items()
     }
     return {name: floor for name, floor in floors.items() if floor is not None}
 
@@ -202,15 +267,19 @@ def video_of(sequence: str) -> str:
 
 
 def angle_names(names: Sequence[str]) -> Names:
-    """Return the names of the joint angles that landmarks determine; none unless it is a body."""
+    """Return the names of the joint angles that landmarks determine; none unless it is
+    a body.
+    """
     return tuple(angle.name for angle in measurable_angles(joint_columns(names)))
 
 
 def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
-    """Return the joint angles of records and their deviations (n, a), {} if there are none.
+    """Return the joint angles of records and their deviations (n, a), {} if there are
+    none.
 
-    Results are upright as their camera is, or by the axis `up` of its world; shapes by their axis
-    `up`, y by default. Without `shape_covariance` deviations are two to three times as large.
+    Results are upright as their camera is, or by the axis `up` of its world; shapes by
+    their axis `up`, y by default. Without `shape_covariance` deviations are two to
+    three times as large.
     """
     joints = joint_columns(record.landmark_names)
     if not measurable_angles(joints):
@@ -228,7 +297,9 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
 
 
 def _covariance(record: ResultSet) -> Floats | None:
-    """Return the covariance of the landmarks together, or else that of each (n, p, 3, 3)."""
+    """Return the covariance of the landmarks together, or else that of each (n, p, 3,
+    3).
+    """
     whole = record.columns.get("shape_covariance")
     if whole is not None or record.shape_sd is None:
         return whole
@@ -243,7 +314,8 @@ def _covariance(record: ResultSet) -> Floats | None:
 
 
 def _tracks(records: Shapes3D, place: str) -> list[Track]:
-    """Part records by sequence, with the frames of the dataset `frame` or the order of the items.
+    """Part records by sequence, with the frames of the dataset `frame` or the order of
+    the items.
 
     Raises InputError where two items of a sequence are of one frame.
     """
@@ -254,14 +326,19 @@ def _tracks(records: Shapes3D, place: str) -> list[Track]:
     tracks = []
     for name in dict.fromkeys(names.tolist()) or ("",):
         rows = np.flatnonzero(names == name)
-        frames = np.arange(len(rows)) if stated is None else stated[rows].astype(np.int64)
+        frames = (
+            np.arange(len(rows)) if stated is None else stated[rows].astype(np.int64)
+        )
         order = np.argsort(frames, kind="stable")
         frames, track = frames[order], records.take(rows[order])
         same = np.flatnonzero(np.diff(frames) == 0)
         if len(same):
             one, other = track.items[same[0]], track.items[same[0] + 1]
             problem = f"'{one}' and '{other}' are of one frame of one sequence"
-            fix = "read detections with `track: nearest`, which joins them, or one `individual`"
+            fix = (
+                "read detections with `track: nearest`, which joins them, or one"
+                " `individual`"
+            )
             raise input_error(place, problem, fix)
         tracks.append((name, track, frames))
     return tracks
@@ -270,20 +347,31 @@ def _tracks(records: Shapes3D, place: str) -> list[Track]:
 def _visible_around(records: Shapes3D, column: int, rate: float) -> NDArray[np.bool_]:
     """Whether a landmark (n,) was seen within a quarter of a second."""
     landmarks = records.columns.get("landmarks")
-    if landmarks is None or landmarks.shape[:2] != (len(records), len(records.landmark_names)):
+    if landmarks is None or landmarks.shape[:2] != (
+        len(records),
+        len(records.landmark_names),
+    ):
         return np.ones(len(records), dtype=np.bool_)
     visible = np.isfinite(landmarks[:, column]).all(axis=-1)
     near = min(round(rate / 4), len(visible) - 1)
-    return np.asarray(np.convolve(visible, np.ones(2 * near + 1))[near : near + len(visible)] > 0)
+    return np.asarray(
+        np.convolve(visible, np.ones(2 * near + 1))[near : near + len(visible)] > 0
+    )
 
 
-def _motion(track: Track, options: OutputOptions, place: str, floor: Floor | None) -> Motion:
+def _motion(
+    track: Track, options: OutputOptions, place: str, floor: Floor | None
+) -> Motion:
     """Return one sequence in metres, with gaps for the frames that it lacks."""
     name, records, frames = track
     names, angles = angle_names(records.landmark_names), records.columns.get(ANGLES)
-    if floor is not None and angles is not None:  # tilts of trunk and head to the true vertical
+    if (
+        floor is not None and angles is not None
+    ):  # tilts of trunk and head to the true vertical
         up = floor.up * np.array([1.0, -1.0, -1.0]) * flip(records)
-        angles = measure_angles(records.shapes, up, joint_columns(records.landmark_names))[0]
+        angles = measure_angles(
+            records.shapes, up, joint_columns(records.landmark_names)
+        )[0]
     if options.markers == "input":
         records = _as_markers(records)
     metric = in_metres(records, options, place, floor)
@@ -296,12 +384,19 @@ def _motion(track: Track, options: OutputOptions, place: str, floor: Floor | Non
         per_frame[frames - first] = values
         return per_frame
 
-    points, reasons, none = by_frame(metric.points), records.columns.get(REASONS), np.empty((n, 0))
+    points, reasons, none = (
+        by_frame(metric.points),
+        records.columns.get(REASONS),
+        np.empty((n, 0)),
+    )
     trusted = np.full(length, "", dtype=object)
     if reasons is not None:
         trusted[frames - first] = np.where(reasons == "", "true", "false")
     gaps = length - int(np.isfinite(points).any(axis=(1, 2)).sum())
-    warnings = (*metric.warnings, *([f"{counted(gaps, 'frame')} without a shape{of}"] * bool(gaps)))
+    warnings = (
+        *metric.warnings,
+        *([f"{counted(gaps, 'frame')} without a shape{of}"] * bool(gaps)),
+    )
     sd = records.columns.get("shape_sd", np.full_like(records.shapes, np.nan))
     stated = records.lines
     edges = edges_of(records.landmark_names) if stated is None else stated
@@ -324,7 +419,9 @@ def _motion(track: Track, options: OutputOptions, place: str, floor: Floor | Non
 
 
 def _as_markers(records: Shapes3D) -> Shapes3D:
-    """Return the landmarks of the files, by the names that models know, in place of the joints."""
+    """Return the landmarks of the files, by the names that models know, in place of the
+    joints.
+    """
     columns, names = records.columns, tuple(map(str, records.columns[INPUT_NAMES]))
     sd = columns.get(INPUT_SD)
     retained = records.without((INPUT_SHAPES, INPUT_SD, INPUT_NAMES))
@@ -332,5 +429,8 @@ def _as_markers(records: Shapes3D) -> Shapes3D:
         shapes=columns[INPUT_SHAPES].swapaxes(1, 2),
         shape_sd=None if sd is None else sd.swapaxes(1, 2),
         landmark_names=model_names(names),
-        further={**retained.further, EDGES: np.array(edges_of(names), np.int64).reshape(-1, 2)},
+        further={
+            **retained.further,
+            EDGES: np.array(edges_of(names), np.int64).reshape(-1, 2),
+        },
     )

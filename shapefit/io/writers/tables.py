@@ -1,4 +1,6 @@
-"""Motion as points and as joint angles: TRC, C3D (by ezc3d), CSV, and the .mot of OpenSim."""
+"""Motion as points and as joint angles: TRC, C3D (by ezc3d), CSV, and the .mot of
+OpenSim.
+"""
 
 from __future__ import annotations
 
@@ -19,21 +21,32 @@ BLOCK = 4096
 """Frames that are made text at a time."""
 
 TRC_COLUMNS = (
-    "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame OrigNumFrames"
+    "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame"
+    " OrigNumFrames"
 )
 
 
 def write_trc(path: Path, motion: Motion) -> None:
-    """Write one motion as TRC, which OpenSim reads, and its joint angles to NAME_angles.csv."""
+    """Write one motion as TRC, which OpenSim reads, and its joint angles to
+    NAME_angles.csv.
+    """
     if motion.angle_names:
         write_angles(path.with_name(f"{path.stem}_angles.csv"), motion)
-    count, p, rate = len(motion.points), len(motion.landmark_names), f"{motion.rate:.10g}"
+    count, p, rate = (
+        len(motion.points),
+        len(motion.landmark_names),
+        f"{motion.rate:.10g}",
+    )
     file_name = f"{printable(motion.name) or 'motion'}.trc"
     head = [
         ["PathFileType", "4", "(X/Y/Z)", file_name, f"{motion.axes}; {motion.size}"],
         TRC_COLUMNS.split(),
         [rate, rate, str(count), str(p), "m", rate, str(motion.first), str(count)],
-        ["Frame#", "Time", *(c for n in motion.landmark_names for c in (printable(n), "", ""))],
+        [
+            "Frame#",
+            "Time",
+            *(c for n in motion.landmark_names for c in (printable(n), "", "")),
+        ],
         ["", "", *(f"{axis}{number}" for number in range(1, p + 1) for axis in "XYZ")],
     ]
     with path.open("wb") as file:
@@ -41,10 +54,16 @@ def write_trc(path: Path, motion: Motion) -> None:
         for start in range(0, count, BLOCK):
             frames = motion.frames[start : start + BLOCK]
             # (f, 3, p) -> time, and x, y, z of one landmark after the other
-            points = motion.points[start : start + BLOCK].swapaxes(1, 2).reshape(len(frames), -1)
+            points = (
+                motion.points[start : start + BLOCK]
+                .swapaxes(1, 2)
+                .reshape(len(frames), -1)
+            )
             table = np.column_stack([np.round(frames / motion.rate, 9), points])
             text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
-            lines = text.replace(b"null", b"").replace(b"],[", b"\n").replace(b",", b"\t")
+            lines = (
+                text.replace(b"null", b"").replace(b"],[", b"\n").replace(b",", b"\t")
+            )
             rows = zip(frames.tolist(), lines.split(b"\n"), strict=True)
             file.write(b"".join(b"%d\t%b\n" % row for row in rows))
 
@@ -56,7 +75,8 @@ def write_metres(path: Path, motion: Motion) -> None:
 
 
 def metres_columns(motion: Motion) -> dict[str, Any]:
-    """Return the columns of a table of one motion: a row per frame and landmark, nan if not known.
+    """Return the columns of a table of one motion: a row per frame and landmark, nan if
+    not known.
 
     sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2).
     """
@@ -71,8 +91,12 @@ def metres_columns(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Any], digits: str) -> None:
-    """Write rows of whole numbers, times, texts and other numbers; what is not known is empty."""
+def _write_csv(
+    path: Path, header: Sequence[str], rows: Iterable[Any], digits: str
+) -> None:
+    """Write rows of whole numbers, times, texts and other numbers; what is not known is
+    empty.
+    """
 
     def cell(value: Any) -> str:
         if not isinstance(value, float):
@@ -82,27 +106,44 @@ def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Any], digits: s
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(header)
-        table.writerows([frame, f"{time:.10g}", *map(cell, rest)] for frame, time, *rest in rows)
+        table.writerows(
+            [frame, f"{time:.10g}", *map(cell, rest)] for frame, time, *rest in rows
+        )
 
 
 MAX_ANGLE_SD = 15.0
-"""Standard deviation of a joint angle in degrees beyond which it says next to nothing."""
+"""Standard deviation of a joint angle in degrees beyond which it says next to nothing.
+"""
 
 
 def write_angles(path: Path, motion: Motion) -> None:
-    """Write each angle of a motion and its standard deviation, and the uncertain ones."""
+    """Write each angle of a motion and its standard deviation, and the uncertain
+    ones.
+    """
     names = _angle_names(path, motion)
     header = [column for name in names for column in (name, f"{name}_sd")]
     # (f, a, 2) -> an angle and its deviation after the other
-    pairs = np.stack([motion.angles, motion.angle_deviations], axis=2).reshape(-1, 2 * len(names))
-    uncertain = [" ".join(np.array(names)[sd > MAX_ANGLE_SD]) for sd in motion.angle_deviations]
-    columns = (motion.frames, motion.frames / motion.rate, motion.trusted, *pairs.T, uncertain)
+    pairs = np.stack([motion.angles, motion.angle_deviations], axis=2).reshape(
+        -1, 2 * len(names)
+    )
+    uncertain = [
+        " ".join(np.array(names)[sd > MAX_ANGLE_SD]) for sd in motion.angle_deviations
+    ]
+    columns = (
+        motion.frames,
+        motion.frames / motion.rate,
+        motion.trusted,
+        *pairs.T,
+        uncertain,
+    )
     header = ["frame", "time", "trusted", *header, "uncertain"]
     _write_csv(path, header, zip(*columns, strict=True), ".4g")
 
 
 def write_mot(path: Path, motion: Motion) -> None:
-    """Write the joint angles of a motion as OpenSim reads them, NaN where they are uncertain."""
+    """Write the joint angles of a motion as OpenSim reads them, NaN where they are
+    uncertain.
+    """
     names = _angle_names(path, motion)
     angles = np.where(motion.angle_deviations > MAX_ANGLE_SD, np.nan, motion.angles)
     table = np.column_stack([motion.frames / motion.rate, angles])
@@ -116,29 +157,41 @@ def write_mot(path: Path, motion: Motion) -> None:
 
 
 def _angle_names(path: Path, motion: Motion) -> Sequence[str]:
-    """Return the names of the joint angles. Raises InputError where landmarks determine none."""
+    """Return the names of the joint angles. Raises InputError where landmarks determine
+    none.
+    """
     if not motion.angle_names:
-        fix = "lift with the dictionary `people`, or rename landmarks to its joints (`rename`)"
+        fix = (
+            "lift with the dictionary `people`, or rename landmarks to its joints"
+            " (`rename`)"
+        )
         raise input_error(path.name, "no joint angle follows from these landmarks", fix)
     return motion.angle_names
 
 
 MAX_FRAMES, MAX_LABELS = 65535, 255
-"""Largest number of a frame, in 16 bits; landmarks, and bytes of a name: a byte counts each."""
+"""Largest number of a frame, in 16 bits; landmarks, and bytes of a name: a byte counts
+each.
+"""
 
 
 def write_c3d(path: Path, motion: Motion) -> None:
     """Write one motion in millimetres; a missing point has the residual -1.
 
-    Raises InputError for more frames or landmarks, or longer names, than a file can hold.
+    Raises InputError for more frames or landmarks, or longer names, than a file can
+    hold.
     """
     names, last = motion.landmark_names, motion.first + len(motion.points)
     labels = max([len(names), *(len(name.encode()) for name in names)])
     if labels > MAX_LABELS or not len(motion.points) or last > MAX_FRAMES:
         problem = (
-            f"C3D holds {MAX_LABELS} landmarks at most, with names of {MAX_LABELS} bytes, and "
+            f"C3D holds {MAX_LABELS} landmarks at most, with names of"
+            f" {MAX_LABELS} bytes, and "
         )
-        problem += f"the frames 1 to {MAX_FRAMES:,}: these are {len(names)}, and run to {last:,}"
+        problem += (
+            f"the frames 1 to {MAX_FRAMES:,}: these are {len(names)}, and run to"
+            f" {last:,}"
+        )
         raise input_error(path.name, problem, "write TRC")
     points = 1000 * motion.points.transpose(1, 2, 0)  # (f, 3, p) -> (3, p, f)
     visible = np.isfinite(points).all(axis=0)
@@ -155,7 +208,9 @@ def write_c3d(path: Path, motion: Motion) -> None:
     file["data"]["points"] = np.concatenate(homogeneous)
     file["data"]["meta_points"]["residuals"] = np.where(visible, 0.0, -1.0)[None]
     file.write(str(path))
-    if path.stat().st_size < 16 * visible.size:  # of a full disk the library says nothing
+    if (
+        path.stat().st_size < 16 * visible.size
+    ):  # of a full disk the library says nothing
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 

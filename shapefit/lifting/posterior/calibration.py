@@ -1,17 +1,18 @@
-"""What error bars are worth on the images of a file: each landmark is hidden in turn and predicted.
+"""What error bars are worth on the images of a file: each landmark is hidden in turn
+and predicted.
 
 A landmark w_j that is hidden has the predictive distribution
 
     w_j ~ N(P_j y_j, P_j C_j P_j^T + s^2 v I + V_j)
 
-by the posterior N(y, C) of the other landmarks (a cross-validatory predictive check, Marshall and
-Spiegelhalter 2003). Its squared Mahalanobis distance d^2 is chi^2 with 2 degrees of freedom where
-error bars are true, so that
+by the posterior N(y, C) of the other landmarks (a cross-validatory predictive check,
+Marshall and Spiegelhalter 2003). Its squared Mahalanobis distance d^2 is chi^2 with 2
+degrees of freedom where error bars are true, so that
 
     kappa = (90% quantile of d^2) / 4.605
 
-is the factor by which their variances are too small. It is taken over all landmarks and for each
-of them: the covariances of a file grow by it, see `growth`.
+is the factor by which their variances are too small. It is taken over all landmarks and
+for each of them: the covariances of a file grow by it, see `growth`.
 """
 
 from __future__ import annotations
@@ -41,18 +42,19 @@ FEWEST = 20
 """Predictions of a landmark from which its own kappa is taken."""
 
 MOST_HIDDEN = 2400
-"""Landmarks that are hidden in all, of 60 images each of 40: of larger shapes every second one or
-fewer, others in every image."""
+"""Landmarks that are hidden in all, of 60 images each of 40: of larger shapes every
+second one or fewer, others in every image.
+"""
 
 
 @dataclass(frozen=True)
 class Calibration:
     """What the hidden landmarks of a sample show of the error bars of its file.
 
-    kappa, of all landmarks together, and by_landmark (p,), nan where too few were hidden and where
-    the landmark is mostly an outlier: what the detector marks is not what the posterior places;
-    inside, the share of hidden landmarks inside their 90% regions as they are stated; predictions,
-    how many were hidden. nan where none was.
+    kappa, of all landmarks together, and by_landmark (p,), nan where too few were
+    hidden and where the landmark is mostly an outlier: what the detector marks is not
+    what the posterior places; inside, the share of hidden landmarks inside their 90%
+    regions as they are stated; predictions, how many were hidden. nan where none was.
     """
 
     kappa: float
@@ -61,10 +63,12 @@ class Calibration:
     predictions: int
 
     def growth(self, bar_scale: float) -> Floats:
-        """Return factors (p,) on covariances: max(1, kappa, kappa_j) beyond `bar_scale`.
+        """Return factors (p,) on covariances: max(1, kappa, kappa_j) beyond
+        `bar_scale`.
 
-        bar_scale, which all covariances have, stands for as large a kappa. Never below 1: a
-        sample that is well predicted shows no more than that its poses resemble the training's.
+        bar_scale, which all covariances have, stands for as large a kappa. Never below
+        1: a sample that is well predicted shows no more than that its poses resemble
+        the training's.
         """
         factor: Floats = np.fmax(np.fmax(self.by_landmark, self.kappa) / bar_scale, 1.0)
         return factor
@@ -73,16 +77,20 @@ class Calibration:
 def calibrate(
     problem: Problem, rotation: Floats, inliers: Floats, settings: Settings
 ) -> Calibration:
-    """Hide each landmark of n images in turn and compare it with what the others predict.
+    """Hide each landmark of n images in turn and compare it with what the others
+    predict.
 
-    rotation (n, 3, 3), those of the posteriors of the images, from which the ascents start; inliers
-    (n, p), inlier probabilities, nan where a landmark is not seen. A landmark that is mostly an
-    outlier, in most images, has no part in the kappa of the file.
+    rotation (n, 3, 3), those of the posteriors of the images, from which the ascents
+    start; inliers (n, p), inlier probabilities, nan where a landmark is not seen. A
+    landmark that is mostly an outlier, in most images, has no part in the kappa of the
+    file.
     """
     square = predict_hidden(problem, rotation, settings)
     bar_scale = settings.posterior.bar_scale
     with np.errstate(invalid="ignore"):
-        outliers = (inliers < MOSTLY).sum(axis=0) > MOSTLY * np.isfinite(inliers).sum(axis=0)
+        outliers = (inliers < MOSTLY).sum(axis=0) > MOSTLY * np.isfinite(inliers).sum(
+            axis=0
+        )
     pooled = square[:, ~outliers]
     pooled = pooled[np.isfinite(pooled)]
     if not len(pooled):
@@ -102,7 +110,9 @@ def calibrate(
 
 
 def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Floats:
-    """d^2 (n, p) of seen landmarks from what the others predict, nan where that is nothing."""
+    """d^2 (n, p) of seen landmarks from what the others predict, nan where that is
+    nothing.
+    """
     finite: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
     visible: Flags = np.asarray((problem.weights > 0) & finite[:, None])
     hidden, image = np.nonzero(visible.T)  # neighbours have the same landmarks in sight

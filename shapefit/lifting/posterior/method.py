@@ -1,14 +1,15 @@
-"""The method `posterior`: what the landmarks and a prior over shapes say of the shape together.
+"""The method `posterior`: what the landmarks and a prior over shapes say of the shape
+together.
 
-Before a pinhole camera the posterior is found in the rays on which the landmarks lie. A shape whose
-middle is at the depth D of a camera with the focal length f is s = f / D times as large in the
-image as it is. In that unit its middle lies at the depth f, and landmark j, which is seen in the
-direction u_j, at
+Before a pinhole camera the posterior is found in the rays on which the landmarks lie. A
+shape whose middle is at the depth D of a camera with the focal length f is s = f / D
+times as large in the image as it is. In that unit its middle lies at the depth f, and
+landmark j, which is seen in the direction u_j, at
 
     s (X_j + t) = u_j (f +- s Z_j)     in x and y,
 
-+ where z points away from the camera. So f u_j = s (X_j + t -+ u_j Z_j) + e_j: linear in the shape,
-like weak perspective, with the slope +-u_j for each landmark.
++ where z points away from the camera. So f u_j = s (X_j + t -+ u_j Z_j) + e_j: linear
+in the shape, like weak perspective, with the slope +-u_j for each landmark.
 """
 
 from __future__ import annotations
@@ -29,7 +30,12 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.procrustes import similarity_errors
 from shapefit.geometry.rotations import shortest_rotations
 from shapefit.lifting.degeneracy import normalise_visible
-from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
+from shapefit.lifting.estimate import (
+    CORRELATION,
+    ConvexProof,
+    Estimate,
+    fit_translation,
+)
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.p_value import find_p_values
 from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
@@ -41,7 +47,9 @@ SQUARED_MAHALANOBIS = "squared_mahalanobis"
 """Squared Mahalanobis distance (n,) of the landmarks from those expected."""
 
 NEARLY_EXACT = 3e-3
-"""Residual variance below which landmarks look like outliers from any view but the right one."""
+"""Residual variance below which landmarks look like outliers from any view but the
+right one.
+"""
 
 COARSE = 1e-2
 """Residual variance with which their views are first sought."""
@@ -53,16 +61,19 @@ FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
 
 def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> Estimate:
-    """Return the posterior mean, its standard deviations, and how surprising the landmarks are.
+    """Return the posterior mean, its standard deviations, and how surprising the
+    landmarks are.
 
-    The convex program finds the view to start from; its proof goes with the result, and is one of
-    that program only. An image that the program cannot solve has no posterior. `modes` of each
-    image, the most likely ones, are kept.
+    The convex program finds the view to start from; its proof goes with the result, and
+    is one of that program only. An image that the program cannot solve has no
+    posterior. `modes` of each image, the most likely ones, are kept.
     """
     options = settings.posterior
     solution = settings.solve(problem)
     failed = np.array([status in FAILED for status in solution.status], dtype=bool)
-    starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
+    starts = np.where(
+        failed[:, None, None, None], np.nan, find_starts(problem, solution, settings)
+    )
     visible, camera = problem.weights > 0, problem.camera
     if camera is not None:
         starts = face(starts, problem.landmarks, visible, camera)
@@ -85,29 +96,43 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         iterations=solution.iterations + posterior.rounds,
         status=tuple(status.tolist()),
         deviation=grow * posterior.deviation,
-        covariance=grow_covariance(posterior.covariance, grow, out=posterior.covariance),
+        covariance=grow_covariance(
+            posterior.covariance, grow, out=posterior.covariance
+        ),
         posterior_modes=posterior.modes if modes else None,
         convex_proof=ConvexProof.of(solution),
         further={
             "log_evidence": posterior.log_evidence,
             SQUARED_MAHALANOBIS: posterior.squared_mahalanobis,
-            "inlier_probability": np.where(visible, posterior.inlier_probability, np.nan),
+            "inlier_probability": np.where(
+                visible, posterior.inlier_probability, np.nan
+            ),
             CORRELATION: posterior.correlation.swapaxes(1, 2).astype(np.float32),
         },
     )
-    return estimate if camera is None else look_through(estimate, posterior, problem, camera)
+    return (
+        estimate
+        if camera is None
+        else look_through(estimate, posterior, problem, camera)
+    )
 
 
 def scale_of_bars(bar_scale: float, growth: Sequence[float], landmarks: int) -> Floats:
-    """Return factors (p,) on standard deviations by those on covariances; empty: no growth."""
-    factor: Floats = np.sqrt(bar_scale * (np.array(growth) if growth else np.ones(landmarks)))
+    """Return factors (p,) on standard deviations by those on covariances; empty: no
+    growth.
+    """
+    factor: Floats = np.sqrt(
+        bar_scale * (np.array(growth) if growth else np.ones(landmarks))
+    )
     return factor
 
 
 def grow_covariance(
     covariance: Floats | None, factor: Floats, out: Floats | None = None
 ) -> Floats | None:
-    """D C D of covariances C (n, 3p, 3p), D = diag of factors (p,) for x, for y and for z."""
+    """D C D of covariances C (n, 3p, 3p), D = diag of factors (p,) for x, for y and for
+    z.
+    """
     if covariance is None:
         return None
     D = np.tile(factor, 3)
@@ -122,7 +147,9 @@ def find_from(
     modes: int = 0,
     covariance: bool = False,
 ) -> Posterior:
-    """Return the posteriors of n images from rotations (n, S, 3, 3), as a camera would see them."""
+    """Return the posteriors of n images from rotations (n, S, 3, 3), as a camera would
+    see them.
+    """
     options = settings.posterior
     landmarks, noise, slopes = problem.landmarks, find_noise(problem), None
     if problem.camera is not None:
@@ -162,22 +189,31 @@ def with_p_value(estimate: Estimate, problem: Problem, settings: Settings) -> Es
     return replace(estimate, further=further)
 
 
-def find_start_distance(estimate: Estimate, problem: Problem, settings: Settings) -> Floats:
-    """Similarity distance (n,) of the inliers of posteriors from those of their convex shapes.
+def find_start_distance(
+    estimate: Estimate, problem: Problem, settings: Settings
+) -> Floats:
+    """Similarity distance (n,) of the inliers of posteriors from those of their convex
+    shapes.
 
-    In units of the size of the former; nan where either does not exist. The convex program knows
-    neither outliers nor perspective. So images beyond the limit are solved again without the
-    outliers, and with the landmarks that weak perspective would have of the shapes found,
-    c + (w - c) (t_z + Z_j) / t_z.
+    In units of the size of the former; nan where either does not exist. The convex
+    program knows neither outliers nor perspective. So images beyond the limit are
+    solved again without the outliers, and with the landmarks that weak perspective
+    would have of the shapes found, c + (w - c) (t_z + Z_j) / t_z.
     """
     assert estimate.convex_proof is not None
-    M, camera, t = estimate.convex_proof.transforms, problem.camera, estimate.camera_translation
+    M, camera, t = (
+        estimate.convex_proof.transforms,
+        problem.camera,
+        estimate.camera_translation,
+    )
     inliers = np.nan_to_num(estimate.further["inlier_probability"]) >= MOSTLY
 
     def distance(M: Transforms, rows: NDArray[np.intp]) -> Floats:
         start = reconstruct(M, problem.atoms, threads=settings.threads).shapes
         shown = inliers[rows] & (M.count > 0)[:, None]
-        return relative_distance(np.where(shown[:, None], start, np.nan), estimate.shapes[rows])
+        return relative_distance(
+            np.where(shown[:, None], start, np.nan), estimate.shapes[rows]
+        )
 
     start_distance = distance(M, np.arange(len(inliers)))
     again = camera is not None or (inliers != (problem.weights > 0)).any(axis=1)
@@ -197,10 +233,12 @@ def find_start_distance(estimate: Estimate, problem: Problem, settings: Settings
 
 
 def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
-    """Mean over j of ||s R e_j + t - x_j|| for the least-squares s, R, t, beside the size of x.
+    """Mean over j of ||s R e_j + t - x_j|| for the least-squares s, R, t, beside the
+    size of x.
 
-    e, x (n, 3, p), nan where a landmark of e does not count; the size is the mean over coordinates
-    of the standard deviation of those x_j that count. (n,), nan where fewer than three do.
+    e, x (n, 3, p), nan where a landmark of e does not count; the size is the mean over
+    coordinates of the standard deviation of those x_j that count. (n,), nan where fewer
+    than three do.
     """
     errors = similarity_errors(estimate, shapes)
     finite = np.isfinite(estimate)
@@ -221,17 +259,27 @@ def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Flo
     empty = np.flatnonzero(M.count == 0)
     if len(empty):
         part = problem.take(empty)
-        rotation[empty] = find_pose(part, settings.mean_shape, threads=settings.threads).rotation
+        rotation[empty] = find_pose(
+            part, settings.mean_shape, threads=settings.threads
+        ).rotation
     return rotation[:, None]
 
 
 def look_through(
     estimate: Estimate, posterior: Posterior, problem: Problem, camera: Camera
 ) -> Estimate:
-    """The same estimate with shapes in the unit of the dictionary, placed before the camera."""
+    """The same estimate with shapes in the unit of the dictionary, placed before the
+    camera.
+    """
     lost, size = np.isnan(posterior.scale), posterior.scale[:, None, None]
-    middle, focal = posterior.mean[:, :2].mean(axis=2), find_rays(problem.landmarks, camera).focal
-    t = np.concatenate([middle, camera.sign * focal[:, None]], axis=1) / posterior.scale[:, None]
+    middle, focal = (
+        posterior.mean[:, :2].mean(axis=2),
+        find_rays(problem.landmarks, camera).focal,
+    )
+    t = (
+        np.concatenate([middle, camera.sign * focal[:, None]], axis=1)
+        / posterior.scale[:, None]
+    )
     shapes = posterior.mean / size
     shapes[:, :2] -= t[:, :2, None]
     projected = project(camera, shapes + t[..., None])
@@ -248,14 +296,18 @@ def look_through(
 
 
 def find_residual_variance(problem: Problem, residual_variance: float) -> Floats:
-    """Variance v / omega^2 (n, p) in the unit of shapes; inf where a landmark is hidden."""
+    """Variance v / omega^2 (n, p) in the unit of shapes; inf where a landmark is
+    hidden.
+    """
     omega = problem.weights
     square = np.where(omega > 0, omega, 1.0) ** 2
     return np.where(omega > 0, residual_variance / square, np.inf)
 
 
 def find_noise(problem: Problem) -> Floats:
-    """Covariance V / omega^2 (n, p, 2, 2) of the measurement, normalised; 0 where not known."""
+    """Covariance V / omega^2 (n, p, 2, 2) of the measurement, normalised; 0 where not
+    known.
+    """
     n, p = problem.weights.shape
     if problem.noise is None:
         return np.zeros((n, p, 2, 2))
@@ -265,7 +317,9 @@ def find_noise(problem: Problem) -> Floats:
 
 
 class Rays(NamedTuple):
-    """f u (n, 2, p) with f the geometric mean of both focal lengths, slopes (n, 2, p), f (n,)."""
+    """f u (n, 2, p) with f the geometric mean of both focal lengths, slopes (n, 2, p),
+    f (n,).
+    """
 
     landmarks: Floats
     slopes: Floats
@@ -280,10 +334,12 @@ def find_rays(landmarks: Floats, camera: Camera) -> Rays:
 
 
 def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
-    """Covariances (n, p, 2, 2) of f u: those of landmarks, and what the focal length leaves open.
+    """Covariances (n, p, 2, 2) of f u: those of landmarks, and what the focal length
+    leaves open.
 
-    Where the logarithm of f is off by e, a point at the depth z of the shape is seen e u z away.
-    Depths have about the size of the shape, which is 1 for normalised landmarks.
+    Where the logarithm of f is off by e, a point at the depth z of the shape is seen e
+    u z away. Depths have about the size of the shape, which is 1 for normalised
+    landmarks.
     """
     grow = np.sqrt(camera.focal.prod(axis=1))[:, None] / camera.focal
     stretched = noise * grow[:, None, :, None] * grow[:, None, None, :]
@@ -295,10 +351,11 @@ def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
 def face(
     rotations: Floats, landmarks: Floats, visible: NDArray[np.bool_], camera: Camera
 ) -> Floats:
-    """Turn rotations (n, S, 3, 3) of weak perspective, which looks along the ray to the landmarks.
+    """Turn rotations (n, S, 3, 3) of weak perspective, which looks along the ray to the
+    landmarks.
 
-    They are turned with the least turn of the optical axis onto the ray to the middle of the seen
-    landmarks (n, 2, p): an object off to the side shows its side.
+    They are turned with the least turn of the optical axis onto the ray to the middle
+    of the seen landmarks (n, 2, p): an object off to the side shows its side.
     """
     count = np.maximum(visible.sum(axis=1), 1)[:, None]
     middle = np.where(visible[:, None], landmarks, 0.0).sum(axis=2) / count

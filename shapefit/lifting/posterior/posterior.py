@@ -1,9 +1,10 @@
 """The posterior over shape and view of each image, by the compiled kernel.
 
-w_j = s (P_j R x_j + t) + e_j,  x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I + V_j)
+w_j = s (P_j R x_j + t) + e_j,  x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I +
+                                V_j)
 
-P_j takes the first two rows under weak perspective; where a camera is known it follows the ray of
-landmark j.
+P_j takes the first two rows under weak perspective; where a camera is known it follows
+the ray of landmark j.
 """
 
 from __future__ import annotations
@@ -19,13 +20,17 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import centroid
 
 TOLERANCE = 1e-4
-"""A climb ends when a step gains less log likelihood, and the next one promises no more."""
+"""A climb ends when a step gains less log likelihood, and the next one promises no
+more.
+"""
 
 
 class Outliers(NamedTuple):
-    """A landmark is an outlier with the chance `chance`; then it falls with the density `density`.
+    """A landmark is an outlier with the chance `chance`; then it falls with the density
+    `density`.
 
-    The density is per area in the unit of the landmarks; a chance of 0 believes every landmark.
+    The density is per area in the unit of the landmarks; a chance of 0 believes every
+    landmark.
     """
 
     chance: float = 0.0
@@ -33,14 +38,15 @@ class Outliers(NamedTuple):
 
 
 class Modes(NamedTuple):
-    """The M most likely modes of n images, the most likely first: a component and a view each.
+    """The M most likely modes of n images, the most likely first: a component and a
+    view each.
 
     component (n, M), -1 where there are fewer; rotation R (n, M, 3, 3); scale s (n, M);
-    log_evidence (n, M) of component and image together, the view integrated out, -inf where there
-    are fewer; mean (n, M, 3, p) of y = s (R x + t) in the frame of the camera, with mean depth 0;
-    covariance (n, M, 3p, 3p) of y, all x first, then y, then z, the uncertainty of the view
-    included, arbitrary where there are fewer; inlier_probability (n, M, p), nan
-    where it is hidden.
+    log_evidence (n, M) of component and image together, the view integrated out, -inf
+    where there are fewer; mean (n, M, 3, p) of y = s (R x + t) in the frame of the
+    camera, with mean depth 0; covariance (n, M, 3p, 3p) of y, all x first, then y, then
+    z, the uncertainty of the view included, arbitrary where there are fewer;
+    inlier_probability (n, M, p), nan where it is hidden.
     """
 
     component: NDArray[np.int64]
@@ -55,13 +61,14 @@ class Modes(NamedTuple):
 class Posterior(NamedTuple):
     """The mixture of the modes of n images, nan where there is none.
 
-    mean (n, 3, p) of y, its standard deviations (n, 3, p), and the correlation (n, 3, p) of x with
-    y, x with z, and y with z of each landmark; covariance (n, 3p, 3p), None where it was not asked
-    for; inlier_probability (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
-    log_evidence (n,) of the image; squared_mahalanobis (n,), of the landmarks from
-    those expected, their noise over their inlier probability, averaged over the modes;
-    stationary (n,), whether the most likely mode is a maximum; rounds (n,), the steps of all
-    climbs; modes, those asked for.
+    mean (n, 3, p) of y, its standard deviations (n, 3, p), and the correlation (n, 3,
+    p) of x with y, x with z, and y with z of each landmark; covariance (n, 3p, 3p),
+    None where it was not asked for; inlier_probability (n, p); rotation (n, 3, 3) and
+    scale (n,) of the most likely mode; log_evidence (n,) of the image;
+    squared_mahalanobis (n,), of the landmarks from those expected, their noise over
+    their inlier probability, averaged over the modes; stationary (n,), whether the most
+    likely mode is a maximum; rounds (n,), the steps of all climbs; modes, those asked
+    for.
     """
 
     mean: Floats
@@ -93,23 +100,29 @@ def find_posterior(
 ) -> Posterior:
     """Return the posterior of n images.
 
-    landmarks w (n, 2, p), of any size; residual_variance v (n, p), that of what the model cannot
-    place, in the unit of the prior's shapes, inf where a landmark is hidden; noise V (n, p, 2, 2),
-    the covariance of the measurement in the unit of the landmarks; starts (n, S, 3, 3), rotations
-    from the frame of the prior to that of the camera, nan where there are fewer. Every start is
-    climbed under every component of the prior, and each maximum counts once, by its evidence.
-    slopes (n, 2, p), of the rays on which the landmarks lie: P_j = [I | -slope_j] where a point at
-    the depth z of the middle of the shape is seen at w_j; without them the rays are parallel.
+    landmarks w (n, 2, p), of any size; residual_variance v (n, p), that of what the
+    model cannot place, in the unit of the prior's shapes, inf where a landmark is
+    hidden; noise V (n, p, 2, 2), the covariance of the measurement in the unit of the
+    landmarks; starts (n, S, 3, 3), rotations from the frame of the prior to that of the
+    camera, nan where there are fewer. Every start is climbed under every component of
+    the prior, and each maximum counts once, by its evidence. slopes (n, 2, p), of the
+    rays on which the landmarks lie: P_j = [I | -slope_j] where a point at the depth z
+    of the middle of the shape is seen at w_j; without them the rays are parallel.
     """
     outliers = outliers or Outliers()
     n, _, p = landmarks.shape
     visible = np.isfinite(residual_variance)
-    middle = np.nan_to_num(centroid(landmarks, visible))[..., None]  # of which the wide prior is
+    middle = np.nan_to_num(centroid(landmarks, visible))[
+        ..., None
+    ]  # of which the wide prior is
     d, m = 3 * p, modes
     whole = np.empty((n if covariance else 0, d, d))
     of_images: dict[str, Any] = {
         **{name: np.empty((n, 3, p)) for name in ("mean", "deviation", "correlation")},
-        **{name: np.empty(n) for name in ("scale", "log_evidence", "squared_mahalanobis")},
+        **{
+            name: np.empty(n)
+            for name in ("scale", "log_evidence", "squared_mahalanobis")
+        },
         "inlier_probability": np.empty((n, p)),
         "rotation": np.empty((n, 3, 3)),
         "stationary": np.zeros(n, bool),
@@ -127,7 +140,9 @@ def find_posterior(
     core.find_posterior(
         landmarks=_whole(np.where(visible[:, None], landmarks - middle, 0.0)),
         slopes=_whole(
-            np.zeros_like(landmarks) if slopes is None else np.where(visible[:, None], slopes, 0.0)
+            np.zeros_like(landmarks)
+            if slopes is None
+            else np.where(visible[:, None], slopes, 0.0)
         ),
         residual_variance=_whole(residual_variance),
         noise=_whole(noise),
@@ -145,7 +160,9 @@ def find_posterior(
     )
     of_images["mean"][:, :2] += middle
     of_modes["mean"][:, :, :2] += middle[:, None]
-    return Posterior(**of_images, covariance=whole if covariance else None, modes=Modes(**of_modes))
+    return Posterior(
+        **of_images, covariance=whole if covariance else None, modes=Modes(**of_modes)
+    )
 
 
 def _whole(x: Floats) -> Floats:

@@ -1,18 +1,20 @@
-"""The method `sequences`: the posterior of every image, and then of every sequence as a whole.
+"""The method `sequences`: the posterior of every image, and then of every sequence as a
+whole.
 
-Error bars. Smoothing takes the errors of frames for independent. But what the prior and the view
-get wrong in one frame they get wrong in its neighbours, too, and what a detector gets wrong of a
-landmark in all frames does not average out either:
+Error bars. Smoothing takes the errors of frames for independent. But what the prior and
+the view get wrong in one frame they get wrong in its neighbours, too, and what a
+detector gets wrong of a landmark in all frames does not average out either:
 
     C_t = S_t + r^2 P_t + sigma^2 I
 
-for the covariance S_t of a landmark that smoothing gives, P_t of the image alone, and the deviation
-sigma with which the landmarks were taken.
+for the covariance S_t of a landmark that smoothing gives, P_t of the image alone, and
+the deviation sigma with which the landmarks were taken.
 
-A body that walks towards the camera grows in its image, and so do its bones. So a sequence is
-inferred twice: in one unit, and in units that follow the smoothed scales of the images. What agrees
-better with the images, by the energy of the objective, is taken. A sequence that would move its
-images too far (`CONSTANTS.farthest`) is inferred without bones, and keeps the error bars of these.
+A body that walks towards the camera grows in its image, and so do its bones. So a
+sequence is inferred twice: in one unit, and in units that follow the smoothed scales of
+the images. What agrees better with the images, by the energy of the objective, is
+taken. A sequence that would move its images too far (`CONSTANTS.farthest`) is inferred
+without bones, and keeps the error bars of these.
 """
 
 from __future__ import annotations
@@ -47,27 +49,31 @@ from shapefit.lifting.trust import IMAGE_ERROR, expected_error
 from shapefit.threads import on_threads
 
 NOISE = "sequence_noise"
-"""Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence were taken,
-nan for images that are not refined."""
+"""Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence
+were taken, nan for images that are not refined.
+"""
 
 LONGEST = 4096
-"""Frames that are refined together; longer sequences are cut into parts of about one length, for
-memory."""
+"""Frames that are refined together; longer sequences are cut into parts of about one
+length, for memory.
+"""
 
 FEWEST = 3
 """Frames of a sequence: fewer have no acceleration and stay what their images say."""
 
 GAP = 1e-6
-"""Weight of an interpolated scale beside that of an image: it decides within long gaps alone."""
+"""Weight of an interpolated scale beside that of an image: it decides within long gaps
+alone.
+"""
 
 
 @dataclass(frozen=True)
 class Motion:
     """How bodies move and are built, in units of the size of their landmarks.
 
-    bones (e, 2) keep their lengths with standard deviations bone_tolerance (e,); acceleration (p,),
-    the root of the mean square of the second difference of a coordinate from frame to frame; usual,
-    the usual lengths; rate, images a second.
+    bones (e, 2) keep their lengths with standard deviations bone_tolerance (e,);
+    acceleration (p,), the root of the mean square of the second difference of a
+    coordinate from frame to frame; usual, the usual lengths; rate, images a second.
     """
 
     bones: Indices
@@ -81,12 +87,12 @@ class Motion:
 class Clips:
     """n images, sequence after sequence, in the unit of the landmarks.
 
-    landmarks (n, 2, p); trust (n, p), the inlier probability times
-    the square of its confidence; points (n, 3, p), the posterior means, nan where there is none;
-    scale and centre (n,), (n, 2): a normalised point x is scale x + centre; modes, normalised;
-    residual_variance, of normalised landmarks in the posteriors; noise, the stated deviation
-    of a coordinate of the landmarks, None where they are no better than that; deviation (n, 3, p)
-    of points.
+    landmarks (n, 2, p); trust (n, p), the inlier probability times the square of its
+    confidence; points (n, 3, p), the posterior means, nan where there is none; scale
+    and centre (n,), (n, 2): a normalised point x is scale x + centre; modes,
+    normalised; residual_variance, of normalised landmarks in the posteriors; noise, the
+    stated deviation of a coordinate of the landmarks, None where they are no better
+    than that; deviation (n, 3, p) of points.
     """
 
     landmarks: Floats
@@ -101,10 +107,11 @@ class Clips:
 
 
 class Refined(NamedTuple):
-    """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes its own.
+    """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes
+    its own.
 
-    covariance (n, 3p, 3p) of all landmarks of an image; converged (n,), whether the inference of
-    the sequence ended at a minimum.
+    covariance (n, 3p, 3p) of all landmarks of an image; converged (n,), whether the
+    inference of the sequence ended at a minimum.
     """
 
     points: Floats
@@ -116,7 +123,9 @@ class Refined(NamedTuple):
 
 
 def lift_frames(problem: Problem, settings: Settings) -> Estimate:
-    """Return the posterior of each image, with the modes from which sequences are inferred."""
+    """Return the posterior of each image, with the modes from which sequences are
+    inferred.
+    """
     posterior = lift_to_posterior(problem, settings, modes=CONSTANTS.modes)
     unknown = np.full(len(problem.landmarks), np.nan)
     return replace(posterior, further={**posterior.further, NOISE: unknown})
@@ -134,10 +143,10 @@ def refine_lifting(
 ) -> Lifting:
     """Infer the shapes of whole sequences from the modes of their images.
 
-    landmarks (n, 2, p) as observed; residual_variance and noise as in `Clips`; bar_scale (p,), by
-    which standard deviations of the landmarks have been multiplied; threads as in `refine_clips`.
-    The covariances of the modes are written over. All but the shapes and what is known of them
-    stays that of the images.
+    landmarks (n, 2, p) as observed; residual_variance and noise as in `Clips`;
+    bar_scale (p,), by which standard deviations of the landmarks have been multiplied;
+    threads as in `refine_clips`. The covariances of the modes are written over. All but
+    the shapes and what is known of them stays that of the images.
     """
     estimate = lifting.estimate
     modes = estimate.posterior_modes
@@ -165,7 +174,9 @@ def refine_lifting(
     )
     refined = refine_clips(clips, sequences, motion, threads)
     single = np.isnan(refined.noise)[:, None, None]
-    grow = bar_scale / lifting.scale[:, None]  # (n, p), of what is in the unit of the landmarks
+    grow = (
+        bar_scale / lifting.scale[:, None]
+    )  # (n, p), of what is in the unit of the landmarks
     rows = nearest_informative(is_informative(clips), split(sequences))
     images = (image_sd[rows], image_mixed[rows].swapaxes(1, 2).astype(np.float64))
     smoothed = (refined.deviation * grow[:, None], refined.correlation)
@@ -184,7 +195,9 @@ def refine_lifting(
     status = estimate.status
     if stopped.any():
         limit = Status.ITERATION_LIMIT
-        status = tuple(limit if s else old for s, old in zip(stopped, status, strict=True))
+        status = tuple(
+            limit if s else old for s, old in zip(stopped, status, strict=True)
+        )
     return replace(
         lifting,
         shapes=refined.points,
@@ -211,18 +224,21 @@ def refine_clips(
     motion: Motion,
     threads: int = 0,
 ) -> Refined:
-    """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
+    """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their
+    sequence.
 
-    All but correlations in the unit of the landmarks. nan in all but the points where the inference
-    is that of the images: they are alone or nearly so in their sequence, or contradict it.
-    Sequences are refined on `threads` threads, 0 means one per core; the results do not depend on
-    them.
+    All but correlations in the unit of the landmarks. nan in all but the points where
+    the inference is that of the images: they are alone or nearly so in their sequence,
+    or contradict it. Sequences are refined on `threads` threads, 0 means one per core;
+    the results do not depend on them.
     """
     unknown = np.full_like(clips.points, np.nan)
     noise = np.full(len(clips.points), np.nan)
     d, converged = 3 * clips.points.shape[2], np.ones(len(noise), bool)
     covariance = np.full((len(noise), d, d), np.nan)
-    refined = Refined(clips.points.copy(), unknown, unknown.copy(), noise, covariance, converged)
+    refined = Refined(
+        clips.points.copy(), unknown, unknown.copy(), noise, covariance, converged
+    )
     finite: Flags = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
     informative = is_informative(clips)
     clips = replace(
@@ -231,7 +247,11 @@ def refine_clips(
         points=np.where(informative[:, None, None], clips.points, np.nan),
     )
     there = np.concatenate([[0], np.cumsum(informative)])
-    long = [clip for clip in split(sequences) if there[clip.stop] - there[clip.start] >= FEWEST]
+    long = [
+        clip
+        for clip in split(sequences)
+        if there[clip.stop] - there[clip.start] >= FEWEST
+    ]
 
     def refine(clip: slice) -> None:
         refine_clip(clips, clip, informative[clip], finite[clip], motion, refined)
@@ -249,21 +269,34 @@ def is_informative(clips: Clips) -> Flags:
 
 
 def split(sequences: Sequence[str]) -> list[slice]:
-    """Slices of equal neighbours in `sequences` (n,), in pieces of at most `LONGEST`."""
+    """Slices of equal neighbours in `sequences` (n,), in pieces of at most
+    `LONGEST`.
+    """
     values = np.array(sequences, dtype=object)
     ends = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist(), len(values)]
     slices = []
     for start, stop in pairwise(ends):
         pieces = -(-(stop - start) // LONGEST)
-        cuts = [start + (stop - start) * k // pieces for k in range(pieces + 1)] if pieces else []
+        cuts = (
+            [start + (stop - start) * k // pieces for k in range(pieces + 1)]
+            if pieces
+            else []
+        )
         slices += [slice(a, b) for a, b in pairwise(cuts)]
     return slices
 
 
 def refine_clip(
-    clips: Clips, clip: slice, there: Flags, finite: Flags, motion: Motion, refined: Refined
+    clips: Clips,
+    clip: slice,
+    there: Flags,
+    finite: Flags,
+    motion: Motion,
+    refined: Refined,
 ) -> None:
-    """Refine one sequence from the images that are `there` (t,); write down the finite ones."""
+    """Refine one sequence from the images that are `there` (t,); write down the finite
+    ones.
+    """
     size = median(clips.scale[clip][there])
     sigma = float(np.sqrt(clips.residual_variance))
     if clips.noise is not None:
@@ -295,7 +328,9 @@ def refine_clip(
 
     rows = np.arange(clip.start, clip.stop)[finite]
     visible = in_unit(clips, clip, size)
-    energy = store(infer(visible), np.full(len(there), size))  # covariances take most of the memory
+    energy = store(
+        infer(visible), np.full(len(there), size)
+    )  # covariances take most of the memory
     scale = (clips.scale * clips.modes.scale[:, 0])[clip]
     growth = find_growth(scale, there, CONSTANTS.scale_time * motion.rate)
     visible = visible.grown(growth)
@@ -311,10 +346,11 @@ def refine_clip(
 
 
 def find_growth(scale: Floats, there: Flags, width: float) -> Floats:
-    """Smoothed scales (t,) of the images that are `there` (t,), beside their geometric mean.
+    """Smoothed scales (t,) of the images that are `there` (t,), beside their geometric
+    mean.
 
-    By lines through the logarithms within a Gaussian window of so many frames about each
-    (local linear regression).
+    By lines through the logarithms within a Gaussian window of so many frames about
+    each (local linear regression).
     """
     rows = np.flatnonzero(there)
     level = np.interp(np.arange(len(scale)), rows, np.log(scale[rows]))
@@ -336,14 +372,17 @@ def find_growth(scale: Floats, there: Flags, width: float) -> Floats:
 def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
     """Return the usual lengths with the precision (1 + r^2 t) Q, for t frames.
 
-    What t images say of the lengths has the variance P (1 / t + r^2), as their deviations have the
-    share r in common; the objective takes it for P / t. So images would count (1 + r^2 t) times too
-    much beside Q: their errors do not average out, however many they are. Frames whose landmarks
-    are stated to be exacter count for the share sigma^2 / v of their variance that is left.
+    What t images say of the lengths has the variance P (1 / t + r^2), as their
+    deviations have the share r in common; the objective takes it for P / t. So images
+    would count (1 + r^2 t) times too much beside Q: their errors do not average out,
+    however many they are. Frames whose landmarks are stated to be exacter count for the
+    share sigma^2 / v of their variance that is left.
     """
     if usual is None:
         return None
-    return usual._replace(precision=(1 + CONSTANTS.shared**2 * frames) * usual.precision)
+    return usual._replace(
+        precision=(1 + CONSTANTS.shared**2 * frames) * usual.precision
+    )
 
 
 def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
@@ -365,18 +404,21 @@ def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
     )
 
 
-def find_acceleration_scale(visible: Observations, acceleration: Floats, lag: int) -> float:
-    """Return how much faster than expected the landmarks move in their images: 1 or more.
+def find_acceleration_scale(
+    visible: Observations, acceleration: Floats, lag: int
+) -> float:
+    """Return how much faster than expected the landmarks move in their images: 1 or
+    more.
 
-    Second differences s_t = w_(t+L) - 2 w_t + w_(t-L) over a lag of L frames. Those of a smooth
-    motion resemble their neighbours, with a correlation of 0.7; of white noise their variance is 6
-    and the covariance of neighbours -4 times that of the noise. So for the variances P and N of the
-    sum and the difference of neighbours
+    Second differences s_t = w_(t+L) - 2 w_t + w_(t-L) over a lag of L frames. Those of
+    a smooth motion resemble their neighbours, with a correlation of 0.7; of white noise
+    their variance is 6 and the covariance of neighbours -4 times that of the noise. So
+    for the variances P and N of the sum and the difference of neighbours
 
         2.5 P - 0.5 N = 8.2 times the mean square of the motion's.
 
-    By medians, which the jumps of a detector do not move, and over a lag beyond which its errors
-    are no motion either. A mean square grows with L^3.
+    By medians, which the jumps of a detector do not move, and over a lag beyond which
+    its errors are no motion either. A mean square grows with L^3.
     """
     w = np.where(visible.trust[:, None] > 0, visible.landmarks, np.nan)
     if len(w) <= 3 * lag:
@@ -386,11 +428,16 @@ def find_acceleration_scale(visible: Observations, acceleration: Floats, lag: in
     moving = np.maximum(2.5 * P - 0.5 * N, 0.0) / 8.2 / lag**3
     finite = np.isfinite(moving)
     expected = (acceleration[finite] ** 2).sum()
-    return float(np.sqrt(max(moving[finite].sum() / expected, 1.0))) if finite.any() else 1.0
+    return (
+        float(np.sqrt(max(moving[finite].sum() / expected, 1.0)))
+        if finite.any()
+        else 1.0
+    )
 
 
 def median_variance(values: Floats) -> Floats:
-    """Variance (p,) of values (t, 2, p) about 0 by the median of their sizes; nan: nothing known.
+    """Variance (p,) of values (t, 2, p) about 0 by the median of their sizes; nan:
+    nothing known.
 
     The median of |x| of a Gaussian is 0.6745 standard deviations.
     """
@@ -405,30 +452,38 @@ def median_variance(values: Floats) -> Floats:
 def add_common_error(
     smoothed: tuple[Floats, Floats], images: tuple[Floats, Floats], constant: Floats
 ) -> tuple[Floats, Floats]:
-    """Deviations and correlations of C, from those of S and P, all (n, 3, p), and sigma (n, p).
+    """Deviations and correlations of C, from those of S and P, all (n, 3, p), and sigma
+    (n, p).
 
-    Correlations of x with y, x with z, and y with z of each landmark. A correlation of a landmark
-    that has no deviation is 0.
+    Correlations of x with y, x with z, and y with z of each landmark. A correlation of
+    a landmark that has no deviation is 0.
     """
     (single, mixed), (image, image_mixed), share = smoothed, images, CONSTANTS.shared
     deviation = np.hypot(np.hypot(single, share * image), constant[:, None])
     correlation = np.empty_like(deviation)
     for row, (a, b) in enumerate(PAIRS):
         covariance = mixed[:, row] * single[:, a] * single[:, b]
-        covariance = covariance + share**2 * image_mixed[:, row] * image[:, a] * image[:, b]
+        covariance = (
+            covariance + share**2 * image_mixed[:, row] * image[:, a] * image[:, b]
+        )
         product = deviation[:, a] * deviation[:, b]
         correlation[:, row] = covariance / np.where(product == 0, 1.0, product)
     return deviation, correlation
 
 
 def nearest_informative(informative: Flags, clips: Iterable[slice]) -> NDArray[np.intp]:
-    """Row (n,) of the nearest informative frame of the same clip, its own where none is.
+    """Row (n,) of the nearest informative frame of the same clip, its own where none
+    is.
 
-    An image that says nothing has a covariance that says nothing of the errors of its frame.
+    An image that says nothing has a covariance that says nothing of the errors of its
+    frame.
     """
     rows = np.arange(len(informative))
     for clip in clips:
-        there, lacking = np.flatnonzero(informative[clip]), np.flatnonzero(~informative[clip])
+        there, lacking = (
+            np.flatnonzero(informative[clip]),
+            np.flatnonzero(~informative[clip]),
+        )
         if len(there) and len(lacking):
             nearest = np.abs(lacking[:, None] - there).argmin(axis=1)
             rows[clip.start + lacking] = clip.start + there[nearest]

@@ -1,15 +1,17 @@
-"""Frames in which a detector has exchanged left and right: found by continuity in the image.
+"""Frames in which a detector has exchanged left and right: found by continuity in the
+image.
 
-Where left and right change places, the differences D = w_left - w_right of all pairs of landmarks
-change their signs from one frame to the next, and nothing else moves. For the difference D' that a
-pair had when it was last seen, and a step of the size s,
+Where left and right change places, the differences D = w_left - w_right of all pairs of
+landmarks change their signs from one frame to the next, and nothing else moves. For the
+difference D' that a pair had when it was last seen, and a step of the size s,
 
     S = (nu + 2) / 2 log[(nu + ||D - D'||^2 / s^2) / (nu + ||D + D'||^2 / s^2)]
 
-is the log likelihood of an exchange, by Student's t distribution with nu degrees of freedom, which
-jumps of single landmarks do not outvote. The likeliest run of the states {as named, exchanged} has
-the largest sum of S - price over its changes (Viterbi). It says where sides change places, but not
-which of the two states is right: most frames within a second are.
+is the log likelihood of an exchange, by Student's t distribution with nu degrees of
+freedom, which jumps of single landmarks do not outvote. The likeliest run of the states
+{as named, exchanged} has the largest sum of S - price over its changes (Viterbi). It
+says where sides change places, but not which of the two states is right: most frames
+within a second are.
 """
 
 from __future__ import annotations
@@ -29,24 +31,30 @@ REMEMBERED = 5
 """Frames after which the last difference of a pair says nothing of its next one."""
 
 LEAST_STEP = 0.05
-"""s at least, in median distances of left from right: what a detector makes of a body at rest."""
+"""s at least, in median distances of left from right: what a detector makes of a body
+at rest.
+"""
 
 
 class Exchanges(NamedTuple):
-    """Which frames (t,) have their sides exchanged, and whether what is left is one run of sides.
+    """Which frames (t,) have their sides exchanged, and whether what is left is one run
+    of sides.
 
-    Without `continuous` left and right change places for longer than a second, and nobody knows
-    which part of the sequence is named rightly.
+    Without `continuous` left and right change places for longer than a second, and
+    nobody knows which part of the sequence is named rightly.
     """
 
     exchanged: Flags
     continuous: bool
 
 
-def find_exchanges(landmarks: Floats, pairs: NDArray[np.integer], rate: float) -> Exchanges:
+def find_exchanges(
+    landmarks: Floats, pairs: NDArray[np.integer], rate: float
+) -> Exchanges:
     """Find the frames of a sequence in which left and right are exchanged.
 
-    landmarks (t, 2, p), nan where hidden; pairs (q, 2) of left and right; rate, frames a second.
+    landmarks (t, 2, p), nan where hidden; pairs (q, 2) of left and right; rate, frames
+    a second.
     """
     change = find_changes(landmarks, pairs)
     state = likeliest_states(change)
@@ -63,13 +71,19 @@ def find_exchanges(landmarks: Floats, pairs: NDArray[np.integer], rate: float) -
 
 
 def find_changes(landmarks: Floats, pairs: NDArray[np.integer]) -> Floats:
-    """Sum over the pairs of S (t,), for an exchange between each frame and the one before it."""
+    """Sum over the pairs of S (t,), for an exchange between each frame and the one
+    before it.
+    """
     difference = landmarks[..., pairs[:, 0]] - landmarks[..., pairs[:, 1]]
     visible: Flags = np.asarray(np.isfinite(difference).all(axis=1))
     frame = np.where(visible, np.arange(len(visible))[:, None], -1)
     before = np.full_like(frame, -1)
     before[1:] = np.maximum.accumulate(frame, axis=0)[:-1]
-    recent = visible & (before >= 0) & (np.arange(len(visible))[:, None] - before <= REMEMBERED)
+    recent = (
+        visible
+        & (before >= 0)
+        & (np.arange(len(visible))[:, None] - before <= REMEMBERED)
+    )
     D = np.where(recent[:, None], difference, 0.0)
     last = np.take_along_axis(difference, np.maximum(before, 0)[:, None], axis=0)
     last = np.where(recent[:, None], last, 0.0)
@@ -85,7 +99,9 @@ def find_changes(landmarks: Floats, pairs: NDArray[np.integer]) -> Floats:
 
 
 def likeliest_states(change: Floats) -> Flags:
-    """Return which frames (t,) are exchanged in the likeliest run of states, the first is not."""
+    """Return which frames (t,) are exchanged in the likeliest run of states, the first
+    is not.
+    """
     gain = change - CONSTANTS.exchange_price
     value = np.array([0.0, -np.inf])
     came = np.zeros((len(change), 2), dtype=np.intp)

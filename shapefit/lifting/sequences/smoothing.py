@@ -1,20 +1,23 @@
-"""The shapes of a whole sequence at once: what the images say, rigid bones, and smooth motion.
+"""The shapes of a whole sequence at once: what the images say, rigid bones, and smooth
+motion.
 
-The landmarks y_t (3, p) of the frames, in the frame of the camera, and the lengths l of the bones
-minimise
+The landmarks y_t (3, p) of the frames, in the frame of the camera, and the lengths l of
+the bones minimise
 
-    sum_t  -log p(y_t | image t)                                   mixture of the image's modes
-         + 1/2 sum_(t,j) q_tj (1/sigma^2 - 1/v) ||w_tj - y_tj||^2   landmarks stated to be exacter
+    sum_t  -log p(y_t | image t)                                   mixture of the
+           image's modes
+         + 1/2 sum_(t,j) q_tj (1/sigma^2 - 1/v) ||w_tj - y_tj||^2   landmarks stated to
+                                                                    be exacter
          + 1/2 sum_(t,j) ||y_(t-1)j - 2 y_tj + y_(t+1)j||^2 / a_j^2
          + 1/2 sum_(t, bones ij) (||y_ti - y_tj|| - l_ij)^2 / b^2.
 
-The posteriors of the images took their landmarks with the variance v of what the prior cannot
-place. Where their noise sigma is stated to be smaller the second term makes up for it. Bones are
-rigid but unknown; where their lengths k are known up to the scale g of the images, with the
-precision Q of their logarithms, d^T Q d / 2 of d = l / (g k) - 1 joins the objective. Levenberg and
-Marquardt's method over frames and lengths together: the lengths are few, and are eliminated from
-the banded system of the frames. No step raises the objective; the minimum is a local one, near the
-start.
+The posteriors of the images took their landmarks with the variance v of what the prior
+cannot place. Where their noise sigma is stated to be smaller the second term makes up
+for it. Bones are rigid but unknown; where their lengths k are known up to the scale g
+of the images, with the precision Q of their logarithms, d^T Q d / 2 of d = l / (g k) -
+1 joins the objective. Levenberg and Marquardt's method over frames and lengths
+together: the lengths are few, and are eliminated from the banded system of the frames.
+No step raises the objective; the minimum is a local one, near the start.
 """
 
 from __future__ import annotations
@@ -36,32 +39,45 @@ class Constants:
     """The numbers of the model of sequences, in one place; none is a key.
 
     modes           of a frame that count; the others have next to no share
-    widest          standard deviation of a coordinate, in the size of the landmarks, beyond which
-                    an image says nothing: its posterior then has next to no scale. Frames whose
-                    image says nothing have it: the others place them
-    least_noise     deviation of a coordinate, in the size of the landmarks, as which a smaller one
-                    counts: exact landmarks have rounding and a prior beside them. Of the levels
-                    0.003, 0.01, 0.03 and 0.06 the best on exact clips of subject 86. Its square is
-                    added to the covariances, which know no mean depth: it stays where it is
-    farthest        median over the images of the mean square of what a sequence may move them, in
-                    their deviations. Beyond it bones are not rigid or the prior is too narrow, and
-                    they are left out. On film of bodies 01, 02 and 64 (97 clips, some with jumps or
-                    bones that stretch) 0.4 to 0.5 loses more than 10% in 1 to 2 clips, 0.6 and no
-                    limit in 2, and no limit has 1.4% less error; on 03 and 118 no limit loses in 3
-                    of 40, and has 1% more
-    scale_time      seconds over which the scale of a body in its images is smoothed. On film of
-                    bodies 01, 02 and 64 (79 clips, no limit) sequences have 0.824 of the error of
-                    images by 0.5, 0.825 by 0.35, 0.823 by 1, and 0.840 in one unit alone
-    shared          r, the share of the deviations of single images that neighbouring frames have in
-                    common: in error bars, and in what images say of lengths. On film of six bodies
-                    90% regions hold 0.91 to 0.97 in each of twelve cells; 0.5 holds more than 0.97
-                    in four, 0.3 less than 0.90 in three. Errors are the same
-    memory          seconds after which what a detector gets wrong has hardly anything to do with
+    widest          standard deviation of a coordinate, in the size of the landmarks,
+                    beyond which
+                    an image says nothing: its posterior then has next to no scale.
+                    Frames whose image says nothing have it: the others place them
+    least_noise     deviation of a coordinate, in the size of the landmarks, as which a
+                    smaller one
+                    counts: exact landmarks have rounding and a prior beside them. Of
+                    the levels
+                    0.003, 0.01, 0.03 and 0.06 the best on exact clips of subject 86.
+                      Its square is
+                    added to the covariances, which know no mean depth: it stays where
+                        it is
+    farthest        median over the images of the mean square of what a sequence may
+                    move them, in
+                    their deviations. Beyond it bones are not rigid or the prior is too
+                    narrow, and they are left out. On film of bodies 01, 02 and 64 (97
+                    clips, some with jumps or bones that stretch) 0.4 to 0.5 loses more
+                    than 10% in 1 to 2 clips, 0.6 and no limit in 2, and no limit has
+                    1.4% less error; on 03 and 118 no limit loses in 3 of 40, and has 1%
+                    more
+    scale_time      seconds over which the scale of a body in its images is smoothed. On
+                    film of
+                    bodies 01, 02 and 64 (79 clips, no limit) sequences have 0.824 of
+                    the error of images by 0.5, 0.825 by 0.35, 0.823 by 1, and 0.840 in
+                    one unit alone
+    shared          r, the share of the deviations of single images that neighbouring
+                    frames have in
+                    common: in error bars, and in what images say of lengths. On film of
+                    six bodies 90% regions hold 0.91 to 0.97 in each of twelve cells;
+                    0.5 holds more than 0.97 in four, 0.3 less than 0.90 in three.
+                    Errors are the same
+    memory          seconds after which what a detector gets wrong has hardly anything
+                    to do with
                     what it got wrong before: that of second differences, see
                     `find_acceleration_scale`
-    exchange_price  log likelihood that an exchange of left and right costs, see `exchanges`. At 8
-                    no clean clip of 336 of film has one, and where 8 of 60 frames are exchanged or
-                    bursts of 8, 2 to 3 of 1,000 frames stay wrong
+    exchange_price  log likelihood that an exchange of left and right costs, see
+                    `exchanges`. At 8
+                    no clean clip of 336 of film has one, and where 8 of 60 frames are
+                    exchanged or bursts of 8, 2 to 3 of 1,000 frames stay wrong
     """
 
     modes: int = 4
@@ -77,16 +93,17 @@ class Constants:
 CONSTANTS = Constants()
 
 MAX_ROUNDS, TOLERANCE = 100, 0.03
-"""Rounds of Levenberg and Marquardt's method, and the gain of the objective for each frame with
-which they go on. On film 90% of the clips end within 15 rounds and all within 20; what a smaller
-gain adds changes no error by more than 0.1%."""
+"""Rounds of Levenberg and Marquardt's method, and the gain of the objective for each
+frame with which they go on. On film 90% of the clips end within 15 rounds and all
+within 20; what a smaller gain adds changes no error by more than 0.1%.
+"""
 
 
 class Lengths(NamedTuple):
     """What is known of the lengths of bones beforehand, but for the size of the body.
 
-    usual k (e,), in any unit, nan where a bone's is unknown; precision Q (e, e) of the logarithms,
-    0 there.
+    usual k (e,), in any unit, nan where a bone's is unknown; precision Q (e, e) of the
+    logarithms, 0 there.
     """
 
     usual: Floats
@@ -97,8 +114,8 @@ class Lengths(NamedTuple):
 class Model:
     """How frames of a sequence hang together, in units of the size of its landmarks.
 
-    bones (e, 2); stiffness 1/a^2 (p,); bone_tolerance b (e,), the deviation of a bone from its
-    length; usual, the usual lengths.
+    bones (e, 2); stiffness 1/a^2 (p,); bone_tolerance b (e,), the deviation of a bone
+    from its length; usual, the usual lengths.
     """
 
     bones: Indices
@@ -109,16 +126,18 @@ class Model:
 
 @dataclass(frozen=True)
 class Observations:
-    """What single images say of the frames of one sequence, in units of the size of its landmarks.
+    """What single images say of the frames of one sequence, in units of the size of its
+    landmarks.
 
-    A frame has some modes, as the posterior of its image gives them: Gaussians over the landmarks
-    in the frame of the camera, with shares. Their energy is -log sum_k share_k N(y_t; m_tk, C_tk).
+    A frame has some modes, as the posterior of its image gives them: Gaussians over the
+    landmarks in the frame of the camera, with shares. Their energy is -log sum_k
+    share_k N(y_t; m_tk, C_tk).
 
     landmarks w (t, 2, p) as observed, nan where hidden; trust q (t, p), the inlier
     probability, 0 where it is hidden; start (t, 3, p), the mean of each image;
-    residual_variance, that with which the posteriors took the landmarks; log_share (t, k),
-    mean (t, k, 3p), precision (t, k, 3p, 3p) and log_det (t, k) of the modes, log_share -inf where
-    a frame has fewer.
+    residual_variance, that with which the posteriors took the landmarks; log_share (t,
+    k), mean (t, k, 3p), precision (t, k, 3p, 3p) and log_det (t, k) of the modes,
+    log_share -inf where a frame has fewer.
     """
 
     landmarks: Floats
@@ -134,7 +153,9 @@ class Observations:
         return len(self.start)
 
     def grown(self, growth: Floats) -> Observations:
-        """The same in a unit of each frame: the former times growth (t,). Precisions are lost."""
+        """The same in a unit of each frame: the former times growth (t,). Precisions
+        are lost.
+        """
         g = growth[:, None, None]
         np.multiply(self.precision, g[..., None] ** 2, out=self.precision)
         return replace(
@@ -150,9 +171,10 @@ class Observations:
 class Smoothed:
     """points (t, 3, p) and lengths (e,) at the minimum, and the energy there.
 
-    deviation (t, 3, p) of the points, the lengths held, and the correlation (t, 3, p) of x with y,
-    x with z, and y with z of each landmark; covariance (t, 3p, 3p) of the frames, all x first, then
-    y, then z. converged, whether the rounds ended before their limit.
+    deviation (t, 3, p) of the points, the lengths held, and the correlation (t, 3, p)
+    of x with y, x with z, and y with z of each landmark; covariance (t, 3p, 3p) of the
+    frames, all x first, then y, then z. converged, whether the rounds ended before
+    their limit.
     """
 
     points: Floats
@@ -170,7 +192,9 @@ def smooth(
     noise: float,
     max_rounds: int = MAX_ROUNDS,
 ) -> Smoothed:
-    """Minimise the objective above from the images, for landmarks of the deviation `noise`."""
+    """Minimise the objective above from the images, for landmarks of the deviation
+    `noise`.
+    """
     t, _, p = visible.start.shape
     points = visible.start.reshape(t, 3 * p).copy()
     lengths = mean_lengths(visible.start, model.bones)
@@ -211,14 +235,18 @@ def smooth(
 
 
 def further_weight(visible: Observations, noise: float) -> Floats:
-    """Weight q (1/sigma^2 - 1/v) (t, 2p) of the landmarks beside what the images say of them."""
+    """Weight q (1/sigma^2 - 1/v) (t, 2p) of the landmarks beside what the images say of
+    them.
+    """
     more = max(1 / noise**2 - 1 / visible.residual_variance, 0.0)
     weight: Floats = more * np.tile(visible.trust, (1, 2))
     return weight
 
 
 def fixed_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
-    """Weights H = Q / (g k)(g k)^T (e, e) and usual lengths g k (e,); 0 for bones without one."""
+    """Weights H = Q / (g k)(g k)^T (e, e) and usual lengths g k (e,); 0 for bones
+    without one.
+    """
     e = len(model.bones)
     fixed, shorter = np.zeros((2, e))
     if model.usual is None:
@@ -233,12 +261,16 @@ def fixed_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
 def mean_lengths(points: Floats, bones: Indices) -> Floats:
     """Mean lengths (e,) of the bones (e, 2) of points (t, 3, p)."""
     i, j = bones.T
-    mean: Floats = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1).mean(axis=0)
+    mean: Floats = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1).mean(
+        axis=0
+    )
     return mean
 
 
 def fit_scale(lengths: Floats, usual: Floats) -> float:
-    """Scale g at which usual lengths (e,), nan where unknown, agree best with others."""
+    """Scale g at which usual lengths (e,), nan where unknown, agree best with
+    others.
+    """
     there = np.isfinite(usual)
     return float(np.exp(np.log(lengths[there] / usual[there]).mean()))
 
@@ -255,9 +287,10 @@ def observe(
 ) -> Observations:
     """Return the Gaussian mixtures that the images of t frames give, all in one unit.
 
-    log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p); covariances
-    (t, k, 3p, 3p), to be multiplied by grow^2 (t,), in whose memory the precisions then stand. A
-    frame without modes starts between its neighbours. Raises ValueError where no frame has any.
+    log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p);
+    covariances (t, k, 3p, 3p), to be multiplied by grow^2 (t,), in whose memory the
+    precisions then stand. A frame without modes starts between its neighbours. Raises
+    ValueError where no frame has any.
     """
     t, k = log_evidence.shape[0], min(CONSTANTS.modes, log_evidence.shape[1])
     d = 3 * landmarks.shape[2]
@@ -267,7 +300,9 @@ def observe(
     best = np.where(present, log_evidence[:, 0], 0.0)[:, None]
     log_share = np.where(there, log_evidence[:, :k], -np.inf) - best
     log_share[~present, 0] = 0.0
-    mean = np.where(there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d))
+    mean = np.where(
+        there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d)
+    )
     precision, log_det = find_precisions(
         np.ascontiguousarray(covariances[:, :k]),
         np.where(there, np.reshape(grow, (-1, 1)) ** 2, 0.0),
@@ -277,7 +312,9 @@ def observe(
     return Observations(
         landmarks=landmarks,
         trust=np.where(
-            np.isfinite(landmarks).all(axis=1) & present[:, None], np.nan_to_num(trust), 0.0
+            np.isfinite(landmarks).all(axis=1) & present[:, None],
+            np.nan_to_num(trust),
+            0.0,
         ),
         start=start,
         residual_variance=residual_variance,
@@ -291,20 +328,28 @@ def observe(
 def find_precisions(
     covariances: Floats, factor: Floats, more: Floats, there: NDArray[np.bool_]
 ) -> tuple[Floats, Floats]:
-    """Inverses (t, k, d, d) of factor C + more I, and the log determinants (t, k) of these.
+    """Inverses (t, k, d, d) of factor C + more I, and the log determinants (t, k) of
+    these.
 
-    factor, more (t, k); a factor of 0 takes C for 0. They are written over
-    those C (t, k, d, d) that are `there` (t, k): of long sequences these take most of the memory.
+    factor, more (t, k); a factor of 0 takes C for 0. They are written over those C (t,
+    k, d, d) that are `there` (t, k): of long sequences these take most of the memory.
     """
     log_det = np.zeros(there.shape)
     core.find_precisions(
-        matrices=covariances, factor=factor, more=more, there=there, log_det=log_det, threads=1
+        matrices=covariances,
+        factor=factor,
+        more=more,
+        there=there,
+        log_det=log_det,
+        threads=1,
     )
     return covariances, log_det
 
 
 def fill(points: Floats, present: NDArray[np.bool_]) -> Floats:
-    """Points (t, 3, p) with missing frames interpolated between their neighbours in time."""
+    """Points (t, 3, p) with missing frames interpolated between their neighbours in
+    time.
+    """
     if present.all():
         return points
     if not present.any():

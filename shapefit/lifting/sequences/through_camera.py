@@ -1,11 +1,12 @@
-"""Sequences before a pinhole camera: brought into the unit and frame of weak perspective, and back.
+"""Sequences before a pinhole camera: brought into the unit and frame of weak
+perspective, and back.
 
 Seen in the direction u, the landmark of a point at the depth f + z lies at
 
     w = f u (1 + z / f)
 
-where weak perspective would have it, in the unit of the image of a body whose middle is at the
-depth f. The depths z are those of the images.
+where weak perspective would have it, in the unit of the image of a body whose middle is
+at the depth f. The depths z are those of the images.
 """
 
 from __future__ import annotations
@@ -23,12 +24,14 @@ from shapefit.lifting.posterior.method import find_rays
 Refine = Callable[[Lifting, Floats], Lifting]
 
 
-def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -> Lifting:
+def refine_through_camera(
+    lifting: Lifting, landmarks: Floats, refine: Refine
+) -> Lifting:
     """Refine a lifting of n images whose landmarks (n, 2, p) a camera may have seen.
 
-    `refine` takes a lifting by weak perspective and its landmarks, and the memory of its modes. The
-    scale of an image stays what it is: bodies are taken to stay about as far away, as they are
-    without a camera.
+    `refine` takes a lifting by weak perspective and its landmarks, and the memory of
+    its modes. The scale of an image stays what it is: bodies are taken to stay about as
+    far away, as they are without a camera.
     """
     view, near = lifting.perspective, lifting.problem.camera
     if view is None:
@@ -37,12 +40,16 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
         raise ValueError("the method did not look through the camera itself")
     rays = find_rays(landmarks, view.camera)
     size = np.where(
-        np.isfinite(lifting.scale), rays.focal / find_rays(landmarks, near).focal, np.nan
+        np.isfinite(lifting.scale),
+        rays.focal / find_rays(landmarks, near).focal,
+        np.nan,
     )
     grow = (lifting.scale / size)[:, None, None]
     flat = np.zeros((len(size), 2))
     estimate = lifting.estimate
-    middle = rays.focal[:, None] * view.translation[:, :2] / np.abs(view.translation[:, 2:])
+    middle = (
+        rays.focal[:, None] * view.translation[:, :2] / np.abs(view.translation[:, 2:])
+    )
     points = lifting.scale[:, None, None] * estimate.shapes
     points[:, :2] += middle[..., None]
     weak = replace(
@@ -58,15 +65,24 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
 
 
 def place_before_camera(
-    lifting: Lifting, view: PerspectiveView, refined: Lifting, focal: Floats, grow: Floats
+    lifting: Lifting,
+    view: PerspectiveView,
+    refined: Lifting,
+    focal: Floats,
+    grow: Floats,
 ) -> Lifting:
-    """Put the refined shapes (n, 3, p) before the camera, in the place of those of the images."""
+    """Put the refined shapes (n, 3, p) before the camera, in the place of those of the
+    images.
+    """
     camera, points = view.camera, refined.shapes
     middle = points[:, :2].mean(axis=2)
     shapes = points.copy()
     shapes[:, :2] -= middle[..., None]
     translation = camera.centre + camera.focal * middle / focal[:, None]
-    t = np.concatenate([middle, camera.sign * focal[:, None]], axis=1) / lifting.scale[:, None]
+    t = (
+        np.concatenate([middle, camera.sign * focal[:, None]], axis=1)
+        / lifting.scale[:, None]
+    )
     fitted = project(camera, shapes / lifting.scale[:, None, None] + t[..., None])
     shapes[:, :2] += translation[..., None]
     return replace(

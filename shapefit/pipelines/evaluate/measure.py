@@ -1,4 +1,6 @@
-"""Results of one method compared with the truth: matching, the errors, the error bars, failures."""
+"""Results of one method compared with the truth: matching, the errors, the error bars,
+failures.
+"""
 
 from __future__ import annotations
 
@@ -19,20 +21,45 @@ from shapefit.evaluation.metrics import FEWEST_LANDMARKS, METRICS, in_blocks, si
 from shapefit.evaluation.report import ALL, NORMALISED, Kind
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, RESULTS
+from shapefit.io.layout import (
+    INPUT_CORRELATION,
+    INPUT_NAMES,
+    INPUT_SD,
+    INPUT_SHAPES,
+    RESULTS,
+)
 from shapefit.io.names import match_landmarks
 from shapefit.io.records import Records, ResultSet, ShapeSet
-from shapefit.pipelines.items import BY_FRAME, BY_ITEM, find_truth, keys_of, named_items, subsample
+from shapefit.pipelines.items import (
+    BY_FRAME,
+    BY_ITEM,
+    find_truth,
+    keys_of,
+    named_items,
+    subsample,
+)
 
 FOR_ALL = ("true_rotation", "rotation", "shape_correlation", "bounding_box")
 """Datasets that are taken beside those that metrics need."""
-OF_JOINTS = {"landmarks", "confidence", "outliers", "corrupted", "dual", "landmarks_fitted"}
+OF_JOINTS = {
+    "landmarks",
+    "confidence",
+    "outliers",
+    "corrupted",
+    "dual",
+    "landmarks_fitted",
+}
 OF_JOINTS |= {"shape_correlation", "shape_covariance"}
-"""Datasets with an axis of the joints, which results have for these but not for the input."""
+"""Datasets with an axis of the joints, which results have for these but not for the
+input.
+"""
 MIRRORED = 0.75
-"""Of the error, below which the error against the mirrored truth means a left-handed truth."""
+"""Of the error, below which the error against the mirrored truth means a left-handed
+truth.
+"""
 FRAMES_DIFFER = 45.0
-"""Degrees by which rotations are off more than twice as much as the shapes themselves."""
+"""Degrees by which rotations are off more than twice as much as the shapes themselves.
+"""
 SAMPLE = 500
 """Images by which a mirrored truth, and one in another frame, are recognised."""
 
@@ -43,10 +70,11 @@ Arrays = Mapping[str, Any]
 class Measured(NamedTuple):
     """Errors of the n images of the results of one method.
 
-    items and sequences (n), "" where the sequence is unknown; errors maps a metric and unit to
-    (n,), nan where an image failed, infinite where it does not count, as in precision where nothing
-    was labelled; failures maps the failed items to the reason; bars says how the truth lies in the
-    error bars, where the method has them; objective (n) where the file has it.
+    items and sequences (n), "" where the sequence is unknown; errors maps a metric and
+    unit to (n,), nan where an image failed, infinite where it does not count, as in
+    precision where nothing was labelled; failures maps the failed items to the reason;
+    bars says how the truth lies in the error bars, where the method has them; objective
+    (n) where the file has it.
     """
 
     items: tuple[str, ...]
@@ -58,19 +86,27 @@ class Measured(NamedTuple):
     objective: Floats | None
 
 
-def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig) -> Measured:
+def measure(
+    file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig
+) -> Measured:
     """Measure every image of results in the metrics that their datasets allow.
 
-    Images and true shapes are matched by `match` (by frame where no item is the same), landmarks by
-    name. Of several individuals that match the same true shapes the one with the least error is
-    measured. Raises InputError where no image or too few landmarks match, and where no metric can
-    be measured.
+    Images and true shapes are matched by `match` (by frame where no item is the same),
+    landmarks by name. Of several individuals that match the same true shapes the one
+    with the least error is measured. Raises InputError where no image or too few
+    landmarks match, and where no metric can be measured.
     """
     fault = "holds no shapes"
     if config.least_visible:
         observed = find_dataset(file, results, "landmarks")
-        count = 0 if observed is None else m.visible_in_both(observed, observed).sum(axis=-1)
-        results = results.take(np.broadcast_to(count >= config.least_visible, len(results)))
+        count = (
+            0
+            if observed is None
+            else m.visible_in_both(observed, observed).sum(axis=-1)
+        )
+        results = results.take(
+            np.broadcast_to(count >= config.least_visible, len(results))
+        )
         fault += f" with {config.least_visible} observed `landmarks`"
     for place, records in ((file, results), ("truth", truth)):
         if not len(records):
@@ -78,14 +114,17 @@ def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig)
     rows, by_frame = match_truth(file, results, truth, config.match)
     names = _common_landmarks(file, results.landmark_names, truth.landmark_names)
     columns = match_landmarks(results.landmark_names, names)
-    # `take` gives them in the order of the core, an index gives them landmark by landmark.
+    # `take` gives them in the order of the core, an index gives them landmark by
+    # landmark.
     estimate = results.shapes.take(columns, axis=2)
     true = truth.shapes[rows].take(match_landmarks(truth.landmark_names, names), 2)
     true[rows < 0] = np.nan
     notes: list[str] = []
     for side, records in (("results", results), ("truth", truth)):
         if alone := [name for name in records.landmark_names if name not in set(names)]:
-            notes.append(f"landmarks in the {side} alone are left out: {abbreviate(alone)}")
+            notes.append(
+                f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
+            )
     if by_frame and results.sequences is not None:
         retained, others = _one_individual(results.sequences, rows, estimate, true)
         notes += others
@@ -108,9 +147,14 @@ def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig)
                 for values in (results.shape_sd, data["shape_correlation"])
             )
             square, width = in_blocks(find_squares, *sides, deviation, correlation)
-            bars = ErrorBars(square, {NORMALISED: width / scale[:, None], truth.unit: width})
+            bars = ErrorBars(
+                square, {NORMALISED: width / scale[:, None], truth.unit: width}
+            )
         elif results.shape_sd is not None:
-            text = "the error bars are not compared, without `true_rotation` or `truth_frame`"
+            text = (
+                "the error bars are not compared, without `true_rotation` or"
+                " `truth_frame`"
+            )
             lacking.append(text)
     common = in_blocks(m.visible_in_both, estimate, true)
     for values in errors.values():
@@ -136,11 +180,14 @@ def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig)
     )
 
 
-def match_truth(file: Path, results: Records, truth: ShapeSet, match: str) -> tuple[Indices, bool]:
-    """Return the true shape (n,) of each image, -1 for none, and whether it is by frame.
+def match_truth(
+    file: Path, results: Records, truth: ShapeSet, match: str
+) -> tuple[Indices, bool]:
+    """Return the true shape (n,) of each image, -1 for none, and whether it is by
+    frame.
 
-    By frame where that is chosen, or where results of other tools, which have no status, share no
-    item with the truth.
+    By frame where that is chosen, or where results of other tools, which have no
+    status, share no item with the truth.
     """
     keys, true_keys = keys_of([results]), keys_of([truth])
     if match not in (BY_ITEM, BY_FRAME):
@@ -154,12 +201,19 @@ def match_truth(file: Path, results: Records, truth: ShapeSet, match: str) -> tu
     return find_truth(file, BY_FRAME, keys, true_keys), True
 
 
-def _common_landmarks(file: Path, names: Sequence[str], true: Sequence[str]) -> tuple[str, ...]:
-    """Return the landmarks that the truth has too. Raises InputError where they are too few."""
+def _common_landmarks(
+    file: Path, names: Sequence[str], true: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the landmarks that the truth has too. Raises InputError where they are too
+    few.
+    """
     common = tuple(name for name in names if name in set(true))
     if len(common) < FEWEST_LANDMARKS:
         fault = f"the truth has {len(common)} of its landmarks ({abbreviate(names)})"
-        fix = f"at least {FEWEST_LANDMARKS} must have the names that they have in the truth"
+        fix = (
+            f"at least {FEWEST_LANDMARKS} must have the names that they have in the"
+            " truth"
+        )
         raise input_error(file, fault, f"{fix} ({abbreviate(true)})")
     return common
 
@@ -167,12 +221,17 @@ def _common_landmarks(file: Path, names: Sequence[str], true: Sequence[str]) -> 
 def _one_individual(
     sequences: Sequence[str], rows: Indices, estimate: Floats, true: Floats
 ) -> tuple[Indices, list[str]]:
-    """Return the images whose true shape no sequence with a smaller median error has; a warning."""
+    """Return the images whose true shape no sequence with a smaller median error has; a
+    warning.
+    """
     omitted, names = np.zeros(len(rows), np.bool_), np.array(sequences, str)
     taken = np.array([], np.intp)
     if len(np.unique(rows[rows >= 0])) < (rows >= 0).sum():
         error = in_blocks(similarity, estimate, true)
-        medians = {name: np.nanmedian([np.inf, *error[names == name]]) for name in np.unique(names)}
+        medians = {
+            name: np.nanmedian([np.inf, *error[names == name]])
+            for name in np.unique(names)
+        }
         for name in sorted(medians, key=medians.__getitem__):
             omitted |= (names == name) & np.isin(rows, taken)
             taken = np.union1d(taken, rows[(names == name) & (rows >= 0)])
@@ -182,7 +241,8 @@ def _one_individual(
 
 
 def find_dataset(file: Path, results: ResultSet, name: str) -> Any:
-    """Return a dataset that a metric takes, in the paper's orientation; None if it is absent.
+    """Return a dataset that a metric takes, in the paper's orientation; None if it is
+    absent.
 
     Raises InputError where it has another shape than the metric needs.
     """
@@ -196,24 +256,34 @@ def find_dataset(file: Path, results: ResultSet, name: str) -> Any:
     expected = (len(results), *(p if size == "p" else size for size in m.CARRIED[name]))
     if data.shape != expected or data.dtype.kind not in "biuf":
         fault = f"has the shape {data.shape} of {data.dtype}"
-        raise input_error(f"{file}:/{name}", fault, f"give numbers of the shape {expected}")
+        raise input_error(
+            f"{file}:/{name}", fault, f"give numbers of the shape {expected}"
+        )
     numbers = np.asarray(data, dtype=np.float64)
     # Carried datasets come as they are in the file, one landmark per row.
     is_points = len(expected) == 3 and m.CARRIED[name][0] == "p"
     return np.swapaxes(numbers, 1, 2) if is_points else numbers
 
 
-def _comparable(metrics: Sequence[str], data: Mapping[str, Any]) -> tuple[Sequence[str], list[str]]:
-    """Return the metrics without `rotation` where dictionary and truth have different frames.
+def _comparable(
+    metrics: Sequence[str], data: Mapping[str, Any]
+) -> tuple[Sequence[str], list[str]]:
+    """Return the metrics without `rotation` where dictionary and truth have different
+    frames.
 
-    Then shapes fit the truth with a small rotation, and their stated rotations are far from the
-    true ones. And say so; and where the truth fits much better when it is mirrored.
+    Then shapes fit the truth with a small rotation, and their stated rotations are far
+    from the true ones. And say so; and where the truth fits much better when it is
+    mirrored.
     """
     some = list(subsample(SAMPLE, len(data["estimate"])))
     names = ("estimate", "truth", "true_rotation", "rotation")
-    e, x, R, stated = (data[name] if data[name] is None else data[name][some] for name in names)
+    e, x, R, stated = (
+        data[name] if data[name] is None else data[name][some] for name in names
+    )
     error, mirrored = (
-        float(np.median(np.nan_to_num(similarity(e, x * [[sign], [1], [1]]), nan=np.inf)))
+        float(
+            np.median(np.nan_to_num(similarity(e, x * [[sign], [1], [1]]), nan=np.inf))
+        )
         for sign in (1.0, -1.0)
     )
     notes = []
@@ -230,27 +300,40 @@ def _comparable(metrics: Sequence[str], data: Mapping[str, Any]) -> tuple[Sequen
         angle = float(np.median(rotation_angle(R[whole], stated[whole])))
         if angle > 2 * shapes + FRAMES_DIFFER:
             metrics = [metric for metric in metrics if metric != "rotation"]
-            text = f"no rotation: off by {angle:.0f} degrees, and the shapes by {shapes:.0f}"
+            text = (
+                f"no rotation: off by {angle:.0f} degrees, and the shapes by"
+                f" {shapes:.0f}"
+            )
             notes.append(f"{text}: dictionary and truth have different frames")
     return metrics, notes
 
 
 def _errors(
-    file: Path, metrics: Sequence[str], data: Arrays, scale: Floats, unit: str, image_unit: str
+    file: Path,
+    metrics: Sequence[str],
+    data: Arrays,
+    scale: Floats,
+    unit: str,
+    image_unit: str,
 ) -> tuple[dict[Kind, Floats], list[str]]:
-    """Errors (n,) in each metric and unit, and a warning about metrics that lack a dataset.
+    """Errors (n,) in each metric and unit, and a warning about metrics that lack a
+    dataset.
 
-    scale (n,) as `truth_scale` has it; unit is that of the truth. Raises InputError where all
-    metrics lack something.
+    scale (n,) as `truth_scale` has it; unit is that of the truth. Raises InputError
+    where all metrics lack something.
     """
     errors: dict[Kind, Floats] = {}
     lacking: dict[str, list[str]] = {}
     for name in metrics:
         metric = METRICS[name]
-        if absent := [f"`{dataset}`" for dataset in metric.needs if data[dataset] is None]:
+        if absent := [
+            f"`{dataset}`" for dataset in metric.needs if data[dataset] is None
+        ]:
             lacking |= {name: absent} if name != "expected" else {}
             continue
-        error: Floats = in_blocks(metric.function, *(data[dataset] for dataset in metric.needs))
+        error: Floats = in_blocks(
+            metric.function, *(data[dataset] for dataset in metric.needs)
+        )
         by_unit = {metric.unit: error}
         if metric.unit == m.LENGTH:  # once, where the unit of the truth is `normalised`
             by_unit = {NORMALISED: error, unit: error} | {NORMALISED: error / scale}
@@ -260,22 +343,34 @@ def _errors(
         for of_unit, values in by_unit.items():
             errors[name, of_unit] = np.where(np.isfinite(values), values, np.nan)
     absent = [*dict.fromkeys(chain(*lacking.values()))]
-    text = f"no {listed(lacking, 'and')} without {listed(absent, 'and')}" if lacking else ""
+    text = (
+        f"no {listed(lacking, 'and')} without {listed(absent, 'and')}"
+        if lacking
+        else ""
+    )
     if not errors:
-        raise input_error(file, text, "add the metric `similarity`, which needs only shapes")
+        raise input_error(
+            file, text, "add the metric `similarity`, which needs only shapes"
+        )
     return errors, [text] if lacking else []
 
 
 def _failures(
     results: ResultSet, rows: Indices, common: Flags, errors: Mapping[Kind, Floats]
 ) -> dict[str, str]:
-    """Why each image without one or more errors has none; rows (n,) of its true shape."""
+    """Why each image without one or more errors has none; rows (n,) of its true
+    shape.
+    """
     certain = {kind: v for kind, v in errors.items() if not METRICS[kind[0]].optional}
     failed = np.any([~common.any(axis=-1), *map(np.isnan, certain.values())], axis=0)
     reasons = {}
     for i in np.flatnonzero(failed).tolist():
-        lost = [f"{name} ({unit})" for (name, unit), v in certain.items() if np.isnan(v[i])]
-        reason = f"{common[i].sum()} landmarks are on both sides, and no {', '.join(lost)}"
+        lost = [
+            f"{name} ({unit})" for (name, unit), v in certain.items() if np.isnan(v[i])
+        ]
+        reason = (
+            f"{common[i].sum()} landmarks are on both sides, and no {', '.join(lost)}"
+        )
         if rows[i] < 0:
             reason = "it has no true shape"
         elif not np.isfinite(results.shapes[i]).any():
@@ -286,9 +381,11 @@ def _failures(
 
 
 def with_shapes_of(results: ResultSet, names: Sequence[str]) -> ResultSet:
-    """Return the result with its joints or with the input's landmarks, whichever fit the names.
+    """Return the result with its joints or with the input's landmarks, whichever fit
+    the names.
 
-    Where a fit lifted a detector's landmarks with a dictionary of joints, its result has both.
+    Where a fit lifted a detector's landmarks with a dictionary of joints, its result
+    has both.
     """
     columns = results.columns
     if INPUT_NAMES not in columns or INPUT_SHAPES not in columns:
@@ -302,4 +399,8 @@ def with_shapes_of(results: ResultSet, names: Sequence[str]) -> ResultSet:
         shape_sd=None if sd is None else np.swapaxes(sd, 1, 2),
         landmark_names=detected,
     )
-    return shown if correlation is None else shown.with_columns({"shape_correlation": correlation})
+    return (
+        shown
+        if correlation is None
+        else shown.with_columns({"shape_correlation": correlation})
+    )

@@ -1,4 +1,6 @@
-"""`eval`: results against the truth, image by image, summed up in tables and one plot."""
+"""`eval`: results against the truth, image by image, summed up in tables and one
+plot.
+"""
 
 from __future__ import annotations
 
@@ -37,16 +39,19 @@ PLOT = "errors.svg"
 READ = {"status", "objective", "scale", "shape_sd"}
 READ |= {dataset for metric in METRICS.values() for dataset in metric.needs}
 UNREAD = (OPTIONAL - READ) | OF_FILE.keys()
-"""Datasets of results that no metric needs: they may differ between the files of a method."""
+"""Datasets of results that no metric needs: they may differ between the files of a
+method.
+"""
 
 
 def run(config: EvalConfig) -> Iterator[Result]:
     """Measure the results of every method, then write the tables and the plot.
 
-    One result a method, with the images that failed, and a last one with the errors in a few lines
-    as its note. The folder has nothing new before all is written. Raises InputError for files that
-    cannot be read or compared, images that leave every metric undefined, groups that no sequence
-    belongs to, and an output folder that cannot be written.
+    One result a method, with the images that failed, and a last one with the errors in
+    a few lines as its note. The folder has nothing new before all is written. Raises
+    InputError for files that cannot be read or compared, images that leave every metric
+    undefined, groups that no sequence belongs to, and an output folder that cannot be
+    written.
     """
     check_folder(config.output)
     with open_shapes(config.truth, input_options(config), gaps=True) as source:
@@ -58,9 +63,13 @@ def run(config: EvalConfig) -> Iterator[Result]:
         measured = methods[name] = measure(files[0], results, truth, config)
         new = [*used_in_training(name, results.attributes, inputs), *measured.warnings]
         warnings += new
-        failures = [Failure(item, f"{name}: {why}") for item, why in measured.failures.items()]
+        failures = [
+            Failure(item, f"{name}: {why}") for item, why in measured.failures.items()
+        ]
         done = len(measured.items)
-        yield Result(done=done, failures=tuple(failures), warnings=tuple(new), note=name)
+        yield Result(
+            done=done, failures=tuple(failures), warnings=tuple(new), note=name
+        )
     inputs |= digests(file for files in config.results.values() for file in files)
     document = sum_up(config, methods, warnings, inputs)
     options = orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE
@@ -83,7 +92,9 @@ def run(config: EvalConfig) -> Iterator[Result]:
 
 
 def read_files(files: Sequence[Path]) -> ResultSet:
-    """Read results, or shapes in any format, such as TRC, as results without anything beside."""
+    """Read results, or shapes in any format, such as TRC, as results without anything
+    beside.
+    """
     file_format = detect_format(files[0])
     if file_format.read_poses is None:
         check_holds(files[0], "result", file_format)
@@ -98,24 +109,34 @@ def read_files(files: Sequence[Path]) -> ResultSet:
         shapes.sequences,
         unit=shapes.unit,
         frame_rate=shapes.frame_rate,
-        columns={name: values for name, values in shapes.per_item.items() if name == FRAME},
+        columns={
+            name: values for name, values in shapes.per_item.items() if name == FRAME
+        },
     )
 
 
 def used_in_training(
     method: str, attributes: Mapping[str, Any], truth: Mapping[str, str]
 ) -> list[str]:
-    """Warn where a file of the truth is one that the dictionary learned from, by their digests.
+    """Warn where a file of the truth is one that the dictionary learned from, by their
+    digests.
 
-    A fit with `leave_one_out` ignores, in each image, the atoms of the shape that it shows.
+    A fit with `leave_one_out` ignores, in each image, the atoms of the shape that it
+    shows.
     """
     names = ("training_inputs", "config")
     training, config = (parse_json(attributes.get(name, "{}")) for name in names)
     same = [file for file, digest in truth.items() if digest in training.values()]
     if not same or config.get("leave_one_out"):
         return []
-    text = f"{method}: the dictionary was learned from the truth, {listed(same, 'and')}, so these"
-    return [f"{text} are errors on training shapes: give shapes that took no part in learning"]
+    text = (
+        f"{method}: the dictionary was learned from the truth, {listed(same, 'and')},"
+        " so these"
+    )
+    return [
+        f"{text} are errors on training shapes: give shapes that took no part in"
+        " learning"
+    ]
 
 
 def sum_up(
@@ -138,7 +159,9 @@ def sum_up(
     for name, measured in methods.items():
         objective = np.array([] if measured.objective is None else measured.objective)
         finite = objective[np.abs(objective) <= LARGEST]
-        failures = [{"item": item, "reason": why} for item, why in measured.failures.items()]
+        failures = [
+            {"item": item, "reason": why} for item, why in measured.failures.items()
+        ]
         rows.append(
             {
                 "name": name,
@@ -149,7 +172,9 @@ def sum_up(
                 "failed": len(failures),
             }
         )
-        summaries += report.summarise(name, measured.sequences, measured.errors, grouping)
+        summaries += report.summarise(
+            name, measured.sequences, measured.errors, grouping
+        )
         if measured.bars is not None:
             coverage += cover(name, measured.bars, measured.sequences, grouping)
             factors[name] = bar_scale_factors(measured.bars)
@@ -166,9 +191,11 @@ def sum_up(
 
 
 def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
-    """Write the errors of all images, and the share of their landmarks inside the error bars.
+    """Write the errors of all images, and the share of their landmarks inside the error
+    bars.
 
-    That of a failed image is empty; one that does not count, which is infinite, has no row.
+    That of a failed image is empty; one that does not count, which is infinite, has no
+    row.
     """
     with path.open("w", encoding="utf-8", errors="surrogateescape", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
@@ -180,7 +207,9 @@ def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
                 inside = f"inside_{100 * WIDTH_OF:.0f}"
                 errors[inside, SHARE] = np.where(np.isnan(shares), np.inf, shares)
             for (metric, unit), values in errors.items():
-                images = zip(measured.sequences, measured.items, values.tolist(), strict=True)
+                images = zip(
+                    measured.sequences, measured.items, values.tolist(), strict=True
+                )
                 for sequence, item, value in images:
                     if value != math.inf:
                         text = "" if math.isnan(value) else value
@@ -188,7 +217,9 @@ def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
 
 
 def _plot(document: report.Document, methods: Mapping[str, Measured]) -> str:
-    """Draw the first metric that is an error, in its first unit: normalised if it is a length."""
+    """Draw the first metric that is an error, in its first unit: normalised if it is a
+    length.
+    """
     kinds = [(s.metric, s.unit) for s in document["summaries"]]
     metric, unit = next((kind for kind in kinds if kind[1] != SHARE), kinds[0])
     errors = {name: m.errors.get((metric, unit)) for name, m in methods.items()}

@@ -1,7 +1,8 @@
-"""The camera of the images: the measured one, else an assumed one; and the lens, which is undone.
+"""The camera of the images: the measured one, else an assumed one; and the lens, which
+is undone.
 
-Only methods that look through the camera themselves take an assumed one; for the others weak
-perspective stays, as in the paper's program.
+Only methods that look through the camera themselves take an assumed one; for the others
+weak perspective stays, as in the paper's program.
 """
 
 from __future__ import annotations
@@ -26,14 +27,17 @@ if TYPE_CHECKING:
     from shapefit.io.readers.calibration import CalibratedCamera
 
 LEAST_ANGLE = 0.1
-"""Median extent of the landmarks, in focal lengths, below which perspective does not show: depths
-within a body then differ by less than that share."""
+"""Median extent of the landmarks, in focal lengths, below which perspective does not
+show: depths within a body then differ by less than that share.
+"""
 
 PIXELS = ("px", "pixel", "pixels", UNKNOWN_UNIT)
 
 IMAGE_SIZE, DISTORTION, REMOVED = "image_size", "distortion", "removed_distortion"
-"""Datasets of landmarks, for all or for each: (2,), width and height in pixels, and (m,),
-coefficients of OpenCV's model, m = 4, 5 or 8; of a result, those that it no longer has."""
+"""Datasets of landmarks, for all or for each: (2,), width and height in pixels, and
+(m,), coefficients of OpenCV's model, m = 4, 5 or 8; of a result, those that it no
+longer has.
+"""
 
 OF_CAMERAS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
 
@@ -43,16 +47,20 @@ WEAK = {"focal": "none"}
 def choose_camera(
     config: FitConfig, images: LandmarkSet, *, from_landmarks: bool
 ) -> tuple[dict[str, Any], str]:
-    """Return the keys of `camera` that the config leaves open, and a line about the camera.
+    """Return the keys of `camera` that the config leaves open, and a line about the
+    camera.
 
-    A measured camera is taken as it is. Otherwise the optical axis meets the centre of the image,
-    and the focal length is `ASSUMED_FOCAL` times its longer side. It is weak perspective where the
-    size of the image is not known, perspective does not show, or a class was learned
-    `from_landmarks` under it. Raises InputError for a focal length without a size.
+    A measured camera is taken as it is. Otherwise the optical axis meets the centre of
+    the image, and the focal length is `ASSUMED_FOCAL` times its longer side. It is weak
+    perspective where the size of the image is not known, perspective does not show, or
+    a class was learned `from_landmarks` under it. Raises InputError for a focal length
+    without a size.
     """
     given, method = config.camera, METHODS[config.method]
     calibrated = given.calibration is not None and method.perspective != "none"
-    if given.focal == "none" or (given.focal == "auto" and not method.has_prior and not calibrated):
+    if given.focal == "none" or (
+        given.focal == "auto" and not method.has_prior and not calibrated
+    ):
         return WEAK, "weak perspective"
     if calibrated:
         return {"focal": "files"}, "perspective, of the calibration"
@@ -64,7 +72,10 @@ def choose_camera(
     centre = given.principal_point or (width / 2, height / 2)
     if not isinstance(given.focal, str):
         if np.isnan(centre).any():
-            fix = "give the size of the images, --image-size WxH, or `camera.principal_point`"
+            fix = (
+                "give the size of the images, --image-size WxH, or"
+                " `camera.principal_point`"
+            )
             raise input_error("camera.focal", "the principal point is not known", fix)
         at = ", ".join(f"{x:g}" for x in centre)
         line = f"focal length {given.focal:.5g} px, principal point {at}"
@@ -74,13 +85,23 @@ def choose_camera(
     if images.unit not in PIXELS:
         return WEAK, f"weak perspective: landmarks are in {images.unit}, not in pixels"
     if np.isnan(width):
-        why = "the size of the images is not known; exact positions in metres need --image-size"
+        why = (
+            "the size of the images is not known; exact positions in metres need"
+            " --image-size"
+        )
         return WEAK, f"weak perspective, as {why}"
     focal = ASSUMED_FOCAL * max(width, height)
     if find_extent(images) < LEAST_ANGLE * focal:
         return WEAK, "weak perspective: the landmarks cover little of the image"
-    line = f"focal length {focal:.0f} px (assumed: set --focal), image {width:.0f} x {height:.0f}; "
-    keys = {"focal": focal, "principal_point": centre, "focal_sd": pinhole.ASSUMED_FOCAL_SD}
+    line = (
+        f"focal length {focal:.0f} px (assumed: set --focal), image {width:.0f} x"
+        f" {height:.0f}; "
+    )
+    keys = {
+        "focal": focal,
+        "principal_point": centre,
+        "focal_sd": pinhole.ASSUMED_FOCAL_SD,
+    }
     return keys, line + "`camera.focal=none` does without"
 
 
@@ -96,21 +117,29 @@ def find_size(config: FitConfig, images: LandmarkSet) -> tuple[float, float]:
 
 
 def find_extent(images: LandmarkSet) -> float:
-    """Return the median diagonal of the landmarks of an image; inf where none has several."""
+    """Return the median diagonal of the landmarks of an image; inf where none has
+    several.
+    """
     w = np.where(images.visible()[:, None], images.landmarks, np.nan)
     w = w[np.isfinite(w).all(axis=1).sum(axis=1) > 1]
-    extent = np.nanmax(w, axis=2, initial=-np.inf) - np.nanmin(w, axis=2, initial=np.inf)
+    extent = np.nanmax(w, axis=2, initial=-np.inf) - np.nanmin(
+        w, axis=2, initial=np.inf
+    )
     return median(np.hypot(*extent.T)) if len(w) else np.inf
 
 
 def camera_of(config: CameraConfig) -> Callable[[LandmarkSet], Camera] | None:
-    """Return what gives the cameras of images by a config, None for weak perspective."""
+    """Return what gives the cameras of images by a config, None for weak
+    perspective.
+    """
     assumed = config.focal in ("auto", "none")
     return None if assumed else partial(find_camera, config=config)
 
 
 def find_camera(images: LandmarkSet, config: CameraConfig | None = None) -> Camera:
-    """Return the cameras of n images: as the config states them, else by their matrices."""
+    """Return the cameras of n images: as the config states them, else by their
+    matrices.
+    """
     n, sign = len(images), pinhole.depth_sign(images.y_axis or "down")
     if config is None or isinstance(config.focal, str):
         focals, centres = read_intrinsics(images)
@@ -124,9 +153,14 @@ def find_camera(images: LandmarkSet, config: CameraConfig | None = None) -> Came
 
 
 def read_intrinsics(images: LandmarkSet) -> tuple[Floats, Floats]:
-    """Return focal (n, 2) and principal point (n, 2) by the camera matrices, without their skew."""
+    """Return focal (n, 2) and principal point (n, 2) by the camera matrices, without
+    their skew.
+    """
     if CAMERA_MATRIX not in images.columns:
-        fix = "give `camera.focal`, or landmarks in HDF5 that have it: CSV holds no datasets"
+        fix = (
+            "give `camera.focal`, or landmarks in HDF5 that have it: CSV holds no"
+            " datasets"
+        )
         raise input_error(CAMERA_MATRIX, "the landmarks have no such dataset", fix)
     K = read_dataset(images, CAMERA_MATRIX, (3, 3))
     focal = np.stack([K[:, 0, 0], K[:, 1, 1]], axis=1)
@@ -138,18 +172,26 @@ def read_intrinsics(images: LandmarkSet) -> tuple[Floats, Floats]:
 
 
 def read_dataset(images: LandmarkSet, name: str, *shapes: tuple[int, ...]) -> Floats:
-    """Return a dataset (n, *shape) that holds an array of one of these shapes, or one per image."""
+    """Return a dataset (n, *shape) that holds an array of one of these shapes, or one
+    per image.
+    """
     values, n = np.asarray(images.columns[name]), len(images)
     if values.dtype.kind in "iuf" and np.isfinite(values).all():
         for shape in shapes:
             if values.shape in (shape, (n, *shape)):
                 return np.broadcast_to(values.astype(np.float64), (n, *shape))
-    fix = f"give {listed(map(str, shapes))} finite numbers, for the file or for each image"
+    fix = (
+        f"give {listed(map(str, shapes))} finite numbers, for the file or for each"
+        " image"
+    )
     raise input_error(name, f"has the shape {values.shape}, or is not finite", fix)
 
 
-def undistorted(images: LandmarkSet, calibrated: CalibratedCamera | None) -> LandmarkSet:
-    """Return the images as the calibrated camera, or that of the files, sees them without a lens.
+def undistorted(
+    images: LandmarkSet, calibrated: CalibratedCamera | None
+) -> LandmarkSet:
+    """Return the images as the calibrated camera, or that of the files, sees them
+    without a lens.
 
     A landmark that no point of the scene can have in this lens is unseen.
     """
@@ -161,7 +203,9 @@ def undistorted(images: LandmarkSet, calibrated: CalibratedCamera | None) -> Lan
             "extrinsic_rotation": calibrated.rotation,
             "extrinsic_translation": calibrated.translation,
         }
-        images = images.with_columns(whole={k: v for k, v in stated.items() if v is not None})
+        images = images.with_columns(
+            whole={k: v for k, v in stated.items() if v is not None}
+        )
     if DISTORTION not in images.columns or CAMERA_MATRIX not in images.columns:
         return images
     coefficients = pinhole.complete(read_dataset(images, DISTORTION, (4,), (5,), (8,)))
@@ -170,7 +214,9 @@ def undistorted(images: LandmarkSet, calibrated: CalibratedCamera | None) -> Lan
     if images.y_axis == "up":
         coefficients = coefficients * np.where(np.arange(8) == 2, -1.0, 1.0)
     focal, centre = (values[..., None] for values in read_intrinsics(images))
-    straight = centre + focal * pinhole.undistort((images.landmarks - centre) / focal, coefficients)
+    straight = centre + focal * pinhole.undistort(
+        (images.landmarks - centre) / focal, coefficients
+    )
     removed = {REMOVED: images.columns[DISTORTION]}
     kind = "whole" if DISTORTION in images.whole else "columns"
     images = images.without([DISTORTION]).with_columns(**{kind: removed})

@@ -1,4 +1,6 @@
-"""Lifting single images: a method with all that it needs, and what it makes of landmarks."""
+"""Lifting single images: a method with all that it needs, and what it makes of
+landmarks.
+"""
 
 from __future__ import annotations
 
@@ -45,20 +47,25 @@ RANSAC_THRESHOLD = 0.25
 """Residual of an outlier in units of the size of the shape."""
 
 DRAWS, MAX_ROUNDS = 500, 100
-"""Of the search for outliers: triples drawn per image (2,000 change no figure of the cars), and
-rounds per image."""
+"""Of the search for outliers: triples drawn per image (2,000 change no figure of the
+cars), and rounds per image.
+"""
 
 BORDER = 0.01
-"""Share of the image's size: so near to a side of it a detector leaves what it does not see."""
+"""Share of the image's size: so near to a side of it a detector leaves what it does not
+see.
+"""
 
 LEAVE_ONE_OUT = "leave_one_out"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lifter:
-    """A method and all that it needs beside the images; None stands for its own default.
+    """A method and all that it needs beside the images; None stands for its own
+    default.
 
-    camera is None for weak perspective; leave_one_out names the dataset of the atoms to do without.
+    camera is None for weak perspective; leave_one_out names the dataset of the atoms to
+    do without.
     """
 
     method: str
@@ -105,7 +112,9 @@ def lifter_of(config: FitConfig, dictionary: Dictionary) -> Lifter:
         "camera": camera_of(config.camera),
         "program": Program(lam, loss, beta, noise),
         "residual_variance": prior.residual_variance,
-        "posterior": PosteriorOptions(bar_scale=prior.bar_scale, covariance=config.save.covariance),
+        "posterior": PosteriorOptions(
+            bar_scale=prior.bar_scale, covariance=config.save.covariance
+        ),
         "prior_scale": prior.scale or 1.0,
         "outlier_threshold": threshold if config.outliers == "ransac" else None,
     }
@@ -115,7 +124,9 @@ def lifter_of(config: FitConfig, dictionary: Dictionary) -> Lifter:
 def settings_of(lifter: Lifter) -> Settings:
     """Return what the method needs besides the problem."""
     method, dictionary = lifter.row, lifter.dictionary
-    of_program = tolerance = method.tolerance if lifter.tolerance is None else lifter.tolerance
+    of_program = tolerance = (
+        method.tolerance if lifter.tolerance is None else lifter.tolerance
+    )
     if method.proves == "global":  # by another gap
         of_program = min(tolerance, METHODS["convex"].tolerance)
     needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
@@ -137,7 +148,9 @@ def settings_of(lifter: Lifter) -> Settings:
 
 
 def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
-    """Raise InputError where the dictionary lacks what the method needs, or it is of no use."""
+    """Raise InputError where the dictionary lacks what the method needs, or it is of no
+    use.
+    """
     for need in METHODS[method].needs:
         missing = getattr(dictionary, need.name) is None
         fault = f"no `{need.name}`" if missing else need.useless(dictionary)
@@ -146,7 +159,9 @@ def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
 
 
 def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
-    """Lift images one by one; with a prior, landmarks that depend on another one do not count."""
+    """Lift images one by one; with a prior, landmarks that depend on another one do not
+    count.
+    """
     method, dictionary = lifter.row, lifter.dictionary
     visible = weights = weigh(images, lifter)
     if method.has_prior:
@@ -166,11 +181,15 @@ def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
     )
     if searches:
         labelled = replace(lifting.estimate, outliers=(visible > 0) & ~inliers)
-        lifting = replace(lifting, estimate=labelled, failures={**lifting.failures, **lost})
+        lifting = replace(
+            lifting, estimate=labelled, failures={**lifting.failures, **lost}
+        )
     if camera is not None and method.perspective == "refined":
         from shapefit.lifting.perspective import refine_view
 
-        lifting = refine_view(lifting, images.landmarks, camera, dictionary, lifter.threads)
+        lifting = refine_view(
+            lifting, images.landmarks, camera, dictionary, lifter.threads
+        )
     return lifting
 
 
@@ -183,7 +202,9 @@ def with_p_values(lifting: Lifting, lifter: Lifter) -> Lifting:
 
 
 def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
-    """Weights (n, p): the confidence; with a prior, that does not count, 1 from a least one on."""
+    """Weights (n, p): the confidence; with a prior, that does not count, 1 from a least
+    one on.
+    """
     weights = images.weights()
     if not lifter.row.precisions:
         return weights
@@ -193,10 +214,14 @@ def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
 
 
 def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
-    """Which landmarks (n, p) lie within 1% of a side of the image, with a neighbour there, too."""
+    """Which landmarks (n, p) lie within 1% of a side of the image, with a neighbour
+    there, too.
+    """
     edges, n, p = lifter.dictionary.edges, len(images), len(images.landmark_names)
     given = lifter.image_size
-    size = np.asarray(images.columns.get(IMAGE_SIZE, 0.0) if given is None else given, float)
+    size = np.asarray(
+        images.columns.get(IMAGE_SIZE, 0.0) if given is None else given, float
+    )
     marked = np.zeros((n, p), dtype=bool)
     same_names = images.landmark_names == lifter.dictionary.landmark_names
     if edges is None or not same_names or size.shape not in ((2,), (n, 2)):
@@ -212,14 +237,18 @@ def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
 def find_inliers(
     images: LandmarkSet, weights: Floats, lifter: Lifter
 ) -> tuple[Flags, dict[int, str]]:
-    """Find the inliers (n, p), by draws that depend on the name of an item; and images without.
+    """Find the inliers (n, p), by draws that depend on the name of an item; and images
+    without.
 
-    Images with fewer than BEYOND_CHANCE landmarks, or degenerate ones, are not searched.
+    Images with fewer than BEYOND_CHANCE landmarks, or degenerate ones, are not
+    searched.
     """
     from shapefit.lifting.consensus import find_consensus
 
     assert lifter.outlier_threshold is not None
-    seeds = [blake2b(f"0 {item}".encode(), digest_size=8).digest() for item in images.items]
+    seeds = [
+        blake2b(f"0 {item}".encode(), digest_size=8).digest() for item in images.items
+    ]
     visible = weights > 0
     searched = visible.sum(axis=1) >= BEYOND_CHANCE
     searched[list(find_degenerate(images.landmarks, weights))] = False
@@ -235,7 +264,9 @@ def find_inliers(
     )
     inliers = np.where(searched[:, None], inliers, True) & visible
     enough = np.where((inliers.sum(axis=1) < BEYOND_CHANCE)[:, None], 0.0, inliers)
-    lost = [image for image in find_degenerate(images.landmarks, enough) if searched[image]]
+    lost = [
+        image for image in find_degenerate(images.landmarks, enough) if searched[image]
+    ]
     inliers[lost] = False
     reason = f"fewer than {BEYOND_CHANCE} visible landmarks, not all on one line, agree"
     return inliers, dict.fromkeys(lost, reason)
@@ -247,7 +278,10 @@ def lift_omitting(images: LandmarkSet, lifter: Lifter) -> Lifting:
 
     def lift_group(item: str) -> Group:
         without = dictionary.without(item) if item else dictionary
-        rows, one = np.flatnonzero(items == item), replace(lifter, dictionary=without, threads=1)
+        rows, one = (
+            np.flatnonzero(items == item),
+            replace(lifter, dictionary=without, threads=1),
+        )
         atoms = np.flatnonzero(dictionary.atoms_without(item))
         return Group(lift_images(images.take(rows), one), rows, atoms)
 
@@ -256,19 +290,28 @@ def lift_omitting(images: LandmarkSet, lifter: Lifter) -> Lifting:
 
 
 def find_omitted(images: LandmarkSet, lifter: Lifter) -> NDArray[np.str_]:
-    """Return the item (n,) whose atoms the fit of each image does without, '' for none."""
+    """Return the item (n,) whose atoms the fit of each image does without, '' for
+    none.
+    """
     name = lifter.leave_one_out or ""
     items = np.array(named_items(images, name, LEAVE_ONE_OUT, LEAVE_ONE_OUT), dtype=str)
     return np.where(np.isin(items, lifter.dictionary.atom_items or ()), items, "")
 
 
 def check_omitted(images: LandmarkSet, lifter: Lifter) -> None:
-    """Raise InputError where no image shows an item of the dictionary, or it has but one."""
+    """Raise InputError where no image shows an item of the dictionary, or it has but
+    one.
+    """
     items = [*dict.fromkeys(lifter.dictionary.atom_items or ())]
     if len(items) < 2:
         fault = f"the atoms of the dictionary are of {len(items) or 'no'} items"
-        fix = f"learn it from several models with `method: exemplars`, or remove `{LEAVE_ONE_OUT}`"
+        fix = (
+            "learn it from several models with `method: exemplars`, or remove"
+            f" `{LEAVE_ONE_OUT}`"
+        )
         raise input_error(LEAVE_ONE_OUT, fault, fix)
     if len(images) and not (find_omitted(images, lifter) != "").any():
         fix = f"name the dataset that holds them, such as {', '.join(items[:3])}"
-        raise input_error(LEAVE_ONE_OUT, "the images show no items of the dictionary", fix)
+        raise input_error(
+            LEAVE_ONE_OUT, "the images show no items of the dictionary", fix
+        )

@@ -1,15 +1,16 @@
 """What a fit needs before it lifts, found once and given to all its parts.
 
-The landmarks are matched to the dictionary, the camera is chosen, and of one sample of the first
-images is estimated what is open. There the log evidence log p(w) of an image under the posterior is
-compared for the skeleton theta of a detector of people, and for factors f on the covariances of the
-prior and residual variances v:
+The landmarks are matched to the dictionary, the camera is chosen, and of one sample of
+the first images is estimated what is open. There the log evidence log p(w) of an image
+under the posterior is compared for the skeleton theta of a detector of people, and for
+factors f on the covariances of the prior and residual variances v:
 
     1/n sum_i log p(w_i | f, v),    f in {1, 2, 4, 8},  v in {v_0, 2 v_0, 4 v_0, 8 v_0},
 
-where v_0 is that of the dictionary. Smaller ones are not tried: their evidence is flat where error
-bars are far too narrow already. Of pairs that are as likely as the best by the standard error of
-their difference, the widest prior is taken and, with it, the least v.
+where v_0 is that of the dictionary. Smaller ones are not tried: their evidence is flat
+where error bars are far too narrow already. Of pairs that are as likely as the best by
+the standard error of their difference, the widest prior is taken and, with it, the
+least v.
 """
 
 from __future__ import annotations
@@ -57,14 +58,18 @@ FIRST = 1024
 """Images of which the sample is drawn: the same whatever the chunks and parts."""
 
 FRAMES, COUNTED = 10, 4096
-"""Frames of a sequence whose motion says something of its shapes; images that are counted."""
+"""Frames of a sequence whose motion says something of its shapes; images that are
+counted.
+"""
 
 LONG, TIMED = 60.0, 8
 """Seconds of a fit from which it is announced; images that are timed."""
 
 POSTERIOR = 2e-10
-"""Seconds of a core for an image, times p^3.5 (10 + components): p^3 operations, in more memory.
-Measured on a Xeon with AVX-512: 0.3 to 1.6 of it for 30 to 240 landmarks, 1 to 32 components."""
+"""Seconds of a core for an image, times p^3.5 (10 + components): p^3 operations, in
+more memory. Measured on a Xeon with AVX-512: 0.3 to 1.6 of it for 30 to 240 landmarks,
+1 to 32 components.
+"""
 
 OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
     "posterior": {"residual_variance": 0.006, "bar_scale": 1.6},
@@ -73,26 +78,38 @@ OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
 """Keys of `prior` for dictionaries of people, where they are not given."""
 
 LARGEST, CALIBRATED, FEW, FEWEST = 96, 60, 24, 10
-"""Images of a sample, of those with landmarks hidden in turn, of a first look, and the least."""
+"""Images of a sample, of those with landmarks hidden in turn, of a first look, and the
+least.
+"""
 
 FEWEST_VISIBLE, FEWEST_NAMES = 5, 4
-"""Landmarks of an image of the sample (four fit almost any shape), and that names must give."""
+"""Landmarks of an image of the sample (four fit almost any shape), and that names must
+give.
+"""
 
 STEP = 0.5
 """Seconds between the two images of a pair."""
 
 STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
-"""Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
+"""Of the logarithm of a parameter, tried about its mean, and half of them about the
+best.
+"""
 
 SCALES, FACTORS = ("scale", "residual_variance"), (1.0, 2.0, 4.0, 8.0)
-"""Keys of `prior` that are chosen by evidence, and the factors that are tried of either."""
+"""Keys of `prior` that are chosen by evidence, and the factors that are tried of
+either.
+"""
 
 OUTLIER, MOSTLY = 0.5, 0.5
-"""Inlier probability of an outlier; share of images from which a landmark itself is doubted."""
+"""Inlier probability of an outlier; share of images from which a landmark itself is
+doubted.
+"""
 
 DOUBTFUL = 0.25
-"""Share of doubtful images from which other skeletons are tried; one that has less than half of
-that share is named. Where names are right a few images in a hundred are doubtful."""
+"""Share of doubtful images from which other skeletons are tried; one that has less than
+half of that share is named. Where names are right a few images in a hundred are
+doubtful.
+"""
 
 NO_TRUST = "no shape of this file is to be trusted: "
 
@@ -103,9 +120,11 @@ Pair = tuple[float, float]
 
 
 class Estimates(NamedTuple):
-    """What was estimated: values for keys of a config, lines about them, the camera's first.
+    """What was estimated: values for keys of a config, lines about them, the camera's
+    first.
 
-    reason says why no image is to be trusted; growth (p,) are factors on covariances of landmarks.
+    reason says why no image is to be trusted; growth (p,) are factors on covariances of
+    landmarks.
     """
 
     values: Mapping[str, Any]
@@ -117,9 +136,11 @@ class Estimates(NamedTuple):
 
 
 class Setup(NamedTuple):
-    """A fit in which nothing is left open: config with estimates, theta, skeleton of the detector.
+    """A fit in which nothing is left open: config with estimates, theta, skeleton of
+    the detector.
 
-    dictionary is the one that the files need; place is that of landmark names in messages.
+    dictionary is the one that the files need; place is that of landmark names in
+    messages.
     """
 
     config: FitConfig
@@ -136,12 +157,15 @@ class Setup(NamedTuple):
         return self.matched.dictionary
 
     def arrange(self, images: LandmarkSet) -> LandmarkSet:
-        """Return images of the files without distortion, with the landmarks of the dictionary."""
+        """Return images of the files without distortion, with the landmarks of the
+        dictionary.
+        """
         return self.matched.arrange(undistorted(images, self.camera), self.place)
 
 
 Preparing = Generator[Result, None, Setup]
-"""Yields what is to be shown before the first image is lifted, and returns the setup."""
+"""Yields what is to be shown before the first image is lifted, and returns the setup.
+"""
 
 
 def prepare(
@@ -152,7 +176,9 @@ def prepare(
     total: int,
     estimates: Estimates | None = None,
 ) -> Preparing:
-    """Make what lifts a total of images with these landmarks; `first` gives those of the sample."""
+    """Make what lifts a total of images with these landmarks; `first` gives those of
+    the sample.
+    """
     method, camera = METHODS[config.method], None
     if method.has_prior and dictionary.p_value_table is None:
         from shapefit.lifting.posterior.p_value import with_p_value_table
@@ -178,7 +204,9 @@ def prepare(
     lifter = lifter_of(config, matched.observed(theta))
     # with a prior covariances serve the expected error, and the error bars of joints
     wanted = lifter.posterior.covariance or method.has_prior
-    options = replace(lifter.posterior, growth=tuple(estimates.growth), covariance=wanted)
+    options = replace(
+        lifter.posterior, growth=tuple(estimates.growth), covariance=wanted
+    )
     lifter = replace(lifter, posterior=options)
     return Setup(config, matched, lifter, theta, camera, estimates, place)
 
@@ -186,13 +214,16 @@ def prepare(
 def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
     """Return how long all images may take, "" below LONG.
 
-    With a prior that follows from sizes, and a sample is lifted as often as there are pairs of
-    scales, and with landmarks hidden in turn. Other methods are timed by one of several images,
-    then by some.
+    With a prior that follows from sizes, and a sample is lifted as often as there are
+    pairs of scales, and with landmarks hidden in turn. Other methods are timed by one
+    of several images, then by some.
     """
     prior, liftings, per_image = lifter.dictionary.prior, total, 0.0
     if lifter.row.has_prior and prior is not None:
-        p, cores = lifter.dictionary.mean_shape.shape[1], lifter.threads or os.cpu_count() or 1
+        p, cores = (
+            lifter.dictionary.mean_shape.shape[1],
+            lifter.threads or os.cpu_count() or 1,
+        )
         per_image = POSTERIOR * p**3.5 * (10 + len(prior)) / min(cores, max(total, 1))
         if total >= FEWEST:
             from shapefit.lifting.posterior.calibration import MOST_HIDDEN
@@ -209,7 +240,9 @@ def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
                 break
     if (seconds := per_image * liftings) < LONG:
         return ""
-    duration = f"{seconds:.0f} seconds" if seconds < 120 else f"{seconds / 60:,.0f} minutes"
+    duration = (
+        f"{seconds:.0f} seconds" if seconds < 120 else f"{seconds / 60:,.0f} minutes"
+    )
     duration += f", {per_image:.2g} s each" if total > 1 else ""
     fix = "give fewer landmarks, or a dictionary with fewer components or atoms"
     return f"{counted(total, 'image')} may take up to {duration}: {fix}"
@@ -218,22 +251,34 @@ def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
 def choose_method(
     config: FitConfig, dictionary: Dictionary, has_sequences: Callable[[], bool]
 ) -> tuple[FitConfig, str]:
-    """Return the config with the method that suits dictionary and images, and a line about it."""
+    """Return the config with the method that suits dictionary and images, and a line
+    about it.
+    """
     line = ""
     if config.method == AUTO:
         prior = dictionary.prior is not None
-        method = ("sequences" if has_sequences() else "posterior") if prior else "convex"
+        method = (
+            ("sequences" if has_sequences() else "posterior") if prior else "convex"
+        )
         if find_conflict(config.changed(method=method)) is not None:
             method = "convex"
         config = config.changed(method=method)
         if (conflict := find_conflict(config)) is not None:
             fault, _, fix = conflict.partition("; ")
             raise input_error("fit", fault, fix)
-        line = f"{method} (the dictionary has {'a' if prior else 'no'} prior; change with --method)"
-    if "people" in dictionary.provenance.get(SUITS, "").split() and config.method in OF_PEOPLE:
+        line = (
+            f"{method} (the dictionary has {'a' if prior else 'no'} prior; change with"
+            " --method)"
+        )
+    if (
+        "people" in dictionary.provenance.get(SUITS, "").split()
+        and config.method in OF_PEOPLE
+    ):
         given = config.prior.model_fields_set
         values = OF_PEOPLE[config.method].items()
-        config = config.changed(prior={key: value for key, value in values if key not in given})
+        config = config.changed(
+            prior={key: value for key, value in values if key not in given}
+        )
     row, tolerance, proof = METHODS[config.method], config.tolerance, config.save.proof
     tolerance = row.tolerance if tolerance is None else tolerance
     proof = not row.has_prior if proof is None else proof
@@ -248,7 +293,9 @@ def in_sequences(config: FitConfig) -> bool:
     try:
         with open_landmarks(config.landmarks, options, head=True) as source:
             return are_long(source.first(COUNTED).sequences)
-    except InputError:  # no frames of a video; what is wrong with files is reported by the fit
+    except (
+        InputError
+    ):  # no frames of a video; what is wrong with files is reported by the fit
         return False
 
 
@@ -261,7 +308,9 @@ def are_long(sequences: Sequence[str] | None) -> bool:
 
 
 def read_options(config: FitConfig) -> InputOptions:
-    """Return how the landmark files are read; detections are tracked where motion is needed."""
+    """Return how the landmark files are read; detections are tracked where motion is
+    needed.
+    """
     output, track = config.output, METHODS[config.method].sequences
     if not isinstance(output, ResultFolder):
         track = track or find_target_format(output).in_metres
@@ -279,9 +328,14 @@ def files_of(config: FitConfig) -> dict[str, Path]:
 
 
 def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, ...]:
-    """Say what is doubtful of a dictionary: how it was learned, and for which methods."""
+    """Say what is doubtful of a dictionary: how it was learned, and for which
+    methods.
+    """
     warnings = describe_learning(dictionary)
-    learned, wanted = dictionary.provenance.get("method"), METHODS[config.method].learned
+    learned, wanted = (
+        dictionary.provenance.get("method"),
+        METHODS[config.method].learned,
+    )
     if learned is not None and wanted and learned not in wanted and not config.signed:
         made = f"{config.method} is made for {' or '.join(wanted)}"
         warnings += (f"the dictionary was learned with `method: {learned}`; {made}",)
@@ -291,16 +345,22 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
 def estimate(
     config: FitConfig, dictionary: Dictionary, matched: Matched, images: LandmarkSet
 ) -> Estimates:
-    """Estimate the camera and, for methods with a prior, skeleton, prior scale and error bars."""
+    """Estimate the camera and, for methods with a prior, skeleton, prior scale and
+    error bars.
+    """
     learned_from = matched.dictionary.provenance.get(LEARNED_FROM) is not None
     camera, of_camera = choose_camera(config, images, from_landmarks=learned_from)
     if not METHODS[config.method].has_prior:
         return Estimates({"camera": camera}, (f"camera: {of_camera}",))
     bars, of_report = read_bar_scale(config)
-    bar_scale = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
+    bar_scale = (
+        config.prior.bar_scale
+    )  # a report judged bars that hidden landmarks had widened
     config = config.changed(camera=camera, prior=bars)
     lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
-    in_file = draw_sample(images.take(np.flatnonzero(weigh(images, lifter).any(axis=1))))
+    in_file = draw_sample(
+        images.take(np.flatnonzero(weigh(images, lifter).any(axis=1)))
+    )
     sample = matched.arrange(in_file, "landmarks")
 
     skeleton, of_skeleton = choose_skeleton(config.skeleton, matched, sample, lifter)
@@ -320,12 +380,20 @@ def estimate(
         share, doubtful = trust_in_sample(lifting, growth)
         by_chance = share < trust.LIMITS.min_trusted and doubtful > DOUBTFUL
         if by_chance or trust.contradicts(numbers[KAPPA], numbers[DISTANCE]):
-            fix = "are the names of the landmarks right, and does the dictionary have such shapes?"
+            fix = (
+                "are the names of the landmarks right, and does the dictionary have"
+                " such shapes?"
+            )
             warning = f"{NO_TRUST}{of_bars}; {share:.0%} of a sample would be; {fix}"
     scale = {"scale": lifter.prior_scale, "residual_variance": lifter.variance}
     return Estimates(
         {"camera": camera, "prior": {**bars, **scale}, "skeleton": skeleton},
-        tuple(filter(None, (f"camera: {of_camera}", of_skeleton, of_scale, of_report, of_bars))),
+        tuple(
+            filter(
+                None,
+                (f"camera: {of_camera}", of_skeleton, of_scale, of_report, of_bars),
+            )
+        ),
         (warning,) if warning else (),
         trust.NOT_OF_THE_CLASS if warning else "",
         growth,
@@ -334,7 +402,9 @@ def estimate(
 
 
 def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
-    """Return the keys of `prior` that its `calibration` stands for, and a line about them."""
+    """Return the keys of `prior` that its `calibration` stands for, and a line about
+    them.
+    """
     path, method = config.prior.calibration, config.method
     if path is None:
         return {}, ""
@@ -345,14 +415,19 @@ def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
     except (OSError, ValueError, KeyError, TypeError):
         factor = 0.0
     if not factor > 0:
-        fix = "give error_bars.json of a report of eval in which it was judged on enough images"
+        fix = (
+            "give error_bars.json of a report of eval in which it was judged on enough"
+            " images"
+        )
         raise input_error(path, f"holds no factors of error bars of {method}", fix)
     values = {"bar_scale": config.prior.bar_scale * factor**2, "calibration": None}
     return values, f"error bars x {factor:.2f} ({path.name})"
 
 
 def draw_sample(images: LandmarkSet) -> LandmarkSet:
-    """Draw images that are spread over all; of long sequences pairs that are a step apart."""
+    """Draw images that are spread over all; of long sequences pairs that are a step
+    apart.
+    """
     images = images.take(np.flatnonzero(images.visible().sum(axis=1) >= FEWEST_VISIBLE))
     n, rows = len(images), evenly(len(images), LARGEST)
     if images.sequences is not None and n > LARGEST:
@@ -376,9 +451,14 @@ def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:
 
 
 def choose_skeleton(
-    given: Mapping[str, float] | None, matched: Matched, sample: LandmarkSet, lifter: Lifter
+    given: Mapping[str, float] | None,
+    matched: Matched,
+    sample: LandmarkSet,
+    lifter: Lifter,
 ) -> tuple[dict[str, float] | None, str]:
-    """Return the parameters of the skeleton, as given, else estimated, else usual; and a line."""
+    """Return the parameters of the skeleton, as given, else estimated, else usual; and
+    a line.
+    """
     if not matched.joints.markers:
         return None if given is None else dict(given), ""
     start = {**MEANS, **(given or {})}
@@ -397,11 +477,14 @@ def choose_skeleton(
 
 
 def maximise_theta(
-    evidence: Callable[[Mapping[str, float]], float], names: Sequence[str], start: dict[str, float]
+    evidence: Callable[[Mapping[str, float]], float],
+    names: Sequence[str],
+    start: dict[str, float],
 ) -> dict[str, float]:
     """Return theta that maximises log p(w | theta) + log p(theta), twice, one by one.
 
-    Each is taken to the top of the parabola through the best value tried and its neighbours.
+    Each is taken to the top of the parabola through the best value tried and its
+    neighbours.
     """
     theta = dict(start)
     for factor in (1.0, 0.5):
@@ -415,7 +498,9 @@ def maximise_theta(
             curvature = (2 * at - below - above) / step**2
             best = x[top]
             if curvature > 0:
-                best = x[middle] + np.clip((above - below) / (2 * step * curvature), -step, step)
+                best = x[middle] + np.clip(
+                    (above - below) / (2 * step * curvature), -step, step
+                )
             theta[name] = float(np.exp(best))
     return theta
 
@@ -423,10 +508,12 @@ def maximise_theta(
 def choose_scale(
     keys: Sequence[str], sample: LandmarkSet, lifting: Lifting, lifter: Lifter
 ) -> tuple[Lifter, str]:
-    """Return the lifter with those keys of SCALES chosen by evidence, and a line about changes.
+    """Return the lifter with those keys of SCALES chosen by evidence, and a line about
+    changes.
 
-    lifting, of the sample by the lifter. Landmarks that are outliers in most images do not count:
-    their errors say nothing of the others, but would make them all less exact.
+    lifting, of the sample by the lifter. Landmarks that are outliers in most images do
+    not count: their errors say nothing of the others, but would make them all less
+    exact.
     """
 
     def scaled(pair: Pair) -> Lifter:
@@ -438,15 +525,23 @@ def choose_scale(
     inlier_probability = lifting.estimate.further["inlier_probability"]
     visible = np.maximum(np.isfinite(inlier_probability).sum(axis=0), 1)
     hidden = (inlier_probability < OUTLIER).sum(axis=0) > MOSTLY * visible
-    if 0 < hidden.sum() <= len(hidden) / 3:  # with more, the prior is wrong, not the landmarks
+    if (
+        0 < hidden.sum() <= len(hidden) / 3
+    ):  # with more, the prior is wrong, not the landmarks
         sample = sample.replaced(landmarks=np.where(hidden, np.nan, sample.landmarks))
     factors = (FACTORS if key in keys else FACTORS[:1] for key in SCALES)
-    pair = find_scale(lambda pair, images: log_evidence(images, scaled(pair)), sample, *factors)
+    pair = find_scale(
+        lambda pair, images: log_evidence(images, scaled(pair)), sample, *factors
+    )
     chosen, changes = scaled(pair), []
     if pair[0] != 1:
-        changes.append(f"prior widened x {chosen.prior_scale:g}: poses unlike the training data")
+        changes.append(
+            f"prior widened x {chosen.prior_scale:g}: poses unlike the training data"
+        )
     if pair[1] != 1:
-        changes.append(f"residual variance {chosen.variance:g} in place of {lifter.variance:g}")
+        changes.append(
+            f"residual variance {chosen.variance:g} in place of {lifter.variance:g}"
+        )
     return chosen, ", ".join(changes)
 
 
@@ -458,17 +553,22 @@ def find_scale(
 ) -> Pair:
     """Choose among pairs of factors by their evidence (n,) of images, in order of both.
 
-    All pairs are tried where, at first sight, the next scale or the next variance is likelier. Of
-    pairs as likely as the best, the widest is taken; then the least variance.
+    All pairs are tried where, at first sight, the next scale or the next variance is
+    likelier. Of pairs as likely as the best, the widest is taken; then the least
+    variance.
     """
     first, few = (scales[0], variances[0]), images.take(evenly(len(images), FEW))
-    near = [(f, first[1]) for f in scales[1:2]] + [(first[0], v) for v in variances[1:2]]
+    near = [(f, first[1]) for f in scales[1:2]] + [
+        (first[0], v) for v in variances[1:2]
+    ]
     before = evidence(first, few)
     if not any(np.nanmean(evidence(pair, few) - before) > 0 for pair in near):
         return first
     of_pair = {(f, v): evidence((f, v), images) for f in scales for v in variances}
     best = max(of_pair, key=lambda pair: float(np.nanmean(of_pair[pair])))
-    gains = {pair: mean_gain(evidence, of_pair[best]) for pair, evidence in of_pair.items()}
+    gains = {
+        pair: mean_gain(evidence, of_pair[best]) for pair, evidence in of_pair.items()
+    }
     likely = [pair for pair, (lost, error) in gains.items() if lost <= error]
     return max(likely, key=lambda pair: (pair[0], -pair[1]))
 
@@ -476,7 +576,8 @@ def find_scale(
 def mean_gain(before: Floats, after: Floats) -> tuple[float, float]:
     """Return the mean of after - before where it is finite, and its standard error.
 
-    By batch means, as neighbours resemble each other (Flegal and Jones, Annals of Statistics 2010).
+    By batch means, as neighbours resemble each other (Flegal and Jones, Annals of
+    Statistics 2010).
     """
     gain = (after - before)[np.isfinite(after - before)]
     if len(gain) < 4:
@@ -488,7 +589,8 @@ def mean_gain(before: Floats, after: Floats) -> tuple[float, float]:
 def calibrate_bars(
     sample: LandmarkSet, lifting: Lifting, lifter: Lifter, bar_scale: float
 ) -> tuple[tuple[float, ...], dict[str, float], str]:
-    """Return factors (p,) on the covariances of landmarks, numbers to be stored, and a line.
+    """Return factors (p,) on the covariances of landmarks, numbers to be stored, and a
+    line.
 
     bar_scale, of all covariances without the factors of a report, which come on top.
     """
@@ -497,21 +599,30 @@ def calibrate_bars(
     from shapefit.lifting.posterior.calibration import calibrate
 
     rows, estimate = evenly(len(sample), CALIBRATED), lifting.estimate
-    inliers, problem = estimate.further["inlier_probability"], lifting.problem.take(rows)
+    inliers, problem = (
+        estimate.further["inlier_probability"],
+        lifting.problem.take(rows),
+    )
     settings = settings_of(lifter)
     calibration = calibrate(problem, estimate.rotation[rows], inliers[rows], settings)
     visible = np.isfinite(inliers).sum(axis=1)
     distance = trust.median_distance(estimate.further[trust.START_DISTANCE], visible)
     inside = {"hidden_landmarks_inside": calibration.inside}
-    line = f"of landmarks hidden in turn, {calibration.inside:.0%} lie in their 90% regions"
+    line = (
+        f"of landmarks hidden in turn, {calibration.inside:.0%} lie in their 90%"
+        " regions"
+    )
     if np.isfinite(distance):
         line += f"; median distance from the convex shape {distance:.2f}"
     numbers = {KAPPA: calibration.kappa, **inside, DISTANCE: distance}
     return tuple(calibration.growth(bar_scale).tolist()), numbers, line
 
 
-def trust_in_sample(lifting: Lifting, growth: Sequence[float] = ()) -> tuple[float, float]:
-    """Return the share of images that are trusted, and of those implausible or far from training.
+def trust_in_sample(
+    lifting: Lifting, growth: Sequence[float] = ()
+) -> tuple[float, float]:
+    """Return the share of images that are trusted, and of those implausible or far from
+    training.
 
     Covariances grow by factors (p,).
     """
@@ -536,7 +647,9 @@ def check_names(
     dictionary: Dictionary,
     theta: Mapping[str, float],
 ) -> str:
-    """Return a warning where many images are doubtful, and few by the names of another skeleton."""
+    """Return a warning where many images are doubtful, and few by the names of another
+    skeleton.
+    """
     names, shares = in_file.landmark_names, dict[str, float]()
     if len(in_file) < FEWEST or (share := trust_in_sample(lifting)[1]) <= DOUBTFUL:
         return ""
@@ -556,6 +669,7 @@ def check_names(
     if not best or not shares[best] < share / 2:
         return ""
     return (
-        f"{NO_TRUST}{share:.0%} of a sample of {len(in_file)} images contradict the names of their "
-        f"landmarks, {shares[best]:.0%} those of {best}: is it {best}? Set `keypoints: {best}`"
+        f"{NO_TRUST}{share:.0%} of a sample of {len(in_file)} images contradict the"
+        f" names of their landmarks, {shares[best]:.0%} those of {best}: is it {best}?"
+        f" Set `keypoints: {best}`"
     )

@@ -1,4 +1,6 @@
-"""`fit`: landmarks in, batch by batch, 3D shapes with their certificates out, and a summary."""
+"""`fit`: landmarks in, batch by batch, 3D shapes with their certificates out, and a
+summary.
+"""
 
 from __future__ import annotations
 
@@ -60,13 +62,18 @@ from shapefit.pipelines.result import Counted, Failure, Result, nothing_in
 from shapefit.threads import side_by_side
 
 CHUNK = 4096
-"""Images that are lifted together, or read before the first whole sequences are lifted; no result
-depends on it."""
+"""Images that are lifted together, or read before the first whole sequences are lifted;
+no result depends on it.
+"""
 
 STEEP = 0.5
-"""Cosine of the angle to the vertical of the image within which a body is on its head."""
+"""Cosine of the angle to the vertical of the image within which a body is on its head.
+"""
 
-ENDS = (("head", "neck", "lshoulder", "rshoulder"), ("lankle", "rankle", "lhip", "rhip"))
+ENDS = (
+    ("head", "neck", "lshoulder", "rshoulder"),
+    ("lankle", "rankle", "lhip", "rhip"),
+)
 """Joints at the upper and the lower end of a body: the first two that it has."""
 
 VIEWED = (".h5", ".hdf5", ".hdf", ".he5", ".csv", ".trc")
@@ -84,7 +91,9 @@ def run(
     dictionary: Dictionary | None = None,
     inputs: Mapping[str, str] | None = None,
 ) -> Iterator[Result]:
-    """Lift every image, or these rows of the one file; of a part, what is known of all is given."""
+    """Lift every image, or these rows of the one file; of a part, what is known of all
+    is given.
+    """
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
     dictionary = dictionary or read_dictionary(config.dictionary)
@@ -92,14 +101,21 @@ def run(
         config, dictionary, lambda: preparing.in_sequences(config)
     )
     if find_target_format(output).angles:
-        config = config.changed(save={"covariance": True})  # an angle is that of several joints
-    with open_landmarks(config.landmarks, preparing.read_options(config), rows) as source:
+        config = config.changed(
+            save={"covariance": True}
+        )  # an angle is that of several joints
+    with open_landmarks(
+        config.landmarks, preparing.read_options(config), rows
+    ) as source:
         names, count = source.head.landmark_names, source.count
         setup = yield from prepare(
             config, dictionary, names, lambda: source.first(FIRST), count, estimates
         )
         check_export(setup, output)
-        options, counts = OutputOptions(height=config.height, markers=config.markers), Counts()
+        options, counts = (
+            OutputOptions(height=config.height, markers=config.markers),
+            Counts(),
+        )
         with (
             result_writer(output, options=options) as writer,
             closing(lift_source(source, setup)) as batches,
@@ -118,7 +134,9 @@ def run(
 
 
 def check_export(setup: Setup, result: Path) -> None:
-    """Raise InputError where a result will have no meshes, if the config asks for them."""
+    """Raise InputError where a result will have no meshes, if the config asks for
+    them.
+    """
     export, method = setup.config.export, setup.lifter.row
     if export.folder is not None:
         from shapefit.io.atomic import check_folder
@@ -126,7 +144,9 @@ def check_export(setup: Setup, result: Path) -> None:
 
         if find_target_format(result) is not HDF5:
             fix = "write the result as HDF5, -o result.h5"
-            raise input_error("export.folder", "meshes are made of a result in HDF5", fix)
+            raise input_error(
+                "export.folder", "meshes are made of a result in HDF5", fix
+            )
         check_folder(export.folder)
         refined = setup.lifter.camera is not None and method.perspective == "refined"
         mixes, place = method.mixes_atoms or refined, setup.config.dictionary
@@ -134,7 +154,9 @@ def check_export(setup: Setup, result: Path) -> None:
 
 
 def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Lifted, None, None]:
-    """Lift batch by batch; while one is lifted, the next is read and the last is stored."""
+    """Lift batch by batch; while one is lifted, the next is read and the last is
+    stored.
+    """
     batches = source.batches(whole_blocks(CHUNK), by_file=True)
     if setup.lifter.row.sequences:
         from shapefit.pipelines.fit.sequences import whole_sequences
@@ -142,21 +164,29 @@ def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Lifted, None,
         batches = whole_sequences(source.batches(CHUNK))
     several = setup.config.threads != 1 and source.count > CHUNK
     images = map(setup.arrange, batches)
-    return side_by_side(lambda batch: lift_batch(batch, setup), images, workers=int(several))
+    return side_by_side(
+        lambda batch: lift_batch(batch, setup), images, workers=int(several)
+    )
 
 
 def whole_blocks(images: int) -> int:
-    """Round up to whole blocks: within one, images start from their neighbours' solutions."""
+    """Round up to whole blocks: within one, images start from their neighbours'
+    solutions.
+    """
     return math.ceil(images / IMAGES_PER_BLOCK) * IMAGES_PER_BLOCK
 
 
 def lift_batch(images: LandmarkSet, setup: Setup) -> Lifted:
-    """Lift images that have the landmarks of the dictionary; return the result and the record."""
+    """Lift images that have the landmarks of the dictionary; return the result and the
+    record.
+    """
     lifter, lifted, further = setup.lifter, images, {}
     if lifter.row.sequences:
         from shapefit.pipelines.fit.sequences import refine_sequences, restore_sides
 
-        lifted, further[trust.SIDES] = restore_sides(images, weigh(images, lifter) > 0, lifter)
+        lifted, further[trust.SIDES] = restore_sides(
+            images, weigh(images, lifter) > 0, lifter
+        )
     omits = lifter.leave_one_out is not None
     lifting = lift_omitting(lifted, lifter) if omits else lift_images(lifted, lifter)
     if lifter.row.has_prior:
@@ -164,7 +194,9 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> Lifted:
     if lifter.row.sequences:
         lifting = refine_sequences(lifting, lifted, lifter)
     lifting = fail_nonfinite(lifting)
-    estimate = replace(lifting.estimate, further={**lifting.estimate.further, **further})
+    estimate = replace(
+        lifting.estimate, further={**lifting.estimate.further, **further}
+    )
     if setup.dictionary.depth_ambiguity:
         estimate = trust.cover_mirror_image(estimate)
     visible, lifting = weigh(lifted, lifter) > 0, replace(lifting, estimate=estimate)
@@ -176,18 +208,27 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> Lifted:
 
 
 def as_result(
-    images: LandmarkSet, lifting: Lifting, setup: Setup, inputs: Mapping[str, NDArray[Any]]
+    images: LandmarkSet,
+    lifting: Lifting,
+    setup: Setup,
+    inputs: Mapping[str, NDArray[Any]],
 ) -> ResultSet:
     """Lay out a batch as it is stored, with what came with its landmarks.
 
-    inputs are the landmarks of the files in 3D, where they are not those of the dictionary.
+    inputs are the landmarks of the files in 3D, where they are not those of the
+    dictionary.
     """
     estimate, dictionary, config = lifting.estimate, setup.dictionary, setup.config
     stored = estimate if config.save.covariance else replace(estimate, covariance=None)
-    scaled, failed = stored.in_unit(lifting.scale[:, None, None]), np.isnan(lifting.scale)
+    scaled, failed = (
+        stored.in_unit(lifting.scale[:, None, None]),
+        np.isnan(lifting.scale),
+    )
     projected = lifting.perspective is not None or setup.matched.moves
     datasets: Datasets = {
-        "landmarks": np.where(images.visible()[:, None], images.landmarks, np.nan).swapaxes(1, 2),
+        "landmarks": (
+            np.where(images.visible()[:, None], images.landmarks, np.nan).swapaxes(1, 2)
+        ),
         "landmarks_fitted": lifting.landmarks_fitted if projected else None,
         "confidence": images.confidence,
         "lambda": lifting.problem.lam,
@@ -211,7 +252,9 @@ def as_result(
         columns["omitted"] = find_omitted(images, setup.lifter).astype(object)
     free = free_names(images.further, RESULTS.all.keys())
     carried = {free[name]: v for name, v in images.per_item.items() if name in free}
-    whole = {free[name]: values for name, values in images.whole.items() if name in free}
+    whole = {
+        free[name]: values for name, values in images.whole.items() if name in free
+    }
     whole |= {} if dictionary.edges is None else {"edges": dictionary.edges}
     sizes = {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}
     return ResultSet(
@@ -241,13 +284,17 @@ def blank(values: Floats | None, failed: Flags) -> Floats | None:
 
 
 def trusted(lifting: Lifting, setup: Setup) -> Datasets:
-    """Decide which shapes are to be trusted, by error bars in the unit of the result."""
+    """Decide which shapes are to be trusted, by error bars in the unit of the
+    result.
+    """
     estimate = lifting.estimate
     if estimate.deviation is None:
         return {}
     further, expected = estimate.further, np.full(len(lifting.shapes), np.nan)
     if estimate.covariance is not None:
-        expected = lifting.scale * trust.expected_error(lifting.shapes, estimate.covariance)
+        expected = lifting.scale * trust.expected_error(
+            lifting.shapes, estimate.covariance
+        )
         of_image = further.get(trust.IMAGE_ERROR, np.nan)
         expected = np.fmax(expected, trust.GAIN * of_image)
     reasons = trust.find_reasons(
@@ -275,7 +322,9 @@ def by_landmark(covariance: Floats | None) -> Floats | None:
 
 
 def of_camera(lifting: Lifting, setup: Setup) -> Datasets:
-    """Lay out a perspective view; the position is in the unit of a dictionary that has sizes."""
+    """Lay out a perspective view; the position is in the unit of a dictionary that has
+    sizes.
+    """
     view, dictionary, position = lifting.perspective, setup.dictionary, None
     if view is None:
         return {}
@@ -294,7 +343,9 @@ def of_camera(lifting: Lifting, setup: Setup) -> Datasets:
 
 
 def proof(lifting: Lifting, method: str, failed: Flags) -> Datasets:
-    """Lay out what proves the optimum of the convex program; images that failed (n,) have nan."""
+    """Lay out what proves the optimum of the convex program; images that failed (n,)
+    have nan.
+    """
     certificate = lifting.estimate.convex_proof
     if certificate is None:
         return {}
@@ -315,8 +366,12 @@ def proof(lifting: Lifting, method: str, failed: Flags) -> Datasets:
     return datasets
 
 
-def attributes_of(setup: Setup, inputs: Mapping[str, str]) -> dict[str, str | float | int]:
-    """Return what is stored of a fit beside its images; `inputs` are the digests of its files."""
+def attributes_of(
+    setup: Setup, inputs: Mapping[str, str]
+) -> dict[str, str | float | int]:
+    """Return what is stored of a fit beside its images; `inputs` are the digests of its
+    files.
+    """
     config, numbers = setup.config.as_json(), setup.estimates.numbers
     return {
         "method": setup.config.method,
@@ -339,16 +394,23 @@ def result_of(lifting: Lifting, record: ResultSet) -> Result:
     limited = lifting.estimate.status.count(Status.ITERATION_LIMIT)
     empty = ~lifting.estimate.shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
     empty[list(lifting.failures)] = False
-    text = "with an empty shape: lambda is at or above lambda_max of the image; lower `lambda`"
+    text = (
+        "with an empty shape: lambda is at or above lambda_max of the image; lower"
+        " `lambda`"
+    )
     warnings = (
         Counted(limited, "image", "not optimal"),
         Counted(int(empty.sum()), "image", text),
     )
     return Result(
         done=len(items),
-        failures=tuple(Failure(items[row], why) for row, why in sorted(lifting.failures.items())),
+        failures=tuple(
+            Failure(items[row], why) for row, why in sorted(lifting.failures.items())
+        ),
         warnings=tuple(warning for warning in warnings if warning.number),
-        reasons=tuple(Counted(len(of), "image", why, tuple(of)) for why, of in by_reason.items()),
+        reasons=tuple(
+            Counted(len(of), "image", why, tuple(of)) for why, of in by_reason.items()
+        ),
     )
 
 
@@ -378,7 +440,9 @@ class Counts:
             trusted = columns[trust.TRUSTED].astype(bool)
             self.evaluated += len(record)
             self.trusted += int(trusted.sum())
-            errors = columns[trust.EXPECTED_ERROR] * columns.get(METRES_PER_UNIT, np.nan)
+            errors = columns[trust.EXPECTED_ERROR] * columns.get(
+                METRES_PER_UNIT, np.nan
+            )
             self.errors += errors[trusted & np.isfinite(errors)].tolist()
             probability = columns["inlier_probability"]
             self.outliers = self.outliers + (probability < OUTLIER).sum(axis=0)
@@ -396,10 +460,15 @@ class Counts:
 def summary_of(
     source: LandmarkSource, setup: Setup, counts: Counts, method: str, writer: Summary
 ) -> Result:
-    """Return the end of a fit: warnings about all images, a note, and the rows of the summary."""
+    """Return the end of a fit: warnings about all images, a note, and the rows of the
+    summary.
+    """
     head, estimates = source.head, setup.estimates
     warnings = [*estimates.warnings, *nothing_in(source.count, "images"), *source.notes]
-    warnings += [*setup.matched.warnings(), *warn_of_dictionary(setup.config, setup.dictionary)]
+    warnings += [
+        *setup.matched.warnings(),
+        *warn_of_dictionary(setup.config, setup.dictionary),
+    ]
     return Result(
         total=source.count,
         warnings=(*warnings, *warn_of_all(counts, setup, head), *writer.warnings),
@@ -409,23 +478,37 @@ def summary_of(
     )
 
 
-def warn_of_all(counts: Counts, setup: Setup, head: LandmarkSet) -> Iterator[str | Counted]:
-    """Yield what is known at the end only, by shares of all images; head, as the files state it."""
+def warn_of_all(
+    counts: Counts, setup: Setup, head: LandmarkSet
+) -> Iterator[str | Counted]:
+    """Yield what is known at the end only, by shares of all images; head, as the files
+    state it.
+    """
     if 2 * counts.on_head > counts.bodies:
         other = "up" if head.y_axis == "down" else "down"
-        text = f"with people on their heads: y was taken to point {head.y_axis}: if it points "
-        text += f"{other}, set `y_axis: {other}`; or is the video turned by 180 degrees?"
+        text = (
+            f"with people on their heads: y was taken to point {head.y_axis}: if it"
+            " points "
+        )
+        text += (
+            f"{other}, set `y_axis: {other}`; or is the video turned by 180 degrees?"
+        )
         yield Counted(counts.on_head, "image", text)
     markers, names = setup.matched.joints.markers, setup.dictionary.landmark_names
-    for j in np.flatnonzero(counts.outliers > MOSTLY * np.maximum(counts.visible, FEWEST)):
+    for j in np.flatnonzero(
+        counts.outliers > MOSTLY * np.maximum(counts.visible, FEWEST)
+    ):
         name = " and ".join(markers.get(names[j], (names[j],)))
-        text = f"in which {name} contradicts the model: rename it if it is another point of the "
+        text = (
+            f"in which {name} contradicts the model: rename it if it is another point"
+            " of the "
+        )
         text += f"body, or leave it out with `rename={{{name}: unused}}`"
         yield Counted(int(counts.outliers[j]), "image", text)
     if setup.lifter.row.sequences and not (setup.config.frame_rate or head.frame_rate):
         yield (
-            "the frame rate is unknown, so the motion from image to image is taken for that of the "
-            "training shapes; set `frame_rate`"
+            "the frame rate is unknown, so the motion from image to image is taken for"
+            " that of the training shapes; set `frame_rate`"
         )
 
 
@@ -435,8 +518,13 @@ def rows_of(
     """Yield the rows of the summary, label and text."""
     config, output = setup.config, Path(str(setup.config.output))
     images = counted(counts.images, "image")
-    read = f"{abbreviate([path.name or str(path) for path in config.landmarks], 1)}: {images}"
-    read += f" of {counted(len(counts.sequences), 'sequence')}" if counts.sequences else ""
+    read = (
+        f"{abbreviate([path.name or str(path) for path in config.landmarks], 1)}:"
+        f" {images}"
+    )
+    read += (
+        f" of {counted(len(counts.sequences), 'sequence')}" if counts.sequences else ""
+    )
     if matched := sum(map(len, setup.matched.joints.markers.values())):
         read += f"; matched {matched} of {len(source.head.landmark_names)} keypoints"
     yield "Read", read
@@ -446,7 +534,9 @@ def rows_of(
         yield "Metres", metres
     result = f"{images} (no error bars by this method)"
     if counts.evaluated:
-        size = f"{100 * median(np.array(counts.errors)):.0f} cm" if counts.errors else ""
+        size = (
+            f"{100 * median(np.array(counts.errors)):.0f} cm" if counts.errors else ""
+        )
         about = f", expected error about {size}" if size else ""
         result = f"{counts.trusted} of {images} trusted{about}"
     elif setup.dictionary.prior is None:
@@ -454,12 +544,20 @@ def rows_of(
     yield "Result", result
     if output.suffix.lower() in VIEWED:
         name = output.name if output.parent == Path.cwd() else str(output)
-        yield "Next", f"shapefit view {output.stem + '*.trc' if output.suffix == '.trc' else name}"
+        yield (
+            "Next",
+            (
+                "shapefit view"
+                f" {output.stem + '*.trc' if output.suffix == '.trc' else name}"
+            ),
+        )
 
 
 def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Result]:
     """Write the meshes of a result, as `convert` does."""
     from shapefit.pipelines.meshes import write_meshes
 
-    for part in write_meshes((result,), config.dictionary, folder, config.export.format):
+    for part in write_meshes(
+        (result,), config.dictionary, folder, config.export.format
+    ):
         yield part._replace(done=0, total=None)  # its images are counted already

@@ -1,4 +1,6 @@
-"""Whole sequences: their images are read together, and refined as frames of one moving body."""
+"""Whole sequences: their images are read together, and refined as frames of one moving
+body.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +23,14 @@ from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.pipelines.fit.lift import RATE, Lifter
 
 USUAL = 0.02
-"""Second difference of a coordinate from image to image where the dictionary knows none, in units
-of the size of the body: that of subject 86 at 24 Hz."""
+"""Second difference of a coordinate from image to image where the dictionary knows
+none, in units of the size of the body: that of subject 86 at 24 Hz.
+"""
 
 RIGID = 0.005
-"""Deviation of a bone from its length that no data are more exact than, in the same units."""
+"""Deviation of a bone from its length that no data are more exact than, in the same
+units.
+"""
 
 LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "wrist"})
 """Joints of people, but for their sides, between which limbs are."""
@@ -45,8 +50,13 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
             if row and names[row] == names[row - 1]:
                 continue
             if names[row] in begun:
-                fault = f"'{names[row]}' goes on after others, at the item '{images.items[row]}'"
-                raise input_error("sequence", fault, "put its images together, in order of time")
+                fault = (
+                    f"'{names[row]}' goes on after others, at the item"
+                    f" '{images.items[row]}'"
+                )
+                raise input_error(
+                    "sequence", fault, "put its images together, in order of time"
+                )
             begun.add(names[row])
             last = row
         if last:
@@ -56,7 +66,9 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
 
 
 def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
-    """Divide whole sequences into batches: pieces are refined by themselves, in less memory."""
+    """Divide whole sequences into batches: pieces are refined by themselves, in less
+    memory.
+    """
     start = stop = 0
     for clip in split(images.sequences or ()):
         if clip.stop - start > LONGEST and stop > start:
@@ -71,11 +83,15 @@ def restore_sides(
 ) -> tuple[LandmarkSet, Floats]:
     """Undo exchanges of left and right for some frames, by continuity in the image.
 
-    visible (n, p), which landmarks count. Returns with the images 1 (n,) where they are put back,
-    else 0, and nan where sides change places in the sequence and nobody knows which are right.
+    visible (n, p), which landmarks count. Returns with the images 1 (n,) where they are
+    put back, else 0, and nan where sides change places in the sequence and nobody knows
+    which are right.
     """
     exchanged = np.zeros(len(images))
-    partner, rate = lifter.dictionary.mirror_index, lifter.frame_rate or images.frame_rate or RATE
+    partner, rate = (
+        lifter.dictionary.mirror_index,
+        lifter.frame_rate or images.frame_rate or RATE,
+    )
     if partner is None or images.sequences is None:
         return images, exchanged
     left = np.flatnonzero(partner > np.arange(len(partner)))
@@ -109,14 +125,17 @@ def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> L
         motion=find_motion(dictionary, lifter.frame_rate or images.frame_rate),
         residual_variance=lifter.variance,
         noise=lifter.noise,
-        bar_scale=scale_of_bars(bars.bar_scale, bars.growth, len(dictionary.landmark_names)),
+        bar_scale=scale_of_bars(
+            bars.bar_scale, bars.growth, len(dictionary.landmark_names)
+        ),
         threads=lifter.threads,
     )
     return refine_through_camera(lifting, images.landmarks, refine)
 
 
 def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
-    """Return the motion between images at a frame rate, or at that of the training shapes.
+    """Return the motion between images at a frame rate, or at that of the training
+    shapes.
 
     Second differences grow with the 3/2th power of the time, where a velocity wanders.
     """
@@ -134,16 +153,24 @@ def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
 
 
 def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
-    """Return the mean bone lengths of the training bodies and their precision, None if unknown.
+    """Return the mean bone lengths of the training bodies and their precision, None if
+    unknown.
 
-    Of any size g: Q = P - P 1 1^T P / (1^T P 1) for the precision P of the logarithms. Of people
-    only limbs: detectors put hips, shoulders and heads elsewhere than training shapes have them.
+    Of any size g: Q = P - P 1 1^T P / (1^T P 1) for the precision P of the logarithms.
+    Of people only limbs: detectors put hips, shoulders and heads elsewhere than
+    training shapes have them.
     """
-    usual, covariance, edges = dictionary.edge_length, dictionary.edge_covariance, dictionary.edges
+    usual, covariance, edges = (
+        dictionary.edge_length,
+        dictionary.edge_covariance,
+        dictionary.edges,
+    )
     if usual is None or covariance is None or edges is None:
         return None
     names = dictionary.landmark_names
-    limbs = np.array([{names[end][1:] for end in edge.tolist()} in LIMBS for edge in edges], bool)
+    limbs = np.array(
+        [{names[end][1:] for end in edge.tolist()} in LIMBS for edge in edges], bool
+    )
     rows = np.flatnonzero((usual > 0) & (limbs if limbs.any() else True))
     if not len(rows):
         return None

@@ -1,4 +1,5 @@
-"""A dictionary of 2D landmarks: shapes are lifted by what images share, then learned from.
+"""A dictionary of 2D landmarks: shapes are lifted by what images share, then learned
+from.
 
 Landmarks that are hidden from the fit judge what was learned.
 """
@@ -13,11 +14,22 @@ import numpy as np
 from shapefit.arrays import Floats, evenly
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.others import PriorConfig
-from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, evaluate_class
+from shapefit.dictionary.from_2d.judgement import (
+    ALIKE,
+    DOUBTFUL,
+    UNLIKE,
+    evaluate_class,
+)
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images, hide
 from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.model import DEPTH_AMBIGUITY, LEARNED_FROM, OPEN, VERDICT, Dictionary
+from shapefit.dictionary.model import (
+    DEPTH_AMBIGUITY,
+    LEARNED_FROM,
+    OPEN,
+    VERDICT,
+    Dictionary,
+)
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.pinhole import CAMERA_MATRIX
@@ -38,22 +50,29 @@ from shapefit.pipelines.learn_dict.from_3d import (
 from shapefit.pipelines.result import Result
 
 FEWEST_IMAGES, FEWEST_VISIBLE = 20, 4
-"""Images from which depth can be learned, and landmarks that each must show: any three fit any
-shape."""
+"""Images from which depth can be learned, and landmarks that each must show: any three
+fit any shape.
+"""
 
 FAR_OUT = 4.0
-"""Medians of the distance from the middle of an image up to which landmarks count for its size."""
+"""Medians of the distance from the middle of an image up to which landmarks count for
+its size.
+"""
 
 MIN_RESIDUAL_VARIANCE = 1e-4
-"""Variance of a normalised coordinate: below it, a landmark a little off is an outlier."""
+"""Variance of a normalised coordinate: below it, a landmark a little off is an outlier.
+"""
 
 SAMPLE, MIXTURES, QUICK = 500, 4, 3
-"""Images by which dictionaries are compared; mixtures learned at most; rounds of learning atoms
-that only have to find views."""
+"""Images by which dictionaries are compared; mixtures learned at most; rounds of
+learning atoms that only have to find views.
+"""
 
 CLOSE = 1.1
-"""Factor of the Gaussian's error of hidden landmarks up to which a mixture is kept in its place:
-they say little of depth, of which a mixture that is as good in the image knows more."""
+"""Factor of the Gaussian's error of hidden landmarks up to which a mixture is kept in
+its place: they say little of depth, of which a mixture that is as good in the image
+knows more.
+"""
 
 LARGER = 2.0
 """Factor of size from one mixture to the next beyond which an image was misread."""
@@ -62,24 +81,29 @@ SURE = 5.0
 """Standard errors of the evidence beyond which perspective decides what is near."""
 
 FIXES = {
-    ALIKE: "give images from more sides: the camera or the body must turn, and not be flat",
-    UNLIKE: "give images of one class, whose landmarks are in the same order in all of them",
+    ALIKE: (
+        "give images from more sides: the camera or the body must turn, and not be flat"
+    ),
+    UNLIKE: (
+        "give images of one class, whose landmarks are in the same order in all of them"
+    ),
 }
 """What to do about each verdict with which nothing is learned."""
 
 MIRRORED = (
-    "near and far cannot be distinguished in 2D landmarks alone, and no image that is lifted is "
-    "trusted before they are: look at some shapes, and learn again with `flip=true` if near is "
-    "far, `flip=false` if it is not"
+    "near and far cannot be distinguished in 2D landmarks alone, and no image that is"
+    " lifted is trusted before they are: look at some shapes, and learn again with"
+    " `flip=true` if near is far, `flip=false` if it is not"
 )
 
 
 def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learning:
-    """Lift the images by what they have in common, and learn a dictionary from the shapes.
+    """Lift the images by what they have in common, and learn a dictionary from the
+    shapes.
 
-    A mixture over shapes replaces the Gaussian that lifted them if it predicts hidden landmarks as
-    well; at last near is distinguished from far. Raises InputError with the verdict where depth
-    cannot be learned from the images.
+    A mixture over shapes replaces the Gaussian that lifted them if it predicts hidden
+    landmarks as well; at last near is distinguished from far. Raises InputError with
+    the verdict where depth cannot be learned from the images.
     """
     place = place_of(config)
     given = usable_images(source, place)
@@ -89,15 +113,17 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
     evidence = (
-        f"hidden landmarks predicted to {judgement.hidden_error:.3f} of the size of a shape, "
-        f"evidence of depth {judgement.gain:.2f} per landmark, "
-        f"views up to {judgement.turn:.0f} degrees apart"
+        f"hidden landmarks predicted to {judgement.hidden_error:.3f} of the size of a"
+        f" shape, evidence of depth {judgement.gain:.2f} per landmark, views up to"
+        f" {judgement.turn:.0f} degrees apart"
     )
     if not judgement.fine:
         fix = FIXES[judgement.verdict]
         raise input_error(place, f"{judgement.verdict} ({evidence})", fix)
     outliers = f"{int(state.outliers.sum())} landmarks are outliers"
-    line = f"{counted(len(given), 'image')}: {judgement.verdict}; {evidence}; {outliers}"
+    line = (
+        f"{counted(len(given), 'image')}: {judgement.verdict}; {evidence}; {outliers}"
+    )
     yield Result(line=line)
     verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
     made = yield from learn_mixtures(given, images, state, config)
@@ -116,7 +142,9 @@ def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
     given = concatenate(list(source.batches(4096)))
     visible = given.visible()
     distinct = std(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
-    usable = given.take(np.flatnonzero(distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE)))
+    usable = given.take(
+        np.flatnonzero(distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE))
+    )
     if len(usable) < FEWEST_IMAGES:
         fault = f"{len(usable)} of {len(given)} show {FEWEST_VISIBLE} landmarks or more"
         fix = f"give {FEWEST_IMAGES} at least, of different views"
@@ -129,7 +157,8 @@ def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
 
 
 def normalised_images(given: LandmarkSet) -> Images:
-    """Bring the landmarks of each sequence, or of each image without one, to the size 1.
+    """Bring the landmarks of each sequence, or of each image without one, to the size
+    1.
 
     Landmarks that lie far out do not count for the size, as outliers do not.
     """
@@ -141,7 +170,9 @@ def normalised_images(given: LandmarkSet) -> Images:
     size = normalised.scale
     sequence = np.zeros(len(given), np.intp)
     if given.sequences is not None:
-        sequence = np.unique(np.array(given.sequences, dtype=str), return_inverse=True)[1]
+        sequence = np.unique(np.array(given.sequences, dtype=str), return_inverse=True)[
+            1
+        ]
         squares = np.bincount(sequence, size**2) / np.bincount(sequence)
         size = np.sqrt(squares)[sequence]
     centred = np.where(visible[:, None], w - normalised.centroid[..., None], 0.0)
@@ -151,16 +182,22 @@ def normalised_images(given: LandmarkSet) -> Images:
 def learn_mixtures(
     given: LandmarkSet, normalised: Images, state: State, config: LearnDictConfig
 ) -> Learning:
-    """Learn mixtures over the shapes that the prior before lifted, while they predict better.
+    """Learn mixtures over the shapes that the prior before lifted, while they predict
+    better.
 
-    The prior of the dictionary is the best one, or, where bodies are to vary, one of varied shapes.
-    Hidden landmarks judge how sure it is: shapes that were lifted, and not measured, say nothing.
+    The prior of the dictionary is the best one, or, where bodies are to vary, one of
+    varied shapes. Hidden landmarks judge how sure it is: shapes that were lifted, and
+    not measured, say nothing.
     """
     inputs = digests(config.shapes)
 
-    def learned(shapes: ShapeSet, components: int, rounds: int, *, varied: bool) -> Learning:
+    def learned(
+        shapes: ShapeSet, components: int, rounds: int, *, varied: bool
+    ) -> Learning:
         unchanged = {} if varied else {"bone_scale": 0.0, "exchange": 0.0}
-        changed = config.changed(prior={"components": components, **unchanged}, iterations=rounds)
+        changed = config.changed(
+            prior={"components": components, **unchanged}, iterations=rounds
+        )
         return learn_from_shapes(shapes, changed, inputs)
 
     # Outliers stay: the posterior of a mixture weighs them anew.
@@ -185,12 +222,17 @@ def learn_mixtures(
         error = predict_hidden(images, mixed)
         gaussian = best.residual_variance is not None
         if error >= (CLOSE * least if gaussian and number > 1 else least):
-            break  # no mixture after such a one was ever better, and some were read wrongly
+            # no mixture after such a one was ever better, and some were read wrongly
+            break
         best, best_shapes, least = mixed, shapes, error
         lifted = lift_by(images, mixed, method).shapes
-        grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(shapes.shapes, axis=(1, 2))
+        grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(
+            shapes.shapes, axis=(1, 2)
+        )
         well_read = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
-        shapes = shapes.replaced(shapes=np.where(well_read[:, None, None], lifted, shapes.shapes))
+        shapes = shapes.replaced(
+            shapes=np.where(well_read[:, None, None], lifted, shapes.shapes)
+        )
     if config.prior.bone_scale or config.prior.exchange:
         return (yield from learned(best_shapes, number, config.iterations, varied=True))
     made = yield from learned(best_shapes, 0, config.iterations, varied=False)
@@ -198,10 +240,11 @@ def learn_mixtures(
 
 
 def gaussian_prior(state: State, mean: Floats) -> dict[str, Any]:
-    """Return what was learned as `prior` of normalised shapes, turned onto their mean (3, p).
+    """Return what was learned as `prior` of normalised shapes, turned onto their mean
+    (3, p).
 
-    `residual_variance` is the variance of what it does not explain. The size of a shape is the
-    image's to find, so that the covariance has no part along the mean.
+    `residual_variance` is the variance of what it does not explain. The size of a shape
+    is the image's to find, so that the covariance has no part along the mean.
     """
     model = state.model
     d = model.mean.size
@@ -219,7 +262,9 @@ def gaussian_prior(state: State, mean: Floats) -> dict[str, Any]:
 def resolve_depth(
     images: LandmarkSet, made: Dictionary, flip: bool | None
 ) -> tuple[Dictionary, str]:
-    """Return the dictionary, or its mirror image, and what has decided: `flip`, else cameras."""
+    """Return the dictionary, or its mirror image, and what has decided: `flip`, else
+    cameras.
+    """
     if flip is not None:
         return mirror_image(made) if flip else made, "stated by `flip`"
     if CAMERA_MATRIX in images.columns:
@@ -241,8 +286,11 @@ def mirror_image(made: Dictionary) -> Dictionary:
     return replace(made, atoms=atoms, mean_shape=mean_shape, prior=mirrored)
 
 
-def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[float, float]:
-    """Log evidence an image that the class is mirrored, as the cameras see it; standard error.
+def evidence_of_mirror(
+    images: LandmarkSet, dictionary: Dictionary
+) -> tuple[float, float]:
+    """Log evidence an image that the class is mirrored, as the cameras see it; standard
+    error.
 
     The mirror image of a class is seen as the class is in mirrored images.
     """
@@ -251,20 +299,25 @@ def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[flo
     w = sample.landmarks.copy()
     w[:, 0] = 2 * middle - w[:, 0]
     unchanged, mirrored = (
-        lift_by(records, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
+        lift_by(records, dictionary, "posterior", CAMERA_MATRIX).estimate.further[
+            "log_evidence"
+        ]
         for records in (sample, sample.replaced(landmarks=w))
     )
     return mean_gain(unchanged, mirrored)
 
 
 def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
-    """Hide a tenth of the landmarks of a sample of the images, each by itself, and predict them.
+    """Hide a tenth of the landmarks of a sample of the images, each by itself, and
+    predict them.
 
     Returns the median distance from where they are, in the size of their image.
     """
     sample = images.take(evenly(len(images), SAMPLE))
     hidden = hide(sample.visible())
-    others = sample.replaced(landmarks=np.where(hidden[:, None], np.nan, sample.landmarks))
+    others = sample.replaced(
+        landmarks=np.where(hidden[:, None], np.nan, sample.landmarks)
+    )
     predicted = lift_by(others, dictionary, "posterior").shapes[:, :2]
     size = std(sample.landmarks, sample.visible())[:, None]
     residual = np.linalg.norm(predicted - sample.landmarks, axis=1) / size
@@ -274,10 +327,13 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
 def lift_by(
     images: LandmarkSet, dictionary: Dictionary, method: str, camera: str | None = None
 ) -> Lifting:
-    """Lift images as `fit` does with its defaults, without p-values, which nobody would read.
+    """Lift images as `fit` does with its defaults, without p-values, which nobody would
+    read.
 
     camera names the dataset of their camera matrices, None for weak perspective.
     """
     check_needs(method, dictionary, "dictionary")
     intrinsics = None if camera is None else find_camera
-    return lift_images(images, Lifter(method=method, dictionary=dictionary, camera=intrinsics))
+    return lift_images(
+        images, Lifter(method=method, dictionary=dictionary, camera=intrinsics)
+    )

@@ -1,4 +1,6 @@
-"""A dictionary of 3D shapes: aligned training shapes, atoms by one of three methods, a prior."""
+"""A dictionary of 3D shapes: aligned training shapes, atoms by one of three methods, a
+prior.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +50,9 @@ MOST_ROUNDS = 20
 """Rounds of expectation maximisation, which ends sooner where it gains nothing."""
 
 SHAPES_PER_COMPONENT, MOST_COMPONENTS = 150, 32
-"""Of a mixture whose components are not given. A component of 45 coordinates needs a hundred shapes
-and more beside what all shapes say."""
+"""Of a mixture whose components are not given. A component of 45 coordinates needs a
+hundred shapes and more beside what all shapes say.
+"""
 
 FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
 """Copies of each shape that is varied, and how many shapes are enough for a mixture."""
@@ -58,9 +61,10 @@ FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
 class TrainingShapes(NamedTuple):
     """n training shapes, normalised and aligned.
 
-    original: as in the files, after `every` and `mirror`; alignment: of the normalised shapes
-    (n, 3, p); scale (n,) that normalised them; mesh_vertices (n, 3, q), moved as their landmarks,
-    or None; dictionary: all but its atoms and prior; failures: shapes that cannot be used.
+    original: as in the files, after `every` and `mirror`; alignment: of the normalised
+    shapes (n, 3, p); scale (n,) that normalised them; mesh_vertices (n, 3, q), moved as
+    their landmarks, or None; dictionary: all but its atoms and prior; failures: shapes
+    that cannot be used.
     """
 
     original: ShapeSet
@@ -76,8 +80,8 @@ def learn_from_shapes(
 ) -> Learning:
     """Learn a dictionary from 3D shapes; `inputs` are the digests of their files.
 
-    The first result lists the shapes that cannot be used. Raises InputError where the shapes do not
-    serve what the config asks for.
+    The first result lists the shapes that cannot be used. Raises InputError where the
+    shapes do not serve what the config asks for.
     """
     training = find_training_shapes(given, config)
     number = counted(len(training.original), "shape")
@@ -99,32 +103,43 @@ def learn_from_shapes(
 
 
 def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingShapes:
-    """Take every n-th shape of each sequence, double them by mirroring, normalise, and align.
+    """Take every n-th shape of each sequence, double them by mirroring, normalise, and
+    align.
 
-    The motion and the rigidity of edges are those of all the shapes given. Raises InputError for
-    wrong pairs in `mirror`, no shapes, and fewer shapes than atoms.
+    The motion and the rigidity of edges are those of all the shapes given. Raises
+    InputError for wrong pairs in `mirror`, no shapes, and fewer shapes than atoms.
     """
     usable, failures = separate(given)
-    shapes = usable.take(every_nth(usable.sequences or ("",) * len(usable), config.every))
+    shapes = usable.take(
+        every_nth(usable.sequences or ("",) * len(usable), config.every)
+    )
     partners = find_partners(shapes, config) if config.mirror else None
     if partners is not None and len(shapes):
-        mirrored = mirror(shapes.shapes, partners, lateral_axis(shapes.shapes, partners))
+        mirrored = mirror(
+            shapes.shapes, partners, lateral_axis(shapes.shapes, partners)
+        )
         twice = shapes.take(np.tile(np.arange(len(shapes)), 2))
         both = np.concatenate([shapes.shapes, mirrored])
         shapes = twice.replaced(shapes=both, mesh_vertices=None, mesh_faces=None)
     n = len(shapes)
     if not n:
-        example = f"; {failures[0].item}, for one: {failures[0].reason}" if failures else ""
+        example = (
+            f"; {failures[0].item}, for one: {failures[0].reason}" if failures else ""
+        )
         fault = f"there are 0 shapes to learn from{example}"
         raise input_error("shapes", fault, "give more shapes")
     if number_of_atoms(n, config) > n:
-        fault = f"{config.k} atoms are more than the {counted(n, 'shape')} to learn from"
+        fault = (
+            f"{config.k} atoms are more than the {counted(n, 'shape')} to learn from"
+        )
         raise input_error("k", fault, "lower k or `every`, or give more shapes")
     normalised, mesh = normalise(shapes.shapes), shapes.mesh_vertices
     points = normalised.points
     if config.align == "none":
         unturned = np.tile(np.eye(3), (n, 1, 1))
-        alignment = Alignment(points, points.mean(axis=0), unturned, rounds=0, converged=True)
+        alignment = Alignment(
+            points, points.mean(axis=0), unturned, rounds=0, converged=True
+        )
     else:
         alignment = generalised_procrustes(points)
     dictionary = Dictionary(
@@ -136,8 +151,12 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
         unit=shapes.unit,
         **find_motion(usable, shapes),
     )
-    carried = None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations)
-    return TrainingShapes(shapes, alignment, normalised.scale, carried, dictionary, failures)
+    carried = (
+        None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations)
+    )
+    return TrainingShapes(
+        shapes, alignment, normalised.scale, carried, dictionary, failures
+    )
 
 
 def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
@@ -152,7 +171,8 @@ def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
 def every_nth(sequences: tuple[str, ...], n: int | Mapping[str, int]) -> list[int]:
     """Return the indices of every n-th item of each sequence, starting with its first.
 
-    In a mapping the first glob that fits the name of a sequence gives its n; 1 where none does.
+    In a mapping the first glob that fits the name of a sequence gives its n; 1 where
+    none does.
     """
     globs = {"*": n} if isinstance(n, int) else n
     steps = {
@@ -169,7 +189,8 @@ def every_nth(sequences: tuple[str, ...], n: int | Mapping[str, int]) -> list[in
 
 
 def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> Integers:
-    """Return the partner (p,) of each landmark on the other side, by `mirror` or the file.
+    """Return the partner (p,) of each landmark on the other side, by `mirror` or the
+    file.
 
     Raises InputError where neither pairs the landmarks.
     """
@@ -183,14 +204,19 @@ def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> Integers:
         partners = shapes.columns.get("mirror_index", points)
     moved = np.isin(partners, points).all() and (partners != points).any()
     if not moved or (partners[partners] != points).any():
-        fault = "`mirror`, or the dataset `mirror_index` of the shapes, does not pair landmarks"
+        fault = (
+            "`mirror`, or the dataset `mirror_index` of the shapes, does not pair"
+            " landmarks"
+        )
         fix = "name each landmark of a pair once, `mirror: {rhip: lhip}`"
         raise input_error(place_of(config), fault, fix)
     return partners
 
 
 def number_of_atoms(number: int, config: LearnDictConfig) -> int:
-    """Return the atoms to learn from so many shapes: fewer than the default where these are few."""
+    """Return the atoms to learn from so many shapes: fewer than the default where these
+    are few.
+    """
     if config.method != "sparse-coding":
         return 1
     return config.k if "k" in config.model_fields_set else min(config.k, number)
@@ -199,21 +225,28 @@ def number_of_atoms(number: int, config: LearnDictConfig) -> int:
 def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
     """Return what a dictionary knows of motion and bones, by the names of its fields.
 
-    Motion and differences between bodies are those of all shapes given, lengths those of `shapes`.
+    Motion and differences between bodies are those of all shapes given, lengths those
+    of `shapes`.
     """
     motion: dict[str, Any] = {}
     edges, sequences = given.edges, given.sequences
     if sequences:
         motion["acceleration"] = find_acceleration(given.shapes, sequences)
-        motion["frame_rate"] = None if motion["acceleration"] is None else given.frame_rate
+        motion["frame_rate"] = (
+            None if motion["acceleration"] is None else given.frame_rate
+        )
     if edges is None:
         return motion
-    motion["edge_length"] = find_lengths(shapes.shapes, edges, ("",) * len(shapes))[0].mean(axis=0)
+    motion["edge_length"] = find_lengths(shapes.shapes, edges, ("",) * len(shapes))[
+        0
+    ].mean(axis=0)
     of = sequences or ("",) * len(given)
     motion["bone_tolerance"] = find_bone_tolerance(given.shapes, edges, of)
     if len(edges):
         lengths, bodies, _ = find_lengths(given.shapes, edges, of)
-        motion["edge_covariance"] = find_edge_covariance(bodies, None if sequences else lengths)
+        motion["edge_covariance"] = find_edge_covariance(
+            bodies, None if sequences else lengths
+        )
     return motion
 
 
@@ -242,7 +275,9 @@ def pca_bases(training: TrainingShapes) -> Dictionary:
     aligned = training.alignment.shapes
     sequences = np.array(training.original.sequences or ("",) * len(aligned))
     names = dict.fromkeys(sequences.tolist())
-    bases = np.concatenate([principal_components(aligned[sequences == s]) for s in names])
+    bases = np.concatenate(
+        [principal_components(aligned[sequences == s]) for s in names]
+    )
     if not len(bases):
         fault = "the shapes of each sequence are all alike"
         raise input_error("shapes", fault, "give sequences that move")
@@ -257,7 +292,9 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
         note = f"objective {learned.trace[-1]:.6g}"
         yield Result(done=1, total=rounds, unit="round", note=note)
     atoms, C = learned.atoms, learned.coefficients
-    error = np.linalg.norm(shapes - np.tensordot(C, atoms, axes=1)) / np.linalg.norm(shapes)
+    error = np.linalg.norm(shapes - np.tensordot(C, atoms, axes=1)) / np.linalg.norm(
+        shapes
+    )
     learned_from = f"learned {counted(k, 'atom')} from {counted(len(shapes), 'shape')}"
     result = f"{learned_from} (reconstruction error {error:.1%})"
     yield Result(total=rounds, rows=(("Result", result),))
@@ -272,36 +309,52 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
 def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
     """Learn the mixture over the aligned shapes, varied as the section `prior` says.
 
-    Raises InputError for more components than shapes, and bones that are no tree where they are to
-    vary.
+    Raises InputError for more components than shapes, and bones that are no tree where
+    they are to vary.
     """
     prior, shapes = config.prior, training.alignment.shapes
     components = number_of_components(len(shapes), prior)
     if components > len(shapes):
-        fault = f"{components} components are more than the {len(shapes)} shapes to learn from"
+        fault = (
+            f"{components} components are more than the {len(shapes)} shapes to learn"
+            " from"
+        )
         raise input_error("prior.components", fault, "lower it, or give more shapes")
     if prior.bone_scale or prior.exchange:
         shapes = vary_shapes(training, config)
     return learn_mixture(
-        shapes, components, shrinkage=prior.shrinkage, floor=prior.floor, max_rounds=MOST_ROUNDS
+        shapes,
+        components,
+        shrinkage=prior.shrinkage,
+        floor=prior.floor,
+        max_rounds=MOST_ROUNDS,
     ).mixture
 
 
 def number_of_components(number: int, prior: PriorConfig) -> int:
-    """Return the components of a mixture over so many shapes, by the section `prior`."""
+    """Return the components of a mixture over so many shapes, by the section
+    `prior`.
+    """
     if prior.components != "auto":
         return prior.components
     return min(max(number // SHAPES_PER_COMPONENT, 1), MOST_COMPONENTS)
 
 
 def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
-    """Return varied shapes (copies n, 3, p), normalised and turned onto the mean of all."""
+    """Return varied shapes (copies n, 3, p), normalised and turned onto the mean of
+    all.
+    """
     aligned, edges = training.alignment.shapes, training.original.edges
     points = aligned.shape[2]
     try:
-        skeleton = find_skeleton(np.empty((0, 2), int) if edges is None else edges, points)
+        skeleton = find_skeleton(
+            np.empty((0, 2), int) if edges is None else edges, points
+        )
     except ValueError as fault:
-        fix = "give shapes whose `edges` are bones, or leave out `bone_scale` and `exchange`"
+        fix = (
+            "give shapes whose `edges` are bones, or leave out `bone_scale` and"
+            " `exchange`"
+        )
         raise input_error("prior", str(fault), fix) from None
     varied = vary(
         aligned,
@@ -314,8 +367,11 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     varied = normalise(varied).points
     if config.align == "none":
         return varied
-    # Landmarks that are indexed lie in another order in memory, in which sums round differently.
+    # Landmarks that are indexed lie in another order in memory, in which sums round
+    # differently.
     everything = range(points)
-    turn = rotation_onto(choose(varied, everything), choose(training.alignment.mean, everything))
+    turn = rotation_onto(
+        choose(varied, everything), choose(training.alignment.mean, everything)
+    )
     turned: Floats = turn @ varied
     return turned

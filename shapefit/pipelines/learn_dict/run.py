@@ -6,7 +6,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from shapefit.config import LearnDictConfig
-from shapefit.io import check_output, digests, open_landmarks, open_shapes, write_dictionary
+from shapefit.io import (
+    check_output,
+    digests,
+    open_landmarks,
+    open_shapes,
+    write_dictionary,
+)
 from shapefit.io.formats import check_target_format
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import DICTIONARY
@@ -18,10 +24,11 @@ from shapefit.pipelines.result import Result
 
 
 def run(config: LearnDictConfig) -> Iterator[Result]:
-    """Learn the dictionary and write it; one result per round, sequence or set of exemplars.
+    """Learn the dictionary and write it; one result per round, sequence or set of
+    exemplars.
 
-    Files of 2D landmarks alone are learned from as such. Raises InputError for files that cannot be
-    read or written, and as the ways of learning do.
+    Files of 2D landmarks alone are learned from as such. Raises InputError for files
+    that cannot be read or written, and as the ways of learning do.
     """
     check_output(config.output)
     check_target_format(config.output, DICTIONARY.kind)
@@ -34,8 +41,12 @@ def run(config: LearnDictConfig) -> Iterator[Result]:
     else:
         with open_shapes(config.shapes, options) as source:
             notes, shapes = source.notes, source.whole()
-        dictionary = yield from learn_from_shapes(shapes, config, digests(config.shapes))
-    from shapefit.lifting.posterior.p_value import with_p_value_table  # after the learning
+        dictionary = yield from learn_from_shapes(
+            shapes, config, digests(config.shapes)
+        )
+    from shapefit.lifting.posterior.p_value import (
+        with_p_value_table,
+    )  # after the learning
 
     write_dictionary(config.output, with_p_value_table(dictionary))
     yield Result(warnings=notes, written=(config.output,))

@@ -1,4 +1,5 @@
-"""`manifest.jsonl`: what a folder of results holds, and of what, so that a run can go on.
+"""`manifest.jsonl`: what a folder of results holds, and of what, so that a run can go
+on.
 
 Its first line is of the run; each other line is of a part, added when the part ends.
 """
@@ -21,7 +22,9 @@ from shapefit.io.inputs import in_words
 LOCK = ".lock"
 
 Entry = dict[str, Any]
-"""The line of a part: what it is made of (see Part.describe), its status, counts and size."""
+"""The line of a part: what it is made of (see Part.describe), its status, counts and
+size.
+"""
 
 State = tuple[int, int]
 """Size and time of change of a file."""
@@ -53,13 +56,17 @@ class Part(NamedTuple):
         }
 
     def __str__(self) -> str:
-        rows = "" if self.rows is None else f", rows {self.rows[0]} to {self.rows[1] - 1}"
+        rows = (
+            "" if self.rows is None else f", rows {self.rows[0]} to {self.rows[1] - 1}"
+        )
         return abbreviate([printable(path) for path in self.inputs]) + rows
 
 
 @dataclass
 class Manifest:
-    """A manifest: the line of the run, and the last line of each part by the name of its file."""
+    """A manifest: the line of the run, and the last line of each part by the name of
+    its file.
+    """
 
     path: Path
     run: Mapping[str, Any]
@@ -68,13 +75,17 @@ class Manifest:
     @property
     def done(self) -> dict[str, Entry]:
         """The lines of the parts that have a result."""
-        return {file: entry for file, entry in self.parts.items() if entry["status"] == DONE}
+        return {
+            file: entry for file, entry in self.parts.items() if entry["status"] == DONE
+        }
 
     def write(self) -> None:
         """Write the manifest, whole or not at all."""
         lines = ({"shapefit": __version__, **self.run}, *self.parts.values())
         with atomic_path(self.path) as temporary:
-            temporary.write_bytes(b"".join(json.dumps(line).encode() + b"\n" for line in lines))
+            temporary.write_bytes(
+                b"".join(json.dumps(line).encode() + b"\n" for line in lines)
+            )
 
     def add(self, entry: Entry) -> None:
         """Add the line of a part."""
@@ -84,11 +95,15 @@ class Manifest:
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """Read the manifest of a folder, None without one. Raises InputError for something else."""
+    """Read the manifest of a folder, None without one. Raises InputError for something
+    else.
+    """
     lines = manifest_lines(folder)
     if lines is None:
         return None
-    return Manifest(folder / MANIFEST, lines[0], {entry["file"]: entry for entry in lines[1:]})
+    return Manifest(
+        folder / MANIFEST, lines[0], {entry["file"]: entry for entry in lines[1:]}
+    )
 
 
 @contextmanager
@@ -103,14 +118,18 @@ def locked(folder: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             fault = "another run is writing results to it"
-            raise input_error(folder, fault, "wait until it ends, or choose another") from None
+            raise input_error(
+                folder, fault, "wait until it ends, or choose another"
+            ) from None
         except (ImportError, OSError):  # a system or a disk without locks
             pass
         yield
 
 
 def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
-    """Return the folders whose results, two or more, are all among the files; their manifests."""
+    """Return the folders whose results, two or more, are all among the files; their
+    manifests.
+    """
     folders: dict[Path, Manifest] = {}
     for folder in dict.fromkeys(file.parent for file in files):
         if (manifest := read_manifest(folder)) is not None:
@@ -125,4 +144,7 @@ def sum_up(parts: Mapping[str, Entry]) -> list[tuple[str, str]]:
     keys = ("images", "failed", "bytes")
     images, failed, size = (sum(entry[key] for entry in parts.values()) for key in keys)
     without = f", {failed:,} without a shape" if failed else ""
-    return [("parts", f"{len(parts):,}, {in_words(size)}"), ("images", f"{images:,}{without}")]
+    return [
+        ("parts", f"{len(parts):,}, {in_words(size)}"),
+        ("images", f"{images:,}{without}"),
+    ]

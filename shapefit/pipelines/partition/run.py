@@ -1,7 +1,8 @@
-"""`fit` into a folder: parts of the images, one result each, and a manifest of those that are done.
+"""`fit` into a folder: parts of the images, one result each, and a manifest of those
+that are done.
 
-Parts are files, recordings of several files, or ranges of rows of an HDF5 file. Running again does
-the parts that are missing. Results that this run would not give are refused.
+Parts are files, recordings of several files, or ranges of rows of an HDF5 file. Running
+again does the parts that are missing. Results that this run would not give are refused.
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ OF_THE_RUN = {"landmarks", "output", "dictionary", "data", "threads"}
 
 
 AHEAD = 4
-"""Parts that each thread of a cluster has waiting; more would only fill the scheduler."""
+"""Parts that each thread of a cluster has waiting; more would only fill the scheduler.
+"""
 
 MOST_LISTED = 20
 """Failures and warnings of a part that are reported one by one."""
@@ -74,7 +76,9 @@ Done = tuple[Entry, Result]
 
 
 class Job(NamedTuple):
-    """A part, the config of the run, the folder of its result, and what all parts share."""
+    """A part, the config of the run, the folder of its result, and what all parts
+    share.
+    """
 
     part: Part
     config: FitConfig
@@ -84,10 +88,11 @@ class Job(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What a run does to a folder: the parts that it is to have, and lines of those retained.
+    """What a run does to a folder: the parts that it is to have, and lines of those
+    retained.
 
-    removed are files of results of other inputs; refused says which would be lost, "" for none;
-    digests are of all that every part depends on.
+    removed are files of results of other inputs; refused says which would be lost, ""
+    for none; digests are of all that every part depends on.
     """
 
     parts: Sequence[Part]
@@ -105,8 +110,13 @@ def run(config: FitConfig) -> Iterator[Result]:
         fault = "standard input cannot be divided into parts"
         raise input_error("landmarks", fault, "save it to a file and name that")
     if config.export.folder is not None:
-        fix = "leave it out; `shapefit convert FOLDER -d DICT -o meshes/ --to ply` writes them"
-        raise input_error("export.folder", "is not written for a folder of results", fix)
+        fix = (
+            "leave it out; `shapefit convert FOLDER -d DICT -o meshes/ --to ply` writes"
+            " them"
+        )
+        raise input_error(
+            "export.folder", "is not written for a folder of results", fix
+        )
     manifest = read_manifest(folder.path)
     dictionary = once(read_dictionary, config.dictionary, find_state(config.dictionary))
     if config.method == AUTO and manifest is not None:
@@ -114,8 +124,13 @@ def run(config: FitConfig) -> Iterator[Result]:
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
     plan = make_plan(config, folder, manifest)
     if plan.refused and not folder.replace:
-        fix = "name another folder, or add --replace, which removes and redoes what differs"
-        raise input_error(folder.path, f"holds results that differ: {plan.refused}", fix)
+        fix = (
+            "name another folder, or add --replace, which removes and redoes what"
+            " differs"
+        )
+        raise input_error(
+            folder.path, f"holds results that differ: {plan.refused}", fix
+        )
     if manifest is not None and plan.retained:
         estimates = Estimates(**manifest.run["estimated"])
     else:
@@ -131,22 +146,35 @@ def run(config: FitConfig) -> Iterator[Result]:
         yield from do_parts(config, folder, plan, manifest, estimates)
 
 
-def make_plan(config: FitConfig, folder: ResultFolder, manifest: Manifest | None) -> Plan:
+def make_plan(
+    config: FitConfig, folder: ResultFolder, manifest: Manifest | None
+) -> Plan:
     """Compare the parts that a config asks for with those that a folder has.
 
-    A part stays where its result has the size that was written, and config and inputs are the same.
+    A part stays where its result has the size that was written, and config and inputs
+    are the same.
     """
     old = manifest or Manifest(folder.manifest, {})
-    parts = find_parts(config, folder.partition, {key_of(p): f for f, p in old.parts.items()})
-    plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
+    parts = find_parts(
+        config, folder.partition, {key_of(p): f for f, p in old.parts.items()}
+    )
+    plain = {
+        key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN
+    }
     text = json.dumps(plain | {"partition": folder.partition}, sort_keys=True)
     digests = {"config": hashlib.sha256(text.encode()).hexdigest()}
     digests |= {key: digest(path) for key, path in files_of(config).items()}
     done, states = old.done, {part.file: part.describe()["states"] for part in parts}
     changed = [key for key in digests if done and old.run.get(key) != digests[key]]
-    lost = [file for file in done if changed or states.get(file) != done[file]["states"]]
-    names = dict.fromkeys(Path(path).name for file in lost for path in done[file]["inputs"])
-    refused = f"of {abbreviate(list(names), 3)} before it changed, or not among the inputs"
+    lost = [
+        file for file in done if changed or states.get(file) != done[file]["states"]
+    ]
+    names = dict.fromkeys(
+        Path(path).name for file in lost for path in done[file]["inputs"]
+    )
+    refused = (
+        f"of {abbreviate(list(names), 3)} before it changed, or not among the inputs"
+    )
     if changed:
         refused = f"of another {listed(changed, 'and')}"
     retained = {
@@ -161,7 +189,9 @@ def make_plan(config: FitConfig, folder: ResultFolder, manifest: Manifest | None
 def find_parts(
     config: FitConfig, size: int, named: Mapping[tuple[Any, ...], str] | None = None
 ) -> list[Part]:
-    """Return the parts of a fit, of `size` images or more; those named already keep their files."""
+    """Return the parts of a fit, of `size` images or more; those named already keep
+    their files.
+    """
     options, named = read_options(config), named or {}
     names = (f"part-{number:05}.h5" for number in count())
     free = (name for name in names if name not in named.values())
@@ -169,7 +199,9 @@ def find_parts(
     for file_format, inputs in group_inputs(list(config.landmarks), options):
         ranges: Sequence[tuple[int, int] | None] = [None]
         if file_format is HDF5:
-            ranges = divide(inputs, options, size, by_sequence=METHODS[config.method].sequences)
+            ranges = divide(
+                inputs, options, size, by_sequence=METHODS[config.method].sequences
+            )
         for rows in ranges:
             part = Part("", inputs, rows, tuple(map(find_state, inputs)))
             file = named.get(key_of(part.describe()))
@@ -180,9 +212,11 @@ def find_parts(
 def divide(
     inputs: tuple[Path, ...], options: InputOptions, size: int, *, by_sequence: bool
 ) -> Sequence[tuple[int, int] | None]:
-    """Return the ranges of rows of an HDF5 file that are parts, cut where no result changes.
+    """Return the ranges of rows of an HDF5 file that are parts, cut where no result
+    changes.
 
-    That is after whole blocks of images, which start from each other, or between sequences.
+    That is after whole blocks of images, which start from each other, or between
+    sequences.
     """
     try:
         with open_landmarks(inputs, options, head=True) as source:
@@ -205,7 +239,8 @@ def key_of(entry: Mapping[str, Any]) -> tuple[Any, ...]:
 def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
     """Return the FIRST images of all parts, with what else estimates need.
 
-    Inputs that cannot be read, or do not go with the first, are left out: their part reports them.
+    Inputs that cannot be read, or do not go with the first, are left out: their part
+    reports them.
     """
     options, files, images = read_options(config), list[SourceFile[LandmarkSet]](), 0
     needed = {*OF_CAMERAS, config.leave_one_out}
@@ -230,10 +265,16 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
 
 
 def do_parts(
-    config: FitConfig, folder: ResultFolder, plan: Plan, manifest: Manifest, estimates: Estimates
+    config: FitConfig,
+    folder: ResultFolder,
+    plan: Plan,
+    manifest: Manifest,
+    estimates: Estimates,
 ) -> Iterator[Result]:
     """Do the parts that are not retained, as they end; remove what is of no part."""
-    if config.threads == 0 and (folder.workers or folder.scheduler or folder.scheduler_file):
+    if config.threads == 0 and (
+        folder.workers or folder.scheduler or folder.scheduler_file
+    ):
         config = config.changed(threads=1)
     shared = config.changed(landmarks=(), **estimates.values)  # each part names its own
     todo = (part for part in plan.parts if part.file not in plan.retained)
@@ -255,7 +296,8 @@ def do_parts(
 def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[Done, None, None]:
     """Do jobs where the folder says; yield each as it ends.
 
-    Where a process dies, the parts that were under way are done again, each alone in a new one.
+    Where a process dies, the parts that were under way are done again, each alone in a
+    new one.
     """
     if not (folder.workers or folder.scheduler or folder.scheduler_file):
         yield from map(do_job, jobs)
@@ -267,7 +309,9 @@ def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[Done, None, Non
                 while jobs and len(running) < at_once:
                     running[pool.submit(do_job, jobs[0])] = jobs[0]
                     jobs.popleft()
-                for future in futures.wait(running, return_when=futures.FIRST_COMPLETED).done:
+                for future in futures.wait(
+                    running, return_when=futures.FIRST_COMPLETED
+                ).done:
                     yield result_of(future, running[future])
                     del running[future]
         for job in running.values():
@@ -275,18 +319,24 @@ def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[Done, None, Non
                 try:
                     yield result_of(pool.submit(do_job, job), job)
                 except BrokenExecutor:
-                    yield failed(job, "its process died, twice: give it more memory, or less work")
+                    yield failed(
+                        job,
+                        "its process died, twice: give it more memory, or less work",
+                    )
 
 
 @contextmanager
 def executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
     """Give the executor that a folder asks for, and how many parts it does at a time.
 
-    Processes end with this one, however it ends. Raises InputError where no scheduler answers.
+    Processes end with this one, however it ends. Raises InputError where no scheduler
+    answers.
     """
     if folder.workers:
         context = multiprocessing.get_context("spawn")
-        pool = futures.ProcessPoolExecutor(folder.workers, context, initializer=end_with_parent)
+        pool = futures.ProcessPoolExecutor(
+            folder.workers, context, initializer=end_with_parent
+        )
         try:
             yield pool, folder.workers
         except BaseException:
@@ -307,13 +357,20 @@ def executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
         raise input_error("fit", "a cluster needs dask distributed", fix) from None
     except (OSError, ValueError, LookupError, TypeError, AssertionError) as error:
         fix = "start one with `dask scheduler`, or check its address or file"
-        raise input_error("Dask", f"no scheduler answers ({error!r:.200})", fix) from None
+        raise input_error(
+            "Dask", f"no scheduler answers ({error!r:.200})", fix
+        ) from None
     with client:
-        yield client.get_executor(pure=False), AHEAD * max(1, sum(client.nthreads().values()))
+        yield (
+            client.get_executor(pure=False),
+            AHEAD * max(1, sum(client.nthreads().values())),
+        )
 
 
 def end_with_parent() -> None:
-    """Leave SIGINT to the first process, and end when it is gone, even if it was killed."""
+    """Leave SIGINT to the first process, and end when it is gone, even if it was
+    killed.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -326,25 +383,41 @@ def end_with_parent() -> None:
 
 
 def result_of(future: Future[Done], job: Job) -> Done:
-    """Return the result of a job. Raises InputError where the scheduler or shapefit is missing."""
+    """Return the result of a job. Raises InputError where the scheduler or shapefit is
+    missing.
+    """
     try:
         return future.result()
     except (futures.CancelledError, ModuleNotFoundError, ValueError) as error:
-        # distributed has a ValueError for a future that is lost; those of a job are its result
+        # distributed has a ValueError for a future that is lost; those of a job are its
+        # result
         fault = getattr(error, "msg", None) or "the scheduler is gone"
-        fix = "start it, and workers with this version of shapefit; then run this command again"
+        fix = (
+            "start it, and workers with this version of shapefit; then run this command"
+            " again"
+        )
         raise input_error("Dask", fault, fix) from None
     except Exception as error:
         if type(error).__name__ != "KilledWorker":
             raise
-        return failed(job, "one worker after another died of it: give it more memory, or less work")
+        return failed(
+            job,
+            "one worker after another died of it: give it more memory, or less work",
+        )
 
 
 def do_job(job: Job) -> Done:
-    """Lift a part; whatever goes wrong is its result, but for a worker of another version."""
+    """Lift a part; whatever goes wrong is its result, but for a worker of another
+    version.
+    """
     if job.version != __version__:
-        fault = f"is a worker with shapefit {__version__}, but `fit` is version {job.version}"
-        raise input_error(platform.node(), fault, "install the same version on all machines")
+        fault = (
+            f"is a worker with shapefit {__version__}, but `fit` is version"
+            f" {job.version}"
+        )
+        raise input_error(
+            platform.node(), fault, "install the same version on all machines"
+        )
     try:
         return fit_part(job)
     except InputError as error:
@@ -381,13 +454,18 @@ def fit_part(job: Job) -> Done:
         reasons=tuple(reasons.values()),
     )
     counts = {"status": DONE, "images": images, "failed": len(failures)}
-    counts |= {"bytes": target.stat().st_size, "seconds": round(time.perf_counter() - began, 3)}
+    counts |= {
+        "bytes": target.stat().st_size,
+        "seconds": round(time.perf_counter() - began, 3),
+    }
     return part.describe() | counts, total
 
 
 @lru_cache(maxsize=8)
 def once(read: Callable[[Any], Any], files: Any, _states: Any) -> Any:
-    """Return what is read of files, once for many parts as long as their states do not change."""
+    """Return what is read of files, once for many parts as long as their states do not
+    change.
+    """
     return read(files)
 
 

@@ -1,4 +1,6 @@
-"""The layers of a page: results in one space with their meshes, others aligned to the first."""
+"""The layers of a page: results in one space with their meshes, others aligned to the
+first.
+"""
 
 from __future__ import annotations
 
@@ -39,11 +41,12 @@ def make_layers(
     observed: Floats | None,
     notes: list[str],
 ) -> tuple[list[Layer], list[dict[str, Any]], str]:
-    """Return the layers, those of results first and the truth last, their meshes and the unit.
+    """Return the layers, those of results first and the truth last, their meshes and
+    the unit.
 
-    All are in the space of the first result, of one with a camera if there is one: in metres where
-    it knows them. What is in another space, such as shapes and the truth, is aligned to it.
-    observed (n, 2, p) are the landmarks of the page.
+    All are in the space of the first result, of one with a camera if there is one: in
+    metres where it knows them. What is in another space, such as shapes and the truth,
+    is aligned to it. observed (n, 2, p) are the landmarks of the page.
     """
     results = [content for content in contents if content.role == "result"]
     others = [content for content in contents if content.role == "shapes"]
@@ -52,7 +55,9 @@ def make_layers(
         layer = _result_layer(content, observed, truth)
         if dictionary is not None and dictionary.mesh_vertices is not None:
             if (weights := _mixture(layer, content, dictionary)) is None:
-                notes.append(f"{content.name} has no mesh: it mixes no atoms of this dictionary.")
+                notes.append(
+                    f"{content.name} has no mesh: it mixes no atoms of this dictionary."
+                )
             else:
                 layer["blend"] = blend(0, weights)
                 vertices, faces = dictionary.mesh_vertices, dictionary.mesh_faces
@@ -75,7 +80,9 @@ def make_layers(
     guide = next(filter(has_camera, results), results[0])
     in_camera, in_metres = space = _space(guide)
     stay = [_space(content) == space for content in results] + [False] * len(others)
-    target = first_finite([one["points"] for one, stays in zip(layers, stay, strict=True) if stays])
+    target = first_finite(
+        [one["points"] for one, stays in zip(layers, stay, strict=True) if stays]
+    )
     shown = []
     for layer, stays in zip(layers, stay, strict=True):
         placed = layer if stays else _aligned(layer, target)
@@ -107,7 +114,9 @@ def _space(content: Content) -> tuple[bool, bool]:
     return has_camera(content), metres is not None and bool(np.isfinite(metres).any())
 
 
-def _result_layer(content: Content, observed: Floats | None, truth: Content | None) -> Layer:
+def _result_layer(
+    content: Content, observed: Floats | None, truth: Content | None
+) -> Layer:
     """Return a result in space: X = factor (S - start) + end for its shapes S."""
     values, shapes = content.values, content.points
     n = len(shapes)
@@ -131,7 +140,9 @@ def _result_layer(content: Content, observed: Floats | None, truth: Content | No
     return {
         "name": content.name,
         "role": "result",
-        "points": factor[:, None, None] * (shapes - start[:, :, None]) + end[:, :, None],
+        "points": (
+            factor[:, None, None] * (shapes - start[:, :, None]) + end[:, :, None]
+        ),
         "fitted": values.get("landmarks_fitted", shapes[:, :2]),
         "sd": None if sd is None else factor[:, None, None] * sd,
         "pose": pose,
@@ -147,7 +158,9 @@ def _angles(content: Content) -> Iterator[dict[str, Any]]:
     """Yield the joint angles of a body with their standard deviations, in degrees."""
     for number, name in enumerate(angle_names(content.records.landmark_names)):
         if ANGLES in content.values:
-            angle, sd = (content.values[dataset][:, number] for dataset in (ANGLES, ANGLE_SD))
+            angle, sd = (
+                content.values[dataset][:, number] for dataset in (ANGLES, ANGLE_SD)
+            )
             band = sd if np.isfinite(sd).any() else None
             if np.isfinite(angle).any():
                 yield _measure(name.replace("_", " "), angle, "°", band)
@@ -156,7 +169,9 @@ def _angles(content: Content) -> Iterator[dict[str, Any]]:
 def _errors(
     content: Content, observed: Floats | None, truth: Content | None
 ) -> Iterator[dict[str, Any]]:
-    """Yield errors of each frame: those in space in metres, or else in the unit of the truth."""
+    """Yield errors of each frame: those in space in metres, or else in the unit of the
+    truth.
+    """
     values, unit = content.values, content.records.unit
     expected, fitted = values.get("expected_error"), values.get("landmarks_fitted")
     factor: Any
@@ -174,19 +189,27 @@ def _errors(
         yield _measure("p-value", values["p_value"])
     if observed is not None and (fitted is not None or not has_camera(content)):
         flat = content.points[:, :2] if fitted is None else fitted
-        yield _measure("distance in the image", metrics.reprojection(flat, observed), unit)
+        yield _measure(
+            "distance in the image", metrics.reprojection(flat, observed), unit
+        )
 
 
-def _measure(name: str, values: Floats, unit: str = "", sd: Floats | None = None) -> dict[str, Any]:
+def _measure(
+    name: str, values: Floats, unit: str = "", sd: Floats | None = None
+) -> dict[str, Any]:
     return {"name": name, "values": values, "unit": unit, "sd": sd}
 
 
 def in_usual_units(layers: Sequence[Layer]) -> tuple[str, float]:
-    """Make the lengths in metres of layers all cm or all mm; return that unit and its number."""
+    """Make the lengths in metres of layers all cm or all mm; return that unit and its
+    number.
+    """
     measures = [measure for layer in layers for measure in layer["measures"]]
     lengths = [measure["values"] for measure in measures if measure["unit"] == "m"]
     # Below a centimetre in millimetres.
-    small = any(np.nanmedian(values) < 0.01 for values in lengths if np.isfinite(values).any())
+    small = any(
+        np.nanmedian(values) < 0.01 for values in lengths if np.isfinite(values).any()
+    )
     unit, many = ("mm", 1000.0) if small else ("cm", 100.0)
     for measure in measures:
         if measure["unit"] == "m":
@@ -210,8 +233,8 @@ def _mixture(layer: Layer, content: Content, dictionary: Dictionary) -> Floats |
 def _aligned(layer: Layer, target: Floats) -> Layer:
     """Move a layer, frame by frame, onto the points (n, 3, p) by the best similarity.
 
-    Over the landmarks that both have; frames with fewer than three such are nan afterwards, and
-    those that have no target stay where they are.
+    Over the landmarks that both have; frames with fewer than three such are nan
+    afterwards, and those that have no target stay where they are.
     """
     both = metrics.visible_in_both(layer["points"], target)
     has_target = np.any(metrics.visible_in_both(target, target), axis=1)
@@ -230,5 +253,11 @@ def _aligned(layer: Layer, target: Floats) -> Layer:
             pose[rows, 10:] = move.apply(pose[rows, 10:, None])[..., 0]
             pose[rows, :9] = R.reshape(-1, 9)
             pose[rows, 9] *= move.scale
-    moved = {"points": points, "pose": pose, "sd": None, "camera": None, "perspective": False}
+    moved = {
+        "points": points,
+        "pose": pose,
+        "sd": None,
+        "camera": None,
+        "perspective": False,
+    }
     return layer | moved

@@ -1,4 +1,6 @@
-"""What the files of a page hold, each opened and read once, by its frames and landmarks."""
+"""What the files of a page hold, each opened and read once, by its frames and
+landmarks.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ FRAME_BYTES, LANDMARK_BYTES = 300, 30
 POSE = ("coefficients", "rotation", "translation", "scale")
 """Datasets of a result that carry a mesh."""
 READ = {"sequence", "landmarks_fitted", "status", "shape_sd", *POSE}
-"""Datasets of a result that a page is made of, beside those that the format does not list."""
+"""Datasets of a result that a page is made of, beside those that the format does not
+list.
+"""
 BY_LANDMARK = ("landmarks", "shapes", "landmarks_fitted", "shape_sd", "outliers")
 """Datasets whose last axis is that of landmarks."""
 BATCH = 1 << 14
@@ -49,8 +53,8 @@ Role = Literal["result", "shapes", "landmarks", "truth"]
 class Frames(NamedTuple):
     """n items in the order of the page; sequences (name, first frame) cover them all.
 
-    About every `step`-th of the chosen frames is here. numbers (n,) are their places in their
-    videos, nan where no file states them.
+    About every `step`-th of the chosen frames is here. numbers (n,) are their places in
+    their videos, nan where no file states them.
     """
 
     items: tuple[str, ...]
@@ -61,14 +65,17 @@ class Frames(NamedTuple):
     @property
     def by_sequence(self) -> list[NDArray[np.intp]]:
         """Return the frames of each sequence."""
-        return np.split(np.arange(len(self.items)), [start for _, start in self.sequences[1:]])
+        return np.split(
+            np.arange(len(self.items)), [start for _, start in self.sequences[1:]]
+        )
 
 
 class Content(NamedTuple):
-    """The records of one name, and their datasets by the n frames and the p landmarks of the page.
+    """The records of one name, and their datasets by the n frames and the p landmarks
+    of the page.
 
-    values are (n, ...), those of landmarks (n, ..., p); nan or "" where there is no record. rows
-    (n,) is the record of each frame, -1 where there is none.
+    values are (n, ...), those of landmarks (n, ..., p); nan or "" where there is no
+    record. rows (n,) is the record of each frame, -1 where there is none.
     """
 
     name: str
@@ -87,11 +94,12 @@ class Content(NamedTuple):
 def read_inputs(
     config: ViewConfig,
 ) -> tuple[list[Content], Content | None, Frames, tuple[str, ...], list[str]]:
-    """Return the chosen items of all files, their true shapes, frames, landmarks, and notes.
+    """Return the chosen items of all files, their true shapes, frames, landmarks, and
+    notes.
 
     Of more than fit into a page every n-th of each sequence is read. Results are shown
-    with the landmarks of their input where the truth names these. Raises InputError for what cannot
-    be read or shown together, and where no item is chosen.
+    with the landmarks of their input where the truth names these. Raises InputError for
+    what cannot be read or shown together, and where no item is chosen.
     """
     options = replace(input_options(config), rename={})  # which is for the truth
     chosen, true = ChosenItems("items", config.items), None
@@ -108,7 +116,9 @@ def read_inputs(
         for name, source in sources.items():
             every = enumerate(chain.from_iterable(source.names()))
             rows[name] = [row for row, item in every if item in chosen]
-            bytes_of_frame = FRAME_BYTES + LANDMARK_BYTES * len(source.head.landmark_names)
+            bytes_of_frame = FRAME_BYTES + LANDMARK_BYTES * len(
+                source.head.landmark_names
+            )
             size += bytes_of_frame * len(rows[name])
         step = math.ceil(size / (MEGABYTES * 1e6)) or 1
         records = {
@@ -116,11 +126,18 @@ def read_inputs(
             for name, source in sources.items()
             if rows[name]
         }
-        notes = [*(note for source in sources.values() for note in source.notes), *chosen.warnings]
+        notes = [
+            *(note for source in sources.values() for note in source.notes),
+            *chosen.warnings,
+        ]
     if not records:
         problem = "no item fits, or there are none"
-        raise input_error(", ".join(sources), problem, "correct `items`, or check the files")
-    landmarks = tuple(dict.fromkeys(chain(*(one.landmark_names for one in records.values()))))
+        raise input_error(
+            ", ".join(sources), problem, "correct `items`, or check the files"
+        )
+    landmarks = tuple(
+        dict.fromkeys(chain(*(one.landmark_names for one in records.values())))
+    )
     items, sequences = _find_frames(list(records.values()))
     contents = [
         _content(name, roles[name], one, columns_of(one.items, items), landmarks)
@@ -137,9 +154,13 @@ def read_inputs(
 
 
 def _role(path: Path, options: InputOptions) -> Role:
-    """Return what a file is shown as. CSV with a column z is a result: shapes before a camera."""
+    """Return what a file is shown as. CSV with a column z is a result: shapes before a
+    camera.
+    """
     kind = find_kind(path, options)
-    if kind == "dictionary" or (kind == "shapes" and detect_format(path, options.format) is CSV):
+    if kind == "dictionary" or (
+        kind == "shapes" and detect_format(path, options.format) is CSV
+    ):
         return "result"
     return kind
 
@@ -155,7 +176,11 @@ def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
 
 def _take(source: Any, rows: Sequence[int], step: int) -> Any:
     """Read every step-th of these items of each sequence."""
-    names, ranks, taken = [*chain.from_iterable(source.sequences())], Counter[str](), list[int]()
+    names, ranks, taken = (
+        [*chain.from_iterable(source.sequences())],
+        Counter[str](),
+        list[int](),
+    )
     for row in rows:
         taken += [row] if ranks[names[row]] % step == 0 else []
         ranks[names[row]] += 1
@@ -163,7 +188,8 @@ def _take(source: Any, rows: Sequence[int], step: int) -> Any:
 
 
 def _as_shown(records: AnyRecords, truth: ShapeSet | None) -> AnyRecords:
-    """Return a result by the names that the truth has, its observed landmarks as (n, 2, p).
+    """Return a result by the names that the truth has, its observed landmarks as (n, 2,
+    p).
 
     Those of its input are observed where a joint stands for them.
     """
@@ -187,7 +213,8 @@ def _find_frames(
 ) -> tuple[tuple[str, ...], tuple[tuple[str, int], ...]]:
     """Return the items of all records in their order, those of a sequence together.
 
-    And the sequences with their first frames. Sequences of one frame each are no sequences.
+    And the sequences with their first frames. Sequences of one frame each are no
+    sequences.
     """
     sequence_of: dict[str, str] = {}
     for records in sets:
@@ -200,24 +227,36 @@ def _find_frames(
     if len(groups) == len(sequence_of):
         return tuple(sequence_of), (("", 0),)
     starts = np.cumsum([0, *map(len, groups.values())])[:-1].tolist()
-    return tuple(chain.from_iterable(groups.values())), tuple(zip(groups, starts, strict=True))
+    return tuple(chain.from_iterable(groups.values())), tuple(
+        zip(groups, starts, strict=True)
+    )
 
 
 def columns_of(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.intp]:
-    """Return the place among `names` of each wanted one, -1 for those that are not there."""
+    """Return the place among `names` of each wanted one, -1 for those that are not
+    there.
+    """
     place = {name: column for column, name in enumerate(names)}
     return np.array([place.get(name, -1) for name in wanted], dtype=np.intp)
 
 
 def _content(
-    name: str, role: Role, records: Any, rows: NDArray[np.intp], landmarks: Sequence[str]
+    name: str,
+    role: Role,
+    records: Any,
+    rows: NDArray[np.intp],
+    landmarks: Sequence[str],
 ) -> Content:
-    """Return records, whose rows (n,) are those of the frames, with their joint angles."""
+    """Return records, whose rows (n,) are those of the frames, with their joint
+    angles.
+    """
     columns = columns_of(records.landmark_names, landmarks)
     if records.unit == UNKNOWN_UNIT:
         records = records.replaced(unit="")
     if role in ("result", "shapes"):  # no file states which axis of the world is up
-        records = records.with_columns(angle_columns(records.without([EXTRINSIC_ROTATION]), None))
+        records = records.with_columns(
+            angle_columns(records.without([EXTRINSIC_ROTATION]), None)
+        )
     values = {}
     for dataset, stored in records.per_item.items():
         is_text = stored.dtype.kind in "OSU"
@@ -230,9 +269,14 @@ def _content(
 
 
 def _true_content(
-    config: ViewConfig, truth: ShapeSet, contents: Sequence[Content], landmarks: Sequence[str]
+    config: ViewConfig,
+    truth: ShapeSet,
+    contents: Sequence[Content],
+    landmarks: Sequence[str],
 ) -> Content:
-    """Return the true shapes of the frames. Raises InputError where there is none of any."""
+    """Return the true shapes of the frames. Raises InputError where there is none of
+    any.
+    """
     place = next(iter(config.files.values()))[0]
     true_rows = np.full(len(contents[0].rows), -1)
     errors: list[InputError] = []
@@ -248,4 +292,6 @@ def _true_content(
         raise errors[0]
     wanted, rows = np.unique(true_rows, return_inverse=True)
     without = int(wanted[0] < 0)
-    return _content("truth", "truth", truth.take(wanted[without:]), rows - without, landmarks)
+    return _content(
+        "truth", "truth", truth.take(wanted[without:]), rows - without, landmarks
+    )

@@ -1,4 +1,6 @@
-"""The scene of a page: layers, bones, sides, recordings, the ground and what is stated of them."""
+"""The scene of a page: layers, bones, sides, recordings, the ground and what is stated
+of them.
+"""
 
 from __future__ import annotations
 
@@ -34,20 +36,40 @@ from shapefit.pipelines.view.layers import (
     in_usual_units,
     make_layers,
 )
-from shapefit.pipelines.view.reading import MEGABYTES, Content, Frames, columns_of, read_inputs
+from shapefit.pipelines.view.reading import (
+    MEGABYTES,
+    Content,
+    Frames,
+    columns_of,
+    read_inputs,
+)
 from shapefit.viewer.page import USUAL_RATE
 
 MIDDLE, LEFT, RIGHT = 0, 1, 2
 OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
-WORD_LEFT = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])|(?<=[a-z])L$")
-"""`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip, HipL."""
+WORD_LEFT = re.compile(
+    r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])|(?<=[a-z])L$"
+)
+"""`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip,
+HipL.
+"""
 ERRORS = {
-    EXPECTED: ("typical error", "Median over trusted frames of the error to expect: the mean "
-               "distance between the shape and the true one after the best similarity, computed "
-               "from the error bars."),
-    AGAINST_TRUTH: (AGAINST_TRUTH, "Median over frames of the mean distance to the truth, after "
-                    "the best similarity."),
-}  # fmt: skip
+    EXPECTED: (
+        "typical error",
+        (
+            "Median over trusted frames of the error to expect: the mean distance"
+            " between the shape and the true one after the best similarity, computed"
+            " from the error bars."
+        ),
+    ),
+    AGAINST_TRUTH: (
+        AGAINST_TRUTH,
+        (
+            "Median over frames of the mean distance to the truth, after "
+            "the best similarity."
+        ),
+    ),
+}
 """Measures that the header states -> their names and definitions there."""
 MOST_BYTES = 14_000_000
 """Of all pictures of a page; of more, every n-th is shown."""
@@ -58,43 +80,69 @@ LAST_NUMBER = re.compile(r"(\d{1,12})\D*$")
 
 
 def make_scene(config: ViewConfig) -> dict[str, Any]:
-    """Return the scene of the files of a config, by the keys of shapefit.viewer.page."""
+    """Return the scene of the files of a config, by the keys of
+    shapefit.viewer.page.
+    """
     contents, truth, frames, landmarks, notes = read_inputs(config)
-    dictionary = None if config.dictionary is None else read_dictionary(config.dictionary)
+    dictionary = (
+        None if config.dictionary is None else read_dictionary(config.dictionary)
+    )
     if frames.step > 1:
         notes.append(
-            f"One of {frames.step} frames is shown: with all of them the page would be larger than "
-            f"{MEGABYTES} MB. `items` chooses others."
+            f"One of {frames.step} frames is shown: with all of them the page would be"
+            f" larger than {MEGABYTES} MB. `items` chooses others."
         )
     results = [content for content in contents if content.role == "result"]
     in_images = [content.points for content in contents if content.role == "landmarks"]
-    in_images += [one.values["landmarks"] for one in results if "landmarks" in one.values]
+    in_images += [
+        one.values["landmarks"] for one in results if "landmarks" in one.values
+    ]
     observed = first_finite(in_images) if in_images else None
-    layers, meshes, space_unit = make_layers(contents, truth, dictionary, observed, notes)
+    layers, meshes, space_unit = make_layers(
+        contents, truth, dictionary, observed, notes
+    )
     length = in_usual_units(layers)
     edges = _edges(contents, truth, dictionary, landmarks)
     meshed = any("blend" in layer for layer in layers)
     if results and observed is None:
-        notes.append("The results hold no observed landmarks; add the landmark file to see them.")
+        notes.append(
+            "The results hold no observed landmarks; add the landmark file to see them."
+        )
     given = [one.rows >= 0 for one in contents if one.role == "landmarks"]
     shown = [(one.rows >= 0) & np.any(given, axis=0) for one in results if given]
     if shown and not np.any(shown):
-        notes.append("No shape matches the landmarks: give those that the results were fitted to.")
+        notes.append(
+            "No shape matches the landmarks: give those that the results were"
+            " fitted to."
+        )
     if not edges and not meshed:
         fix = "-d DICT.h5 or --truth may have them."
         notes.append(f"No edges are known, so landmarks are points; {fix}")
-    outliers = [one.values["outliers"] == 1 for one in results if "outliers" in one.values]
+    outliers = [
+        one.values["outliers"] == 1 for one in results if "outliers" in one.values
+    ]
     recordings, times = find_recordings(contents, frames)
-    rates = [config.frame_rate, *(one.records.frame_rate for one in (*contents, truth) if one)]
+    rates = [
+        config.frame_rate,
+        *(one.records.frame_rate for one in (*contents, truth) if one),
+    ]
     rate = next(filter(None, rates), None)
-    video = any(name for name, _ in frames.sequences) or (rate is not None and len(times) > 1)
+    video = any(name for name, _ in frames.sequences) or (
+        rate is not None and len(times) > 1
+    )
     shown_rate = (rate or USUAL_RATE) / frames.step
-    y_down = any(one.role != "shapes" and one.records.y_axis != "up" for one in contents)
-    floors = next(filter(None, (_floors(one, frames, shown_rate) for one in results)), {})
+    y_down = any(
+        one.role != "shapes" and one.records.y_axis != "up" for one in contents
+    )
+    floors = next(
+        filter(None, (_floors(one, frames, shown_rate) for one in results)), {}
+    )
     ground = "The floor is not known: each body has its own ground."
     if floors:
         ground = f"Floor from resting feet: {'; '.join(map(str, floors.values()))}."
-    pictures = {} if config.images is None else embed_images(config.images, frames.items)
+    pictures = (
+        {} if config.images is None else embed_images(config.images, frames.items)
+    )
     facts = [counted(len(frames.items), "image")]
     if video:
         facts = [*_counts(recordings, times, frames)]
@@ -111,7 +159,9 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
         "space_unit": space_unit,
         "length": length if space_unit == "m" else (space_unit, 1),
         "y_down": y_down,
-        "grounds": [_ground(floors.get(video_of(name)), y_down) for name, _ in frames.sequences],
+        "grounds": [
+            _ground(floors.get(video_of(name)), y_down) for name, _ in frames.sequences
+        ],
         "frame_rate": shown_rate,
         "rate_known": rate is not None,
         "flat": observed is not None or bool(results),
@@ -134,10 +184,12 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
 def find_recordings(
     contents: Sequence[Content], frames: Frames
 ) -> tuple[list[list[int]], Integers]:
-    """Return the sequences that were seen at once, and the time (n,) of each frame among theirs.
+    """Return the sequences that were seen at once, and the time (n,) of each frame
+    among theirs.
 
-    The individuals of a video are its sequences, `video/individual`; or each is a file of shapes.
-    Numbers of frames say what was seen at once. Others are recordings of one sequence.
+    The individuals of a video are its sequences, `video/individual`; or each is a file
+    of shapes. Numbers of frames say what was seen at once. Others are recordings of one
+    sequence.
     """
     rows_of = frames.by_sequence
     files = [content for content in contents if content.role == "shapes"]
@@ -159,7 +211,9 @@ def find_recordings(
 
 
 def find_sides(names: Sequence[str]) -> list[int]:
-    """Return MIDDLE, LEFT or RIGHT for each name; what has no counterpart is in the middle."""
+    """Return MIDDLE, LEFT or RIGHT for each name; what has no counterpart is in the
+    middle.
+    """
     place = {name: number for number, name in enumerate(names)}
     sides = [MIDDLE] * len(names)
     for name, number in place.items():
@@ -170,7 +224,9 @@ def find_sides(names: Sequence[str]) -> list[int]:
     return sides
 
 
-def _counts(recordings: Sequence[Sequence[int]], times: Integers, frames: Frames) -> Iterator[str]:
+def _counts(
+    recordings: Sequence[Sequence[int]], times: Integers, frames: Frames
+) -> Iterator[str]:
     """Yield how many sequences, individuals and frames of videos there are."""
     if len(recordings) > 1:
         yield counted(len(recordings), "sequence")
@@ -181,12 +237,17 @@ def _counts(recordings: Sequence[Sequence[int]], times: Integers, frames: Frames
     yield counted(moments, "frame")
 
 
-def _quality(contents: Sequence[Content], layers: Sequence[Layer]) -> Iterator[dict[str, str]]:
+def _quality(
+    contents: Sequence[Content], layers: Sequence[Layer]
+) -> Iterator[dict[str, str]]:
     """Yield how many frames of each layer are trusted, and how large its errors are."""
     reasons_of = {content.name: content.values.get(REASONS) for content in contents}
     for layer in layers:
         prefix = f"{layer['name']}: " if len(contents) > 1 else ""
-        trusted, reasons = np.ones(len(layer["points"]), bool), reasons_of.get(layer["name"])
+        trusted, reasons = (
+            np.ones(len(layer["points"]), bool),
+            reasons_of.get(layer["name"]),
+        )
         if reasons is not None:
             trusted = np.isfinite(layer["points"]).any(axis=(1, 2)) & (reasons == "")
             share = f"{np.count_nonzero(trusted):,} of {len(trusted):,} trusted"
@@ -204,15 +265,21 @@ def _quality(contents: Sequence[Content], layers: Sequence[Layer]) -> Iterator[d
 
 
 def _floors(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]:
-    """Return the floor of each video of a result, by the frames of the page, where it is known."""
+    """Return the floor of each video of a result, by the frames of the page, where it
+    is known.
+    """
     if not has_camera(result) or METRES_PER_UNIT not in result.values:
         return {}
-    records = result.records.replaced(frame_rate=rate) if frames.step > 1 else result.records
+    records = (
+        result.records.replaced(frame_rate=rate) if frames.step > 1 else result.records
+    )
     return find_floors(records, BY_DEFAULT, result.name)
 
 
 def _ground(floor: Floor | None, y_down: bool) -> dict[str, Any]:
-    """Return where up is, that of the image where no floor is known, and the floor in metres."""
+    """Return where up is, that of the image where no floor is known, and the floor in
+    metres.
+    """
     level = TO_Y_UP[IMAGE_UP] if y_down else np.eye(3)
     if floor is None:
         return {"upright": level.ravel().tolist()}
@@ -226,21 +293,27 @@ def _edges(
     dictionary: Dictionary | None,
     landmarks: Sequence[str],
 ) -> list[list[int]]:
-    """Return lines between landmarks: of the dictionary, of shapes, of others, of skeletons."""
+    """Return lines between landmarks: of the dictionary, of shapes, of others, of
+    skeletons.
+    """
     by_role = sorted(contents, key=lambda content: content.role != "shapes")
     records = [content.records for content in (truth, *by_role) if content is not None]
     stated = [(one.lines, one.landmark_names) for one in records]
     if dictionary is not None:
         stated.insert(0, (dictionary.edges, dictionary.landmark_names))
     for edges, names in stated:
-        ends = columns_of(landmarks, names)[np.zeros((0, 2), int) if edges is None else edges]
+        ends = columns_of(landmarks, names)[
+            np.zeros((0, 2), int) if edges is None else edges
+        ]
         if (ends >= 0).all(axis=1).any():
             return ends[(ends >= 0).all(axis=1)].tolist()
     return [list(pair) for pair in edges_of(landmarks)]
 
 
 def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None:
-    """Return the width and height of the images, where a file or its camera states them."""
+    """Return the width and height of the images, where a file or its camera states
+    them.
+    """
     for content in contents:
         size, centre = (
             content.records.columns.get("image_size"),
@@ -257,22 +330,36 @@ def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None
 def embed_images(folder: Path, items: Sequence[str]) -> dict[int, dict[str, Any]]:
     """Return the pictures of the frames that have one.
 
-    A file is called by the item, or by what follows its last slash; or else the files are the
-    frames of a video, in the order of the numbers in their names, from 0. Raises InputError where
-    there is no such folder, no image, no Pillow, and for what is no image.
+    A file is called by the item, or by what follows its last slash; or else the files
+    are the frames of a video, in the order of the numbers in their names, from 0.
+    Raises InputError where there is no such folder, no image, no Pillow, and for what
+    is no image.
     """
     if find_spec("PIL") is None:
-        raise input_error("images", "Pillow is not installed", "run `pip install pillow`")
+        raise input_error(
+            "images", "Pillow is not installed", "run `pip install pillow`"
+        )
     if not folder.is_dir():
-        raise input_error("images", f"there is no folder {folder}", "name a folder of pictures")
+        raise input_error(
+            "images", f"there is no folder {folder}", "name a folder of pictures"
+        )
     files = [path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES]
-    numbered = sorted((number, path) for path in files if (number := _number(path.stem)) >= 0)
-    by_name: dict[object, Path] = {str(p.relative_to(folder).with_suffix("")): p for p in files}
+    numbered = sorted(
+        (number, path) for path in files if (number := _number(path.stem)) >= 0
+    )
+    by_name: dict[object, Path] = {
+        str(p.relative_to(folder).with_suffix("")): p for p in files
+    }
     by_name |= {str(path.relative_to(folder)): path for path in files}
     by_number: dict[object, Path] = dict(enumerate(path for _, path in numbered))
-    named = {i: by_name.get(x) or by_name.get(x.rpartition("/")[2]) for i, x in enumerate(items)}
+    named = {
+        i: by_name.get(x) or by_name.get(x.rpartition("/")[2])
+        for i, x in enumerate(items)
+    }
     if not any(named.values()):
-        named = {frame: by_number.get(_number(item)) for frame, item in enumerate(items)}
+        named = {
+            frame: by_number.get(_number(item)) for frame, item in enumerate(items)
+        }
     paths = {frame: path for frame, path in named.items() if path is not None}
     if not paths:
         fault = f"no item has an image, such as {folder / items[0]}.jpg"
@@ -289,7 +376,9 @@ def _number(text: str) -> int:
 
 
 def _embed(path: Path) -> dict[str, Any]:
-    """Return an image as data URL with its size. Raises InputError for what is no image."""
+    """Return an image as data URL with its size. Raises InputError for what is no
+    image.
+    """
     from PIL import Image
 
     data = BytesIO()

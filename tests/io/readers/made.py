@@ -1,6 +1,7 @@
 """Files as trackers and detectors write them, made of given points.
 
-Points are (frames, individuals, landmarks, 2 or 3), confidence (frames, individuals, landmarks).
+Points are (frames, individuals, landmarks, 2 or 3), confidence (frames, individuals,
+landmarks).
 """
 
 from __future__ import annotations
@@ -24,8 +25,17 @@ Names = Sequence[str]
 FRAME = [("frame_id", "<u8"), ("video", "<u4"), ("frame_idx", "<u8")]
 FRAME += [("instance_id_start", "<u8"), ("instance_id_end", "<u8")]
 INSTANCE = [("instance_id", "<i8"), ("instance_type", "u1"), ("frame_id", "<u8")]
-INSTANCE += [("skeleton", "<u4"), ("track", "<i4"), ("from_predicted", "<i8"), ("score", "<f4")]
-INSTANCE += [("point_id_start", "<u8"), ("point_id_end", "<u8"), ("tracking_score", "<f4")]
+INSTANCE += [
+    ("skeleton", "<u4"),
+    ("track", "<i4"),
+    ("from_predicted", "<i8"),
+    ("score", "<f4"),
+]
+INSTANCE += [
+    ("point_id_start", "<u8"),
+    ("point_id_end", "<u8"),
+    ("tracking_score", "<f4"),
+]
 POINT = [("x", "<f8"), ("y", "<f8"), ("visible", "?"), ("complete", "?")]
 
 
@@ -40,11 +50,17 @@ def landmark_names(count: int, kind: str = "point") -> tuple[str, ...]:
     return tuple(f"{kind}{number}" for number in range(count))
 
 
-def _columns(points: Floats, confidence: Floats) -> tuple[list[tuple[str, ...]], Floats]:
-    """Return the columns of DeepLabCut (individual, landmark, coordinate), and the rows."""
+def _columns(
+    points: Floats, confidence: Floats
+) -> tuple[list[tuple[str, ...]], Floats]:
+    """Return the columns of DeepLabCut (individual, landmark, coordinate), and the
+    rows.
+    """
     _, many, p, d = points.shape
     axes = ("x", "y", "likelihood") if d == 2 else ("x", "y", "z")
-    values = points if d == 3 else np.concatenate([points, confidence[..., None]], axis=-1)
+    values = (
+        points if d == 3 else np.concatenate([points, confidence[..., None]], axis=-1)
+    )
     columns = [
         ("net", *((who,) if many > 1 else ()), landmark, axis)
         for who in landmark_names(many, "animal")
@@ -69,19 +85,25 @@ def write_deeplabcut_csv(path: Path, points: Floats, confidence: Floats) -> None
 
 def pickled(columns: Sequence[tuple[str, ...]]) -> bytes:
     """Return a list of tuples of names as pandas pickles it."""
-    tuples = ("(" + "".join(f"V{name}\n" for name in column) + "ta" for column in columns)
+    tuples = (
+        "(" + "".join(f"V{name}\n" for name in column) + "ta" for column in columns
+    )
     return b"(l" + "".join(tuples).encode() + b"."
 
 
 def write_deeplabcut_hdf5(path: Path, points: Floats, confidence: Floats) -> None:
     columns, rows = _columns(points, confidence)
-    table = np.zeros(len(rows), [("index", "<i8"), ("values_block_0", "<f8", rows.shape[1:])])
+    table = np.zeros(
+        len(rows), [("index", "<i8"), ("values_block_0", "<f8", rows.shape[1:])]
+    )
     table["index"], table["values_block_0"] = np.arange(len(rows)), rows
     with h5py.File(path, "w") as file:
         group = file.create_group("df_with_missing")
         group.attrs["pandas_type"] = np.bytes_(b"frame_table")
         size = max(1, (1 << 16) // table.itemsize)
-        dataset = group.create_dataset("table", data=table, chunks=(size,), maxshape=(None,))
+        dataset = group.create_dataset(
+            "table", data=table, chunks=(size,), maxshape=(None,)
+        )
         dataset.attrs["index_kind"] = np.bytes_(b"integer")
         dataset.attrs["values_block_0_kind"] = np.bytes_(pickled(columns))
 
@@ -97,8 +119,12 @@ def write_deeplabcut_fixed(path: Path, points: Floats, confidence: Floats) -> No
         for number, level in enumerate(zip(*columns, strict=True)):
             known = list(dict.fromkeys(level))
             group[f"block0_items_level{number}"] = np.array(known, "S")
-            group[f"block0_items_label{number}"] = np.array([known.index(n) for n in level], "i1")
-        group["axis1"] = np.array([f"labeled/video/img{i:05}.png" for i in range(len(rows))], "S")
+            group[f"block0_items_label{number}"] = np.array(
+                [known.index(n) for n in level], "i1"
+            )
+        group["axis1"] = np.array(
+            [f"labeled/video/img{i:05}.png" for i in range(len(rows))], "S"
+        )
         group["block0_values"] = rows
         group["block0_values"].attrs["transposed"] = np.uint8(1)
 
@@ -106,8 +132,12 @@ def write_deeplabcut_fixed(path: Path, points: Floats, confidence: Floats) -> No
 def write_sleap_analysis(path: Path, points: Floats, confidence: Floats) -> None:
     n, many, p, _ = points.shape
     with h5py.File(path, "w") as file:
-        file.create_dataset("tracks", data=points.transpose(1, 3, 2, 0), compression="gzip")
-        file.create_dataset("point_scores", data=confidence.transpose(1, 2, 0), compression="gzip")
+        file.create_dataset(
+            "tracks", data=points.transpose(1, 3, 2, 0), compression="gzip"
+        )
+        file.create_dataset(
+            "point_scores", data=confidence.transpose(1, 2, 0), compression="gzip"
+        )
         file["node_names"] = np.array(landmark_names(p), "S")
         file["track_names"] = np.array(landmark_names(many, "animal"), "S")
         file["track_occupancy"] = np.ones((n, many), "u1")
@@ -115,9 +145,15 @@ def write_sleap_analysis(path: Path, points: Floats, confidence: Floats) -> None
 
 
 def write_slp(
-    path: Path, points: Floats, confidence: Floats, *, users: Mapping[int, int] | None = None
+    path: Path,
+    points: Floats,
+    confidence: Floats,
+    *,
+    users: Mapping[int, int] | None = None,
 ) -> None:
-    """Write predicted instances as SLEAP does, the track `users` gives for a frame also by hand."""
+    """Write predicted instances as SLEAP does, the track `users` gives for a frame also
+    by hand.
+    """
     n, many, p, _ = points.shape
     by_hand = users or {}
     rows: list[tuple[Any, ...]] = []
@@ -130,7 +166,9 @@ def write_slp(
             rows.append((len(rows), 1, number, 0, who, -1, 1.0, start, start + p, 0.0))
         if number in by_hand:
             start = p * len(placed)
-            rows.append((len(rows), 0, number, 0, by_hand[number], -1, 0, start, start + p, 0.0))
+            rows.append(
+                (len(rows), 0, number, 0, by_hand[number], -1, 0, start, start + p, 0.0)
+            )
             placed.append(points[number, by_hand[number]] + 1)
         frames[number] = (number, 0, number, first, len(rows))
     with h5py.File(path, "w") as file:
@@ -138,22 +176,30 @@ def write_slp(
         file["instances"] = np.array(rows, INSTANCE)
         every = points.reshape(-1, 2)
         file.create_dataset(
-            "pred_points", data=_points(every, confidence.ravel()), chunks=(min(1024, len(every)),)
+            "pred_points",
+            data=_points(every, confidence.ravel()),
+            chunks=(min(1024, len(every)),),
         )
         file["points"] = _points(np.reshape(placed, (-1, 2)))
         metadata = file.create_group("metadata")
         metadata.attrs["format_id"] = 1.2
-        links = [{"source": 0, "target": 1, "type": {"py/reduce": [{}, {"py/tuple": [1]}]}}]
+        links = [
+            {"source": 0, "target": 1, "type": {"py/reduce": [{}, {"py/tuple": [1]}]}}
+        ]
         skeleton = {"nodes": [{"id": number} for number in range(p)], "links": links}
         nodes = [{"name": name} for name in landmark_names(p)]
         metadata.attrs["json"] = json.dumps({"skeletons": [skeleton], "nodes": nodes})
         tracks = [json.dumps([0, name]) for name in landmark_names(many, "animal")]
         file["tracks_json"] = np.array(tracks, "S")
-        file["videos_json"] = np.array([json.dumps({"backend": {"filename": "video.mp4"}})], "S")
+        file["videos_json"] = np.array(
+            [json.dumps({"backend": {"filename": "video.mp4"}})], "S"
+        )
 
 
 def _points(points: Floats, score: Floats | None = None) -> NDArray[Any]:
-    table = np.zeros(len(points), POINT if score is None else [*POINT, ("score", "<f8")])
+    table = np.zeros(
+        len(points), POINT if score is None else [*POINT, ("score", "<f8")]
+    )
     table["x"], table["y"] = points.T
     table["visible"] = True
     if score is not None:
@@ -161,7 +207,9 @@ def _points(points: Floats, score: Floats | None = None) -> NDArray[Any]:
     return table
 
 
-def write_nwb(path: Path, points: Floats, confidence: Floats, *, rate: float = 30.0) -> None:
+def write_nwb(
+    path: Path, points: Floats, confidence: Floats, *, rate: float = 30.0
+) -> None:
     _, many, p, _ = points.shape
     text = h5py.string_dtype()
     with h5py.File(path, "w") as file:
@@ -183,7 +231,9 @@ def write_nwb(path: Path, points: Floats, confidence: Floats, *, rate: float = 3
                 series["starting_time"].attrs["rate"] = rate
 
 
-def write_movement(path: Path, points: Floats, confidence: Floats, *, plural: bool = True) -> None:
+def write_movement(
+    path: Path, points: Floats, confidence: Floats, *, plural: bool = True
+) -> None:
     n, many, p, d = points.shape
     ending = "s" if plural else ""
     scales = {
@@ -247,7 +297,9 @@ def _write(path: Path, contents: Any) -> None:
 def write_openpose(path: Path, points: Floats, confidence: Floats) -> None:
     for frame, people in enumerate(_flat(points, confidence)):
         found = [{"person_id": [-1], "pose_keypoints_2d": person} for person in people]
-        _write(path / f"v_{frame:012d}_keypoints.json", {"version": 1.3, "people": found})
+        _write(
+            path / f"v_{frame:012d}_keypoints.json", {"version": 1.3, "people": found}
+        )
 
 
 def write_results(path: Path, points: Floats, confidence: Floats) -> None:
@@ -268,8 +320,12 @@ def write_annotations(path: Path, points: Floats, confidence: Floats) -> None:
     _write(
         path,
         {
-            "images": [{"id": n, "file_name": f"{n:08d}.jpg"} for n in range(len(points))],
-            "categories": [{"id": 1, "name": "one", "keypoints": names, "skeleton": [[1, 2]]}],
+            "images": [
+                {"id": n, "file_name": f"{n:08d}.jpg"} for n in range(len(points))
+            ],
+            "categories": [
+                {"id": 1, "name": "one", "keypoints": names, "skeleton": [[1, 2]]}
+            ],
             "annotations": [
                 {"image_id": frame, "category_id": 1, "keypoints": person}
                 for frame, people in frames
@@ -310,14 +366,20 @@ def write_yolo(path: Path, points: Floats, confidence: Floats) -> None:
     (path / "data.yaml").write_text(shape, encoding="utf-8")
     for frame, people in enumerate(_flat(points / 1000, confidence)):
         lines = ["0 0.5 0.5 0.2 0.4 " + " ".join(map(str, person)) for person in people]
-        (path / f"image_{frame:05d}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        (path / f"image_{frame:05d}.txt").write_text(
+            "\n".join(lines) + "\n", encoding="utf-8"
+        )
 
 
 def write_wide(path: Path, points: Floats, confidence: Floats) -> None:
-    """Write a row per frame of the first person, cells parted by semicolons, decimal commas."""
+    """Write a row per frame of the first person, cells parted by semicolons, decimal
+    commas.
+    """
     numbers = range(points.shape[2])
     header = [f"point{n}_{axis}" for n in numbers for axis in ("x", "y", "likelihood")]
-    rows = np.concatenate([points, confidence[..., None]], axis=-1)[:, 0].reshape(len(points), -1)
+    rows = np.concatenate([points, confidence[..., None]], axis=-1)[:, 0].reshape(
+        len(points), -1
+    )
     lines = [";".join(["frame", *header])]
     lines += [";".join([str(n), *map(str, row)]) for n, row in enumerate(rows.tolist())]
     path.write_text("\n".join(lines).replace(".", ",") + "\n", encoding="utf-8")

@@ -44,15 +44,22 @@ def calibration(tmp_path):
 @pytest.mark.parametrize("name", ["cam_0", "left", "cam_1", "7"])
 def test_by_section_name_or_port_and_rotations_of_both_kinds(calibration, name):
     camera = read_camera(calibration(), name)
-    np.testing.assert_allclose(camera.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
-    np.testing.assert_allclose(camera.distortion, [-0.1, 0.01, 0.001, 0.002, 0, 0, 0, 0])
+    np.testing.assert_allclose(
+        camera.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        camera.distortion, [-0.1, 0.01, 0.001, 0.002, 0, 0, 0, 0]
+    )
     assert camera.size.tolist() == [640, 480]
     assert camera.translation.tolist() == [1, 2, 3]
 
 
 def test_a_lens_of_one_coefficient(calibration):
     text = TWO.replace("-0.1, 0.01, 0.001, 0.002, 0.0]", "-0.1]")
-    assert read_camera(calibration(text), "left").distortion.tolist() == [-0.1, *[0] * 7]
+    assert read_camera(calibration(text), "left").distortion.tolist() == [
+        -0.1,
+        *[0] * 7,
+    ]
 
 
 def test_the_only_camera_needs_no_name_and_may_lack_a_place(calibration):
@@ -87,16 +94,27 @@ STORED = {"type_id": "opencv-matrix", "dt": "d"}
 OPENCV_JSON = {
     "image_width": 640,
     "image_height": 480,
-    "camera_matrix": {**STORED, "rows": 3, "cols": 3, "data": np.ravel(MATRIX).tolist()},
+    "camera_matrix": {
+        **STORED,
+        "rows": 3,
+        "cols": 3,
+        "data": np.ravel(MATRIX).tolist(),
+    },
     "distortion_coefficients": {**STORED, "rows": 1, "cols": 5, "data": STATED},
 }
 PANOPTIC = {
     "cameras": [
         {"name": "00", "K": np.eye(3).tolist()},
-        {"name": "01", "K": MATRIX, "distCoef": STATED, "resolution": [640, 480],
-         "R": np.eye(3).tolist(), "t": [[1], [2], [3]]},
+        {
+            "name": "01",
+            "K": MATRIX,
+            "distCoef": STATED,
+            "resolution": [640, 480],
+            "R": np.eye(3).tolist(),
+            "t": [[1], [2], [3]],
+        },
     ]
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(
@@ -105,7 +123,11 @@ PANOPTIC = {
         ("left.yml", OPENCV, None),
         ("left.yaml", ROS, None),
         ("left.json", json.dumps(OPENCV_JSON), None),
-        ("left.json", json.dumps({"mtx": MATRIX, "dist": [STATED], "size": [640, 480]}), None),
+        (
+            "left.json",
+            json.dumps({"mtx": MATRIX, "dist": [STATED], "size": [640, 480]}),
+            None,
+        ),
         ("rig.json", json.dumps(PANOPTIC), "01"),
     ],
 )
@@ -131,7 +153,11 @@ BOMB = "a: &a [1]\n" + "".join(
         ("a.yml", "%YAML:1.0\n---\n" + "[" * 50_000, "lists nested too deeply"),
         ("a.yml", BOMB, "an anchor or an alias"),
         ("a.json", '{"K": [', "is not whole JSON"),
-        ("a.json", '{"K": [[1, 0], [0, 1]]}', "matrix is [[1, 0], [0, 1]], not 3 x 3 numbers"),
+        (
+            "a.json",
+            '{"K": [[1, 0], [0, 1]]}',
+            "matrix is [[1, 0], [0, 1]], not 3 x 3 numbers",
+        ),
         (
             "a.yml",
             OPENCV.replace("rows: 3", "rows: x"),
@@ -158,16 +184,36 @@ def test_yaml_and_json_that_are_no_calibration(tmp_path, file, text, words):
             None,
             ["cannot be read as a calibration", "give the calibration of anipose"],
         ),
-        (TWO.replace("500.0, 0.0, 320.0", "500.0, 3.0, 320.0"), "left", ["cam_0", "500 3 320"]),
-        (TWO.replace("500.0, 0.0, 320.0", "-500.0, 0.0, 320.0"), "left", ["cam_0", "-500"]),
+        (
+            TWO.replace("500.0, 0.0, 320.0", "500.0, 3.0, 320.0"),
+            "left",
+            ["cam_0", "500 3 320"],
+        ),
+        (
+            TWO.replace("500.0, 0.0, 320.0", "-500.0, 0.0, 320.0"),
+            "left",
+            ["cam_0", "-500"],
+        ),
         (TWO.replace("[0.0, 0.0, 1.57", "[0.0, 1.57"), "left", ["cam_0", "rotation"]),
         (TWO.replace("[[0, -1, 0]", "[[0, 1, 0]"), "7", ["cam_1", "rotation"]),
         (TWO.replace("[[0, -1, 0]", "[[0, -2, 0]"), "7", ["cam_1", "rotation"]),
-        (TWO.replace("0.002, 0.0]", "0.002, 'a']"), "left", ["cam_0", "string to float"]),
+        (
+            TWO.replace("0.002, 0.0]", "0.002, 'a']"),
+            "left",
+            ["cam_0", "string to float"],
+        ),
         (TWO.replace("0.002, 0.0]", "0.002, 0.0, 1.0]"), "left", ["6 coefficients"]),
         (TWO.replace("[1.0, 2.0", "[1.0, nan"), "left", ["translation is [1.0, nan"]),
-        (TWO.replace("0.002, 0.0]", "0, 0, 0, 0, 0, 1]"), "left", ["9 coefficients", "prism"]),
-        (TWO.replace('name = "left"', 'name = "left"\nfisheye = true'), "left", ["fisheye"]),
+        (
+            TWO.replace("0.002, 0.0]", "0, 0, 0, 0, 0, 1]"),
+            "left",
+            ["9 coefficients", "prism"],
+        ),
+        (
+            TWO.replace('name = "left"', 'name = "left"\nfisheye = true'),
+            "left",
+            ["fisheye"],
+        ),
     ],
 )
 def test_errors_name_what_is_wrong(calibration, text, name, words):
@@ -181,9 +227,14 @@ def test_real_calibrations_equal_what_others_read(real_data):
     """The file of the flies is in millimetres, the landmarks beside it in metres."""
     for file, name, landmarks, before, size in [
         ("fly/calibration.toml", "Cam-A", "fly/Cam-A.h5", "", 1000),
-        ("pose2sim_balancing/Calib_qualisys.toml", "cam_03", "pose2sim_balancing/cam03.h5",
-         "published_", 1),
-    ]:  # fmt: skip
+        (
+            "pose2sim_balancing/Calib_qualisys.toml",
+            "cam_03",
+            "pose2sim_balancing/cam03.h5",
+            "published_",
+            1,
+        ),
+    ]:
         camera = read_camera(real_data / "detected" / file, name)
         with h5py.File(real_data / "detected" / landmarks) as known:
             rotation = known[f"{before}extrinsic_rotation"][()]

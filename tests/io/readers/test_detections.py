@@ -40,7 +40,12 @@ HIDDEN = person()
 HIDDEN["pose_keypoints_2d"] = [0, 0, 0, *HIDDEN["pose_keypoints_2d"][3:]]
 NOBODY = {"pose_keypoints_2d": []}
 
-MOUSE = {"id": 1, "name": "mouse", "keypoints": ["nose", "tail"], "skeleton": [[1, 2], [1, 3]]}
+MOUSE = {
+    "id": 1,
+    "name": "mouse",
+    "keypoints": ["nose", "tail"],
+    "skeleton": [[1, 2], [1, 3]],
+}
 FLY = {"id": 5, "name": "fly", "keypoints": ["head", "nose"]}
 
 
@@ -53,16 +58,27 @@ def annotations(*entries, categories=(MOUSE, FLY)):
 
 
 def entry(image, category, *keypoints, **further):
-    return {"image_id": image, "category_id": category, "keypoints": list(keypoints), **further}
+    return {
+        "image_id": image,
+        "category_id": category,
+        "keypoints": list(keypoints),
+        **further,
+    }
 
 
 def instance(points=17, score=0.5, **further):
-    return {"keypoints": [[1.0, 2.0]] * points, "keypoint_scores": [score] * points, **further}
+    return {
+        "keypoints": [[1.0, 2.0]] * points,
+        "keypoint_scores": [score] * points,
+        **further,
+    }
 
 
 META = {"keypoint_id2name": {"0": "a", "1": "b"}, "skeleton_links": [[0, 1]]}
 CALISCOPE = "sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y\n"
-CALISCOPE += "0,1,5,0.1,0,10,20\n0,1,5,0.1,100,30,40\n0,2,5,0.1,32,50,60\n1,1,7,0.2,0,,\n"
+CALISCOPE += (
+    "0,1,5,0.1,0,10,20\n0,1,5,0.1,100,30,40\n0,2,5,0.1,32,50,60\n1,1,7,0.2,0,,\n"
+)
 RAT = "names: {0: rat}\nkpt_shape: [2, 3]\nkpt_names: {0: [nose, tail]}\n"
 BOX = "0 .5 .5 .1 .1"
 
@@ -70,7 +86,11 @@ CASES = [
     # OpenPose: files in order of their numbers, one recording
     (
         {f"cam/c_{n:012d}_keypoints.json": frame(person()) for n in (9, 10, 2)},
-        {"items": ["cam/2/0", "cam/9/0", "cam/10/0"], "frames": [0, 7, 8], "unit": "px"},
+        {
+            "items": ["cam/2/0", "cam/9/0", "cam/10/0"],
+            "frames": [0, 7, 8],
+            "unit": "px",
+        },
     ),
     (
         {
@@ -100,12 +120,18 @@ CASES = [
         {"cam/0.json": frame(person(person_id=[7]), person(person_id=[7]))},
         {
             "items": ["cam/0/0", "cam/0/1"],
-            "notes": ["numbers of people are not used, as 1 of them occur twice in a frame"],
+            "notes": [
+                "numbers of people are not used, as 1 of them occur twice in a frame"
+            ],
         },
     ),
     # COCO: visibility decides, categories are joined
     (
-        {"a.json": annotations(entry(1, 5, 1, 2, 2, 3, 4, 1), entry(0, 1, 5, 6, 0, 7, 8, 2))},
+        {
+            "a.json": annotations(
+                entry(1, 5, 1, 2, 2, 3, 4, 1), entry(0, 1, 5, 6, 0, 7, 8, 2)
+            )
+        },
         {
             "names": ["nose", "tail", "head"],
             "items": ["a/0/0", "a/1/0"],
@@ -114,11 +140,19 @@ CASES = [
         },
     ),
     (
-        {"a.json": annotations({"image_id": 0, "bbox": []}, entry(9, 1, 1, 2, 2, 3, 4, 2))},
+        {
+            "a.json": annotations(
+                {"image_id": 0, "bbox": []}, entry(9, 1, 1, 2, 2, 3, 4, 2)
+            )
+        },
         {"items": ["a/9/0"]},
     ),
     (
-        {"a.json": annotations(*(entry(n, 1, 1, 2, 2, 3, 4, 2, track_id=3) for n in range(2)))},
+        {
+            "a.json": annotations(
+                *(entry(n, 1, 1, 2, 2, 3, 4, 2, track_id=3) for n in range(2))
+            )
+        },
         {"items": ["a/id 3/0", "a/id 3/1"]},
     ),
     (
@@ -126,9 +160,18 @@ CASES = [
         {"items": ["r/7/0"], "notes": ["1 individuals without a landmark left out"]},
     ),
     *(
-        ({"r.json": [entry(f"{n}.jpg", 1, *[1, 2, largest] * 17, idx=[0.0]) for n in range(3)]},
-         {"items": ["r/id 0/0", "r/id 0/1", "r/id 0/2"],
-          "confidence": [[largest / divisor] * 17] * 3})
+        (
+            {
+                "r.json": [
+                    entry(f"{n}.jpg", 1, *[1, 2, largest] * 17, idx=[0.0])
+                    for n in range(3)
+                ]
+            },
+            {
+                "items": ["r/id 0/0", "r/id 0/1", "r/id 0/2"],
+                "confidence": [[largest / divisor] * 17] * 3,
+            },
+        )
         for largest, divisor in ((0.9, 1), (1.2, 1), (5.4, 6))
     ),
     # MMPose
@@ -142,8 +185,14 @@ CASES = [
         {"items": ["v/0/0"], "names": ["a", "b"]},
     ),
     (
-        {"v.json": {"meta_info": META,
-                    "instance_info": [{"frame_id": 4, "instances": [instance(2, track_id=3)]}]}},
+        {
+            "v.json": {
+                "meta_info": META,
+                "instance_info": [
+                    {"frame_id": 4, "instances": [instance(2, track_id=3)]}
+                ],
+            }
+        },
         {"items": ["v/id 3/4"], "names": ["a", "b"]},
     ),
     (
@@ -178,14 +227,17 @@ CASES = [
         },
     ),
     (
-        {"data.yaml": "kpt_shape: [4, 2]\n", "labels/a.txt": f"{BOX} .2 .5 0 0 0 .5 .2 0 .8 7\n"},
+        {
+            "data.yaml": "kpt_shape: [4, 2]\n",
+            "labels/a.txt": f"{BOX} .2 .5 0 0 0 .5 .2 0 .8 7\n",
+        },
         {"items": ["labels/id 7/a"], "seen": [[True, False, True, True]]},
     ),
     (
         {"labels/v_1.txt": f"{BOX}{' .25 .5 .75' * 16} .25 .5 1\n" * 2},
         {"items": ["labels/1/0", "labels/1/1"], "confidence": [[*[0.75] * 16, 1]] * 2},
     ),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("files", "expected"), CASES)
@@ -221,7 +273,9 @@ def test_what_is_read(written, tmp_path, files, expected):
 
 
 def test_edges_count_from_1_within_their_category(written):
-    path = written("a.json", annotations(entry(0, 1, 1, 2, 2, 3, 4, 2), categories=(FLY, MOUSE)))
+    path = written(
+        "a.json", annotations(entry(0, 1, 1, 2, 2, 3, 4, 2), categories=(FLY, MOUSE))
+    )
     recording = read_coco_annotations((path,))
     assert recording.landmark_names == ("head", "nose", "tail")
     assert recording.edges == ((1, 2),)
@@ -238,14 +292,18 @@ def test_edges_count_from_1_within_their_category(written):
 def test_images_of_different_files_are_no_motion(written, names, motion):
     content = {
         "images": [{"id": n, "file_name": name} for n, name in enumerate(names)],
-        "annotations": [{"image_id": n, "keypoints": [1.0, 2.0, 2] * 17} for n in range(3)],
+        "annotations": [
+            {"image_id": n, "keypoints": [1.0, 2.0, 2] * 17} for n in range(3)
+        ],
         "categories": [],
     }
     path = written("all.json", content)
     if motion:
         assert len(set(read(path, track="motion")[0].sequences)) == 1
     else:
-        with pytest.raises(InputError, match=r"without numbers of frames: no motion; set `track"):
+        with pytest.raises(
+            InputError, match=r"without numbers of frames: no motion; set `track"
+        ):
             read(path, track="motion")
     assert len(set(read(path, track="nearest")[0].sequences)) == 1
 
@@ -259,7 +317,9 @@ def test_images_of_different_files_are_no_motion(written, names, motion):
         (133, ("nose", "left_eye"), ""),
     ],
 )
-def test_landmarks_without_names_are_those_of_the_usual_skeleton(written, count, names, note):
+def test_landmarks_without_names_are_those_of_the_usual_skeleton(
+    written, count, names, note
+):
     found, notes = read(written("cam/0.json", frame(person(count))))
     assert found.landmark_names[:2] == names
     assert len(found.landmark_names) == count
@@ -292,7 +352,9 @@ def test_folders_that_are_refused(written, tmp_path, files, words):
 @pytest.mark.parametrize(
     ("name", "content"), [("0.json", frame(person())), ("0.txt", BOX + " .5 .5 1" * 17)]
 )
-def test_only_regular_files_of_a_folder_are_opened(written, tmp_path, make, name, content):
+def test_only_regular_files_of_a_folder_are_opened(
+    written, tmp_path, make, name, content
+):
     written(f"cam/{name}", content)
     make(tmp_path / "cam" / name.replace("0", "1"))
     with pytest.raises(InputError, match=r"cam/1\.(json|txt): is not a regular file"):

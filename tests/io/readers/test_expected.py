@@ -17,11 +17,15 @@ from shapefit.io.readers.items import read_poses
 from shapefit.io.readers.poses import Poses
 
 PROJECT = Path(__file__).resolve().parents[3]
-REAL_DATA = Path(os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" / "data"))
+REAL_DATA = Path(
+    os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" / "data")
+)
 EXPECTED = REAL_DATA / "formats" / "expected.json"
 
 ABSENT = {"path": "absent"}
-ENTRIES = json.loads(EXPECTED.read_text())["entries"] if EXPECTED.is_file() else [ABSENT]
+ENTRIES = (
+    json.loads(EXPECTED.read_text())["entries"] if EXPECTED.is_file() else [ABSENT]
+)
 
 SAME = {"lightning": "deeplabcut"}
 """Tools that write the format of another."""
@@ -88,7 +92,10 @@ def readings(entry: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
     yield entry
     for other in entry.get("alternatives", ()):
         if other["accept"] is True:
-            yield {**{key: value for key, value in entry.items() if "sum" in key}, **other}
+            yield {
+                **{key: value for key, value in entry.items() if "sum" in key},
+                **other,
+            }
 
 
 def close(got: float, wanted: float, size: float, rtol: float) -> bool:
@@ -109,7 +116,10 @@ def test_items_and_sums(entry, records, poses):
     scored, score = confidences(poses)
     wrong = []
     for wanted in readings(entry):
-        got: dict[str, Any] = {"items": len(records), "finite_points": int(finite.sum())}
+        got: dict[str, Any] = {
+            "items": len(records),
+            "finite_points": int(finite.sum()),
+        }
         right = all(got[name] == wanted[name] for name in got)
         for number, axis in enumerate("xyz"[: points.shape[1]]):
             name = f"sum_{axis}"
@@ -131,15 +141,22 @@ def test_names_and_frames(entry, records, poses):
     counts = {wanted.get("landmarks", entry["landmarks"]) for wanted in readings(entry)}
     assert coordinates(records).shape[2] in counts
     if entry["landmark_names"] is not None:
-        assert list(records.landmark_names[: entry["landmarks"]]) == entry["landmark_names"]
+        assert (
+            list(records.landmark_names[: entry["landmarks"]])
+            == entry["landmark_names"]
+        )
     if entry["path"].startswith("motion/"):
         assert records.unit == ("m" if entry["unit"] == "m" else "unknown")
     if entry.get("individual_names") is not None:
-        assert {*poses.individuals} <= {*entry["individual_names"]}  # some are in no frame
+        assert {*poses.individuals} <= {
+            *entry["individual_names"]
+        }  # some are in no frame
 
 
 def number_in_video(label: Any) -> str | None:
-    """The number of a frame in files that hold several videos; places there are not of the file."""
+    """The number of a frame in files that hold several videos; places there are not of
+    the file.
+    """
     if isinstance(label, list):
         return str(label[1])
     if isinstance(label, dict) and "frame_index" in label:
@@ -147,7 +164,9 @@ def number_in_video(label: Any) -> str | None:
     return None
 
 
-def rows_of(spot: Mapping[str, Any], entry: Mapping[str, Any], records: Any) -> np.ndarray:
+def rows_of(
+    spot: Mapping[str, Any], entry: Mapping[str, Any], records: Any
+) -> np.ndarray:
     """The items of the frame and the individual of a spot."""
     parts = [item.split("/") for item in records.items]
     number = number_in_video(spot["frame_label"])
@@ -170,8 +189,14 @@ def test_spots(entry, records):
         wanted = [spot[axis] for axis in "xyz"[: points.shape[1]]]
         found = points[rows, :, spot["landmark_index"]]
         near = np.isclose(found, wanted, rtol=entry["rtol"], atol=1e-9).all(axis=1)
-        accepted = any(other["accept"] is True for other in entry.get("alternatives", ()))
-        if accepted and spot.get("confidence") == 0 and np.isnan(found).any(axis=1).all():
+        accepted = any(
+            other["accept"] is True for other in entry.get("alternatives", ())
+        )
+        if (
+            accepted
+            and spot.get("confidence") == 0
+            and np.isnan(found).any(axis=1).all()
+        ):
             continue  # taken as missing, which an accepted reading does
         assert near.any(), (spot, found)
         if spot.get("confidence") is not None and not accepted:

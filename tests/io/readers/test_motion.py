@@ -1,4 +1,6 @@
-"""Motion as text and C3D: worked out by hand, against other people's kinematics, in all forms."""
+"""Motion as text and C3D: worked out by hand, against other people's kinematics, in all
+forms.
+"""
 
 import sys
 
@@ -21,7 +23,11 @@ HEAD = (
     "Frame#\tTime\tknee\t\t\tankle\t\t\n"
     "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n"
 )
-ROWS = "0\t0.00\t1\t2\t3\t4\t5\t6\n1\t0.02\t7\t8\t9\t0\t0\t0\n2\t0.04\tnan\t\t\t-1e2\t.5\t6.\n"
+ROWS = (
+    "0\t0.00\t1\t2\t3\t4\t5\t6\n"
+    "1\t0.02\t7\t8\t9\t0\t0\t0\n"
+    "2\t0.04\tnan\t\t\t-1e2\t.5\t6.\n"
+)
 TRC = HEAD + ROWS
 MARKERS = np.array([[[1, 2, 3], [4, 5, 6]], [[7, 8, 9], NAN], [NAN, [-100, 0.5, 6]]])
 
@@ -60,7 +66,13 @@ def test_trc_in_all_its_forms(read, text):
 
 @pytest.mark.parametrize(
     ("unit", "factor", "name"),
-    [("m", 1, "m"), ("cm", 0.01, "m"), ("Meters", 1, "m"), ("", 1, "unknown"), ("ell", 1, "ell")],
+    [
+        ("m", 1, "m"),
+        ("cm", 0.01, "m"),
+        ("Meters", 1, "m"),
+        ("", 1, "unknown"),
+        ("ell", 1, "ell"),
+    ],
 )
 def test_lengths_are_metres_where_the_unit_is_known(read, unit, factor, name):
     shapes, _ = read("walk.trc", TRC.replace("mm", unit))
@@ -71,7 +83,11 @@ def test_lengths_are_metres_where_the_unit_is_known(read, unit, factor, name):
 @pytest.mark.parametrize(
     ("text", "names", "note"),
     [
-        (HEAD.replace("\t3\t2\t", "\t9\t2\t") + ROWS, "knee ankle", "6 frames are announced"),
+        (
+            HEAD.replace("\t3\t2\t", "\t9\t2\t") + ROWS,
+            "knee ankle",
+            "6 frames are announced",
+        ),
         (TRC, "knee ankle", "1 points at exactly 0, 0, 0"),
         (TRC.replace("ankle", "knee"), "knee knee_2", ""),
         (TRC.replace("ankle", ""), "knee *1", ""),
@@ -87,7 +103,8 @@ def test_names_and_warnings_of_trc(read, text, names, note):
 # anipose
 
 ANIPOSE = "nose_x,nose_y,nose_z,nose_error,nose_ncams,nose_score,"
-ANIPOSE += "tail_1_x,tail_1_y,tail_1_z,tail_1_error,tail_1_ncams,tail_1_score,M_00,center_0,fnum\n"
+ANIPOSE += "tail_1_x,tail_1_y,tail_1_z,tail_1_error,tail_1_ncams,tail_1_score,"
+ANIPOSE += "M_00,center_0,fnum\n"
 FLY = "1,2,3,0.5,3,0.9,4,5,6,0.4,2,0.8,1,0,7\n1.5,2,3,0.5,3,0.9,,,,,,,1,0,8\n"
 FLY += "nan,nan,nan,nan,nan,nan,4,5,6,0.4,2,nan,1,0,9\n"
 
@@ -100,7 +117,9 @@ def test_points_scores_and_frame_numbers_of_anipose(read, end):
     assert shapes.sequences == ("fly",) * 3
     expected = [[[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], NAN], [NAN, [4, 5, 6]]]
     np.testing.assert_array_equal(shapes.shapes.swapaxes(1, 2), expected)
-    np.testing.assert_array_equal(shapes.columns["confidence"], [[0.9, 0.8], [0.9, 0], [0, 1]])
+    np.testing.assert_array_equal(
+        shapes.columns["confidence"], [[0.9, 0.8], [0.9, 0], [0, 1]]
+    )
 
 
 # BVH
@@ -134,22 +153,29 @@ BVH = TREE + FRAMES
         BVH,
         BVH.replace("\n", "\r\n"),
         TREE.replace("ROOT Hips\n{", "ROOT Hips {").replace("  }\n}", "  } }") + FRAMES,
-        TREE.replace("rotation", "Rotation").replace("position", "POSITION") + "\n" + FRAMES,
+        TREE.replace("rotation", "Rotation").replace("position", "POSITION")
+        + "\n"
+        + FRAMES,
     ],
 )
 def test_bvh_worked_out_by_hand(read, text):
-    """Channels turn in their order, each in the frame of those before; positions replace offsets.
+    """Channels turn in their order, each in the frame of those before; positions
+    replace offsets.
 
-    Second frame: the root turns -y to x. The leg turns about x, then about its new y, which takes
-    its z through its own axes to x; the root takes that to y.
+    Second frame: the root turns -y to x. The leg turns about x, then about its new y,
+    which takes its z through its own axes to x; the root takes that to y.
     """
     shapes, notes = read("walk.bvh", text)
     assert shapes.landmark_names == ("Hips", "Left Leg", "Left Leg_end")
     assert shapes.items == ("walk/0", "walk/1")
     assert (shapes.unit, shapes.frame_rate, notes) == ("unknown", 25.0, ())
     assert shapes.edges.tolist() == [[0, 1], [1, 2]]
-    np.testing.assert_allclose(shapes.shapes[0].T, [[0, 0, 0], [0, -4, 0], [0, -4, 2]], atol=1e-12)
-    np.testing.assert_allclose(shapes.shapes[1].T, [[1, 2, 3], [5, 2, 3], [5, 4, 3]], atol=1e-12)
+    np.testing.assert_allclose(
+        shapes.shapes[0].T, [[0, 0, 0], [0, -4, 0], [0, -4, 2]], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        shapes.shapes[1].T, [[1, 2, 3], [5, 2, 3], [5, 4, 3]], atol=1e-12
+    )
 
 
 def test_an_offset_holds_where_no_channel_replaces_it(read):
@@ -161,12 +187,22 @@ def test_an_offset_holds_where_no_channel_replaces_it(read):
 # ASF/AMC
 
 CMU = {
-    "root": "pelvis", "rhipjoint": "rhip", "rfemur": "rknee", "rtibia": "rankle",
-    "lhipjoint": "lhip", "lfemur": "lknee", "ltibia": "lankle", "thorax": "neck",
-    "rclavicle": "rshoulder", "rhumerus": "relbow", "lclavicle": "lshoulder",
+    "root": "pelvis",
+    "rhipjoint": "rhip",
+    "rfemur": "rknee",
+    "rtibia": "rankle",
+    "lhipjoint": "lhip",
+    "lfemur": "lknee",
+    "ltibia": "lankle",
+    "thorax": "neck",
+    "rclavicle": "rshoulder",
+    "rhumerus": "relbow",
+    "lclavicle": "lshoulder",
     "lhumerus": "lelbow",
-}  # fmt: skip
-"""Ends of bones -> joints, as docs/formats.md gives them; head, rwrist, lwrist keep their names."""
+}
+"""Ends of bones -> joints, as docs/formats.md gives them; head, rwrist, lwrist keep
+their names.
+"""
 
 ASF = """# made
 :version 1.10
@@ -239,9 +275,11 @@ def motion(tmp_path):
     ],
 )
 def test_acclaim_equals_the_exact_kinematics(real_data, motions, exact, step, bound):
-    """Of subjects 86 and 13 the exact joints are relative to the root; so they are compared.
+    """Of subjects 86 and 13 the exact joints are relative to the root; so they are
+    compared.
 
-    Those of subject 86 were computed from angles with fewer digits: they are off by 2 micrometres.
+    Those of subject 86 were computed from angles with fewer digits: they are off by 2
+    micrometres.
     """
     mocap = real_data / "mocap"
     paths = [mocap / f"asfamc/{motion}.amc" for motion in motions]
@@ -262,17 +300,23 @@ def test_acclaim_equals_the_exact_kinematics(real_data, motions, exact, step, bo
 
 
 def test_bones_turn_in_their_own_frames(motion):
-    """Worked out by hand: the thigh's x axis points along y, so that it turns about y."""
+    """Worked out by hand: the thigh's x axis points along y, so that it turns about
+    y.
+    """
     shapes = read_shapes([motion()])
     assert shapes.landmark_names == ("root", "thigh", "shin")
     assert shapes.items == ("01_02/1", "01_02/2")
     assert shapes.edges.tolist() == [[0, 1], [1, 2]]
     still = [[1, 2, 3], [1, 0, 3], [1, -1, 3]]
-    np.testing.assert_allclose(shapes.shapes[0].T, HALF_INCH * np.array(still), atol=1e-12)
-    # The root turns -y to x; the thigh turns about its length; the shin turns by z -y to x first,
-    # which the thigh turns to -z.
+    np.testing.assert_allclose(
+        shapes.shapes[0].T, HALF_INCH * np.array(still), atol=1e-12
+    )
+    # The root turns -y to x; the thigh turns about its length; the shin turns by z -y
+    # to x first, which the thigh turns to -z.
     moved = [[1, 2, 3], [3, 2, 3], [3, 2, 2]]
-    np.testing.assert_allclose(shapes.shapes[1].T, HALF_INCH * np.array(moved), atol=1e-12)
+    np.testing.assert_allclose(
+        shapes.shapes[1].T, HALF_INCH * np.array(moved), atol=1e-12
+    )
 
 
 def test_lengths_without_a_unit(motion):
@@ -285,14 +329,22 @@ def test_lengths_without_a_unit(motion):
 @pytest.mark.parametrize(
     ("asf", "amc", "words"),
     [
-        (ASF, AMC.replace("shin 0 0", "shin 0"), ["01_02.amc:7", "1 numbers of 'shin', not 2"]),
+        (
+            ASF,
+            AMC.replace("shin 0 0", "shin 0"),
+            ["01_02.amc:7", "1 numbers of 'shin', not 2"],
+        ),
         (ASF, AMC.replace("shin", "calf"), ["01_02.amc:7", "numbers of 'calf'"]),
         (ASF, AMC.replace("thigh 90", "thigh x"), ["01_02.amc", "'x' is no number"]),
         (ASF, AMC.removesuffix("shin 0 90\n"), ["01_02.amc"]),
         (ASF, AMC.replace(":DEGREES", ":RADIANS"), ["01_02.amc", "angles in radians"]),
         (ASF.replace("angle deg", "angle rad"), AMC, ["01.asf", "angles in radians"]),
         (ASF.replace("thigh shin", "thigh calf"), AMC, ["01.asf", "calf"]),
-        (ASF.replace("name shin", "name thigh"), AMC, ["01.asf", "the bone 'thigh' twice"]),
+        (
+            ASF.replace("name shin", "name thigh"),
+            AMC,
+            ["01.asf", "the bone 'thigh' twice"],
+        ),
         (ASF.replace("position 0 0 0", "position 0 0 x"), AMC, ["01.asf:1:", "'x'"]),
         (ASF.replace("length 2", "length two"), AMC, ["01.asf:13", "two"]),
         (ASF.partition(":hierarchy")[0], AMC, ["01.asf", "every bone once"]),
@@ -367,7 +419,9 @@ def test_one_subject_is_the_individual(c3d, labels, names, sequence):
 
 
 def test_what_a_model_computed_is_no_point(c3d):
-    shapes, notes = load_shapes(c3d(labels=("knee", "KneeAngle"), ANGLES=["KneeAngle"])[0])
+    shapes, notes = load_shapes(
+        c3d(labels=("knee", "KneeAngle"), ANGLES=["KneeAngle"])[0]
+    )
     assert shapes.landmark_names == ("knee",)
     assert any("KneeAngle" in note for note in notes)
 
@@ -380,7 +434,9 @@ def test_without_ezc3d_the_error_says_how_to_get_it(c3d, monkeypatch):
 
 
 def test_damaged_c3d_is_refused(c3d):
-    """Cut off, before ezc3d sees it; and a record of a name too long, which sends it anywhere."""
+    """Cut off, before ezc3d sees it; and a record of a name too long, which sends it
+    anywhere.
+    """
     path, _ = c3d()
     whole = path.read_bytes()
     place = whole.index(b"POINT") - 2
@@ -416,7 +472,11 @@ def test_trajectories_of_vicon(tmp_path, before):
     path = tmp_path / "walk.csv"
     path.write_text("\ufeff" * (not before) + before + VICON.replace("\n", "\r\n"))
     shapes, notes = load_shapes(path)
-    assert (shapes.landmark_names, shapes.unit, shapes.frame_rate) == (("LASI", "RASI"), "m", 100)
+    assert (shapes.landmark_names, shapes.unit, shapes.frame_rate) == (
+        ("LASI", "RASI"),
+        "m",
+        100,
+    )
     assert shapes.items == ("walk/Anna/7", "walk/Anna/8")
     np.testing.assert_allclose(shapes.shapes[0].T, [[1, 2, 3], [0.01, 0.02, 0.03]])
     assert np.isnan(shapes.shapes[1, :, 1]).all()

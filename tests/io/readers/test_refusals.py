@@ -1,4 +1,6 @@
-"""What is wrong with a file of a detector or a tracker is said with its place and a fix."""
+"""What is wrong with a file of a detector or a tracker is said with its place and a
+fix.
+"""
 
 import json
 
@@ -20,7 +22,12 @@ YOLO = "0 .5 .5 .1 .1 .2 .5 2"
 
 
 def annotated(*keypoints, image=0, category=1, **further):
-    entry = {"id": 0, "image_id": image, "category_id": category, "keypoints": list(keypoints)}
+    entry = {
+        "id": 0,
+        "image_id": image,
+        "category_id": category,
+        "keypoints": list(keypoints),
+    }
     images = [{"id": 0, "file_name": "day/0.png"}]
     return {"images": images, "categories": [MOUSE], "annotations": [entry], **further}
 
@@ -31,24 +38,48 @@ def result(image, *keypoints):
 
 REFUSED = [
     # OpenPose
-    ("0.json", '{"people": [{"pose_keypoints_2d": [1, 2', "0.json:1: is not whole JSON"),
+    (
+        "0.json",
+        '{"people": [{"pose_keypoints_2d": [1, 2',
+        "0.json:1: is not whole JSON",
+    ),
     ("0.json", {"people": [3]}, "0.json: cannot be read as a file of people"),
     ("0.json", {"people": [{PERSON: 3}]}, "a person without a list of keypoints"),
     ("0.json", {"people": [{PERSON: [1, 2]}]}, "a person of 2 numbers, not 3"),
-    ("0.json", {"people": [{PERSON: [1, "a", 2]}]}, "string to float: 'a'.*; export it again"),
+    (
+        "0.json",
+        {"people": [{PERSON: [1, "a", 2]}]},
+        "string to float: 'a'.*; export it again",
+    ),
     # COCO
     ("a.json", annotated(1, 2, 2), "cannot reshape array of size 3"),
     ("a.json", annotated(1, 2, 2, category=7), "a.json: cannot be read as .* has no 7"),
     ("a.json", annotated(1, 2, 2, image=[0]), "a.json: cannot be read .*unhashable"),
     ("a.json", {"images": 3}, "a.json: cannot be read as a file of COCO annotations"),
-    ("a.json", annotated(categories=[{**MOUSE, "keypoints": ["a", "a"]}]), "landmark 'a' twice"),
-    ("r.json", [result(1, 1, 2, 3), 4], "r.json: cannot be read as a file of COCO results"),
+    (
+        "a.json",
+        annotated(categories=[{**MOUSE, "keypoints": ["a", "a"]}]),
+        "landmark 'a' twice",
+    ),
+    (
+        "r.json",
+        [result(1, 1, 2, 3), 4],
+        "r.json: cannot be read as a file of COCO results",
+    ),
     ("r.json", [result(1, 1, 2)], "a person of 2 numbers"),
-    ("r.json", [result(1, *range(1, 4)), result(1, *range(1, 7))], "several skeletons: 1 det"),
+    (
+        "r.json",
+        [result(1, *range(1, 4)), result(1, *range(1, 7))],
+        "several skeletons: 1 det",
+    ),
     # MMPose
     ("v.json", [{"frame_id": 0, "instances": 3}], "v.json: .*no list of people"),
     ("v.json", [{"instances": [{}]}], "v.json: .*a person without a list"),
-    ("v.json", [{"instances": [{"keypoints": [[1, 2, 3]]}]}], "v.json: cannot be read as an MMP"),
+    (
+        "v.json",
+        [{"instances": [{"keypoints": [[1, 2, 3]]}]}],
+        "v.json: cannot be read as an MMP",
+    ),
     (
         "v.json",
         [{"instances": [{"keypoints": [[1, 2]], "keypoint_scores": []}]}],
@@ -58,12 +89,20 @@ REFUSED = [
     # caliscope
     ("xy.csv", CALISCOPE + "0,0,0,0,0,1\n", "xy.csv:2: has 6 cells"),
     ("xy.csv", CALISCOPE + "0,0,0,0,0,a,1\n", "xy.csv:2: 'a' is no number"),
-    ("xy.csv", CALISCOPE + "0,0,0,0,nose,1,1\n", "xy.csv: .*'nose'. is no whole number"),
+    (
+        "xy.csv",
+        CALISCOPE + "0,0,0,0,nose,1,1\n",
+        "xy.csv: .*'nose'. is no whole number",
+    ),
     # YOLO, with what data.yaml says
     ("a.txt", ("0 .5 .5 .1 .1 .2 .5 .3 .3 .1 .3", None), "no data.yaml beside them"),
     ("a.txt", (YOLO, "kpt_shape: [2, 3]"), "a line of 8 numbers, and 2 landmarks"),
     ("a.txt", (YOLO + "\n0 .5 x", None), "a.txt:2: .*'x' is no number"),
-    ("a.txt", (YOLO, "kpt_shape: [2, 9]"), "2 landmarks take 23.; check kpt_shape in data.yaml"),
+    (
+        "a.txt",
+        (YOLO, "kpt_shape: [2, 9]"),
+        "2 landmarks take 23.; check kpt_shape in data.yaml",
+    ),
     ("a.txt", (YOLO, "{"), "data.yaml: cannot be read as YAML"),
     (
         "a.txt",
@@ -73,41 +112,85 @@ REFUSED = [
     # DeepLabCut
     ("t.csv", DLC + "0,1,2,3,4\n0,1,2,3,4\n", "item 't/0' is also at"),
     ("t.csv", DLC + "0,1,2,3,4\n1,1,2,3\n", ":5: has 4 cells, not 5"),
-    ("t.csv", DLC + "0,1,2,3,4\n1,1,2,three,4\n", r":5: 'three' is no number \(column b/x\)"),
+    (
+        "t.csv",
+        DLC + "0,1,2,3,4\n1,1,2,three,4\n",
+        r":5: 'three' is no number \(column b/x\)",
+    ),
     ("t.csv", DLC + "0,1,2,3,4\none,1,2,3,4\n", ":5: 'one' is no number"),
     ("t.csv", DLC + "0,1,2,3,4\n,1,2,3,4\n", "t.csv: .*a frame without a number"),
     ("t.csv", DLC.replace("b,b", "a,a") + "0,1,2,3,4\n", "a column twice"),
     ("t.csv", DLC.replace("x,y\n", "x,w\n") + "0,1,2,3,4\n", "no column .'b y'"),
-    ("t.csv", DLC.replace("x,y,x,y", "l,angle,l,angle"), r"no columns x and y \(l, angle\)"),
+    (
+        "t.csv",
+        DLC.replace("x,y,x,y", "l,angle,l,angle"),
+        r"no columns x and y \(l, angle\)",
+    ),
     ("t.csv", DLC.replace("coords", "scorer"), "it has no 'coords'"),
     ("t.csv", "scorer,n\nbodyparts,\ncoords,\n", "no columns of coordinates"),
-    ("t.csv", DLC.replace(",a,a", ",a"), "lines of names have different numbers of cells"),
+    (
+        "t.csv",
+        DLC.replace(",a,a", ",a"),
+        "lines of names have different numbers of cells",
+    ),
     # tables of no known tool
     (
         "t.csv",
         "frame;joint;x;y\n0;a;1;2\n0;b;3;oops\n",
         r"csv:3: 'oops' is no number \(column y\)",
     ),
-    ("t.csv", "frame;a_x;a_y;b_x;b_y\n0;1,234;2;3;4\n1;5.5;6;7;8\n", "csv:2: '1,234' is no numb"),
+    (
+        "t.csv",
+        "frame;a_x;a_y;b_x;b_y\n0;1,234;2;3;4\n1;5.5;6;7;8\n",
+        "csv:2: '1,234' is no numb",
+    ),
     ("t.csv", "joint,x,y\na,1,2\nb,3,4\n", "t.csv:1: the header is 'joint,x,y'"),
-    ("t.csv", "frame,joint,x,y\n0,a,1,2\n0,a,3,4\n", "csv:3: 'a' of 0 is also in line 2"),
-    ("t.csv", "frame,joint,x,y\nlast,a,1,2\n", "'last'. is no whole number.*call the column `it"),
+    (
+        "t.csv",
+        "frame,joint,x,y\n0,a,1,2\n0,a,3,4\n",
+        "csv:3: 'a' of 0 is also in line 2",
+    ),
+    (
+        "t.csv",
+        "frame,joint,x,y\nlast,a,1,2\n",
+        "'last'. is no whole number.*call the column `it",
+    ),
     ("t.csv", "frame,joint,x,y,score\n0,a,1,2,-1\n", "a confidence below 0"),
     ("t.csv", WIDE + "1,2,3\n", "csv:4: has 3 cells, not 5"),
-    ("t.csv", WIDE + "1,\0,3,4,5\n", r"csv:4: is not text \(a zero byte\); save it as CSV in UTF"),
+    (
+        "t.csv",
+        WIDE + "1,\0,3,4,5\n",
+        r"csv:4: is not text \(a zero byte\); save it as CSV in UTF",
+    ),
     # arrays
     ("a.npy", np.zeros((3, 4)), r"float64 of the shape \(1, 3, 4\)"),
     ("a.npy", np.ones((3, 4, 3)) * 7, "third numbers run from 7 to 7, are they"),
     ("a.npy", np.array([{"a": 1}], dtype=object), "without objects"),
     # motion
     ("walk.trc", HEAD + ROWS.replace("8", "x"), "walk.trc:7: 'x' is no number"),
-    ("walk.trc", HEAD + ROWS.replace("6\n", "6\t7\n", 1), "walk.trc:6: has 9 cells, not 8"),
+    (
+        "walk.trc",
+        HEAD + ROWS.replace("6\n", "6\t7\n", 1),
+        "walk.trc:6: has 9 cells, not 8",
+    ),
     ("walk.trc", HEAD + ROWS.replace("\t", "  "), "walk.trc:6: has 1 cells, not 8"),
     ("walk.trc", HEAD.partition("Frame#")[0], "walk.trc: cannot be read as a TRC file"),
-    ("walk.trc", HEAD.replace("e\t\t\ta", "e\ta"), "names that do not stand above an X"),
-    ("fly.csv", ANIPOSE + FLY.replace("0.8,1,0,7", "0.8,1,7"), "fly.csv:2: has 14 cells, not 15"),
+    (
+        "walk.trc",
+        HEAD.replace("e\t\t\ta", "e\ta"),
+        "names that do not stand above an X",
+    ),
+    (
+        "fly.csv",
+        ANIPOSE + FLY.replace("0.8,1,0,7", "0.8,1,7"),
+        "fly.csv:2: has 14 cells, not 15",
+    ),
     ("fly.csv", ANIPOSE + FLY.replace("1.5,", "one,"), "fly.csv:3: 'one'"),
-    ("w.bvh", TREE + FRAMES.replace("90 90 0", "90 90"), "w.bvh:20: has 8 cells, not 9"),
+    (
+        "w.bvh",
+        TREE + FRAMES.replace("90 90 0", "90 90"),
+        "w.bvh:20: has 8 cells, not 9",
+    ),
     ("w.bvh", TREE + FRAMES.replace("90 90 0", "90 inf 0"), "w.bvh:20: 'inf'"),
     ("w.bvh", TREE.partition("MOTION")[0], "w.bvh: has no motion"),
     ("w.bvh", BVH.replace("  }\n}\n", ""), "w.bvh:16: .*not complete"),
@@ -117,10 +200,18 @@ REFUSED = [
     ("w.bvh", BVH.replace("0 -4 0", "0 -4 nan"), "w.bvh:8: .*'nan' is no number"),
     ("w.bvh", BVH.replace("Time: 0.04", "Time: soon"), "w.bvh:18: .*soon"),
     # Vicon
-    ("v.csv", VICON.replace("1001", "left"), r"v\.csv:7: 'left' is no number \(column Anna:LASI X"),
+    (
+        "v.csv",
+        VICON.replace("1001", "left"),
+        r"v\.csv:7: 'left' is no number \(column Anna:LASI X",
+    ),
     ("v.csv", VICON.replace("X,Y,Z,X", "X,Y,Z,Y"), "other columns than X, Y and Z"),
     ("v.csv", VICON.replace("100,,", "fast,,", 1), "v.csv: .*'fast' is no number"),
-    ("v.csv", VICON.replace("7,0,1000", "7,0,1000,5,5,5"), r"v\.csv:6: has 11 cells, not 8"),
+    (
+        "v.csv",
+        VICON.replace("7,0,1000", "7,0,1000,5,5,5"),
+        r"v\.csv:6: has 11 cells, not 8",
+    ),
 ]
 
 
@@ -137,6 +228,8 @@ def test_what_is_wrong_is_named(tmp_path, name, content, message):
         text = content if isinstance(content, str) else json.dumps(content)
         path.write_text(text, encoding="utf-8")
     shapes = name in ("walk.trc", "fly.csv", "w.bvh", "v.csv")
-    keypoints = {} if name.endswith((".csv", ".txt", ".npy")) else {"keypoints": "numbered"}
+    keypoints = (
+        {} if name.endswith((".csv", ".txt", ".npy")) else {"keypoints": "numbered"}
+    )
     with pytest.raises(InputError, match=message):
         load_shapes(path) if shapes else read(path, **keypoints)

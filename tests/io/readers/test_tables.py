@@ -66,7 +66,10 @@ WIDE = "frame,nose_x,nose_y,tail_x,tail_y\n7,1,2,30,40\n8,5,6,70,80\n"
         WIDE.replace("_", "."),
         "frame,x_nose,y_nose,x_tail,y_tail\n" + WIDE.partition("\n")[2],
         "\ufeff" + WIDE.replace("\n", "\r\n"),
-        "Frame;Body Part;x;y\n8;nose;5,0;6,0\n7;tail;30,0;40,0\n7;nose;1;2\n8;tail;70;80\n",
+        (
+            "Frame;Body"
+            " Part;x;y\n8;nose;5,0;6,0\n7;tail;30,0;40,0\n7;nose;1;2\n8;tail;70;80\n"
+        ),
         "video,frame,x1,y1,x2,y2\nv,7,1,2,30,40\nv,8,5,6,70,80\n",
     ],
 )
@@ -82,7 +85,8 @@ def test_headers_that_say_the_same(tmp_path, text):
 
 
 def test_what_is_missing_or_hidden(tmp_path):
-    text = "frame,joint,x,y,score\n0,a,0,0,0\n0,b,0,0,0.5\n1,a,NA,3,1\n1,b,3,,1\n2,b,3,4,0\n"
+    text = "frame,joint,x,y,score\n"
+    text += "0,a,0,0,0\n0,b,0,0,0.5\n1,a,NA,3,1\n1,b,3,,1\n2,b,3,4,0\n"
     images, notes = read(table(tmp_path / "t.csv", text))
     assert images.items == ("t/0", "t/2")
     assert "(0, 0)" not in "".join(notes)  # the confidence says it
@@ -96,18 +100,26 @@ def test_many_landmarks_at_zero_are_a_warning(tmp_path, points):
     _, (note,) = read(tmp_path / "a.npy")
     assert "15 of 100 landmarks are at exactly (0, 0)" in note
     rows = [
-        f"{n},{k},{x},{y}" for n, own in enumerate(points[:, 0]) for k, (x, y) in enumerate(own)
+        f"{n},{k},{x},{y}"
+        for n, own in enumerate(points[:, 0])
+        for k, (x, y) in enumerate(own)
     ]
-    _, (note,) = read(table(tmp_path / "a.csv", "\n".join(["item,landmark,x,y", *rows])))
+    _, (note,) = read(
+        table(tmp_path / "a.csv", "\n".join(["item,landmark,x,y", *rows]))
+    )
     assert "a.csv: 3 of 20 landmarks are at exactly (0, 0)" in note
 
 
-def test_a_depth_beside_a_confidence_is_left_out_and_without_one_it_is_a_shape(tmp_path):
+def test_a_depth_beside_a_confidence_is_left_out_and_without_one_it_is_a_shape(
+    tmp_path,
+):
     text = "frame,a_x,a_y,a_z,b_x,b_y,b_z\n0,1,2,3,40,50,60\n"
     with open_shapes([table(tmp_path / "t.csv", text)]) as source:
         (shapes,) = source.batches(9)
     assert shapes.shapes[0].T.tolist() == [[1, 2, 3], [40, 50, 60]]
-    seen = text.replace("b_z", "b_z,a_visibility,b_visibility").replace("60", "60,0.5,1")
+    seen = text.replace("b_z", "b_z,a_visibility,b_visibility").replace(
+        "60", "60,0.5,1"
+    )
     images, _ = read(table(tmp_path / "t.csv", seen))
     assert images.landmarks[0].T.tolist() == [[1, 2], [40, 50]]
 
@@ -123,8 +135,13 @@ def test_fractions_of_an_image_need_its_size(tmp_path, rng, kind):
     else:
         names = [f"{axis}{n}" for n in range(33) for axis in "xyzv"]
         rows = np.concatenate([points, np.ones((3, 33, 2))], axis=2).reshape(3, -1)
-        table(path, "\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)]))
-    with pytest.raises(InputError, match=r"fractions of the width.*`image_size=\[1920,1080"):
+        table(
+            path,
+            "\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)]),
+        )
+    with pytest.raises(
+        InputError, match=r"fractions of the width.*`image_size=\[1920,1080"
+    ):
         read(path, keypoints="mediapipe_33")
     images, _ = read(path, keypoints="mediapipe_33", image_size=(200.0, 100.0))
     np.testing.assert_allclose(images.landmarks.transpose(0, 2, 1), points * (200, 100))
@@ -133,7 +150,9 @@ def test_fractions_of_an_image_need_its_size(tmp_path, rng, kind):
 
 def test_which_skeleton_an_array_has_must_be_said(tmp_path, rng):
     np.save(tmp_path / "a.npy", rng.uniform(1, 600, (3, 17, 2)))
-    with pytest.raises(InputError, match="17 landmarks without names, as coco_17 and h36m_17 have"):
+    with pytest.raises(
+        InputError, match="17 landmarks without names, as coco_17 and h36m_17 have"
+    ):
         read(tmp_path / "a.npy")
     assert read(tmp_path / "a.npy", keypoints="coco_17")[0].landmark_names[0] == "nose"
     assert read(tmp_path / "a.npy", keypoints="numbered")[0].landmark_names[0] == "0"
@@ -144,13 +163,19 @@ def test_which_skeleton_an_array_has_must_be_said(tmp_path, rng):
     [
         lambda body: body,
         lambda body: [body],
-        lambda body: {"pose_landmarks": [body], "pose_world_landmarks": [[{"x": 9, "y": 9}]]},
+        lambda body: {
+            "pose_landmarks": [body],
+            "pose_world_landmarks": [[{"x": 9, "y": 9}]],
+        },
         lambda body: [{"frame": 0, "landmarks": body}],
         lambda body: {"frames": [{"landmark": body}]},
     ],
 )
 def test_lists_of_mediapipe(tmp_path, wrap):
-    body = [{"x": 10 * n, "y": 7, "z": -1, "visibility": 0.5, "name": "abc"[n]} for n in range(3)]
+    body = [
+        {"x": 10 * n, "y": 7, "z": -1, "visibility": 0.5, "name": "abc"[n]}
+        for n in range(3)
+    ]
     path = table(tmp_path / "walk.json", json.dumps(wrap(body)))
     images, _ = read(path)
     assert images.landmarks.tolist() == [[[0, 10, 20], [7, 7, 7]]]
@@ -162,13 +187,17 @@ def test_lists_of_mediapipe(tmp_path, wrap):
     [({"presence": 0.9, "visibility": 0.2}, 0.2), ({"presence": 0.9}, 0.9), ({}, 1.0)],
 )
 def test_the_confidence_of_mediapipe(tmp_path, stated, score):
-    """How visible a point is goes before whether it is in the image; without either it is 1."""
+    """How visible a point is goes before whether it is in the image; without either it
+    is 1.
+    """
     body = [{"x": 10 * n, "y": 7, "z": -1, **stated} for n in range(3)]
     images, _ = read(table(tmp_path / "walk.json", json.dumps([body])))
     assert images.confidence.tolist() == [[score] * 3]
 
 
-LONG = "frame,{},joint,x,y\n0,{},a,1,2\n0,{},b,3,4\n1,{},a,5,6\n0,{},a,7,8\n0,{},b,9,10\n"
+LONG = (
+    "frame,{},joint,x,y\n0,{},a,1,2\n0,{},b,3,4\n1,{},a,5,6\n0,{},a,7,8\n0,{},b,9,10\n"
+)
 
 
 @pytest.mark.parametrize(
@@ -182,13 +211,16 @@ LONG = "frame,{},joint,x,y\n0,{},a,1,2\n0,{},b,3,4\n1,{},a,5,6\n0,{},a,7,8\n0,{}
 )
 def test_columns_of_individuals(tmp_path, column, cells, names):
     one, other = cells
-    images, notes = read(table(tmp_path / "t.csv", LONG.format(column, *[one] * 3, *[other] * 2)))
+    images, notes = read(
+        table(tmp_path / "t.csv", LONG.format(column, *[one] * 3, *[other] * 2))
+    )
     first, second = names
     rest = f"t/{second}/0" if second else "t/untracked/0/0"
     assert images.items == (f"t/{first}/0", f"t/{first}/1", rest)
     assert images.landmarks[2].T.tolist() == [[7, 8], [9, 10]]
     assert notes == ()
-    wide = f"frame,{column},a_x,a_y,b_x,b_y\n0,{one},1,2,3,4\n1,{one},5,6,,\n0,{other},7,8,9,10\n"
+    wide = f"frame,{column},a_x,a_y,b_x,b_y\n"
+    wide += f"0,{one},1,2,3,4\n1,{one},5,6,,\n0,{other},7,8,9,10\n"
     same, _ = read(table(tmp_path / "t.csv", wide))
     assert same.items == images.items
     np.testing.assert_array_equal(same.landmarks, images.landmarks)
@@ -196,7 +228,11 @@ def test_columns_of_individuals(tmp_path, column, cells, names):
 
 def test_tables_in_metres_are_shapes_in_metres(tmp_path):
     """As `convert -o NAME.metres.csv` writes them, with ten digits of the time."""
-    rows = [f"{n},{n / 120:.10g},{name},{n},2,3,,true" for n in (7, 8) for name in ("nose", "tail")]
+    rows = [
+        f"{n},{n / 120:.10g},{name},{n},2,3,,true"
+        for n in (7, 8)
+        for name in ("nose", "tail")
+    ]
     text = "\n".join(["frame,time,landmark,x,y,z,sd,trusted", *rows]) + "\n"
     with open_shapes([table(tmp_path / "man.metres.csv", text)]) as source:
         shapes = source.whole()
@@ -223,7 +259,9 @@ def test_numbers_that_do_not_begin_at_0_or_1_are_names(tmp_path):
     text = "frame,x5,y5,x6,y6\n0,10,20,30,40\n"
     images, _ = read(table(tmp_path / "t.csv", text), keypoints="numbered")
     assert images.landmark_names == ("5", "6")
-    images, _ = read(table(tmp_path / "u.csv", text.replace("5", "1").replace("6", "2")))
+    images, _ = read(
+        table(tmp_path / "u.csv", text.replace("5", "1").replace("6", "2"))
+    )
     assert images.landmark_names == ("0", "1")
 
 

@@ -75,7 +75,9 @@ def test_points_confidence_and_names(tmp_path, points, confidence, read, name, m
     assert (found.unit, found.y_axis) == ("px", "down")
 
 
-@pytest.mark.parametrize("name", ["table.csv", "table.h5", "fixed.h5", "poses.nc", "poses.nwb"])
+@pytest.mark.parametrize(
+    "name", ["table.csv", "table.h5", "fixed.h5", "poses.nc", "poses.nwb"]
+)
 def test_three_dimensions_are_shapes(tmp_path, rng, confidence, name, problem):
     points = rng.normal(size=(7, 2, 4, 3))
     points[0, 0, 1] = np.nan
@@ -87,14 +89,19 @@ def test_three_dimensions_are_shapes(tmp_path, rng, confidence, name, problem):
 
 
 def test_jabs(tmp_path, rng, read, problem):
-    """Version 2, of one mouse, whose y comes first; later ones, of several mice, are refused."""
+    """Version 2, of one mouse, whose y comes first; later ones, of several mice, are
+    refused.
+    """
     points = rng.integers(1, 600, (7, 1, 12, 2)).astype(float)
     points[3, 0, 2] = np.nan
     made.write_jabs(tmp_path / JABS, points, np.full((7, 1, 12), 0.5))
     found = read(tmp_path / JABS)
     np.testing.assert_array_equal(found.landmarks.swapaxes(1, 2), points[:, 0])
     assert found.confidence[3].tolist() == [0.5, 0.5, 0, *[0.5] * 9]
-    assert (found.items[0], found.landmark_names[:2]) == ("mouse/0", ("NOSE", "LEFT_EAR"))
+    assert (found.items[0], found.landmark_names[:2]) == (
+        "mouse/0",
+        ("NOSE", "LEFT_EAR"),
+    )
     assert {*found.lines.ravel()} == {*range(12)}  # no landmark stands alone
     with h5py.File(tmp_path / JABS, "a") as file:
         values = file["poseest/points"][:]
@@ -123,7 +130,10 @@ def test_a_file_of_nwb_whose_series_differ_in_time(tmp_path, points, confidence,
     assert np.flatnonzero(seen).tolist() == [2, 5]
     assert found.landmarks[5, :, 1].tolist() == [3, 4]
     assert found.confidence[:, 1].tolist() == [0, 0, 0.5, 0, 0, 0.75, 0]
-    for late, rate in ((0.0199, pytest.approx(30)), (0.02005, None)):  # of the usual step
+    for late, rate in (
+        (0.0199, pytest.approx(30)),
+        (0.02005, None),
+    ):  # of the usual step
         with h5py.File(path, "a") as file:
             for number in (0, 2, 3):
                 series = file[f"processing/behavior/animal0/point{number}"]
@@ -135,7 +145,9 @@ def test_a_file_of_nwb_whose_series_differ_in_time(tmp_path, points, confidence,
 
 @pytest.mark.parametrize("stated", [False, True])
 def test_axes_of_analysis_files(tmp_path, rng, read, stated):
-    """Two landmarks, two tracks: the occupancy tells the orders apart, and stated axes win."""
+    """Two landmarks, two tracks: the occupancy tells the orders apart, and stated axes
+    win.
+    """
     n = 2 if stated else 5
     points, confidence = rng.normal(size=(n, 2, 2, 2)), rng.uniform(0.1, 1, (n, 2, 2))
     path = tmp_path / "p.analysis.h5"
@@ -157,7 +169,8 @@ def test_a_skeleton_in_the_order_of_its_file(tmp_path, points, confidence, read)
     made.write_slp(path, points, confidence)
     with h5py.File(path, "a") as file:
         was, now = (
-            json.dumps([{"id": n} for n in order]) for order in ((0, 1, 2, 3), (2, 0, 3, 1))
+            json.dumps([{"id": n} for n in order])
+            for order in ((0, 1, 2, 3), (2, 0, 3, 1))
         )
         attributes = file["metadata"].attrs
         attributes["json"] = attributes["json"].replace(was, now)
@@ -186,7 +199,10 @@ def test_what_a_user_placed_wins(tmp_path, points, confidence, by):
             file["instances"][...] = table
     with open_landmarks([path]) as source:
         (found,) = source.batches(100)
-        assert "2 predicted instances replaced by those that a user placed" in source.notes[0]
+        assert (
+            "2 predicted instances replaced by those that a user placed"
+            in source.notes[0]
+        )
     assert len(found) == 14
     if by == "track":
         want = points.copy()
@@ -202,7 +218,9 @@ def test_labels_of_images(tmp_path, points, confidence, read):
     made.write_deeplabcut_fixed(path, points, confidence)
     assert read(path).items[1] == "labels/animal0/img00001"
     with h5py.File(path, "a") as file:
-        folders = [f"labeled/{folder}/img{i}.png" for folder in "ab" for i in range(7)][:7]
+        folders = [f"labeled/{folder}/img{i}.png" for folder in "ab" for i in range(7)][
+            :7
+        ]
         del file["df_with_missing/axis1"]
         folders[-1] = "labeled/b/img0.png"
         file["df_with_missing/axis1"] = np.array(folders, "S")
@@ -239,9 +257,16 @@ coords,x,y,likelihood,x,y,likelihood
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("\n", "\r\n"), ("scorer", "\ufeffscorer"), (",", " , "), ("12.5", '"12.5"'),
-     (",,,", ",nan,NA,"), ("12.5", "1.25e1"), ("4,\n", "4,\n\n\n")],
-)  # fmt: skip
+    [
+        ("\n", "\r\n"),
+        ("scorer", "\ufeffscorer"),
+        (",", " , "),
+        ("12.5", '"12.5"'),
+        (",,,", ",nan,NA,"),
+        ("12.5", "1.25e1"),
+        ("4,\n", "4,\n\n\n"),
+    ],
+)
 def test_csv_is_read_in_every_dress(tmp_path, read, old, new):
     (tmp_path / "p.csv").write_bytes(PLAIN.replace(old, new).encode())
     found = read(tmp_path / "p.csv")
@@ -276,8 +301,12 @@ def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
     assert "2 individuals without a landmark left out" in notes
 
 
-@pytest.mark.parametrize("frames", [7, 2])  # of two the order of axes is open but for the rule
-def test_an_analysis_file_of_tracks_and_nodes_alone(tmp_path, points, confidence, read, frames):
+@pytest.mark.parametrize(
+    "frames", [7, 2]
+)  # of two the order of axes is open but for the rule
+def test_an_analysis_file_of_tracks_and_nodes_alone(
+    tmp_path, points, confidence, read, frames
+):
     path = tmp_path / "tracks.h5"
     made.write_sleap_analysis(path, points[:frames], confidence[:frames])
     whole = read(path)
@@ -287,10 +316,14 @@ def test_an_analysis_file_of_tracks_and_nodes_alone(tmp_path, points, confidence
     found = read(path)
     np.testing.assert_array_equal(found.landmarks, whole.landmarks)
     assert found.landmark_names == whole.landmark_names
-    assert found.sequences == tuple(name.replace("animal", "track_") for name in whole.sequences)
+    assert found.sequences == tuple(
+        name.replace("animal", "track_") for name in whole.sequences
+    )
 
 
-@pytest.mark.parametrize(("units", "unit"), [(["meters"], "m"), (["meters", "ft"], "unknown")])
+@pytest.mark.parametrize(
+    ("units", "unit"), [(["meters"], "m"), (["meters", "ft"], "unknown")]
+)
 def test_the_unit_of_shapes_in_nwb_is_that_of_all_series(tmp_path, rng, units, unit):
     points = rng.standard_normal((5, 1, 4, 3))
     made.write_nwb(tmp_path / "poses.nwb", points, np.ones((5, 1, 4)))
@@ -319,7 +352,9 @@ def test_files_that_are_cut_off(write, name):
     data = path.read_bytes()
     for end in np.linspace(1, len(data) - 1, 6).astype(int):
         path.write_bytes(data[:end])
-        with suppress(InputError) if name.endswith(".csv") else pytest.raises(InputError):
+        with (
+            suppress(InputError) if name.endswith(".csv") else pytest.raises(InputError)
+        ):
             read_images(path)
 
 
@@ -411,7 +446,11 @@ def no_poses(file):
         ("table.h5", two_tables, "the tables df_with_missing, tracks; save one"),
         ("tracks.analysis.h5", edge_to_nowhere, "edge_inds points at no landmarks"),
         ("poses.nc", bounding_boxes, "bboxes, not poses"),
-        ("tracks.analysis.h5", never_written, "the file holds 0 bytes; write its values"),
+        (
+            "tracks.analysis.h5",
+            never_written,
+            "the file holds 0 bytes; write its values",
+        ),
         ("tracks.analysis.h5", more_than_memory_holds, "tracks"),
         (
             "labels.slp",
@@ -423,8 +462,16 @@ def no_poses(file):
         ("labels.slp", instances("skeleton", 1, 3), LOST),
         ("labels.slp", instances("instance_type", 1, 9), LOST),
         ("labels.slp", instances("point_id_end", 1, 3), LOST),
-        ("poses.nwb", no_start, "the times of processing/behavior/animal0/point1 do not"),
-        ("poses.nwb", falling_times, "the times of processing/behavior/animal0/point1 do not"),
+        (
+            "poses.nwb",
+            no_start,
+            "the times of processing/behavior/animal0/point1 do not",
+        ),
+        (
+            "poses.nwb",
+            falling_times,
+            "the times of processing/behavior/animal0/point1 do not",
+        ),
         ("poses.nwb", no_poses, "no PoseEstimation (ndx-pose), so no landmarks"),
     ],
 )

@@ -26,8 +26,12 @@ FIGURE = np.array(
 """Head, neck, shoulders, hands, hips, knees and feet of a figure 170 pixels high."""
 
 
-def walking(start: float, speed: float, frames: int, rng: np.random.Generator) -> Floats:
-    """A figure (frames, p, 2) of its own size and gait walks across the image, with noise."""
+def walking(
+    start: float, speed: float, frames: int, rng: np.random.Generator
+) -> Floats:
+    """A figure (frames, p, 2) of its own size and gait walks across the image, with
+    noise.
+    """
     phase = 2 * np.pi * (np.arange(frames) / 30 + rng.random())
     swing = np.outer(np.sin(phase), [0, 0, 0, 0, 25, -25, 0, 0, -12, 12, -25, 25])
     figure = np.repeat(rng.uniform(0.8, 1.2) * FIGURE[None], frames, axis=0)
@@ -35,7 +39,9 @@ def walking(start: float, speed: float, frames: int, rng: np.random.Generator) -
     return figure + rng.standard_normal(figure.shape)
 
 
-def instances(people: Sequence[Floats], rng: np.random.Generator | None) -> tuple[Poses, Floats]:
+def instances(
+    people: Sequence[Floats], rng: np.random.Generator | None
+) -> tuple[Poses, Floats]:
     """Return detections, people of a frame in any order (rng), and who each is."""
     points, frames, who = [], [], []
     for frame in range(len(people[0])):
@@ -60,7 +66,9 @@ def recording(points: Sequence[Floats], frames: Sequence[int]) -> Poses:
 
 
 def tracks(poses: Poses) -> NDArray[np.int64]:
-    return np.array([int(who.partition(" ")[2] or 0) for who in track_people(poses) or ()])
+    return np.array(
+        [int(who.partition(" ")[2] or 0) for who in track_people(poses) or ()]
+    )
 
 
 def same_partition(found: NDArray[np.int64], who: Floats) -> bool:
@@ -79,14 +87,18 @@ def test_two_people_who_cross_in_any_order(seed: int) -> None:
     assert same_partition(tracks(block), who)
 
 
-def test_a_short_gap_is_survived_and_a_long_one_is_not(rng: np.random.Generator) -> None:
+def test_a_short_gap_is_survived_and_a_long_one_is_not(
+    rng: np.random.Generator,
+) -> None:
     for gap, numbers in ((LONGEST_GAP, {1}), (LONGEST_GAP + 1, {1, 2})):
         one = walking(0, 1, 60, rng)
         one[20 : 20 + gap] = np.nan
         assert {*tracks(instances([one], None)[0]).tolist()} == numbers
 
 
-def test_identities_of_the_file_and_empty_detections_stay(rng: np.random.Generator) -> None:
+def test_identities_of_the_file_and_empty_detections_stay(
+    rng: np.random.Generator,
+) -> None:
     block, _ = instances([walking(0, 1, 4, rng), walking(500, 1, 4, rng)], None)
     points = block.points.copy()
     points[2] = np.nan
@@ -115,26 +127,41 @@ def test_assignment_is_optimal(rng: np.random.Generator) -> None:
         pairs = assign(cost, allowed)
         rows, columns = linear_sum_assignment(np.where(allowed, cost, 1000.0))
         best = [(a, b) for a, b in zip(rows, columns, strict=True) if allowed[a, b]]
-        assert len({a for a, _ in pairs}) == len({b for _, b in pairs}) == len(pairs) == len(best)
+        assert (
+            len({a for a, _ in pairs})
+            == len({b for _, b in pairs})
+            == len(pairs)
+            == len(best)
+        )
         assert all(allowed[pair] for pair in pairs)
         assert sum(cost[p] for p in pairs) == pytest.approx(sum(cost[p] for p in best))
 
 
 @pytest.mark.real_data
 @pytest.mark.parametrize(("camera", "agreeing"), [("cam01", 99), ("cam03", 100)])
-def test_the_man_on_the_beam_is_one_person(real_data: Path, camera: str, agreeing: int) -> None:
-    """One track is the man that the HDF5 beside has; in a frame of cam01 he is in two parts."""
+def test_the_man_on_the_beam_is_one_person(
+    real_data: Path, camera: str, agreeing: int
+) -> None:
+    """One track is the man that the HDF5 beside has; in a frame of cam01 he is in two
+    parts.
+    """
     folder = real_data / "detected" / "pose2sim_balancing"
     with h5py.File(folder / f"{camera}.h5") as file:
         truth = file["landmarks"][:]
         frames = [int(item.decode().split("/")[-1]) for item in file["item"][:]]
     options = InputOptions(keypoints="body_25b", track="nearest")
-    with open_landmarks([folder / "openpose_json" / f"{camera}_json"], options) as source:
+    with open_landmarks(
+        [folder / "openpose_json" / f"{camera}_json"], options
+    ) as source:
         images = source.whole()
     assert images.sequences is not None
     man = images.take([name.endswith("person 1") for name in images.sequences])
     assert len(man) == 100
-    found = dict(zip((int(item.split("/")[-1]) for item in man.items), man.landmarks, strict=True))
+    found = dict(
+        zip(
+            (int(item.split("/")[-1]) for item in man.items), man.landmarks, strict=True
+        )
+    )
     same = [
         np.allclose(found[frame].T, own, atol=1e-3, equal_nan=True)
         for frame, own in zip(frames, truth, strict=True)
@@ -153,7 +180,13 @@ SIZE = float(np.hypot(56, 170))
 
 @pytest.mark.parametrize(
     ("missed", "moved", "same"),
-    [(0, 0.33, True), (0, 0.4, False), (3, 0.6, True), (3, 0.7, False), (9, 0.95, True)],
+    [
+        (0, 0.33, True),
+        (0, 0.4, False),
+        (3, 0.6, True),
+        (3, 0.7, False),
+        (9, 0.95, True),
+    ],
 )
 def test_the_reach_grows_with_the_frames_that_are_missed(missed, moved, same):
     """0.35 of the size, and 0.1 for each frame without a detection, up to 1."""
@@ -173,7 +206,9 @@ def test_who_is_missed_is_expected_to_walk_on_for_three_frames(moved, same):
 
 @pytest.mark.parametrize(("frames", "same"), [(2, True), (60, False)])
 def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
-    """It is at least 0.95 of that in the frame before: for some frames hidden limbs count."""
+    """It is at least 0.95 of that in the frame before: for some frames hidden limbs
+    count.
+    """
     half = FIGURE.copy()
     half[1:4] += (0, 20)
     half[4:] = np.nan
@@ -183,7 +218,9 @@ def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
 
 
 @pytest.mark.parametrize(("moved", "same"), [(25, True), (40, False)])
-def test_without_a_landmark_in_common_the_middles_of_the_boxes_are_compared(moved, same):
+def test_without_a_landmark_in_common_the_middles_of_the_boxes_are_compared(
+    moved, same
+):
     left, right = FIGURE.copy(), FIGURE + np.array([moved, 0])
     left[1::2], right[::2] = np.nan, np.nan
     found = follow([left, right], [0, 1])

@@ -1,4 +1,6 @@
-"""A person who walks in a known world, and the result that a perfect fit of it would be."""
+"""A person who walks in a known world, and the result that a perfect fit of it would
+be.
+"""
 
 from dataclasses import dataclass
 
@@ -22,7 +24,9 @@ FOCAL, CENTRE = 1000.0, np.array([640.0, 480.0])
 
 @dataclass(frozen=True)
 class Scene:
-    """world (n, 3, p), z up, in metres; result what a fit of its images with the camera finds."""
+    """world (n, 3, p), z up, in metres; result what a fit of its images with the camera
+    finds.
+    """
 
     world: np.ndarray
     result: ResultSet
@@ -37,9 +41,13 @@ def scene(rng) -> Scene:
     """Four frames at 25 Hz, a tilted camera with extrinsics, y down."""
     free = ~np.isin(PEOPLE, [f"{side}{joint}" for side in "lr" for joint in STRAIGHT])
     body = np.stack([X, free * rng.normal(scale=0.05, size=len(X)), Z])
-    steps = np.array([[0.0, 0.0, 0.0], [0.1, 0.3, 0.0], [0.2, 0.6, 0.02], [0.3, 0.9, 0.0]])
+    steps = np.array(
+        [[0.0, 0.0, 0.0], [0.1, 0.3, 0.0], [0.2, 0.6, 0.02], [0.3, 0.9, 0.0]]
+    )
     world = body + steps[..., None]
-    level = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along y; z is up in the image
+    level = np.array(
+        [[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]
+    )  # looks along y; z is up in the image
     c, s = np.cos(np.radians(20)), np.sin(np.radians(20))
     R = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]]) @ level
     return Scene(world, visible(world, R, np.array([0.1, 0.2, 4.0])))
@@ -48,7 +56,9 @@ def scene(rng) -> Scene:
 def visible(
     world: np.ndarray, R: np.ndarray, t: np.ndarray, names: tuple[str, ...] = PEOPLE
 ) -> ResultSet:
-    """Lay out the world as a fit under perspective does; the unit of the dictionary is 0.4 m."""
+    """Lay out the world as a fit under perspective does; the unit of the dictionary is
+    0.4 m.
+    """
     camera = (R @ world + t[:, None]) / 0.4
     origin = camera.mean(axis=2)
     scale = FOCAL / origin[:, 2]
@@ -85,7 +95,8 @@ def shapes(scene) -> ShapeSet:
 
 
 def parse_trc(path):
-    """Return the first line, the header, the names, and the numbers (f, 2 + 3 p), nan if empty.
+    """Return the first line, the header, the names, and the numbers (f, 2 + 3 p), nan
+    if empty.
 
     It shares nothing with the writer and the reader of the package.
     """

@@ -16,7 +16,9 @@ from tests.io.files import save
 MILLIMETRE = 1e-3
 
 LIMBS = "UpLeg Leg Foot Arm ForeArm Hand"
-RIGHT, LEFT = ([f"{side}{limb}" for limb in LIMBS.split()] for side in ("Right", "Left"))
+RIGHT, LEFT = (
+    [f"{side}{limb}" for limb in LIMBS.split()] for side in ("Right", "Left")
+)
 NAMES = ["Hips", *RIGHT[:3], *LEFT[:3], "Spine2", "Head", *RIGHT[3:], *LEFT[3:]]
 """Of the joints of PEOPLE."""
 
@@ -31,7 +33,9 @@ def places(path, names):
 def test_rigid_bones_come_back_to_a_millimetre(tmp_path, project):
     shapes = read_shapes([project / "sample_data/people_test.h5"])
     summary = save(tmp_path / "man.bvh", shapes)
-    assert re.search(r"joints of \w+ 0\.0 mm from the landmarks on average", summary.note)
+    assert re.search(
+        r"joints of \w+ 0\.0 mm from the landmarks on average", summary.note
+    )
     sequences = np.array(shapes.sequences)
     assert len(summary.written) == 8
     for path in summary.written:
@@ -51,7 +55,13 @@ def test_a_result_is_in_metres_and_rests_in_a_t(tmp_path, scene):
     text = (tmp_path / "man.bvh").read_text(encoding="utf-8")
     rest = re.findall(r"(?:JOINT|ROOT) (\S+)\s*\{\s*OFFSET (\S+) (\S+) (\S+)", text)
     bones = {name: np.array(offset, float) for name, *offset in rest}
-    assert {"Spine", "Neck", "LeftShoulder", "RightShoulder", "LeftHipJoint"} <= bones.keys()
+    assert {
+        "Spine",
+        "Neck",
+        "LeftShoulder",
+        "RightShoulder",
+        "LeftHipJoint",
+    } <= bones.keys()
     for names, direction in (
         (("LeftArm", "LeftForeArm", "LeftHand"), (1, 0, 0)),
         (("RightArm", "RightForeArm", "RightHand"), (-1, 0, 0)),
@@ -61,7 +71,9 @@ def test_a_result_is_in_metres_and_rests_in_a_t(tmp_path, scene):
     ):
         for name in names:
             length = np.linalg.norm(bones[name])
-            np.testing.assert_allclose(bones[name], length * np.array(direction), atol=1e-5)
+            np.testing.assert_allclose(
+                bones[name], length * np.array(direction), atol=1e-5
+            )
 
 
 @pytest.mark.parametrize("rate", [24.7, 59.94, 119.88])
@@ -71,11 +83,18 @@ def test_the_time_of_a_frame_is_exact_to_ten_digits(tmp_path, shapes, rate):
     assert 1 / float(line) == pytest.approx(rate, rel=1e-9)
 
 
-def test_the_note_says_how_far_bones_that_stretch_are_from_the_landmarks(tmp_path, scene, shapes):
+def test_the_note_says_how_far_bones_that_stretch_are_from_the_landmarks(
+    tmp_path, scene, shapes
+):
     shapes.shapes[2, :, PEOPLE.index("lwrist")] += [0, 0, 10]  # cm
     summary = save(tmp_path / "man.bvh", shapes, up="z")
     points, _ = places(tmp_path / "man.bvh", ["LeftHand"])
-    truth = scene.y_up[..., PEOPLE.index("lwrist")] + [[0, 0, 0], [0, 0, 0], [0, 0.1, 0], [0, 0, 0]]
+    truth = scene.y_up[..., PEOPLE.index("lwrist")] + [
+        [0, 0, 0],
+        [0, 0, 0],
+        [0, 0.1, 0],
+        [0, 0, 0],
+    ]
     far = np.linalg.norm(points[..., 0] - truth, axis=1).max()
     assert far > 20 * MILLIMETRE
     assert f"{1000 * far:.1f} at most" in summary.note
@@ -87,7 +106,9 @@ def test_gaps_are_bridged_and_what_has_no_place_is_left_out(tmp_path, shapes):
     save(tmp_path / "man.bvh", shapes)
     points, _ = places(tmp_path / "man.bvh", ["RightFoot"])
     ends = shapes.shapes[..., 3] / 100
-    np.testing.assert_allclose(points[1, :, 0], (ends[0] + ends[2]) / 2, atol=20 * MILLIMETRE)
+    np.testing.assert_allclose(
+        points[1, :, 0], (ends[0] + ends[2]) / 2, atol=20 * MILLIMETRE
+    )
     assert "Head" not in read_shapes([tmp_path / "man.bvh"]).landmark_names
 
 

@@ -1,4 +1,6 @@
-"""Results come back in metres and upright; sequences of files, all or none; floor; markers."""
+"""Results come back in metres and upright; sequences of files, all or none; floor;
+markers.
+"""
 
 import csv
 import errno
@@ -56,7 +58,9 @@ def lengths(points):
 def test_with_a_calibrated_camera_the_world_comes_back(scene, y_axis, per_image):
     result = facing(scene.result, y_axis)
     if per_image:
-        columns = {name: np.stack([result.columns[name]] * len(result)) for name in EXTRINSICS}
+        columns = {
+            name: np.stack([result.columns[name]] * len(result)) for name in EXTRINSICS
+        }
         result = result.with_columns(columns)
     placed = in_metres(result, NOTHING, "man.trc")
     np.testing.assert_allclose(placed.points, scene.y_up, atol=1e-12)
@@ -86,7 +90,9 @@ def test_weak_perspective_keeps_the_body_and_stands_it_on_the_ground(scene, y_ax
     assert placed.points[:, 1].min() == pytest.approx(0)
     np.testing.assert_allclose(placed.points[0].mean(axis=1)[[0, 2]], 0, atol=1e-12)
     assert placed.axes.endswith("lowest landmark at height 0")
-    middle = in_metres(result.without(EXTRINSICS), NOTHING, "man.trc").points.mean(axis=2)
+    middle = in_metres(result.without(EXTRINSICS), NOTHING, "man.trc").points.mean(
+        axis=2
+    )
     np.testing.assert_allclose(middle[:, 2], 0, atol=1e-12)  # in the plane of the image
     factor = np.median(result.columns[METRES_PER_UNIT])
     way = factor * result.shapes.mean(axis=2)[:, 0]
@@ -98,7 +104,9 @@ def test_a_size_by_spread_is_one_for_the_sequence(scene):
     result = result.without(["camera_translation", *EXTRINSICS])
     points = in_metres(result, NOTHING, "man.trc").points
     factor = np.median(result.columns[METRES_PER_UNIT])
-    np.testing.assert_allclose(lengths(points), factor * lengths(result.shapes), atol=1e-12)
+    np.testing.assert_allclose(
+        lengths(points), factor * lengths(result.shapes), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("missing", [[], [METRES_PER_UNIT]])
@@ -141,7 +149,9 @@ def test_shapes_are_converted_and_keep_their_axes(scene, shapes):
 
 def test_shapes_of_unknown_unit(scene, shapes):
     unknown = shapes.replaced(unit="unknown")
-    with pytest.raises(InputError, match=r"walk\.trc: .*not known .*; give it, .* or `unit=m`"):
+    with pytest.raises(
+        InputError, match=r"walk\.trc: .*not known .*; give it, .* or `unit=m`"
+    ):
         in_metres(unknown, NOTHING, "walk.trc")
     with pytest.raises(InputError, match=r"the unit is elephant"):
         in_metres(unknown, OutputOptions(unit="elephant"), "walk.trc")
@@ -165,7 +175,9 @@ def test_pixels_are_never_written_as_lengths(scene, options, message):
 
 def test_another_unit_than_the_file_states_is_refused(scene):
     records = scene.result.replaced(unit="mm")
-    with pytest.raises(InputError, match="the shapes are in mm, not in m; leave it out"):
+    with pytest.raises(
+        InputError, match="the shapes are in mm, not in m; leave it out"
+    ):
         in_metres(records, OutputOptions(unit="m"), "man.trc")
     in_metres(records, OutputOptions(unit="mm"), "man.trc")
 
@@ -207,7 +219,9 @@ def test_nothing_appears_before_all_is_written(tmp_path, several):
 
 @pytest.mark.parametrize("rows", [[0, 1], [0, 1, 2, 3]])
 @pytest.mark.parametrize("number", [errno.ENOSPC, None])
-def test_after_an_error_earlier_files_stand_alone(tmp_path, several, rows, number, monkeypatch):
+def test_after_an_error_earlier_files_stand_alone(
+    tmp_path, several, rows, number, monkeypatch
+):
     earlier = {"man.trc": "old", "man_a.trc": "old"}
     for name, text in earlier.items():
         (tmp_path / name).write_text(text)
@@ -216,12 +230,19 @@ def test_after_an_error_earlier_files_stand_alone(tmp_path, several, rows, numbe
     def fill(path, motion):
         original(path, motion)
         if len(rows) == 2 or motion.name == "b":
-            raise OSError(number, "No space left on device") if number else ZeroDivisionError
+            raise (
+                OSError(number, "No space left on device")
+                if number
+                else ZeroDivisionError
+            )
 
     monkeypatch.setattr(tables, "write_trc", fill)
     with pytest.raises(InputError if number else ZeroDivisionError) as caught:
         save(tmp_path / "man.trc", several.take(rows))
-    assert "cannot be written: No space left on device; free" in str(caught.value) or not number
+    assert (
+        "cannot be written: No space left on device; free" in str(caught.value)
+        or not number
+    )
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == earlier
 
 
@@ -249,12 +270,17 @@ def test_files_are_named_after_sequences(tmp_path, several, one, other, names):
 
 
 def test_options_for_metres_need_such_a_format(tmp_path, scene):
-    with pytest.raises(InputError, match="height: an HDF5 file keeps the unit and the axes"):
+    with pytest.raises(
+        InputError, match="height: an HDF5 file keeps the unit and the axes"
+    ):
         record_writer(tmp_path / "man.h5", RESULTS, options=OutputOptions(height=1.8))
 
 
 def test_two_items_of_one_frame(tmp_path, several, problems):
-    for record in (several.replaced(sequences=("a",) * 4), several.replaced(sequences=None)):
+    for record in (
+        several.replaced(sequences=("a",) * 4),
+        several.replaced(sequences=None),
+    ):
         (line,) = problems(save, tmp_path / "man.trc", record)
         assert "man.trc: 'a/0' and 'b/0' are of one frame" in line
         assert "track: nearest" in line
@@ -273,7 +299,10 @@ def seen(points, name="film/anna", **camera) -> ResultSet:
     turned = np.diag([1.0, -1.0, -1.0]) @ points
     result = visible(turned, np.eye(3), np.zeros(3), tuple(planted.JOINTS))
     n = len(points)
-    sd = np.full_like(result.shapes, 0.05) / result.columns["metres_per_unit"][:, None, None]
+    sd = (
+        np.full_like(result.shapes, 0.05)
+        / result.columns["metres_per_unit"][:, None, None]
+    )
     return result.without(["extrinsic_rotation", "extrinsic_translation"]).replaced(
         items=tuple(f"{name}/{i}" for i in range(n)), sequences=(name,) * n, shape_sd=sd
     )
@@ -286,7 +315,10 @@ def walk() -> ResultSet:
 
 def test_feet_are_on_the_floor_in_every_format(tmp_path, walk):
     summary = save(tmp_path / "man.trc", walk)
-    line = r"y up from the floor; camera 1\.\d\d m \(\+- 0\.\d\d\) above the floor, tilted 1\d degr"
+    line = (
+        r"y up from the floor; camera 1\.\d\d m \(\+- 0\.\d\d\) above the floor, tilted"
+        r" 1\d degr"
+    )
     assert re.search(line, summary.note)
     assert re.search(line, parse_trc(tmp_path / "man.trc")[0][4])
     points = trc_points(tmp_path / "man.trc")
@@ -311,9 +343,18 @@ def test_feet_are_on_the_floor_in_every_format(tmp_path, walk):
             ),
             "y up, the axis -y of the extrinsics; position from the camera",
         ),
-        (lambda r: r.without(["camera_translation"]), "y up as in the image; lowest landmark at"),
-        (lambda _: seen(planted.sitting()), "y up as in the image; position from the camera"),
-        (lambda _: seen(planted.lying()), "y up as in the image; position from the camera"),
+        (
+            lambda r: r.without(["camera_translation"]),
+            "y up as in the image; lowest landmark at",
+        ),
+        (
+            lambda _: seen(planted.sitting()),
+            "y up as in the image; position from the camera",
+        ),
+        (
+            lambda _: seen(planted.lying()),
+            "y up as in the image; position from the camera",
+        ),
     ],
 )
 def test_other_cameras_keep_their_axes(tmp_path, walk, change, axes):
@@ -326,7 +367,9 @@ def test_a_given_height_does_not_decide_whether_there_is_a_floor(walk, height):
         find_floors(walk, options, "")["film"]
         for options in (BY_DEFAULT, OutputOptions(height=height))
     )
-    assert (given.pitch, given.pitch_sd) == pytest.approx((stated.pitch, stated.pitch_sd), abs=1e-6)
+    assert (given.pitch, given.pitch_sd) == pytest.approx(
+        (stated.pitch, stated.pitch_sd), abs=1e-6
+    )
 
 
 def test_what_is_not_trusted_or_not_visible_shows_no_floor(walk):
@@ -335,17 +378,22 @@ def test_what_is_not_trusted_or_not_visible_shows_no_floor(walk):
     assert find_floors(walk.with_columns({"reasons": reasons}), BY_DEFAULT, "") == {}
     landmarks = np.zeros((len(walk), len(planted.JOINTS), 2))
     landmarks[5:8, ANKLES] = np.nan  # a gap
-    gap = find_floors(walk.with_columns({"landmarks": landmarks}), BY_DEFAULT, "")["film"]
+    gap = find_floors(walk.with_columns({"landmarks": landmarks}), BY_DEFAULT, "")[
+        "film"
+    ]
     np.testing.assert_array_equal(gap.up, find_floors(walk, BY_DEFAULT, "")["film"].up)
     landmarks[:, ANKLES] = np.nan
-    assert find_floors(walk.with_columns({"landmarks": landmarks}), BY_DEFAULT, "") == {}
+    assert (
+        find_floors(walk.with_columns({"landmarks": landmarks}), BY_DEFAULT, "") == {}
+    )
 
 
 def test_individuals_of_a_video_share_the_floor_and_videos_do_not(walk):
     other = seen(planted.walk(heading=1.0), "film/bert", away=8.0)
     level = seen(planted.walk(), "other/anna", height=0.5, pitch=-5.0)
     alone, both = (
-        find_floors(one, BY_DEFAULT, "") for one in (walk, concatenate([walk, other, level]))
+        find_floors(one, BY_DEFAULT, "")
+        for one in (walk, concatenate([walk, other, level]))
     )
     assert list(both) == ["film", "other"]
     assert both["film"].height_sd < alone["film"].height_sd
@@ -373,19 +421,29 @@ def lifted(walk) -> ResultSet:
     points = walk.shapes[..., columns].swapaxes(1, 2).copy()
     points[..., 1] -= 0.01 / walk.columns["metres_per_unit"][:, None]
     names = np.array(("RHip", "LHip", "MidHip", "Nose"), dtype=object)
-    markers = {INPUT_SHAPES: points, INPUT_SD: np.full_like(points, 2.0), INPUT_NAMES: names}
+    markers = {
+        INPUT_SHAPES: points,
+        INPUT_SD: np.full_like(points, 2.0),
+        INPUT_NAMES: names,
+    }
     return walk.with_columns({**markers, "landmarks_fitted": walk.shapes[:, :2]})
 
 
 def test_markers_of_the_detector(tmp_path, lifted):
-    """A second reader finds them by the names that models of Pose2Sim know, in the same place."""
+    """A second reader finds them by the names that models of Pose2Sim know, in the same
+    place.
+    """
     save(tmp_path / "joints.trc", lifted)
     save(tmp_path / "man.trc", lifted, markers="input")
     assert parse_trc(tmp_path / "man.trc")[2] == ["RHip", "LHip", "CHip", "Nose"]
-    markers, joints = (trc_points(tmp_path / f"{name}.trc") for name in ("man", "joints"))
+    markers, joints = (
+        trc_points(tmp_path / f"{name}.trc") for name in ("man", "joints")
+    )
     difference = markers[..., 0] - joints[..., planted.JOINTS["rhip"]]
     np.testing.assert_allclose(np.linalg.norm(difference, axis=1), 0.01, atol=1e-6)
-    np.testing.assert_allclose(load_shapes(tmp_path / "man.trc")[0].shapes, markers, atol=1e-12)
+    np.testing.assert_allclose(
+        load_shapes(tmp_path / "man.trc")[0].shapes, markers, atol=1e-12
+    )
     one, other = (tmp_path / f"{name}_angles.csv" for name in ("man", "joints"))
     assert one.read_bytes() == other.read_bytes()
     save(tmp_path / "man.bvh", lifted, markers="input")
@@ -394,7 +452,9 @@ def test_markers_of_the_detector(tmp_path, lifted):
 
 def test_markers_of_coco_have_the_names_of_models(tmp_path, lifted):
     names = np.array(["right_hip", "left_hip", "nose", "left_ear"], dtype=object)
-    save(tmp_path / "man.trc", lifted.with_columns({INPUT_NAMES: names}), markers="input")
+    save(
+        tmp_path / "man.trc", lifted.with_columns({INPUT_NAMES: names}), markers="input"
+    )
     assert parse_trc(tmp_path / "man.trc")[2] == ["RHip", "LHip", "Nose", "LEar"]
 
 

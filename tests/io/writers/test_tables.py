@@ -22,7 +22,9 @@ def test_trc_has_points_and_times(tmp_path, scene):
     summary = save(target, scene.result.take(slice(0, 3)), scene.result.take([3]))
     first, header, names, rows = parse_trc(target)
     assert first[:3] == ["PathFileType", "4", "(X/Y/Z)"]
-    assert first[4].startswith("y up, the axis z of the extrinsics; position from the camera")
+    assert first[4].startswith(
+        "y up, the axis z of the extrinsics; position from the camera"
+    )
     stated = [header[key] for key in ("Units", "DataRate", "NumFrames", "NumMarkers")]
     assert (*stated, header["OrigDataStartFrame"]) == ("m", "25", "4", "15", "7")
     assert names == list(scene.result.landmark_names)
@@ -41,10 +43,14 @@ def test_frames_are_sorted_and_those_missing_are_gaps(tmp_path, scene):
     result = scene.result.take([3, 0, 2])
     shapes = result.shapes.copy()
     shapes[2] = np.nan  # frame 9 failed
-    summary = save(tmp_path / "man.trc", result.replaced(shapes=shapes, frame_rate=None))
+    summary = save(
+        tmp_path / "man.trc", result.replaced(shapes=shapes, frame_rate=None)
+    )
     _, header, _, rows = parse_trc(tmp_path / "man.trc")
     np.testing.assert_array_equal(rows[:, :2].T, [[7, 8, 9, 10], [7, 8, 9, 10]])
-    np.testing.assert_array_equal(np.isnan(rows[:, 2:]).all(axis=1), [False, True, True, False])
+    np.testing.assert_array_equal(
+        np.isnan(rows[:, 2:]).all(axis=1), [False, True, True, False]
+    )
     assert header["NumFrames"] == "4"
     gaps, rate = summary.warnings
     assert gaps == "2 frames without a shape of film/anna"
@@ -66,10 +72,17 @@ def test_names_with_tabs_do_not_shift_columns(tmp_path, shapes):
 
 
 def test_times_of_a_rate_that_is_nearly_25_are_short(tmp_path, scene):
-    """Other tools state rates such as 1 / 0.04: 99 frames end at 3.96 s, not 3.9599...95."""
-    result = scene.result.replaced(frame_rate=25.000000000000004, frame=np.arange(96, 100))
+    """Other tools state rates such as 1 / 0.04: 99 frames end at 3.96 s, not
+    3.9599...95.
+    """
+    result = scene.result.replaced(
+        frame_rate=25.000000000000004, frame=np.arange(96, 100)
+    )
     save(tmp_path / "man.trc", result)
-    cells = [line.split("\t")[1] for line in (tmp_path / "man.trc").read_text().splitlines()[5:]]
+    cells = [
+        line.split("\t")[1]
+        for line in (tmp_path / "man.trc").read_text().splitlines()[5:]
+    ]
     assert cells == ["3.84", "3.88", "3.92", "3.96"]
 
 
@@ -88,7 +101,9 @@ def test_c3d_has_points_in_millimetres(tmp_path, scene):
     assert point["LABELS"]["value"] == list(scene.result.landmark_names)
     assert file["header"]["points"]["first_frame"] == 7
     points = file["data"]["points"][:3].transpose(2, 0, 1)
-    np.testing.assert_allclose(points[[0, 1, 3]], 1000 * scene.y_up[[0, 1, 3]], atol=1e-3)
+    np.testing.assert_allclose(
+        points[[0, 1, 3]], 1000 * scene.y_up[[0, 1, 3]], atol=1e-3
+    )
     assert np.isnan(points[2]).all()
     residuals = file["data"]["meta_points"]["residuals"][0]
     np.testing.assert_array_equal(residuals, np.tile([0, 0, -1, 0], (15, 1)))
@@ -107,10 +122,19 @@ def test_shapes_keep_their_axes_and_promise_none(tmp_path, scene, shapes):
 
 def still(names, first=0, frames=2) -> ShapeSet:
     """Frames of points at the origin."""
-    items, columns = tuple(map(str, range(frames))), {"frame": first + np.arange(frames)}
+    items, columns = (
+        tuple(map(str, range(frames))),
+        {"frame": first + np.arange(frames)},
+    )
     points = np.zeros((frames, 3, len(names)))
     return ShapeSet(
-        points, names, items, ("a",) * frames, unit="m", frame_rate=30.0, columns=columns
+        points,
+        names,
+        items,
+        ("a",) * frames,
+        unit="m",
+        frame_rate=30.0,
+        columns=columns,
     )
 
 
@@ -118,12 +142,14 @@ LONG, MANY = ("x" * 256,), tuple(map(str, range(256)))
 
 
 @pytest.mark.parametrize(
-    "shapes", [still(("a",), MAX_FRAMES - 1), still(("a",), frames=0), still(LONG), still(MANY)]
+    "shapes",
+    [still(("a",), MAX_FRAMES - 1), still(("a",), frames=0), still(LONG), still(MANY)],
 )
 def test_more_than_a_c3d_file_can_hold_is_refused(tmp_path, problems, shapes):
     (line,) = problems(save, tmp_path / "man.c3d", shapes)
     assert (
-        "C3D holds 255 landmarks at most, with names of 255 bytes, and the frames 1 to 65" in line
+        "C3D holds 255 landmarks at most, with names of 255 bytes, and the frames 1"
+        " to 65" in line
     )
     assert not list(tmp_path.iterdir())
 
@@ -133,7 +159,9 @@ def test_as_much_as_a_c3d_file_can_hold_is_written(tmp_path):
     assert (tmp_path / "man.c3d").is_file()
 
 
-def test_without_the_library_the_error_says_how_to_get_it(tmp_path, scene, problems, monkeypatch):
+def test_without_the_library_the_error_says_how_to_get_it(
+    tmp_path, scene, problems, monkeypatch
+):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     (line,) = problems(save, tmp_path / "man.c3d", scene.result)
     assert line.endswith("need the library ezc3d; run `pip install ezc3d`")
@@ -192,7 +220,9 @@ def rows_of(path):
 def test_joints_in_metres(leg, tmp_path):
     save(tmp_path / "leg.metres.csv", leg)
     rows = rows_of(tmp_path / "leg.metres.csv")
-    assert [row["frame"] for row in rows] == [str(f) for f in (3, 4, 5, 6) for _ in JOINTS]
+    assert [row["frame"] for row in rows] == [
+        str(f) for f in (3, 4, 5, 6) for _ in JOINTS
+    ]
     assert [row["landmark"] for row in rows] == list(JOINTS) * 4
     assert [row["time"] for row in rows[::3]] == ["0.06", "0.08", "0.1", "0.12"]
     assert [row["trusted"] for row in rows[::3]] == ["true", "false", "", "true"]
@@ -206,7 +236,9 @@ def test_angles_beside_and_alone(leg, tmp_path):
     written = [path.name for path in save(tmp_path / "leg.trc", leg).written]
     assert written == ["leg.trc", "leg_angles.csv"]
     save(tmp_path / "leg.angles.csv", leg)
-    assert (tmp_path / "leg.angles.csv").read_bytes() == (tmp_path / "leg_angles.csv").read_bytes()
+    assert (tmp_path / "leg.angles.csv").read_bytes() == (
+        tmp_path / "leg_angles.csv"
+    ).read_bytes()
     rows = rows_of(tmp_path / "leg_angles.csv")
     angle = ["knee_angle_r", "knee_angle_r_sd"]
     assert list(rows[0]) == ["frame", "time", "trusted", *angle, "uncertain"]
@@ -217,12 +249,16 @@ def test_angles_beside_and_alone(leg, tmp_path):
     sd = np.degrees(0.1 / 4 * np.sqrt(1 + 4 + 1))
     assert float(rows[0]["knee_angle_r_sd"]) == pytest.approx(sd, rel=0.01)
     assert [row["knee_angle_r"] for row in rows[2:]] == ["", ""]
-    save(tmp_path / "leg.angles.csv", leg.replaced(shape_sd=6 * leg.shape_sd))  # of 21 degrees
+    save(
+        tmp_path / "leg.angles.csv", leg.replaced(shape_sd=6 * leg.shape_sd)
+    )  # of 21 degrees
     assert rows_of(tmp_path / "leg.angles.csv")[0]["uncertain"] == "knee_angle_r"
 
 
 def test_deviations_know_how_errors_go_together(leg, tmp_path, rng):
-    """Landmarks alone, by deviations and correlations, are as by the covariance of all of them."""
+    """Landmarks alone, by deviations and correlations, are as by the covariance of all
+    of them.
+    """
 
     def deviation(record):
         save(tmp_path / "leg.angles.csv", record)
@@ -231,9 +267,13 @@ def test_deviations_know_how_errors_go_together(leg, tmp_path, rng):
     factors = 0.1 * rng.normal(size=(3, 3, 3))
     blocks = factors @ factors.swapaxes(1, 2)
     sd = np.sqrt(np.diagonal(blocks, axis1=1, axis2=2))
-    pairs = [blocks[:, i, j] / (sd[:, i] * sd[:, j]) for i, j in ((0, 1), (0, 2), (1, 2))]
+    pairs = [
+        blocks[:, i, j] / (sd[:, i] * sd[:, j]) for i, j in ((0, 1), (0, 2), (1, 2))
+    ]
     alone = leg.replaced(shape_sd=np.stack([sd.T] * 3))
-    alone = alone.with_columns({"shape_correlation": np.stack([np.transpose(pairs)] * 3)})
+    alone = alone.with_columns(
+        {"shape_correlation": np.stack([np.transpose(pairs)] * 3)}
+    )
     whole = leg.with_columns({"shape_covariance": np.stack([block_diag(*blocks)] * 3)})
     assert deviation(alone) == pytest.approx(deviation(whole), rel=1e-3)
     together = np.tile(0.01 * np.eye(3), (3, 3, 3))
@@ -243,9 +283,21 @@ def test_deviations_know_how_errors_go_together(leg, tmp_path, rng):
 def test_opensim_reads_the_angles(leg, tmp_path):
     save(tmp_path / "leg.mot", leg)
     lines = (tmp_path / "leg.mot").read_text().splitlines()
-    assert lines[:6] == ["a", "version=1", "nRows=4", "nColumns=2", "inDegrees=yes", "endheader"]
+    assert lines[:6] == [
+        "a",
+        "version=1",
+        "nRows=4",
+        "nColumns=2",
+        "inDegrees=yes",
+        "endheader",
+    ]
     assert lines[6].split("\t") == ["time", "knee_angle_r"]
-    assert [line.split("\t")[0] for line in lines[7:]] == ["0.06", "0.08", "0.1", "0.12"]
+    assert [line.split("\t")[0] for line in lines[7:]] == [
+        "0.06",
+        "0.08",
+        "0.1",
+        "0.12",
+    ]
     assert lines[9].endswith("\tNaN")
 
 
@@ -264,4 +316,6 @@ def test_what_is_no_body_has_no_angles(leg, tmp_path):
     for name in ("chair.mot", "chair.angles.csv"):
         with pytest.raises(InputError, match=f"{name}: no joint angle follows"):
             save(tmp_path / name, chair)
-    assert [path.name for path in save(tmp_path / "chair.trc", chair).written] == ["chair.trc"]
+    assert [path.name for path in save(tmp_path / "chair.trc", chair).written] == [
+        "chair.trc"
+    ]

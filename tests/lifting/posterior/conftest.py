@@ -1,4 +1,6 @@
-"""Scenes whose posterior is known, the posterior in plain NumPy as judge, and pinhole cameras."""
+"""Scenes whose posterior is known, the posterior in plain NumPy as judge, and pinhole
+cameras.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -68,7 +70,9 @@ def draw_mixture():
         rng = np.random.default_rng(seed)
         parts = [draw_component(rng, p, size) for _ in range(k)]
         weights = rng.uniform(0.5, 1.5, size=k)
-        means = np.stack([parts[0][0] + 0.4 * (mean - parts[0][0]) for mean, _ in parts])
+        means = np.stack(
+            [parts[0][0] + 0.4 * (mean - parts[0][0]) for mean, _ in parts]
+        )
         return Mixture(weights / weights.sum(), means, np.stack([C for _, C in parts]))
 
     return draw
@@ -102,7 +106,9 @@ class Observation:
 def joint(
     scene: Observation, R: Floats, s: float, inlier_probability: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Mean (2m,) of the seen landmarks, their covariance, and that with s (R x + t) (3p, 2m)."""
+    """Mean (2m,) of the seen landmarks, their covariance, and that with s (R x + t)
+    (3p, 2m).
+    """
     p = scene.landmarks.shape[1]
     turn = np.kron(R, np.eye(p))
     C = turn @ scene.covariance @ turn.T
@@ -123,7 +129,9 @@ def joint(
 
 
 def middle(scene: Observation) -> Floats:
-    """Middle (2,) of the seen landmarks, where the wide prior on the translation is centred."""
+    """Middle (2,) of the seen landmarks, where the wide prior on the translation is
+    centred.
+    """
     return scene.landmarks[:, scene.visible].mean(axis=1)
 
 
@@ -138,10 +146,11 @@ def log_likelihood(
     outliers: tuple[float, float],
     inlier_probability: Floats,
 ) -> float:
-    """The variational bound at inlier probabilities (p,); without outliers where outliers[0] = 0.
+    """The variational bound at inlier probabilities (p,); without outliers where
+    outliers[0] = 0.
 
-    A translation with the deviation of TAU in the unit of shapes has the density of one that is
-    flat in the unit of the landmarks but for a factor: s^2 of it is taken back.
+    A translation with the deviation of TAU in the unit of shapes has the density of one
+    that is flat in the unit of the landmarks but for a factor: s^2 of it is taken back.
     """
     mean, S, _ = joint(scene, R, s, inlier_probability)
     r = observed(scene) - mean
@@ -151,8 +160,14 @@ def log_likelihood(
     if chance > 0:
         for j in scene.visible:
             q = inlier_probability[j]
-            N = 2 * np.pi * (s * s * scene.residual_variance[j] * np.eye(2) + scene.noise[j])
-            value += 0.5 * np.linalg.slogdet(N / q)[1] - 0.5 * q * np.linalg.slogdet(N)[1]
+            N = (
+                2
+                * np.pi
+                * (s * s * scene.residual_variance[j] * np.eye(2) + scene.noise[j])
+            )
+            value += (
+                0.5 * np.linalg.slogdet(N / q)[1] - 0.5 * q * np.linalg.slogdet(N)[1]
+            )
             value += q * np.log1p(-chance) + (1 - q) * np.log(chance * density)
             value -= q * np.log(q) + (0 if q == 1 else (1 - q) * np.log1p(-q))
     return float(value)
@@ -161,7 +176,9 @@ def log_likelihood(
 def condition(
     scene: Observation, R: Floats, s: float, inlier_probability: Floats
 ) -> tuple[Floats, Floats]:
-    """Mean (3p,) and covariance of y = s (R x + t) given the view, the mean depth taken out."""
+    """Mean (3p,) and covariance of y = s (R x + t) given the view, the mean depth taken
+    out.
+    """
     p = scene.landmarks.shape[1]
     mean, S, cross = joint(scene, R, s, inlier_probability)
     turn = np.kron(R, np.eye(p))
@@ -179,7 +196,9 @@ def condition(
 def moved(R: Floats, s: float, theta: Floats) -> tuple[Floats, float]:
     """R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s."""
     angle = float(np.linalg.norm(theta[:3]))
-    turn = rotation_about(theta[:3] / angle, np.array(angle)) if angle > 0 else np.eye(3)
+    turn = (
+        rotation_about(theta[:3] / angle, np.array(angle)) if angle > 0 else np.eye(3)
+    )
     return turn @ R, s * float(np.exp(theta[3]))
 
 
@@ -189,7 +208,10 @@ def derivative(function, R: Floats, s: float, step: float = 1e-5) -> Floats:  # 
     for i in range(4):
         theta = np.zeros(4)
         theta[i] = step
-        rows.append((function(*moved(R, s, theta)) - function(*moved(R, s, -theta))) / (2 * step))
+        rows.append(
+            (function(*moved(R, s, theta)) - function(*moved(R, s, -theta)))
+            / (2 * step)
+        )
     return np.array(rows)
 
 
@@ -211,7 +233,9 @@ def hessian(function, R: Floats, s: float, step: float = 1e-3) -> Floats:  # typ
 def draw_images(
     prior: Mixture, n: int, seed: int, residual_variance: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Shapes of the mixture, seen: y (n, 3, p) in the camera frame, landmarks, rotations."""
+    """Shapes of the mixture, seen: y (n, 3, p) in the camera frame, landmarks,
+    rotations.
+    """
     rng = np.random.default_rng(seed)
     p = prior.means.shape[2]
     k = rng.choice(len(prior), size=n, p=prior.weights)
@@ -222,7 +246,9 @@ def draw_images(
 
 
 def shares_of(modes: Modes) -> Floats:
-    """Each mode's share of the posterior (n, M): they add up to 1 in an image that has one."""
+    """Each mode's share of the posterior (n, M): they add up to 1 in an image that has
+    one.
+    """
     share = np.exp(modes.log_evidence - modes.log_evidence[:, :1])
     return np.nan_to_num(share / share.sum(axis=1, keepdims=True))
 
@@ -242,8 +268,13 @@ def assert_regions_hold(found: Posterior, truth: Floats) -> None:
     apart = (truth - found.mean).transpose(0, 2, 1)
     blocks = found.covariance.reshape(n, 3, p, 3, p)
     C = np.stack([blocks[:, :, j, :, j] for j in range(p)], axis=1)
-    square = np.einsum("npa,npa->np", apart, np.linalg.solve(C, apart[..., None])[..., 0])
-    for share, bound in ((0.5, 2.366), (0.9, 6.251)):  # quantiles of chi^2 with 3 degrees
+    square = np.einsum(
+        "npa,npa->np", apart, np.linalg.solve(C, apart[..., None])[..., 0]
+    )
+    for share, bound in (
+        (0.5, 2.366),
+        (0.9, 6.251),
+    ):  # quantiles of chi^2 with 3 degrees
         inside = (square < bound).mean(axis=1)  # landmarks of one image go together
         error = inside.std() / np.sqrt(n)
         assert inside.mean() == pytest.approx(share, abs=4 * error + 0.02)
@@ -253,7 +284,9 @@ RESIDUAL_VARIANCE, P = 0.003, 12
 
 
 class Scene:
-    """Shapes of a mixture before cameras, off the optical axis, with noise in their own unit."""
+    """Shapes of a mixture before cameras, off the optical axis, with noise in their own
+    unit.
+    """
 
     def __init__(self, prior, n: int, distance: float, sign: float) -> None:
         rng = np.random.default_rng(1)

@@ -1,4 +1,6 @@
-"""Hidden landmarks: kappa is 1 where error bars are true, and shows by how much they are not."""
+"""Hidden landmarks: kappa is 1 where error bars are true, and shows by how much they
+are not.
+"""
 
 import numpy as np
 import pytest
@@ -46,7 +48,9 @@ def calibrated(scene, weights=None, off=None, narrower=1.0):
 
 
 def test_true_bars_hold_the_hidden_landmarks(scene, monkeypatch):
-    monkeypatch.setattr("shapefit.lifting.posterior.calibration.MOST_HIDDEN", N * P // 3)
+    monkeypatch.setattr(
+        "shapefit.lifting.posterior.calibration.MOST_HIDDEN", N * P // 3
+    )
     assert calibrated(scene).predictions == pytest.approx(N * P / 3, abs=P)
     monkeypatch.undo()
     found = calibrated(scene)

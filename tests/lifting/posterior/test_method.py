@@ -1,4 +1,6 @@
-"""The posterior through a pinhole camera: planted shapes, the limit of a long lens, one story."""
+"""The posterior through a pinhole camera: planted shapes, the limit of a long lens, one
+story.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,12 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.method import face, find_rays, noise_of_rays
 from shapefit.lifting.posterior.posterior import find_posterior
-from tests.lifting.posterior.conftest import RESIDUAL_VARIANCE, P, Scene, assert_regions_hold
+from tests.lifting.posterior.conftest import (
+    RESIDUAL_VARIANCE,
+    P,
+    Scene,
+    assert_regions_hold,
+)
 
 
 def posterior(prior, landmarks, starts, slopes=None):
@@ -41,7 +48,9 @@ def test_the_camera_makes_near_shapes_better_and_its_regions_hold(draw_mixture, 
     scene = Scene(prior, 400, 6.0, sign)  # three to four times the size of the shapes
     rays, found = through_camera(prior, scene)
     weak = posterior(prior, scene.landmarks, scene.starts())
-    along = face(np.eye(3)[None, None], scene.landmarks, scene.visible, scene.camera)[:, 0]
+    along = face(np.eye(3)[None, None], scene.landmarks, scene.visible, scene.camera)[
+        :, 0
+    ]
     without = error(along @ (weak.mean / weak.scale[:, None, None]), scene.shapes)
     assert error(found.mean / found.scale[:, None, None], scene.shapes) < 0.75 * without
     assert found.log_evidence.mean() > weak.log_evidence.mean() + 2
@@ -79,15 +88,21 @@ def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
     t = found.perspective.translation
     depth = sign * t[:, 2]
     assert found.scale == pytest.approx(np.sqrt(1000 * 1100) / depth)
-    np.testing.assert_array_equal(found.estimate.objective, -found.estimate.further["log_evidence"])
+    np.testing.assert_array_equal(
+        found.estimate.objective, -found.estimate.further["log_evidence"]
+    )
     at = scene.camera.centre + scene.camera.focal * t[:, :2] / depth[:, None]
     assert found.translation == pytest.approx(at)
     S = found.shapes.copy()
     S[:, :2] -= found.translation[..., None]
     S /= found.scale[:, None, None]
-    assert found.landmarks_fitted == pytest.approx(project(scene.camera, S + t[..., None]))
+    assert found.landmarks_fitted == pytest.approx(
+        project(scene.camera, S + t[..., None])
+    )
     assert S.mean(axis=2) == pytest.approx(0, abs=1e-9)
-    variance = np.diagonal(found.estimate.covariance, axis1=1, axis2=2).reshape(30, 3, P)
+    variance = np.diagonal(found.estimate.covariance, axis1=1, axis2=2).reshape(
+        30, 3, P
+    )
     assert found.estimate.deviation**2 == pytest.approx(variance)
     assert np.median(np.abs(depth / 6 - 1)) < 0.1
     off = np.linalg.norm(found.landmarks_fitted - scene.landmarks, axis=1)
@@ -105,7 +120,9 @@ def test_the_noise_of_a_landmark_is_that_of_its_ray(rng):
 
 
 def test_a_focal_length_that_is_assumed_leaves_points_open_along_their_rays(rng):
-    """A shape seen with another focal length: its points move by what the noise allows for."""
+    """A shape seen with another focal length: its points move by what the noise allows
+    for.
+    """
     shape, e = rng.standard_normal((1, 3, 50)), 1e-4
     centre, at = np.zeros((1, 2)), np.array([0.5, -0.3, 4.0])
     camera = Camera(np.full((1, 2), 4.0), centre, 1.0, focal_sd=e)
@@ -113,7 +130,9 @@ def test_a_focal_length_that_is_assumed_leaves_points_open_along_their_rays(rng)
     w = project(camera, points)
     longer = Camera(camera.focal * (1 + e), centre, 1.0)
     further = points + np.array([[0.0], [0.0], [4.0 * e]])  # as large in the image
-    moved = (project(longer, further) - w) * points[:, 2:] / 4.0  # as in the middle of the shape
+    moved = (
+        (project(longer, further) - w) * points[:, 2:] / 4.0
+    )  # as in the middle of the shape
     found = noise_of_rays(np.zeros((1, 50, 2, 2)), find_rays(w, camera), camera)
     expected = np.einsum("nap,nbp,np->npab", moved, moved, shape[:, 2] ** -2.0)
     np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-4 * expected.max())
@@ -126,9 +145,13 @@ def test_rotations_are_turned_onto_the_ray_to_what_is_seen_and_no_further(rng, s
     landmarks, visible = rng.uniform(0, 900, (n, 2, p)), rng.random((n, p)) < 0.6
     rotations = random_rotations(3 * n, rng).reshape(n, 3, 3, 3)
     turn = face(rotations, landmarks, visible, camera) @ np.swapaxes(rotations, 2, 3)
-    middle = np.stack([w[:, s].mean(axis=1) for w, s in zip(landmarks, visible, strict=True)])
+    middle = np.stack(
+        [w[:, s].mean(axis=1) for w, s in zip(landmarks, visible, strict=True)]
+    )
     ray = np.column_stack([(middle - camera.centre) / camera.focal, np.full(n, sign)])
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     onto = np.broadcast_to(ray[:, None], (n, 3, 3))
     np.testing.assert_allclose(turn @ [0.0, 0.0, sign], onto, atol=1e-12)
-    np.testing.assert_allclose((np.trace(turn[:, 0], axis1=1, axis2=2) - 1) / 2, sign * ray[:, 2])
+    np.testing.assert_allclose(
+        (np.trace(turn[:, 0], axis1=1, axis2=2) - 1) / 2, sign * ray[:, 2]
+    )

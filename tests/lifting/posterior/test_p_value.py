@@ -1,4 +1,6 @@
-"""The p-value of an image: uniform where the model holds, 0 where nothing is believed."""
+"""The p-value of an image: uniform where the model holds, 0 where nothing is
+believed.
+"""
 
 from collections.abc import Callable
 from functools import cache
@@ -47,11 +49,17 @@ def planted(count: int) -> Mixture:
 
 
 def draw(prior: Mixture, chance: float = 0.0):
-    """Images of the model: landmarks (n, 2, p), rotations, and which landmarks are outliers."""
+    """Images of the model: landmarks (n, 2, p), rotations, and which landmarks are
+    outliers.
+    """
     _, w, R = draw_images(prior, IMAGES, 7, RESIDUAL_VARIANCE)
     rng, side = np.random.default_rng(8), DENSITY**-0.5
     outliers = rng.random(w.shape[::2]) < chance
-    return np.where(outliers[:, None], rng.uniform(-side / 2, side / 2, w.shape), w), R, outliers
+    return (
+        np.where(outliers[:, None], rng.uniform(-side / 2, side / 2, w.shape), w),
+        R,
+        outliers,
+    )
 
 
 @cache
@@ -80,7 +88,9 @@ def find(make: Callable[[int], Mixture], count: int, hidden: int = 0):
 
 
 def assert_uniform(p):
-    """Within four standard errors of these images and of those that the method draws."""
+    """Within four standard errors of these images and of those that the method
+    draws.
+    """
     for chance in (0.05, 0.5):
         error = np.sqrt(chance * (1 - chance) * (1 / len(p) + 1 / 400))
         assert (p < chance).mean() == pytest.approx(chance, abs=4 * error)
@@ -100,7 +110,10 @@ def test_gross_landmarks_that_are_known_do_not_count():
     found = find_posterior(w, residual_variance, noise, prior, R[:, None], gross_model)
     table = table_of(people, 15)
     p = find_p_values(
-        found.squared_mahalanobis, np.full(IMAGES, 15), found.inlier_probability.sum(axis=1), table
+        found.squared_mahalanobis,
+        np.full(IMAGES, 15),
+        found.inlier_probability.sum(axis=1),
+        table,
     )
     known = ((found.inlier_probability < 0.5) == outliers).all(axis=1)
     assert known[outliers.any(axis=1)].mean() > 0.7
@@ -123,7 +136,9 @@ def test_the_number_believed_decides_where_nothing_else_can():
     assert (p[4:] > 0.9).all()
 
 
-def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_scales(monkeypatch):
+def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_scales(
+    monkeypatch,
+):
     prior = planted(15)
     table = draw_table(prior, (1.0, 4.0))
     drawn = table_of(planted, 15)
@@ -135,15 +150,19 @@ def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_sca
     counted = lambda **keys: images.append(len(keys["landmarks"])) or real(**keys)  # noqa: E731
     monkeypatch.setattr(p_value, "find_posterior", counted)
     between = moments_at(draw_table(prior, (2.0,)), 2.0)
-    assert sum(images) < 0.85 * 4 * p_value.DRAWS  # the control variate saves some of each count
+    assert (
+        sum(images) < 0.85 * 4 * p_value.DRAWS
+    )  # the control variate saves some of each count
     assert moments_at(table, 2.0)[:, 1] == pytest.approx(between[:, 1], abs=0.25)
     assert moments_at(table, 2.0)[:, 2] == pytest.approx(between[:, 2], rel=0.2)
 
 
-def test_distances_at_the_true_view_have_two_degrees_of_freedom_a_landmark_less_a_translation():
+def test_distances_at_the_true_view_have_2p_less_2_degrees_of_freedom():
     prior = Mixture(np.ones(1), planted(5).means[:1], planted(5).covariances[:1])
     w, R, _ = draw(prior)
-    y = p_value.true_distances(prior, np.zeros(IMAGES, int), R, w, np.ones((IMAGES, 5), bool))
+    y = p_value.true_distances(
+        prior, np.zeros(IMAGES, int), R, w, np.ones((IMAGES, 5), bool)
+    )
     assert y.mean() == pytest.approx(2 * 5 - 2, abs=0.5)
 
 

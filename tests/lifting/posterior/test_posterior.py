@@ -1,4 +1,6 @@
-"""The posterior beside a dense one: modes that are maxima, mixtures, regions, outliers."""
+"""The posterior beside a dense one: modes that are maxima, mixtures, regions,
+outliers.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,12 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
 from tests.lifting.posterior import conftest as dense
-from tests.lifting.posterior.conftest import assert_regions_hold, draw_images, shares_of, solve
+from tests.lifting.posterior.conftest import (
+    assert_regions_hold,
+    draw_images,
+    shares_of,
+    solve,
+)
 
 
 def solve_one(scene, R, outliers=(0.0, 0.05)):
@@ -30,7 +37,9 @@ def solve_one(scene, R, outliers=(0.0, 0.05)):
 @pytest.mark.parametrize("chance", [0.0, 0.05])
 @pytest.mark.parametrize("steep", [0.0, 0.4])
 @pytest.mark.usefixtures("to_the_end")
-def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chance, steep):
+def test_a_mode_is_that_of_the_dense_computation(
+    draw_scene, noisy, hidden, chance, steep
+):
     scene, R = draw_scene(3, noisy=noisy, hidden=hidden, steep=steep)
     outliers = (chance, 0.05 / 37**2)
     found = solve_one(scene, R, outliers).modes
@@ -46,7 +55,9 @@ def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chan
     assert found.log_evidence[0, 0] == pytest.approx(evidence, abs=1e-3)
     y, C = dense.condition(scene, R, s, inlier_probability)
     assert found.mean[0, 0].ravel() == pytest.approx(y, abs=1e-9 * s)
-    J = dense.derivative(lambda R, s: dense.condition(scene, R, s, inlier_probability)[0], R, s)
+    J = dense.derivative(
+        lambda R, s: dense.condition(scene, R, s, inlier_probability)[0], R, s
+    )
     whole = C + J.T @ np.linalg.inv(H) @ J
     assert found.covariance[0, 0] == pytest.approx(whole, abs=1e-4 * s**2)
 
@@ -68,16 +79,22 @@ def test_an_image_without_three_landmarks_has_no_posterior(draw_scene):
 
 
 def draw_views(prior: Mixture, n: int, residual_variance: float, views: int):
-    """Landmarks (n, 2, p) of shapes of the mixture, and rotations (n, views, 3, 3) at random."""
+    """Landmarks (n, 2, p) of shapes of the mixture, and rotations (n, views, 3, 3) at
+    random.
+    """
     _, w, _ = draw_images(prior, n, 1, residual_variance)
-    return w, random_rotations(n * views, np.random.default_rng(2)).reshape(n, views, 3, 3)
+    return w, random_rotations(n * views, np.random.default_rng(2)).reshape(
+        n, views, 3, 3
+    )
 
 
 @pytest.mark.parametrize(
     ("p", "size", "residual_variance"), [(5, 0.3, 0.02), (7, 0.5, 0.02), (6, 0.8, 0.01)]
 )
 def test_every_mode_that_counts_is_stationary(draw_mixture, p, size, residual_variance):
-    """Newton's decrement from the dense log likelihood by differences; saddles do not count."""
+    """Newton's decrement from the dense log likelihood by differences; saddles do not
+    count.
+    """
     prior = draw_mixture(3, k=2, p=p, size=size)
     w, starts = draw_views(prior, 20, residual_variance, 8)
     found = solve(prior, w, starts, residual_variance, modes=8)
@@ -99,7 +116,9 @@ def test_every_mode_that_counts_is_stationary(draw_mixture, p, size, residual_va
 
 
 def test_modes_are_alike_from_all_sides_of_the_image(draw_mixture):
-    """Few landmarks and a large misfit leave the view open; the axes of the image do not matter."""
+    """Few landmarks and a large misfit leave the view open; the axes of the image do
+    not matter.
+    """
     prior, residual_variance = draw_mixture(2, k=1, p=4, size=0.3), 0.3
     w, starts = draw_views(prior, 20, residual_variance, 1)
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
@@ -107,8 +126,12 @@ def test_modes_are_alike_from_all_sides_of_the_image(draw_mixture):
     other = solve(prior, turn[:2, :2] @ w, turn @ starts, residual_variance)
     close = np.abs(other.mean - turn @ plain.mean).max(axis=(1, 2)) < 1e-3
     assert close.sum() > 12  # others climb to another mode
-    assert other.log_evidence[close] == pytest.approx(plain.log_evidence[close], abs=2e-3)
-    assert other.deviation[close, 2] == pytest.approx(plain.deviation[close, 2], rel=5e-3)
+    assert other.log_evidence[close] == pytest.approx(
+        plain.log_evidence[close], abs=2e-3
+    )
+    assert other.deviation[close, 2] == pytest.approx(
+        plain.deviation[close, 2], rel=5e-3
+    )
 
 
 @pytest.mark.parametrize("exponent", [7, 8])
@@ -121,7 +144,9 @@ def test_images_that_single_precision_loses_are_found_in_double(draw_mixture, ex
     prior = Mixture(whole.weights, whole.means, C)
     rng = np.random.default_rng(4)
     k = rng.choice(2, size=64, p=prior.weights)
-    x = prior.means[k] + (0.1 * roots[k] @ rng.normal(size=(64, 6, 1))).reshape(64, 3, 9)
+    x = prior.means[k] + (0.1 * roots[k] @ rng.normal(size=(64, 6, 1))).reshape(
+        64, 3, 9
+    )
     R = random_rotations(64, rng)
     y = R @ x
     found = solve(prior, y[:, :2], R[:, None], tiny)
@@ -131,17 +156,24 @@ def test_images_that_single_precision_loses_are_found_in_double(draw_mixture, ex
 
     def at_truth(i, component):
         gaussian = prior.means[component], C[component]
-        scene = dense.Observation(y[i, :2], np.full(9, tiny), np.zeros((9, 2, 2)), *gaussian)
+        scene = dense.Observation(
+            y[i, :2], np.full(9, tiny), np.zeros((9, 2, 2)), *gaussian
+        )
         log_weight = np.log(prior.weights[component])
-        return log_weight + dense.log_likelihood(scene, R[i], 1.0, (0, 0.05), np.ones(9))
+        return log_weight + dense.log_likelihood(
+            scene, R[i], 1.0, (0, 0.05), np.ones(9)
+        )
 
     best = [max(at_truth(i, component) for component in range(2)) for i in range(64)]
-    # the evidence is that of the best view within the volume of the views that are as good
+    # the evidence is that of the best view within the volume of the views that are as
+    # good
     assert np.abs(found.log_evidence - best).max() < 60
 
 
 def test_climbs_are_compared_with_their_weights():
-    """A component that fits better by far, of next to no weight, drives none of the others out."""
+    """A component that fits better by far, of next to no weight, drives none of the
+    others out.
+    """
     mean = np.random.default_rng(0).normal(size=(3, 6))
     mean -= mean.mean(axis=1, keepdims=True)
     other = mean * np.array([1.3, 0.8, 1.0])[:, None]
@@ -169,7 +201,10 @@ def test_a_gross_landmark_is_disbelieved_and_the_others_stay(draw_mixture):
     w[:, :, 4] += np.array([2.0, -1.5])
     found = solve(prior, w, R[:, None], residual_variance, outliers=Outliers(0.05))
     others = np.arange(p) != 4
-    error = [np.median(np.abs(f.mean - y)[:, :2, others].mean(axis=(1, 2))) for f in (clean, found)]
+    error = [
+        np.median(np.abs(f.mean - y)[:, :2, others].mean(axis=(1, 2)))
+        for f in (clean, found)
+    ]
     assert np.median(found.inlier_probability[:, 4]) < 0.01
     assert np.median(found.inlier_probability[:, others]) > 0.99
     assert error[1] < 1.1 * error[0]
@@ -187,7 +222,9 @@ def test_the_weight_of_a_component_counts():
 
 
 def test_a_climb_that_ends_on_a_saddle_does_not_count_beside_a_maximum():
-    """A flat shape, foreshortened: seen face on it is a saddle between two tilts of equal worth."""
+    """A flat shape, foreshortened: seen face on it is a saddle between two tilts of
+    equal worth.
+    """
     rng = np.random.default_rng(0)
     mean = np.vstack([rng.normal(size=(2, 9)), np.zeros(9)])
     mean -= mean.mean(axis=1, keepdims=True)
@@ -199,19 +236,29 @@ def test_a_climb_that_ends_on_a_saddle_does_not_count_beside_a_maximum():
 
 
 def test_components_together_are_those_alone(draw_mixture):
-    """Climbs side by side, of other images too, that leave as they arrive change nothing."""
+    """Climbs side by side, of other images too, that leave as they arrive change
+    nothing.
+    """
     prior, residual_variance = draw_mixture(8, k=13, p=9, size=0.1), 0.01
     _, w, R = draw_images(prior, 12, 9, residual_variance)
     w[2:, :, 3], w[5, :, [0, 7]] = np.nan, np.nan
 
     def posterior(prior, which=slice(None)):
-        return solve(prior, w[which], R[which, None], residual_variance, outliers=Outliers(0.02))
+        return solve(
+            prior, w[which], R[which, None], residual_variance, outliers=Outliers(0.02)
+        )
 
     together, parts = posterior(prior), zip(prior.means, prior.covariances, strict=True)
-    assert np.array_equal([posterior(prior, [i]).mean[0] for i in range(12)], together.mean)
+    assert np.array_equal(
+        [posterior(prior, [i]).mean[0] for i in range(12)], together.mean
+    )
     alone = [posterior(Mixture(np.ones(1), mean[None], C[None])) for mean, C in parts]
-    logs = np.log(prior.weights)[:, None] + np.stack([one.log_evidence for one in alone])
+    logs = np.log(prior.weights)[:, None] + np.stack(
+        [one.log_evidence for one in alone]
+    )
     evidence = np.logaddexp.reduce(logs)
     assert together.log_evidence == pytest.approx(evidence, abs=0.02)
-    mean = np.einsum("kn,knap->nap", np.exp(logs - evidence), [one.mean for one in alone])
+    mean = np.einsum(
+        "kn,knap->nap", np.exp(logs - evidence), [one.mean for one in alone]
+    )
     assert np.abs(together.mean - mean).max() < 0.02

@@ -32,7 +32,9 @@ def body(rng):
 
 @pytest.fixture
 def images(rng):
-    """Two modes an image: depths with errors, and their mirror image with a small share."""
+    """Two modes an image: depths with errors, and their mirror image with a small
+    share.
+    """
 
     def see(points, noise=0.0, depth=0.3, sure=0.05):
         t, _, p = points.shape
@@ -46,6 +48,8 @@ def images(rng):
         covariance = np.tile(np.diag(variance), (t, 2, 1, 1))
         evidence = np.tile([0.0, -2.0], (t, 1))
         modes = np.stack([mean, mirrored], axis=1)
-        return observe(landmarks, np.ones((t, p)), mean, evidence, modes, covariance, 0.01)
+        return observe(
+            landmarks, np.ones((t, p)), mean, evidence, modes, covariance, 0.01
+        )
 
     return see

@@ -2,7 +2,11 @@
 
 import numpy as np
 
-from shapefit.lifting.sequences.clips import PAIRS, add_common_error, nearest_informative
+from shapefit.lifting.sequences.clips import (
+    PAIRS,
+    add_common_error,
+    nearest_informative,
+)
 from shapefit.lifting.sequences.smoothing import CONSTANTS
 
 T, P = 9, 4

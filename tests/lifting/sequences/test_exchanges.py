@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from shapefit.lifting.sequences.exchanges import find_changes, find_exchanges, likeliest_states
+from shapefit.lifting.sequences.exchanges import (
+    find_changes,
+    find_exchanges,
+    likeliest_states,
+)
 
 P = 13
 PAIRS = np.arange(12).reshape(6, 2)
@@ -12,7 +16,9 @@ T, RATE = 72, 24.0
 
 
 def walk(rng, noise=0.03):
-    """Landmarks (T, 2, P) of a body that turns before a camera, some not found, some jumping."""
+    """Landmarks (T, 2, P) of a body that turns before a camera, some not found, some
+    jumping.
+    """
     turn = 0.6 * np.sin(np.arange(T) / 12)
     body = rng.standard_normal((3, P))
     body[0, PAIRS[:, 0]], body[0, PAIRS[:, 1]] = 0.8, -0.8
@@ -61,7 +67,9 @@ def test_nothing_is_found_where_little_is_seen(rng):
 def test_the_log_likelihood_of_an_exchange_is_that_of_student():
     landmarks = np.zeros((3, 2, 2))
     landmarks[:, 1, 0] = [2.0, -2.0, -2.0]
-    S = 2.5 * np.log((3 + 4 * 20**2) / 3)  # at rest steps are a twentieth of the distance
+    S = 2.5 * np.log(
+        (3 + 4 * 20**2) / 3
+    )  # at rest steps are a twentieth of the distance
     np.testing.assert_allclose(find_changes(landmarks, PAIRS[:1]), [0, S, -S])
 
 

@@ -1,4 +1,6 @@
-"""The inference over a sequence against its objective written out densely, and planted bodies."""
+"""The inference over a sequence against its objective written out densely, and planted
+bodies.
+"""
 
 import itertools
 from dataclasses import replace
@@ -7,7 +9,11 @@ import numpy as np
 import pytest
 
 from shapefit.lifting.sequences import smoothing
-from shapefit.lifting.sequences.clips import find_acceleration_scale, find_growth, weigh_lengths
+from shapefit.lifting.sequences.clips import (
+    find_acceleration_scale,
+    find_growth,
+    weigh_lengths,
+)
 from shapefit.lifting.sequences.smoothing import (
     CONSTANTS,
     Lengths,
@@ -63,7 +69,9 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
     along, size = judge.bones(y)
     M = np.zeros((frames, 3, y.shape[1] // 3, e))
     for b, (i, j) in enumerate(model.bones):
-        M[:, :, i, b] = -along[:, :, b] / size[:, None, b] / model.bone_tolerance[b] ** 2
+        M[:, :, i, b] = (
+            -along[:, :, b] / size[:, None, b] / model.bone_tolerance[b] ** 2
+        )
         M[:, :, j, b] = -M[:, :, i, b]
     M = M.reshape(-1, e)
     own = np.diag(frames / model.bone_tolerance**2 + 1e-9) + judge.hold
@@ -74,7 +82,9 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
     np.testing.assert_allclose(
         found.points.reshape(-1), y.reshape(-1) - shrink * step[: y.size], atol=1e-6
     )
-    np.testing.assert_allclose(found.lengths, lengths - shrink * step[y.size :], atol=1e-6)
+    np.testing.assert_allclose(
+        found.lengths, lengths - shrink * step[y.size :], atol=1e-6
+    )
 
 
 def test_the_end_is_a_minimum_of_the_dense_objective(images, body, model, monkeypatch):
@@ -87,7 +97,8 @@ def test_the_end_is_a_minimum_of_the_dense_objective(images, body, model, monkey
     assert not smooth(visible, model, 0.02, max_rounds=2).converged
     assert found.energy == pytest.approx(judge.energy(y, found.lengths))
     first = judge.gradient(
-        visible.start.reshape(y.shape), smoothing.mean_lengths(visible.start, model.bones)
+        visible.start.reshape(y.shape),
+        smoothing.mean_lengths(visible.start, model.bones),
     )
     assert np.abs(judge.gradient(y, found.lengths)).max() < 1e-4 * np.abs(first).max()
     for seed in range(5):
@@ -98,12 +109,16 @@ def test_the_end_is_a_minimum_of_the_dense_objective(images, body, model, monkey
 def only_mode(visible):
     """The images with their first modes alone."""
     parts = ("log_share", "mean", "precision", "log_det")
-    return replace(visible, **{name: getattr(visible, name)[:, :1].copy() for name in parts})
+    return replace(
+        visible, **{name: getattr(visible, name)[:, :1].copy() for name in parts}
+    )
 
 
 @pytest.mark.parametrize("frames", [1, 2, 5])
 def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames):
-    """Of the whole energy, by differences of its gradient: bones that are too short count, too."""
+    """Of the whole energy, by differences of its gradient: bones that are too short
+    count, too.
+    """
     visible = only_mode(images(body[:frames], noise=0.02))
     model = replace(model, bone_tolerance=np.full(4, 0.1))
     found = smooth(visible, model, 0.03, max_rounds=100)
@@ -116,7 +131,9 @@ def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames):
     np.testing.assert_allclose(found.deviation.reshape(-1), expected, rtol=1e-3)
     held = np.sqrt(np.diag(np.linalg.inv(judge.matrix(y))))
     assert frames == 1 or np.abs(held / expected - 1).max() > 0.02
-    correlation = (covariance / np.outer(expected, expected)).reshape(2 * (frames, 3, 5))
+    correlation = (covariance / np.outer(expected, expected)).reshape(
+        2 * (frames, 3, 5)
+    )
     for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
         own = np.einsum("tjtj->tj", correlation[:, a][:, :, :, b])
         np.testing.assert_allclose(found.correlation[:, row], own, atol=1e-3)
@@ -124,8 +141,12 @@ def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames):
 
 @pytest.mark.parametrize("apart", [1.0, 4.0])
 @pytest.mark.parametrize("weighted", [False, True])
-def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, weighted):
-    """Two modes `apart` standard deviations, and the landmarks: Gaussians multiplied in NumPy."""
+def test_a_frame_by_itself_has_the_covariance_of_its_mixture(
+    model, rng, apart, weighted
+):
+    """Two modes `apart` standard deviations, and the landmarks: Gaussians multiplied in
+    NumPy.
+    """
     C = np.stack([np.cov(rng.standard_normal((15, 40))) * 0.04 for _ in range(2)])
     mean = rng.standard_normal(15) + np.outer([0, 1], np.ones(15)) * apart * 0.2
     landmarks = mean[0, :10] + 0.05
@@ -144,12 +165,17 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, 
         precision=precision[None],
         log_det=log_det[None],
     )
-    free = replace(model, bones=model.bones[:0], bone_tolerance=model.bone_tolerance[:0])
+    free = replace(
+        model, bones=model.bones[:0], bone_tolerance=model.bone_tolerance[:0]
+    )
     noise = (1 / residual_variance + weight[0, 0]) ** -0.5
     found = smooth(visible, free, noise, max_rounds=50)
     w = np.append(landmarks, np.zeros(5))
     parts = np.linalg.inv(precision + weight)
-    means = [part @ (P @ m + weight @ w) for part, P, m in zip(parts, precision, mean, strict=True)]
+    means = [
+        part @ (P @ m + weight @ w)
+        for part, P, m in zip(parts, precision, mean, strict=True)
+    ]
     logs = []
     for k in range(2):
         away = (means[k] - mean[k], means[k] - w)
@@ -167,12 +193,16 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, 
     np.testing.assert_allclose(found.covariance[0], expected, atol=1e-8)
     sd = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found.deviation.reshape(-1), sd, rtol=1e-6)
-    assert found.correlation[0, 2, 3] == pytest.approx(expected[8, 13] / (sd[8] * sd[13]), abs=1e-6)
+    assert found.correlation[0, 2, 3] == pytest.approx(
+        expected[8, 13] / (sd[8] * sd[13]), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("lag", [1, 3])
 def test_the_scale_of_accelerations_is_that_of_the_motion(images, rng, body, lag):
-    """Neither noise that forgets itself within the lag nor jumps of landmarks are motion."""
+    """Neither noise that forgets itself within the lag nor jumps of landmarks are
+    motion.
+    """
     still = np.repeat(body[:1], 400, axis=0)
     noise_alone = images(still, noise=0.05)
     assert find_acceleration_scale(noise_alone, np.full(5, 0.03), lag) == 1
@@ -182,7 +212,9 @@ def test_the_scale_of_accelerations_is_that_of_the_motion(images, rng, body, lag
     second = np.sqrt((np.diff(smoothed, 2, axis=0) ** 2).mean())
     moving = images(smoothed)
     expected = np.full(5, second / 5)
-    assert find_acceleration_scale(moving, expected, lag) == pytest.approx(5, rel=0.25 * lag)
+    assert find_acceleration_scale(moving, expected, lag) == pytest.approx(
+        5, rel=0.25 * lag
+    )
     jumps = 100 * second * rng.standard_normal(moving.landmarks.shape)
     jumps[rng.random(len(jumps)) > 0.03] = 0
     jumping = replace(moving, landmarks=moving.landmarks + jumps)
@@ -217,16 +249,23 @@ def test_frames_without_modes_lie_between_their_neighbours(images, body):
 
 @pytest.mark.parametrize("width", [2.0, 30.0])
 def test_growth_is_a_line_through_what_is_near(rng, width):
-    """Weighted least squares about each frame; what is a line stays one, without its mean."""
+    """Weighted least squares about each frame; what is a line stays one, without its
+    mean.
+    """
     level, there = rng.standard_normal(20), np.ones(20, dtype=bool)
     t = np.arange(20)
-    expected = [np.polyfit(t - k, level, 1, w=np.exp(-0.25 * ((t - k) / width) ** 2))[1] for k in t]
+    expected = [
+        np.polyfit(t - k, level, 1, w=np.exp(-0.25 * ((t - k) / width) ** 2))[1]
+        for k in t
+    ]
     found = np.log(find_growth(np.exp(level), there, width))
     np.testing.assert_allclose(found, expected - np.mean(expected), atol=2e-3)
     there[[0, 7, 8]] = False
     nearer = np.where(there, np.exp(0.1 * t), np.nan)
     line = 0.1 * (t - t[there].mean())
-    np.testing.assert_allclose(np.log(find_growth(nearer, there, width))[1:], line[1:], atol=1e-4)
+    np.testing.assert_allclose(
+        np.log(find_growth(nearer, there, width))[1:], line[1:], atol=1e-4
+    )
 
 
 def test_a_unit_of_each_frame_is_that_of_images_observed_in_it(images, body, rng):
@@ -237,12 +276,20 @@ def test_a_unit_of_each_frame_is_that_of_images_observed_in_it(images, body, rng
     found = replace(visible, precision=visible.precision.copy()).grown(growth)
     np.testing.assert_allclose(found.start * g, visible.start)
     np.testing.assert_allclose(found.mean * g, visible.mean)
-    np.testing.assert_allclose(np.linalg.inv(found.precision), covariance / g[..., None] ** 2)
-    np.testing.assert_allclose(found.log_det, np.linalg.slogdet(covariance / g[..., None] ** 2)[1])
+    np.testing.assert_allclose(
+        np.linalg.inv(found.precision), covariance / g[..., None] ** 2
+    )
+    np.testing.assert_allclose(
+        found.log_det, np.linalg.slogdet(covariance / g[..., None] ** 2)[1]
+    )
 
 
-def test_errors_that_images_share_do_not_outweigh_known_lengths(images, body, model, monkeypatch):
-    """A bone too short alike in all frames: many copies say no more of it than some do."""
+def test_errors_that_images_share_do_not_outweigh_known_lengths(
+    images, body, model, monkeypatch
+):
+    """A bone too short alike in all frames: many copies say no more of it than some
+    do.
+    """
     monkeypatch.setattr(smoothing, "TOLERANCE", 1e-9)
     i, j = model.bones.T
     true = np.linalg.norm(body[0, :, i] - body[0, :, j], axis=1)
@@ -254,7 +301,9 @@ def test_errors_that_images_share_do_not_outweigh_known_lengths(images, body, mo
         visible = images(np.repeat(short, frames, axis=0), depth=0.2, sure=0.2)
         weighed = replace(model, usual=known or weigh_lengths(usual, frames))
         found = smooth(visible, weighed, 0.1, max_rounds=50).lengths
-        off[frames, known is None] = np.log((found / true)[:3].mean() * true[3] / found[3])
+        off[frames, known is None] = np.log(
+            (found / true)[:3].mean() * true[3] / found[3]
+        )
     assert off[200, True] < 0.7 * off[200, False]
     assert off[200, True] == pytest.approx(off[20, True], rel=0.1)
 
@@ -267,14 +316,18 @@ def second_difference(t):
 
 
 class Objective:
-    """Energy, gradient and Gauss-Newton matrix over frames y (t, 3p), and lengths l (e,)."""
+    """Energy, gradient and Gauss-Newton matrix over frames y (t, 3p), and lengths l
+    (e,).
+    """
 
     def __init__(self, visible, model, noise):
         self.visible, self.model = visible, model
         self.weight = further_weight(visible, noise)
         self.w = np.nan_to_num(visible.landmarks).reshape(len(visible), -1)
         D = second_difference(len(visible))
-        self.hold, self.known = fixed_lengths(model, mean_lengths(visible.start, model.bones))
+        self.hold, self.known = fixed_lengths(
+            model, mean_lengths(visible.start, model.bones)
+        )
         self.motion = np.kron(D.T @ D, np.diag(np.tile(model.stiffness, 3)))
 
     def energy(self, y, lengths):
@@ -283,15 +336,22 @@ class Objective:
         for f, frame in enumerate(y):
             total -= np.logaddexp.reduce(self.log_terms(f, frame))
         total += 0.5 * (lengths - self.known) @ self.hold @ (lengths - self.known)
-        return total + 0.5 * (((self.bones(y)[1] - lengths) / self.model.bone_tolerance) ** 2).sum()
+        return (
+            total
+            + 0.5
+            * (((self.bones(y)[1] - lengths) / self.model.bone_tolerance) ** 2).sum()
+        )
 
     def log_terms(self, f, frame):
         """Log of share times normal density of each mode, without the constant."""
         terms = []
         for share, mean, P, log_det in zip(
-            self.visible.log_share[f], self.visible.mean[f], self.visible.precision[f],
-            self.visible.log_det[f], strict=True,
-        ):  # fmt: skip
+            self.visible.log_share[f],
+            self.visible.mean[f],
+            self.visible.precision[f],
+            self.visible.log_det[f],
+            strict=True,
+        ):
             away = frame - mean
             terms.append(share - 0.5 * (away @ P @ away + log_det))
         return np.array(terms)
@@ -311,7 +371,9 @@ class Objective:
             for sign in (1, -1):
                 moved = at.copy()
                 moved[place] += sign * step
-                ends.append(self.energy(moved[: y.size].reshape(y.shape), moved[y.size :]))
+                ends.append(
+                    self.energy(moved[: y.size].reshape(y.shape), moved[y.size :])
+                )
             found[place] = (ends[0] - ends[1]) / (2 * step)
         return found
 
@@ -324,12 +386,15 @@ class Objective:
             for j in range(i + 1):
                 signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
                 H[i, j] = H[j, i] = sum(
-                    a * b * self.energy(y + a * moves[i] + b * moves[j], lengths) for a, b in signs
+                    a * b * self.energy(y + a * moves[i] + b * moves[j], lengths)
+                    for a, b in signs
                 ) / (4 * step * step)
         return H
 
     def matrix(self, y):
-        """Second derivatives over the frames, responsibilities and directions of bones held."""
+        """Second derivatives over the frames, responsibilities and directions of bones
+        held.
+        """
         t, d = y.shape
         whole = self.motion.copy()
         i, j = self.model.bones.T

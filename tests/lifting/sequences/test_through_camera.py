@@ -35,8 +35,12 @@ def lifting(scene, prior):
 def test_what_is_not_refined_stays(scene, lifting):
     same = refine_through_camera(lifting, scene.landmarks, lambda weak, _: weak)
     for name in ("shapes", "landmarks_fitted", "translation", "scale"):
-        np.testing.assert_allclose(getattr(same, name), getattr(lifting, name), rtol=1e-9)
-    np.testing.assert_allclose(same.perspective.translation, lifting.perspective.translation)
+        np.testing.assert_allclose(
+            getattr(same, name), getattr(lifting, name), rtol=1e-9
+        )
+    np.testing.assert_allclose(
+        same.perspective.translation, lifting.perspective.translation
+    )
     np.testing.assert_allclose(same.estimate.deviation, lifting.estimate.deviation)
 
 
@@ -45,7 +49,9 @@ def test_modes_and_points_are_in_one_frame(scene, lifting):
         first = weak.scale[:, None, None] * weak.estimate.posterior_modes.mean[:, 0]
         best = shares_of(weak.estimate.posterior_modes)[:, 0] > 0.999
         assert best.any()
-        np.testing.assert_allclose(weak.shapes[best], first[best], atol=0.02 * weak.scale.max())
+        np.testing.assert_allclose(
+            weak.shapes[best], first[best], atol=0.02 * weak.scale.max()
+        )
         deviation = weak.scale[:, None, None] * weak.estimate.deviation
         expected = lifting.scale[:, None, None] * lifting.estimate.deviation
         np.testing.assert_allclose(deviation, expected)
@@ -66,7 +72,9 @@ def test_landmarks_of_true_depths_are_those_of_weak_perspective(scene, lifting):
 
     def look(weak, landmarks):
         visible.append(landmarks)
-        np.testing.assert_allclose(landmarks, weak.shapes[:, :2], atol=1e-9 * scale.max())
+        np.testing.assert_allclose(
+            landmarks, weak.shapes[:, :2], atol=1e-9 * scale.max()
+        )
         return weak
 
     back = refine_through_camera(true, exact, look)
@@ -80,7 +88,9 @@ def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
     """And covariances have the variances of the bars, which grow by landmark."""
     monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest=np.inf))
     motion = Motion(np.array([[0, 1]]), np.full(P, 0.05), np.ones(1))
-    lifting.estimate.deviation[7] *= 1e3  # an image that says nothing has the bars of a neighbour
+    lifting.estimate.deviation[7] *= (
+        1e3  # an image that says nothing has the bars of a neighbour
+    )
     lifting.estimate.covariance[7] *= 1e6
     images = lifting.estimate.covariance * lifting.scale[:, None, None] ** 2
     expected = expected_error(lifting.shapes, images)

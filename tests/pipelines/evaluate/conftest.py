@@ -1,4 +1,6 @@
-"""Seven images of five landmarks in three sequences, and a config that compares them."""
+"""Seven images of five landmarks in three sequences, and a config that compares
+them.
+"""
 
 import csv
 from dataclasses import dataclass
@@ -27,7 +29,9 @@ def truth(rng):
 
 @pytest.fixture
 def results(truth, rng):
-    """The truth turned, a little wrong, with its landmarks in the image and error bars."""
+    """The truth turned, a little wrong, with its landmarks in the image and error
+    bars.
+    """
     R = random_rotations(N, rng)
     shapes = R @ truth.shapes + 0.2 * rng.standard_normal(truth.shapes.shape)
     return ResultSet(
@@ -38,7 +42,10 @@ def results(truth, rng):
         items=ITEMS,
         sequences=SEQUENCES,
         unit="px",
-        columns={"true_rotation": R, "landmarks": (R @ truth.shapes)[:, :2].swapaxes(-1, -2)},
+        columns={
+            "true_rotation": R,
+            "landmarks": (R @ truth.shapes)[:, :2].swapaxes(-1, -2),
+        },
     )
 
 
@@ -46,7 +53,8 @@ def results(truth, rng):
 def with_bars(results, rng):
     return results.replaced(
         shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)),
-        further=results.further | {"shape_correlation": rng.uniform(-0.3, 0.3, (N, 5, 3))},
+        further=results.further
+        | {"shape_correlation": rng.uniform(-0.3, 0.3, (N, 5, 3))},
     )
 
 
@@ -62,7 +70,9 @@ class Desk:
         return self.folder / name
 
     def run(self, **changes) -> list[Result]:
-        """Return the outcomes that say something: the first tells of the truth alone."""
+        """Return the outcomes that say something: the first tells of the truth
+        alone.
+        """
         config = EvalConfig(**{**self.config.model_dump(), **changes})
         return [outcome for outcome in run(config) if outcome != Result()]
 
@@ -72,7 +82,9 @@ class Desk:
     def rows(self, name: str = "report.csv", **labels: str) -> list[dict[str, str]]:
         """Return the rows of a table that have these labels."""
         with (self.config.output / name).open(newline="", encoding="utf-8") as file:
-            return [row for row in csv.DictReader(file) if labels.items() <= row.items()]
+            return [
+                row for row in csv.DictReader(file) if labels.items() <= row.items()
+            ]
 
     def row(self, **labels: str) -> dict[str, str]:
         (row,) = self.rows(**labels)

@@ -47,7 +47,9 @@ def test_every_metric_in_its_units(results, truth):
     results = results.replaced(rotation=quarter @ results.rotation)
     found = measured(results, truth)
     similarity = metrics.similarity(results.shapes, truth.shapes)
-    camera = metrics.camera(results.shapes, truth.shapes, results.columns["true_rotation"])
+    camera = metrics.camera(
+        results.shapes, truth.shapes, results.columns["true_rotation"]
+    )
     scale = truth.shapes.std(axis=-1).mean(axis=-1)
     observed = results.columns["landmarks"].swapaxes(1, 2)
     reprojection = metrics.reprojection(results.landmarks_fitted, observed)
@@ -58,26 +60,36 @@ def test_every_metric_in_its_units(results, truth):
         ("camera", "m"): camera,
         ("rotation", "deg"): np.full(N, 30.0),
         ("reprojection", "px"): reprojection,
-        ("reprojection", "box"): reprojection / np.linalg.norm(np.ptp(observed, axis=2), axis=1),
+        ("reprojection", "box"): (
+            reprojection / np.linalg.norm(np.ptp(observed, axis=2), axis=1)
+        ),
     }
     assert found.errors.keys() == expected.keys()
     for kind, values in expected.items():
         np.testing.assert_allclose(found.errors[kind], values)
     assert (found.failures, found.warnings, found.bars) == ({}, (), None)
-    boxed = with_column(results, "bounding_box", np.tile(np.uint8([9, 9, 1, 2]), (N, 1)))
+    boxed = with_column(
+        results, "bounding_box", np.tile(np.uint8([9, 9, 1, 2]), (N, 1))
+    )
     box = measured(boxed, truth, metrics=["reprojection"]).errors["reprojection", "box"]
     np.testing.assert_allclose(box, reprojection / np.sqrt(5))
     plain = truth.replaced(unit="normalised")
-    assert set(measured(results, plain, metrics=SHAPES).errors) == {("similarity", "normalised")}
+    assert set(measured(results, plain, metrics=SHAPES).errors) == {
+        ("similarity", "normalised")
+    }
 
 
 def test_items_and_landmarks_are_matched_by_name(results, truth):
     order = [4, 2, 0, 1]  # the truth lacks the foot and has a tail instead
-    shapes = np.concatenate([np.full((N, 3, 1), 1e6), truth.shapes[:, :, order]], axis=-1)
+    shapes = np.concatenate(
+        [np.full((N, 3, 1), 1e6), truth.shapes[:, :, order]], axis=-1
+    )
     names = ("tail", *(NAMES[i] for i in order))
     true = ShapeSet(shapes, names, ITEMS, unit="m").take([3, 1, 5, 0, 4, 2, 6])
     found = measured(results, true)
-    expected = metrics.similarity(results.shapes[:, :, order], truth.shapes[:, :, order])
+    expected = metrics.similarity(
+        results.shapes[:, :, order], truth.shapes[:, :, order]
+    )
     np.testing.assert_allclose(found.errors["similarity", "m"], expected)
     # The reprojection error needs no truth, and keeps all landmarks.
     whole = measured(results, truth)
@@ -101,22 +113,36 @@ def test_another_dataset_can_name_the_truth(results, truth):
 
 
 FAILURES = {
-    "shape": ({"shapes": np.nan}, "the results hold no shape (status degenerate input)"),
-    "landmarks": ({"shapes": [[1, 2, *[np.nan] * 3]] * 3}, "2 landmarks are on both sides"),
-    "nan box": ({"bounding_box": [0, 0, np.nan, 4]}, "5 landmarks are on both sides, and no "
-                "reprojection (box)"),
-    "overflow": ({"landmarks_fitted": 1e300}, "5 landmarks are on both sides, and no "
-                 "reprojection (px), reproject"),
-    "empty": ({"shapes": [[9.0] * 5] * 3, "rotation": np.nan}, "5 landmarks are on both sides, and "
-              "no rotation (deg)"),
-}  # fmt: skip
+    "shape": (
+        {"shapes": np.nan},
+        "the results hold no shape (status degenerate input)",
+    ),
+    "landmarks": (
+        {"shapes": [[1, 2, *[np.nan] * 3]] * 3},
+        "2 landmarks are on both sides",
+    ),
+    "nan box": (
+        {"bounding_box": [0, 0, np.nan, 4]},
+        "5 landmarks are on both sides, and no reprojection (box)",
+    ),
+    "overflow": (
+        {"landmarks_fitted": 1e300},
+        "5 landmarks are on both sides, and no reprojection (px), reproject",
+    ),
+    "empty": (
+        {"shapes": [[9.0] * 5] * 3, "rotation": np.nan},
+        "5 landmarks are on both sides, and no rotation (deg)",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", FAILURES)
 def test_an_image_that_fails_is_listed_with_the_reason(results, truth, case):
     changes, reason = FAILURES[case]
     results = with_column(results, "bounding_box", np.tile([0.0, 0, 3, 4], (N, 1)))
-    results = results.replaced(status=np.array(["optimal"] * 3 + ["degenerate input"] * 4))
+    results = results.replaced(
+        status=np.array(["optimal"] * 3 + ["degenerate input"] * 4)
+    )
     for name, value in changes.items():
         results = changed(results, name, 3, value)
     found = measured(results, truth)
@@ -124,11 +150,15 @@ def test_an_image_that_fails_is_listed_with_the_reason(results, truth, case):
     assert found.failures["item3"].startswith(reason)
     for (metric, _), values in found.errors.items():
         assert set(np.flatnonzero(np.isnan(values))) <= {3}
-        if case == "empty":  # what is left of a shape without extent is the extent of the truth
+        if (
+            case == "empty"
+        ):  # what is left of a shape without extent is the extent of the truth
             assert np.isnan(values[3]) == (metric == "rotation")
 
 
-def test_without_truth_an_image_fails_in_every_metric_and_a_partial_shape_in_none(results, truth):
+def test_without_truth_an_image_fails_in_every_metric_and_a_partial_shape_in_none(
+    results, truth
+):
     found = measured(results, truth.take([0, 1, 2, 3, 5, 6]))
     assert found.failures == {"item4": "it has no true shape"}
     for values in found.errors.values():
@@ -155,7 +185,9 @@ def test_metrics_without_their_datasets_are_named(results, truth, absent, skippe
     named = " and ".join(metric for metric in METRICS if metric in skipped)
     assert found.warnings == (f"{FILE}: no {named} without `{absent}`",)
     metric = min(skipped)
-    with pytest.raises(InputError, match=f"no {metric} without `{absent}`; add the metric"):
+    with pytest.raises(
+        InputError, match=f"no {metric} without `{absent}`; add the metric"
+    ):
         measured(with_column(results, absent, None), truth, metrics=[metric])
 
 
@@ -180,9 +212,13 @@ def test_inputs_that_cannot_be_compared_are_errors(results, truth):
         measured(results.take([]), truth)
     with pytest.raises(InputError, match="truth: holds no shapes; give results"):
         measured(results, truth.take([]))
-    with pytest.raises(InputError, match=r"none of its 7 images is in the truth.*set `match`"):
-        measured(results.replaced(status=np.array(["optimal"] * N)),
-                 truth.replaced(items=tuple("abcdefg")))  # fmt: skip
+    with pytest.raises(
+        InputError, match=r"none of its 7 images is in the truth.*set `match`"
+    ):
+        measured(
+            results.replaced(status=np.array(["optimal"] * N)),
+            truth.replaced(items=tuple("abcdefg")),
+        )
 
 
 def walk_of(shapes, **sequences):
@@ -191,22 +227,32 @@ def walk_of(shapes, **sequences):
     frames = np.array([i for count in sequences.values() for i in range(count)])
     items = tuple(f"{name}/{i}" for name, i in zip(order, frames, strict=True))
     return {
-        "landmark_names": NAMES, "items": items, "sequences": tuple(order), "unit": "m",
-        "columns": {"frame": frames}, "shapes": shapes,
-    }  # fmt: skip
+        "landmark_names": NAMES,
+        "items": items,
+        "sequences": tuple(order),
+        "unit": "m",
+        "columns": {"frame": frames},
+        "shapes": shapes,
+    }
 
 
 @pytest.mark.parametrize("who", [("man", "bystander"), ("bystander", "man")])
 @pytest.mark.parametrize("match", ["frame", "item"])
 def test_one_individual_is_measured_against_one_truth(truth, rng, who, match):
-    """By frame two people match one truth; the one whose shapes are farther from it is left out."""
+    """By frame two people match one truth; the one whose shapes are farther from it is
+    left out.
+    """
     shapes = {
         "man": truth.shapes + 0.02 * rng.standard_normal(truth.shapes.shape),
         "bystander": rng.standard_normal(truth.shapes.shape),
     }
     counts = dict.fromkeys(who, N)
-    results = ResultSet(**walk_of(np.concatenate([shapes[name] for name in who]), **counts))
-    found = measured(results, ShapeSet(**walk_of(truth.shapes, subject=N)), match, SHAPES)
+    results = ResultSet(
+        **walk_of(np.concatenate([shapes[name] for name in who]), **counts)
+    )
+    found = measured(
+        results, ShapeSet(**walk_of(truth.shapes, subject=N)), match, SHAPES
+    )
     assert set(found.sequences) == {"man"}
     assert found.failures == {}
     expected = metrics.similarity(shapes["man"], truth.shapes)
@@ -242,7 +288,9 @@ def test_rotations_of_another_frame_are_not_measured(results, truth):
 def test_the_expected_error_is_set_beside_the_measured_one(results, truth):
     wanted = ["similarity", "expected"]
     column = np.array([5.0, *[10.0] * 5, np.nan])
-    found = measured(with_column(results, "expected_error", column), truth, metrics=wanted)
+    found = measured(
+        with_column(results, "expected_error", column), truth, metrics=wanted
+    )
     sizes = [
         np.linalg.norm(s - s.mean(2, keepdims=True), axis=(1, 2))
         for s in (truth.shapes, results.shapes)
@@ -261,7 +309,9 @@ def test_labels_of_outliers_count_where_there_are_some(results, truth):
     corrupted[0, :4] = corrupted[1, 2] = corrupted[2, 3] = True
     labelled[0, [0, 1, 4]] = labelled[1, 2] = labelled[5, 0] = True
     wanted = ["similarity", "precision", "recall"]
-    results = with_column(with_column(results, "outliers", labelled), "corrupted", corrupted)
+    results = with_column(
+        with_column(results, "outliers", labelled), "corrupted", corrupted
+    )
     found = measured(changed(results, "shapes", 1, np.nan), truth, metrics=wanted)
     inf, nan = np.inf, np.nan
     shares = [found.errors[name, "share"] for name in ("precision", "recall")]
@@ -276,10 +326,15 @@ def test_error_bars_are_those_of_the_frame_of_the_camera(with_bars, truth):
     """By `true_rotation`, or where the truth is in the frame of the camera."""
     R = with_bars.columns["true_rotation"]
     correlation = with_bars.columns["shape_correlation"].swapaxes(1, 2)
-    square, width = find_squares(with_bars.shapes, truth.shapes, R, with_bars.shape_sd, correlation)
+    square, width = find_squares(
+        with_bars.shapes, truth.shapes, R, with_bars.shape_sd, correlation
+    )
     without = with_column(with_bars, "true_rotation", None)
     turned = truth.replaced(shapes=R @ truth.shapes)
-    for results, true, frame in ((with_bars, truth, "object"), (without, turned, "camera")):
+    for results, true, frame in (
+        (with_bars, truth, "object"),
+        (without, turned, "camera"),
+    ):
         bars = measured(results, true, metrics=SHAPES, truth_frame=frame).bars
         np.testing.assert_allclose(bars.square, square)
         np.testing.assert_allclose(bars.width["m"], width)
@@ -300,5 +355,7 @@ def test_images_with_at_least_so_many_observed_landmarks_are_measured(results, t
     assert list(found.failures) == ["item0"]
     without = with_column(results, "landmarks", None)
     for records, least in ((results, 6), (without, 1)):
-        with pytest.raises(InputError, match=f"holds no shapes with {least} observed `landmarks`"):
+        with pytest.raises(
+            InputError, match=f"holds no shapes with {least} observed `landmarks`"
+        ):
             measured(records, truth, metrics=SHAPES, least_visible=least)

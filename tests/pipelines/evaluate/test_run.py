@@ -30,7 +30,9 @@ def test_the_report_has_errors_failures_and_where_they_come_from(desk, truth, re
     assert (outcome.done, outcome.warnings, last.warnings) == (N, (), ())
     errors = metrics.similarity(shapes, truth.shapes)
     np.testing.assert_array_equal([*desk.errors(**SIZES).values()], errors)
-    first, group = (desk.row(**SIZES, group="Subject 13", sequence=s) for s in ("13_01", ""))
+    first, group = (
+        desk.row(**SIZES, group="Subject 13", sequence=s) for s in ("13_01", "")
+    )
     assert float(first["mean"]) == pytest.approx(errors[:4].mean())
     assert float(group["mean"]) == pytest.approx((errors[:4].mean() + errors[4]) / 2)
     assert (first["images"], group["images"]) == ("4", "5")
@@ -49,12 +51,19 @@ def test_the_report_has_errors_failures_and_where_they_come_from(desk, truth, re
 
 
 def test_groups_that_match_nothing_are_refused(desk):
-    with pytest.raises(InputError, match=r"groups: no sequence matches.*13_01, 13_02, 14_01"):
+    with pytest.raises(
+        InputError, match=r"groups: no sequence matches.*13_01, 13_02, 14_01"
+    ):
         desk.run(groups={"Subject 15": "15_*"})
 
 
-def test_error_bars_have_their_tables_and_the_factors_that_make_them_true(desk, with_bars):
-    files = {"convex": desk.folder / "convex.h5", "posterior": desk.write("p.h5", with_bars)}
+def test_error_bars_have_their_tables_and_the_factors_that_make_them_true(
+    desk, with_bars
+):
+    files = {
+        "convex": desk.folder / "convex.h5",
+        "posterior": desk.write("p.h5", with_bars),
+    }
     *_, last = desk.run(results=files)
     shares = desk.errors(method="posterior", metric="inside_90")
     row = desk.row(metric="inside_90", group="Subject 13")
@@ -67,12 +76,21 @@ def test_error_bars_have_their_tables_and_the_factors_that_make_them_true(desk, 
     (factors,) = json.loads(desk.text("error_bars.json")).values()
     desk.write("p.h5", with_bars.replaced(shape_sd=factors["90%"] * with_bars.shape_sd))
     desk.run(results=files)
-    inside = [float(desk.row(metric="inside_90", group=f"Subject {n}")["mean"]) for n in (13, 14)]
-    assert (25 * inside[0] + 10 * inside[1]) / 35 == pytest.approx(np.ceil(36 * 0.9) / 35)
+    inside = [
+        float(desk.row(metric="inside_90", group=f"Subject {n}")["mean"])
+        for n in (13, 14)
+    ]
+    assert (25 * inside[0] + 10 * inside[1]) / 35 == pytest.approx(
+        np.ceil(36 * 0.9) / 35
+    )
 
 
-def test_parts_and_many_files_of_the_truth_have_the_report_of_one_file(desk, with_bars, truth, rng):
-    """To the last bit, with failed images, labels of outliers and a truth in any order."""
+def test_parts_and_many_files_of_the_truth_have_the_report_of_one_file(
+    desk, with_bars, truth, rng
+):
+    """To the last bit, with failed images, labels of outliers and a truth in any
+    order.
+    """
     shapes = with_bars.shapes.copy()
     shapes[[0, 5]] = np.nan
     labels = {name: rng.random((N, 5)) < 0.4 for name in ("outliers", "corrupted")}
@@ -88,7 +106,10 @@ def test_parts_and_many_files_of_the_truth_have_the_report_of_one_file(desk, wit
 
     whole = written([desk.write("whole.h5", results)])
     for ends in ([0, 2, 4, 7], [0, 1, 7]):
-        parts = [desk.write(f"part{a}.h5", results.take(slice(a, b))) for a, b in pairwise(ends)]
+        parts = [
+            desk.write(f"part{a}.h5", results.take(slice(a, b)))
+            for a, b in pairwise(ends)
+        ]
         assert written(parts) == whole
     (desk.folder / "truth.h5").unlink()
     order = rng.permutation(N)
@@ -111,7 +132,9 @@ def test_a_landmark_of_the_truth_may_be_unknown(desk, truth, results):
     write_shapes(desk.folder / "truth.h5", truth)
     desk.run()
     others = [0, 1, 3, 4]
-    expected = metrics.similarity(results.shapes[:1, :, others], truth.shapes[:1, :, others])
+    expected = metrics.similarity(
+        results.shapes[:1, :, others], truth.shapes[:1, :, others]
+    )
     assert desk.errors(**SIZES)["item0"] == pytest.approx(expected[0])
 
 
@@ -119,16 +142,20 @@ def test_a_landmark_of_the_truth_may_be_unknown(desk, truth, results):
 def test_truth_that_the_dictionary_was_learned_from_is_a_warning(world, tmp_path, kind):
     truth = world.shapes("people") if kind == "seen" else world.truth("people")
     config = EvalConfig(
-        results=[world.fit("people", images=world.views("people", shapes=[str(truth)]))],
+        results=[
+            world.fit("people", images=world.views("people", shapes=[str(truth)]))
+        ],
         truth=[truth],
         output=tmp_path / "report",
         plots=False,
     )
-    warnings = [text for text in texts(evaluate.run(config)) if "learned from the truth" in text]
+    warnings = [
+        text for text in texts(evaluate.run(config)) if "learned from the truth" in text
+    ]
     page = (tmp_path / "report/report.md").read_text(encoding="utf-8")
-    assert [f"the dictionary was learned from the truth, {truth}" in w for w in warnings] == (
-        [True] if kind == "seen" else []
-    )
+    assert [
+        f"the dictionary was learned from the truth, {truth}" in w for w in warnings
+    ] == ([True] if kind == "seen" else [])
     assert ("learned from the truth" in page) == (kind == "seen")
 
 
@@ -144,6 +171,8 @@ def test_an_item_in_two_files_of_one_method_is_an_error(desk, results):
 def test_nothing_to_measure_is_an_error_and_leaves_no_folder(desk, results):
     none = {name: np.zeros((N, 5), bool) for name in ("outliers", "corrupted")}
     desk.write("convex.h5", results.replaced(further=results.further | none))
-    with pytest.raises(InputError, match="metrics: no image has anything to measure in recall"):
+    with pytest.raises(
+        InputError, match="metrics: no image has anything to measure in recall"
+    ):
         desk.run(metrics=["recall"])
     assert not desk.config.output.exists()

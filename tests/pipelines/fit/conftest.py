@@ -22,7 +22,9 @@ def atoms(rng):
 @pytest.fixture
 def dictionary(tmp_path, atoms):
     path = tmp_path / "dictionary.h5"
-    prior = Mixture(np.ones(1), normalise(atoms.mean(0)).points[None], 0.1 * np.eye(30)[None])
+    prior = Mixture(
+        np.ones(1), normalise(atoms.mean(0)).points[None], 0.1 * np.eye(30)[None]
+    )
     write_dictionary(path, Dictionary(atoms, NAMES, prior.means[0], prior=prior))
     return path
 
@@ -49,7 +51,9 @@ def images(atoms, rotations):
 
 @pytest.fixture
 def fit(tmp_path):
-    """Return what fits landmarks given as records, text or a path: (result, outcomes)."""
+    """Return what fits landmarks given as records, text or a path: (result,
+    outcomes).
+    """
 
     def fit(dictionary, images, **keys):
         path = images

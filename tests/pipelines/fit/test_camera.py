@@ -1,4 +1,6 @@
-"""The camera: measured, stated about the centre of the image, assumed, or none; and its lens."""
+"""The camera: measured, stated about the centre of the image, assumed, or none; and its
+lens.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +11,12 @@ from shapefit.errors import InputError
 from shapefit.geometry.pinhole import ASSUMED_FOCAL, complete, distort
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import LandmarkSet, read_shapes, write_dictionary
-from shapefit.pipelines.fit.camera import camera_of, choose_camera, find_camera, undistorted
+from shapefit.pipelines.fit.camera import (
+    camera_of,
+    choose_camera,
+    find_camera,
+    undistorted,
+)
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
 from tests.io.files import load, save
@@ -37,7 +44,9 @@ def images(points=None, unit="px", per_item=None, **whole):
 
 
 def choose(images, method="posterior", image_size=None, from_landmarks=False, **camera):
-    """Return the cameras that were chosen, None for weak perspective, and the line about them."""
+    """Return the cameras that were chosen, None for weak perspective, and the line
+    about them.
+    """
     keys = {"method": method, "camera": camera, "image_size": image_size}
     config = FitConfig(landmarks=[__file__], output="b.h5", **keys)
     chosen, line = choose_camera(config, images, from_landmarks=from_landmarks)
@@ -54,31 +63,82 @@ SMALL, LARGE = box(60, 80, n=3), 4 * box(n=1)
     [
         # the image's centre is the principal point wherever a size is known
         (images(image_size=SIZE), {}, ASSUMED, CENTRE, "focal length 1408 px (assumed"),
-        (images(per_item={"image_size": np.tile(SIZE, (6, 1))}), {}, ASSUMED, CENTRE, "1280 x 720"),
+        (
+            images(per_item={"image_size": np.tile(SIZE, (6, 1))}),
+            {},
+            ASSUMED,
+            CENTRE,
+            "1280 x 720",
+        ),
         (images(), {"image_size": (1280, 720)}, ASSUMED, CENTRE, "image 1280 x 720"),
-        (images(image_size=SIZE), {"focal": 1674}, 1674, CENTRE, "1674 px, principal point 640"),
-        (images(), {"focal": 9, "principal_point": (90, 50)}, 9, (90, 50), "point 90, 50"),
-        (images(image_size=SIZE), {"focal": 9, "method": "convex+refine"}, 9, CENTRE, "9 px"),
+        (
+            images(image_size=SIZE),
+            {"focal": 1674},
+            1674,
+            CENTRE,
+            "1674 px, principal point 640",
+        ),
+        (
+            images(),
+            {"focal": 9, "principal_point": (90, 50)},
+            9,
+            (90, 50),
+            "point 90, 50",
+        ),
+        (
+            images(image_size=SIZE),
+            {"focal": 9, "method": "convex+refine"},
+            9,
+            CENTRE,
+            "9 px",
+        ),
         # without a size: weak perspective
         (images(), {}, None, None, "exact positions in metres need --image-size"),
         (images(image_size=np.array([0, 5])), {}, None, None, "not known"),
         (images(per_item=MIXED), {}, None, None, "not known"),
         (images(unit="m", image_size=SIZE), {}, None, None, "not in pixels"),
         (images(box(100, 80), image_size=SIZE), {}, None, None, "cover little"),
-        (images(np.concatenate([SMALL, LARGE]), image_size=SIZE), {}, None, None, "cover little"),
+        (
+            images(np.concatenate([SMALL, LARGE]), image_size=SIZE),
+            {},
+            None,
+            None,
+            "cover little",
+        ),
         (images(image_size=SIZE), {"focal": "none"}, None, None, "weak perspective"),
         (images(image_size=SIZE), {"method": "convex"}, None, None, "weak perspective"),
-        (images(image_size=SIZE), {"from_landmarks": True}, None, None, "class was learned"),
+        (
+            images(image_size=SIZE),
+            {"from_landmarks": True},
+            None,
+            None,
+            "class was learned",
+        ),
         # measured cameras are taken as they are
-        (images(camera_matrix=MATRIX, image_size=SIZE), {}, OF_FILES, CENTRE, "of the files"),
-        (images(camera_matrix=MATRIX), {"focal": "files"}, OF_FILES, CENTRE, "of the files"),
+        (
+            images(camera_matrix=MATRIX, image_size=SIZE),
+            {},
+            OF_FILES,
+            CENTRE,
+            "of the files",
+        ),
+        (
+            images(camera_matrix=MATRIX),
+            {"focal": "files"},
+            OF_FILES,
+            CENTRE,
+            "of the files",
+        ),
         (images(camera_matrix=SKEWED), {}, OF_FILES, CENTRE, "of the files"),
         (
-            images(camera_matrix=MATRIX), {"focal": "files", "principal_point": (1, 2)},
-            OF_FILES, (1, 2), "of the files",
+            images(camera_matrix=MATRIX),
+            {"focal": "files", "principal_point": (1, 2)},
+            OF_FILES,
+            (1, 2),
+            "of the files",
         ),
     ],
-)  # fmt: skip
+)
 def test_the_camera(images, keys, focal, centre, text):
     camera, line = choose(images, **keys)
     assert text in line
@@ -98,7 +158,11 @@ def test_cameras_of_single_images():
 
 @pytest.mark.parametrize(
     ("images", "method"),
-    [(images(), "posterior"), (images(), "convex+refine"), (images(per_item=MIXED), "posterior")],
+    [
+        (images(), "posterior"),
+        (images(), "convex+refine"),
+        (images(per_item=MIXED), "posterior"),
+    ],
 )
 def test_a_focal_length_without_a_size_asks_for_it(images, method):
     with pytest.raises(InputError, match="--image-size WxH"):
@@ -109,7 +173,10 @@ def test_a_focal_length_without_a_size_asks_for_it(images, method):
     ("values", "message"),
     [
         (None, "no such dataset; .*CSV holds no datasets"),
-        (np.zeros((6, 2)), r"shape \(6, 2\), or is not finite; give \(3, 3\) finite numbers"),
+        (
+            np.zeros((6, 2)),
+            r"shape \(6, 2\), or is not finite; give \(3, 3\) finite numbers",
+        ),
         (np.array(["a"] * 6), r"shape \(6,\)"),
         (MATRIX.T, "impossible camera matrix; give matrices with rows fx 0 cx"),
         (2 * MATRIX, "impossible camera matrix"),
@@ -142,12 +209,16 @@ class TestPerspective:
         return fitted
 
     def test_cars_are_found_better_and_in_their_place(self, fit, project):
-        """The distance is to the middle of the landmarks, whose size the dictionary knows."""
+        """The distance is to the middle of the landmarks, whose size the dictionary
+        knows.
+        """
         views = load(project / "sample_data" / "cars_views.h5")
         cars = read_shapes([project / "sample_data" / "cars.h5"])
         R = np.asarray(views.columns["true_rotation"], float)
         weak, full = fit(), fit(focal="files")
-        errors = [np.median(rotation_angle(result.rotation, R)) for result in (weak, full)]
+        errors = [
+            np.median(rotation_angle(result.rotation, R)) for result in (weak, full)
+        ]
         assert errors[1] < 0.5 * errors[0]
         residuals = [
             np.median(np.sqrt(np.nanmean((fitted - views.landmarks) ** 2, axis=(1, 2))))
@@ -179,7 +250,9 @@ class TestLens:
 
     @pytest.fixture
     def views(self, made_cars):
-        """Cars before a camera, as a lens without and with distortion shows them, in pixels."""
+        """Cars before a camera, as a lens without and with distortion shows them, in
+        pixels.
+        """
         shapes = made_cars.atoms[:4] + np.array([[0.2], [0.1], [7.0]])
         plane = shapes[:, :2] / shapes[:, 2:]
 
@@ -234,7 +307,9 @@ class TestLens:
         expected = fit(straight, camera={"focal": "files"}, method="convex+refine")
         result = fit(bent.replaced(further={}), camera=camera, method="convex+refine")
         np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
-        np.testing.assert_array_equal(result.columns["extrinsic_translation"], [1, 2, 3])
+        np.testing.assert_array_equal(
+            result.columns["extrinsic_translation"], [1, 2, 3]
+        )
         assert result.columns["extrinsic_rotation"].shape == (3, 3)
         np.testing.assert_array_equal(result.columns["image_size"], SIZE)
         np.testing.assert_allclose(result.columns["focal"], np.tile([800, 820], (4, 1)))
@@ -246,8 +321,15 @@ class TestLens:
         straight, bent = views
         flip, turned = np.array([[1.0], [-1.0]]), MATRIX.copy()
         turned[1, 2] = -turned[1, 2]
-        further = {"camera_matrix": np.tile(turned, (4, 1, 1)), "distortion": np.tile(LENS, (4, 1))}
-        up = bent.replaced(landmarks=bent.landmarks * flip, y_axis="up", further=further)
+        further = {
+            "camera_matrix": np.tile(turned, (4, 1, 1)),
+            "distortion": np.tile(LENS, (4, 1)),
+        }
+        up = bent.replaced(
+            landmarks=bent.landmarks * flip, y_axis="up", further=further
+        )
         result = undistorted(up, None)
-        np.testing.assert_allclose(result.landmarks * flip, straight.landmarks, atol=1e-8)
+        np.testing.assert_allclose(
+            result.landmarks * flip, straight.landmarks, atol=1e-8
+        )
         assert result.columns["removed_distortion"].shape == (4, 5)

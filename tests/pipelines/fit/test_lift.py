@@ -22,9 +22,15 @@ from tests.pipelines.fitted import done, failures, warnings
 
 
 def spoil(views, share, rng):
-    """Put a share of the visible landmarks of each image anywhere in the box of the others."""
+    """Put a share of the visible landmarks of each image anywhere in the box of the
+    others.
+    """
     visible, w = views.visible(), views.landmarks
-    rank = np.where(visible, rng.random(visible.shape), np.inf).argsort(axis=1).argsort(axis=1)
+    rank = (
+        np.where(visible, rng.random(visible.shape), np.inf)
+        .argsort(axis=1)
+        .argsort(axis=1)
+    )
     wrong = rank < np.round(share * visible.sum(axis=1, keepdims=True))
     low, high = (f(w, axis=2, keepdims=True) for f in (np.nanmin, np.nanmax))
     landmarks = np.where(wrong[:, None], low + (high - low) * rng.random(w.shape), w)
@@ -61,7 +67,9 @@ class TestOutliers:
         assert (labels & wrong).sum() > 0.85 * max(labels.sum(), wrong.sum())
         observed = np.swapaxes(spoilt.landmarks, 1, 2)
         np.testing.assert_array_equal(result.columns["landmarks"], observed)
-        hidden = spoilt.replaced(landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
+        hidden = spoilt.replaced(
+            landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks)
+        )
         without, _ = run(hidden, method=method)
         np.testing.assert_array_equal(result.shapes, without.shapes)
         np.testing.assert_array_equal(result.scale, without.scale)
@@ -71,7 +79,9 @@ class TestOutliers:
         spoilt, _ = spoil(views.take(slice(8)), 0.3, rng)
         keys = {"outliers": "ransac", "method": "mean-shape"}
         (whole, _), (some, _) = run(spoilt, **keys), run(spoilt.take([6, 1]), **keys)
-        np.testing.assert_array_equal(some.columns["outliers"], whole.columns["outliers"][[6, 1]])
+        np.testing.assert_array_equal(
+            some.columns["outliers"], whole.columns["outliers"][[6, 1]]
+        )
 
     def test_images_that_cannot_be_searched_or_lifted(self, run, views, rng):
         images = views.take(slice(6))
@@ -83,7 +93,11 @@ class TestOutliers:
         landmarks[3][:, visible[3][5:]] = np.nan  # five landmarks of another shape
         landmarks[3][:, visible[3][:5]] = rng.uniform(0, 1e3, (2, 5))
         landmarks[4] = np.nan
-        keys = {"outliers": "ransac", "outlier_threshold": 0.01, "method": "convex+refine"}
+        keys = {
+            "outliers": "ransac",
+            "outlier_threshold": 0.01,
+            "method": "convex+refine",
+        }
         result, lost = run(images.replaced(landmarks=landmarks), **keys)
         assert [lost.get(name, "") for name in images.items] == [
             "",
@@ -111,9 +125,21 @@ THROUGH_ALL = {
 
 
 def check_same(one, other, rows=slice(None)):
-    """Assert that rows of a result are another in all that a fit finds, but for axes of atoms."""
-    for name in ("shapes", "rotation", "translation", "scale", "objective", "iterations", "status"):
-        np.testing.assert_array_equal(getattr(one, name)[rows], getattr(other, name), err_msg=name)
+    """Assert that rows of a result are another in all that a fit finds, but for axes of
+    atoms.
+    """
+    for name in (
+        "shapes",
+        "rotation",
+        "translation",
+        "scale",
+        "objective",
+        "iterations",
+        "status",
+    ):
+        np.testing.assert_array_equal(
+            getattr(one, name)[rows], getattr(other, name), err_msg=name
+        )
     for name in ("landmarks", "lambda", "residual"):
         np.testing.assert_array_equal(one.columns[name][rows], other.columns[name])
 
@@ -124,7 +150,9 @@ class TestLeaveOneOut:
     @pytest.fixture
     def models(self, rng):
         """Five exemplars in metres, `polo` also as its mirror image."""
-        atoms = normalise(rng.standard_normal((3, 10)) + 0.4 * rng.standard_normal((6, 3, 10)))
+        atoms = normalise(
+            rng.standard_normal((3, 10)) + 0.4 * rng.standard_normal((6, 3, 10))
+        )
         return Dictionary(
             atoms=atoms.points,
             landmark_names=NAMES,
@@ -146,7 +174,10 @@ class TestLeaveOneOut:
             landmark_names=NAMES,
             items=tuple(f"image{i}" for i in range(9)),
             unit="px",
-            columns={"true_model": np.array(SHOWN, dtype=object), "box": np.ones((9, 4))},
+            columns={
+                "true_model": np.array(SHOWN, dtype=object),
+                "box": np.ones((9, 4)),
+            },
         )
 
     @pytest.fixture
@@ -160,9 +191,12 @@ class TestLeaveOneOut:
         return run
 
     @pytest.mark.parametrize(
-        "keys", [{"method": m} for m in ("convex", "alternate", "mean-shape")] + [THROUGH_ALL]
+        "keys",
+        [{"method": m} for m in ("convex", "alternate", "mean-shape")] + [THROUGH_ALL],
     )
-    def test_each_image_has_the_dictionary_of_the_other_models(self, run, models, images, keys):
+    def test_each_image_has_the_dictionary_of_the_other_models(
+        self, run, models, images, keys
+    ):
         """Whose mean is another one: no stage of the fit has seen the model."""
         result, outcomes = run(**keys)
         assert warnings(outcomes) == []
@@ -177,8 +211,12 @@ class TestLeaveOneOut:
                 coefficients = result.coefficients[rows][:, retained]
                 np.testing.assert_array_equal(coefficients, expected.coefficients)
 
-    def test_chunks_and_models_that_the_dictionary_lacks(self, run, images, monkeypatch):
-        shown = np.array(["beetle" if name == "up" else name for name in SHOWN], dtype=object)
+    def test_chunks_and_models_that_the_dictionary_lacks(
+        self, run, images, monkeypatch
+    ):
+        shown = np.array(
+            ["beetle" if name == "up" else name for name in SHOWN], dtype=object
+        )
         odd = images.replaced(further={"true_model": shown})
         whole, _ = run(views=odd, method="mean-shape")
         assert list(whole.columns["omitted"]) == [
@@ -189,16 +227,33 @@ class TestLeaveOneOut:
         parts, outcomes = run(views=odd, method="mean-shape")
         assert done(outcomes) == 9
         check_same(whole, parts)
-        all_atoms, _ = run(views=images.take([3, 7]), leave_one_out=None, method="mean-shape")
+        all_atoms, _ = run(
+            views=images.take([3, 7]), leave_one_out=None, method="mean-shape"
+        )
         check_same(whole, all_atoms, [3, 7])
 
-    @pytest.mark.parametrize(("items", "omit", "message"), [
-        ((*MODELS, "polo"), "true_modle", "no dataset 'true_modle' .* one of: item, true_model"),
-        ((*MODELS, "polo"), "box", "no dataset 'box' with one name per image"),
-        (None, "true_model", "atoms of the dictionary are of no items; .*method: exemplars"),
-        (("golf",) * 6, "true_model", "atoms of the dictionary are of 1 items"),
-        ((*MODELS, "polo"), "item", "show no items of the dictionary; .* golf, jetta, passat"),
-    ])  # fmt: skip
+    @pytest.mark.parametrize(
+        ("items", "omit", "message"),
+        [
+            (
+                (*MODELS, "polo"),
+                "true_modle",
+                "no dataset 'true_modle' .* one of: item, true_model",
+            ),
+            ((*MODELS, "polo"), "box", "no dataset 'box' with one name per image"),
+            (
+                None,
+                "true_model",
+                "atoms of the dictionary are of no items; .*method: exemplars",
+            ),
+            (("golf",) * 6, "true_model", "atoms of the dictionary are of 1 items"),
+            (
+                (*MODELS, "polo"),
+                "item",
+                "show no items of the dictionary; .* golf, jetta, passat",
+            ),
+        ],
+    )
     def test_names_that_leave_nothing_out_are_refused(
         self, run, tmp_path, models, items, omit, message
     ):
@@ -214,23 +269,35 @@ W, H = 640.0, 480.0
     ("points", "hidden"),
     [
         ([(300, 400), (300, 478), (320, 479), (300, 100)], "knee ankle"),
-        ([(300, 400), (300, 470), (320, 479), (300, 100)], ""),  # its neighbour is in the image
+        (
+            [(300, 400), (300, 470), (320, 479), (300, 100)],
+            "",
+        ),  # its neighbour is in the image
         ([(300, 479), (300, 470), (320, 479), (300, 100)], ""),  # no neighbours
         ([(3, 200), (2, 300), (300, 400), (5, 100)], "hip knee head"),
         ([(3, 200), (638, 300), (300, 400), (300, 100)], ""),  # of other sides
-        ([(634, 200), (634, 300), (300, 400), (300, 100)], "hip knee"),  # within 6.4 pixels
+        (
+            [(634, 200), (634, 300), (300, 400), (300, 100)],
+            "hip knee",
+        ),  # within 6.4 pixels
     ],
 )
 def test_neighbours_at_one_border_are_not_seen(points, hidden):
     names, edges = ("hip", "knee", "ankle", "head"), np.array([[0, 1], [1, 2], [0, 3]])
 
     def marked(size=None, names_of_edges=names, **columns):
-        images = LandmarkSet(np.array(points, float).T[None], names, ("a",), columns=columns)
+        images = LandmarkSet(
+            np.array(points, float).T[None], names, ("a",), columns=columns
+        )
         dictionary = SimpleNamespace(edges=edges, landmark_names=names_of_edges)
-        return at_border(images, SimpleNamespace(dictionary=dictionary, image_size=size))[0]
+        return at_border(
+            images, SimpleNamespace(dictionary=dictionary, image_size=size)
+        )[0]
 
     for result in (marked((W, H)), marked(image_size=np.array([W, H]))):
-        assert [name for name, at in zip(names, result, strict=True) if at] == hidden.split()
+        assert [
+            name for name, at in zip(names, result, strict=True) if at
+        ] == hidden.split()
     assert not marked().any()
     assert not marked((W, H), tuple("abcd")).any()
 
@@ -297,7 +364,9 @@ def test_implausible_images_are_reported_and_keep_their_status(
 
 
 def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
-    """Images far from a long lens are those of weak perspective; a proof and a place come along."""
+    """Images far from a long lens are those of weak perspective; a proof and a place
+    come along.
+    """
     keys = {"method": "posterior", "save": {"covariance": True, "proof": True}}
     weak, _ = fit(with_prior, images, camera={"focal": "none"}, **keys)
     camera = {"focal": 1e7, "principal_point": [100.0, 50.0]}
@@ -305,9 +374,13 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     assert found.shapes == pytest.approx(weak.shapes, abs=1e-3)
     assert found.shape_sd == pytest.approx(weak.shape_sd, rel=1e-3, abs=1e-4)
     assert found.landmarks_fitted == pytest.approx(weak.shapes[:, :2], abs=1e-3)
-    assert found.columns["camera_translation"][:, 2] == pytest.approx(1e7 / found.scale, rel=1e-6)
+    assert found.columns["camera_translation"][:, 2] == pytest.approx(
+        1e7 / found.scale, rel=1e-6
+    )
     with h5py.File(tmp_path / "result.h5") as file:
-        assert np.isfinite([file[name][:].sum() for name in ("dual", "convex_objective")]).all()
+        assert np.isfinite(
+            [file[name][:].sum() for name in ("dual", "convex_objective")]
+        ).all()
     assert not failures(outcomes)
     near = {"focal": 60.0, "principal_point": [80.0, 50.0]}
     other, _ = fit(with_prior, images, camera=near, **keys)

@@ -1,4 +1,6 @@
-"""What is found before lifting: method, names, camera and, of one sample, what is open."""
+"""What is found before lifting: method, names, camera and, of one sample, what is
+open.
+"""
 
 import json
 import re
@@ -42,7 +44,9 @@ from tests.pipelines.fitted import fit_images, texts
 
 @pytest.fixture
 def chosen(tmp_path):
-    """The config of a fit of images of these sequences, and the line about its method."""
+    """The config of a fit of images of these sequences, and the line about its
+    method.
+    """
 
     def find(sequences, dictionary="people", overrides=()):
         n = len(sequences or "12")
@@ -53,7 +57,10 @@ def chosen(tmp_path):
             sequences=sequences,
         )
         save(tmp_path / "images.h5", images)
-        files = {"landmarks": str(tmp_path / "images.h5"), "dictionary": str(dictionary)}
+        files = {
+            "landmarks": str(tmp_path / "images.h5"),
+            "dictionary": str(dictionary),
+        }
         files["output"] = str(tmp_path / "result.h5")
         config = load_config("fit", None, overrides, files)
         return choose_method(
@@ -73,7 +80,9 @@ def chosen(tmp_path):
         (("a",) * FRAMES + tuple("bcdefghijklm"), "posterior"),
     ],
 )
-def test_half_of_the_images_decide_whether_there_are_sequences(chosen, sequences, method):
+def test_half_of_the_images_decide_whether_there_are_sequences(
+    chosen, sequences, method
+):
     config, line = chosen(sequences)
     assert config.method == method
     assert line == f"{method} (the dictionary has a prior; change with --method)"
@@ -90,9 +99,14 @@ def test_half_of_the_images_decide_whether_there_are_sequences(chosen, sequences
         (["prior.scale=2"], "sequences", 0.01),
     ],
 )
-def test_the_method_has_what_the_config_asks_for(chosen, overrides, method, residual_variance):
+def test_the_method_has_what_the_config_asks_for(
+    chosen, overrides, method, residual_variance
+):
     config, _ = chosen(("a",) * FRAMES, overrides=overrides)
-    assert (config.method, config.prior.residual_variance) == (method, residual_variance)
+    assert (config.method, config.prior.residual_variance) == (
+        method,
+        residual_variance,
+    )
 
 
 def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path):
@@ -101,9 +115,13 @@ def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path
     write_dictionary(tmp_path / "own.h5", replace(people, provenance=retained))
     config, _ = chosen(None, tmp_path / "own.h5")
     assert (config.method, config.prior.residual_variance) == ("posterior", None)
-    write_dictionary(tmp_path / "atoms.h5", replace(people, prior=None, p_value_table=None))
+    write_dictionary(
+        tmp_path / "atoms.h5", replace(people, prior=None, p_value_table=None)
+    )
     assert chosen(None, tmp_path / "atoms.h5")[0].method == "convex"
-    with pytest.raises(InputError, match=r"the method convex has no prior; `prior\.scale` needs"):
+    with pytest.raises(
+        InputError, match=r"the method convex has no prior; `prior\.scale` needs"
+    ):
         chosen(None, tmp_path / "atoms.h5", ["prior.scale=2"])
 
 
@@ -123,9 +141,14 @@ def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path
 )
 def test_bases_belong_to_pmp_and_atoms_to_the_others(learned, method, made_for):
     provenance = {} if learned is None else {"method": learned}
-    dictionary = Dictionary(np.ones((1, 3, 2)), ("a", "b"), np.ones((3, 2)), provenance=provenance)
+    dictionary = Dictionary(
+        np.ones((1, 3, 2)), ("a", "b"), np.ones((3, 2)), provenance=provenance
+    )
     warnings = warn_of_dictionary(FitConfig.model_construct(method=method), dictionary)
-    text = f"the dictionary was learned with `method: {learned}`; {method} is made for {made_for}"
+    text = (
+        f"the dictionary was learned with `method: {learned}`; {method} is made for"
+        f" {made_for}"
+    )
     assert warnings == ((text,) if made_for else ())
 
 
@@ -133,7 +156,9 @@ def test_pmp_refuses_a_dictionary_whose_limbs_have_no_length(fit, dictionary, im
     plain = read_dictionary(dictionary)
     edges = np.array([[0, 0], [2, 2]])
     write_dictionary(dictionary, replace(plain, edges=edges))
-    with pytest.raises(InputError, match="length 0: the limbs whose lengths pmp keeps; learn it"):
+    with pytest.raises(
+        InputError, match="length 0: the limbs whose lengths pmp keeps; learn it"
+    ):
         fit(dictionary, images, method="pmp")
 
 
@@ -141,7 +166,8 @@ def test_pmp_refuses_a_dictionary_whose_limbs_have_no_length(fit, dictionary, im
 def halves(tmp_path_factory):
     """Two files and one of both, of which the second half reaches out.
 
-    Bodies of the dictionary of people, y down, whose hips are further apart than the joints.
+    Bodies of the dictionary of people, y down, whose hips are further apart than the
+    joints.
     """
     people, rng = (
         read_dictionary(find_dictionaries()["people"]).marked(()),
@@ -151,15 +177,21 @@ def halves(tmp_path_factory):
     names = [f"{side}{part}" for part in parts for side in "lr"]
     columns, hips = [people.landmark_names.index(name) for name in names], [6, 7]
     turns = rotation_about(np.array([0.0, 1, 0]), rng.uniform(0, 2 * np.pi, 40))
-    shapes = people.prior.means[rng.integers(len(people.prior.means), size=40)][..., columns]
+    shapes = people.prior.means[rng.integers(len(people.prior.means), size=40)][
+        ..., columns
+    ]
     shapes = np.diag([1.0, -1, -1]) @ turns @ shapes + np.array([0, 0, 20.0])[:, None]
-    shapes[..., hips] += 0.15 * (shapes[..., hips] - shapes[..., hips].mean(axis=2, keepdims=True))
+    shapes[..., hips] += 0.15 * (
+        shapes[..., hips] - shapes[..., hips].mean(axis=2, keepdims=True)
+    )
     points = 2100 * shapes[:, :2] / shapes[:, 2:] + np.array([960.0, 540])[:, None]
     points += 2 * rng.standard_normal(points.shape)
     points[:, 0] += np.linspace(-300, 300, 40)[:, None]
     sides = {"l": "left", "r": "right"}
     detected = tuple(f"{sides[name[0]]}_{name[1:]}" for name in names)
-    images = LandmarkSet(points, detected, tuple(f"{i:03}" for i in range(40)), unit="px")
+    images = LandmarkSet(
+        points, detected, tuple(f"{i:03}" for i in range(40)), unit="px"
+    )
     folder = tmp_path_factory.mktemp("halves")
     for name, rows in (("a", slice(17)), ("b", slice(17, None))):
         save(folder / f"{name}.h5", images.take(rows))
@@ -169,7 +201,11 @@ def halves(tmp_path_factory):
 
 
 def fit(landmarks, output, **keys):
-    config = {"landmarks": list(map(str, landmarks)), "dictionary": "people", "output": output}
+    config = {
+        "landmarks": list(map(str, landmarks)),
+        "dictionary": "people",
+        "output": output,
+    }
     config = FitConfig(**config, **{"method": "posterior"} | keys)
     return list((run_parts if isinstance(output, ResultFolder) else run)(config))
 
@@ -184,7 +220,8 @@ def shapes_in(path):
 
 
 @pytest.mark.parametrize(
-    ("names", "keys"), [("a b", {}), ("a b", {"workers": 2}), ("both", {"partition": 1})]
+    ("names", "keys"),
+    [("a b", {}), ("a b", {"workers": 2}), ("both", {"partition": 1})],
 )
 def test_files_and_parts_are_the_same_bits(halves, tmp_path, names, keys):
     inputs = [halves / f"{name}.h5" for name in names.split()]
@@ -195,13 +232,17 @@ def test_files_and_parts_are_the_same_bits(halves, tmp_path, names, keys):
     np.testing.assert_array_equal(shapes_in(written), shapes_in(halves / "result.h5"))
 
 
-def test_the_manifest_holds_what_was_estimated_and_a_later_run_takes_it(halves, tmp_path):
+def test_the_manifest_holds_what_was_estimated_and_a_later_run_takes_it(
+    halves, tmp_path
+):
     inputs, parts = [halves / "a.h5", halves / "b.h5"], tmp_path / "parts"
     fit(inputs[:1], ResultFolder(parts, 1))
     first = {path.name: path.read_bytes() for path in parts.glob("part-*")}
     fit(inputs, ResultFolder(parts, 1))
     assert first == {name: (parts / name).read_bytes() for name in first}
-    values = json.loads((parts / "manifest.jsonl").read_text().splitlines()[0])["estimated"]
+    values = json.loads((parts / "manifest.jsonl").read_text().splitlines()[0])[
+        "estimated"
+    ]
     assert {"camera", "skeleton", "prior"} == values["values"].keys()
 
 
@@ -212,7 +253,9 @@ RESIDUAL_VARIANCE = 0.002
 
 @pytest.fixture(scope="module")
 def planted(tmp_path_factory):
-    """A dictionary with one Gaussian, and what draws images whose truth is as wide as stated."""
+    """A dictionary with one Gaussian, and what draws images whose truth is as wide as
+    stated.
+    """
     rng = np.random.default_rng(5)
     mean = rng.normal(size=(3, P))
     root = 0.12 * rng.normal(size=(3 * P, 8)) / np.sqrt(8)
@@ -267,14 +310,24 @@ def estimate(planted, images, **prior):
         (4, 8 * RESIDUAL_VARIANCE, {}, (4, 8 * RESIDUAL_VARIANCE)),
         # landmarks more exact than the residual variance of the dictionary keep it
         (1, RESIDUAL_VARIANCE / 20, {}, (1, RESIDUAL_VARIANCE)),
-        (4, 8 * RESIDUAL_VARIANCE, {"scale": 1.5, "residual_variance": 0.1}, (1.5, 0.1)),
+        (
+            4,
+            8 * RESIDUAL_VARIANCE,
+            {"scale": 1.5, "residual_variance": 0.1},
+            (1.5, 0.1),
+        ),
     ],
 )
-def test_the_factors_that_images_have_are_found(planted, scale, variance, given, expected):
+def test_the_factors_that_images_have_are_found(
+    planted, scale, variance, given, expected
+):
     found, keys = estimate(planted, planted[2](scale, variance)[0], **given)
     assert (keys["scale"], keys["residual_variance"]) == pytest.approx(expected)
     changed = not given and expected != (1, RESIDUAL_VARIANCE)
-    assert any("prior widened" in text or "residual var" in text for text in found.lines) == changed
+    assert (
+        any("prior widened" in text or "residual var" in text for text in found.lines)
+        == changed
+    )
 
 
 def test_a_landmark_that_is_mostly_wrong_does_not_make_the_others_less_exact(planted):
@@ -293,7 +346,9 @@ def test_less_than_a_tenth_trusted_and_more_than_a_quarter_doubtful_is_told(
 
 
 def test_a_landmark_that_is_mostly_wrong_is_named(planted, tmp_path):
-    images, _ = planted[2](1, RESIDUAL_VARIANCE, wrong=3, error=1.5)  # of the size of the shape
+    images, _ = planted[2](
+        1, RESIDUAL_VARIANCE, wrong=3, error=1.5
+    )  # of the size of the shape
     _, outcomes = fit_images(tmp_path, images, planted[0], **KEYS)
     (told,) = [each for each in texts(outcomes) if "contradicts the model" in each]
     assert int(told.split()[0]) > 45
@@ -310,7 +365,9 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
         (1.0, 2.0): -7 + noise[3],
     }
     images = LandmarkSet(np.zeros((100, 2, P)), NAMES, tuple(map(str, range(100))))
-    found = find_scale(lambda pair, some: of[pair][: len(some)], images, (1.0, 2.0), (1.0, 2.0))
+    found = find_scale(
+        lambda pair, some: of[pair][: len(some)], images, (1.0, 2.0), (1.0, 2.0)
+    )
     assert found == (2, 1)
 
 
@@ -323,7 +380,9 @@ def test_a_wider_prior_or_a_larger_variance_alone_makes_all_pairs_be_tried(best)
 
     assert find_scale(evidence, images) == best
     tried = (1, 2, 3)
-    first = find_scale(lambda pair, some: pair.count(3) * np.ones(len(some)), images, tried, tried)
+    first = find_scale(
+        lambda pair, some: pair.count(3) * np.ones(len(some)), images, tried, tried
+    )
     assert first == (1, 1)  # as the next ones are no likelier
 
 
@@ -349,7 +408,10 @@ def test_a_top_within_the_steps_is_found(top):
 def test_a_sample_is_bounded_and_of_sequences_has_pairs_that_are_a_step_apart(
     planted, n, rate, apart
 ):
-    points, items = np.random.default_rng(1).random((n, 2, P)), tuple(map(str, range(n)))
+    points, items = (
+        np.random.default_rng(1).random((n, 2, P)),
+        tuple(map(str, range(n))),
+    )
     images = LandmarkSet(points, NAMES, items, sequences=("walk",) * n, frame_rate=rate)
     rows = np.array(draw_sample(images).items, int)
     assert LARGEST // 2 <= len(rows) <= LARGEST
@@ -364,9 +426,12 @@ def test_a_sample_is_bounded_and_of_sequences_has_pairs_that_are_a_step_apart(
 def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
     calls = []
     for module, name in (
-        (joints, "find_joints"), (preparing, "match_names"), (preparing, "estimate"),
-        (preparing, "choose_camera"), (preparing, "draw_sample"),
-    ):  # fmt: skip
+        (joints, "find_joints"),
+        (preparing, "match_names"),
+        (preparing, "estimate"),
+        (preparing, "choose_camera"),
+        (preparing, "draw_sample"),
+    ):
         real = getattr(module, name)
 
         def counted(*given, name=name, real=real, **keys):
@@ -375,19 +440,30 @@ def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
 
         monkeypatch.setattr(module, name, counted)
     fit_images(tmp_path, planted[2](2, RESIDUAL_VARIANCE)[0], planted[0], **KEYS)
-    expected = ["choose_camera", "draw_sample", "estimate", "find_joints", "match_names"]
+    expected = [
+        "choose_camera",
+        "draw_sample",
+        "estimate",
+        "find_joints",
+        "match_names",
+    ]
     assert sorted(calls) == expected
 
 
-def test_a_fit_that_takes_long_is_announced_before_it_begins(planted, tmp_path, monkeypatch):
+def test_a_fit_that_takes_long_is_announced_before_it_begins(
+    planted, tmp_path, monkeypatch
+):
     clock = iter(range(0, 1000, 30))
     monkeypatch.setattr(preparing.time, "perf_counter", lambda: next(clock))
-    monkeypatch.setattr(preparing, "POSTERIOR", 600 / P**3.5)  # of one component: 110 minutes
+    monkeypatch.setattr(
+        preparing, "POSTERIOR", 600 / P**3.5
+    )  # of one component: 110 minutes
     images = planted[2](1, RESIDUAL_VARIANCE)[0]
     for method, number, text in (
         ("convex", 60, "60 images may take up to 4 minutes, 3.8 s each: give"),
-        ("convex", 1, "$"), ("posterior", 1, "1 image may take up to 110 minutes: give"),
-    ):  # fmt: skip
+        ("convex", 1, "$"),
+        ("posterior", 1, "1 image may take up to 110 minutes: give"),
+    ):
         keys, some = KEYS | {"method": method}, images.take(range(number))
         assert re.match(text, fit_images(tmp_path, some, planted[0], **keys)[1][0].line)
 
@@ -402,7 +478,9 @@ def test_nothing_that_could_be_seen_ends_with_1_and_without_warnings_of_numpy(
         text = json.dumps({"version": 1.3, "people": [body] * people})
         (tmp_path / f"f_{frame:04d}.json").write_text(text)
     assert shapefit(["fit", str(tmp_path), "-o", str(tmp_path / "o.h5"), "-q"]) == 1
-    assert [str(each.message) for each in recwarn if each.category is RuntimeWarning] == []
+    assert [
+        str(each.message) for each in recwarn if each.category is RuntimeWarning
+    ] == []
 
 
 def test_the_error_of_a_gain_counts_that_neighbours_resemble_each_other(rng):
@@ -427,7 +505,9 @@ def poses():
     chosen = rng.choice(len(prior), size=N, p=prior.weights)
     shapes = np.array(
         [
-            rng.multivariate_normal(prior.means[k].ravel(), prior.covariances[k]).reshape(3, -1)
+            rng.multivariate_normal(
+                prior.means[k].ravel(), prior.covariances[k]
+            ).reshape(3, -1)
             for k in chosen
         ]
     )
@@ -435,7 +515,9 @@ def poses():
 
 
 def film(poses, skeleton):
-    """Return what a detector finds of upright bodies that face all ways, from 2.5 heights away."""
+    """Return what a detector finds of upright bodies that face all ways, from 2.5
+    heights away.
+    """
     shapes, joints = poses
     theta = {name: parameter.mean for name, parameter in THETA.items()}
     parts = people_parts(installed_skeletons()[skeleton].landmark_names)
@@ -460,12 +542,16 @@ def film(poses, skeleton):
 
 @pytest.fixture
 def warnings_of(tmp_path):
-    """Return what fits images by `people`: its warnings; with wrong names, none is trusted."""
+    """Return what fits images by `people`: its warnings; with wrong names, none is
+    trusted.
+    """
 
     def warn(images):
         result, outcomes = fit_images(tmp_path, images, "people", method="posterior")
         warnings = texts(outcomes)
-        assert result.columns["trusted"].any() != any("is it " in text for text in warnings)
+        assert result.columns["trusted"].any() != any(
+            "is it " in text for text in warnings
+        )
         return warnings
 
     return warn
@@ -478,7 +564,9 @@ def warnings_of(tmp_path):
         pytest.param("body_25", "body_25b", marks=pytest.mark.slow),
     ],
 )
-def test_another_skeleton_of_as_many_landmarks_is_named(warnings_of, poses, meant, given):
+def test_another_skeleton_of_as_many_landmarks_is_named(
+    warnings_of, poses, meant, given
+):
     images = film(poses, meant)
     assert not warnings_of(images)
     wrong = images.replaced(landmark_names=installed_skeletons()[given].landmark_names)
@@ -489,13 +577,18 @@ def test_another_skeleton_of_as_many_landmarks_is_named(warnings_of, poses, mean
 
 def test_images_that_pass_by_chance_are_not_trusted(tmp_path, poses, monkeypatch):
     monkeypatch.setattr(trust, "contradicts", lambda kappa, distance: False)
-    images, few = film(poses, "body_25"), slice(0, 19)  # as many as no other skeleton has
+    images, few = (
+        film(poses, "body_25"),
+        slice(0, 19),
+    )  # as many as no other skeleton has
     wrong = images.replaced(
         landmarks=images.landmarks[..., few], landmark_names=images.landmark_names[1:20]
     )
     result, outcomes = fit_images(tmp_path, wrong, "people", method="posterior")
     assert not result.columns["trusted"].any()
-    assert any("% of a sample would be; are the names" in text for text in texts(outcomes))
+    assert any(
+        "% of a sample would be; are the names" in text for text in texts(outcomes)
+    )
 
 
 @pytest.mark.parametrize("angle", [0, 90, 180])
@@ -503,7 +596,11 @@ def test_people_on_their_heads_are_counted(warnings_of, poses, angle):
     images, centre = film(poses, "body_25"), np.array(SIZE)[:, None] / 2
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     turned = np.array([[c, -s], [s, c]]) @ (images.landmarks - centre) + centre
-    warnings = [text for text in warnings_of(images.replaced(landmarks=turned)) if "heads" in text]
+    warnings = [
+        text
+        for text in warnings_of(images.replaced(landmarks=turned))
+        if "heads" in text
+    ]
     assert len(warnings) == (angle == 180)
     told = r"\d+ images with people on their heads: y was taken to point down"
     assert not warnings or re.match(told, warnings[0])

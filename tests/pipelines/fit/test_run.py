@@ -1,4 +1,6 @@
-"""`fit` from files to files: shapes that come back, images that fail, what is stored."""
+"""`fit` from files to files: shapes that come back, images that fail, what is
+stored.
+"""
 
 import json
 import warnings
@@ -18,8 +20,12 @@ from shapefit.lifting.lift import lift
 from shapefit.lifting.methods import METHODS
 from tests.pipelines.fitted import failures, texts
 
-PRIORLESS = [name for name, m in METHODS.items() if "prior" not in {n.name for n in m.needs}]
-"""Methods that the plain dictionary of these tests serves; the others have tests of their own."""
+PRIORLESS = [
+    name for name, m in METHODS.items() if "prior" not in {n.name for n in m.needs}
+]
+"""Methods that the plain dictionary of these tests serves; the others have tests of
+their own.
+"""
 
 NAMES = tuple(f"point{j}" for j in range(10))
 
@@ -53,7 +59,9 @@ class TestShapes:
         np.testing.assert_allclose(result.shapes[:, 2], depth, atol=0.1)
 
     def test_a_landmark_counts_by_its_confidence(self, fit, dictionary, images):
-        """The wrong landmark 3 is followed where it is sure, and hardly where it is not."""
+        """The wrong landmark 3 is followed where it is sure, and hardly where it is
+        not.
+        """
         images.landmarks[:, :, 3] += 6.0
         confidence, rest = np.ones((8, 10)), []
         for sure in (0.1, 1.0, 10.0):
@@ -68,15 +76,21 @@ class TestShapes:
     def test_zero_images_give_zero_results(self, fit, dictionary, atoms, method):
         edges = np.array([[0, 1], [1, 2]])
         prior = read_dictionary(dictionary).prior
-        write_dictionary(dictionary, Dictionary(atoms, NAMES, atoms[0], edges=edges, prior=prior))
-        empty = LandmarkSet(landmarks=np.empty((0, 2, 10)), landmark_names=NAMES, items=())
+        write_dictionary(
+            dictionary, Dictionary(atoms, NAMES, atoms[0], edges=edges, prior=prior)
+        )
+        empty = LandmarkSet(
+            landmarks=np.empty((0, 2, 10)), landmark_names=NAMES, items=()
+        )
         result, outcomes = fit(dictionary, empty, method=method)
         assert result.shapes.shape == (0, 3, 10)
         assert failures(outcomes) == {}
 
 
 def rows(points, item):
-    return "".join(f"{item},{n},{x},{y}\n" for n, (x, y) in zip(NAMES, points, strict=True))
+    return "".join(
+        f"{item},{n},{x},{y}\n" for n, (x, y) in zip(NAMES, points, strict=True)
+    )
 
 
 class TestFailures:
@@ -89,7 +103,9 @@ class TestFailures:
             ([(j, 2 * j) for j in range(10)], "one line"),
         ],
     )
-    def test_one_bad_image_never_stops_the_rest(self, fit, dictionary, rng, points, reason):
+    def test_one_bad_image_never_stops_the_rest(
+        self, fit, dictionary, rng, points, reason
+    ):
         text = "item,landmark,x,y\n" + rows(rng.standard_normal((10, 2)), "good")
         text += rows(points, "bad") + rows(rng.standard_normal((10, 2)), "also good")
         result, outcomes = fit(dictionary, text)
@@ -98,7 +114,9 @@ class TestFailures:
         assert list(result.status) == ["optimal", Status.DEGENERATE.value, "optimal"]
         assert np.isnan(result.shapes[1]).all()
         assert np.isfinite(result.shapes[[0, 2]]).all()
-        observed = [[float(c) if c != "" else np.nan for c in point] for point in points]
+        observed = [
+            [float(c) if c != "" else np.nan for c in point] for point in points
+        ]
         hidden = np.isnan(observed).any(axis=1, keepdims=True)
         expected = np.where(hidden, np.nan, observed)
         np.testing.assert_array_equal(result.columns["landmarks"][1], expected)
@@ -122,15 +140,21 @@ class TestFailures:
         landmarks[3] *= factor
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            result, outcomes = fit(dictionary, images.replaced(landmarks=landmarks), **keys)
+            result, outcomes = fit(
+                dictionary, images.replaced(landmarks=landmarks), **keys
+            )
         assert failures(outcomes)["image3"].startswith(reason)
         assert result.status[3] == Status.DEGENERATE.value
         # ransac also fails others: their atoms are far from the mean shape
         whole = np.isfinite(result.shapes).all(axis=(1, 2))
-        assert [item in failures(outcomes) for item in images.items] == (~whole).tolist()
+        assert [item in failures(outcomes) for item in images.items] == (
+            ~whole
+        ).tolist()
         assert whole.sum() == 7 or keys.get("outliers") == "ransac"
 
-    def test_no_image_is_fitted_without_a_finite_shape(self, fit, dictionary, images, monkeypatch):
+    def test_no_image_is_fitted_without_a_finite_shape(
+        self, fit, dictionary, images, monkeypatch
+    ):
         def lift_badly(*args):
             lifting = lift(*args)
             lifting.shapes[5:6, 2, 0] = np.inf
@@ -138,9 +162,16 @@ class TestFailures:
 
         monkeypatch.setattr("shapefit.pipelines.fit.lift.lift", lift_badly)
         result, outcomes = fit(dictionary, images)
-        assert failures(outcomes) == {"image5": "the fitted shape contains NaN or infinity"}
+        assert failures(outcomes) == {
+            "image5": "the fitted shape contains NaN or infinity"
+        }
         assert result.status[5] == Status.NUMERICAL_FAILURE.value
-        for values in (result.shapes, result.coefficients, result.rotation, result.objective):
+        for values in (
+            result.shapes,
+            result.coefficients,
+            result.rotation,
+            result.objective,
+        ):
             lost = np.isnan(values.reshape(8, -1)).all(axis=1)
             np.testing.assert_array_equal(lost, np.arange(8) == 5)
 
@@ -156,12 +187,16 @@ class TestFailures:
         [{}, {"method": "alternate"}, {"outliers": "l1"}, {"method": "convex+refine"}],
         ids=str,
     )
-    def test_empty_shapes_are_counted_and_have_no_rotation(self, fit, dictionary, images, keys):
+    def test_empty_shapes_are_counted_and_have_no_rotation(
+        self, fit, dictionary, images, keys
+    ):
         images.landmarks[2] = 0.0  # fails, and is not counted a second time
         result, outcomes = fit(dictionary, images, **keys, **{"lambda": 1e3})
         assert list(failures(outcomes)) == ["image2"]
         (warning,) = [text for text in texts(outcomes) if "empty shape" in text]
-        assert warning.startswith("7 images with an empty shape: lambda is at or above lambda_max")
+        assert warning.startswith(
+            "7 images with an empty shape: lambda is at or above lambda_max"
+        )
         assert np.isnan(result.rotation).all()
         empty = np.arange(8) != 2
         assert not np.ptp(result.shapes[empty], axis=2).any()

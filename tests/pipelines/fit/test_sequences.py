@@ -41,9 +41,12 @@ def people(project, tmp_path_factory):
     folder = tmp_path_factory.mktemp("people")
     shapes = (project / "sample_data/people_train.h5",)
     config = LearnDictConfig(
-        shapes=shapes, output=folder / "dictionary.h5", k=16, iterations=3,
+        shapes=shapes,
+        output=folder / "dictionary.h5",
+        k=16,
+        iterations=3,
         prior={"components": 4, "floor": 0.01},
-    )  # fmt: skip
+    )
     list(learning.run(config))
     test = (project / "sample_data/people_test.h5",)
     list(projecting.run(ProjectConfig(shapes=test, output=folder / "all.h5")))
@@ -76,17 +79,26 @@ def test_without_edges_sequences_go_by_smooth_motion(people, tmp_path):
     assert (whole.shape_sd[refined] > 0.4 * single.shape_sd[refined]).all()
 
     second = [
-        np.abs(np.diff(result.shapes[:, 2], n=2, axis=0)).mean() for result in (whole, single)
+        np.abs(np.diff(result.shapes[:, 2], n=2, axis=0)).mean()
+        for result in (whole, single)
     ]
     assert second[0] < second[1]
 
 
-@pytest.mark.parametrize(("grow", "noise"), [(1.0, None), (50.0, None), (50.0, 0.0), (50.0, 0.4)])
-def test_noise_is_stated_and_that_of_the_images_otherwise(people, tmp_path, grow, noise):
+@pytest.mark.parametrize(
+    ("grow", "noise"), [(1.0, None), (50.0, None), (50.0, 0.0), (50.0, 0.4)]
+)
+def test_noise_is_stated_and_that_of_the_images_otherwise(
+    people, tmp_path, grow, noise
+):
     """In the unit of the landmarks, of which the size of a body is some."""
     images = load(people / "views.h5")
-    images = images.take(np.flatnonzero(np.array(images.sequences) == images.sequences[0]))
-    path = written(tmp_path / "large.h5", images.replaced(landmarks=grow * images.landmarks))
+    images = images.take(
+        np.flatnonzero(np.array(images.sequences) == images.sequences[0])
+    )
+    path = written(
+        tmp_path / "large.h5", images.replaced(landmarks=grow * images.landmarks)
+    )
     found, _ = fitted(people, path, noise=noise)
     unit = np.median(found.scale)
     expected = {None: 0.1 * unit, 0.0: 0.003 * unit}.get(noise, noise)
@@ -122,7 +134,9 @@ def test_sequences_out_of_order_are_an_error(people, tmp_path):
 
 
 def test_a_sequence_before_a_camera(people, project, tmp_path):
-    """Near bodies on a turntable: the camera lowers the error, and verification follows it."""
+    """Near bodies on a turntable: the camera lowers the error, and verification follows
+    it.
+    """
     truth = read_shapes([project / "sample_data/people_test.h5"])
     first = truth.sequences[0]
     rows = [row for row, name in enumerate(truth.sequences) if name == first][:40]
@@ -153,17 +167,26 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
 
 @pytest.fixture
 def judged(people, project, tmp_path):
-    """Share of the truth in the 90% ellipsoids of a fit, and the factors of its report."""
+    """Share of the truth in the 90% ellipsoids of a fit, and the factors of its
+    report.
+    """
 
     def judged(method, **prior):
         found, _ = fitted(people, people / "views.h5", method=method, prior=prior)
         config = EvalConfig(
-            results={method: people / "result.h5"}, output=tmp_path / "report", plots=False,
-            truth=(project / "sample_data/people_test.h5",), truth_frame="object",
-        )  # fmt: skip
+            results={method: people / "result.h5"},
+            output=tmp_path / "report",
+            plots=False,
+            truth=(project / "sample_data/people_test.h5",),
+            truth_frame="object",
+        )
         list(evaluating.run(config))
-        report = json.loads((tmp_path / "report/report.json").read_text(encoding="utf-8"))
-        return found, next(c["inside"][1] for c in report["calibration"] if c["group"] == "all")
+        report = json.loads(
+            (tmp_path / "report/report.json").read_text(encoding="utf-8")
+        )
+        return found, next(
+            c["inside"][1] for c in report["calibration"] if c["group"] == "all"
+        )
 
     return judged
 
@@ -180,15 +203,22 @@ def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method):
     assert inside == pytest.approx(0.9, abs=0.01)
 
 
-@pytest.mark.parametrize("text", [
-    "{", '{"posterior": {"90%": -2}}', '{"posterior": {"50%": 1, "90%": null}}',
-    '{"a": {"50%": 1, "90%": 2}, "b": {"50%": 1, "90%": 2}}',
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{",
+        '{"posterior": {"90%": -2}}',
+        '{"posterior": {"50%": 1, "90%": null}}',
+        '{"a": {"50%": 1, "90%": 2}, "b": {"50%": 1, "90%": 2}}',
+    ],
+)
 def test_a_file_without_factors_is_refused(people, tmp_path, text):
     path = tmp_path / "rig.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="no factors of error bars of posterior"):
-        fitted(people, people / "views.h5", method="posterior", prior={"calibration": path})
+        fitted(
+            people, people / "views.h5", method="posterior", prior={"calibration": path}
+        )
 
 
 def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
@@ -196,13 +226,18 @@ def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
     e = len(dictionary.edges)
     A = rng.standard_normal((e, e))
     known = find_usual_lengths(replace(dictionary, edge_covariance=A @ A.T + np.eye(e)))
-    names = [[dictionary.landmark_names[end][1:] for end in edge] for edge in dictionary.edges]
+    names = [
+        [dictionary.landmark_names[end][1:] for end in edge]
+        for edge in dictionary.edges
+    ]
     limbs = [set(joints) in LIMBS for joints in names]
     assert 2 < sum(limbs) < e
     np.testing.assert_allclose(known.precision @ np.ones(e), 0, atol=1e-12)
     np.testing.assert_array_equal(known.precision[~np.array(limbs)], 0)
     assert np.linalg.eigvalsh(known.precision[np.ix_(limbs, limbs)])[1] > 1e-3
-    np.testing.assert_array_equal(known.usual, np.where(limbs, dictionary.edge_length, np.nan))
+    np.testing.assert_array_equal(
+        known.usual, np.where(limbs, dictionary.edge_length, np.nan)
+    )
     assert find_usual_lengths(replace(dictionary, edge_covariance=None)) is None
 
 
@@ -217,13 +252,19 @@ def frames_of(names):
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 100])
-@pytest.mark.parametrize("names", ["aaabbbbcd", "a", "aaaaaaa", "abcdefgh", "aabbcc", ""])
+@pytest.mark.parametrize(
+    "names", ["aaabbbbcd", "a", "aaaaaaa", "abcdefgh", "aabbcc", ""]
+)
 def test_no_run_is_divided_and_nothing_lost(names, size):
     whole = frames_of(names)
-    chunks = [whole.take(slice(at, at + size)) for at in range(0, max(len(names), 1), size)]
+    chunks = [
+        whole.take(slice(at, at + size)) for at in range(0, max(len(names), 1), size)
+    ]
     parts = list(whole_sequences(chunks))
     assert [item for part in parts for item in part.items] == list(whole.items)
-    np.testing.assert_array_equal(np.concatenate([p.landmarks for p in parts]), whole.landmarks)
+    np.testing.assert_array_equal(
+        np.concatenate([p.landmarks for p in parts]), whole.landmarks
+    )
     for before, after in pairwise(parts):
         assert before.sequences[-1] != after.sequences[0]
     assert all(len(part) < size + 8 for part in parts)
@@ -238,7 +279,9 @@ def test_ended_sequences_are_given_out_before_the_stream_ends():
     assert next(whole_sequences(stream())).sequences == ("a", "a")
 
 
-@pytest.mark.parametrize("names", ["", "aab", "aaaaaaaaab", "aaabbbbbbbbbcc", "abcdefgh"])
+@pytest.mark.parametrize(
+    "names", ["", "aab", "aaaaaaaaab", "aaabbbbbbbbbcc", "abcdefgh"]
+)
 def test_long_sequences_are_lifted_in_the_pieces_that_are_refined(names, monkeypatch):
     for module in (clips, fit_sequences):
         monkeypatch.setattr(module, "LONGEST", 4)
@@ -260,7 +303,9 @@ def test_exchanged_frames_are_put_back_with_their_scores(rng):
     score = np.tile(np.linspace(0.2, 0.9, 8), (t, 1))
     items = tuple(map(str, range(t)))
     clean = LandmarkSet(w, tuple("abcdefgh"), items, ("walk",) * t, confidence=score)
-    lifter = SimpleNamespace(dictionary=SimpleNamespace(mirror_index=partner), frame_rate=None)
+    lifter = SimpleNamespace(
+        dictionary=SimpleNamespace(mirror_index=partner), frame_rate=None
+    )
 
     def restore(wrong):
         landmarks = np.where(wrong[:, None, None], w[..., partner], w)

@@ -1,4 +1,6 @@
-"""`fit` writes TRC, tables, meshes and angles, and what it stores lets `convert` do so later."""
+"""`fit` writes TRC, tables, meshes and angles, and what it stores lets `convert` do so
+later.
+"""
 
 import csv
 from pathlib import Path
@@ -37,7 +39,8 @@ def measured(tmp_path, atoms):
     names = tuple(f"point{j}" for j in range(10))
     lengths = np.array([10.0, 20.0, 30.0])
     write_dictionary(
-        path, Dictionary(atoms, names, mean, edges=EDGES, edge_length=lengths, unit="cm")
+        path,
+        Dictionary(atoms, names, mean, edges=EDGES, edge_length=lengths, unit="cm"),
     )
     return path
 
@@ -67,10 +70,14 @@ def test_a_fit_is_written_in_metres_at_once_or_later(tmp_path, films, measured):
     assert written == ["now_a.trc", "now_b.trc"]
     assert "in m by the size of the training shapes, y up as in the image" in note
     run(fit, "fit", tmp_path / "result.h5", **given)
-    written, _ = run(convert, "convert", tmp_path / "later.trc", files=[tmp_path / "result.h5"])
+    written, _ = run(
+        convert, "convert", tmp_path / "later.trc", files=[tmp_path / "result.h5"]
+    )
     assert written == ["later_a.trc", "later_b.trc"]
     for name in "ab":
-        now, later = (points(tmp_path / f"{when}_{name}.trc") for when in ("now", "later"))
+        now, later = (
+            points(tmp_path / f"{when}_{name}.trc") for when in ("now", "later")
+        )
         np.testing.assert_array_equal(now, later)
         np.testing.assert_allclose(total(now), 0.6)
 
@@ -82,7 +89,9 @@ def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
     assert not list(tmp_path.glob("man*"))
     _, note = run(fit, "fit", tmp_path / "man.trc", "height=0.5", **given)
     assert "in m by height 0.5 m" in note
-    assert np.ptp(points(tmp_path / "man_a.trc")[..., 1], axis=1).max() == pytest.approx(0.5, 0.2)
+    assert np.ptp(
+        points(tmp_path / "man_a.trc")[..., 1], axis=1
+    ).max() == pytest.approx(0.5, 0.2)
 
 
 @pytest.mark.real_data
@@ -103,17 +112,21 @@ def test_a_real_man_is_as_large_as_a_man_and_stands_on_his_feet(real_data, tmp_p
     assert "in m by height 1.72 m, y up, the axis z of the extrinsics" in note
     joints = points(tmp_path / written[0]).transpose(1, 0, 2)
     man = dict(zip((*PEOPLE, *FURTHER[:6]), joints, strict=True))
-    # The truth, from four cameras, within a quarter; OpenPose's hips are lower than the prior's.
+    # The truth, from four cameras, within a quarter; OpenPose's hips are lower than the
+    # prior's.
     for a, b, length in (("lhip", "lknee", 0.392), ("relbow", "rwrist", 0.249)):
         median = np.median(np.linalg.norm(man[a] - man[b], axis=1))
         assert median == pytest.approx(length, rel=0.25)
     feet = np.minimum(man["lankle"][:, 1], man["rankle"][:, 1])
     assert ((man["head"][:, 1] - feet) > 1.0).all()
-    # The calibration has the floor at 0, the camera's place is as good as the size of the man.
+    # The calibration has the floor at 0, the camera's place is as good as the size of
+    # the man.
     assert min(man[joint][:, 1].min() for joint in PEOPLE) == pytest.approx(0, abs=0.15)
 
 
-HINGES = tuple(f"{joint}_{side}" for joint in ("knee_angle", "elbow_flex") for side in "rl")
+HINGES = tuple(
+    f"{joint}_{side}" for joint in ("knee_angle", "elbow_flex") for side in "rl"
+)
 QUANTILE = 1.645
 """Of the normal distribution: 90% lie within so many deviations."""
 
@@ -125,7 +138,11 @@ def test_hinges_of_a_man_on_a_beam(real_data, tmp_path):
     for camera in ("cam01", "cam03"):
         landmarks = real_data / f"detected/pose2sim_balancing/{camera}.h5"
         output = tmp_path / f"{camera}.angles.csv"
-        arguments = {"landmarks": [str(landmarks)], "dictionary": "people", "output": str(output)}
+        arguments = {
+            "landmarks": [str(landmarks)],
+            "dictionary": "people",
+            "output": str(output),
+        }
         rate = ["frame_rate=60"]
         list(fit(load_config("fit", Path("sequences"), rate, arguments)))
         with output.open() as file:
@@ -145,4 +162,6 @@ def test_hinges_of_a_man_on_a_beam(real_data, tmp_path):
             deviations.append(np.array([float(row[f"{name}_sd"]) for row in rows]))
     distance = np.abs(errors)
     assert distance.mean() == pytest.approx(13.6, rel=0.02)
-    assert (distance <= QUANTILE * np.array(deviations)).mean() == pytest.approx(0.936, abs=0.02)
+    assert (distance <= QUANTILE * np.array(deviations)).mean() == pytest.approx(
+        0.936, abs=0.02
+    )

@@ -14,12 +14,16 @@ FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
 
 @pytest.fixture
 def make(tmp_path):
-    """Return what learns from shapes with keys of `learn-dict`: the dictionary, the outcomes."""
+    """Return what learns from shapes with keys of `learn-dict`: the dictionary, the
+    outcomes.
+    """
 
     def learn(shapes, **keys):
         path = tmp_path / "shapes.h5"
         write_shapes(path, shapes)
-        config = LearnDictConfig(shapes=str(path), output=str(tmp_path / "dict.h5"), **keys)
+        config = LearnDictConfig(
+            shapes=str(path), output=str(tmp_path / "dict.h5"), **keys
+        )
         outcomes = list(run(config))
         return read_dictionary(config.output), outcomes
 
@@ -31,7 +35,8 @@ def shapes(rng):
     """30 shapes in two sequences, in metres, differently turned and placed."""
     points = rng.standard_normal((3, 5)) + 0.3 * rng.standard_normal((30, 3, 5))
     return ShapeSet(
-        shapes=0.5 * random_rotations(30, rng) @ points + rng.standard_normal((30, 3, 1)),
+        shapes=0.5 * random_rotations(30, rng) @ points
+        + rng.standard_normal((30, 3, 1)),
         landmark_names=("hip", "neck", "head", "left hand", "right hand"),
         items=tuple(f"item{i}" for i in range(30)),
         sequences=("walk",) * 10 + ("run",) * 20,
@@ -42,9 +47,15 @@ def shapes(rng):
 
 @pytest.fixture
 def models(rng):
-    """12 models whose first four landmarks are the corners of their mesh, differently turned."""
-    points = np.array([(0, 0, 0), (4, 0, 0), (0, 4, 0), (0, 0, 4), (1, 1, 2)], dtype=float).T
-    points = rng.uniform(0.5, 2, (12, 1, 1)) * (points + 0.3 * rng.standard_normal((12, 3, 5)))
+    """12 models whose first four landmarks are the corners of their mesh, differently
+    turned.
+    """
+    points = np.array(
+        [(0, 0, 0), (4, 0, 0), (0, 4, 0), (0, 0, 4), (1, 1, 2)], dtype=float
+    ).T
+    points = rng.uniform(0.5, 2, (12, 1, 1)) * (
+        points + 0.3 * rng.standard_normal((12, 3, 5))
+    )
     points = random_rotations(12, rng) @ points + rng.standard_normal((12, 3, 1))
     return ShapeSet(
         shapes=points,

@@ -1,4 +1,6 @@
-"""`learn-dict` of 2D landmarks: what is learned lifts them; what cannot be learned is said."""
+"""`learn-dict` of 2D landmarks: what is learned lifts them; what cannot be learned is
+said.
+"""
 
 from dataclasses import replace
 from functools import cache, partial
@@ -47,19 +49,25 @@ def learn_in(folder, landmarks, further=None, **changes):
 
 @pytest.fixture
 def learn(tmp_path):
-    """Return a function that writes landmarks (n, 2, p), learns from them, and returns outcomes."""
+    """Return a function that writes landmarks (n, 2, p), learns from them, and returns
+    outcomes.
+    """
     return partial(learn_in, tmp_path)
 
 
 def lift(folder):
-    """Fit the images by what was learned of them; return the result and the outcomes."""
+    """Fit the images by what was learned of them; return the result and the
+    outcomes.
+    """
     files = (folder / name for name in ("images.h5", "dict.h5", "result.h5"))
     return fit_file(*files, method="posterior")
 
 
 @pytest.fixture(scope="module")
 def learned(class_of_shapes, tmp_path_factory):
-    """Return what learns from the class and lifts it, once with each value of `flip`."""
+    """Return what learns from the class and lifts it, once with each value of
+    `flip`.
+    """
 
     @cache
     def make(flip):
@@ -67,7 +75,9 @@ def learned(class_of_shapes, tmp_path_factory):
         keys = {} if flip is None else {"flip": flip}
         outcomes = learn_in(folder, class_of_shapes[:, :2], **keys)
         result, of_fit = lift(folder)
-        return SimpleNamespace(folder=folder, outcomes=outcomes, result=result, of_fit=of_fit)
+        return SimpleNamespace(
+            folder=folder, outcomes=outcomes, result=result, of_fit=of_fit
+        )
 
     return make
 
@@ -84,8 +94,13 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
 ):
     made = learned(None)
     assert any("learned; hidden landmarks" in outcome.line for outcome in made.outcomes)
-    assert {each.done for each in made.outcomes if each.note.startswith("evidence")} == {1}
-    images, dictionary = load(made.folder / "images.h5"), read_dictionary(made.folder / "dict.h5")
+    assert {
+        each.done for each in made.outcomes if each.note.startswith("evidence")
+    } == {1}
+    images, dictionary = (
+        load(made.folder / "images.h5"),
+        read_dictionary(made.folder / "dict.h5"),
+    )
     assert predict_hidden(images, dictionary) < 0.1
     told = [str(text) for outcome in made.outcomes for text in outcome.warnings]
     assert any("near and far" in text for text in told)
@@ -106,7 +121,11 @@ def description(folder):
 def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
     learned, class_of_shapes
 ):
-    folder, result, outcomes = learned(None).folder, learned(None).result, learned(None).of_fit
+    folder, result, outcomes = (
+        learned(None).folder,
+        learned(None).result,
+        learned(None).of_fit,
+    )
     files = [folder / name for name in ("images.h5", "dict.h5", "result.h5")]
     assert not result.columns["trusted"].any()
     assert not result.columns["shape_correlation"][..., 1:].any()  # z is as likely -z
@@ -118,7 +137,9 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
     request = verify.Request(files[2], files[1], (files[0],))
     assert not [each.failures for each in verify.run(request) if each.failures]
     found = result.shapes - result.shapes.mean(axis=2, keepdims=True)
-    stated = learned(False).result.shape_sd[:, 2]  # with z and -z as likely, 2 z^2 is added
+    stated = learned(False).result.shape_sd[
+        :, 2
+    ]  # with z and -z as likely, 2 z^2 is added
     added = result.shape_sd[:, 2] ** 2 - stated**2
     np.testing.assert_allclose(added, 2 * found[:, 2] ** 2, rtol=1e-3, atol=1e-3)
 
@@ -138,7 +159,9 @@ def test_the_verdict_stays_with_the_dictionary(tmp_path):
     old = replace(made, provenance={"learned_from": "landmarks"})
     assert old.depth_ambiguity
     known = {"verdict": "doubtful", "near_and_far": "told by perspective"}
-    write_dictionary(tmp_path / "dict.h5", replace(old, provenance=old.provenance | known))
+    write_dictionary(
+        tmp_path / "dict.h5", replace(old, provenance=old.provenance | known)
+    )
     (line,) = describe_learning(read_dictionary(tmp_path / "dict.h5"))
     assert line.endswith("doubtful; near and far told by perspective")
 
@@ -172,7 +195,10 @@ def flat_class(shapes, rng):
     [
         (one_view, "views too alike: depth is not determined"),
         (flat_class, "views too alike: depth is not determined"),
-        (lambda shapes, rng: rng.standard_normal((N, 2, P)), "nothing in common: .* of one class"),
+        (
+            lambda shapes, rng: rng.standard_normal((N, 2, P)),
+            "nothing in common: .* of one class",
+        ),
         (lambda shapes, rng: shapes[:2, :2], "too few images: 2 of 2"),
         (lambda shapes, rng: np.full((N, 2, P), np.nan), "too few images: 0 of 60"),
     ],
@@ -206,7 +232,11 @@ def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes
     freedom = []
     for stretch in (0.0, 0.3):
         further = {"further": {"edges": edges}}
-        learn(class_of_shapes[:, :2], further, prior={"components": 1, "bone_scale": stretch})
+        learn(
+            class_of_shapes[:, :2],
+            further,
+            prior={"components": 1, "bone_scale": stretch},
+        )
         made = read_dictionary(tmp_path / "dict.h5")
         np.testing.assert_array_equal(made.edges, edges)
         freedom.append(made.prior.covariances[0].trace())

@@ -1,4 +1,6 @@
-"""`learn-dict` of 3D shapes: what is learned from, atoms by three methods, priors, meshes."""
+"""`learn-dict` of 3D shapes: what is learned from, atoms by three methods, priors,
+meshes.
+"""
 
 import json
 from pathlib import Path
@@ -31,14 +33,21 @@ class TestSparseCoding:
         *_, expected = learn(aligned.shapes, 6, 0.1, iterations=4)
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
         np.testing.assert_array_equal(dictionary.objective_trace, expected.trace)
-        np.testing.assert_array_equal(dictionary.mean_shape, normalise(aligned.mean).points)
+        np.testing.assert_array_equal(
+            dictionary.mean_shape, normalise(aligned.mean).points
+        )
         i, j = EDGES.T
-        lengths = np.linalg.norm(shapes.shapes[:, :, i] - shapes.shapes[:, :, j], axis=1)
+        lengths = np.linalg.norm(
+            shapes.shapes[:, :, i] - shapes.shapes[:, :, j], axis=1
+        )
         np.testing.assert_allclose(dictionary.edge_length, lengths.mean(axis=0))
 
     def test_the_provenance_says_where_it_comes_from(self, make, shapes, tmp_path):
         provenance = make(shapes, beta=0.2, **LEARNED)[0].provenance
-        assert (provenance["version"], provenance["method"]) == (__version__, "sparse-coding")
+        assert (provenance["version"], provenance["method"]) == (
+            __version__,
+            "sparse-coding",
+        )
         assert json.loads(provenance["config"])["beta"] == 0.2
         source = tmp_path / "shapes.h5"
         assert json.loads(provenance["inputs"]) == {str(source): digest(source)}
@@ -59,7 +68,9 @@ class TestSparseCoding:
         dictionary, _ = make(models, **LEARNED)
         assert (dictionary.unit, dictionary.atom_items) == ("m", None)
         normalised = normalise(models.shapes)
-        *_, learned = learn(generalised_procrustes(normalised.points).shapes, 4, 0.1, iterations=5)
+        *_, learned = learn(
+            generalised_procrustes(normalised.points).shapes, 4, 0.1, iterations=5
+        )
         grown = dictionary.atom_scale * std(dictionary.atoms)
         share = learned.coefficients / learned.coefficients.sum(axis=0)
         np.testing.assert_allclose(grown, share.T @ normalised.scale, rtol=1e-12)
@@ -98,13 +109,19 @@ class TestPcaBases:
         parts = aligned.shapes[:10], aligned.shapes[10:]
         expected = np.concatenate([principal_components(part) for part in parts])
         np.testing.assert_array_equal(dictionary.atoms, expected)
-        np.testing.assert_array_equal(dictionary.mean_shape, normalise(aligned.mean).points)
+        np.testing.assert_array_equal(
+            dictionary.mean_shape, normalise(aligned.mean).points
+        )
         assert dictionary.objective_trace.size == 0
 
     def test_need_motion_beyond_rounding(self, make, shapes):
-        of_sequence = np.array([shapes.sequences.index(name) for name in shapes.sequences])
+        of_sequence = np.array(
+            [shapes.sequences.index(name) for name in shapes.sequences]
+        )
         still = shapes.shapes[of_sequence].astype(np.float32).astype(np.float64)
-        with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
+        with pytest.raises(
+            InputError, match=r"shapes: .* all alike; give sequences that move"
+        ):
             make(shapes.replaced(shapes=still), method="pca-bases")
 
 
@@ -112,7 +129,10 @@ class TestPrior:
     @pytest.mark.parametrize(
         ("prior", "message"),
         [
-            ({"components": 31}, "prior.components: 31 components are more than the 30 shapes"),
+            (
+                {"components": 31},
+                "prior.components: 31 components are more than the 30 shapes",
+            ),
             (
                 {"components": 1, "bone_scale": 0.1},
                 "prior: 0 edges of 5 landmarks are not a tree; give shapes",
@@ -124,15 +144,23 @@ class TestPrior:
             make(shapes.replaced(edges=None), prior=prior, **EXEMPLARS)
 
     def test_shapes_stay_unturned_where_bones_vary(self, make, models):
-        models, none = models.replaced(edges=np.array([[0, 1], [0, 2], [0, 3], [0, 4]])), "none"
+        models, none = (
+            models.replaced(edges=np.array([[0, 1], [0, 2], [0, 3], [0, 4]])),
+            "none",
+        )
         priors = [{"components": 1, "bone_scale": scale} for scale in (0, 1e-9)]
-        a, b = (make(models, align=none, prior=prior, **EXEMPLARS)[0].prior for prior in priors)
+        a, b = (
+            make(models, align=none, prior=prior, **EXEMPLARS)[0].prior
+            for prior in priors
+        )
         np.testing.assert_allclose(a.means, b.means, atol=1e-6)
 
     @pytest.mark.parametrize(("number", "components"), [(20, 1), (300, 2)])
     def test_a_component_for_every_150_shapes(self, make, rng, number, components):
         points = rng.normal(size=(number, 3, 5))
-        many = ShapeSet(points, tuple("abcde"), tuple(f"pose {i}" for i in range(number)))
+        many = ShapeSet(
+            points, tuple("abcde"), tuple(f"pose {i}" for i in range(number))
+        )
         made, outcomes = make(many, prior={"components": "auto"}, k=4, iterations=2)
         assert len(made.prior) == components
         rounds = [outcome for outcome in outcomes if outcome.unit == "round"]
@@ -166,7 +194,9 @@ class TestNumber:
         points = shapes.shapes.copy()
         points[4] = points[4, :, :1]
         dictionary, outcomes = make(shapes.replaced(shapes=points), **FEW)
-        assert failures(outcomes) == {"item4": "all its landmarks are at one point, or not finite"}
+        assert failures(outcomes) == {
+            "item4": "all its landmarks are at one point, or not finite"
+        }
         expected, _ = make(shapes.take(np.arange(30) != 4), **FEW)
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
         with pytest.raises(InputError, match="29 shapes"):
@@ -174,7 +204,9 @@ class TestNumber:
 
     def test_no_shape_that_can_be_used(self, make, shapes):
         points = np.repeat(shapes.shapes[:, :, :1], 5, axis=2)
-        with pytest.raises(InputError, match=r"0 shapes.*; item0, for one: all its landmarks are"):
+        with pytest.raises(
+            InputError, match=r"0 shapes.*; item0, for one: all its landmarks are"
+        ):
             make(shapes.replaced(shapes=points), k=1)
 
 
@@ -187,7 +219,9 @@ def faces(rng):
     """Six lopsided shapes: two pairs, left and right along z, and a point between."""
     half = np.array([[0.5, 0.2, 2.0], [-0.8, 1.0, 1.0]]).T
     middle = np.array([[0.0, -0.5, 0.0]]).T
-    points = np.concatenate([half, half * [[1], [1], [-1]], middle], axis=1)[:, [0, 2, 1, 3, 4]]
+    points = np.concatenate([half, half * [[1], [1], [-1]], middle], axis=1)[
+        :, [0, 2, 1, 3, 4]
+    ]
     return ShapeSet(
         shapes=points + 0.1 * rng.standard_normal((6, 3, 5)),
         landmark_names=("left eye", "right eye", "left ear", "right ear", "nose"),
@@ -201,10 +235,14 @@ class TestMirror:
         dictionary, outcomes = make(faces, mirror=True, **PLAIN)
         plain = normalise(faces.shapes).points
         np.testing.assert_array_equal(dictionary.atoms[:6], plain)
-        np.testing.assert_allclose(dictionary.atoms[6:], mirror(plain, PARTNERS, 2), atol=1e-14)
+        np.testing.assert_allclose(
+            dictionary.atoms[6:], mirror(plain, PARTNERS, 2), atol=1e-14
+        )
         np.testing.assert_allclose(dictionary.atom_scale[6:], dictionary.atom_scale[:6])
         np.testing.assert_allclose(
-            mirror(dictionary.mean_shape, PARTNERS, 2), dictionary.mean_shape, atol=1e-14
+            mirror(dictionary.mean_shape, PARTNERS, 2),
+            dictionary.mean_shape,
+            atol=1e-14,
         )
         assert outcomes[0].note == "12 shapes"
         rest, _ = make(faces.take([0, 1, 3, 4, 5]), mirror=True, **PLAIN)
@@ -213,7 +251,9 @@ class TestMirror:
         assert left.atom_items == rest.atom_items
 
     def test_meshes_are_left_out(self, make, faces, rng):
-        meshed = faces.replaced(mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=FACES)
+        meshed = faces.replaced(
+            mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=FACES
+        )
         dictionary, _ = make(meshed, mirror=True, **PLAIN)
         assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
         assert make(meshed, **PLAIN)[0].mesh_vertices.shape == (6, 3, 4)
@@ -243,7 +283,9 @@ class TestMirror:
 def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     """Every third frame of each sequence: 3,359 shapes."""
     source = real_data / "mocap" / "subject86_24fps.h5"
-    config = LearnDictConfig(shapes=str(source), output=str(tmp_path / "dict.h5"), every=3)
+    config = LearnDictConfig(
+        shapes=str(source), output=str(tmp_path / "dict.h5"), every=3
+    )
     outcomes = list(run(config))
     dictionary = read_dictionary(config.output)
     assert outcomes[0].note == "3359 shapes"
@@ -252,4 +294,6 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     assert "reconstruction error 2." in outcomes[-2].rows[0][1]
     # The mean stands as the first shape does: no turn brings one nearer to the other.
     first = normalise(read_shapes(config.shapes).shapes[0]).points
-    np.testing.assert_allclose(rotation_onto(first, dictionary.mean_shape), np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(
+        rotation_onto(first, dictionary.mean_shape), np.eye(3), atol=1e-6
+    )

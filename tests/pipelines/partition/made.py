@@ -1,4 +1,6 @@
-"""A dictionary of eight landmarks, numbered images of them, and the folder of results `out`."""
+"""A dictionary of eight landmarks, numbered images of them, and the folder of results
+`out`.
+"""
 
 import json
 from collections.abc import Collection, Iterable
@@ -23,10 +25,15 @@ def make_dictionary(path: Path, rng: np.random.Generator) -> None:
     write_dictionary(path, Dictionary(atoms, NAMES, atoms[0]))
 
 
-def make_images(path: str | Path, points: Floats, first: int = 0, **fields: Any) -> None:
+def make_images(
+    path: str | Path, points: Floats, first: int = 0, **fields: Any
+) -> None:
     """Write images of points (n, 2, 8), numbered from the first."""
     items = tuple(f"i{n}" for n in range(first, first + len(points)))
-    save(Path(path), LandmarkSet(landmarks=points, landmark_names=NAMES, items=items, **fields))
+    save(
+        Path(path),
+        LandmarkSet(landmarks=points, landmark_names=NAMES, items=items, **fields),
+    )
 
 
 def entries(folder: Path = Path("out")) -> list[dict[str, Any]]:
@@ -38,8 +45,12 @@ def entries(folder: Path = Path("out")) -> list[dict[str, Any]]:
 OF_CONVEX = {"item", "shapes", "coefficients", "objective", "rotation"}
 
 
-def same_bits(parts: Iterable[Path], whole: Path, among: Collection[str] = OF_CONVEX) -> None:
-    """Assert that results are, one after the other, those of one run; `among` their datasets."""
+def same_bits(
+    parts: Iterable[Path], whole: Path, among: Collection[str] = OF_CONVEX
+) -> None:
+    """Assert that results are, one after the other, those of one run; `among` their
+    datasets.
+    """
     parts = list(parts)
     with h5py.File(whole) as expected:
         count = len(expected["item"])
@@ -50,4 +61,6 @@ def same_bits(parts: Iterable[Path], whole: Path, among: Collection[str] = OF_CO
             for part in parts:
                 with h5py.File(part) as file:
                     pieces.append(file[name][:])
-            np.testing.assert_array_equal(np.concatenate(pieces), expected[name][:], err_msg=name)
+            np.testing.assert_array_equal(
+                np.concatenate(pieces), expected[name][:], err_msg=name
+            )

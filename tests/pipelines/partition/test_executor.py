@@ -1,4 +1,6 @@
-"""Parts on processes of this machine, or slowly on Dask: the bits of one run, whoever is killed."""
+"""Parts on processes of this machine, or slowly on Dask: the bits of one run, whoever
+is killed.
+"""
 
 import json
 import os
@@ -54,7 +56,9 @@ def fit(folder: Path, output: str, *options: object) -> str:
 
 
 @contextmanager
-def in_the_middle(folder: Path, output: str, *options: object) -> Iterator[subprocess.Popen[bytes]]:
+def in_the_middle(
+    folder: Path, output: str, *options: object
+) -> Iterator[subprocess.Popen[bytes]]:
     """Start fit, and wait until a part is done and listed."""
     manifest = folder / output / "manifest.jsonl"
     process = subprocess.Popen(
@@ -86,17 +90,26 @@ def listed(folder: Path) -> Sequence[str]:
 
 
 def same_bits(data: Path, output: str) -> None:
-    """Fail unless the parts together are the result of one run, but for temporaries of the dead."""
+    """Fail unless the parts together are the result of one run, but for temporaries of
+    the dead.
+    """
     parts = results(data / output)
     assert [part.name for part in parts] == listed(data / output)
     assert len(parts) == PARTS
-    others = {path.name for path in (data / output).iterdir()} - {part.name for part in parts}
-    assert {name for name in others if ".partial" not in name} == {"manifest.jsonl", ".lock"}
+    others = {path.name for path in (data / output).iterdir()} - {
+        part.name for part in parts
+    }
+    assert {name for name in others if ".partial" not in name} == {
+        "manifest.jsonl",
+        ".lock",
+    }
     same_results(parts, data / "whole.h5")
 
 
 def goes_on(data: Path, output: str, *options: object) -> None:
-    """Fail unless a run that was ended does the parts that are missing, and no other."""
+    """Fail unless a run that was ended does the parts that are missing, and no
+    other.
+    """
     before = listed(data / output)
     assert 1 <= len(before) < PARTS
     assert f"{(PARTS - len(before)) * SIZE:,} images" in fit(data, output, *options)
@@ -135,13 +148,18 @@ class TestProcesses:
     def test_a_run_that_was_ended_goes_on(self, data, by):
         output = f"ended-{by.name}/"
         with in_the_middle(data, output, "--workers", 2) as process:
-            process.send_signal(signal.SIGSTOP)  # looking for its children takes a while
+            process.send_signal(
+                signal.SIGSTOP
+            )  # looking for its children takes a while
             workers = children(process.pid)
             process.send_signal(by)
             process.send_signal(signal.SIGCONT)
             process.wait(timeout=LIMIT)
         end = time.monotonic() + 10
-        while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < end:
+        while (
+            any(Path(f"/proc/{pid}").exists() for pid in workers)
+            and time.monotonic() < end
+        ):
             time.sleep(0.05)
         assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
         goes_on(data, output)
@@ -158,7 +176,11 @@ class TestProcesses:
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
         monkeypatch.chdir(data)
         folder = ResultFolder(Path("deadly").absolute(), partition=SIZE, workers=2)
-        arguments = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": folder}
+        arguments = {
+            "landmarks": ("views.h5",),
+            "dictionary": "dict.h5",
+            "output": folder,
+        }
         config = load_config("fit", None, ("method=alternate",), arguments)
         Path("deadly").mkdir()
         parts = find_parts(config, SIZE)[:3]
@@ -176,9 +198,18 @@ def test_a_worker_of_another_version_ends_the_run(job):
 @pytest.mark.parametrize(
     ("error", "text"),
     [
-        (type("KilledWorker", (Exception,), {})(), "one worker after another died of it"),
-        (ModuleNotFoundError("No module named 'shapefit'"), "Dask: No module named 'shapefit'; "),
-        (ValueError("not enough values to unpack (expected 3, got 2)"), "the scheduler is gone"),
+        (
+            type("KilledWorker", (Exception,), {})(),
+            "one worker after another died of it",
+        ),
+        (
+            ModuleNotFoundError("No module named 'shapefit'"),
+            "Dask: No module named 'shapefit'; ",
+        ),
+        (
+            ValueError("not enough values to unpack (expected 3, got 2)"),
+            "the scheduler is gone",
+        ),
     ],
 )
 def test_what_dask_raises_is_reported(job, error, text):
@@ -191,12 +222,17 @@ def test_what_dask_raises_is_reported(job, error, text):
         assert text in result_of(future, job)[0]["error"]
 
 
-@pytest.mark.parametrize(("options", "text"), [
-    (("--scheduler", "tcp://127.0.0.1:9"), "pip install distributed"),
-    pytest.param(
-        ("--scheduler-file", "empty.json"), "no scheduler answers", marks=pytest.mark.slow,
-    ),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--scheduler", "tcp://127.0.0.1:9"), "pip install distributed"),
+        pytest.param(
+            ("--scheduler-file", "empty.json"),
+            "no scheduler answers",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
 def test_without_a_scheduler(data, monkeypatch, options, text):
     (data / "empty.json").write_text("{}")
     if "pip" in text:
@@ -237,7 +273,9 @@ def test_a_running_cluster(data, cluster, by):
 
 @pytest.mark.slow
 def test_a_killed_worker(data, cluster):
-    with in_the_middle(data, "killed/", "--scheduler", cluster.scheduler_address) as process:
+    with in_the_middle(
+        data, "killed/", "--scheduler", cluster.scheduler_address
+    ) as process:
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         _, said = process.communicate(timeout=LIMIT)
         assert process.returncode == 0, said
@@ -248,7 +286,9 @@ def test_a_killed_worker(data, cluster):
 def test_a_lost_scheduler(data):
     with (
         started() as own,
-        in_the_middle(data, "scheduler/", "--scheduler", own.scheduler_address) as process,
+        in_the_middle(
+            data, "scheduler/", "--scheduler", own.scheduler_address
+        ) as process,
     ):
         own.close()
         _, said = process.communicate(timeout=LIMIT)

@@ -18,7 +18,13 @@ from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.partition import run as parting
 from shapefit.pipelines.partition.run import find_parts, run
 from tests.pipelines.fitted import done, failures
-from tests.pipelines.partition.made import NAMES, entries, make_dictionary, make_images, same_bits
+from tests.pipelines.partition.made import (
+    NAMES,
+    entries,
+    make_dictionary,
+    make_images,
+    same_bits,
+)
 
 OUT = Path("out")
 MANIFEST = OUT / "manifest.jsonl"
@@ -41,7 +47,9 @@ def config_of(output, *overrides: str, landmarks=("one.h5", "two.h5")):
 
 
 def fit(*overrides: str, output: str = "out/", landmarks=("one.h5", "two.h5"), **parts):
-    """Run fit in parts of 128 images, which is 100 in whole stretches; return its outcomes."""
+    """Run fit in parts of 128 images, which is 100 in whole stretches; return its
+    outcomes.
+    """
     folder = ResultFolder(Path(output).absolute(), **{"partition": 100, **parts})
     return list(run(config_of(folder, *overrides, landmarks=landmarks)))
 
@@ -76,14 +84,18 @@ class TestResuming:
         fit()
         if harm == "forget":
             lines = MANIFEST.read_bytes().splitlines(keepends=True)
-            MANIFEST.write_bytes(b"".join(line for line in lines if b"part-00001.h5" not in line))
+            MANIFEST.write_bytes(
+                b"".join(line for line in lines if b"part-00001.h5" not in line)
+            )
         elif harm == "remove":
             (OUT / "part-00001.h5").unlink()
         else:
             os.truncate(OUT / "part-00001.h5", 1000)
         before = stamps()
         assert done(fit()) == 128
-        changed = [name for name, stamp in stamps().items() if stamp != before.get(name)]
+        changed = [
+            name for name, stamp in stamps().items() if stamp != before.get(name)
+        ]
         assert changed == ["part-00001.h5"]
         same_as_one_run()
 
@@ -105,8 +117,15 @@ class TestResuming:
         monkeypatch.setattr(parting, "fit", broken)
         (reason,) = failures(fit()).values()
         assert "rows 256 to 383" in reason
-        assert [entry["status"] for entry in entries()] == ["done", "done", "failed", *["done"] * 2]
-        assert names() == [entry["file"] for entry in entries() if entry["status"] == "done"]
+        assert [entry["status"] for entry in entries()] == [
+            "done",
+            "done",
+            "failed",
+            *["done"] * 2,
+        ]
+        assert names() == [
+            entry["file"] for entry in entries() if entry["status"] == "done"
+        ]
         monkeypatch.setattr(parting, "fit", real)
         assert done(fit()) == 128
         same_as_one_run()
@@ -138,7 +157,9 @@ class TestResuming:
             os._exit(1)
         assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
         assert len(entries()) == 3
-        with MANIFEST.open("r+b") as file:  # and the last line was not written to its end
+        with MANIFEST.open(
+            "r+b"
+        ) as file:  # and the last line was not written to its end
             file.truncate(MANIFEST.stat().st_size - 40)
         assert done(fit()) == 128 + 16 + 100
         same_as_one_run()
@@ -159,7 +180,9 @@ class TestResultsAreNotLost:
             (("two.h5", "landmarks"), BOTH, (), {}, "two.h5 before it changed", 100),
         ],
     )
-    def test_it_is_refused_without_replace(self, change, landmarks, overrides, parts, held, again):
+    def test_it_is_refused_without_replace(
+        self, change, landmarks, overrides, parts, held, again
+    ):
         fit()
         if change:
             with h5py.File(change[0], "a") as file:
@@ -168,7 +191,9 @@ class TestResultsAreNotLost:
         with pytest.raises(InputError, match=rf"{held}.*--replace"):
             fit(*overrides, landmarks=landmarks, **parts)
         assert stamps() == before
-        assert done(fit(*overrides, landmarks=landmarks, replace=True, **parts)) == again
+        assert (
+            done(fit(*overrides, landmarks=landmarks, replace=True, **parts)) == again
+        )
         assert len(names()) == len(entries())
 
     def test_a_file_that_the_config_names_is_one_that_results_depend_on(self):
@@ -186,7 +211,9 @@ class TestWhatIsRefusedOrReplaced:
         OUT.mkdir()
         with (OUT / ".lock").open("w") as file:
             fcntl.flock(file, fcntl.LOCK_EX)
-            with pytest.raises(InputError, match="another run is writing results to it"):
+            with pytest.raises(
+                InputError, match="another run is writing results to it"
+            ):
                 fit()
 
     @pytest.mark.parametrize("text", ["", "{}\n", "[]\n", '{"config": 1}\n[]\n'])
@@ -209,11 +236,16 @@ class TestParts:
     @staticmethod
     def planned(*landmarks: str, method: str = "sequences", partition: int = 100_000):
         arguments = {"landmarks": landmarks, "dictionary": "people", "output": "out/"}
-        return find_parts(load_config("fit", None, (f"method={method}",), arguments), partition)
+        return find_parts(
+            load_config("fit", None, (f"method={method}",), arguments), partition
+        )
 
     def test_are_cut_between_sequences(self):
         one = self.write("a.h5", "a" * 5 + "b" * 30 + "c" * 4 + "d" * 9)
-        rows = [part.rows for part in self.planned(one, self.write("b.h5", "eee"), partition=10)]
+        rows = [
+            part.rows
+            for part in self.planned(one, self.write("b.h5", "eee"), partition=10)
+        ]
         assert rows == [(0, 35), (35, 48), None]
 
     def test_a_recording_of_many_files_is_one(self, project):
@@ -234,9 +266,13 @@ def test_the_folder_is_one_result(rng):
     assert command("view", "out/", "-o", "page.html") == 0
     assert Path("page.html").stat().st_size > 10_000
 
-    truth = ShapeSet(rng.normal(size=(500, 3, 8)), NAMES, tuple(f"i{n}" for n in range(500)))
+    truth = ShapeSet(
+        rng.normal(size=(500, 3, 8)), NAMES, tuple(f"i{n}" for n in range(500))
+    )
     write_shapes(Path("truth.h5"), truth)
-    assert command("eval", "out/", "whole.h5", "--truth", "truth.h5", "-o", "report") == 0
+    assert (
+        command("eval", "out/", "whole.h5", "--truth", "truth.h5", "-o", "report") == 0
+    )
     lines = Path("report/per_image.csv").read_text().splitlines()[1:]
     assert len(lines) >= 1000
     assert len({line.partition(",")[2] for line in lines}) == len(lines) / 2

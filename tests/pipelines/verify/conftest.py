@@ -43,7 +43,9 @@ def changed(tmp_path):
         target = tmp_path / "changed.h5"
         shutil.copy(path, target)
         with h5py.File(target, "r+") as file:
-            file.attrs.pop("attributes_sha256", None)  # as whoever changes attributes would
+            file.attrs.pop(
+                "attributes_sha256", None
+            )  # as whoever changes attributes would
             change(file)
         return target
 
@@ -54,7 +56,9 @@ def verify_file(result, dictionary, landmarks=()):
     outcomes = list(run(Request(result, dictionary, tuple(landmarks))))
     return SimpleNamespace(
         done=sum(outcome.done for outcome in outcomes),
-        failures={one.item: one.reason for outcome in outcomes for one in outcome.failures},
+        failures={
+            one.item: one.reason for outcome in outcomes for one in outcome.failures
+        },
         note=outcomes[-1].note,
         data=outcomes[-1].data(),
     )
@@ -62,5 +66,7 @@ def verify_file(result, dictionary, landmarks=()):
 
 @pytest.fixture
 def verify():
-    """Return what verifies a file: `done`, `failures` (item -> reason), `note`, `data`."""
+    """Return what verifies a file: `done`, `failures` (item -> reason), `note`,
+    `data`.
+    """
     return verify_file

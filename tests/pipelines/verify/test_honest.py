@@ -1,4 +1,6 @@
-"""Honest results are accepted: every method and data term, from every kind of file, in parts."""
+"""Honest results are accepted: every method and data term, from every kind of file, in
+parts.
+"""
 
 import json
 
@@ -39,7 +41,11 @@ KEYS = [
     ("cars", {"camera": PERSPECTIVE, "outliers": "l1"}, ALL),
     (
         "cars",
-        {"camera": PERSPECTIVE, "method": "convex+refine", "leave_one_out": "true_model"},
+        {
+            "camera": PERSPECTIVE,
+            "method": "convex+refine",
+            "leave_one_out": "true_model",
+        },
         ALL,
     ),
     ("cars", {"camera": PERSPECTIVE, "method": "mean-shape"}, NONE),
@@ -65,15 +71,25 @@ def test_an_honest_result_is_accepted(
 
 @pytest.fixture(scope="session")
 def tables(landmarks, tmp_path_factory):
-    """The images of people in two sequences: as a table, and with other names as HDF5."""
+    """The images of people in two sequences: as a table, and with other names as
+    HDF5.
+    """
     folder, images = tmp_path_factory.mktemp("tables"), load(landmarks["people"])
     header, *lines = landmarks["people"].read_text().splitlines()
     first = tuple(f"{item}," for item in images.items[:5])
-    rows = [f"{line},{'first' if line.startswith(first) else 'second'}" for line in lines]
+    rows = [
+        f"{line},{'first' if line.startswith(first) else 'second'}" for line in lines
+    ]
     (folder / "people.csv").write_text("\n".join([f"{header},sequence", *rows]) + "\n")
     named = {"sequences": ["a"] * 5 + ["b"] * (len(images) - 5)}
-    save(folder / "people.h5", images.replaced(items=[f"b{i}" for i in images.items], **named))
-    return {"csv": [folder / "people.csv", folder / "people.h5"], "hdf5": [folder / "people.h5"]}
+    save(
+        folder / "people.h5",
+        images.replaced(items=[f"b{i}" for i in images.items], **named),
+    )
+    return {
+        "csv": [folder / "people.csv", folder / "people.h5"],
+        "hdf5": [folder / "people.h5"],
+    }
 
 
 @pytest.fixture(scope="session")
@@ -92,7 +108,9 @@ METHODS = [
     *("posterior", "sequences"),
 ]
 FORMS = [("csv", True), ("folder", True), ("hdf5", False)]
-"""Form of the images, and whether there are two files of them, the second HDF5, and parts."""
+"""Form of the images, and whether there are two files of them, the second HDF5, and
+parts.
+"""
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -104,14 +122,23 @@ def test_every_kind_of_file_is_accepted(
     files = files if parts else files[:1]
     keys = {"frame_rate": 24} if method == "sequences" else {}
     keys |= {"keypoints": "body_25"} if form == "folder" else {}
-    dictionary = dictionaries["prior" if method in ("posterior", "sequences") else "people"]
+    dictionary = dictionaries[
+        "prior" if method in ("posterior", "sequences") else "people"
+    ]
     if method == "pmp":
         dictionary = world.dictionary("bases of people")
-    output = ResultFolder(tmp_path / "out", partition=4) if parts else str(tmp_path / "out.h5")
+    output = (
+        ResultFolder(tmp_path / "out", partition=4)
+        if parts
+        else str(tmp_path / "out.h5")
+    )
     config = FitConfig(
         landmarks=[str(file) for file in files],
-        dictionary=str(dictionary), output=output, method=method, **keys,
-    )  # fmt: skip
+        dictionary=str(dictionary),
+        output=output,
+        method=method,
+        **keys,
+    )
     if parts:
         list(fit_parts(config))
     else:
@@ -124,7 +151,9 @@ def test_every_kind_of_file_is_accepted(
 
 
 def test_hard_images_are_accepted(tmp_path, verify, dictionaries, rng):
-    """Far from the origin, tiny, huge, with strange confidences, hidden or on one point."""
+    """Far from the origin, tiny, huge, with strange confidences, hidden or on one
+    point.
+    """
     dictionary = read_dictionary(dictionaries["people"])
     atoms = dictionary.atoms
     p = atoms.shape[2]
@@ -157,7 +186,9 @@ def test_hard_images_are_accepted(tmp_path, verify, dictionaries, rng):
             assert "No shape   2 of 12 images" in found.note
 
 
-def test_nothing_that_a_result_names_is_opened(fitted, changed, verify, dictionaries, tmp_path):
+def test_nothing_that_a_result_names_is_opened(
+    fitted, changed, verify, dictionaries, tmp_path
+):
     """A calibration that never ends, landmarks and a dictionary that are not there."""
     import hashlib
     import os
@@ -170,7 +201,9 @@ def test_nothing_that_a_result_names_is_opened(fitted, changed, verify, dictiona
         config["camera"] |= {"calibration": str(pipe)}
         config["landmarks"] = [str(pipe)]
         file.attrs["config"] = json.dumps(config)
-        file.attrs["config_digest"] = hashlib.sha256(file.attrs["config"].encode()).hexdigest()
+        file.attrs["config_digest"] = hashlib.sha256(
+            file.attrs["config"].encode()
+        ).hexdigest()
 
     found = verify(changed(fitted("people"), name_it), dictionaries["people"])
     assert list(found.failures) == [str(pipe)]  # which has no digest
@@ -184,5 +217,7 @@ def test_csv_cannot_be_verified_and_chunks_do_not_matter(
     with pytest.raises(InputError, match="give a result that `shapefit fit` wrote"):
         verify(path, dictionaries["people"])
     monkeypatch.setattr("shapefit.pipelines.verify.CHUNK", 16)
-    found = verify(fitted("cars", lam=1.0, leave_one_out="true_model"), dictionaries["cars"])
+    found = verify(
+        fitted("cars", lam=1.0, leave_one_out="true_model"), dictionaries["cars"]
+    )
     assert (found.failures, found.done) == ({}, 108)

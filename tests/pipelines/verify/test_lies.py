@@ -28,7 +28,9 @@ CASES = {
 
 
 def entry(name, other, row=IMAGE):
-    """Return the lie that the numbers of an image in a dataset are `other` of what they are."""
+    """Return the lie that the numbers of an image in a dataset are `other` of what they
+    are.
+    """
 
     def lie(file):
         file[name][row] = other(file[name][row])
@@ -54,7 +56,9 @@ def in_config(**values):
 
     def lie(file):
         file.attrs["config"] = json.dumps(json.loads(file.attrs["config"]) | values)
-        file.attrs["config_digest"] = hashlib.sha256(file.attrs["config"].encode()).hexdigest()
+        file.attrs["config_digest"] = hashlib.sha256(
+            file.attrs["config"].encode()
+        ).hexdigest()
 
     return lie
 
@@ -70,7 +74,10 @@ LIES = {
     "gap withheld": ("squared", gone("relative_gap")),
     "gap of the refined": ("refined", entry("relative_gap", lambda gap: 0.9 * gap)),
     "objective": ("squared", entry("objective", lambda P: P * (1 - 1e-7))),
-    "objective of the refined": ("refined", entry("objective", lambda P: P * (1 - 1e-7))),
+    "objective of the refined": (
+        "refined",
+        entry("objective", lambda P: P * (1 - 1e-7)),
+    ),
     "dual infeasible": ("squared", entry("dual", lambda Y: Y * (1 + 1e-7))),
     "dual unbalanced": ("squared", entry("dual", lambda Y: Y + 1e-7)),
     "dual beyond its bound": ("l1", entry("dual", lambda Y: np.sign(Y) * 1.01)),
@@ -95,7 +102,7 @@ LIES = {
     "inputs gone": ("squared", lambda file: file.attrs.__delitem__("inputs")),
     "inputs without digests": ("squared", states(inputs="{}")),
     "config of another digest": ("squared", states(config_digest="0" * 64)),
-}  # fmt: skip
+}
 """What is planted -> in which kind of result, and how."""
 
 
@@ -103,13 +110,17 @@ LIES = {
 def test_a_lie_is_found(fitted, changed, verify, dictionaries, landmarks, name):
     case, lie = LIES[name]
     kind, keys = CASES[case]
-    found = verify(changed(fitted(kind, **keys), lie), dictionaries[kind], [landmarks[kind]])
+    found = verify(
+        changed(fitted(kind, **keys), lie), dictionaries[kind], [landmarks[kind]]
+    )
     assert found.failures
     assert found.data["false"] + found.data["files"] == len(found.failures)
     assert found.note.splitlines()[-1] != f"False      0 of {found.done} images"
 
 
-def test_the_atoms_of_a_left_out_item_are_not_used(fitted, changed, verify, dictionaries):
+def test_the_atoms_of_a_left_out_item_are_not_used(
+    fitted, changed, verify, dictionaries
+):
     def use(file):
         with h5py.File(dictionaries["cars"]) as own:
             names = own["atom_item"].asstr()[()].tolist()
@@ -139,12 +150,20 @@ def test_other_landmarks_are_found(fitted, verify, dictionaries, landmarks, tmp_
     assert set(found.failures) == {str(other), cells[0]}
     # The file of the fit is known by its digest, whatever its name.
     same = shutil.copy(landmarks["people"], tmp_path / "renamed.csv")
-    assert verify(fitted("people"), dictionaries["people"], [other, same]).failures == {}
+    assert (
+        verify(fitted("people"), dictionaries["people"], [other, same]).failures == {}
+    )
 
 
 WRONG = [
-    *(states(config=text) for text in ("", "[]", "{}", "no", '{"method": "convex"}', "[" * 60_000)),
-    *(in_config(**keys) for keys in ({"landmarks": 3}, {"method": "magic"}, {"tolerance": "fine"})),
+    *(
+        states(config=text)
+        for text in ("", "[]", "{}", "no", '{"method": "convex"}', "[" * 60_000)
+    ),
+    *(
+        in_config(**keys)
+        for keys in ({"landmarks": 3}, {"method": "magic"}, {"tolerance": "fine"})
+    ),
     *(in_config(**keys) for keys in ({"rename": 5}, {"keypoints": 7})),
     *(entry("transform_count", lambda n, by=wrong: n + by) for wrong in (-1, 1, 10**6)),
 ]
@@ -156,7 +175,11 @@ def test_what_is_no_result_of_a_fit_is_refused(
 ):
     """With exit code 2, and not as an internal error."""
     with pytest.raises(InputError):
-        verify(changed(fitted("people"), lie), dictionaries["people"], [landmarks["people"]])
+        verify(
+            changed(fitted("people"), lie),
+            dictionaries["people"],
+            [landmarks["people"]],
+        )
 
 
 def test_no_images_are_a_failure(fitted, verify, dictionaries, tmp_path):
@@ -215,7 +238,12 @@ def no_parts(folder):
 
 
 def shift_rows(folder):
-    edit(folder, lambda parts: [part | {"rows": [r + 1 for r in part["rows"]]} for part in parts])
+    edit(
+        folder,
+        lambda parts: [
+            part | {"rows": [r + 1 for r in part["rows"]]} for part in parts
+        ],
+    )
 
 
 def replace_by_a_pipe(folder):
@@ -223,19 +251,28 @@ def replace_by_a_pipe(folder):
     os.mkfifo(folder / "part-00001.h5")
 
 
-LIES_OF_FOLDERS = [*(exchange, lose_file, add_file, no_parts, shift_rows, replace_by_a_pipe)]
+LIES_OF_FOLDERS = [
+    *(exchange, lose_file, add_file, no_parts, shift_rows, replace_by_a_pipe)
+]
 
 
-@pytest.mark.parametrize("lie", LIES_OF_FOLDERS, ids=[lie.__name__ for lie in LIES_OF_FOLDERS])
+@pytest.mark.parametrize(
+    "lie", LIES_OF_FOLDERS, ids=[lie.__name__ for lie in LIES_OF_FOLDERS]
+)
 def test_a_changed_folder_is_found(folder, verify, dictionaries, landmarks, lie):
     lie(folder)
     try:
         assert verify(folder, dictionaries["cars"], [landmarks["cars"]]).failures
     except InputError:
-        assert lie in (shift_rows, exchange)  # as many rows as no part has, or not in the file
+        assert lie in (
+            shift_rows,
+            exchange,
+        )  # as many rows as no part has, or not in the file
 
 
-def test_other_landmarks_of_a_divided_file_are_found(folder, verify, dictionaries, landmarks):
+def test_other_landmarks_of_a_divided_file_are_found(
+    folder, verify, dictionaries, landmarks
+):
     """Parts of one file are compared with their rows of it, each."""
     other = folder.parent / landmarks["cars"].name
     shutil.copy(landmarks["cars"], other)
@@ -256,7 +293,9 @@ def damage(part):
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_a_damaged_part_is_named_and_the_others_are_checked(folder, verify, dictionaries, number):
+def test_a_damaged_part_is_named_and_the_others_are_checked(
+    folder, verify, dictionaries, number
+):
     damage(folder / f"part-0000{number}.h5")
     found = verify(folder, dictionaries["cars"])
     assert found.done == [44, 64][number]
@@ -267,7 +306,9 @@ def test_a_damaged_part_is_named_and_the_others_are_checked(folder, verify, dict
         verify(folder, dictionaries["cars"])
 
 
-@pytest.mark.parametrize("text", ["", "[]\n", "{}\n", '{"config": "", "dictionary": ""}\n{}\n'])
+@pytest.mark.parametrize(
+    "text", ["", "[]\n", "{}\n", '{"config": "", "dictionary": ""}\n{}\n']
+)
 def test_what_is_no_manifest_is_refused(folder, verify, dictionaries, text):
     (folder / "manifest.jsonl").write_text(text)
     with pytest.raises(InputError, match="is not a manifest of results"):

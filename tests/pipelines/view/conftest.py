@@ -25,7 +25,9 @@ def settings(n, fields):
 
 
 def write_result(path, shapes, extras=None, attributes=None, **fields):
-    """Write a result of shapes (n, 3, p); what was seen is their x and y unless `extras` differ."""
+    """Write a result of shapes (n, 3, p); what was seen is their x and y unless
+    `extras` differ.
+    """
     n = len(shapes)
     extras = {"landmarks": shapes[:, :2].swapaxes(1, 2)} if extras is None else extras
     fields = {"unit": "px", "status": np.array(["optimal"] * n, dtype=object)} | fields
@@ -60,11 +62,15 @@ def desk(tmp_path, rng):
         return write_landmarks(tmp_path / name, random_shapes(rng, n)[:, :2], **fields)
 
     def scene(*files, **settings):
-        return make_scene(ViewConfig(files={file.stem: (file,) for file in files}, **settings))
+        return make_scene(
+            ViewConfig(files={file.stem: (file,) for file in files}, **settings)
+        )
 
     def view(*files, **settings):
         output = tmp_path / "page.html"
-        config = ViewConfig(files={file.stem: (file,) for file in files}, output=output, **settings)
+        config = ViewConfig(
+            files={file.stem: (file,) for file in files}, output=output, **settings
+        )
         (outcome,) = run(config)
         (data,) = re.findall(r'id="page">(.*?)</script>', output.read_text("utf-8"))
         notes = " ".join(outcome.warnings)
@@ -72,13 +78,20 @@ def desk(tmp_path, rng):
 
     return SimpleNamespace(
         shapes=lambda *size: random_shapes(rng, *size),
-        result=result, truth=truth, landmarks=landmarks, view=view, scene=scene, folder=tmp_path,
-    )  # fmt: skip
+        result=result,
+        truth=truth,
+        landmarks=landmarks,
+        view=view,
+        scene=scene,
+        folder=tmp_path,
+    )
 
 
 @pytest.fixture
 def made_dictionary(rng):
-    """Three atoms of five landmarks, with a mesh of seven vertices that moves with them."""
+    """Three atoms of five landmarks, with a mesh of seven vertices that moves with
+    them.
+    """
     from shapefit.dictionary.model import Dictionary
     from shapefit.geometry.normalisation import normalise
 

@@ -1,4 +1,6 @@
-"""What is on a page: numbers come back, frames are thinned, measures and pictures are there."""
+"""What is on a page: numbers come back, frames are thinned, measures and pictures are
+there.
+"""
 
 from base64 import b64decode
 
@@ -8,7 +10,13 @@ import pytest
 from shapefit.evaluation import metrics
 from shapefit.geometry.floor import Floor
 from shapefit.geometry.rotations import rotation_about_axis
-from shapefit.io import ShapeSet, read_results, read_shapes, write_dictionary, write_shapes
+from shapefit.io import (
+    ShapeSet,
+    read_results,
+    read_shapes,
+    write_dictionary,
+    write_shapes,
+)
 from shapefit.pipelines.view.layers import in_usual_units
 from shapefit.pipelines.view.run import fitted_image
 from shapefit.viewer.page import as_json, block_of_points, viewer_page
@@ -16,7 +24,9 @@ from shapefit.viewer.page import as_json, block_of_points, viewer_page
 
 def decoded(block):
     """Undo a block as blocks.js does."""
-    codes = np.frombuffer(b64decode(block["data"]), "<" + block["type"]).reshape(block["shape"])
+    codes = np.frombuffer(b64decode(block["data"]), "<" + block["type"]).reshape(
+        block["shape"]
+    )
     if "places" not in block:
         return codes
     places = decoded(block["places"]).astype(float)
@@ -33,7 +43,9 @@ def test_points_come_back_within_half_a_step_and_far_ones_do_not_spoil_the_other
     known = np.isfinite(points).all(axis=1)
     steps = np.ptp(np.where(known[:, None], points, 1000), axis=2).max(axis=1) / 65534
     away = np.abs(back - points).max(axis=1)
-    assert (away <= 0.6 * steps[:, None] + 1e-7 * np.abs(points).max(axis=1))[known].all()
+    assert (away <= 0.6 * steps[:, None] + 1e-7 * np.abs(points).max(axis=1))[
+        known
+    ].all()
     assert np.isnan(back.swapaxes(1, 2)[~known]).all()
 
 
@@ -75,7 +87,9 @@ def test_sequences_are_put_together_and_single_ones_are_none(desk):
 
 def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
     landmarks = desk.shapes(6)[:, :2]
-    reasons = np.array(["", "", "", "wide error bars", "", "implausible landmarks"], object)
+    reasons = np.array(
+        ["", "", "", "wide error bars", "", "implausible landmarks"], object
+    )
     extras = {
         "landmarks": landmarks.swapaxes(1, 2),
         "p_value": np.linspace(0, 1, 6),
@@ -83,7 +97,9 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
         "outliers": np.eye(6, 5, dtype=bool),
         "reasons": reasons,
     }
-    status = np.array(["optimal", "converged", "iteration limit", "degenerate", "x", "optimal"])
+    status = np.array(
+        ["optimal", "converged", "iteration limit", "degenerate", "x", "optimal"]
+    )
     sd = np.full((6, 3, 5), 2.0)
     sd[1, :, 2] = np.nan
     result = desk.result(extras=extras, status=status, shape_sd=sd)
@@ -97,20 +113,29 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
         "error against the truth": ("mm", error),
         "expected error": ("mm", in_mm),  # in px in the file: units never mix
         "p-value": ("", extras["p_value"]),
-        "distance in the image": ("px", metrics.reprojection(found.shapes[:, :2], landmarks)),
+        "distance in the image": (
+            "px",
+            metrics.reprojection(found.shapes[:, :2], landmarks),
+        ),
     }
     assert list(measures) == list(expected)
     for name, (unit, values) in expected.items():
         assert measures[name]["unit"] == unit
-        np.testing.assert_allclose(decoded(measures[name]["values"]), values, rtol=0.004)
-    words = [layer["status"]["words"][code] for code in decoded(layer["status"]["codes"])]
+        np.testing.assert_allclose(
+            decoded(measures[name]["values"]), values, rtol=0.004
+        )
+    words = [
+        layer["status"]["words"][code] for code in decoded(layer["status"]["codes"])
+    ]
     assert words == ["", "", "iteration limit", "degenerate", "x", ""]
     np.testing.assert_array_equal(decoded(made.data["outliers"]), extras["outliers"])
     typical = np.median(in_mm[reasons == ""])
     assert [fact["text"] for fact in made.data["facts"]] == [
-        "6 images", "4 of 6 trusted", f"error against the truth {np.median(error):.2g} mm",
+        "6 images",
+        "4 of 6 trusted",
+        f"error against the truth {np.median(error):.2g} mm",
         f"typical error {typical:.2g} mm",
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize(
@@ -118,7 +143,9 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
     [([0.06, 0.2], [6, 20], "cm"), ([0.002, 0.2], [2, 200], "mm")],
 )
 def test_lengths_of_a_page_have_one_unit(lengths, shown, name):
-    measures = [{"name": "error", "values": np.full(3, x), "unit": "m"} for x in lengths]
+    measures = [
+        {"name": "error", "values": np.full(3, x), "unit": "m"} for x in lengths
+    ]
     pixels = {"name": "p", "values": np.ones(3), "unit": "px"}
     unit, many = in_usual_units([{"measures": [one, pixels]} for one in measures])
     assert [measure["values"][0] for measure in measures] == pytest.approx(shown)
@@ -127,7 +154,9 @@ def test_lengths_of_a_page_have_one_unit(lengths, shown, name):
 
 
 def camera(n=4):
-    """Columns of a result under a camera that was assumed, in which a unit is two metres."""
+    """Columns of a result under a camera that was assumed, in which a unit is two
+    metres.
+    """
     return {
         "camera_translation": np.tile([0.5, -0.2, 8.0], (n, 1)),
         "focal": np.full((n, 2), 1400.0),
@@ -142,29 +171,39 @@ def test_shapes_stand_in_metres_where_the_camera_has_them(desk):
     own -= own.mean(axis=2, keepdims=True)
     shapes = scale * own + np.append(middle, 0.0)[:, None]
     place = {
-        "rotation": np.tile(np.eye(3), (n, 1, 1)), "scale": np.full(n, scale),
-        "translation": np.tile(middle, (n, 1)), "shapes": shapes,
-    }  # fmt: skip
+        "rotation": np.tile(np.eye(3), (n, 1, 1)),
+        "scale": np.full(n, scale),
+        "translation": np.tile(middle, (n, 1)),
+        "shapes": shapes,
+    }
     sd = np.full((n, 3, 5), 5.0)
-    result = desk.result(n=n, extras=camera(), shape_sd=sd, sequences=("s",) * n, **place)
+    result = desk.result(
+        n=n, extras=camera(), shape_sd=sd, sequences=("s",) * n, **place
+    )
     flat = desk.result("flat.h5", n=n, shapes=shapes, sequences=("s",) * n)
     page = desk.scene(result, flat)
     deep, beside = page["layers"]
     assert (page["unit"], page["space_unit"]) == ("px", "m")
     there = 2 * (own + camera()["camera_translation"][0][:, None])
     np.testing.assert_allclose(deep["points"], there)
-    np.testing.assert_allclose(beside["points"], there)  # the same shapes, put where they are seen
+    np.testing.assert_allclose(
+        beside["points"], there
+    )  # the same shapes, put where they are seen
     np.testing.assert_allclose(deep["sd"], 0.2)
     seen = 1400 * there[:, :2] / there[:, 2:] + [[640.0], [360.0]]
     f, c = deep["camera"][:, :2, None], deep["camera"][:, 2:, None]
-    np.testing.assert_allclose(f * deep["points"][:, :2] / np.abs(deep["points"][:, 2:]) + c, seen)
+    np.testing.assert_allclose(
+        f * deep["points"][:, :2] / np.abs(deep["points"][:, 2:]) + c, seen
+    )
     assert deep["perspective"]
     assert not beside["perspective"]
     np.testing.assert_allclose(beside["fitted"], shapes[:, :2])
     assert page["image"] == [1280, 720]
 
 
-@pytest.mark.parametrize(("unit", "shown"), [("m", ("cm", 200)), ("unknown", ("", None))])
+@pytest.mark.parametrize(
+    ("unit", "shown"), [("m", ("cm", 200)), ("unknown", ("", None))]
+)
 def test_errors_are_in_metres_or_else_in_the_unit_of_the_truth(desk, unit, shown):
     extras = {"metres_per_unit": np.full(6, 2.0), "expected_error": np.ones(6)}
     page = desk.scene(desk.result(extras=extras), truth=(desk.truth(unit=unit),))
@@ -193,11 +232,16 @@ def test_individuals_and_their_frames_are_counted(desk):
     }
     items = tuple(f"v/{'abc'[i // 20]}/{i}" for i in range(41))
     sequences = tuple(item[:3] for item in items)
-    page = desk.scene(desk.result(n=41, items=items, sequences=sequences, extras=extras))
+    page = desk.scene(
+        desk.result(n=41, items=items, sequences=sequences, extras=extras)
+    )
     assert page["recordings"] == [[0, 1, 2]]
     assert [fact["text"] for fact in page["facts"]] == [
-        "3 individuals", "20 frames", "25 Hz assumed", "21 of 41 trusted",
-    ]  # fmt: skip
+        "3 individuals",
+        "20 frames",
+        "25 Hz assumed",
+        "21 of 41 trusted",
+    ]
 
 
 @pytest.mark.parametrize("y_axis", ["down", "up"])
@@ -208,24 +252,38 @@ def test_up_is_that_of_the_image_whatever_the_extrinsics(desk, y_axis):
     tilts = []
     for extras in ({"extrinsic_rotation": rotation_about_axis(0, np.array(0.3))}, {}):
         page = desk.scene(desk.result(extras=extras, **fields))
-        tilts += [m["values"] for m in page["layers"][0]["measures"] if m["name"] == "trunk tilt"]
+        tilts += [
+            m["values"]
+            for m in page["layers"][0]["measures"]
+            if m["name"] == "trunk tilt"
+        ]
     np.testing.assert_array_equal(*tilts)
     expected = np.diag([1.0, -1, -1] if y_axis == "down" else [1.0, 1, 1])
-    np.testing.assert_array_equal(np.reshape(page["grounds"][0]["upright"], (3, 3)), expected)
+    np.testing.assert_array_equal(
+        np.reshape(page["grounds"][0]["upright"], (3, 3)), expected
+    )
 
 
 def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
-    """A camera two metres up that looks down by 30 degrees; the other video has no floor."""
+    """A camera two metres up that looks down by 30 degrees; the other video has no
+    floor.
+    """
     n, tilt = 4, np.radians(30)
-    up = np.array([0.0, np.cos(tilt), np.sin(tilt)])  # x right, y up, z towards the viewer
+    up = np.array(
+        [0.0, np.cos(tilt), np.sin(tilt)]
+    )  # x right, y up, z towards the viewer
     floor = Floor(up, 2.0, 30.0, 0.0, 0.1, 3.0, 3.0)
-    monkeypatch.setattr("shapefit.pipelines.view.scene.find_floors", lambda *_: {"v": floor})
+    monkeypatch.setattr(
+        "shapefit.pipelines.view.scene.find_floors", lambda *_: {"v": floor}
+    )
     sequences = ("v/a", "v/a", "w/a", "w/a")
     place = {
-        "rotation": np.tile(np.eye(3), (n, 1, 1)), "scale": np.full(n, 50.0),
-        "translation": np.zeros((n, 2)), "sequences": sequences,
+        "rotation": np.tile(np.eye(3), (n, 1, 1)),
+        "scale": np.full(n, 50.0),
+        "translation": np.zeros((n, 2)),
+        "sequences": sequences,
         "items": tuple(f"{name}/{i}" for i, name in enumerate(sequences)),
-    }  # fmt: skip
+    }
     result = desk.result(n=n, extras=camera(), **place)
     page = desk.scene(result)
     on, without = page["grounds"]
@@ -234,7 +292,9 @@ def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
     np.testing.assert_allclose(turned @ [1, 0, 0], [1, 0, 0], atol=1e-12)
     assert on["floor"] == -2
     assert "floor" not in without
-    np.testing.assert_array_equal(np.reshape(without["upright"], (3, 3)), np.diag([1, -1, -1]))
+    np.testing.assert_array_equal(
+        np.reshape(without["upright"], (3, 3)), np.diag([1, -1, -1])
+    )
     assert page["assumed"] == [f"Floor from resting feet: {floor}."]
     monkeypatch.setattr("shapefit.pipelines.view.scene.find_floors", lambda *_: {})
     page = desk.scene(result)
@@ -251,7 +311,9 @@ def test_meshes_follow_the_coefficients(desk, made_dictionary, rng):
     scene = desk.scene(result, dictionary=desk.folder / "dict.h5")
     assert (scene["video"], scene["rigid"]) == (False, True)
     for i in range(2):
-        expected = s[i] * R[i] @ np.tensordot(c[i], made_dictionary.mesh_vertices, axes=1)
+        expected = (
+            s[i] * R[i] @ np.tensordot(c[i], made_dictionary.mesh_vertices, axes=1)
+        )
         expected[:2] += T[i][:, None]
         np.testing.assert_allclose(fitted_image(scene, i).mesh, expected)
     assert fitted_image(scene, 2).mesh is None
@@ -259,14 +321,20 @@ def test_meshes_follow_the_coefficients(desk, made_dictionary, rng):
 
 @pytest.mark.parametrize(
     ("attributes", "fields"),
-    [({"method": "pmp"}, {}), ({}, {"coefficients": np.ones((6, 2))}), ({}, {"rotation": None})],
+    [
+        ({"method": "pmp"}, {}),
+        ({}, {"coefficients": np.ones((6, 2))}),
+        ({}, {"rotation": None}),
+    ],
 )
 def test_meshes_that_cannot_follow(desk, made_dictionary, attributes, fields):
     write_dictionary(desk.folder / "dict.h5", made_dictionary)
     pose = {
-        "coefficients": np.ones((6, 3)), "rotation": np.tile(np.eye(3), (6, 1, 1)),
-        "scale": np.ones(6), "translation": np.zeros((6, 2)),
-    }  # fmt: skip
+        "coefficients": np.ones((6, 3)),
+        "rotation": np.tile(np.eye(3), (6, 1, 1)),
+        "scale": np.ones(6),
+        "translation": np.zeros((6, 2)),
+    }
     result = desk.result(attributes=attributes, **(pose | fields))
     made = desk.view(result, dictionary=desk.folder / "dict.h5")
     assert "mixes no atoms of this dictionary" in made.notes
@@ -281,11 +349,14 @@ def test_pictures_lie_under_their_frames(desk):
     Image.new("RGB", (2000, 1000), "red").save(images / "i1.jpg")
     Image.new("L", (20, 10)).save(images / "deep" / "i3.png")
     Image.new("L", (20, 10)).save(desk.folder / "secret.png")
-    result = desk.result(items=("i0", "x/i1", "i2", "deep/i3", "../secret", "/etc/hosts"))
+    result = desk.result(
+        items=("i0", "x/i1", "i2", "deep/i3", "../secret", "/etc/hosts")
+    )
     made = desk.view(result, images=images)
     assert {k: v["size"] for k, v in made.data["pictures"].items()} == {
-        "1": [2000, 1000], "3": [20, 10],
-    }  # fmt: skip
+        "1": [2000, 1000],
+        "3": [20, 10],
+    }
     assert made.data["pictures"]["1"]["data"].startswith("data:image/jpeg;base64,")
 
 
@@ -300,8 +371,11 @@ def test_pictures_of_a_video_are_numbered(desk):
     result = desk.result(items=("v/a/0", "v/a/2", "v/b/2", "v/b/3", "v/c", "v/b/1"))
     found = desk.view(result, images=images).data["pictures"]
     assert {frame: each["size"][0] for frame, each in found.items()} == {
-        "0": 80, "1": 100, "2": 100, "5": 90,
-    }  # fmt: skip
+        "0": 80,
+        "1": 100,
+        "2": 100,
+        "5": 90,
+    }
 
 
 def test_frame_rates_come_from_the_config_the_result_or_the_truth(desk):
@@ -325,7 +399,10 @@ def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(de
         landmark_names=("pelvis", "rhip", "rknee", "lhip", "lknee"), extras=columns
     )
     truth = desk.folder / "of_names.h5"
-    write_shapes(truth, ShapeSet(desk.shapes(6, 4), tuple(names), tuple(f"i{i}" for i in range(6))))
+    write_shapes(
+        truth,
+        ShapeSet(desk.shapes(6, 4), tuple(names), tuple(f"i{i}" for i in range(6))),
+    )
     page = desk.scene(result, truth=(truth,))
     assert page["landmarks"] == tuple(names)
     expected = seen[:, [2, 0, 3, 1]].swapaxes(1, 2)
@@ -339,7 +416,9 @@ def test_joint_angles_have_bands_from_the_error_bars(desk):
     shapes = np.tile(bent, (6, 1, 1))
     sd = np.full((6, 3, 5), 0.1)
     made = desk.view(desk.result(shapes=shapes, shape_sd=sd, landmark_names=names))
-    measures = {measure["name"]: measure for measure in made.data["layers"][0]["measures"]}
+    measures = {
+        measure["name"]: measure for measure in made.data["layers"][0]["measures"]
+    }
     knee = measures["knee angle r"]
     assert knee["unit"] == "°"
     np.testing.assert_allclose(decoded(knee["values"]), 90, atol=1e-4)

@@ -17,7 +17,17 @@ from tests.io.files import mirror_pairs
 
 
 def test_names_of_other_files():
-    names = ["nose", "L_ear", "R_ear", "HipLeft", "HipRight", "left", "lone", "left_toe", "HEAD"]
+    names = [
+        "nose",
+        "L_ear",
+        "R_ear",
+        "HipLeft",
+        "HipRight",
+        "left",
+        "lone",
+        "left_toe",
+        "HEAD",
+    ]
     assert find_sides(names) == [0, 1, 2, 1, 2, 0, 0, 0, 0]
     rat = ["HeadL", "SpineL", "HipL", "KneeL", "HipR", "KneeR", "XL"]
     assert find_sides(rat) == [0, 0, 1, 1, 2, 2, 0]
@@ -35,9 +45,13 @@ def test_the_pairs_of_detectors(name):
 
 def frames_of(numbers, **groups):
     starts = np.cumsum([0, *map(len, groups.values())]).tolist()
-    sequences = tuple(zip([name.replace("_", "/") for name in groups], starts, strict=False))
+    sequences = tuple(
+        zip([name.replace("_", "/") for name in groups], starts, strict=False)
+    )
     items = tuple("".join(groups.values()))
-    numbers = np.full(len(items), np.nan) if numbers is None else np.array(numbers, float)
+    numbers = (
+        np.full(len(items), np.nan) if numbers is None else np.array(numbers, float)
+    )
     return Frames(items, sequences, 1, numbers)
 
 
@@ -46,12 +60,20 @@ def frames_of(numbers, **groups):
     [
         ({"v_1": "abc", "v_2": "de"}, [7, 8, 9, 8, 9], ([[0, 1]], [0, 1, 2, 1, 2])),
         ({"v_1": "abc", "v_2": "de"}, None, ([[0], [1]], [0, 1, 2, 0, 1])),
-        ({"v_1": "abc", "v_2": "de"}, [7, 8, np.nan, 8, 9], ([[1], [0]], [0, 1, 2, 0, 1])),
+        (
+            {"v_1": "abc", "v_2": "de"},
+            [7, 8, np.nan, 8, 9],
+            ([[1], [0]], [0, 1, 2, 0, 1]),
+        ),
         ({"v_1": "abc", "v_2": "de"}, [1, 2, 3, 4, 5], ([[0], [1]], [0, 1, 2, 0, 1])),
         ({"v_1": "abc", "w_1": "de"}, [7, 8, 9, 8, 9], ([[0], [1]], [0, 1, 2, 0, 1])),
-        ({"v_1": "ab", "w_1": "c", "v_2": "de"}, [7, 9, 7, 8, 9], ([[0, 2], [1]], [0, 2, 0, 1, 2])),
+        (
+            {"v_1": "ab", "w_1": "c", "v_2": "de"},
+            [7, 9, 7, 8, 9],
+            ([[0, 2], [1]], [0, 2, 0, 1, 2]),
+        ),
     ],
-)  # fmt: skip
+)
 def test_individuals_of_a_video_are_seen_at_once(groups, numbers, expected):
     content = SimpleNamespace(role="result", name="r")
     recordings, times = find_recordings([content], frames_of(numbers, **groups))
@@ -64,7 +86,8 @@ def test_individuals_of_a_video_are_seen_at_once(groups, numbers, expected):
 )
 def test_files_of_one_individual_each_are_seen_at_once(files, recordings, times):
     found = find_recordings(
-        [SimpleNamespace(role="shapes")] * files, frames_of([0, 1, 1, 2], anna="ab", ben="cd")
+        [SimpleNamespace(role="shapes")] * files,
+        frames_of([0, 1, 1, 2], anna="ab", ben="cd"),
     )
     assert (found[0], found[1].tolist()) == (recordings, times)
 
@@ -102,16 +125,24 @@ def test_a_page_says_what_it_lacks(desk):
 def test_shapes_of_other_landmarks_are_not_shown(desk):
     truth = desk.truth(landmark_names=["a", "b", "x", "y", "z"])
     made = desk.view(desk.result(), truth)
-    assert "Not shown, as result has fewer than 3 landmarks of the same names: truth." in made.notes
+    assert (
+        "Not shown, as result has fewer than 3 landmarks of the same names: truth."
+        in made.notes
+    )
     assert [layer["name"] for layer in made.data["layers"]] == ["result"]
-    made = desk.view(desk.result(), desk.truth(landmark_names=["a", "b", "c", "y", "z"]))
+    made = desk.view(
+        desk.result(), desk.truth(landmark_names=["a", "b", "c", "y", "z"])
+    )
     assert [layer["name"] for layer in made.data["layers"]] == ["result", "truth"]
 
 
 @pytest.mark.parametrize(
     ("names", "joined"),
     [
-        (("RHip", "RKnee", "RAnkle", "Neck", "C7"), {("RHip", "RKnee"), ("RKnee", "RAnkle")}),
+        (
+            ("RHip", "RKnee", "RAnkle", "Neck", "C7"),
+            {("RHip", "RKnee"), ("RKnee", "RAnkle")},
+        ),
         (
             ("SpineF", "SpineM", "SpineL", "HipL", "tail"),
             {("SpineF", "SpineM"), ("SpineM", "SpineL"), ("SpineL", "HipL")},
@@ -142,7 +173,9 @@ def test_items_and_landmarks_of_several_results_are_matched_by_name(desk):
     made = desk.view(one, other)
     assert made.data["items"] == ["i0", "i1", "i2", "i3"]
     names = ("d", "a", "e")
-    other = desk.result("other.h5", n=2, shapes=shapes[:, :, [3, 0, 4]], landmark_names=names)
+    other = desk.result(
+        "other.h5", n=2, shapes=shapes[:, :, [3, 0, 4]], landmark_names=names
+    )
     page = desk.scene(one, other)
     assert page["landmarks"] == tuple("abcde")
     first, second = (layer["points"] for layer in page["layers"])
@@ -155,7 +188,9 @@ def parts(desk):
     """Results of 100 images in ten parts."""
     return tuple(
         desk.result(
-            f"part-{part}.h5", n=10, items=tuple(f"i{n}" for n in range(10 * part, 10 * part + 10))
+            f"part-{part}.h5",
+            n=10,
+            items=tuple(f"i{n}" for n in range(10 * part, 10 * part + 10)),
         )
         for part in range(10)
     )
@@ -184,13 +219,18 @@ def test_what_cannot_be_shown_is_refused(desk, made_dictionary):
     path = desk.folder / "dict.h5"
     write_dictionary(path, made_dictionary)
     result = desk.result()
-    assert "is a shapefit-dictionary file; give a shapefit-result" in refused(desk, path)
+    assert "is a shapefit-dictionary file; give a shapefit-result" in refused(
+        desk, path
+    )
     assert "/dev/zero:1: " in refused(desk, Path("/dev/zero"))
     found = refused(desk, result, truth=(desk.truth(),), match="true_model")
     assert "there is no dataset 'true_model' with one name per image" in found
     truth = desk.truth(items=tuple("uvwxyz"))
     found = refused(desk, result, truth=(truth,))
-    assert "none of its 6 images is in the truth, which has no 'i0'; give the truth" in found
+    assert (
+        "none of its 6 images is in the truth, which has no 'i0'; give the truth"
+        in found
+    )
     assert "no item fits, or there are none" in refused(desk, desk.result(n=0))
 
 
@@ -211,7 +251,13 @@ def test_a_page_that_cannot_be_leaves_the_old_one(desk, rng):
         ({"items": ("x*",)}, "no item fits"),
     ):
         with pytest.raises(InputError, match=found):
-            list(run(ViewConfig(**({"files": {"r": (result,)}, "output": page} | settings))))
+            list(
+                run(
+                    ViewConfig(
+                        **({"files": {"r": (result,)}, "output": page} | settings)
+                    )
+                )
+            )
         assert page.read_bytes() == before
     with pytest.raises(ValueError, match="would replace an input"):
         ViewConfig(files={"result": (result,)}, output=result)

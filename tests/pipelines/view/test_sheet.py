@@ -1,4 +1,6 @@
-"""`view RESULT -o SHEET.png`: what is drawn, and where, is read from what matplotlib was given."""
+"""`view RESULT -o SHEET.png`: what is drawn, and where, is read from what matplotlib
+was given.
+"""
 
 import numpy as np
 import pytest
@@ -23,7 +25,9 @@ def test_images_spread_over_the_result_are_drawn(tmp_path, world, monkeypatch):
 
     monkeypatch.setattr(viewing, "MOST_IMAGES", 8)  # each takes a tenth of a second
     result = world.fit("cars", method="convex+refine")
-    outcome = sheet(tmp_path / "s.png", result, dictionary=str(world.dictionary("cars")))
+    outcome = sheet(
+        tmp_path / "s.png", result, dictionary=str(world.dictionary("cars"))
+    )
     assert (outcome.done, outcome.written) == (8, (tmp_path / "s.png",))
     assert imread(tmp_path / "s.png").shape[1] > 1000
     outcome = sheet(tmp_path / "s.svg", result, items=["sedan_1/*", "lorry*"])
@@ -33,9 +37,13 @@ def test_images_spread_over_the_result_are_drawn(tmp_path, world, monkeypatch):
     assert "sedan_1/view_2" in text
 
 
-@pytest.mark.parametrize("camera", [{}, {"focal": 1600.0, "principal_point": [640.0, 480.0]}])
+@pytest.mark.parametrize(
+    "camera", [{}, {"focal": 1600.0, "principal_point": [640.0, 480.0]}]
+)
 def test_the_mesh_lies_under_the_landmarks(world, camera):
-    result = world.fit("cars", method="convex+refine", **({"camera": camera} if camera else {}))
+    result = world.fit(
+        "cars", method="convex+refine", **({"camera": camera} if camera else {})
+    )
     files, path = {"cars": (result,)}, world.dictionary("cars")
     dictionary, fit = read_dictionary(path), read_results(result)
     scene = make_scene(ViewConfig(files=files, dictionary=path))
@@ -46,7 +54,9 @@ def test_the_mesh_lies_under_the_landmarks(world, camera):
         image = fitted_image(scene, row)
         np.testing.assert_allclose(image.projected, seen[row], atol=1e-6)
         np.testing.assert_allclose(image.landmarks, fit.columns["landmarks"][row].T)
-        np.testing.assert_allclose(image.projected_mesh[:, vertex], image.projected, atol=1e-3)
+        np.testing.assert_allclose(
+            image.projected_mesh[:, vertex], image.projected, atol=1e-3
+        )
         np.testing.assert_allclose(image.mesh[:, vertex], image.shape, atol=1e-5)
 
 
