@@ -7,6 +7,7 @@ of what arms and legs do; `vary` makes others of them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -26,6 +27,15 @@ ALIKE = 0.02
 """Root mean square difference of the logarithms of lengths within which two sequences
 show one body: motion capture finds those of a body again within 0.015.
 """
+
+LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "wrist"})
+"""Joints of people, but for their sides, between which limbs are."""
+
+SIDE = r"(?:left|right|l|r)"
+JOINT = re.compile(
+    rf"{SIDE}?[ _.-]?(hip|knee|ankle|shoulder|elbow|wrist)[ _.-]?{SIDE}?", re.IGNORECASE
+)
+"""A joint of a limb with its side, as `lknee`, `left_knee` or `Knee.R`."""
 
 LENGTH_STD, WORTH = 0.06, 5.0
 """s and m. Ten bodies of motion capture have bones that are longer or shorter by 4.5%
@@ -154,6 +164,36 @@ def has_lengths(dictionary: Dictionary) -> bool:
     return (
         dictionary.edges is not None and length is not None and bool(length.sum() > 0)
     )
+
+
+def name_joints(names: Sequence[str]) -> list[str | None]:
+    """Return the joint of a limb that each name stands for, without its side, or
+    None.
+    """
+    matches = [JOINT.fullmatch(name) for name in names]
+    return [None if match is None else match[1].lower() for match in matches]
+
+
+def find_limbs(names: Sequence[str], edges: Integers) -> Flags:
+    """Which edges (e, 2) are limbs of people: their trunks differ by who marks them.
+
+    None is where no limb ends in a wrist or an ankle: animals have paws.
+    """
+    joints = name_joints(names)
+    ends = [{joints[end] for end in edge} for edge in edges.tolist()]
+    limbs = np.array([pair in LIMBS for pair in ends], bool)
+    of_people = any(pair in LIMBS and pair & {"wrist", "ankle"} for pair in ends)
+    return limbs & of_people
+
+
+def precision_of_ratios(covariance: Floats) -> Floats:
+    """P - P 1 1^T P / (1^T P 1): of logarithms that are known but for a number common
+    to all.
+    """
+    P = np.linalg.inv(covariance)
+    whole = P.sum(axis=1)
+    Q: Floats = P - np.outer(whole, whole) / whole.sum()
+    return Q
 
 
 class Skeleton(NamedTuple):

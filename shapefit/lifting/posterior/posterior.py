@@ -9,6 +9,7 @@ the ray of landmark j.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,6 +58,11 @@ class Modes(NamedTuple):
     covariance: Floats
     inlier_probability: Floats
 
+    def first(self, count: int) -> Modes:
+        """Return the most likely ones of each image, so many."""
+        columns: dict[str, Any] = self._asdict()
+        return Modes(**{name: values[:, :count] for name, values in columns.items()})
+
 
 class Posterior(NamedTuple):
     """The mixture of the modes of n images, nan where there is none.
@@ -83,6 +89,20 @@ class Posterior(NamedTuple):
     stationary: NDArray[np.bool_]
     rounds: NDArray[np.int64]
     modes: Modes
+
+    def with_modes(self, count: int) -> Posterior:
+        """Return the same posteriors with so many of their modes."""
+        return self._replace(modes=self.modes.first(count))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Posterior]) -> Posterior:
+        """Return the posteriors of all images of some parts."""
+        columns: dict[str, Any] = {}
+        for name in cls._fields[:-1]:
+            values = [getattr(part, name) for part in parts]
+            columns[name] = None if values[0] is None else np.concatenate(values)
+        modes = zip(*(part.modes for part in parts), strict=True)
+        return cls(**columns, modes=Modes(*map(np.concatenate, modes)))
 
 
 def find_posterior(

@@ -139,6 +139,7 @@ def refine_lifting(
     residual_variance: float,
     noise: float | None,
     bar_scale: Floats,
+    shown: Flags | None = None,
     threads: int = 0,
 ) -> Lifting:
     """Infer the shapes of whole sequences from the modes of their images.
@@ -212,7 +213,9 @@ def refine_lifting(
                 **estimate.further,
                 CORRELATION: np.where(single, image_mixed, mixed),
                 NOISE: refined.noise,
-                IMAGE_ERROR: lifting.scale * expected_error(lifting.shapes, of_images),
+                IMAGE_ERROR: (
+                    lifting.scale * expected_error(lifting.shapes, of_images, shown)
+                ),
             },
         ),
     )
@@ -304,13 +307,11 @@ def refine_clip(
     frames = int(there.sum()) * sigma**2 / clips.residual_variance
     usual = weigh_lengths(motion.usual, frames)
 
-    def infer(visible: Observations, rigid: bool = True) -> Smoothed:
+    def infer(visible: Observations) -> Smoothed:
         lag = max(1, round(CONSTANTS.memory * motion.rate))
         scale = find_acceleration_scale(visible, motion.acceleration, lag)
         stiffness = (motion.acceleration * scale) ** -2
         model = Model(motion.bones, stiffness, motion.bone_tolerance, usual)
-        if not rigid:
-            model = Model(motion.bones[:0], stiffness, motion.bone_tolerance[:0])
         return smooth(visible, model, sigma)
 
     def store(smoothed: Smoothed, unit: Floats) -> float:
@@ -340,9 +341,9 @@ def refine_clip(
     moved = refined.points[clip] - clips.points[clip]
     square = ((moved / clips.deviation[clip])[there] ** 2).mean(axis=(1, 2))
     if median(square) > CONSTANTS.farthest:
-        points = infer(visible, rigid=False).points
-        refined.points[rows] = ((size * growth)[:, None, None] * points)[finite]
-        refined.converged[rows], refined.noise[rows] = True, np.nan
+        refined.points[rows] = clips.points[rows]
+        refined.converged[rows] = True
+        refined.noise[rows] = np.nan
 
 
 def find_growth(scale: Floats, there: Flags, width: float) -> Floats:

@@ -65,7 +65,8 @@ class Lifter:
     default.
 
     camera is None for weak perspective; leave_one_out names the dataset of the atoms to
-    do without.
+    do without; shown (p,), the landmarks that the files show, whose errors are expected
+    ones.
     """
 
     method: str
@@ -83,6 +84,7 @@ class Lifter:
     outlier_threshold: float | None = None
     leave_one_out: str | None = None
     frame_rate: float | None = None
+    shown: Flags | None = None
     threads: int = 0
 
     @property

@@ -291,10 +291,10 @@ def trusted(lifting: Lifting, setup: Setup) -> Datasets:
     if estimate.deviation is None:
         return {}
     further, expected = estimate.further, np.full(len(lifting.shapes), np.nan)
+    shown = setup.lifter.shown
     if estimate.covariance is not None:
-        expected = lifting.scale * trust.expected_error(
-            lifting.shapes, estimate.covariance
-        )
+        expected = trust.expected_error(lifting.shapes, estimate.covariance, shown)
+        expected *= lifting.scale
         of_image = further.get(trust.IMAGE_ERROR, np.nan)
         expected = np.fmax(expected, trust.GAIN * of_image)
     reasons = trust.find_reasons(
@@ -306,6 +306,7 @@ def trusted(lifting: Lifting, setup: Setup) -> Datasets:
         estimate.status,
         sides=further.get(trust.SIDES),
         depth_ambiguity=setup.dictionary.depth_ambiguity,
+        shown=shown,
     )
     reasons[reasons == ""] = setup.estimates.reason
     names = (trust.TRUSTED, trust.REASONS, trust.EXPECTED_ERROR)

@@ -10,6 +10,11 @@ from functools import partial
 import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
+from shapefit.dictionary.bodies import (
+    find_limbs,
+    name_joints,
+    precision_of_ratios,
+)
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
@@ -31,9 +36,6 @@ RIGID = 0.005
 """Deviation of a bone from its length that no data are more exact than, in the same
 units.
 """
-
-LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "wrist"})
-"""Joints of people, but for their sides, between which limbs are."""
 
 
 def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
@@ -117,20 +119,41 @@ def exchange_sides(images: LandmarkSet, partner: Integers, rows: Flags) -> Landm
 
 
 def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> Lifting:
-    """Infer whole sequences from the liftings of their images."""
+    """Infer whole sequences from the liftings of their images.
+
+    People whose hips the files do not show keep the shapes of their single images.
+    """
     dictionary, bars = lifter.dictionary, lifter.posterior
+    sequences = images.sequences or ()
+    if hides_the_hips(dictionary, lifter.shown):
+        sequences = tuple(map(str, range(len(images))))
     refine = partial(
         refine_lifting,
-        sequences=images.sequences or (),
+        sequences=sequences,
         motion=find_motion(dictionary, lifter.frame_rate or images.frame_rate),
         residual_variance=lifter.variance,
         noise=lifter.noise,
         bar_scale=scale_of_bars(
             bars.bar_scale, bars.growth, len(dictionary.landmark_names)
         ),
+        shown=lifter.shown,
         threads=lifter.threads,
     )
     return refine_through_camera(lifting, images.landmarks, refine)
+
+
+def hides_the_hips(dictionary: Dictionary, shown: Flags | None) -> bool:
+    """Whether a dictionary has limbs of people, and the files show no hip.
+
+    How the trunk stands is then a guess of the prior, alike in all frames: motion makes
+    it no better, and what the guess gets wrong is made to agree.
+    """
+    if shown is None or dictionary.edges is None:
+        return False
+    names = dictionary.landmark_names
+    of_people = find_limbs(names, dictionary.edges).any()
+    hips = [joint == "hip" for joint in name_joints(names)]
+    return bool(of_people) and any(hips) and not shown[hips].any()
 
 
 def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
@@ -156,9 +179,8 @@ def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
     """Return the mean bone lengths of the training bodies and their precision, None if
     unknown.
 
-    Of any size g: Q = P - P 1 1^T P / (1^T P 1) for the precision P of the logarithms.
-    Of people only limbs: detectors put hips, shoulders and heads elsewhere than
-    training shapes have them.
+    Of any size, and of people only limbs: detectors put hips, shoulders and heads
+    elsewhere than training shapes have them.
     """
     usual, covariance, edges = (
         dictionary.edge_length,
@@ -167,16 +189,11 @@ def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
     )
     if usual is None or covariance is None or edges is None:
         return None
-    names = dictionary.landmark_names
-    limbs = np.array(
-        [{names[end][1:] for end in edge.tolist()} in LIMBS for edge in edges], bool
-    )
+    limbs = find_limbs(dictionary.landmark_names, edges)
     rows = np.flatnonzero((usual > 0) & (limbs if limbs.any() else True))
     if not len(rows):
         return None
-    P = np.linalg.inv(covariance[np.ix_(rows, rows)])
-    whole = P.sum(axis=1)
     Q, lengths = np.zeros_like(covariance), np.full(len(usual), np.nan)
-    Q[np.ix_(rows, rows)] = P - np.outer(whole, whole) / whole.sum()
+    Q[np.ix_(rows, rows)] = precision_of_ratios(covariance[np.ix_(rows, rows)])
     lengths[rows] = usual[rows]
     return Lengths(lengths, Q)

@@ -10,6 +10,7 @@ import pytest
 
 import shapefit
 from shapefit.config import EvalConfig, LearnDictConfig, ProjectConfig
+from shapefit.dictionary.bodies import LIMBS
 from shapefit.errors import InputError
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import rotation_about
@@ -25,7 +26,6 @@ from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
 from shapefit.pipelines.fit import sequences as fit_sequences
 from shapefit.pipelines.fit.sequences import (
-    LIMBS,
     find_usual_lengths,
     restore_sides,
     whole_sequences,
@@ -109,8 +109,9 @@ def test_sequences_of_one_image_are_single_images(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 20))
     alone = images.replaced(sequences=tuple(map(str, range(20))))
     path = written(tmp_path / "alone.h5", alone)
-    single, _ = fitted(people, path, method="posterior")
-    whole, _ = fitted(people, path)
+    prior = {"residual_variance": 0.01, "bar_scale": 1.5}
+    single, _ = fitted(people, path, method="posterior", prior=prior)
+    whole, _ = fitted(people, path, prior=prior)
     # but for the neighbour that the convex program starts from
     np.testing.assert_allclose(whole.shapes, single.shapes, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
