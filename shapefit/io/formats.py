@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from functools import cached_property, partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,6 +38,9 @@ MARK = "shapefit-"
 
 FIRST = 20
 """Entries of JSON, and files of a folder, that decide its format."""
+
+LEVELS, MOST_VALUES = 8, 1000
+"""Of JSON of an unknown kind that are looked through, and values in each."""
 
 
 class Head:
@@ -114,6 +118,22 @@ class Head:
             key for entry in objects if isinstance(entry, dict) for key in entry
         )
 
+    @cached_property
+    def inner_keys(self) -> frozenset[str]:
+        """The keys of the first objects in JSON, some levels deep."""
+        found: set[str] = set()
+        level = [self.json]
+        for _ in range(LEVELS):
+            within: list[Any] = []
+            for value in level:
+                if isinstance(value, dict):
+                    found |= value.keys()
+                    within += islice(value.values(), FIRST)
+                elif isinstance(value, list):
+                    within += value[:FIRST]
+            level = within[:MOST_VALUES]
+        return frozenset(found)
+
 
 class FileFormat(NamedTuple):
     """A format of files: `title` with its article, and endings of names.
@@ -123,7 +143,7 @@ class FileFormat(NamedTuple):
     folder, or its files, are one recording. `write` takes a path, the layout of the
     records, and OutputOptions, of use if it is `in_metres`: upright, a sequence a file;
     `angles` are written with it. states_y_axis: y points up or down in each of its
-    files.
+    files. json_keys are what its JSON has, for messages.
     """
 
     title: str
@@ -136,6 +156,7 @@ class FileFormat(NamedTuple):
     in_metres: bool = False
     angles: bool = False
     states_y_axis: bool = True
+    json_keys: tuple[str, ...] = ()
 
 
 def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Output:

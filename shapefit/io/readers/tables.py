@@ -19,18 +19,20 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.checks import warn_of_zeros
 from shapefit.io.csv_file import read_numbers
-from shapefit.io.formats import INDIVIDUALS
+from shapefit.io.formats import INDIVIDUALS, Head
 from shapefit.io.readers.poses import (
     Poses,
     are_series,
+    library_reads,
     name_individual,
+    numbers_of,
     of_frames,
     parsing,
     require,
     unit_of,
     video_name,
 )
-from shapefit.io.readers.text import Table, read_json, read_table, read_text
+from shapefit.io.readers.text import Table, decode, read_json, read_table, read_text
 from shapefit.io.skeletons import installed_skeletons
 
 # Headers.
@@ -133,6 +135,18 @@ METRES = {
     "sd",
     "trusted",
 }  # as they are written here
+
+
+def is_table(head: Head) -> bool:
+    """Whether the first line names columns of landmarks."""
+    line = decode(head.bytes).replace("\r", "\n").partition("\n")[0]
+    table = head.named(".csv", ".tsv", ".txt") and "\0" not in line
+    return table and parse_header(line) is not None
+
+
+def is_anipose(head: Head) -> bool:
+    """Whether a column counts the cameras of a point."""
+    return any(name.endswith("_ncams") for name in head.columns)
 
 
 def read_any_table(paths: tuple[Path, ...]) -> Poses:
@@ -249,7 +263,7 @@ def _individual(cell: str) -> str:
 
 
 def _whole_numbers(cells: Sequence[str]) -> list[int]:
-    """Return cells as whole numbers. Raises ValueError for the first that is none."""
+    """Return cells as whole numbers. Raises FormatError for the first that is none."""
     values, _ = read_numbers(cells)
     wrong = ~(np.abs(values) < 2.0**53) | (
         values % 1 != 0
@@ -277,6 +291,11 @@ def _frames(
     order = np.lexsort((frames, ranks))
     first = order[np.searchsorted(ranks[order], ranks)]  # of its video
     return frames - frames[first], order
+
+
+def is_caliscope(head: Head) -> bool:
+    """Whether columns have the names that only caliscope gives them."""
+    return {"frame_index", "point_id", "img_loc_x", "img_loc_y"} <= {*head.columns}
 
 
 def read_caliscope(paths: tuple[Path, ...]) -> Poses:
@@ -309,6 +328,15 @@ def read_caliscope(paths: tuple[Path, ...]) -> Poses:
 POINTS = ("landmarks", "keypoints", "points", "poses")
 SCORES = ("confidence", "scores", "keypoint_scores", "likelihood", "visibility")
 WANTED = "give (images, landmarks, 2), or 3 with a confidence of 0 to 1"
+SAVED_ANEW = "save it again with numpy.save, without objects"
+
+
+def is_array(head: Head) -> bool:
+    """Whether the file is NumPy's, or JSON of lists in a list."""
+    first = head.json[0] if isinstance(head.json, list) and head.json else None
+    numbers = isinstance(first, list) and not any(isinstance(x, dict) for x in first)
+    archive = head.bytes.startswith(b"PK\x03\x04") and head.named(".npz")
+    return archive or numbers or head.bytes.startswith(b"\x93NUMPY")
 
 
 def read_array(paths: tuple[Path, ...]) -> Poses:
@@ -317,19 +345,21 @@ def read_array(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     if path.name.lower().endswith((".json", ".json.gz")):
-        return of_array(path, np.array(read_json(path), np.float64))
-    with parsing(
-        path, "an array", f"{WANTED}; save it again with numpy.save, without objects"
-    ):
+        return of_array(path, numbers_of(read_json(path), "the lists"))
+    damage, saved_anew = "it is damaged, or holds objects", f"{WANTED}; {SAVED_ANEW}"
+    with library_reads(damage, saved_anew):
         arrays = np.load(path, mmap_mode="r", allow_pickle=False)
-        if not isinstance(arrays, np.lib.npyio.NpzFile):
-            return of_array(path, arrays)
-        scores = [name for name in arrays if name.lower() in SCORES]
-        points = [name for name in arrays if name.lower() in POINTS]
-        points = points or [name for name in arrays if name not in scores]
-        names = abbreviate([*map(printable, arrays)]) or "nothing"
-        require(len(points) == 1, f"it holds {names}; call the landmarks `landmarks`")
-        return of_array(path, arrays[points[0]], arrays[scores[0]] if scores else None)
+    if not isinstance(arrays, np.lib.npyio.NpzFile):
+        return of_array(path, arrays)
+    scores = [name for name in arrays if name.lower() in SCORES]
+    points = [name for name in arrays if name.lower() in POINTS]
+    points = points or [name for name in arrays if name not in scores]
+    names = abbreviate([*map(printable, arrays)]) or "nothing"
+    require(len(points) == 1, f"it holds {names}; call the landmarks `landmarks`")
+    with library_reads(damage, saved_anew):
+        of_landmarks = arrays[points[0]]
+        of_scores = arrays[scores[0]] if scores else None
+    return of_array(path, of_landmarks, of_scores)
 
 
 def of_array(
@@ -365,7 +395,10 @@ def of_array(
                 fits,
                 f"third numbers run from {least:g} to {most:g}, are they confidences?",
             )
-        scores = None if scores is None else np.nan_to_num(scores.astype(np.float64))
+        if scores is not None:
+            fits = scores.dtype.kind in "biuf" and scores.shape == points.shape[:2]
+            require(fits, f"confidences are {scores.dtype} of the shape {scores.shape}")
+            scores = np.nan_to_num(scores.astype(np.float64))
         return of_bodies(path, points, scores, **fields)
 
 
@@ -374,7 +407,7 @@ def of_bodies(
 ) -> Poses:
     """Return the poses of points (n, p, 2 or 3), one body per image.
 
-    `fields` are those of `of_frames`. Raises ValueError for confidences below 0.
+    `fields` are those of `of_frames`. Raises FormatError for confidences below 0.
     """
     require(confidence is None or not (confidence < 0).any(), "a confidence below 0")
     points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)

@@ -73,7 +73,7 @@ def read_text(path: Path) -> str:
 
 
 def floats(words: Sequence[str], count: int | None = None) -> list[float]:
-    """Return words, so many, as finite numbers. Raises ValueError where they are
+    """Return words, so many, as finite numbers. Raises FormatError where they are
     none.
     """
     require(len(words) == (count or len(words)), f"{len(words)} numbers, not {count}")
