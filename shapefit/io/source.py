@@ -20,6 +20,7 @@ from shapefit.io.formats import CSV, HDF5, check_holds, our_format, record_write
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import (
     FIELDS,
+    FRAME,
     LANDMARKS,
     PROOF,
     RESULTS,
@@ -30,7 +31,14 @@ from shapefit.io.layout import (
 from shapefit.io.merge import align_to, merge_heads
 from shapefit.io.names import make_unique, match_landmarks, renamed
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
-from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
+from shapefit.io.records import (
+    LandmarkSet,
+    Record,
+    ResultSet,
+    ShapeSet,
+    concatenate,
+    order_by_frame,
+)
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
@@ -390,9 +398,22 @@ def _open(
 def _of_hdf5(
     path: Path, reader: Any, rows: slice | None, without: Collection[str]
 ) -> SourceFile[Any]:
-    """Open a file of ours, or a part of its rows, but for some datasets."""
+    """Open a file of ours, or a part of its rows, but for some datasets.
+
+    Its images and shapes come in order of their frames; where they stand in another,
+    they are read at once.
+    """
     file = reader(path)
     start, stop, _ = (rows or slice(None)).indices(file.count)
+    order = None if file.form is RESULTS else _order(file)
+    if order is not None:
+        part = order[start:stop]
+        return SourceFile.of(
+            str(path),
+            file.records(slice(0, file.count), without).take(part),
+            lambda dataset, row: f"{path}:/{dataset}[{part[row]}]",
+            y_axis=file.stated["y_axis"],
+        )
 
     def within(part: slice) -> slice:
         return slice(start + part.start, start + part.stop)
@@ -406,6 +427,13 @@ def _of_hdf5(
         close=reader.cache_clear,
         y_axis=file.stated["y_axis"],
     )
+
+
+def _order(file: Any) -> NDArray[np.intp] | None:
+    """Return the order of frames of an open HDF5 file, None where they stand in it."""
+    if not (file.is_dataset(FRAME) and file.is_dataset("sequence")):
+        return None
+    return order_by_frame(file.read("sequence"), file.read(FRAME))
 
 
 def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:

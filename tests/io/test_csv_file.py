@@ -195,7 +195,8 @@ def test_what_is_no_number_is_strange(text):
 
 UNSEEN = "write a finite number, or leave the cell empty where it is unknown"
 WEIGHT = "write 0 (hidden) or a positive number"
-HEADER = "write the header item,landmark,x,y[,confidence][,sequence], with commas"
+COLUMNS = "item,landmark,x,y[,confidence][,sequence][,frame][,time]"
+HEADER = f"write the header {COLUMNS}, with commas"
 ONE_CELL = "write one cell per column"
 
 

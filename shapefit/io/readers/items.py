@@ -18,11 +18,11 @@ from shapefit.arrays import Flags
 from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
-from shapefit.io.layout import EDGES, FRAME
+from shapefit.io.layout import EDGES, FRAME, TIME
 from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.poses import FRACTION, Poses, parsing
-from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io.records import LandmarkSet, ShapeSet, order_by_frame
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 
 Notes = tuple[str, ...]
@@ -116,7 +116,11 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
         "sequences": sequences if any(sequences) else None,
         "unit": poses.unit,
         "frame_rate": poses.frame_rate,
-        "columns": {FRAME: poses.frame, "confidence": poses.confidence},
+        "columns": {
+            FRAME: poses.frame,
+            TIME: poses.time,
+            "confidence": poses.confidence,
+        },
     }
     return fields, tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
 
@@ -160,13 +164,16 @@ def _landmark_names(
 
 
 def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
-    """Return the poses with landmarks that the options select, sequence by sequence;
-    and (n) items and sequences, "" for none.
+    """Return the poses with landmarks that the options select, sequence by sequence,
+    each in order of its frames; and (n) items and sequences, "" for none.
 
-    Raises InputError for an individual that is not there, and where unordered images
-    are a motion.
+    Raises InputError for an individual that is not there or is twice in a frame, and
+    where unordered images are a motion.
     """
     named = bool(poses.individuals)
+    order = order_by_frame(poses.videos, poses.frame)
+    if order is not None:
+        poses = poses.take(order)
     if options.track == "motion" and poses.unordered and len({*poses.label}) > 1:
         problem = (
             "holds images of different files, without numbers of frames: no motion"
@@ -194,7 +201,21 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     }
     retained.sort(key=lambda row: first[sequences[row]])
     poses = poses.take(np.array(retained, np.intp))
-    return poses, [items[row] for row in retained], [sequences[row] for row in retained]
+    items = [items[row] for row in retained]
+    sequences = [sequences[row] for row in retained]
+    _check_frames(poses, items, sequences)
+    return poses, items, sequences
+
+
+def _check_frames(poses: Poses, items: Sequence[str], sequences: Sequence[str]) -> None:
+    """Raise InputError where one sequence has two poses in one frame, of two names."""
+    first: dict[tuple[str, int], int] = {}
+    rows = zip(sequences, poses.frame.tolist(), strict=True)
+    for row, (sequence, frame) in enumerate(rows):
+        before = first.setdefault((sequence, frame), row)
+        if sequence and items[row] != items[before]:
+            problem = f"holds '{items[before]}' and '{items[row]}' in one frame"
+            raise input_error(poses.name, problem, "keep one pose of a body per frame")
 
 
 def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:

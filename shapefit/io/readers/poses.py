@@ -24,7 +24,7 @@ FRACTION = "fraction of the image"
 
 Edges = tuple[tuple[int, int], ...]
 
-PER_POSE = ("points", "confidence", "frame", "label", "individual", "video")
+PER_POSE = ("points", "confidence", "frame", "time", "label", "individual", "video")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +35,12 @@ class Poses:
     points      (N, p, 2) or (N, p, 3), NaN where a landmark is missing
     confidence  (N, p), NaN where a landmark has none (then 1); None where the format
                 has none
-    frame       (N,), the position of the frame in its video, from 0, never falling in a
-                video
+    frame       (N,), whole numbers: the place of the frame in its video; a frame that
+                the file lacks leaves a gap. As the file counts where its format says
+                from where (0; those from 1 less one), else from 0 for the first. In
+                any order
+    time        (N,) in seconds, as the file states it, nan where it does not; None
+                where the format has none
     label       (N,), what the file calls the frame: a number, a time, an image
     individual  (N,), "" for a pose without identity over frames; None for one body, one
                 sequence
@@ -55,6 +59,7 @@ class Poses:
     points: Floats
     confidence: Floats | None = None
     frame: NDArray[Any]
+    time: Floats | None = None
     label: Sequence[str]
     individual: Sequence[str] | None = None
     video: str | Sequence[str]
