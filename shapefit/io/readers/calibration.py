@@ -157,6 +157,8 @@ def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
     )
     require(not given[COEFFICIENTS:].any(), beyond)
     given = np.pad(given, (0, max(4 - len(given), 0)))  # k1, or k1 k2, or k1 k2 p1
+    counted = len(given[:COEFFICIENTS]) in (4, 5, COEFFICIENTS)
+    require(counted, f"{len(given)} coefficients of distortion, not 4, 5 or 8")
     return CalibratedCamera(
         matrix=matrix,
         distortion=complete(given[:COEFFICIENTS]),

@@ -16,9 +16,10 @@ from typing_extensions import TypedDict
 from shapefit.arrays import Floats
 from shapefit.errors import counted, printable
 from shapefit.io.formats import Head
-from shapefit.io.readers.declared import Identity, Many, checked
+from shapefit.io.readers.declared import Identity, checked
 from shapefit.io.readers.detections import Detection, as_poses, person_points, who_of
 from shapefit.io.readers.poses import (
+    SPARSEST,
     FormatError,
     Poses,
     check_names,
@@ -61,9 +62,9 @@ class _Annotation(TypedDict, total=False):
 
 
 class _Annotations(TypedDict, total=False):
-    images: Many[_Image] | None
-    annotations: Required[Many[_Annotation]]
-    categories: Many[_Category] | None
+    images: list[_Image] | None
+    annotations: Required[list[_Annotation]]
+    categories: list[_Category] | None
 
 
 def is_coco_annotations(head: Head) -> bool:
@@ -200,12 +201,15 @@ class _Landmarks:
         here = [self.column_of.setdefault(name, len(self.column_of)) for name in given]
         self.columns[category["id"]] = here
         self.names[category["id"]] = str(category.get("name") or category["id"])
-        for a, b in edges_of(category.get("skeleton"), len(given), first=1):
+        lines: Any = category.get("skeleton")
+        # COCO counts from 1, some tools from 0
+        zeros = any(0 in line for line in lines or () if isinstance(line, list))
+        for a, b in edges_of(lines, len(given), first=0 if zeros else 1):
             self.pairs[here[a], here[b]] = None
 
     def place(self, entry: _Annotation, points: Floats) -> Floats | None:
-        """Return the points of an annotation among those of all categories; None for one
-        that is left out.
+        """Return the points of an annotation among those of all categories; None for
+        one that is left out.
         """
         if not self.column_of:
             return points
@@ -245,8 +249,8 @@ class _Landmarks:
         return columns
 
     def _is_whole_body(self, columns: Sequence[int], count: int) -> bool:
-        """Whether landmarks are those of COCO-WholeBody, of which a category names those
-        of the body alone.
+        """Whether landmarks are those of COCO-WholeBody, of which a category names
+        those of the body alone.
         """
         skeletons = installed_skeletons()
         body = skeletons[BODY].landmark_names
@@ -294,21 +298,38 @@ def is_coco_results(head: Head) -> bool:
     return isinstance(head.json, list) and {"image_id", "keypoints"} <= head.keys
 
 
+SPARSEST_IDS = 10
+"""How many numbers of images there are at most for each that is there, if they are
+frames; COCO's own are a choice of many images.
+"""
+
+
 def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose
     write it.
 
     A landmark of 0, 0, 0 is missing, others of confidence 0 have no weight. Where the
-    images differ in a number, it is that of the frame.
+    images differ in a number, it is that of the frame; images of numbers that are no
+    frames are in their order.
     """
     content: Any = read_json(paths[0])
-    checked(Many[_Result], content)
+    checked(list[_Result], content)
     number_of: dict[Identity, int] = {}
     detections: list[Detection] = []
     for entry in content:
         image = number_of.setdefault(entry["image_id"], len(number_of))
         points = person_points(entry, needed=True)
-        assert points is not None
         detections.append((points, image, who_of(entry)))
-    images = place_images(paths[0], [*map(str, number_of)])
+    # Numbers of images alone are those of frames only where few are absent.
+    numbered = all(isinstance(image, int) for image in number_of)
+    if numbered:
+        ranked = {image: rank for rank, image in enumerate(sorted(number_of))}
+        place = [ranked[image] for image in number_of]
+        detections = [(points, place[i], who) for points, i, who in detections]
+        number_of = ranked
+    images = place_images(
+        paths[0],
+        [*map(str, number_of)],
+        sparsest=SPARSEST_IDS if numbered else SPARSEST,
+    )
     return as_poses(images, detections, hide_unscored=False)

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from functools import cache
-from typing import Annotated, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import orjson
-from pydantic import FailFast, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from shapefit.errors import listed, printable
 from shapefit.io.readers.poses import FormatError
@@ -19,8 +19,6 @@ Kind = TypeVar("Kind")
 Identity = int | str
 """What names an image, a category or a track."""
 
-Many = Annotated[list[Kind], FailFast()]
-"""A list of which the first wrong entry is enough, however many follow."""
 
 NAMES_OF_KINDS = {
     "int": "a whole number",
@@ -83,12 +81,10 @@ def _existing_path(content: Any, location: Sequence[int | str]) -> Path:
     """
     path: list[int | str] = []
     for step in location:
-        if (isinstance(content, list) and isinstance(step, int)) or (
-            isinstance(content, Mapping) and step in content
-        ):
-            content = content[step]
-        else:
+        inside = isinstance(content, Mapping) and step in content
+        if not inside and not (isinstance(content, list) and isinstance(step, int)):
             break
+        content = content[step]
         path.append(step)
     return tuple(path)
 

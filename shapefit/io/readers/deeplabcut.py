@@ -16,6 +16,7 @@ from shapefit.errors import abbreviate, printable
 from shapefit.io.csv_file import read_numbers
 from shapefit.io.formats import Head
 from shapefit.io.readers.poses import (
+    FormatError,
     Poses,
     image_labels,
     library_reads,
@@ -152,9 +153,7 @@ class NameUnpickler(pickle._Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         """Refuse what would be imported, and could be called."""
-        raise pickle.UnpicklingError(
-            f"asks for {module}.{name}, which is never executed here"
-        )
+        raise FormatError(f"asks for {module}.{name}, which is never executed here")
 
 
 def _unpickle_names(pickled: Any) -> Columns:

@@ -137,8 +137,7 @@ def detections_of(
     require(isinstance(people, list), "no list of people")
     for person in checked(list[dict[str, Any]], people):
         points = person_points(person, needed=needed)
-        if points is not None:
-            detections.append((points, image, who_of(person)))
+        detections.append((points, image, who_of(person)))
     return detections
 
 
@@ -147,9 +146,9 @@ def who_of(person: Mapping[str, Any]) -> Any:
     return _first(person, WHO)
 
 
-def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats | None:
-    """Return x, y, confidence of the landmarks of a person (p, 3); None for a person
-    without any, unless they are `needed`.
+def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
+    """Return x, y, confidence of the landmarks of a person (p, 3), who may have none
+    unless they are `needed`.
 
     They are three numbers a landmark in one list, [x, y] beside a list of confidences,
     or lists of x and y and, if any, `visible`.
@@ -157,7 +156,7 @@ def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats 
     given = _first(person, LISTS)
     if given is None or (given == [] and not needed):
         require(not needed, "a person without a list of keypoints")
-        return None
+        return np.empty((0, 3))
     if isinstance(given, dict):
         return _points_of_lists(given)
     require(isinstance(given, list), "a person without a list of keypoints")
@@ -295,7 +294,8 @@ def _read_data_yaml(folder: Path) -> _DataYaml:
 
 
 def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Images]:
-    """Return the files of a folder, or these, in order, and the images that they are of.
+    """Return the files of a folder, or these, in order, and the images of which they
+    are.
 
     Where names differ in one number alone it is that of the frame; else each is that of
     an image. Raises InputError for links that lead nowhere, pipes and devices, which
@@ -389,8 +389,8 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
 
 
 def _frames_of(stated: Sequence[Identity | None]) -> tuple[list[int], list[str]]:
-    """Return the numbers of frames from the first on, and their labels; the order of the
-    file where not all have a number.
+    """Return the numbers of frames from the first on, and their labels; the order of
+    the file where not all have a number.
 
     Raises FormatError for a frame that is there twice.
     """

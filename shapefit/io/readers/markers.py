@@ -72,8 +72,8 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     announced = floats([about.get("numframes") or "0"])[0]
     notes = []
     if announced > len(points):
-        lost = counted(int(announced) - len(points), "frame")
-        notes.append(f"{lost} announced in the header, but not there")
+        lost = int(announced) - len(points)
+        notes.append(f"{lost} frames are announced in the header, but not there")
     if origins:
         notes.append(f"{origins} points at exactly 0, 0, 0 taken for missing")
     if unnamed:
@@ -186,8 +186,10 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
         about: Any = file["parameters"].get("POINT", {})
         points, read = _points_of_ezc3d(file, header)
     layout = _fitting_layout(header, read)
+    notes = []
     if layout != read:
         points = _points_by_header(path, header, layout)
+        notes.append("read by its header, which its parameters contradict")
     require(layout.points, "no points, and no parameters POINT")
 
     def texts(name: str) -> list[str]:  # ezc3d leaves what is not UTF-8 as bytes
@@ -202,10 +204,9 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     computed = {label for name in COMPUTED for label in texts(name)}
     markers = [number for number, label in enumerate(labels) if label not in computed]
     lost = [label for label in labels if label in computed]
-    note = (
-        f"{counted(len(lost), 'point')} left out, computed by a model"
-        f" ({abbreviate(lost)})"
-    )
+    if lost:
+        number = counted(len(lost), "point")
+        notes.append(f"{number} left out, computed by a model ({abbreviate(lost)})")
     rates = np.ravel(about.get("RATE", {}).get("value", ())).tolist()
     stated = next((rate for rate in rates if rate > 0), header.rate)
     start = max(header.first - 1, 0)
@@ -216,7 +217,7 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
         float(stated),
         (texts("UNITS") or [""])[0],
         labels=[str(start + frame) for frame in range(len(points))],
-        notes=(note,) if lost else (),
+        notes=tuple(notes),
     )
 
 
@@ -293,8 +294,8 @@ def width(scale: float) -> int:
 
 
 def _points_of_ezc3d(file: Any, header: C3dHeader) -> tuple[Floats, C3dLayout]:
-    """Return the points (n, p, 3) that ezc3d read, NaN for missing ones, and how it read
-    the data section.
+    """Return the points (n, p, 3) that ezc3d read, NaN for missing ones, and how it
+    read the data section.
     """
     # (4, p, n) -> (n, p, 3)
     points = np.asarray(file["data"]["points"], np.float64)[:3].transpose(2, 1, 0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import abbreviate, counted, input_error, listed
+from shapefit.errors import abbreviate, input_error
 from shapefit.io.formats import Head
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
@@ -116,7 +116,7 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     motion = table.numbers(range(len(channels)), finite=True)
     require(not np.isnan(motion).any(), "a channel is no number")
     lost = announced - len(motion)
-    note = f"{counted(lost, 'frame')} announced in the header, but not there"
+    note = f"{lost} frames are announced in the header, but not there"
     order = sorted(range(len(joints)), key=lambda number: not joints[number].channels)
     place = {old: number for number, old in enumerate(order)}
     rate = 1.0 / seconds if seconds > 0 else None
@@ -294,7 +294,7 @@ def _bone(block: dict[str, list[str]]) -> Joint:
     lacking -= {"axis"} & block.keys()
     if "orientation" not in block:
         lacking |= {"direction", "length"} - block.keys()
-    require(not lacking, f"there is no {listed(sorted(lacking), 'and')}")
+    require(not lacking, f"there is no {abbreviate(sorted(lacking))}")
     before, after, turn = np.zeros(3), np.zeros(3), block["axis"]
     if "orientation" in block:
         turn = [*block["orientation"], *turn]

@@ -276,14 +276,20 @@ def image_labels(paths: Sequence[str]) -> list[str]:
 LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
 
 
-def are_series(names: Sequence[str]) -> bool:
-    """Whether names differ in one number alone, and may be frames: there is one in 100
-    at least.
+SPARSEST = 100
+"""How many numbers of names there are at most for each frame that is there."""
+
+
+def are_series(names: Sequence[str], sparsest: int = SPARSEST) -> bool:
+    """Whether names differ in one number alone, and may be frames: there is one in so
+    many at least.
     """
     matches = [match for name in names if (match := LAST_NUMBER.match(name))]
     numbers = {int(match[2]) for match in matches}
     alike = len({(m[1], m[3]) for m in matches}) <= 1 and len(numbers) == len(names)
-    return alike and (not numbers or max(numbers) - min(numbers) < 100 * len(numbers))
+    if not alike or not numbers:
+        return alike
+    return max(numbers) - min(numbers) < sparsest * len(numbers)
 
 
 class Images(NamedTuple):
@@ -301,7 +307,10 @@ class Images(NamedTuple):
 
 
 def place_images(
-    path: Path, files: Sequence[str], videos: Sequence[str] | None = None
+    path: Path,
+    files: Sequence[str],
+    videos: Sequence[str] | None = None,
+    sparsest: int = SPARSEST,
 ) -> Images:
     """Return images by their names, each in its video: those given, or the folders in
     which images are numbered, or one.
@@ -320,7 +329,7 @@ def place_images(
     unordered = False
     for video, rows in rows_of.items():
         inside = image_labels([files[row] for row in rows])
-        numbers = frame_numbers(inside)
+        numbers = frame_numbers(inside, sparsest)
         unordered |= numbers is None
         places = range(len(rows)) if numbers is None else numbers
         for row, label, place in zip(rows, inside, places, strict=True):
@@ -341,18 +350,18 @@ def _folders_of_series(files: Sequence[str]) -> list[str] | None:
             IMAGES.sub("", PureWindowsPath(file).name)
         )
     several = len(names_in) > 1 and max(map(len, names_in.values())) > 1
-    if not several or not all(map(are_series, names_in.values())):
+    bare = PureWindowsPath() in names_in
+    if not several or bare or not all(map(are_series, names_in.values())):
         return None
-    short = {folder.name for folder in names_in}
-    unique = len(short) == len(names_in) and "" not in short
+    unique = len({folder.name for folder in names_in}) == len(names_in)
     return [folder.name if unique else folder.as_posix() for folder in folders]
 
 
-def frame_numbers(names: Sequence[str]) -> list[int] | None:
+def frame_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] | None:
     """Return the frame of each name, from the first on; None where names are no
     series.
     """
-    if not names or not are_series(names):
+    if not names or not are_series(names, sparsest):
         return None
     matches = [LAST_NUMBER.match(name) for name in names]
     if None in matches:  # one name without a number
