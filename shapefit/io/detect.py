@@ -25,6 +25,7 @@ from shapefit.io.formats import (
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import (
+    arrays,
     deeplabcut,
     detections,
     markers,
@@ -32,6 +33,7 @@ from shapefit.io.readers import (
     tables,
     trackers,
 )
+from shapefit.io.readers.headers import parse_header
 from shapefit.io.readers.text import decode, read_json
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
@@ -158,9 +160,10 @@ def is_deeplabcut_csv(head: Head) -> bool:
 
 def is_table(head: Head) -> bool:
     """Whether the first line names columns of landmarks."""
-    line = decode(head.bytes).replace("\r", "\n").partition("\n")[0]
-    table = head.named(".csv", ".tsv", ".txt") and "\0" not in line
-    return table and tables.parse_header(line) is not None
+    text = decode(head.text).replace("\r\n", "\n").replace("\r", "\n")
+    first = "\n".join(text.split("\n", 2)[:2])
+    table = head.named(".csv", ".tsv", ".txt") and "\0" not in first
+    return table and parse_header(text) is not None
 
 
 def is_array(head: Head) -> bool:
@@ -353,6 +356,7 @@ FORMATS: dict[str, FileFormat] = {
         is_table,
         tables.read_any_table,
         states_y_axis=False,
+        either=True,
     ),
     "mediapipe": FileFormat(
         "a file of MediaPipe's landmarks",
@@ -364,10 +368,18 @@ FORMATS: dict[str, FileFormat] = {
     "arrays": FileFormat(
         "an array of landmarks",
         (".npy", ".npz"),
-        IMAGES,
+        EITHER,
         is_array,
-        tables.read_array,
+        arrays.read_array,
         states_y_axis=False,
+        either=True,
+    ),
+    "arrays-3d": FileFormat(
+        "an array of 3D points",
+        (".npy", ".npz"),
+        SHAPES,
+        lambda head: False,
+        arrays.read_shapes,
     ),
 }
 """Those of the package come first; the others are asked in this order."""

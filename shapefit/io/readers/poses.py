@@ -48,6 +48,8 @@ class Poses:
     edges       pairs of landmarks, by position
     size_needed of fractions of the image: whether they are useless without `image_size`
     unordered   whether the images are, as far as names say, no frames of a video
+    named       whether labels name images, and are the items as they stand
+    or_else     of fractions of the image: what else the numbers may be, for the message
     notes       warnings: what was left out or replaced, what is uncertain
     """
 
@@ -65,6 +67,8 @@ class Poses:
     edges: Edges = ()
     size_needed: bool = False
     unordered: bool = False
+    named: bool = False
+    or_else: str = ""
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
