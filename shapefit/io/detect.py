@@ -25,6 +25,7 @@ from shapefit.io.formats import (
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import (
+    arrays,
     coco,
     deeplabcut,
     detections,
@@ -308,6 +309,7 @@ FORMATS: dict[str, FileFormat] = {
         tables.is_table,
         tables.read_any_table,
         states_y_axis=False,
+        either=True,
     ),
     "mediapipe": FileFormat(
         "a file of MediaPipe's landmarks",
@@ -320,10 +322,18 @@ FORMATS: dict[str, FileFormat] = {
     "arrays": FileFormat(
         "an array of landmarks",
         (".npy", ".npz"),
-        IMAGES,
-        tables.is_array,
-        tables.read_array,
+        EITHER,
+        arrays.is_array,
+        arrays.read_array,
         states_y_axis=False,
+        either=True,
+    ),
+    "arrays-3d": FileFormat(
+        "an array of 3D points",
+        (".npy", ".npz"),
+        SHAPES,
+        lambda head: False,
+        arrays.read_shapes,
     ),
 }
 """Those of the package come first; the others are asked in this order."""

@@ -21,7 +21,7 @@ from shapefit.errors import input_error, listed
 from shapefit.geometry.pinhole import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io.inputs import require_file
-from shapefit.io.readers.poses import library_reads, numbers_of, parsing, require
+from shapefit.io.readers.poses import as_numbers, library_reads, parsing, require
 from shapefit.io.readers.text import read_json
 
 KEYS = {
@@ -201,7 +201,7 @@ def _array(
     if given is None:
         return None
     numbers = given.get("data") if isinstance(given, dict) else given
-    values = numbers_of(numbers, f"the numbers of {field}")
+    values = as_numbers(numbers, f"the numbers of {field}")
     if isinstance(given, dict):
         sizes: list[Any] = [given.get(key) for key in ("rows", "cols")]
         whole = all(isinstance(size, int) and size >= 0 for size in sizes)

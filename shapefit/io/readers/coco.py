@@ -22,9 +22,9 @@ from shapefit.io.readers.poses import (
     SPARSEST,
     FormatError,
     Poses,
+    as_numbers,
     check_names,
     edges_of,
-    numbers_of,
     place_images,
     require,
 )
@@ -151,7 +151,7 @@ def _described(entry: _Annotation) -> str:
 
 def _annotated_points(entry: _Annotation) -> Floats:
     """Return x, y, v of the keypoints of an annotation (p, 3)."""
-    values = numbers_of(entry["keypoints"], f"keypoints of {_described(entry)}")
+    values = as_numbers(entry["keypoints"], f"keypoints of {_described(entry)}")
     if values.ndim != 1:
         what = "pairs" if values.shape[-1:] == (2,) else "lists"
         raise FormatError(f"keypoints of {_described(entry)} are {what}, not x, y, v")
@@ -166,7 +166,7 @@ def _points_of_parts(entry: _Annotation) -> Floats:
     parts = []
     for part, count in PARTS:
         given: Any = entry.get(part) or [0.0] * (3 * count)
-        values = numbers_of(given, f"{part} of {_described(entry)}")
+        values = as_numbers(given, f"{part} of {_described(entry)}")
         fits = values.shape == (3 * count,)
         require(fits, f"{part} of {_described(entry)} are not {count} landmarks")
         parts.append(values.reshape(count, 3))

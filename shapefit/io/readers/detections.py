@@ -25,11 +25,11 @@ from shapefit.io.readers.poses import (
     FormatError,
     Images,
     Poses,
+    as_numbers,
     edges_of,
     frame_numbers,
     library_reads,
     name_individual,
-    numbers_of,
     parsing,
     require,
     unit_of,
@@ -160,7 +160,7 @@ def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
     if isinstance(given, dict):
         return _points_of_lists(given)
     require(isinstance(given, list), "a person without a list of keypoints")
-    values = numbers_of(given, "keypoints of a person")
+    values = as_numbers(given, "keypoints of a person")
     if values.ndim == 1:
         problem = f"a person of {len(values)} numbers, not 3 a landmark"
         require(len(values) % 3 == 0, problem)
@@ -172,7 +172,7 @@ def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
     given_scores = _first(person, SCORES)
     if given_scores is None:
         return np.column_stack([values, np.ones(len(values))])
-    scores = numbers_of(given_scores, "confidences of a person")
+    scores = as_numbers(given_scores, "confidences of a person")
     counts = f"{len(values)} landmarks of a person, and {scores.size} confidences"
     require(scores.shape == values.shape[:1], counts)
     return np.column_stack([values, scores])
@@ -181,9 +181,9 @@ def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
 def _points_of_lists(given: Mapping[str, Any]) -> Floats:
     """Return x, y, confidence (p, 3) of lists `x`, `y` and, if any, `visible`."""
     require({"x", "y"} <= given.keys(), "keypoints without lists of x and y")
-    x, y = (numbers_of(given[axis], f"{axis} of keypoints") for axis in ("x", "y"))
+    x, y = (as_numbers(given[axis], f"{axis} of keypoints") for axis in ("x", "y"))
     seen = given.get("visible")
-    scores = np.ones(x.shape) if seen is None else numbers_of(seen, "visible")
+    scores = np.ones(x.shape) if seen is None else as_numbers(seen, "visible")
     same = x.ndim == 1 and x.shape == y.shape == scores.shape
     require(same, "lists x, y and visible of different lengths")
     return np.column_stack([x, y, scores])

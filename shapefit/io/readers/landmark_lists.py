@@ -13,7 +13,7 @@ from shapefit.io.readers.detections import Detection, as_poses
 from shapefit.io.readers.poses import (
     Images,
     Poses,
-    numbers_of,
+    as_numbers,
     require,
     video_name,
 )
@@ -64,7 +64,7 @@ def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
             (point.get("x"), point.get("y"), _first(point, SCORES, 1.0))
             for point in body
         ]
-        values = numbers_of(rows, f"x, y and confidence of landmarks of frame {number}")
+        values = as_numbers(rows, f"x, y and confidence of landmarks of frame {number}")
         require(values.ndim == 2, f"landmarks of frame {number} are not x, y")
         detections.append((np.asarray(values), number, None))
     whole = len(stated) == len(frames) == len({*stated})

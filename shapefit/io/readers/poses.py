@@ -52,6 +52,8 @@ class Poses:
     edges       pairs of landmarks, by position
     size_needed of fractions of the image: whether they are useless without `image_size`
     unordered   whether the images are, as far as names say, no frames of a video
+    named       whether labels name images, and are the items as they stand
+    or_else     of fractions of the image: what else the numbers may be, for the message
     notes       warnings: what was left out or replaced, what is uncertain
     """
 
@@ -70,6 +72,8 @@ class Poses:
     edges: Edges = ()
     size_needed: bool = False
     unordered: bool = False
+    named: bool = False
+    or_else: str = ""
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -220,7 +224,7 @@ def library_reads(problem: str, fix: str = "") -> Iterator[None]:
         raise FormatError(problem, fix) from error
 
 
-def numbers_of(values: object, what: str) -> Floats:
+def as_numbers(values: object, what: str) -> Floats:
     """Return lists of numbers, and of null, as an array. Raises FormatError for
     others.
     """
