@@ -38,6 +38,7 @@ from shapefit.io.inputs import (
     source_name,
 )
 from shapefit.io.layout import FRAME, TIME
+from shapefit.io.names import as_composed
 from shapefit.io.options import RecordWriter, Summary
 from shapefit.io.records import (
     KINDS,
@@ -407,8 +408,10 @@ def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
     first.
     """
     name, line, rest = source_name(path), 1, b""
-    for block in chain(read_text_blocks(path), [b""]):
-        data = rest + block
+    old_ends = False
+    for number, block in enumerate(chain(read_text_blocks(path), [b""])):
+        old_ends = _ends_with_cr(block) if number == 0 else old_ends
+        data = rest + (block.replace(b"\r", b"\n") if old_ends else block)
         end = (
             data.rfind(b"\n") + 1 if block else len(data)
         )  # the last line may have no end
@@ -423,8 +426,16 @@ def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
                 line += data.count(b"\n", 0, error.start)
                 fix = "save it as CSV in UTF-8"
                 raise input_error(f"{name}:{line}", "is not UTF-8 text", fix) from error
-            yield line, text
+            yield line, as_composed(text)
             line += data.count(b"\n", 0, end)
+
+
+def _ends_with_cr(block: bytes) -> bool:
+    r"""Whether the first line ends with \r alone, as Excel for the Mac ends lines."""
+    first = block.find(b"\r")
+    followed = block[first + 1 : first + 2] == b"\n"
+    quoted = block.count(b'"', 0, first) % 2 == 1
+    return first >= 0 and not followed and not quoted and b"\n" not in block[:first]
 
 
 def _divided(

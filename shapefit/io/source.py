@@ -392,6 +392,8 @@ def _open(
             files.append(
                 SourceFile.of(name, records, estimate=round(len(records) / share))
             )
+        if form is not RESULTS and options.keypoints is not None:
+            files[-1] = _named_by_skeleton(files[-1], options.keypoints)
         if form is LANDMARKS and not head:
             files[-1] = _in_pixels(files[-1], options)
     prepared = _prepared(files, form, options, gaps, check=not head)
@@ -437,6 +439,25 @@ def _order(file: Any) -> NDArray[np.intp] | None:
     if not (file.is_dataset(FRAME) and file.is_dataset("sequence")):
         return None
     return order_by_frame(file.read("sequence"), file.read(FRAME))
+
+
+def _named_by_skeleton(file: SourceFile[Any], skeleton: str) -> SourceFile[Any]:
+    """Return a file of ours whose landmarks, if numbers, are those of the skeleton."""
+    from shapefit.io.readers.items import name_numbers
+
+    before = file.head.landmark_names
+    names, notes = name_numbers(before, skeleton, file.name)
+    if names == before:
+        return file
+    renames = dict(zip(before, names, strict=True))
+
+    def read(rows: slice) -> Any:
+        records = file.read(rows)
+        called = tuple(renames.get(name, name) for name in records.landmark_names)
+        return records.replaced(landmark_names=called)
+
+    told = tuple(f"{file.name}: {text}" for text in notes)
+    return replace(file, read=read, notes=(*file.notes, *told))
 
 
 def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:

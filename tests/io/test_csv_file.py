@@ -254,8 +254,8 @@ ONE_CELL = "write one cell per column"
             ["3: is not UTF-8 text; save it as CSV in UTF-8"],
         ),
         (
-            "item,landmark,x,y,confidense\n1,2,3,4,5\n",
-            [f"1: the header is 'item,landmark,x,y,confidense'; {HEADER}"],
+            "item,landmark,x,why\n1,2,3,4\n",
+            [f"1: the header is 'item,landmark,x,why'; {HEADER}"],
         ),
         ("item,landmark,x\n1,2,3\n", [f"1: the header is 'item,landmark,x'; {HEADER}"]),
         (

@@ -14,9 +14,12 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, printable
 from shapefit.io.csv_file import read_numbers
+from shapefit.io.formats import Head
 from shapefit.io.readers.poses import (
+    FormatError,
     Poses,
     image_labels,
+    library_reads,
     number_labels,
     of_frames,
     require,
@@ -30,6 +33,16 @@ Columns = list[tuple[str, ...]]
 """(scorer, [individual,] body part, coordinate) of each column."""
 
 
+def is_csv(head: Head) -> bool:
+    """Whether its rows of names come first; what is seen of the file can end in one of
+    them.
+    """
+    first, *others = (line.split(b",", 1)[0].strip(b" \"'") for line in head.lines[:3])
+    if first == b"scorer" and b"," in head.lines[0]:
+        return len(others) < 2 or b"bodyparts" in others
+    return first in (b"bodyparts", b"individuals") and b"coords" in others
+
+
 def read_csv(paths: tuple[Path, ...]) -> Poses:
     """Read DeepLabCut CSV, which Lightning Pose writes, too: a row for each frame,
     columns by name.
@@ -40,14 +53,18 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
     """
     path, text = paths[0], read_text(paths[0])
     levels: dict[str, list[str]] = {}
-    for cells in csv.reader(text.split("\n", len(HEADER))[: len(HEADER)]):
+    first_lines = text.split("\n", len(HEADER))[: len(HEADER)]
+    with library_reads("the lines of names have no end"):
+        rows = [*csv.reader(first_lines)]
+    for cells in rows:
         name, *_ = row = [cell.strip() for cell in cells] or [""]
         if name not in HEADER or name in levels:
             break
         levels[name] = row
-    names = [
-        levels[name] for name in HEADER[1:] if name in levels or name != "individuals"
-    ]
+    needed = [name for name in HEADER[1:] if name != "individuals"]
+    lacking = [name for name in needed if name not in levels]
+    require(not lacking, f"there is no line {abbreviate(lacking)}")
+    names = [levels[name] for name in HEADER[1:] if name in levels]
     require(
         len({*map(len, names)}) == 1,
         "the lines of names have different numbers of cells",
@@ -72,6 +89,11 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
     return _of_columns(path, [columns[number] for number in placed], values, frames)
 
 
+def is_hdf5(head: Head) -> bool:
+    """Whether an HDF5 file has a table that pandas wrote."""
+    return any(name.endswith("@pandas_type") for name in head.hdf5)
+
+
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     """Read a table that pandas wrote, in one of its two layouts, without pandas.
 
@@ -90,9 +112,11 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
         )
         (key,) = keys
         if file.is_dataset(f"{key}/table"):
-            rows = file.rows(f"{key}/table")
+            rows = np.asarray(file.rows(f"{key}/table"))
+            fields: tuple[str, ...] = rows.dtype.names or ()
+            require("index" in fields, "a table without an index")
             index = rows["index"]
-            for field in [name for name in rows.dtype.names if name != "index"]:
+            for field in [name for name in fields if name != "index"]:
                 columns += _unpickle_names(
                     file.attribute(f"{field}_kind", f"{key}/table")
                 )
@@ -111,6 +135,10 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     labels = (
         number_labels(index) if numbered else image_labels([*map(str, index.tolist())])
     )
+    require(blocks, "no columns of coordinates")
+    alike = all(block.ndim == 2 and len(block) == len(index) for block in blocks)
+    numeric = alike and all(block.dtype.kind in "biuf" for block in blocks)
+    require(numeric, "blocks of other lengths than the index, or not of numbers")
     values = np.concatenate(blocks, axis=1).astype(np.float64)
     require(values.shape == (len(labels), len(columns)), f"{values.shape} values")
     return _of_columns(paths[0], columns, values, labels)
@@ -125,15 +153,18 @@ class NameUnpickler(pickle._Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         """Refuse what would be imported, and could be called."""
-        raise pickle.UnpicklingError(
-            f"asks for {module}.{name}, which is never executed here"
-        )
+        raise FormatError(f"asks for {module}.{name}, which is never executed here")
 
 
 def _unpickle_names(pickled: Any) -> Columns:
     """Return the names of columns, a list of tuples, that an attribute has pickled."""
     data = pickled.encode() if isinstance(pickled, str) else pickled
-    return [tuple(map(str, name)) for name in NameUnpickler(io.BytesIO(data)).load()]
+    require(isinstance(data, bytes), "the names of its columns are missing")
+    with library_reads("the names of its columns are damaged"):
+        names = NameUnpickler(io.BytesIO(data)).load()
+    listed = isinstance(names, list) and all(isinstance(name, tuple) for name in names)
+    require(listed, "the names of its columns are no list of names")
+    return [tuple(map(str, name)) for name in names]
 
 
 def _names_of_codes(file: TrackerFile, start: str) -> Columns:
@@ -144,7 +175,11 @@ def _names_of_codes(file: TrackerFile, start: str) -> Columns:
     while file.is_dataset(place := f"{start}_level{len(levels)}"):
         names = [*file.texts(place), ""]
         codes = np.ravel(file.rows(f"{start}_label{len(levels)}"))
+        known = codes.dtype.kind in "iu" and (codes < len(names) - 1).all()
+        require(known and (codes >= -1).all(), f"{place} lacks names of columns")
         levels.append([names[code] for code in codes.tolist()])
+    same = len({*map(len, levels)}) <= 1
+    require(same, f"the levels of {start} have different lengths")
     return list(zip(*levels, strict=True))
 
 
@@ -157,7 +192,7 @@ def _of_columns(
     """Return the poses of rows (n, columns), each individual a pose of the frame.
 
     A landmark that only some individuals have is missing for the others. Columns of
-    other coordinates are left out, with a note. Raises ValueError for columns that
+    other coordinates are left out, with a note. Raises FormatError for columns that
     repeat or lack others.
     """
     sizes = {len(column) for column in columns}

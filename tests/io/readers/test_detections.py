@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.readers.detections import read_coco_annotations
+from shapefit.io.readers.coco import read_coco_annotations
 
 from .made import read_images as read
 

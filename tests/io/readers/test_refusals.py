@@ -144,7 +144,12 @@ REFUSED = [
         "frame;a_x;a_y;b_x;b_y\n0;1,234;2;3;4\n1;5.5;6;7;8\n",
         "csv:2: '1,234' is no numb",
     ),
-    ("t.csv", "joint,x,y\na,1,2\nb,3,4\n", "t.csv:1: the header is 'joint,x,y'"),
+    ("t.csv", "joint,x\na,1\nb,3\n", "t.csv:1: the header is 'joint,x'"),
+    (
+        "t.csv",
+        "joint,x,y\na,1,2\na,3,4\n",
+        "t.csv:3: 'a' is also in line 2; tell the images apart by a column `item`",
+    ),
     (
         "t.csv",
         "frame,joint,x,y\n0,a,1,2\n0,a,3,4\n",
