@@ -35,10 +35,9 @@ class Poses:
     points      (N, p, 2) or (N, p, 3), NaN where a landmark is missing
     confidence  (N, p), NaN where a landmark has none (then 1); None where the format
                 has none
-    frame       (N,), whole numbers: the place of the frame in its video; a frame that
-                the file lacks leaves a gap. As the file counts where its format says
-                from where (0; those from 1 less one), else from 0 for the first. In
-                any order
+    frame       (N,), whole numbers, in any order: the place of the frame in its video,
+                from 0 for the first that the file has there; a missing frame leaves a
+                gap
     time        (N,) in seconds, as the file states it, nan where it does not; None
                 where the format has none
     label       (N,), what the file calls the frame: a number, a time, an image
@@ -137,19 +136,25 @@ def of_frames(
     confidence: Floats | None = None,
     labels: Sequence[str] | None = None,
     *,
+    frames: NDArray[np.integer] | None = None,
+    times: Floats | None = None,
     individuals: Sequence[str] | None = None,
     present: NDArray[np.bool_] | None = None,
     **fields: Any,
 ) -> Poses:
     """Return the poses of points (n, [i,] p, d), of i individuals in each of n frames.
 
-    confidence (n, [i,] p); labels (n), by default numbers; names of individuals (i);
+    confidence (n, [i,] p); labels (n), by default numbers; frames (n) as in `Poses`, by
+    default one after the other; times (n) in seconds; names of individuals (i);
     `present` (n, i), the poses that count; `fields` of `Poses`. Raises FormatError for
     sizes that differ.
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
     labels = [*map(str, range(n))] if labels is None else labels
+    frames = np.arange(n) if frames is None else frames
+    if isinstance(video := fields.get("video"), list):
+        fields["video"] = [name for name in video for _ in range(many)]
     if confidence is not None:
         require(
             confidence.shape == points.shape[:-1], "other confidences than landmarks"
@@ -163,7 +168,8 @@ def of_frames(
         "video": video_name(path),
         "points": points.reshape(n * many, p, d),
         "confidence": confidence,
-        "frame": np.repeat(np.arange(n), many),
+        "frame": np.repeat(frames, many),
+        "time": None if times is None else np.repeat(times, many),
         "label": [label for label in labels for _ in range(many)],
         "individual": individuals,
         "unit": "px" if d == 2 else UNKNOWN_UNIT,
