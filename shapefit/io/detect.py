@@ -284,21 +284,21 @@ FORMATS: dict[str, FileFormat] = {
     "c3d": FileFormat(
         "a C3D file",
         (".c3d",),
-        SHAPES,
+        EITHER,
         markers.is_c3d,
         markers.read_c3d,
     ),
     "trc": FileFormat(
         "a TRC file",
         (".trc",),
-        SHAPES,
+        EITHER,
         markers.is_trc,
         markers.read_trc,
     ),
     "vicon-csv": FileFormat(
         "a Vicon Nexus CSV of trajectories",
         TABLE,
-        SHAPES,
+        EITHER,
         markers.is_vicon,
         markers.read_vicon,
     ),
@@ -381,9 +381,8 @@ def _unknown_json(path: Path, head: Head) -> InputError:
         for one in FORMATS.values()
         if head.inner_keys & {*one.json_keys}
     ]
-    if near:
-        return input_error(path, f"{problem}; {'; '.join(near)}", f"{GIVE_JSON}")
-    return input_error(path, problem, GIVE_JSON)
+    kinds = f" ({', '.join(near)})" if near else ""
+    return input_error(path, problem + kinds, GIVE_JSON)
 
 
 GIVE_JSON = (

@@ -218,11 +218,12 @@ class _Landmarks:
             return None
         if self._is_whole_body(columns, len(points)):
             return points
-        name = printable(self.names.get(entry.get("category_id") or 0, "of all"))
+        known = self.names.get(entry.get("category_id") or 0)
+        owner = "the categories name" if known is None else f"category {known} names"
+        landmarks = counted(len(points), "landmark")
         require(
             len(columns) == len(points),
-            f"{_described(entry)} has {len(points)} landmarks, and category {name}"
-            f" names {len(columns)}",
+            f"{_described(entry)} has {landmarks}, and {owner} {len(columns)}",
             "correct `keypoints` of the category, or of the annotations",
         )
         placed = np.zeros((len(self.column_of), 3))

@@ -14,11 +14,14 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.normalisation import as_metres
+from shapefit.io.csv_file import read_numbers
 from shapefit.io.formats import Head
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     FormatError,
     Poses,
+    frames_of_labels,
+    frames_of_times,
     library_reads,
     make_unique,
     of_frames,
@@ -61,7 +64,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     require(not any(names[3::3] + names[4::3]), "names that do not stand above an X")
     labels = [*names[2:], *[""] * (3 * count)][: 3 * count : 3]
     text, unnamed = _without_points_after(text, 3 * count + 2, delimiter)
-    points, frames = _read_points(path, text, labels, HEADER_LINES, delimiter)
+    points, frames, times = _read_points(path, text, labels, HEADER_LINES, delimiter)
     origin = np.asarray((points == 0).all(axis=2))
     points = np.where(origin[..., None], np.nan, points)
     named = [number for number, label in enumerate(labels) if label]
@@ -80,6 +83,11 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
         notes.append(f"{counted(unnamed, 'point')} without a name left out")
     require("datarate" in about, "there is no DataRate in line 2")
     rate = floats([about["datarate"]])[0]
+    timed = len(times) > 0 and bool(np.isfinite(times).all())
+    numbers = frames_of_labels(frames)
+    if timed and (numbers is None or _are_in_a_row(numbers)):
+        # Frames that were dropped can leave a gap in the times alone.
+        numbers = frames_of_times(times, rate) or numbers
     return _of_markers(
         path,
         points[:, named],
@@ -87,8 +95,15 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
         rate,
         about.get("units", ""),
         labels=frames,
+        frames=numbers,
+        times=times if timed else None,
         notes=tuple(notes),
     )
+
+
+def _are_in_a_row(numbers: Sequence[int]) -> bool:
+    """Whether numbers of frames, from 0 on, leave none out."""
+    return sorted(numbers) == [*range(len(numbers))]
 
 
 def _without_points_after(text: str, cells: int, delimiter: str) -> tuple[str, int]:
@@ -138,24 +153,28 @@ def read_vicon(paths: tuple[Path, ...]) -> Poses:
         axes == ["Frame", "Sub Frame", *"XYZ" * count], "other columns than X, Y and Z"
     )
     labels = [*labels[2:], *[""] * (3 * count)][: 3 * count : 3]
-    points, frames = _read_points(path, "\n".join(lines[:end]), labels, start + 4)
+    text = "\n".join(lines[:end])
+    points, frames, _ = _read_points(path, text, labels, start + 4)
     hertz = floats([rate])[0]
-    return _of_markers(path, points, labels, hertz, unit, labels=frames)
+    numbers = frames_of_labels(frames)
+    return _of_markers(path, points, labels, hertz, unit, labels=frames, frames=numbers)
 
 
 def _read_points(
     path: Path, text: str, labels: Sequence[str], after: int, delimiter: str = ","
-) -> tuple[Floats, list[str]]:
-    """Return points (n, m, 3), and the labels of the frames.
+) -> tuple[Floats, list[str], Floats]:
+    """Return points (n, m, 3), the labels of the frames, and what stands beside those,
+    NaN for no number (n,).
 
-    A row, after so many lines, is a frame, a cell that does not count, and x, y, z of
-    each marker.
+    A row, after so many lines, is a frame, a time or the like, and x, y, z of each
+    marker.
     """
     columns = ["Frame", "", *(f"{name} {axis}" for name in labels for axis in "XYZ")]
     table = read_table(path, text, columns, delimiter, after=after, padded=True)
     points = table.numbers(range(2, len(columns))).reshape(-1, len(labels), 3)
     frames = [frame or str(number) for number, frame in enumerate(table.texts(0)[0])]
-    return points, frames
+    beside, _ = read_numbers(table.texts(1)[0])
+    return points, frames, beside
 
 
 COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")  # by a model: no points
@@ -360,7 +379,10 @@ def _of_markers(
     `subject:` before all their names is the individual; `fields` are those of
     `of_frames`.
     """
-    names, (factor, unit) = make_unique(markers), as_metres(unit)
+    names = make_unique(markers)
+    if _are_flat(points):
+        return _of_flat_markers(path, points, names, rate, unit, **fields)
+    factor, unit = as_metres(unit)
     subjects = {name.rpartition(":")[0] for name in names if not name.startswith("*")}
     individuals = [*subjects] if len(subjects) == 1 and any(subjects) else None
     if individuals:
@@ -373,5 +395,38 @@ def _of_markers(
         individuals=individuals,
         frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
         unit=unit or UNKNOWN_UNIT,
+        **fields,
+    )
+
+
+def _are_flat(points: Floats) -> bool:
+    """Whether z of all points (n, m, 3) that are known is exactly 0."""
+    z = points[..., 2]
+    known = np.isfinite(z)
+    return bool(known.any()) and not z[known].any()
+
+
+def _of_flat_markers(
+    path: Path,
+    points: Floats,
+    names: Sequence[str],
+    rate: float,
+    unit: str,
+    *,
+    notes: tuple[str, ...] = (),
+    **fields: Any,
+) -> Poses:
+    """Return markers in a plane (n, m, 3) as landmarks in 2D, their y turned down, as
+    that of images is.
+    """
+    note = "z is 0 everywhere: read as landmarks in 2D, y turned down"
+    return of_frames(
+        path,
+        points[..., :2] * (1.0, -1.0),
+        video=path.stem,
+        landmark_names=tuple(names),
+        frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
+        unit=unit or UNKNOWN_UNIT,
+        notes=(*notes, note),
         **fields,
     )

@@ -16,6 +16,7 @@ from shapefit.io.readers.poses import (
     FormatError,
     Poses,
     check_names,
+    frames_of_labels,
     make_unique,
     of_frames,
     parsing,
@@ -219,6 +220,7 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
         path,
         scale * forward_kinematics(bones, values),
         labels=labels,
+        frames=frames_of_labels(labels),
         video=path.stem,
         landmark_names=tuple(bone.name for bone in bones),
         unit=unit,
@@ -324,7 +326,7 @@ def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]
     for line, words in enumerate(map(str.split, read_text(path).split("\n")), 1):
         require(words != [":RADIANS"], "angles in radians")
         name, *row = words or ["#"]
-        if name.isdigit() and not row:
+        if name.isascii() and name.isdecimal() and not row:
             labels.append(name)
         elif name[0] not in "#:":
             if len(row) != count.get(name) or len(cells[name]) != len(row) * (

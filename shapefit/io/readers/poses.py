@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
 
@@ -136,7 +136,7 @@ def of_frames(
     confidence: Floats | None = None,
     labels: Sequence[str] | None = None,
     *,
-    frames: NDArray[np.integer] | None = None,
+    frames: Sequence[int] | Integers | None = None,
     times: Floats | None = None,
     individuals: Sequence[str] | None = None,
     present: NDArray[np.bool_] | None = None,
@@ -144,15 +144,14 @@ def of_frames(
 ) -> Poses:
     """Return the poses of points (n, [i,] p, d), of i individuals in each of n frames.
 
-    confidence (n, [i,] p); labels (n), by default numbers; frames (n) as in `Poses`, by
-    default one after the other; times (n) in seconds; names of individuals (i);
-    `present` (n, i), the poses that count; `fields` of `Poses`. Raises FormatError for
+    confidence (n, [i,] p); labels (n), by default numbers; frames (n), by default one
+    after the other, and times (n); names of individuals (i); `present` (n, i), the
+    poses that count; `fields` of `Poses`. Raises FormatError for
     sizes that differ.
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
     labels = [*map(str, range(n))] if labels is None else labels
-    frames = np.arange(n) if frames is None else frames
     if isinstance(video := fields.get("video"), list):
         fields["video"] = [name for name in video for _ in range(many)]
     if confidence is not None:
@@ -168,7 +167,7 @@ def of_frames(
         "video": video_name(path),
         "points": points.reshape(n * many, p, d),
         "confidence": confidence,
-        "frame": np.repeat(frames, many),
+        "frame": np.repeat(np.arange(n) if frames is None else frames, many),
         "time": None if times is None else np.repeat(times, many),
         "label": [label for label in labels for _ in range(many)],
         "individual": individuals,
@@ -378,6 +377,47 @@ def frame_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] |
         return [0] * len(names)
     numbers = [int(match[2]) for match in matches if match]
     return [number - min(numbers) for number in numbers]
+
+
+def frames_of_labels(labels: Sequence[str]) -> list[int] | None:
+    """Return the frames that a file numbers, from the first on; None where not all are
+    whole numbers. Raises FormatError for one that is there twice.
+    """
+    if not all(label.isascii() and label.isdecimal() for label in labels):
+        return None
+    numbers = [int(label[:LONGEST_NUMBER]) for label in labels]
+    twice = next((n for n, times in Counter(numbers).items() if times > 1), None)
+    require(twice is None, f"frame {twice} twice")
+    first = min(numbers, default=0)
+    return [number - first for number in numbers]
+
+
+LONGEST_NUMBER = 18
+"""Digits of a number of a frame, which fit in 64 bits."""
+
+OFF_STEP = 0.2
+"""How far times lie from whole steps at most, in steps, that are those of frames."""
+
+
+def frames_of_times(times: Floats, rate: float | None) -> list[int] | None:
+    """Return the frames at times (n,) in seconds: whole steps from the first, of 1 /
+    rate, or else of the usual step; None where they are no steps.
+    """
+    if not len(times) or not np.isfinite(times).all():
+        return None
+    ordered = np.diff(np.sort(times))
+    if len(times) > 1 and not rate:
+        step = float(np.sort(ordered)[(len(ordered) - 1) // 2])
+        rate = 1 / step if step > 0 else None
+    if not rate:
+        return None
+    places = (times - times.min()) * rate
+    whole = np.rint(places)
+    small = np.abs(places).max() < 10.0**LONGEST_NUMBER
+    alone = len(np.unique(whole)) == len(whole)
+    if not small or not alone or (np.abs(places - whole) > OFF_STEP).any():
+        return None
+    return [int(place) for place in whole.tolist()]
 
 
 def number_labels(values: NDArray[Any]) -> list[str]:

@@ -22,6 +22,7 @@ from shapefit.io.readers.poses import (
     Edges,
     Poses,
     check_names,
+    frames_of_times,
     make_unique,
     number_labels,
     of_frames,
@@ -74,8 +75,12 @@ class TrackerFile(Hdf5File):
         )
 
     def number(self, attribute: str, node: str = "/") -> float:
-        """Return an attribute that is a number above 0; 0 for none."""
+        """Return an attribute that is a number above 0, or the first of some; 0 for
+        none.
+        """
         value = self.attribute(attribute, node) or 0
+        if isinstance(value, list) and value:  # a version and that below it
+            value = value[0]
         number = isinstance(value, int | float) and math.isfinite(value)
         require(number, f"{node.strip('/')}@{attribute} is no number")
         return max(float(value), 0.0)
@@ -543,11 +548,15 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     require(
         space == tuple("xyz"[: points.shape[3]]), f"the coordinates {', '.join(space)}"
     )
+    same = times is None or times.shape == points.shape[:1]
+    require(same, "another number of times than of frames")
     return of_frames(
         paths[0],
         points,
         confidence,
         None if times is None else number_labels(times),
+        frames=None if times is None else frames_of_times(times, rate),
+        times=times,
         landmark_names=landmarks,
         individuals=individuals,
         frame_rate=rate or None,
@@ -625,15 +634,18 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     rates = {rate for rate, at in zip(all_rates, all_times, strict=True) if len(at) > 1}
     if rates == {0.0} and len(steps) > 1 and np.ptp(steps) <= 0.02 * np.median(steps):
         rates = {1 / float(np.median(steps))}
+    rate = (rates.pop() or None) if len(rates) == 1 else None
     return of_frames(
         paths[0],
         cells,
         None if np.isnan(confidence).all() else confidence,
         number_labels(times),
+        frames=frames_of_times(times, rate),
+        times=times,
         individuals=animals,
         present=present,
         landmark_names=tuple(names),
-        frame_rate=(rates.pop() or None) if len(rates) == 1 else None,
+        frame_rate=rate,
         unit="px" if axes == {2} else units.pop() if len(units) == 1 else UNKNOWN_UNIT,
         edges=tuple(
             (names.index(nodes[a]), names.index(nodes[b]))
