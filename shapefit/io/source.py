@@ -141,6 +141,9 @@ def source_of(
     is.
     """
     place, stated = place_in_memory(name), records.y_axis
+    order = order_by_frame(records.sequences, records.frame)
+    if order is not None:
+        records = records.take(order)
     file: SourceFile[Record] = SourceFile.of(name, records, place, y_axis=stated)
     return Source(_prepared([file], records.LAYOUT, InputOptions(rename=rename), gaps))
 

@@ -19,7 +19,7 @@ void clear(double* x, long n) {
 
 void Banded::scales(const SequenceData& data, long f, long lag, double* out) const {
     const long p = data.stiffness.size[0];
-    const double tied = tie(f, lag, t_);
+    const double tied = tie(data, f, lag);
     for (long e = 0; e < D_; ++e)
         out[e] = e < 3 * p ? tied * data.stiffness[e % p] : 0.0;
 }

@@ -2,7 +2,7 @@
 //
 //   sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)  +  1/2 sum_(f,j) weight_fj ||w_fj
 //   - y_fj||^2
-//     + 1/2 sum_(f,j) ||y_(f-1)j - 2 y_fj + y_(f+1)j||^2 / a_j^2
+//     + 1/2 sum_(f,j) ||c_f0 y_fj + c_f1 y_(f+1)j + c_f2 y_(f+2)j||^2 / a_j^2
 //     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2  +  1/2 (l - known)^T
 //     H (l - known)
 //
@@ -27,6 +27,8 @@ struct SequenceData {
     Blocks<const double> precisions = from("precisions", "t K 3p 3p");  // P
     Matrix<const double> log_det = from("log_det", "t K");    // of the covariances
     Vector<const double> stiffness = from("stiffness", "p");  // 1/a^2
+    // c of the second difference that begins at each frame, 0 where there is none
+    Matrix<const double> differences = from("differences", "t 3");
     Matrix<const int64_t> bones = from("bones", "e 2");
     Vector<const double> rigidity = from("rigidity", "e");  // 1/b^2
     Matrix<const double> hold =
@@ -91,7 +93,7 @@ double held_back(const SequenceData& data, const Place& at, long b);
 double multiply_symmetric(const double* P, const double* x, long d,
                           double* __restrict out);
 
-// How frame f is tied to frame f + apart by D^T D of the second difference D.
-double tie(long f, long lag, long frames);
+// How frame f is tied to frame f + lag by D^T D of the second differences D.
+double tie(const SequenceData& data, long f, long lag);
 
 }  // namespace shapefit

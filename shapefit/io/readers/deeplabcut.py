@@ -5,24 +5,25 @@ from __future__ import annotations
 import csv
 import io
 import pickle
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, printable
-from shapefit.io.csv_file import read_numbers
+from shapefit.io.csv_file import MOST_FRAME, read_numbers
 from shapefit.io.formats import Head
 from shapefit.io.readers.poses import (
     FormatError,
     Poses,
-    image_labels,
     library_reads,
     number_labels,
     of_frames,
+    place_images,
     require,
+    video_name,
 )
 from shapefit.io.readers.text import read_table, read_text
 from shapefit.io.readers.trackers import TrackerFile
@@ -31,6 +32,12 @@ HEADER = ("scorer", "individuals", "bodyparts", "coords")
 
 Columns = list[tuple[str, ...]]
 """(scorer, [individual,] body part, coordinate) of each column."""
+
+Rows = Mapping[str, Any]
+"""Fields of `of_frames` that say what the rows are."""
+
+MANY = 10**9
+"""Frames of a video for one that is labelled: any."""
 
 
 def is_csv(head: Head) -> bool:
@@ -75,18 +82,13 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
     numbered = not read_numbers([first])[1].any()
     labels = ["/".join(column[1:]) for column in columns]
     table = read_table(path, text, labels, after=len(levels), padded=not numbered)
+    retained = [columns[number] for number in placed]
     if numbered:
         values = table.numbers([0, *placed])
-        frames, values = number_labels(values[:, 0]), values[:, 1:]
-    else:
-        values, parts = (
-            table.numbers(placed),
-            table.texts(*range(min(placed, default=1))),
-        )
-        frames = image_labels(
-            ["/".join(filter(None, row)) for row in zip(*parts, strict=True)]
-        )
-    return _of_columns(path, [columns[number] for number in placed], values, frames)
+        return _of_columns(path, retained, values[:, 1:], _numbered(values[:, 0]))
+    parts = table.texts(*range(min(placed, default=1)))
+    images = ["/".join(filter(None, row)) for row in zip(*parts, strict=True)]
+    return _of_columns(path, retained, table.numbers(placed), _named(path, images))
 
 
 def is_hdf5(head: Head) -> bool:
@@ -131,17 +133,41 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
             images = _names_of_codes(file, f"{key}/axis1")
             index = np.array(["/".join(filter(None, row)) for row in images], object)
             index = index if images else np.ravel(file.rows(f"{key}/axis1"))
-    numbered = index.dtype.kind in "iuf"
-    labels = (
-        number_labels(index) if numbered else image_labels([*map(str, index.tolist())])
-    )
+    if index.dtype.kind in "iuf":
+        rows_are = _numbered(np.asarray(index, np.float64))
+    else:
+        rows_are = _named(paths[0], [*map(str, index.tolist())])
     require(blocks, "no columns of coordinates")
     alike = all(block.ndim == 2 and len(block) == len(index) for block in blocks)
     numeric = alike and all(block.dtype.kind in "biuf" for block in blocks)
     require(numeric, "blocks of other lengths than the index, or not of numbers")
     values = np.concatenate(blocks, axis=1).astype(np.float64)
-    require(values.shape == (len(labels), len(columns)), f"{values.shape} values")
-    return _of_columns(paths[0], columns, values, labels)
+    require(values.shape == (len(index), len(columns)), f"{values.shape} values")
+    return _of_columns(paths[0], columns, values, rows_are)
+
+
+def _numbered(index: Floats) -> Rows:
+    """Return what rows are by an index of frames."""
+    labels = number_labels(index)
+    whole = (index % 1 == 0).all() and (np.abs(index) < MOST_FRAME).all()
+    require(whole, "a frame that is no whole number", "number the frames")
+    frames = index.astype(np.int64)
+    return {"labels": labels, "frames": frames - frames.min(initial=MOST_FRAME)}
+
+
+def _named(path: Path, images: Sequence[str]) -> Rows:
+    """Return what rows are by the paths of images: labelled frames of videos, in a
+    folder each, whose names end in the number of the frame.
+    """
+    folders = [PureWindowsPath(image).parent.name for image in images]
+    several = len({*folders}) > 1
+    placed = place_images(path, images, folders if several else None, sparsest=MANY)
+    return {
+        "labels": placed.labels,
+        "frames": np.array(placed.frames, np.int64),
+        "video": placed.videos if several else video_name(path),
+        "unordered": placed.unordered,
+    }
 
 
 class NameUnpickler(pickle._Unpickler):
@@ -186,9 +212,7 @@ def _names_of_codes(file: TrackerFile, start: str) -> Columns:
 COORDINATES = ("x", "y", "z", "likelihood")
 
 
-def _of_columns(
-    path: Path, columns: Columns, values: Floats, labels: Sequence[str]
-) -> Poses:
+def _of_columns(path: Path, columns: Columns, values: Floats, rows_are: Rows) -> Poses:
     """Return the poses of rows (n, columns), each individual a pose of the frame.
 
     A landmark that only some individuals have is missing for the others. Columns of
@@ -238,7 +262,7 @@ def _of_columns(
         path,
         points,
         confidence,
-        labels,
+        **rows_are,
         landmark_names=landmarks,
         individuals=individuals if named else None,
         notes=(f"columns left out: {abbreviate(others)}",) if others else (),

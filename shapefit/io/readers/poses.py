@@ -35,10 +35,9 @@ class Poses:
     points      (N, p, 2) or (N, p, 3), NaN where a landmark is missing
     confidence  (N, p), NaN where a landmark has none (then 1); None where the format
                 has none
-    frame       (N,), whole numbers: the place of the frame in its video; a frame that
-                the file lacks leaves a gap. As the file counts where its format says
-                from where (0; those from 1 less one), else from 0 for the first. In
-                any order
+    frame       (N,), whole numbers, in any order: the place of the frame in its video,
+                from 0 for the first that the file has there; a missing frame leaves a
+                gap
     time        (N,) in seconds, as the file states it, nan where it does not; None
                 where the format has none
     label       (N,), what the file calls the frame: a number, a time, an image
@@ -153,6 +152,8 @@ def of_frames(
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
     labels = [*map(str, range(n))] if labels is None else labels
+    if isinstance(video := fields.get("video"), list):
+        fields["video"] = [name for name in video for _ in range(many)]
     if confidence is not None:
         require(
             confidence.shape == points.shape[:-1], "other confidences than landmarks"
