@@ -47,7 +47,8 @@ ALLOWED = (0, 1, 2)
 PYTHON = re.compile(
     r"NoneType|object is not|object has no|not supported between|unhashable|unpack\b"
     r"|cannot reshape|broadcast|invalid literal|could not convert|string to float"
-    r"|out of bounds|out of range|subscriptable|positional argument|codec can't"
+    r"|index \d+ is out of bounds|index out of range"
+    r"|subscriptable|positional argument|codec can't"
     r"|it has no ['\d]|list indices|dtype|must be str|bytes-like|KeyError|ValueError"
     r"|TypeError|IndexError|AttributeError|iterable|inhomogeneous|Input should"
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections.abc import Sequence
 from importlib import import_module
@@ -243,9 +244,9 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
 C3D_BLOCK = 512
 """Bytes of a block, in which C3D counts."""
 
-INTEL, MIPS = 84, 86
-"""Processors by which a file names the order of its bytes; 85, of DEC, is little end
-first, too, but has numbers of its own.
+DEC, MIPS = 85, 86
+"""Processors by which a file names the order of its bytes; 84 is Intel, as all of
+today's are.
 """
 
 
@@ -266,12 +267,13 @@ class C3dLayout(NamedTuple):
 
 
 class C3dHeader(NamedTuple):
-    """The first block of a C3D file, and its data section: where it begins, and its
-    size in bytes.
+    """The first block of a C3D file, how many frames its parameters state, 0 for none,
+    and its data section: where it begins, and its size in bytes.
     """
 
     processor: int
     layout: C3dLayout
+    frames: int
     first: int
     scale: float
     rate: float
@@ -285,26 +287,60 @@ def _read_c3d_header(path: Path) -> C3dHeader:
     with path.open("rb") as file:
         block = file.read(C3D_BLOCK)
         require(len(block) == C3D_BLOCK, "cut off within its header")
-        file.seek(C3D_BLOCK * (block[0] - 1) + 3 if block[0] else 0)
-        processor = (file.read(1) or b"\0")[0]
-    ends = ">" if processor == MIPS else "<"
-    points, analog, first, last = struct.unpack(f"{ends}HHHH", block[2:10])
-    scale, start_block = struct.unpack(f"{ends}fH", block[12:18])
-    (rate,) = struct.unpack(f"{ends}f", block[20:24])
-    if processor not in (INTEL, MIPS):
-        sign_byte = block[13]
-        scale = -1.0 if sign_byte & 0x80 else 1.0
+        file.seek(C3D_BLOCK * max(block[0] - 1, 0))
+        section = file.read(4)
+        require(len(section) == 4, "cut off before its parameters")
+        blocks, processor = section[2:]
+        parameters = file.read(C3D_BLOCK * blocks)
+    intel = "save it in the order of bytes of Intel processors"
+    require(processor != MIPS, "its numbers are those of a MIPS processor", intel)
+    points, analog, first, last = struct.unpack("<HHHH", block[2:10])
+    scale, start_block = struct.unpack("<fH", block[12:18])
+    (rate,) = struct.unpack("<f", block[20:24])
+    if processor == DEC:  # whose numbers begin with other bytes
+        scale = -1.0 if block[13] & 0x80 else 1.0
         rate = 0.0
     start = C3D_BLOCK * max(start_block - 1, 0)
     return C3dHeader(
         processor=processor,
         layout=C3dLayout(max(last - first + 1, 0), points, analog, width(scale)),
+        frames=_stated_frames(parameters),
         first=first,
         scale=scale,
         rate=rate,
         start=start,
         data=max(size - start, 0),
     )
+
+
+POINT = re.compile(rb"[\x05\xfb](.)POINT", re.DOTALL)
+"""The group of C3D's parameters: the length of its name, below 0 if it is locked, and
+its number, below 0.
+"""
+
+FRAMES = re.compile(
+    rb"[\x06\xfa](.)FRAMES..([\x02\x04])(?:\x00|\x01\x01)(....)", re.DOTALL
+)
+"""A parameter: the length of its name, its group, where the next begins, bytes of a
+value, and the value.
+"""
+
+
+def _stated_frames(parameters: bytes) -> int:
+    """Return POINT:FRAMES as it stands in the file, where ezc3d gives how many it read;
+    0 where there is none.
+    """
+    groups = {256 - group[0] for group in POINT.findall(parameters)}
+    for of, kind, value in FRAMES.findall(parameters):
+        if of[0] in groups:
+            form = "<H" if kind == b"\x02" else "<f"
+            (number,) = struct.unpack_from(form, value)
+            return int(number) if 0 <= number < LARGEST_COUNT else 0
+    return 0
+
+
+LARGEST_COUNT = 1 << 32
+"""Frames that no file has."""
 
 
 def width(scale: float) -> int:
@@ -327,6 +363,10 @@ def _points_of_ezc3d(file: Any, header: C3dHeader) -> tuple[Floats, C3dLayout]:
     return points, C3dLayout(frames, count, analog, width(scale))
 
 
+COUNTABLE = 1 << 15
+"""Frames from which on the counts of two bytes are of no help."""
+
+
 def _fitting_layout(header: C3dHeader, read: C3dLayout) -> C3dLayout:
     """Return the layout that fills the data section up to the end of its last block:
     that which ezc3d read, else one with counts of the header.
@@ -334,11 +374,15 @@ def _fitting_layout(header: C3dHeader, read: C3dLayout) -> C3dLayout:
     Raises FormatError where none does.
     """
     stated = header.layout
-    layouts = (read, stated, stated._replace(frames=read.frames))
+    layouts = [stated, stated._replace(frames=header.frames)]
+    # ezc3d reads as many frames as there are of a file that is cut off.
+    if read.frames in (stated.frames, header.frames) or read.frames >= COUNTABLE:
+        layouts.insert(0, read)
     for layout in layouts:
         if layout.bytes and 0 <= header.data - layout.bytes < C3D_BLOCK:
             return layout
     layout = read if read.bytes else stated
+    layout = layout._replace(frames=header.frames or stated.frames)
     problem = (
         f"its data section has {header.data} bytes, and {layout.frames} frames of"
         f" {layout.points} points and {layout.analog} analog values take"
@@ -351,11 +395,10 @@ def _points_by_header(path: Path, header: C3dHeader, layout: C3dLayout) -> Float
     """Return the points (n, p, 3) of a data section of this layout, NaN for missing
     ones.
     """
-    known = header.processor in (INTEL, MIPS)
+    known = header.processor != DEC
     require(known, "its counts contradict its header, and its numbers are of a DEC")
-    ends = ">" if header.processor == MIPS else "<"
     floating = layout.width == 4
-    kind = f"{ends}f4" if floating else f"{ends}i2"
+    kind = "<f4" if floating else "<i2"
     count = layout.bytes // layout.width
     values = np.fromfile(path, kind, count, offset=header.start)
     rows = values.astype(np.float64).reshape(layout.frames, -1)

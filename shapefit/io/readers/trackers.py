@@ -87,7 +87,7 @@ class TrackerFile(Hdf5File):
         """Return an attribute that is a number above 0, or the first of some; 0 for
         none.
         """
-        value = self.attribute(attribute, node) or 0
+        value: Any = self.attribute(attribute, node) or 0
         if isinstance(value, list) and value:  # a version and that below it
             value = value[0]
         number = isinstance(value, int | float) and math.isfinite(value)
