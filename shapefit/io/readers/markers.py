@@ -205,12 +205,16 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
         file = ezc3d.c3d(os.fspath(path))
         about: Any = file["parameters"].get("POINT", {})
         points, read = _points_of_ezc3d(file, header)
-    layout = _fitting_layout(header, read)
+    layout = _fitting_layout(path, header, read)
     notes = []
     if layout != read:
         points = _points_by_header(path, header, layout)
         notes.append("read by its header, which its parameters contradict")
     require(layout.points, "no points, and no parameters POINT")
+    lost_frames = (header.frames or header.layout.frames) - layout.frames
+    if lost_frames > 0 and layout.frames != header.layout.frames:
+        told = f"{lost_frames} frames are announced in the header, but not there"
+        notes.append(told)
 
     def texts(name: str) -> list[str]:  # ezc3d leaves what is not UTF-8 as bytes
         values = (str(text) for text in about.get(name, {}).get("value", ()))
@@ -363,23 +367,21 @@ def _points_of_ezc3d(file: Any, header: C3dHeader) -> tuple[Floats, C3dLayout]:
     return points, C3dLayout(frames, count, analog, width(scale))
 
 
-COUNTABLE = 1 << 15
-"""Frames from which on the counts of two bytes are of no help."""
-
-
-def _fitting_layout(header: C3dHeader, read: C3dLayout) -> C3dLayout:
+def _fitting_layout(path: Path, header: C3dHeader, read: C3dLayout) -> C3dLayout:
     """Return the layout that fills the data section up to the end of its last block:
     that which ezc3d read, else one with counts of the header.
 
-    Raises FormatError where none does.
+    ezc3d reads as many frames as there are: where those are not the frames that the
+    file announces, nothing but zeros follows them. Raises FormatError where no layout
+    fits.
     """
     stated = header.layout
-    layouts = [stated, stated._replace(frames=header.frames)]
-    # ezc3d reads as many frames as there are of a file that is cut off.
-    if read.frames in (stated.frames, header.frames) or read.frames >= COUNTABLE:
-        layouts.insert(0, read)
-    for layout in layouts:
-        if layout.bytes and 0 <= header.data - layout.bytes < C3D_BLOCK:
+    for layout in (read, stated, stated._replace(frames=header.frames)):
+        spare = header.data - layout.bytes
+        announced = layout.frames in (stated.frames, header.frames)
+        if not layout.bytes or not 0 <= spare < C3D_BLOCK:
+            continue
+        if announced or not _ends_in(path, spare).strip(b"\0"):
             return layout
     layout = read if read.bytes else stated
     layout = layout._replace(frames=header.frames or stated.frames)
@@ -389,6 +391,13 @@ def _fitting_layout(header: C3dHeader, read: C3dLayout) -> C3dLayout:
         f" {layout.bytes}: it is cut off, or its counts are wrong"
     )
     raise FormatError(problem, "export or copy it again")
+
+
+def _ends_in(path: Path, count: int) -> bytes:
+    """Return the last bytes of a file."""
+    with path.open("rb") as file:
+        file.seek(-count, os.SEEK_END)
+        return file.read()
 
 
 def _points_by_header(path: Path, header: C3dHeader, layout: C3dLayout) -> Floats:

@@ -524,12 +524,17 @@ def test_analog_values_that_only_the_header_counts_are_no_points(c3d, channels):
 
 
 def test_frames_are_as_many_as_the_file_has(c3d):
-    """Not those of a longer recording, that the header names."""
+    """Not those of a longer recording, that the header names, and the parameters."""
     path, points = c3d(n=29)
     changed(path, 6, 1, 1149)
     shapes, notes = load_shapes(path)
     np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
     assert notes == ()
+    changed(path, place_of(path, b"FRAMES") + 4, 1149)
+    path.write_bytes(path.read_bytes()[: 1536 + 29 * 2 * 16])  # without padding
+    shapes, notes = load_shapes(path)
+    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    assert any("1120 frames are announced in the header" in note for note in notes)
 
 
 def test_a_header_whose_frames_and_parameters_whose_channels_are_wrong(c3d):
@@ -582,7 +587,7 @@ def test_points_in_whole_numbers_are_read_by_the_header(tmp_path):
         load_shapes(path)
 
 
-@pytest.mark.parametrize("size", [-512, 512, 5000])
+@pytest.mark.parametrize("size", [-500, -300, 512, 5000])
 def test_a_data_section_that_no_count_fills_is_refused(c3d, size):
     path, _ = c3d(n=200)
     data = path.read_bytes()
