@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Floats, Integers, median
 
 ASSUMED_RATE = 24.0
 """Frames a second where no file states it: that of film."""
@@ -42,6 +42,26 @@ def place_in_time(
         known = np.isfinite(moved) & (moved > 0)
         steps = np.where(known & (np.abs(moved - steps) > JITTER), moved, steps)
     return np.concatenate([[0.0], np.cumsum(steps)])[:count]
+
+
+ROUNDED = 1e-3
+"""How far a frame rate is from a whole number that it is taken for, of its size."""
+
+
+def find_rate(frames: NDArray[np.integer] | None, times: Floats | None) -> float | None:
+    """Return the frames a second of images of frames (t,) at times (t,) in seconds, by
+    the median of their steps; None where times do not say it.
+    """
+    if frames is None or times is None:
+        return None
+    known = np.isfinite(times)
+    passed, steps = np.diff(times[known]), np.diff(frames[known])
+    rates = steps[(passed > 0) & (steps > 0)] / passed[(passed > 0) & (steps > 0)]
+    if not len(rates):
+        return None
+    rate = median(rates)
+    near = float(round(rate))
+    return near if abs(rate - near) < ROUNDED * near else rate
 
 
 @dataclass(frozen=True)

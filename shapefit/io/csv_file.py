@@ -48,6 +48,7 @@ from shapefit.io.records import (
     concatenate,
     order_by_frame,
 )
+from shapefit.timeline import find_rate
 
 ROWS = 1 << 12
 """Rows that are read and written at a time: more leave the processor's cache, and take
@@ -107,7 +108,7 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
     coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises
     InputError for the first wrong cells, by line, and for large tables in which the
     rows of an item do not stand together, or frames not in order: small ones are put
-    in order.
+    in order, and have the frame rate of their times.
     """
     table, spool = _Table(path, kind, gaps), Spool()
     for lines, cells in table.blocks:
@@ -117,7 +118,8 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
     rest = table.records()
     if not len(spool):
         order = order_by_frame(rest.sequences, rest.frame)
-        return rest if order is None else rest.take(order)
+        rest = rest if order is None else rest.take(order)
+        return rest.replaced(frame_rate=find_rate(rest.frame, rest.time))
     spool.append(rest)
     if not spool.in_order:
         fault = "frames of a sequence are not in order, and the table is large"

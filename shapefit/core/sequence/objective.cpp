@@ -84,6 +84,7 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
     double energy = 0;
     for (long b = 0; b < data.lengths.size[0]; ++b) at.too_long[b] = 0;
     for (long f = 0; f < t; ++f) {
+        const double before = energy;
         const double *y = at.y[f].data, *w = data.landmarks[f].data,
                      *weight = data.weight[f].data;
         energy += mix(data, f, y, at.share[f].data, at.linear_term[f].data, scratch);
@@ -94,6 +95,7 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
             at.too_long[b] += longer;
             energy += 0.5 * data.rigidity[b] * square(longer);
         }
+        at.energies[f] = energy - before;
         if (f + 2 >= t) continue;
         const double *next = at.y[f + 1].data, *last = at.y[f + 2].data,
                      *c = data.differences[f].data;
@@ -103,6 +105,7 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
                 energy += 0.5 * data.stiffness[j] *
                           square(c[0] * y[e] + c[1] * next[e] + c[2] * last[e]);
             }
+        at.energies[f] = energy - before;
     }
     for (long b = 0; b < data.lengths.size[0]; ++b)
         energy += 0.5 * (at.lengths[b] - data.known[b]) * held_back(data, at, b);

@@ -45,6 +45,8 @@ struct SequenceData {
     Matrix<double> correlation = from("correlation", "t 3p");
     Tensor<double> covariance =
         from("covariance", "t 3p 3p?");     // of each frame, where wanted
+    // of each frame, with the second difference that begins there
+    Vector<double> energies = from("energies", "t");
     Vector<double> end = from("end", "2");  // energy at the minimum, rounds
 };
 
@@ -56,7 +58,8 @@ struct Place {
           linear_term(workspace.matrix<double>(data.points.size[0],
                                                padded(data.points.size[1]))),
           share(workspace.matrix<double>(data.points.size[0], data.log_share.size[1])),
-          too_long(workspace.vector<double>(data.lengths.size[0])) {}
+          too_long(workspace.vector<double>(data.lengths.size[0])),
+          energies(workspace.vector<double>(data.points.size[0])) {}
 
     Matrix<double> y;            // (t, D)
     Vector<double> lengths;      // (e,)
@@ -64,6 +67,7 @@ struct Place {
     Matrix<double> share;        // of the modes at y (t, K)
     Vector<double>
         too_long;  // sum over the frames of how much longer than l a bone is (e,)
+    Vector<double> energies;  // of the frames (t,)
     double energy = 0;
 };
 

@@ -14,7 +14,9 @@ A body that walks towards the camera grows in its image, and so do its bones. So
 sequence is inferred twice: in one unit, and in units that follow the smoothed scales of
 the images. What agrees better with the images, by the energy of the objective, is
 taken. A sequence that would move its images too far (`CONSTANTS.farthest`) is inferred
-without bones, and keeps the error bars of these.
+without bones, and keeps the error bars of these. Both are decided for each stretch of
+the sequence between long gaps, and each has a unit in which its lengths, inferred from
+it alone, are together as long as those of the others.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats, median
+from shapefit.arrays import Flags, Floats, finite_median, median
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status
 from shapefit.lifting.estimate import CORRELATION, PAIRS, Estimate
@@ -308,8 +310,9 @@ def refine_clip(
     ones.
     """
     timeline = Timeline(clips.position[clip], motion.rate)
+    stretches = timeline.stretches
     finite = finite.copy()
-    for stretch in timeline.stretches:  # where all frames are blind nothing places them
+    for stretch in stretches:  # where all frames are blind nothing places them
         finite[stretch] &= there[stretch].any()
     size = median(clips.scale[clip][there])
     sigma = float(np.sqrt(clips.residual_variance))
@@ -318,47 +321,100 @@ def refine_clip(
     frames = int(there.sum()) * sigma**2 / clips.residual_variance
     usual = weigh_lengths(motion.usual, frames)
 
-    def infer(visible: Observations, rigid: bool = True) -> Smoothed:
+    def infer(
+        visible: Observations, taken: Timeline = timeline, *, rigid: bool = True
+    ) -> Smoothed:
         lag = max(1, round(CONSTANTS.memory * motion.rate))
-        places = timeline.on_grid(3 * lag)
+        places = taken.on_grid(3 * lag)
         scale = find_acceleration_scale(visible, motion.acceleration, lag, places)
         stiffness = (motion.acceleration * scale) ** -2
         bones, tolerance = motion.bones, motion.bone_tolerance
-        model = Model(bones, stiffness, tolerance, usual, timeline)
+        model = Model(bones, stiffness, tolerance, usual, taken)
         if not rigid:
-            model = Model(bones[:0], stiffness, tolerance[:0], timeline=timeline)
+            model = Model(bones[:0], stiffness, tolerance[:0], timeline=taken)
         return smooth(visible, model, sigma)
 
-    def store(smoothed: Smoothed, unit: Floats) -> float:
-        """Write a sequence down in the unit of the landmarks; return its energy."""
-        u = unit[finite][:, None, None]
-        refined.converged[rows] = smoothed.converged
-        refined.points[rows] = u * smoothed.points[finite]
-        refined.deviation[rows] = u * smoothed.deviation[finite]
-        refined.correlation[rows] = smoothed.correlation[finite]
-        refined.noise[rows] = size * sigma
-        for row in rows:
-            t = row - clip.start
-            refined.covariance[row] = unit[t] ** 2 * smoothed.covariance[t]
-        return smoothed.energy
+    def size_in(stretch: slice) -> float:
+        """The sum of the lengths in a stretch alone; nan where it is too short."""
+        if there[stretch].sum() < FEWEST or not len(motion.bones):
+            return np.nan
+        taken = Timeline(timeline.position[stretch], timeline.rate)
+        return float(infer(visible.part(stretch), taken).lengths.sum())
 
-    rows = np.arange(clip.start, clip.stop)[finite]
-    visible = in_unit(clips, clip, size)
-    energy = store(
-        infer(visible), np.full(len(there), size)
-    )  # covariances take most of the memory
+    def rows_in(stretch: slice) -> NDArray[np.intp]:
+        """The finite frames of a stretch, by their rows in the sequence."""
+        return stretch.start + np.flatnonzero(finite[stretch])
+
+    def store(smoothed: Smoothed, unit: Floats, stretch: slice) -> None:
+        """Write a stretch down in the unit (t,) of the landmarks."""
+        t = rows_in(stretch)
+        rows = clip.start + t
+        u = unit[t][:, None, None]
+        refined.converged[rows] = smoothed.converged
+        refined.points[rows] = u * smoothed.points[t]
+        refined.deviation[rows] = u * smoothed.deviation[t]
+        refined.correlation[rows] = smoothed.correlation[t]
+        refined.noise[rows] = size * sigma
+        for row in t:
+            refined.covariance[clip.start + row] = (
+                unit[row] ** 2 * smoothed.covariance[row]
+            )
+
+    def energies_of(smoothed: Smoothed) -> list[float]:
+        """The energy of each stretch, but for that of lengths if there are several."""
+        if len(stretches) == 1:
+            return [smoothed.energy]
+        return [float(smoothed.energies[stretch].sum()) for stretch in stretches]
+
     scale = (clips.scale * clips.modes.scale[:, 0])[clip]
     growth = find_growth(scale, there, CONSTANTS.scale_time * motion.rate, timeline)
-    visible = visible.grown(growth)
-    other = infer(visible)
-    if other.energy < energy:
-        store(other, size * growth)
+    visible = in_unit(clips, clip, size)
+    steady = np.ones(len(there))
+    if len(stretches) > 1:  # how far away it is after a gap, only its images say
+        for stretch in stretches:
+            steady[stretch] = np.exp(np.log(growth[stretch]).mean())
+        visible = visible.grown(steady)
+        sizes = np.array([size_in(stretch) for stretch in stretches])
+        larger = np.repeat(
+            np.nan_to_num(sizes / finite_median(sizes, 1.0), nan=1.0),
+            [stretch.stop - stretch.start for stretch in stretches],
+        )
+        visible = visible.grown(larger)
+        steady, growth = steady * larger, growth * larger
+    smoothed = infer(visible)
+    store(smoothed, size * steady, slice(0, len(there)))
+    energies = energies_of(smoothed)
+    del smoothed  # covariances take most of the memory
+    visible = visible.grown(growth / steady)
+    smoothed = infer(visible)
+    for stretch, before, after in zip(
+        stretches, energies, energies_of(smoothed), strict=True
+    ):
+        if after < before:
+            store(smoothed, size * growth, stretch)
+    del smoothed
     moved = refined.points[clip] - clips.points[clip]
-    square = ((moved / clips.deviation[clip])[there] ** 2).mean(axis=(1, 2))
-    if median(square) > CONSTANTS.farthest:
+    square = ((moved / clips.deviation[clip]) ** 2).mean(axis=(1, 2))
+    loose = [
+        stretch
+        for stretch in stretches
+        if median(square[judged_by(stretch, there)]) > CONSTANTS.farthest
+    ]
+    if loose:
         points = infer(visible, rigid=False).points
-        refined.points[rows] = ((size * growth)[:, None, None] * points)[finite]
+    for stretch in loose:
+        t = rows_in(stretch)
+        rows = clip.start + t
+        refined.points[rows] = (size * growth)[t][:, None, None] * points[t]
         refined.converged[rows], refined.noise[rows] = True, np.nan
+
+
+def judged_by(stretch: slice, there: Flags) -> NDArray[np.intp]:
+    """The frames that are `there` (t,) by which a stretch is found to be moved too far:
+    its own, or those of the sequence where these are fewer than `FEWEST`.
+    """
+    own = stretch.start + np.flatnonzero(there[stretch])
+    return own if len(own) >= FEWEST else np.flatnonzero(there)
 
 
 def find_growth(

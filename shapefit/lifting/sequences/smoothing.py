@@ -156,6 +156,19 @@ class Observations:
     def __len__(self) -> int:
         return len(self.start)
 
+    def part(self, rows: slice) -> Observations:
+        """Some of the frames."""
+        return replace(
+            self,
+            landmarks=self.landmarks[rows],
+            trust=self.trust[rows],
+            start=self.start[rows],
+            log_share=self.log_share[rows],
+            mean=self.mean[rows],
+            precision=self.precision[rows],
+            log_det=self.log_det[rows],
+        )
+
     def grown(self, growth: Floats) -> Observations:
         """The same in a unit of each frame: the former times growth (t,). Precisions
         are lost.
@@ -173,7 +186,8 @@ class Observations:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """points (t, 3, p) and lengths (e,) at the minimum, and the energy there.
+    """points (t, 3, p) and lengths (e,) at the minimum; the energy there, and energies
+    (t,) of frames with the second differences that begin there.
 
     deviation (t, 3, p) of the points, the lengths held, and the correlation (t, 3, p)
     of x with y, x with z, and y with z of each landmark; covariance (t, 3p, 3p) of the
@@ -184,6 +198,7 @@ class Smoothed:
     points: Floats
     lengths: Floats
     energy: float
+    energies: Floats
     converged: bool
     deviation: Floats
     correlation: Floats
@@ -204,7 +219,7 @@ def smooth(
     lengths = mean_lengths(visible.start, model.bones)
     hold, usual = fixed_lengths(model, lengths)
     timeline = model.timeline or Timeline.of_frames(t)
-    end = np.empty(2)
+    end, energies = np.empty(2), np.empty(t)
     deviation, correlation = np.empty((2, t, 3 * p))
     covariance = np.empty((t, 3 * p, 3 * p))
     core.smooth_sequence(
@@ -227,12 +242,14 @@ def smooth(
         deviation=deviation,
         correlation=correlation,
         covariance=covariance,
+        energies=energies,
         end=end,
     )
     return Smoothed(
         points=points.reshape(t, 3, p),
         lengths=lengths,
         energy=float(end[0]),
+        energies=energies,
         converged=end[1] < max_rounds,
         deviation=deviation.reshape(t, 3, p),
         correlation=correlation.reshape(t, 3, p),
