@@ -80,7 +80,7 @@ def test_json_by_its_keys(tmp_path, name, content):
         ),
         (
             '{"version": "2.0.0", "skeletons": [], "nodes": [], "labels": []}',
-            "with bodies, univTime, version, as CMU Panoptic writes it; its points",
+            "with labels, nodes, skeletons, version, as SLEAP writes it; save it as",
         ),
         (
             '{"version": "AlphaPose v0.3", "bodies": [{"joints": [1, 2, 0.5]}]}',
