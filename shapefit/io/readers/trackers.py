@@ -581,8 +581,9 @@ def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
     texts = [path.decode("utf-8", "replace").strip("/") for path in paths]
     axes = [text.removesuffix("s") for text in texts]
     values = file.numbers(name)
-    known = sorted(wanted) == sorted(axes) and values.ndim == len(axes)
-    require(known, f"{name} has the axes {', '.join(axes)}")
+    require(sorted(wanted) == sorted(axes), f"{name} has the axes {', '.join(axes)}")
+    number = f"{name} has {values.ndim} axes, and names of {len(axes)}"
+    require(values.ndim == len(axes), number)
     return values.transpose([axes.index(axis) for axis in wanted])
 
 
