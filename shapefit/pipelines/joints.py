@@ -96,8 +96,11 @@ class Matched(NamedTuple):
         )
 
     def warnings(self) -> tuple[str, ...]:
-        """Name landmarks that are left out; those of a known skeleton are expected."""
-        if self.joints.names or not self.unknown:
+        """Name landmarks that are left out; the few of a known skeleton that are no
+        joints, such as eyes, are expected.
+        """
+        expected = len(self.unknown) <= len(self.joints.names)
+        if expected or not self.unknown:
             return self.doubts
         fault = (
             f"{counted(len(self.unknown), 'landmark')} left out, which the dictionary"

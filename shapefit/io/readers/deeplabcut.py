@@ -107,7 +107,7 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     columns: Columns = []
     blocks = []
     with TrackerFile(paths[0]) as file:
-        keys = [name for name in file.root if file.text("pandas_type", name)]
+        keys = [name for name in file.names() if file.text("pandas_type", name)]
         require(
             len(keys) == 1,
             f"the tables {', '.join(keys)}; save one of them in its own file",

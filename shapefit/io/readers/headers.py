@@ -13,6 +13,7 @@ from difflib import get_close_matches
 from typing import NamedTuple
 
 from shapefit.io.formats import INDIVIDUALS
+from shapefit.io.readers.poses import library_reads
 
 ROLES: Mapping[str, str] = {
     name: role
@@ -126,7 +127,8 @@ def parse_header(text: str) -> Header | None:
         line, delimiters = 2, [stated[1]]
         first = rest.partition("\n")[0]
     for delimiter in delimiters:
-        cells = next(csv.reader([first.rstrip("\r")], delimiter=delimiter), [])
+        with library_reads("the header has a cell without an end"):
+            cells = next(csv.reader([first.rstrip("\r")], delimiter=delimiter), [])
         names = [cell.replace('"', "").strip() for cell in cells]
         if header := _of_names(delimiter, line, names):
             return header

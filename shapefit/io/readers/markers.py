@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections.abc import Sequence
 from importlib import import_module
@@ -204,12 +205,16 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
         file = ezc3d.c3d(os.fspath(path))
         about: Any = file["parameters"].get("POINT", {})
         points, read = _points_of_ezc3d(file, header)
-    layout = _fitting_layout(header, read)
+    layout = _fitting_layout(path, header, read)
     notes = []
     if layout != read:
         points = _points_by_header(path, header, layout)
         notes.append("read by its header, which its parameters contradict")
     require(layout.points, "no points, and no parameters POINT")
+    lost_frames = (header.frames or header.layout.frames) - layout.frames
+    if lost_frames > 0 and layout.frames != header.layout.frames:
+        told = f"{lost_frames} frames are announced in the header, but not there"
+        notes.append(told)
 
     def texts(name: str) -> list[str]:  # ezc3d leaves what is not UTF-8 as bytes
         values = (str(text) for text in about.get(name, {}).get("value", ()))
@@ -243,9 +248,9 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
 C3D_BLOCK = 512
 """Bytes of a block, in which C3D counts."""
 
-INTEL, MIPS = 84, 86
-"""Processors by which a file names the order of its bytes; 85, of DEC, is little end
-first, too, but has numbers of its own.
+DEC, MIPS = 85, 86
+"""Processors by which a file names the order of its bytes; 84 is Intel, as all of
+today's are.
 """
 
 
@@ -266,12 +271,13 @@ class C3dLayout(NamedTuple):
 
 
 class C3dHeader(NamedTuple):
-    """The first block of a C3D file, and its data section: where it begins, and its
-    size in bytes.
+    """The first block of a C3D file, how many frames its parameters state, 0 for none,
+    and its data section: where it begins, and its size in bytes.
     """
 
     processor: int
     layout: C3dLayout
+    frames: int
     first: int
     scale: float
     rate: float
@@ -285,26 +291,60 @@ def _read_c3d_header(path: Path) -> C3dHeader:
     with path.open("rb") as file:
         block = file.read(C3D_BLOCK)
         require(len(block) == C3D_BLOCK, "cut off within its header")
-        file.seek(C3D_BLOCK * (block[0] - 1) + 3 if block[0] else 0)
-        processor = (file.read(1) or b"\0")[0]
-    ends = ">" if processor == MIPS else "<"
-    points, analog, first, last = struct.unpack(f"{ends}HHHH", block[2:10])
-    scale, start_block = struct.unpack(f"{ends}fH", block[12:18])
-    (rate,) = struct.unpack(f"{ends}f", block[20:24])
-    if processor not in (INTEL, MIPS):
-        sign_byte = block[13]
-        scale = -1.0 if sign_byte & 0x80 else 1.0
+        file.seek(C3D_BLOCK * max(block[0] - 1, 0))
+        section = file.read(4)
+        require(len(section) == 4, "cut off before its parameters")
+        blocks, processor = section[2:]
+        parameters = file.read(C3D_BLOCK * blocks)
+    intel = "save it in the order of bytes of Intel processors"
+    require(processor != MIPS, "its numbers are those of a MIPS processor", intel)
+    points, analog, first, last = struct.unpack("<HHHH", block[2:10])
+    scale, start_block = struct.unpack("<fH", block[12:18])
+    (rate,) = struct.unpack("<f", block[20:24])
+    if processor == DEC:  # whose numbers begin with other bytes
+        scale = -1.0 if block[13] & 0x80 else 1.0
         rate = 0.0
     start = C3D_BLOCK * max(start_block - 1, 0)
     return C3dHeader(
         processor=processor,
         layout=C3dLayout(max(last - first + 1, 0), points, analog, width(scale)),
+        frames=_stated_frames(parameters),
         first=first,
         scale=scale,
         rate=rate,
         start=start,
         data=max(size - start, 0),
     )
+
+
+POINT = re.compile(rb"[\x05\xfb](.)POINT", re.DOTALL)
+"""The group of C3D's parameters: the length of its name, below 0 if it is locked, and
+its number, below 0.
+"""
+
+FRAMES = re.compile(
+    rb"[\x06\xfa](.)FRAMES..([\x02\x04])(?:\x00|\x01\x01)(....)", re.DOTALL
+)
+"""A parameter: the length of its name, its group, where the next begins, bytes of a
+value, and the value.
+"""
+
+
+def _stated_frames(parameters: bytes) -> int:
+    """Return POINT:FRAMES as it stands in the file, where ezc3d gives how many it read;
+    0 where there is none.
+    """
+    groups = {256 - group[0] for group in POINT.findall(parameters)}
+    for of, kind, value in FRAMES.findall(parameters):
+        if of[0] in groups:
+            form = "<H" if kind == b"\x02" else "<f"
+            (number,) = struct.unpack_from(form, value)
+            return int(number) if 0 <= number < LARGEST_COUNT else 0
+    return 0
+
+
+LARGEST_COUNT = 1 << 32
+"""Frames that no file has."""
 
 
 def width(scale: float) -> int:
@@ -327,18 +367,24 @@ def _points_of_ezc3d(file: Any, header: C3dHeader) -> tuple[Floats, C3dLayout]:
     return points, C3dLayout(frames, count, analog, width(scale))
 
 
-def _fitting_layout(header: C3dHeader, read: C3dLayout) -> C3dLayout:
+def _fitting_layout(path: Path, header: C3dHeader, read: C3dLayout) -> C3dLayout:
     """Return the layout that fills the data section up to the end of its last block:
     that which ezc3d read, else one with counts of the header.
 
-    Raises FormatError where none does.
+    ezc3d reads as many frames as there are: where those are not the frames that the
+    file announces, nothing but zeros follows them. Raises FormatError where no layout
+    fits.
     """
     stated = header.layout
-    layouts = (read, stated, stated._replace(frames=read.frames))
-    for layout in layouts:
-        if layout.bytes and 0 <= header.data - layout.bytes < C3D_BLOCK:
+    for layout in (read, stated, stated._replace(frames=header.frames)):
+        spare = header.data - layout.bytes
+        announced = layout.frames in (stated.frames, header.frames)
+        if not layout.bytes or not 0 <= spare < C3D_BLOCK:
+            continue
+        if announced or not _ends_in(path, spare).strip(b"\0"):
             return layout
     layout = read if read.bytes else stated
+    layout = layout._replace(frames=header.frames or stated.frames)
     problem = (
         f"its data section has {header.data} bytes, and {layout.frames} frames of"
         f" {layout.points} points and {layout.analog} analog values take"
@@ -347,15 +393,21 @@ def _fitting_layout(header: C3dHeader, read: C3dLayout) -> C3dLayout:
     raise FormatError(problem, "export or copy it again")
 
 
+def _ends_in(path: Path, count: int) -> bytes:
+    """Return the last bytes of a file."""
+    with path.open("rb") as file:
+        file.seek(-count, os.SEEK_END)
+        return file.read()
+
+
 def _points_by_header(path: Path, header: C3dHeader, layout: C3dLayout) -> Floats:
     """Return the points (n, p, 3) of a data section of this layout, NaN for missing
     ones.
     """
-    known = header.processor in (INTEL, MIPS)
+    known = header.processor != DEC
     require(known, "its counts contradict its header, and its numbers are of a DEC")
-    ends = ">" if header.processor == MIPS else "<"
     floating = layout.width == 4
-    kind = f"{ends}f4" if floating else f"{ends}i2"
+    kind = "<f4" if floating else "<i2"
     count = layout.bytes // layout.width
     values = np.fromfile(path, kind, count, offset=header.start)
     rows = values.astype(np.float64).reshape(layout.frames, -1)

@@ -21,7 +21,7 @@ from shapefit.errors import input_error, printable
 from shapefit.io.csv_file import read_numbers
 from shapefit.io.inputs import BYTE_ORDER_MARK, UTF16_MARKS, read_whole
 from shapefit.io.names import as_composed
-from shapefit.io.readers.poses import require
+from shapefit.io.readers.poses import library_reads, require
 
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
@@ -209,7 +209,8 @@ def read_table(
     for number, (line, row) in enumerate(rows):
         count = row.count(delimiter) + 1
         if count > len(names) and '"' in quoted[line - 1]:
-            cells = next(csv.reader([quoted[line - 1]], delimiter=delimiter), [])
+            with library_reads(f"line {line} has a cell without an end"):
+                cells = next(csv.reader([quoted[line - 1]], delimiter=delimiter), [])
             row = delimiter.join(cell.replace(delimiter, INSIDE) for cell in cells)
             rows[number], count = (line, row), len(cells)
         if padded and delimiter in row and count != len(names):

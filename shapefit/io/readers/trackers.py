@@ -34,6 +34,15 @@ from shapefit.io.readers.poses import (
 class TrackerFile(Hdf5File):
     """An open HDF5 file of another tool."""
 
+    def names(self, group: str = "/") -> list[str]:
+        """Return the names in a group; none where it is absent."""
+        with self.damage(group.strip("/")):
+            node = self.root.get(group)
+            names = [*node] if isinstance(node, h5py.Group) else []
+        plain = all(isinstance(name, str) for name in names)  # else bytes
+        require(plain, f"a name in {group} is not UTF-8")
+        return names
+
     def numbers(self, name: str) -> Floats:
         """Return a dataset as numbers."""
         values = np.asarray(self.rows(name))
@@ -78,7 +87,7 @@ class TrackerFile(Hdf5File):
         """Return an attribute that is a number above 0, or the first of some; 0 for
         none.
         """
-        value = self.attribute(attribute, node) or 0
+        value: Any = self.attribute(attribute, node) or 0
         if isinstance(value, list) and value:  # a version and that below it
             value = value[0]
         number = isinstance(value, int | float) and math.isfinite(value)
@@ -657,12 +666,13 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
 
 def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
     """Yield the groups below a group, so many levels deep."""
-    with file.damage(group):
-        nodes = [*file.root[group].items()] if levels and group in file.root else []
-    for name, node in nodes:
-        if isinstance(node, h5py.Group):
-            yield f"{group}/{name}"
-            yield from _groups(file, f"{group}/{name}", levels - 1)
+    for name in file.names(group) if levels else ():
+        inner = f"{group}/{name}"
+        with file.damage(inner):
+            is_group = isinstance(file.root.get(inner), h5py.Group)
+        if is_group:
+            yield inner
+            yield from _groups(file, inner, levels - 1)
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
