@@ -126,6 +126,7 @@ void Banded::write_covariances(const SequenceData& data, const Place& at,
         add_product(-1, plain(two, D), turned, here, D, D, D, D, upper(D));
         mirror(here, D, D);
         marginal.write(data, at, f, here);
+        data.energies[f] = at.energies[f];
         for (long e = 0; e < DD; ++e) between[e] = one[e];
         double* free = last;
         last = next;

@@ -150,7 +150,6 @@ void smooth_sequence(const SequenceData& data) {
     }
     copy_rows(at->y, data.points, d);
     for (long b = 0; b < e; ++b) data.lengths[b] = at->lengths[b];
-    for (long f = 0; f < t; ++f) data.energies[f] = at->energies[f];
     data.end[0] = at->energy;
     data.end[1] = static_cast<double>(rounds);
     // the Hessian itself where it is positive definite, which Gauss and Newton's always

@@ -219,7 +219,8 @@ def smooth(
     lengths = mean_lengths(visible.start, model.bones)
     hold, usual = fixed_lengths(model, lengths)
     timeline = model.timeline or Timeline.of_frames(t)
-    end, energies = np.empty(2), np.empty(t)
+    end = np.empty(2)
+    energies = np.zeros(t)
     deviation, correlation = np.empty((2, t, 3 * p))
     covariance = np.empty((t, 3 * p, 3 * p))
     core.smooth_sequence(
