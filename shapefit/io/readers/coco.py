@@ -150,8 +150,12 @@ def _described(entry: _Annotation) -> str:
 
 
 def _annotated_points(entry: _Annotation) -> Floats:
-    """Return x, y, v of the keypoints of an annotation (p, 3)."""
+    """Return x, y, v of the keypoints of an annotation (p, 3), in one list or in one
+    for each.
+    """
     values = as_numbers(entry["keypoints"], f"keypoints of {_described(entry)}")
+    if values.ndim == 2 and values.shape[1] == 3:
+        return values
     if values.ndim != 1:
         what = "pairs" if values.shape[-1:] == (2,) else "lists"
         raise FormatError(f"keypoints of {_described(entry)} are {what}, not x, y, v")
@@ -238,7 +242,8 @@ class _Landmarks:
         columns = self.columns.get(category) if category is not None else None
         shared = {tuple(some) for some in self.columns.values()}
         if columns is None and len(shared) == 1:
-            self.unknown[str(category)] += 1
+            absent = f"of category {category}, which is not among the categories,"
+            self.unknown["without a category" if category is None else absent] += 1
             return next(iter(self.columns.values()))
         if columns is None:
             problem = f"{_described(entry)} is of category {category}"
@@ -283,9 +288,9 @@ class _Landmarks:
             for name, number in self.unnamed.items()
         ]
         assumed = [
-            f"{counted(number, 'annotation')} of category {printable(name)}, which is"
-            " not among the categories, taken to have the landmarks of the others"
-            for name, number in self.unknown.items()
+            f"{counted(number, 'annotation')} {printable(kind)} taken to have the"
+            " landmarks of the others"
+            for kind, number in self.unknown.items()
         ]
         return (*left_out, *assumed)
 

@@ -21,17 +21,16 @@ from shapefit.io.formats import FIRST, Head
 from shapefit.io.readers.declared import Identity, checked
 from shapefit.io.readers.poses import (
     FRACTION,
-    LAST_NUMBER,
     FormatError,
     Images,
     Poses,
     as_numbers,
     edges_of,
-    frame_numbers,
     library_reads,
     name_individual,
     parsing,
     require,
+    series_numbers,
     unit_of,
     video_name,
 )
@@ -313,22 +312,15 @@ def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Im
     name = str(paths[0] if len(files) == 1 else folder)
     video = [folder.resolve().name] * len(files)
     labels = [file.stem for file in files]
-    places = frame_numbers(labels)
-    if places is None:
+    numbers = series_numbers(labels)
+    if numbers is None:
         images = Images(name, video, range(len(files)), labels, unordered=True)
         return files, images
-    order = sorted(range(len(files)), key=places.__getitem__)
-    numbers = [_number_in(labels[row]) for row in order]
-    frames = [places[row] for row in order]
-    return [files[row] for row in order], Images(name, video, frames, numbers)
-
-
-def _number_in(name: str) -> str:
-    """Return the last number in a name, without zeros before it; the name without
-    one.
-    """
-    match = LAST_NUMBER.match(name)
-    return str(int(match[2])) if match else name
+    order = sorted(range(len(files)), key=numbers.__getitem__)
+    ordered = [numbers[row] for row in order]
+    frames = [number - ordered[0] for number in ordered]
+    images = Images(name, video, frames, [*map(str, ordered)])
+    return [files[row] for row in order], images
 
 
 # One file of all images.

@@ -282,23 +282,34 @@ def image_labels(paths: Sequence[str]) -> list[str]:
     )
 
 
-LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
-
+NUMBER = re.compile("([0-9]{1,18})")
 
 SPARSEST = 100
 """How many numbers of names there are at most for each frame that is there."""
 
 
-def are_series(names: Sequence[str], sparsest: int = SPARSEST) -> bool:
-    """Whether names differ in one number alone, and may be frames: there is one in so
-    many at least.
+def series_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] | None:
+    """Return the number in which alone names differ, of one name the last; None where
+    they differ otherwise, or are no frames: there is one in so many at least.
     """
-    matches = [match for name in names if (match := LAST_NUMBER.match(name))]
-    numbers = {int(match[2]) for match in matches}
-    alike = len({(m[1], m[3]) for m in matches}) <= 1 and len(numbers) == len(names)
-    if not alike or not numbers:
-        return alike
-    return max(numbers) - min(numbers) < sparsest * len(numbers)
+    parts = [NUMBER.split(name) for name in names]  # text, number, text, ...
+    if len({len(part) for part in parts}) > 1:
+        return None
+    columns = [*zip(*parts, strict=True)]
+    if any(len({*texts}) > 1 for texts in columns[::2]):
+        return None
+    runs = [[*map(int, column)] for column in columns[1::2]]
+    differing = [run for run in runs if len({*run}) > 1] or runs[-1:]
+    if len(differing) != 1 or len({*differing[0]}) < len(names):
+        return None if names else []
+    numbers = differing[0]
+    spread = max(numbers) - min(numbers)
+    return numbers if spread < sparsest * len(numbers) else None
+
+
+def are_series(names: Sequence[str]) -> bool:
+    """Whether names differ in one number alone, and may be frames."""
+    return series_numbers(names) is not None
 
 
 class Images(NamedTuple):
@@ -370,13 +381,11 @@ def frame_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] |
     """Return the frame of each name, from the first on; None where names are no
     series.
     """
-    if not names or not are_series(names, sparsest):
+    numbers = series_numbers(names, sparsest)
+    if numbers is None:
         return None
-    matches = [LAST_NUMBER.match(name) for name in names]
-    if None in matches:  # one name without a number
-        return [0] * len(names)
-    numbers = [int(match[2]) for match in matches if match]
-    return [number - min(numbers) for number in numbers]
+    first = min(numbers, default=0)
+    return [number - first for number in numbers]
 
 
 def frames_of_labels(labels: Sequence[str]) -> list[int] | None:

@@ -67,6 +67,12 @@ def results_by_name(folder: Path, frames: Frames) -> Path:
     return text(folder / "r.json", entries)
 
 
+def results_of_a_version(folder: Path, frames: Frames) -> Path:
+    """The number of the frame is not the last one in the name."""
+    entries = [{"image_id": f"v{n}_720p_2.jpg", "keypoints": flat(n)} for n in frames]
+    return text(folder / "r.json", entries)
+
+
 def results_by_number(folder: Path, frames: Frames) -> Path:
     entries = [{"image_id": n, "keypoints": flat(n)} for n in frames]
     return text(folder / "r.json", entries)
@@ -180,6 +186,7 @@ IMAGES: dict[str, Callable[[Path, Frames], Path]] = {
         mmpose_images,
         yolo,
         results_by_name,
+        results_of_a_version,
         results_by_number,
         annotations,
         mmpose_video,
@@ -195,7 +202,12 @@ IMAGES: dict[str, Callable[[Path, Frames], Path]] = {
     )
 }
 FOLDERS = {"openpose", "mmpose_images", "yolo"}
-PEOPLE = {"results_by_name", "results_by_number", "annotations"}
+PEOPLE = {
+    "results_by_name",
+    "results_of_a_version",
+    "results_by_number",
+    "annotations",
+}
 """Where a frame may have several people, one after the other."""
 
 
