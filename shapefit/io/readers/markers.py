@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import os
-import re
 import struct
 from collections.abc import Sequence
 from importlib import import_module
@@ -291,11 +291,11 @@ def _read_c3d_header(path: Path) -> C3dHeader:
     with path.open("rb") as file:
         block = file.read(C3D_BLOCK)
         require(len(block) == C3D_BLOCK, "cut off within its header")
-        file.seek(C3D_BLOCK * max(block[0] - 1, 0))
-        section = file.read(4)
-        require(len(section) == 4, "cut off before its parameters")
-        blocks, processor = section[2:]
-        parameters = file.read(C3D_BLOCK * blocks)
+        start_of_parameters = C3D_BLOCK * max(block[0] - 1, 0)
+        file.seek(start_of_parameters)
+        rest = file.read()
+    require(len(rest) >= 4, "cut off before its parameters")
+    processor = rest[3]
     intel = "save it in the order of bytes of Intel processors"
     require(processor != MIPS, "its numbers are those of a MIPS processor", intel)
     points, analog, first, last = struct.unpack("<HHHH", block[2:10])
@@ -305,10 +305,11 @@ def _read_c3d_header(path: Path) -> C3dHeader:
         scale = -1.0 if block[13] & 0x80 else 1.0
         rate = 0.0
     start = C3D_BLOCK * max(start_block - 1, 0)
+    section = rest[: max(start - start_of_parameters, 0)]
     return C3dHeader(
         processor=processor,
         layout=C3dLayout(max(last - first + 1, 0), points, analog, width(scale)),
-        frames=_stated_frames(parameters),
+        frames=_stated_frames(section),
         first=first,
         scale=scale,
         rate=rate,
@@ -317,34 +318,69 @@ def _read_c3d_header(path: Path) -> C3dHeader:
     )
 
 
-POINT = re.compile(rb"[\x05\xfb](.)POINT", re.DOTALL)
-"""The group of C3D's parameters: the length of its name, below 0 if it is locked, and
-its number, below 0.
-"""
-
-FRAMES = re.compile(
-    rb"[\x06\xfa](.)FRAMES..([\x02\x04])(?:\x00|\x01\x01)(....)", re.DOTALL
-)
-"""A parameter: the length of its name, its group, where the next begins, bytes of a
-value, and the value.
-"""
-
-
-def _stated_frames(parameters: bytes) -> int:
-    """Return POINT:FRAMES as it stands in the file, where ezc3d gives how many it read;
-    0 where there is none.
-    """
-    groups = {256 - group[0] for group in POINT.findall(parameters)}
-    for of, kind, value in FRAMES.findall(parameters):
-        if of[0] in groups:
-            form = "<H" if kind == b"\x02" else "<f"
-            (number,) = struct.unpack_from(form, value)
-            return int(number) if 0 <= number < LARGEST_COUNT else 0
-    return 0
-
-
 LARGEST_COUNT = 1 << 32
 """Frames that no file has."""
+
+BYTES_OF_KINDS = (1, 2, 4)
+"""Of the values of parameters: texts and bytes, whole numbers, floats."""
+
+MOST_AXES = 7
+"""Of a parameter."""
+
+
+def _stated_frames(section: bytes) -> int:
+    """Return POINT:FRAMES as it stands in the file, where ezc3d gives how many it read;
+    0 where there is none.
+
+    Raises FormatError for parameters that reach beyond their record, on which ezc3d
+    crashes.
+    """
+    groups: dict[int, bytes] = {}
+    frames: dict[int, int] = {}
+    place = 4
+    while place + 2 <= len(section):
+        length, group = struct.unpack_from("bb", section, place)
+        end_of_name = place + 2 + abs(length)
+        if length == 0 or group == 0:
+            break
+        require(end_of_name + 4 <= len(section), "a parameter is cut off")
+        name = section[place + 2 : end_of_name].upper()
+        (following,) = struct.unpack_from("<H", section, end_of_name)
+        if group < 0:
+            groups[-group] = name
+            size = 3 + section[end_of_name + 2]
+        else:
+            size = _size_of_parameter(section, end_of_name)
+        fits = end_of_name + size <= len(section) and (
+            size <= following or not following
+        )
+        label = decode(name)
+        require(fits, f"the parameter {label} does not fit in its record")
+        if name == b"FRAMES" and group > 0:
+            frames[group] = _first_number(section, end_of_name)
+        if following == 0:
+            break
+        place = end_of_name + following
+    return next((frames[n] for n in frames if groups.get(n) == b"POINT"), 0)
+
+
+def _size_of_parameter(section: bytes, place: int) -> int:
+    """Return the bytes of a parameter after its name, without its description."""
+    kind, axes = struct.unpack_from("bB", section, place + 2)
+    known = abs(kind) in BYTES_OF_KINDS and axes <= MOST_AXES
+    require(known and place + 4 + axes <= len(section), "a parameter of no known kind")
+    return 4 + axes + abs(kind) * math.prod(section[place + 4 : place + 4 + axes])
+
+
+def _first_number(section: bytes, place: int) -> int:
+    """Return the first value of a parameter after its name; 0 where it has none."""
+    kind, axes = struct.unpack_from("bB", section, place + 2)
+    form = {2: "<H", 4: "<f"}.get(kind)
+    start = place + 4 + axes
+    if form is None or start + kind > len(section):
+        return 0
+    (number,) = struct.unpack_from(form, section, start)
+    return int(number) if 0 <= number < LARGEST_COUNT else 0
 
 
 def width(scale: float) -> int:

@@ -596,6 +596,19 @@ def test_a_data_section_that_no_count_fills_is_refused(c3d, size):
         load_shapes(path)
 
 
+@pytest.mark.parametrize(
+    ("axes", "problem"), [(200, "of no known kind"), (7, "USED does not fit in its")]
+)
+def test_parameters_beyond_their_records_are_refused(c3d, axes, problem):
+    """ezc3d would crash on them."""
+    path, _ = c3d()
+    data = bytearray(path.read_bytes())
+    data[place_of(path, b"USED") + 3] = axes
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=problem):
+        load_shapes(path)
+
+
 def test_labels_that_are_not_utf8_are_latin1(c3d):
     path, _ = c3d(labels=("ZZpaule", "Köper"))
     whole = path.read_bytes()
