@@ -444,7 +444,7 @@ def _images(
     elif "time" in cells:
         seconds, _ = read_numbers(cells["time"])
         fields["frame"], order, rate = _frames_of_times(seconds, fields.get("video"))
-        fields |= {"frame_rate": rate}
+        fields |= {"frame_rate": rate, "time": None if rate is None else seconds}
         fields.setdefault("labels", number_labels(seconds))
         frames = ("frames", f"times in {called('time')}")
     elif "sequence" in cells or ("item" not in cells and _is_freemocap(header)):

@@ -291,7 +291,7 @@ def bridge_gaps(values: Floats, frames: Integers, rate: float) -> Floats:
     share = ((every - frames[row]) / gap).reshape(-1, *(1,) * (values.ndim - 1))
     between = np.where(share > 0, share * (values[after] - values[row]), 0.0)
     bridged: Floats = values[row] + between
-    bridged[(gap > LONGEST_GAP * rate) & (share.ravel() > 0)] = np.nan
+    bridged[(gap - 1 > LONGEST_GAP * rate) & (share.ravel() > 0)] = np.nan
     return bridged
 
 

@@ -142,6 +142,17 @@ def test_a_frame_that_is_there_twice_is_refused(tmp_path, write):
         load(path)
 
 
+def test_times_of_a_table_are_those_of_its_frames(tmp_path):
+    path = write_table(tmp_path, [0, 1, 5, 3])
+    text = path.read_text().replace("frame,", "time,", 1)
+    for frame in (1, 5, 3):
+        text = text.replace(f"\n{frame},", f"\n{frame / 25},")
+    path.write_text(text)
+    images = load(path)
+    assert (images.frame.tolist(), images.frame_rate) == ([0, 1, 3, 5], 25.0)
+    np.testing.assert_allclose(images.time, [0, 0.04, 0.12, 0.2])
+
+
 def test_labelled_images_of_several_videos_are_apart(tmp_path):
     path = write_labels(tmp_path, [3, 900, 40, 7])
     text = path.read_text()

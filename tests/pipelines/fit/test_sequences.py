@@ -257,7 +257,7 @@ def lifted(people, folder, images, name="clip.h5", **keys):
     return fitted(people, written(folder / name, images), **keys)[0]
 
 
-@pytest.mark.parametrize(("gap", "rate"), [(7, 24), (60, 24), (20, 60)])
+@pytest.mark.parametrize(("gap", "rate"), [(8, 24), (60, 24), (20, 60)])
 def test_stretches_on_both_sides_of_a_long_gap_are_lifted_apart(
     people, walk, tmp_path, gap, rate
 ):
