@@ -39,11 +39,7 @@ from shapefit.lifting.estimate import (
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.p_value import find_p_values
 from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
-from shapefit.lifting.posterior.usual_lengths import (
-    IMAGES_TOGETHER,
-    MODES,
-    condition_on_lengths,
-)
+from shapefit.lifting.posterior.usual_lengths import LimbLengths
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation import find_pose
 from shapefit.lifting.trust import LIMITS, P_VALUE, START_DISTANCE
@@ -82,10 +78,14 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     visible, camera = problem.weights > 0, problem.camera
     if camera is not None:
         starts = face(starts, problem.landmarks, visible, camera)
-    if options.limbs is None:
-        posterior = find_from(problem, starts, settings, modes, options.covariance)
-    else:
-        posterior = find_with_lengths(problem, starts, settings, modes)
+    posterior = find_from(
+        problem,
+        starts,
+        settings,
+        modes,
+        lengths=options.limbs,
+        covariance=options.covariance,
+    )
     lost = np.isnan(posterior.log_evidence)
     status = np.full(len(lost), Status.ITERATION_LIMIT, dtype=object)
     status[posterior.stationary] = Status.CONVERGED
@@ -153,6 +153,8 @@ def find_from(
     starts: Floats,
     settings: Settings,
     modes: int = 0,
+    *,
+    lengths: LimbLengths | None = None,
     covariance: bool = False,
 ) -> Posterior:
     """Return the posteriors of n images from rotations (n, S, 3, 3), as a camera would
@@ -179,28 +181,10 @@ def find_from(
     return find(
         find_residual_variance(problem, options.residual_variance),
         starts=starts,
+        lengths=lengths,
         modes=modes,
         covariance=covariance,
     )
-
-
-def find_with_lengths(
-    problem: Problem, starts: Floats, settings: Settings, modes: int = 0
-) -> Posterior:
-    """Return the posteriors of n images as `find_from`, given usual lengths of limbs.
-
-    The covariances of the modes take much memory: only those that are asked for are
-    kept of all images.
-    """
-    options = settings.posterior
-    assert options.limbs is not None
-    parts = []
-    for first in range(0, max(len(starts), 1), IMAGES_TOGETHER):
-        rows = np.arange(first, min(first + IMAGES_TOGETHER, len(starts)))
-        part = find_from(problem.take(rows), starts[rows], settings, MODES)
-        part = condition_on_lengths(part, options.limbs, covariance=options.covariance)
-        parts.append(part.with_modes(modes))
-    return Posterior.concatenate(parts)
 
 
 def with_p_value(estimate: Estimate, problem: Problem, settings: Settings) -> Estimate:

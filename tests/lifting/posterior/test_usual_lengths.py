@@ -1,4 +1,6 @@
-"""Posteriors given usual lengths of limbs, beside the same by plain minimisation."""
+"""Posteriors given usual lengths of limbs, beside modes conditioned one by one in plain
+NumPy.
+"""
 
 from dataclasses import replace
 
@@ -8,69 +10,42 @@ from scipy.optimize import minimize
 
 from shapefit.dictionary.bodies import find_limbs, precision_of_ratios
 from shapefit.dictionary.model import Dictionary
-from shapefit.lifting.posterior.posterior import Modes, Posterior
-from shapefit.lifting.posterior.usual_lengths import (
-    LimbLengths,
-    condition_modes,
-    condition_on_lengths,
-    find_limb_lengths,
-)
+from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting.posterior.usual_lengths import LimbLengths, find_limb_lengths
+from tests.lifting.posterior.conftest import draw_images, solve
 
-P = 6
+P = 7
+STEPS = 3
 LIMBS = np.array([[0, 1], [1, 2], [3, 4], [4, 5]])
-BODY = np.array(
-    [
-        [0.0, 0.1, 0.3, 1.0, 1.1, 1.2],
-        [0.0, 1.0, 1.8, 0.0, 1.1, 2.0],
-        [0.0, 0.2, 0.1, 0.1, 0.0, 0.3],
-    ]
-)
-"""Limbs of about the usual lengths."""
-
-LENGTHS = LimbLengths(
-    LIMBS,
-    np.log([1.0, 0.8, 1.1, 0.9]),
-    precision_of_ratios(0.01 * (np.eye(4) + 0.5)),
-)
+RESIDUAL_VARIANCE = 0.003
+IMAGES = 30
 
 
 @pytest.fixture
-def modes(rng):
-    """Three images of four modes, of which the first has two and the last none."""
-    n, M = 3, 4
-    mean = BODY + 0.1 * rng.normal(size=(n, M, 3, P))
-    root = 0.1 * rng.normal(size=(n, M, 3 * P, 3 * P)) / np.sqrt(3 * P)
-    covariance = root @ root.swapaxes(2, 3) + 1e-4 * np.eye(3 * P)
-    log_evidence = -np.sort(rng.uniform(0, 3, size=(n, M)), axis=1)
-    component = np.zeros((n, M), np.int64)
-    component[0, 2:] = component[2] = -1
-    log_evidence[component < 0] = -np.inf
-    return Modes(
-        component=component,
-        rotation=rng.normal(size=(n, M, 3, 3)),
-        scale=rng.uniform(1, 2, size=(n, M)),
-        log_evidence=log_evidence,
-        mean=mean,
-        covariance=covariance,
-        inlier_probability=np.ones((n, M, P)),
-    )
+def prior(draw_mixture):
+    return draw_mixture(4, k=3, p=P)
 
 
-def posterior_of(modes: Modes) -> Posterior:
-    n = len(modes.component)
-    return Posterior(
-        mean=np.full((n, 3, P), 7.0),
-        deviation=np.full((n, 3, P), 7.0),
-        correlation=np.full((n, 3, P), 0.7),
-        covariance=None,
-        inlier_probability=np.ones((n, P)),
-        rotation=np.full((n, 3, 3), 7.0),
-        scale=np.full(n, 7.0),
-        log_evidence=np.full(n, -5.0),
-        squared_mahalanobis=np.ones(n),
-        stationary=np.ones(n, bool),
-        rounds=np.ones(n, np.int64),
+@pytest.fixture
+def lengths(prior):
+    """Limbs somewhat longer and shorter than in the mean of the first component."""
+    usual = log_lengths(prior.means[0]) + np.array([0.3, -0.2, 0.1, 0.0])
+    return LimbLengths(LIMBS, usual, precision_of_ratios(0.02 * (np.eye(4) + 0.5)))
+
+
+def find(prior, lengths=None, modes=0):
+    """The posterior of images of the prior from several views."""
+    _, w, R = draw_images(prior, IMAGES, 2, RESIDUAL_VARIANCE)
+    others = random_rotations(4 * IMAGES, np.random.default_rng(3))
+    starts = np.concatenate([R[:, None], others.reshape(IMAGES, 4, 3, 3)], axis=1)
+    return solve(
+        prior,
+        w,
+        starts,
+        RESIDUAL_VARIANCE,
+        lengths=lengths,
         modes=modes,
+        covariance=True,
     )
 
 
@@ -79,117 +54,137 @@ def log_lengths(y):
     return np.log(np.linalg.norm(bone, axis=-2))
 
 
+def slope_of_lengths(y):
+    """The derivative (e, 3p) of the logarithms of the lengths."""
+    J = np.zeros((len(LIMBS), 3, P))
+    for row, (i, j) in enumerate(LIMBS):
+        bone = y[:, i] - y[:, j]
+        J[row, :, i] = bone / (bone @ bone)
+        J[row, :, j] = -J[row, :, i]
+    return J.reshape(len(LIMBS), 3 * P)
+
+
 def energy(y, m, C, lengths):
     """Twice the negative log density of a mode and of the lengths of its limbs."""
     away = (y - m).ravel()
     excess = log_lengths(y) - lengths.log_length
-    return away @ np.linalg.solve(C, away) + excess @ lengths.precision @ excess
+    return away @ np.linalg.pinv(C) @ away + excess @ lengths.precision @ excess
 
 
-def slope_of_lengths(y, step=1e-6):
-    """The derivative (e, 3p) of the logarithms of the lengths, by differences."""
-    columns = []
-    for change in step * np.eye(3 * P):
-        change = change.reshape(3, P)
-        columns.append((log_lengths(y + change) - log_lengths(y - change)) / (2 * step))
-    return np.array(columns).T
+def condition(m, C, lengths):
+    """Mean, covariance and loss of log evidence of a mode, in information form.
+
+    The mean depth of a mode is 0 for certain: C has no inverse but on the rest.
+    """
+    Q = lengths.precision
+    information = np.linalg.pinv(C, rcond=1e-10)
+    y = m
+    for _ in range(STEPS):
+        J = slope_of_lengths(y)
+        excess = log_lengths(y) - lengths.log_length
+        ahead = excess + J @ (m - y).ravel()
+        covariance = C @ np.linalg.inv(np.eye(3 * P) + J.T @ Q @ J @ C)
+        linearised_at = y
+        y = m - (covariance @ J.T @ Q @ ahead).reshape(3, P)
+    away = (y - m).ravel()
+    strained = log_lengths(linearised_at) - lengths.log_length
+    least = away @ information @ away + strained @ Q @ strained
+    log_det = np.linalg.slogdet(np.eye(len(J)) + Q @ J @ C @ J.T)[1]
+    return y, covariance, (least + log_det) / 2
 
 
-def test_a_mode_moves_to_where_both_are_likeliest(modes):
-    there = modes.component >= 0
-    found = condition_modes(modes, there, LENGTHS)
-    for y, m, C in zip(
-        found.mean, modes.mean[there], modes.covariance[there], strict=True
-    ):
-
-        def value(x, m=m, C=C):
-            return energy(x.reshape(3, P), m, C, LENGTHS)
-
-        best = minimize(value, m.ravel(), method="BFGS", options={"gtol": 1e-8})
-        assert value(y.ravel()) < best.fun + 1e-3
-        assert value(y.ravel()) < value(m.ravel())
-
-
-def test_its_covariance_and_evidence_are_those_of_the_dense_computation(modes):
-    there = modes.component >= 0
-    found = condition_modes(modes, there, LENGTHS)
-    whole = condition_on_lengths(
-        posterior_of(modes.first(1)), LENGTHS, covariance=True
-    ).covariance
-    first = np.flatnonzero(np.nonzero(there)[1] == 0)
-    for image, row in enumerate(first):
-        m, C = modes.mean[image, 0], modes.covariance[image, 0]
-        J = slope_of_lengths(found.mean[row])
-        precision = np.linalg.inv(C) + J.T @ LENGTHS.precision @ J
-        np.testing.assert_allclose(
-            whole[image], np.linalg.inv(precision), rtol=0.02, atol=2e-4
-        )
-        flattened = np.linalg.slogdet(precision @ C)[1]
-        lost = (energy(found.mean[row], m, C, LENGTHS) + flattened) / 2
-        assert found.lost_evidence[row] == pytest.approx(lost, rel=0.01, abs=0.02)
-
-
-def test_limbs_of_usual_lengths_stay_where_they_are(modes):
-    """Of any size: all lengths may be as many times as long as usual."""
-    alone = modes.first(1)
-    m = alone.mean[0, 0]
-    lengths = LENGTHS._replace(log_length=log_lengths(m) - np.log(3.0))
-    there = np.array([[True], [False], [False]])
-    found = condition_modes(alone, there, lengths)
-    np.testing.assert_allclose(found.mean[0], m, atol=1e-12)
-
-
-def test_a_limb_twice_as_long_is_drawn_towards_its_length(modes):
-    m = modes.mean[0, 0]
-    usual = log_lengths(m) - np.array([np.log(2.0), 0, 0, 0])
-    firm = LENGTHS._replace(log_length=usual, precision=1e8 * LENGTHS.precision)
-    there = np.zeros((3, 4), bool)
-    there[0, 0] = True
-    wide = modes._replace(covariance=np.tile(0.1 * np.eye(3 * P), (3, 4, 1, 1)))
-    found = condition_modes(wide, there, firm)
-    ratio = np.exp(log_lengths(found.mean[0]) - usual)
-    assert ratio.max() / ratio.min() == pytest.approx(1, abs=0.02)
-
-
-def test_modes_are_mixed_by_what_is_left_of_their_evidence(modes):
-    there = modes.component >= 0
-    one = condition_modes(modes, there, LENGTHS)
-    found = condition_on_lengths(posterior_of(modes), LENGTHS, covariance=True)
-    for image in range(2):
-        rows = np.nonzero(there)[0] == image
-        evidence = modes.log_evidence[image][there[image]] - one.lost_evidence[rows]
-        share = np.exp(evidence - np.logaddexp.reduce(evidence))
-        mean = np.tensordot(share, one.mean[rows], 1)
-        np.testing.assert_allclose(found.mean[image], mean, atol=1e-9)
-        before = np.logaddexp.reduce(modes.log_evidence[image][there[image]])
-        gain = np.logaddexp.reduce(evidence) - before
-        assert found.log_evidence[image] == pytest.approx(-5 + gain)
-        alone = [
-            condition_on_lengths(
-                posterior_of(Modes(*(v[image : image + 1, [m]] for v in modes))),
-                LENGTHS,
-                covariance=True,
-            ).covariance[0]
-            for m in np.flatnonzero(there[image])
+def test_the_mixture_is_that_of_modes_conditioned_one_by_one(prior, lengths):
+    before = find(prior, modes=30)
+    found = find(prior, lengths)
+    several = 0
+    for image in range(IMAGES):
+        there = np.flatnonzero(before.modes.component[image] >= 0)
+        assert len(there) < 30
+        each = [
+            condition(
+                before.modes.mean[image, mode],
+                before.modes.covariance[image, mode],
+                lengths,
+            )
+            for mode in there
         ]
-        apart = (one.mean[rows] - mean).reshape(len(share), -1)
-        whole = np.tensordot(share, alone, 1) + (share * apart.T) @ apart
-        np.testing.assert_allclose(found.covariance[image], whole, atol=1e-9)
-        variance = np.diagonal(whole).reshape(3, P)
-        np.testing.assert_allclose(found.deviation[image] ** 2, variance, atol=1e-9)
-        best = int(np.argmax(np.where(there[image], 0, -np.inf)))
-        assert found.rotation[image].tolist() in modes.rotation[image].tolist(), best
-        xy = whole[np.arange(P), np.arange(P) + P]
-        xy /= np.sqrt(variance[0] * variance[1])
-        np.testing.assert_allclose(found.correlation[image, 0], xy, atol=1e-9)
+        log_evidence = before.modes.log_evidence[image][there]
+        left = log_evidence - [lost for _, _, lost in each]
+        total = np.logaddexp.reduce(left)
+        share = np.exp(left - total)
+        several += np.sort(share)[-2:][0] > 0.05 and len(there) > 1
+        mean = sum(a * y for a, (y, _, _) in zip(share, each, strict=True))
+        covariance = np.zeros((3 * P, 3 * P))
+        for a, (y, C, _) in zip(share, each, strict=True):
+            apart = (y - mean).ravel()
+            covariance += a * (C + np.outer(apart, apart))
+        gain = total - np.logaddexp.reduce(log_evidence)
+
+        np.testing.assert_allclose(found.mean[image], mean, atol=1e-6)
+        np.testing.assert_allclose(found.covariance[image], covariance, atol=1e-6)
+        variance = np.diagonal(covariance).reshape(3, P)
+        np.testing.assert_allclose(found.deviation[image] ** 2, variance, atol=1e-6)
+        xz = covariance[np.arange(P), np.arange(P) + 2 * P]
+        xz /= np.sqrt(variance[0] * variance[2])
+        np.testing.assert_allclose(found.correlation[image, 1], xz, atol=1e-5)
+        assert found.log_evidence[image] - before.log_evidence[image] == (
+            pytest.approx(gain, abs=1e-5)
+        )
+        best = there[np.argmax(share)]
+        np.testing.assert_allclose(
+            found.rotation[image], before.modes.rotation[image, best]
+        )
+        assert found.scale[image] == pytest.approx(before.modes.scale[image, best])
+    assert several >= 3
 
 
-def test_an_image_without_a_mode_keeps_what_it_has(modes):
-    found = condition_on_lengths(posterior_of(modes), LENGTHS, covariance=False)
-    assert (found.mean[2] == 7).all()
-    assert (found.rotation[2] == 7).all()
-    assert found.log_evidence[2] == -5
-    assert found.covariance is None
+def test_a_mode_moves_to_where_both_are_likeliest(prior, lengths):
+    """By a minimiser that knows no derivative of the lengths."""
+    modes = find(prior, modes=1).modes
+    m, C = modes.mean[0, 0], modes.covariance[0, 0]
+    y, _, _ = condition(m, C, lengths)
+    root = np.linalg.svd(C)[0] * np.sqrt(np.linalg.svd(C)[1])
+
+    def value(x):
+        return energy(m + (root @ x).reshape(3, P), m, C, lengths)
+
+    best = minimize(value, np.zeros(3 * P), method="BFGS")
+    assert energy(y, m, C, lengths) < best.fun + 1e-3
+    assert energy(y, m, C, lengths) < energy(m, m, C, lengths) - 0.1
+
+
+def test_the_size_of_a_body_is_free(prior, lengths):
+    longer = lengths._replace(log_length=lengths.log_length + np.log(3.0))
+    found, other = find(prior, lengths), find(prior, longer)
+    np.testing.assert_allclose(other.mean, found.mean, atol=1e-9)
+    np.testing.assert_allclose(other.covariance, found.covariance, atol=1e-9)
+
+
+def test_firm_lengths_give_limbs_their_ratios(prior, lengths):
+    firm = lengths._replace(precision=1e5 * lengths.precision)
+    modes = find(prior, modes=1)
+    alone = np.isfinite(modes.modes.log_evidence).sum(axis=1) == 1
+    found = find(prior, firm)
+    excess = log_lengths(found.mean) - lengths.log_length
+    ratio = np.ptp(excess, axis=1)
+    before = np.ptp(log_lengths(modes.mean) - lengths.log_length, axis=1)
+    assert np.median(ratio[alone]) < 0.15 * np.median(before[alone])
+
+
+def test_stored_modes_are_those_without_lengths(prior, lengths):
+    before, found = find(prior, modes=4), find(prior, lengths, modes=4)
+    for name, values in before.modes._asdict().items():
+        np.testing.assert_array_equal(getattr(found.modes, name), values)
+
+
+def test_lengths_that_no_mode_has_leave_numbers(prior, lengths):
+    """Evidence falls by thousands; shares are what is left beside the best."""
+    impossible = LimbLengths(
+        LIMBS, np.array([9.0, -9.0, 9.0, -9.0]), 1e3 * lengths.precision
+    )
+    found = find(prior, impossible)
+    assert np.isfinite(found.mean).all()
+    assert np.isfinite(found.log_evidence).all()
 
 
 def test_only_limbs_of_people_have_usual_lengths():
