@@ -612,3 +612,46 @@ def test_people_on_their_heads_are_counted(warnings_of, poses, angle):
     assert len(warnings) == (angle == 180)
     told = r"\d+ images with people on their heads: y was taken to point down"
     assert not warnings or re.match(told, warnings[0])
+
+
+@pytest.mark.parametrize(
+    ("factors", "stretched"),
+    [
+        ((1, 1), False),
+        ((7, 7), False),
+        ((0.5, 1), True),
+        ((100 / SIZE[0], 100 / SIZE[1]), True),
+    ],
+)
+def test_scales_of_x_and_y_that_differ_are_named(tmp_path, poses, factors, stretched):
+    images = film(poses, "body_25")
+    landmarks = images.landmarks * np.array(factors)[:, None]
+    other = replace_columns(images.replaced(landmarks=landmarks), {})
+    result, outcomes = fit_images(tmp_path, other, "people", method="posterior")
+    named = [text for text in texts(outcomes) if "x and y have different" in text]
+    assert bool(named) == stretched
+    assert result.columns["trusted"].any() != stretched
+    if stretched:
+        assert named[0].startswith("no shape of this file is to be trusted: people")
+        assert "are these percent of the image" in named[0]
+
+
+def test_landmarks_outside_the_stated_image_are_said(tmp_path, poses):
+    images = film(poses, "body_25")
+    small = replace_columns(images, {"image_size": np.array([640, 480])})
+    _, outcomes = fit_images(tmp_path, small, "people", method="posterior")
+    (warning,) = [text for text in texts(outcomes) if "outside" in text]
+    assert "% of the landmarks lie outside the stated image of 640 x 480" in warning
+    assert "--image-size WxH" in warning
+
+
+def replace_columns(images, columns):
+    """The same images with other datasets."""
+    return LandmarkSet(
+        landmarks=images.landmarks,
+        landmark_names=images.landmark_names,
+        items=images.items,
+        unit=images.unit,
+        y_axis=images.y_axis,
+        columns=columns,
+    )
