@@ -393,8 +393,18 @@ def attributes_of(
         "inputs": json.dumps(inputs),
         "estimated": "; ".join(setup.estimates.lines),
         **{name: value for name, value in numbers.items() if value == value},
+        **shown_landmarks(setup),
         "training_inputs": setup.dictionary.provenance.get("inputs", "{}"),
     }
+
+
+def shown_landmarks(setup: Setup) -> dict[str, str]:
+    """Return the names of the landmarks whose errors are expected ones, where known."""
+    names = setup.dictionary.landmark_names
+    shown = [
+        name for name, seen in zip(names, setup.estimates.shown, strict=False) if seen
+    ]
+    return {"shown_landmarks": " ".join(shown)} if shown else {}
 
 
 def result_of(lifting: Lifting, record: ResultSet) -> Result:
@@ -549,7 +559,7 @@ def rows_of(
         size = (
             f"{100 * median(np.array(counts.errors)):.0f} cm" if counts.errors else ""
         )
-        about = f", expected error about {size}" if size else ""
+        about = f", expected error about {size}{of_shown(setup)}" if size else ""
         result = f"{counts.trusted} of {images} trusted{about}"
     elif setup.dictionary.prior is None:
         result = f"{images} (no error bars: `learn-dict --prior` learns what they need)"
@@ -563,6 +573,15 @@ def rows_of(
                 f" {output.stem + '*.trc' if output.suffix == '.trc' else name}"
             ),
         )
+
+
+def of_shown(setup: Setup) -> str:
+    """Return of how many landmarks the expected error is, "" where it is of all."""
+    shown = setup.estimates.shown
+    own = setup.dictionary.depends_on < 0
+    if not shown or sum(shown) == own.sum():
+        return ""
+    return f" of the {sum(shown)} landmarks that are seen"
 
 
 def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Result]:
