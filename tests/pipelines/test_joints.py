@@ -259,3 +259,13 @@ def test_joints_are_those_of_the_dictionary_that_is_left(people, in_place):
         assert matched.joints == find_joints(
             skeleton.landmark_names, left, in_place=in_place
         )
+
+
+def test_more_landmarks_left_out_than_used_are_said(people):
+    """Face and hands of a whole body; eyes and ears are expected to be."""
+    for skeleton in installed_skeletons().values():
+        said = match_names(skeleton.landmark_names, people, "here").warnings()
+        assert len(said) == (skeleton.name == "coco_133"), skeleton.name
+    names = installed_skeletons()["coco_133"].landmark_names
+    (said,) = match_names(names, people, "here").warnings()
+    assert "114 landmarks left out, which the dictionary lacks (nose" in said
