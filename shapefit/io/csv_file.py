@@ -61,8 +61,7 @@ OPTIONAL = {
 back.
 """
 
-FINITE = "write a finite number"
-FINITE_OR_EMPTY = f"{FINITE}, or leave the cell empty where it is unknown"
+FINITE_OR_EMPTY = "write a finite number, or leave the cell empty where it is unknown"
 
 MISSED = -1.0
 """Both coordinates of a landmark without confidence that was not found."""
@@ -85,16 +84,16 @@ def csv_kind(path: Path) -> str:
     return "shapes" if "z" in columns else "landmarks"
 
 
-def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
+def read_csv(path: Path, kind: str) -> Any:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with
     `[,sequence]`.
 
     Return records, or a Spool of many landmarks. A landmark that has no row or lacks a
-    coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises
+    coordinate is NaN, its confidence 0. Raises
     InputError for the first wrong cells, by line, and for large tables in which the
     rows of an item do not stand together.
     """
-    table, spool = _Table(path, kind, gaps), Spool()
+    table, spool = _Table(path, kind), Spool()
     for lines, cells in table.blocks:
         table.take(lines, cells)
         if kind == "landmarks" and table.size > MAX_IN_MEMORY:
@@ -111,7 +110,7 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
 
 def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
     """Read the first rows of a table, and return them with their share of all rows."""
-    table, share = _Table(path, kind, gaps=True), 1.0
+    table, share = _Table(path, kind), 1.0
     for lines, cells in table.blocks:
         table.take(lines, cells)
         if table.size > MAX_IN_MEMORY // 4 and path.is_file():
@@ -128,7 +127,7 @@ class _Table:
     values.
     """
 
-    def __init__(self, path: Path, kind: str, gaps: bool) -> None:
+    def __init__(self, path: Path, kind: str) -> None:
         """Open a table. Raises InputError for columns that are unknown, there twice, or
         missing.
         """
@@ -150,7 +149,6 @@ class _Table:
                 f"{self.name}:1", fault, f"write the header {wanted}, with commas"
             )
         self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
-        self._complete = kind == "shapes" and not gaps
         self._scored = kind == "landmarks" and "confidence" in columns
         self._sequences: dict[str, str] | None = {} if "sequence" in columns else None
         self._items, self._landmarks = _numbering(), _numbering()
@@ -189,8 +187,7 @@ class _Table:
         points = []
         for axis in self._axes:
             values, invalid = read_numbers(cells[axis])
-            unfit = np.isinf(values) | (np.isnan(values) & self._complete)
-            note(axis, invalid | unfit, FINITE if self._complete else FINITE_OR_EMPTY)
+            note(axis, invalid | np.isinf(values), FINITE_OR_EMPTY)
             points.append(values)
         missing = np.isnan(points).any(axis=0)
         confidence = np.zeros(len(lines))

@@ -64,7 +64,8 @@ def match_landmarks(
     Raises InputError at `place` with the nearest names for every wanted name that is
     not there.
     """
-    index = {name: number for number, name in enumerate(have)}
+    index = {as_composed(name): number for number, name in enumerate(have)}
+    want = [*map(as_composed, want)]
     absent = [name for name in want if name not in index]
     if len(absent) == len(want) > 1:
         none = f"none of the {len(want)} landmarks ({abbreviate(want, 10)}) is known"
@@ -97,8 +98,9 @@ def renamed(
     Raises InputError at `place` where two landmarks would have one name.
     """
     first: dict[str, str] = {}
+    rename = {as_composed(old): as_composed(new) for old, new in rename.items()}
     for before in names:
-        after = rename.get(before, before)
+        after = rename.get(as_composed(before), before)
         if after in first:
             fault = (
                 f"`rename` gives the name '{after}' to '{first[after]}' and '{before}'"

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from shapefit.arrays import Flags
-from shapefit.errors import abbreviate, counted, input_error, listed
+from shapefit.errors import abbreviate, input_error, listed
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES, FRAME
@@ -37,21 +37,15 @@ def read_landmarks(
 
 
 def read_shapes(
-    form: FileFormat,
-    paths: tuple[Path, ...],
-    options: InputOptions,
-    *,
-    gaps: bool = False,
+    form: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[ShapeSet, Notes]:
-    """Return the shapes of a file of poses, and warnings; without `gaps` the whole ones
-    alone.
+    """Return the shapes of a file of poses, NaN where a landmark is unknown, and
+    warnings.
     """
     poses = _read_kind(form, paths, "shapes", 3)
     fields, notes = _fields(poses, options)
-    shapes = ShapeSet(
-        **fields, edges=np.array(poses.edges, np.int64) if poses.edges else None
-    )
-    return (shapes, notes) if gaps else _without_gaps(shapes, notes, poses.name)
+    edges = np.array(poses.edges, np.int64) if poses.edges else None
+    return ShapeSet(**fields, edges=edges), notes
 
 
 def _read_kind(
@@ -315,41 +309,6 @@ def _name_images(poses: Poses) -> tuple[list[str], list[str]]:
     return items, sequences
 
 
-MIN_SHARE = (
-    0.9  # of the shapes of a file in which a landmark that is learned from is known
-)
-
-
-def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, Notes]:
-    """Return the whole shapes of the landmarks that are mostly known, and notes of what
-    is lost.
-
-    Raises InputError where no landmark is.
-    """
-    finite = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
-    often: Flags = np.asarray(finite.sum(axis=0) >= MIN_SHARE * len(shapes))
-    if not often.any():
-        problem = (
-            f"no landmark is known in {MIN_SHARE:.0%} of its"
-            f" {counted(len(shapes), 'shape')}"
-        )
-        raise input_error(name, problem, "give shapes with fewer gaps")
-    rows: Flags = np.asarray(finite[:, often].all(axis=1))
-    if names := np.array(shapes.landmark_names, object)[~often].tolist():
-        text = (
-            f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
-            f" ({abbreviate(names)})"
-        )
-        notes += (f"{name}: {counted(len(names), 'landmark')} {text}",)
-        shapes = _with_landmarks(
-            shapes, [n for n in shapes.landmark_names if n not in names]
-        )
-    if not rows.all():
-        omitted = counted(int((~rows).sum()), "shape")
-        notes += (f"{name}: {omitted} left out, in which a landmark is unknown",)
-    return shapes.take(rows), notes
-
-
 def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
     """Return landmarks or shapes with these of their landmarks alone, in this order.
 
@@ -362,10 +321,10 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
     match_landmarks(records.landmark_names, names, f"{place}: landmarks")
     if isinstance(records, LandmarkSet):
         return records.arrange(names, place, omit=True)
-    return _with_landmarks(records, names)
+    return with_landmarks(records, names)
 
 
-def _with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
+def with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
     """Return the shapes with some of their landmarks, and the edges between those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the

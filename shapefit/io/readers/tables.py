@@ -540,7 +540,7 @@ def _in_metres(table: Table, header: Header) -> dict[str, Any]:
 
 
 def _is_freemocap(header: Header) -> bool:
-    """Whether it has columns as FreeMoCap calls them: a row is a frame of a recording."""
+    """Whether its columns are FreeMoCap's, whose rows are frames of a recording."""
     return any({"body_nose", "body_left_hip"} <= {*body} for body in header.bodies)
 
 
