@@ -29,12 +29,14 @@ from shapefit.io.readers import (
     deeplabcut,
     detections,
     markers,
+    morphometrics,
     motion,
     tables,
     trackers,
 )
 from shapefit.io.readers.headers import parse_header
 from shapefit.io.readers.text import decode, read_json
+from shapefit.io.unread import name_unread
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
 """Bytes that no text has."""
@@ -70,6 +72,8 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     for one in FORMATS.values():
         if one.recognise(head):
             return one
+    if (unread := name_unread(path, head)) is not None:
+        raise unread
     if head.bytes.startswith(HDF5_SIGNATURE):
         return HDF5
     if head.named(*HDF5.suffixes):
@@ -152,10 +156,11 @@ def is_deeplabcut_csv(head: Head) -> bool:
     """Whether its rows of names come first; what is seen of the file can end in one of
     them.
     """
-    first, *others = (line.split(b",", 1)[0].strip(b" \"'") for line in head.lines[:3])
-    if first == b"scorer" and b"," in head.lines[0]:
-        return len(others) < 2 or b"bodyparts" in others
-    return first in (b"bodyparts", b"individuals") and b"coords" in others
+    lines = [decode(line) for line in head.lines[:3]]
+    first, *others = deeplabcut.row_names(lines)
+    if first == "scorer" and len(lines[0]) > len("scorer"):
+        return len(others) < 2 or "bodyparts" in others
+    return first in ("bodyparts", "individuals") and "coords" in others
 
 
 def is_table(head: Head) -> bool:
@@ -301,6 +306,21 @@ FORMATS: dict[str, FileFormat] = {
         IMAGES,
         is_yolo,
         detections.read_yolo,
+        together=True,
+    ),
+    "tps": FileFormat(
+        "a TPS file",
+        (".tps",),
+        EITHER,
+        lambda head: morphometrics.TPS.match(head.text) is not None,
+        morphometrics.read_tps,
+    ),
+    "pts": FileFormat(
+        "a set of .pts files",
+        (".pts",),
+        IMAGES,
+        lambda head: morphometrics.PTS.match(head.text) is not None,
+        morphometrics.read_pts,
         together=True,
     ),
     "acclaim": FileFormat(

@@ -179,7 +179,7 @@ def test_a_calibration_is_no_file_of_landmarks(tmp_path, name, content):
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ("scorer;a;a;a", "the header is 'scorer;a;a;a'; write the header"),
+        ("scorer;a;a;a", "cannot be read as a DeepLabCut"),
         (
             "track,frame_idx,instance.score,nose.x,nose.y,nose.score",
             "the header is 'track,frame_",

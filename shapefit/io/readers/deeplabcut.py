@@ -36,11 +36,18 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
 
     Three lines of names (scorer, bodyparts, coords) come first, four with
     `individuals`. The first column is the number of the frame, or the path of an image,
-    which may be split in three columns.
+    which may be split in three columns. Before it may stand a column of pandas that
+    numbers the rows; cells may have semicolons or tabs between them, as Excel saves
+    them.
     """
     path, text = paths[0], read_text(paths[0])
+    delimiter = _delimiter(text)
+    if _is_numbered(text, delimiter):
+        rows = text.split("\n")
+        text = "\n".join(row.partition(delimiter)[2] for row in rows)
     levels: dict[str, list[str]] = {}
-    for cells in csv.reader(text.split("\n", len(HEADER))[: len(HEADER)]):
+    first_rows = text.split("\n", len(HEADER))[: len(HEADER)]
+    for cells in csv.reader(first_rows, delimiter=delimiter):
         name, *_ = row = [cell.strip() for cell in cells] or [""]
         if name not in HEADER or name in levels:
             break
@@ -54,10 +61,12 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
     )
     columns = [("", *column) for column in zip(*names, strict=True)]
     placed = [number for number, column in enumerate(columns) if number and column[-1]]
-    first = text.split("\n", len(levels))[-1].partition(",")[0].strip('" ')
+    first = text.split("\n", len(levels))[-1].partition(delimiter)[0].strip('" ')
     numbered = not read_numbers([first])[1].any()
     labels = ["/".join(column[1:]) for column in columns]
-    table = read_table(path, text, labels, after=len(levels), padded=not numbered)
+    table = read_table(
+        path, text, labels, delimiter, after=len(levels), padded=not numbered
+    )
     if numbered:
         values = table.numbers([0, *placed])
         frames, values = number_labels(values[:, 0]), values[:, 1:]
@@ -70,6 +79,26 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
             ["/".join(filter(None, row)) for row in zip(*parts, strict=True)]
         )
     return _of_columns(path, [columns[number] for number in placed], values, frames)
+
+
+def row_names(lines: Sequence[str]) -> list[str]:
+    """Return the names of the first rows of a table, without a column of pandas."""
+    delimiter = _delimiter(lines[0])
+    column = 1 if _is_numbered(lines[0], delimiter) else 0
+    rows = [line.split(delimiter) for line in lines]
+    return [row[column].strip(" \"'") if len(row) > column else "" for row in rows]
+
+
+def _delimiter(text: str) -> str:
+    """Return what stands between the cells of the first line most often."""
+    first = text.partition("\n")[0]
+    return max((",", ";", "\t"), key=first.count)
+
+
+def _is_numbered(text: str, delimiter: str) -> bool:
+    """Whether a column without a name, or of numbers, stands before that of names."""
+    cells = [cell.strip(' "') for cell in text.partition("\n")[0].split(delimiter, 2)]
+    return len(cells) > 1 and cells[0] not in HEADER and cells[1] in HEADER
 
 
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:

@@ -100,7 +100,8 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
         poses = replace(poses, notes=(*poses.notes, note))
     fields, notes = _fields(poses, options)
     edges = {EDGES: np.array(poses.edges, np.int64)} if poses.edges else {}
-    return LandmarkSet(**fields, y_axis=options.y_axis, whole=edges), notes
+    y_axis = options.y_axis or poses.y_axis
+    return LandmarkSet(**fields, y_axis=y_axis, whole=edges), notes
 
 
 def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.options import Direction
 
 FRACTION = "fraction of the image"
 """Unit of coordinates that are divided by the width and the height of the image."""
@@ -49,6 +50,7 @@ class Poses:
     size_needed of fractions of the image: whether they are useless without `image_size`
     unordered   whether the images are, as far as names say, no frames of a video
     named       whether labels name images, and are the items as they stand
+    y_axis      where y of 2D points points, where the format says it: else down
     or_else     of fractions of the image: what else the numbers may be, for the message
     notes       warnings: what was left out or replaced, what is uncertain
     """
@@ -68,6 +70,7 @@ class Poses:
     size_needed: bool = False
     unordered: bool = False
     named: bool = False
+    y_axis: Direction | None = None
     or_else: str = ""
     notes: tuple[str, ...] = ()
 

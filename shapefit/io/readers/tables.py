@@ -435,6 +435,7 @@ def _images(
         frames = ("frames", f"times in {called('time')}")
     elif "sequence" in cells or ("item" not in cells and _is_freemocap(header)):
         frames = ("frames", "the rows in their order")
+        fields |= {"unit": "mm"} if _is_freemocap(header) else {}
     else:
         frames = ("frames", "none: single images")
         fields |= _single_images(stem, cells, fields, count)

@@ -10,6 +10,8 @@ import shapefit
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
 from shapefit.io.detect import detect_format
+from shapefit.io.options import InputOptions
+from shapefit.io.source import find_kind
 
 from .made import read_images as read
 from .made import write_array, write_long, write_mediapipe, write_wide
@@ -439,3 +441,81 @@ def test_a_landmark_whose_confidence_is_left_empty_has_1(tmp_path):
     text = "frame,joint,x,y,score\n0,a,10,20,\n0,b,30,40,.5\n"
     images, _ = read(table(tmp_path / "t.csv", text))
     assert images.confidence.tolist() == [[1.0, 0.5]]
+
+
+DLC = "scorer,net,net,net,net\nbodyparts,nose,nose,tail,tail\ncoords,x,y,x,y\n"
+DLC += "4,1.5,2,3,4\n5,6,7,8,9.25\n"
+
+
+def as_excel(text: str, delimiter: str) -> str:
+    return text.replace(",", delimiter).replace(".", ",")
+
+
+def after_index(text: str, names: tuple[str, ...]) -> str:
+    """Return a table after a column of pandas."""
+    rows = text.splitlines()
+    first = [*names, *map(str, range(len(rows)))][: len(rows)]
+    return "".join(f"{name},{row}\n" for name, row in zip(first, rows, strict=True))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        DLC,
+        as_excel(DLC, ";"),
+        as_excel(DLC, "\t"),
+        after_index(DLC, ("", "", "")),
+        after_index(DLC.replace("net,net,net,net", "net,net.1,net.2,net.3"), ("",)),
+        after_index(DLC, ("Unnamed: 0", "0", "1")),
+        as_excel(after_index(DLC, ("", "", "")), ";"),
+        DLC.replace("net,net,net,net", "net,net.1,net.2,net.3"),
+        DLC.replace("\n", "\r"),
+    ],
+)
+def test_tables_of_deeplabcut_that_were_saved_again(tmp_path, text):
+    path = tmp_path / "video.csv"
+    path.write_text(text, newline="", encoding="utf-8")
+    images, notes = read(path)
+    assert notes == ()
+    assert images.items == ("video/4", "video/5")
+    assert images.landmark_names == ("nose", "tail")
+    found = images.landmarks.transpose(0, 2, 1).tolist()
+    assert found == [[[1.5, 2], [3, 4]], [[6, 7], [8, 9.25]]]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0])
+def test_arrays_of_3d_points_are_shapes(tmp_path, rng, scale):
+    points = scale * rng.uniform(-1, 1, (6, 17, 3))
+    path = tmp_path / "a.npy"
+    np.save(path, points)
+    options = InputOptions(keypoints="coco_17")
+    assert find_kind(path, options) == "shapes"
+    with open_shapes([path], options) as source:
+        shapes = source.whole()
+    assert shapes.landmark_names[0] == "nose"
+    np.testing.assert_array_equal(shapes.shapes.transpose(0, 2, 1), points)
+    with pytest.raises(InputError, match=r"third numbers run.*3D are for learn-dict"):
+        read(path, keypoints="coco_17")
+
+
+def test_arrays_whose_third_number_may_be_either(tmp_path, rng):
+    points = rng.uniform(0, 1, (6, 17, 3))
+    path = tmp_path / "a.npy"
+    np.save(path, points)
+    with pytest.raises(InputError, match=r"image_size.*or `format=arrays-3d` if the"):
+        read(path, keypoints="coco_17")
+    options = InputOptions(keypoints="coco_17", format="arrays-3d")
+    assert find_kind(path, options) == "shapes"
+    with open_shapes([path], InputOptions(keypoints="coco_17")) as source:
+        np.testing.assert_array_equal(source.whole().points.swapaxes(1, 2), points)
+
+
+def test_recordings_of_freemocap(tmp_path):
+    names = [f"body_{n}_{a}" for n in ("nose", "left_hip", "right_hip") for a in "xyz"]
+    rows = ["nan," * 8 + "nan", ",".join(map(str, range(9))), ",".join("123456789")]
+    path = table(tmp_path / "body_3d_xyz.csv", "\n".join([",".join(names), *rows]))
+    with open_shapes([path]) as source:
+        shapes = source.whole()
+    assert shapes.sequences == ("body_3d_xyz",) * 2
+    assert shapes.columns["frame"].tolist() == [1, 2]
+    assert shapes.unit == "mm"
