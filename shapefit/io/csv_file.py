@@ -67,7 +67,12 @@ MISSED = -1.0
 """Both coordinates of a landmark without confidence that was not found."""
 
 MAX_IN_MEMORY = 1 << 19
-"""Rows of a table that are held; more go to a temporary file, item by item."""
+"""Rows of a table that are held; more go to a temporary file, item by item, if the rows
+of items stand together.
+"""
+
+ROW_BYTES = 100
+"""Memory that a row takes in which items do not stand together, while it is read."""
 
 QUOTED = re.compile('[",\r\n]')
 """What a cell has in quotes."""
@@ -89,23 +94,41 @@ def read_csv(path: Path, kind: str) -> Any:
     `[,sequence]`.
 
     Return records, or a Spool of many landmarks. A landmark that has no row or lacks a
-    coordinate is NaN, its confidence 0. Raises
-    InputError for the first wrong cells, by line, and for large tables in which the
-    rows of an item do not stand together.
+    coordinate is NaN, its confidence 0. Raises InputError for the first wrong cells, by
+    line, and where memory does not hold a large table in which the rows of an item do
+    not stand together, which cannot go to a file item by item.
     """
     table, spool = _Table(path, kind), Spool()
     for lines, cells in table.blocks:
         table.take(lines, cells)
-        if kind == "landmarks" and table.size > MAX_IN_MEMORY:
+        if table.size <= MAX_IN_MEMORY:
+            continue
+        if kind == "landmarks" and table.in_order:
             spool.append(table.pop_complete())
+        else:
+            check_fits(table.name, table.size * ROW_BYTES)
     rest = table.records()
     if not len(spool):
         return rest
     spool.append(rest)
     if len(np.unique(np.concatenate(spool.hashes))) < len(spool):
-        fault = "the rows of items do not stand together, and the table is large"
-        raise input_error(table.name, fault, "sort its rows by item")
+        return _read_unordered(path, kind)
     return spool
+
+
+def _read_unordered(path: Path, kind: str) -> Any:
+    """Read a large table once more, in which rows of an item do not stand together, as
+    pandas' `melt` leaves them: into memory. Raises InputError where that is too little.
+    """
+    if not path.is_file():
+        fault = "the rows of items do not stand together, and the table is large"
+        fix = "name the file itself, or sort its rows by item"
+        raise input_error(source_name(path), fault, fix)
+    table = _Table(path, kind)
+    for lines, cells in table.blocks:
+        table.take(lines, cells)
+        check_fits(table.name, table.size * ROW_BYTES)
+    return table.records()
 
 
 def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
@@ -153,7 +176,8 @@ class _Table:
         self._sequences: dict[str, str] | None = {} if "sequence" in columns else None
         self._items, self._landmarks = _numbering(), _numbering()
         self._parts: list[tuple[Any, ...]] = []
-        self.size = 0
+        self._last = 0
+        self.size, self.in_order = 0, True
 
     def take(self, lines: Integers, cells: Mapping[str, Sequence[str]]) -> None:
         """Take some rows; raises InputError for wrong ones."""
@@ -203,6 +227,9 @@ class _Table:
             raise input_problems(
                 [text for _, text in sorted(problems, key=lambda p: p[0])]
             )
+        steps = np.diff(item, prepend=self._last)
+        self.in_order = self.in_order and not (steps < 0).any()
+        self._last = int(item[-1]) if len(item) else self._last
         self.size += len(lines)
         self._parts.append(
             (lines.astype(np.int32), item, landmark, *points, confidence)
@@ -257,6 +284,7 @@ class _Table:
             *(column[rows] for column in values),
         )
         self._parts, self._items, self.size = [remaining], _numbering(item), len(rows)
+        self._last = 0
         if self._sequences is not None:
             self._sequences = {item: self._sequences[item]}
         return images.take(slice(0, last))

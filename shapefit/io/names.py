@@ -4,6 +4,7 @@ its own.
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -108,6 +109,27 @@ def renamed(
             raise input_error(place, fault, "give every landmark a unique name")
         first[after] = before
     return tuple(first)
+
+
+OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
+WORD_LEFT = re.compile(
+    r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])|(?<=[a-z])L$"
+)
+"""`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip,
+HipL.
+"""
+
+
+def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Return the positions of left and right landmarks of one name."""
+    place = {name: number for number, name in enumerate(names)}
+    pairs = {}
+    for name, number in place.items():
+        for word in WORD_LEFT.finditer(name):
+            other = name[: word.start()] + OTHER_SIDE[word[0]] + name[word.end() :]
+            if other in place:
+                pairs[number] = place[other]
+    return [*pairs.items()]
 
 
 def make_unique(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ...]]:

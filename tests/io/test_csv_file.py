@@ -7,6 +7,7 @@ import io
 import os
 from pathlib import Path
 from threading import Thread
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -495,15 +496,47 @@ class TestLargeTables:
         with open_landmarks([path], head=True) as source:
             assert source.count == source.estimate == 99  # and no fewer than were read
 
-    @pytest.mark.parametrize("stream", [False, True])
-    def test_their_rows_must_stand_together(
-        self, csv, standard_input, problems, stream
+    ORDERS: ClassVar = {
+        "melted": [(i, j) for j in range(4) for i in range(40)],
+        "mixed": [((7 * k) % 40, k // 40) for k in range(160)],
+        "one row late": [
+            *((i, j) for i in range(40) for j in range(4) if (i, j) != (2, 3)),
+            (2, 3),
+        ],
+    }
+
+    @pytest.mark.parametrize("order", ORDERS)
+    @pytest.mark.parametrize("held", [12, 50, 100])
+    def test_rows_of_an_item_need_not_stand_together(
+        self, csv, monkeypatch, same, order, held
     ):
-        path = self.table(csv, [(i, j) for j in range(4) for i in range(40)])
-        if stream:
-            standard_input(path.read_text())
-        (line,) = problems(open_landmarks, [Path("-") if stream else path])
+        path = self.table(csv, self.ORDERS[order])
+        monkeypatch.setattr("shapefit.io.csv_file.MAX_IN_MEMORY", 10**6)
+        whole = load(path)
+        monkeypatch.setattr("shapefit.io.csv_file.MAX_IN_MEMORY", held)
+        with open_landmarks([path]) as source:
+            assert source.count == 40
+            same(concatenate(list(source.batches(7))), whole)
+
+    def test_a_row_twice_is_named_wherever_it_stands(self, csv, problems):
+        path = self.table(csv, [*self.ORDERS["melted"], (3, 1)])
+        (line,) = problems(open_landmarks, [path])
+        assert "is also on line 45" in line
+
+    def test_memory_that_does_not_hold_them_is_stated(self, csv, problems, monkeypatch):
+        path = self.table(csv, self.ORDERS["melted"])
+        monkeypatch.setattr(inputs, "MEMORY", 1000)
+        monkeypatch.setattr(inputs, "ALWAYS_FITS", 1000)
+        (line,) = problems(open_landmarks, [path])
+        assert "of memory, and this machine has 1 kB; divide the file" in line
+
+    def test_of_standard_input_their_rows_must_stand_together(
+        self, csv, standard_input, problems
+    ):
+        order = [(i, 0) for i in range(40)] + [(i, 1) for i in range(40)]
+        standard_input(self.table(csv, order).read_text())
+        (line,) = problems(open_landmarks, [Path("-")])
         assert line.endswith(
             ": the rows of items do not stand together, and the table is large; "
-            "sort its rows by item"
+            "name the file itself, or sort its rows by item"
         )

@@ -62,7 +62,5 @@ def test_files_that_are_not_read_are_named(tmp_path, name, content, kind, fix):
 def test_matlab(tmp_path, version):
     path = tmp_path / "model.mat"
     scipy.io.savemat(path, {"W": np.ones((2, 5))}, format=version)
-    with pytest.raises(
-        InputError, match=r"model\.mat: is a MATLAB file.*matlab"
-    ):
+    with pytest.raises(InputError, match=r"model\.mat: is a MATLAB file.*matlab"):
         detect_format(path)

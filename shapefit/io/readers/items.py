@@ -196,20 +196,28 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     """Return the poses with landmarks that the options select, sequence by sequence;
     and (n) items and sequences, "" for none.
 
+    Images that have names are no frames, and nobody is followed through them.
+
     Raises InputError for an individual that is not there, and where unordered images
     are a motion.
     """
     named = bool(poses.individuals)
-    if options.track == "motion" and poses.unordered and len({*poses.label}) > 1:
+    tracked = options.track != "none" and not poses.named
+    if (
+        options.track == "motion"
+        and tracked
+        and poses.unordered
+        and len({*poses.label}) > 1
+    ):
         problem = (
             "holds images of different files, without numbers of frames: no motion"
         )
         fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
         raise input_error(poses.name, problem, fix)
-    if options.track != "none":
+    if tracked:
         from shapefit.io.readers.tracking import track_people
 
-        poses = replace(poses, individual=track_people(poses), unordered=False)
+        poses = replace(poses, individual=track_people(poses))
     people, wanted = poses.individuals, options.individual
     if wanted is not None and wanted not in people:
         names = abbreviate(people) or "nobody: join people with `track: nearest`"

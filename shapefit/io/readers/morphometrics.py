@@ -15,7 +15,7 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.readers.arrays import of_bodies
-from shapefit.io.readers.poses import Poses, are_series, image_labels, require
+from shapefit.io.readers.poses import Poses, image_labels, require
 from shapefit.io.readers.text import floats, read_text
 
 KEY = re.compile(r"\s*([A-Za-z]+3?)\s*=\s*(.*)")
@@ -106,7 +106,7 @@ def _images(path: Path, points: Floats, labels: Sequence[str], **fields: Any) ->
         labels=labels,
         named=True,
         individual=[""] * len(points),
-        unordered=not are_series(labels),
+        unordered=True,
         landmark_names=tuple(map(str, range(1, points.shape[1] + 1))),
         **fields,
     )

@@ -20,7 +20,6 @@ from shapefit.io.readers.arrays import of_bodies
 from shapefit.io.readers.headers import OF_IMAGES, WEIGHTS, Body, Header, parse_header
 from shapefit.io.readers.poses import (
     Poses,
-    are_series,
     name_individual,
     number_labels,
     require,
@@ -448,11 +447,9 @@ def _single_images(
     stem: str, cells: Mapping[str, Sequence[str]], fields: Mapping[str, Any], count: int
 ) -> dict[str, Any]:
     """Return the fields of images that are not known to be frames of a video."""
-    labels = fields.get("labels")
-    if labels is not None:
-        ordered = are_series([*dict.fromkeys(labels)])
+    if "labels" in fields:
         people = fields.get("individual", [""] * count)
-        return {"individual": people, "unordered": not ordered}
+        return {"individual": people, "unordered": True}
     people = fields.get("individual", [""] * count)
     parts = [
         filter(None, (stem, who, str(row) if count > 1 else ""))
