@@ -353,10 +353,8 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
     if config.method == "convex" and is_flat(atoms):
         text = "all shapes of the dictionary are flat, which `convex` recovers badly"
         warnings += (f"{text}: compare `--method alternate`",)
-    size, most = (
-        float(np.median(np.linalg.norm(atoms, axis=(1, 2)))),
-        atoms[0].size ** 0.5,
-    )
+    size = median(np.linalg.norm(atoms, axis=(1, 2)))
+    most = atoms[0].size ** 0.5
     if not ATOMS[0] <= size <= ATOMS[1] * most:
         text = f"the atoms have a norm of {size:.3g}, and lambda is meant for 1 to"
         fix = "divide the atoms by their size, or multiply lambda by it"
@@ -365,7 +363,11 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
 
 
 def is_flat(atoms: Floats) -> bool:
-    """Whether atoms (k, 3, p) lie in one plane, by singular values of all points."""
+    """Whether atoms (k, 3, p) lie in one plane, by singular values of all points; of
+    three landmarks all do.
+    """
+    if atoms.shape[2] < 4:
+        return False
     points = atoms.swapaxes(0, 1).reshape(3, -1)
     values = np.linalg.svd(points @ points.T, compute_uv=False) ** 0.5
     return bool(values[2] < FLAT * values[0])
