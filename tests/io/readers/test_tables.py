@@ -329,6 +329,19 @@ def test_rows_without_number_or_time_are_single_images(
     assert "call it `frame`" in notes[0] or "call a column `frame`" in notes[0]
 
 
+@pytest.mark.parametrize("delimiter", [",", ";"])
+@pytest.mark.parametrize("column", ["item", "image", "Taxon"])
+@pytest.mark.parametrize("track", ["none", "motion"])
+def test_images_with_names_are_no_motion(tmp_path, delimiter, column, track):
+    """Also where names are numbered: photographs of specimens are."""
+    rows = [f"IMG_{n}.jpg,{landmark},{n},5" for n in range(30) for landmark in "abc"]
+    text = "\n".join([f"{column},landmark,x,y", *rows])
+    path = table(tmp_path / "t.csv", text.replace(",", delimiter))
+    images, _ = read(path, track=track)
+    assert images.sequences is None
+    assert images.items[:2] == ("IMG_0.jpg", "IMG_1.jpg")
+
+
 def test_rows_without_anything_beside_are_single_images(tmp_path):
     text = "a_x,a_y,b_x,b_y\n1,2,30,40\n5,6,70,80\n"
     images, (note,) = read(table(tmp_path / "t.csv", text))
@@ -374,6 +387,7 @@ def test_pixels_and_millimetres_of_one_table(tmp_path):
         ("occluded", "0", "1"),
         ("Occluded", "False", "True"),
         ("hidden", "n", "y"),
+        ("missing", "0", "1"),
     ],
 )
 @pytest.mark.parametrize("layout", ["long", "wide", "image"])
@@ -387,8 +401,6 @@ def test_columns_that_hide_landmarks(tmp_path, column, seen, unseen, layout, del
         text = f"item,a_x,a_y,a_{column},b_x,b_y,b_{column}\n"
         text += f"i,10,20,{seen},30,40,{unseen}\n"
         weights = [[1.0, 0.0]]
-        if column.startswith("is_"):
-            pytest.skip("a landmark called a_is")
     else:
         text = f"item,{column},a_x,a_y,b_x,b_y\n"
         text += f"i,{seen},10,20,30,40\nj,{unseen},1,2,3,4\n"
