@@ -330,6 +330,7 @@ def _find_keys(table: Table, header: Header, landmarks: Sequence[str] | None) ->
     images.
     """
     columns = {a: header.roles[a] for a in OF_IMAGES if a in header.roles}
+    columns = {a: at for a, at in columns.items() if any(table.texts(at)[0])}
     if "time" in columns and ("frame" in columns or not _has_times(table, columns)):
         del columns["time"]
     if {"item", "frame", "time"} & columns.keys():
@@ -411,10 +412,8 @@ def _images(
         fields["individual"] = [*map(_individual, cells["individual"])]
     if "sequence" in cells:
         videos = [*map(printable, cells["sequence"])]
-        numbered = {"frame", "time"} & cells.keys() or "item" not in cells
-        fields["video"] = (
-            [f"{stem}/{video}" for video in videos] if numbered else videos
-        )
+        prefix = "" if "item" in cells else f"{stem}/"
+        fields["video"] = [f"{prefix}{video}" for video in videos]
     if "item" in cells:
         fields |= {"labels": [*map(printable, cells["item"])], "named": True}
         items: Line = ("items", called("item"))

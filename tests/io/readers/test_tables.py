@@ -342,6 +342,27 @@ def test_images_with_names_are_no_motion(tmp_path, delimiter, column, track):
     assert images.items[:2] == ("IMG_0.jpg", "IMG_1.jpg")
 
 
+def test_a_data_frame_of_a_fit_comes_back(tmp_path):
+    """As pandas writes it, with and without its index, and with empty columns."""
+    head = "item,landmark,x,y,z,sd_x,sequence,frame,time,trusted"
+    rows = [
+        f"w/{frame},{name},{frame},2,3,.1,walk,{frame},{frame / 25},True"
+        for frame in (3, 4, 9)
+        for name in "ab"
+    ]
+    indexed = [f"{number},{row}" for number, row in enumerate(rows)]
+    single = [row.replace("walk,", ",,,#").split("#")[0] + "True" for row in rows]
+    for text in ([f",{head}", *indexed], [head, *rows], [head, *single]):
+        with open_shapes([table(tmp_path / "t.csv", "\n".join(text))]) as source:
+            shapes = source.whole()
+        assert shapes.items == ("w/3", "w/4", "w/9")
+        assert shapes.shapes[:, 0, 0].tolist() == [3, 4, 9]
+        sequences = None if text[1:] == single else ("walk",) * 3
+        assert shapes.sequences == sequences
+        if sequences:
+            assert shapes.columns["frame"].tolist() == [0, 1, 6]
+
+
 def test_rows_without_anything_beside_are_single_images(tmp_path):
     text = "a_x,a_y,b_x,b_y\n1,2,30,40\n5,6,70,80\n"
     images, (note,) = read(table(tmp_path / "t.csv", text))
