@@ -56,9 +56,28 @@ def _read_kind(
     """
     name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
     poses = read_poses(form, paths, dimensions)
+    if dimensions == 2 and poses.points.shape[2] == 3 and is_flat(poses):
+        upward = form.states_y_axis  # as motion capture has y
+        note = "z is 0 everywhere: x and y are read as landmarks"
+        note += ", with y pointing up" if upward else ""
+        poses = replace(
+            poses,
+            points=poses.points[..., :2],
+            y_axis="up" if upward else None,
+            notes=(*poses.notes, note),
+        )
     if (d := poses.points.shape[2]) != dimensions:
         raise input_error(name, f"is {form.title} of {d}D points", fix)
     return poses
+
+
+def is_flat(poses: Poses) -> bool:
+    """Whether points in 3D are 2D landmarks: z is 0 wherever they are, as Sports2D
+    writes them.
+    """
+    z = poses.points[..., 2]
+    z = z[np.isfinite(z)]
+    return bool(z.size and not z.any())
 
 
 def read_poses(

@@ -268,27 +268,24 @@ def _weights(grid: Grid, header: Header) -> Floats | None:
             continue
         values = grid.axes[axis]
         if axis != "confidence":
-            _check_flags(values, _column_of(axis, header))
+            _check_flags(values, axis, _column_of(axis, header))
         flags_of_coco = np.isin(values[np.isfinite(values)], (0, 1, 2)).all()
         if axis != "occluded" and flags_of_coco:
             values = np.minimum(values, 1)  # 2 of COCO is seen, 1 is marked
         if axis == "occluded":
             values = 1 - values
-        if (
-            axis == "confidence"
-            and weights is None
-            and len({*WEIGHTS} & {*grid.axes}) == 1
-        ):
-            return values
         values = np.nan_to_num(values, nan=1.0)
         weights = values if weights is None else weights * values
     return weights
 
 
-def _check_flags(values: Floats, column: str) -> None:
-    """Raise ValueError for values of a column that are neither yes or no nor shares."""
+def _check_flags(values: Floats, axis: str, column: str) -> None:
+    """Raise ValueError for values of a column that are no shares, yes or no, or COCO's
+    of what is visible.
+    """
     finite = values[np.isfinite(values)]
-    most = 2 if np.isin(finite, (0, 1, 2)).all() else 1
+    of_coco = axis == "visible" and np.isin(finite, (0, 1, 2)).all()
+    most = 2 if of_coco else 1
     wrong = finite[(finite < 0) | (finite > most)]
     found = f"{wrong[0]:g}" if len(wrong) else ""
     require(not len(wrong), f"{found} in the column {column}; write 0 or 1, no or yes")

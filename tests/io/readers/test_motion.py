@@ -12,6 +12,8 @@ from shapefit.io import open_shapes, read_shapes
 from shapefit.io.options import InputOptions
 from tests.io.files import load_shapes
 
+from .made import read_images
+
 NAN = [np.nan] * 3
 
 # TRC
@@ -481,3 +483,19 @@ def test_trajectories_of_vicon(tmp_path, before):
     np.testing.assert_allclose(shapes.shapes[0].T, [[1, 2, 3], [0.01, 0.02, 0.03]])
     assert np.isnan(shapes.shapes[1, :, 1]).all()
     assert notes == ()
+
+
+def test_points_without_depth_are_landmarks(tmp_path):
+    """As Sports2D writes the landmarks of an image, with y negated."""
+    path = tmp_path / "person.trc"
+    rows = ROWS.splitlines()
+    cells = [row.split("\t") for row in rows]
+    flat = ["\t".join([*row[:4], "0", *row[5:7], "0"]) for row in cells]
+    path.write_text(HEAD + "\n".join(flat) + "\n", encoding="utf-8")
+    images, notes = read_images(path)
+    assert images.y_axis == "up"
+    assert images.landmarks.shape[1] == 2
+    assert "z is 0 everywhere: x and y are read as landmarks" in notes[-1]
+    path.write_text(HEAD + ROWS, encoding="utf-8")
+    with pytest.raises(InputError, match="of 3D points; give 2D landmarks"):
+        read_images(path)

@@ -432,7 +432,7 @@ def test_columns_that_hide_landmarks(tmp_path, column, seen, unseen, layout, del
 
 
 @pytest.mark.parametrize(
-    ("column", "cell"), [("occluded", "3"), ("visible", "5"), ("visible", "-1")]
+    ("column", "cell"), [("occluded", "2"), ("visible", "5"), ("visible", "-1")]
 )
 def test_columns_that_hide_landmarks_are_refused_by_name(tmp_path, column, cell):
     text = f"item,landmark,x,y,{column}\ni,a,10,20,{cell}\ni,b,30,40,1\n"
