@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.layout import EDGES, TIME, UNKNOWN_UNIT
+from shapefit.io.names import check_numbering, numbers_of
 from shapefit.io.options import Direction
-from shapefit.io.records import LandmarkSet, ResultSet
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 SEPARATELY = "use files that agree, or process them separately"
 CONFIDENCE = "confidence"
@@ -37,7 +38,12 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
             places,
             [", ".join(head.landmark_names) for head in heads],
         )
+    if isinstance(heads[0], ShapeSet):
+        for place, head in zip(places[1:], heads[1:], strict=True):
+            _check_same_landmarks((places[0], names), (place, head.landmark_names))
     if isinstance(heads[0], LandmarkSet):
+        for place, head in zip(places[1:], heads[1:], strict=True):
+            check_numbering(head.landmark_names, names, place, places[0])
         names = tuple(
             dict.fromkeys(name for head in heads for name in head.landmark_names)
         )
@@ -75,6 +81,27 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
             ),
         )
     )
+
+
+def _check_same_landmarks(*files: tuple[str, Sequence[str]]) -> None:
+    """Raise InputError at the file of two that lacks a landmark of the other."""
+    (_, first), (_, second) = files
+    common = [name for name in first if name in set(second)]
+    for (place, names), (other, others) in (files, files[::-1]):
+        absent = [name for name in others if name not in set(names)]
+        if not absent:
+            continue
+        fault = f"has no landmark '{absent[0]}', which {other} has"
+        if len(absent) > 1:
+            fault = f"lacks {counted(len(absent), 'landmark')} of {other}"
+            fault += f" ({abbreviate(absent)})"
+        fix = "give shapes of the same landmarks"
+        if numbers_of(first) and numbers_of(second):
+            fix += ", all numbered from 0 or all from 1"
+        elif common:
+            shown = abbreviate(common, 3)
+            fix += f", or name those that all have by `landmarks` ({shown})"
+        raise input_error(place, fault, fix)
 
 
 def align_to(part: Any, head: Any, file: str) -> Any:
