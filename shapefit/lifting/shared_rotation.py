@@ -232,8 +232,9 @@ def find_pose(
     """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape
     S (3, p).
 
-    Trust regions start from so many even views, of which the first is the identity, each
-    turned in the plane to where it correlates best; the best local minimum counts.
+    Trust regions start from so many even views, of which the first is the identity.
+    Each is turned in the plane to where it correlates best, and the best local minimum
+    counts.
     """
     P, D = find_moments(problem, shape)
     rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
