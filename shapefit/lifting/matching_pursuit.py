@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status
@@ -25,6 +24,10 @@ PIXELS = 70.0
 GOAL = 500.0 / PIXELS**2
 CHANGE = 1.0 / PIXELS**2
 MOST_ATOMS, MOST_ROUNDS = 15, 30
+
+TOGETHER = 1024
+"""Images that are pursued at once: most of a round is the calls, not their arithmetic.
+"""
 
 INDEPENDENT = 1e-8
 """Share of squared limb lengths outside those of the chosen, below which a shape is
@@ -47,7 +50,7 @@ def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
     """
     mean_shape = settings.mean_shape
     pursuit = pursue(problem, mean_shape, settings.needs["edges"])
-    solved = np.isfinite(pursuit.scale).all(axis=1)
+    solved = np.asarray(np.isfinite(pursuit.scale).all(axis=1))
     rotation = np.where(solved[:, None, None], pursuit.rotation, np.eye(3))
     scale = np.where(solved, pursuit.scale.mean(axis=1), 0.0)[:, None]
     c = scale * pursuit.coefficients
@@ -118,9 +121,8 @@ def pursue(
     rotation, scale = np.full((n, 3, 3), np.nan), np.full((n, 2), np.nan)
     error, rounds = np.full(n, np.nan), np.zeros(n, np.int64)
     status = np.full(n, Status.DEGENERATE, dtype=object)
-    # blocks of images, so that no result depends on how images are batched
-    for start in range(0, n, core.IMAGES_PER_BLOCK):
-        weights = problem.weights[start : start + core.IMAGES_PER_BLOCK]
+    for start in range(0, n, TOGETHER):
+        weights = problem.weights[start : start + TOGETHER]
         masks, number = np.unique(weights, axis=0, return_inverse=True)
         for i, mask in enumerate(masks):
             rows = start + np.flatnonzero(number.ravel() == i)
@@ -280,7 +282,7 @@ def least_squares(D: Floats, P: Floats) -> Floats:
 
 
 def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
-    """argmin_{s >= 0} ||w - diag(s) R S||^2 (n, 2), and by how much it is below ||w||^2.
+    """argmin_{s >= 0} ||w - diag(s) R S||^2 (n, 2), and how far that is below ||w||^2.
 
     R (n, 2, 3), rows of rotations or 0; D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
     """

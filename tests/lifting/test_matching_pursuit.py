@@ -16,6 +16,7 @@ from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting import matching_pursuit
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.matching_pursuit import (
     Pursuit,
@@ -210,6 +211,16 @@ class TestPursuit:
         assert (found.error < (scene.landmarks[..., :visible] ** 2).sum()).all()
         if visible == 2:
             np.testing.assert_allclose(found.error, 0, atol=1e-10)
+
+    def test_it_does_not_matter_which_images_are_pursued_together(
+        self, make_scene, monkeypatch
+    ):
+        scene = make_scene(n=40, noise=0.3)
+        together = scene.pursue(most_atoms=4)
+        monkeypatch.setattr(matching_pursuit, "TOGETHER", 7)
+        apart = scene.pursue(most_atoms=4)
+        for one, other in zip(together, apart, strict=True):
+            np.testing.assert_array_equal(one, other)
 
     def test_images_that_cannot_be_pursued_leave_the_others_alone(self, make_scene):
         scene = make_scene()
