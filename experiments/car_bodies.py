@@ -109,7 +109,7 @@ def camera_rotation(heading: float, elevation: float) -> Floats:
     c, s = np.cos(heading), np.sin(heading)
     turn = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
     c, s = np.cos(elevation), np.sin(elevation)
-    tilt = np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
+    tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
     R: Floats = np.diag([1.0, -1.0, -1.0]) @ tilt @ turn
     return R
 

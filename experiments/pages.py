@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
+import shapefit
 from benchmarks import optimality
 from benchmarks.lower_bounds import oracle_rows
+from experiments.car_bodies import ERRORS, table_of_bodies
 from experiments.recovery import Shares
 from experiments.sensitivity import Point, read_points
 from shapefit.arrays import Floats
@@ -77,7 +79,12 @@ def add_published(name: str, folder: Path) -> str:
         ]
     else:
         header = ["oracle", "similarity (normalised)", "similarity (unit of the truth)"]
-        parts = ["## Published", markdown_table(header, oracle_rows(report["config"]))]
+        parts = [
+            "## Published",
+            markdown_table(header, oracle_rows(report["config"])),
+            "By class of body, means, and in brackets how many images there are:",
+            _errors_by_body(folder, report),
+        ]
     parts.append("\n".join(f"- {caveat}" for caveat in quoted(name)["caveats"]))
     page = "\n\n".join(parts) + "\n"
     path = folder / "report.md"
@@ -114,6 +121,31 @@ def write_box_plot(folder: Path, report: Mapping[str, Any]) -> None:
         if methods
     }
     draw_boxes(panels).savefig(folder / "boxplot.png", dpi=150)
+
+
+def _errors_by_body(folder: Path, report: Mapping[str, Any]) -> str:
+    """Return the table of errors of the methods by class of body of the cars."""
+    fit = shapefit.read_results(report["methods"][0]["files"][0])
+    models = np.asarray(fit.extras["true_model"]).astype(str).tolist()
+    model_of = dict(zip(fit.items or (), models, strict=True))
+    row_of = {item: row for row, item in enumerate(model_of)}
+    errors: dict[str, dict[tuple[str, str], Floats]] = {}
+    with (folder / "per_image.csv").open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            metric = (row["metric"], row["unit"])
+            if metric in ERRORS and row["error"]:
+                unknown = np.full(len(models), np.nan)
+                own = errors.setdefault(row["method"], {}).setdefault(metric, unknown)
+                own[row_of[row["item"]]] = float(row["error"])
+    is_judged = np.zeros(len(models), dtype=bool)
+    for of_method in errors.values():
+        is_judged |= np.isfinite(of_method[ERRORS[0]])
+    judged = {
+        method: {metric: values[is_judged] for metric, values in of_method.items()}
+        for method, of_method in errors.items()
+    }
+    bodies = quoted("cars")["bodies"]
+    return table_of_bodies(judged, np.array(models)[is_judged], bodies)
 
 
 def _objectives_beside_the_paper(report: Mapping[str, Any]) -> str:
