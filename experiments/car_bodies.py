@@ -18,6 +18,8 @@ import shapefit
 from experiments.sensitivity import CONFIGS, OF_THE_CARS
 from shapefit.arrays import Floats
 from shapefit.evaluation.report import markdown_table
+from shapefit.geometry.procrustes import similarity_transform
+from shapefit.geometry.rotations import rotation_about
 
 Bodies = Mapping[str, list[str]]
 """Class of body -> names of the models of that class."""
@@ -71,7 +73,9 @@ def look_at(shapes: shapefit.Shapes, seed: int = 0) -> shapefit.Landmarks:
     direction from the middle of the car faces it.
     """
     rng = np.random.default_rng(seed)
-    images, rotations, models = [], [], []
+    images: list[Floats] = []
+    rotations: list[Floats] = []
+    models: list[str] = []
     for points, model in zip(shapes.shapes, shapes.items or (), strict=True):
         car = points - points.mean(axis=0)
         outward = car / np.ptp(car, axis=0)
@@ -106,10 +110,9 @@ def camera_rotation(heading: float, elevation: float) -> Floats:
     The camera is turned about the vertical by the heading, and looks down by the
     elevation, both in radians.
     """
-    c, s = np.cos(heading), np.sin(heading)
-    turn = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-    c, s = np.cos(elevation), np.sin(elevation)
-    tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    up, across = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    turn = rotation_about(up, np.array([-heading]))[0]
+    tilt = rotation_about(across, np.array([elevation]))[0]
     R: Floats = np.diag([1.0, -1.0, -1.0]) @ tilt @ turn
     return R
 
@@ -186,12 +189,11 @@ def case_of(
     fits: Mapping[str, shapefit.Fit],
 ) -> Case:
     """Return what the figure shows of an image, which an item names."""
-    from shapefit.geometry.procrustes import similarity_transform
-
     row = (images.items or ()).index(item)
     model = str(images.extras["true_model"][row])
     truth = shapes.shapes[(shapes.items or ()).index(model)]
-    fitted, moved = {}, {}
+    fitted: dict[str, Floats] = {}
+    moved: dict[str, Floats] = {}
     for name in list(METHODS)[:2]:
         fit = fits[name]
         through_camera = fit.landmarks_fitted

@@ -29,6 +29,8 @@ PUBLISHED_MILLISECONDS = {"convex": 330, "alternate": 440, "pmp": 3020}
 OF_THE_BOX_PLOT = ("Convex", "Alternate", "Alternate+")
 """Methods of fig. boxplot-human."""
 
+BOX_PLOT = "![Errors of all images by the paper's methods](boxplot.png)"
+
 SENSITIVITIES = {
     "sensitivity-lambda": "lambda (the paper: 0.1)",
     "sensitivity-noise": "noise of the landmarks, in metres",
@@ -93,9 +95,6 @@ def add_published(name: str, folder: Path) -> str:
     return page
 
 
-BOX_PLOT = "![Errors of all images by the paper's methods](boxplot.png)"
-
-
 def write_box_plot(folder: Path, report: Mapping[str, Any]) -> None:
     """Write boxplot.png: errors of the images of each group, by the paper's methods."""
     from experiments.figures import draw_boxes
@@ -126,17 +125,18 @@ def write_box_plot(folder: Path, report: Mapping[str, Any]) -> None:
 def _errors_by_body(folder: Path, report: Mapping[str, Any]) -> str:
     """Return the table of errors of the methods by class of body of the cars."""
     fit = shapefit.read_results(report["methods"][0]["files"][0])
-    models = np.asarray(fit.extras["true_model"]).astype(str).tolist()
-    model_of = dict(zip(fit.items or (), models, strict=True))
-    row_of = {item: row for row, item in enumerate(model_of)}
+    models = np.asarray(fit.extras["true_model"]).astype(str)
+    row_of = {item: row for row, item in enumerate(fit.items or ())}
     errors: dict[str, dict[tuple[str, str], Floats]] = {}
     with (folder / "per_image.csv").open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             metric = (row["metric"], row["unit"])
-            if metric in ERRORS and row["error"]:
-                unknown = np.full(len(models), np.nan)
-                own = errors.setdefault(row["method"], {}).setdefault(metric, unknown)
-                own[row_of[row["item"]]] = float(row["error"])
+            if metric not in ERRORS or not row["error"]:
+                continue
+            of_method = errors.setdefault(row["method"], {})
+            if metric not in of_method:
+                of_method[metric] = np.full(len(models), np.nan)
+            of_method[metric][row_of[row["item"]]] = float(row["error"])
     is_judged = np.zeros(len(models), dtype=bool)
     for of_method in errors.values():
         is_judged |= np.isfinite(of_method[ERRORS[0]])
@@ -145,7 +145,7 @@ def _errors_by_body(folder: Path, report: Mapping[str, Any]) -> str:
         for method, of_method in errors.items()
     }
     bodies = quoted("cars")["bodies"]
-    return table_of_bodies(judged, np.array(models)[is_judged], bodies)
+    return table_of_bodies(judged, models[is_judged], bodies)
 
 
 def _objectives_beside_the_paper(report: Mapping[str, Any]) -> str:

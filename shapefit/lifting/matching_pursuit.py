@@ -118,7 +118,8 @@ def pursue(
     shapes = np.concatenate([mean_shape[None], problem.atoms])
     limbs = (shapes[:, :, edges[:, 0]] - shapes[:, :, edges[:, 1]]).reshape(1 + k, -1)
     coefficients = np.zeros((n, 1 + k))
-    rotation, scale = np.full((n, 3, 3), np.nan), np.full((n, 2), np.nan)
+    rotation = np.full((n, 3, 3), np.nan)
+    scale = np.full((n, 2), np.nan)
     error, rounds = np.full(n, np.nan), np.zeros(n, np.int64)
     status = np.full(n, Status.DEGENERATE, dtype=object)
     for start in range(0, n, TOGETHER):
@@ -174,7 +175,8 @@ class Search:
         self.length = float(np.linalg.norm(limbs[0]))
         self.energy = (w**2).sum(axis=(1, 2))
         self.coefficients, self.rounds = np.zeros((n, s)), np.zeros(n, np.int64)
-        self.R, self.scale = np.zeros((n, 2, 3)), np.zeros((n, 2))
+        self.R = np.zeros((n, 2, 3))
+        self.scale = np.zeros((n, 2))
         self.error = np.empty(n)
         self.coefficients[:, 0] = 1.0
         self.fit_camera(
