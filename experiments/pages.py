@@ -227,10 +227,7 @@ def _mocap(report: Mapping[str, Any]) -> list[str]:
         "\n".join(f"- {caveat}" for caveat in quoted("mocap")["caveats"]),
         "### Spread over images (fig. boxplot-human)",
         BOX_PLOT.replace("(boxplot", "(mocap/boxplot"),
-        (
-            "The paper's box plot is of subject 15, too; medians read off it:"
-            f" *{medians}*."
-        ),
+        (f"The paper's box plot is of subject 15; medians read off it: *{medians}*."),
         _objectives_beside_the_paper(report),
     ]
 
