@@ -175,7 +175,7 @@ def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
                 table.size * len(text) / text.count(b"\n") / path.stat().st_size, 1.0
             )
             break
-    return table.records(), share
+    return _in_time(table.records(), table.numbered), share
 
 
 class _Table:

@@ -126,6 +126,11 @@ def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path
         chosen(None, tmp_path / "atoms.h5", ["prior.scale=2"])
 
 
+def test_auto_is_no_method_with_starts(chosen):
+    with pytest.raises(InputError, match="does not support `starts`; use"):
+        chosen(None, overrides=["starts=1"])
+
+
 @pytest.mark.parametrize(
     ("learned", "method", "made_for"),
     [
