@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import abbreviate, counted, input_error
-from shapefit.io.layout import EDGES, TIME, UNKNOWN_UNIT
+from shapefit.io.layout import EDGES, FRAME, TIME, UNKNOWN_UNIT
 from shapefit.io.names import check_numbering, numbers_of
 from shapefit.io.options import Direction
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
@@ -25,8 +25,9 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
 
     The landmarks of images are those of all files in order of appearance, those of
     shapes and of results are the same in all. What differs between files of images, as
-    cameras do, is of items. Confidence, times and edges may be in some files alone; the
-    edges are those of the first that has any. Raises InputError where files do not go
+    cameras do, is of items. Confidence, times and edges may be in some files alone, and
+    frames where the others have no sequences; the edges are those of the first that has
+    any. Raises InputError where files do not go
     together, or state another direction than `y_axis`.
     """
     heads = [file.head for file in files]
@@ -54,10 +55,12 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
         _per_item(head, differing - {EDGES}).arrange(names, file.name)
         for file, head in zip(files, heads, strict=True)
     ]
+    optional = {*IN_SOME_FILES, EDGES}
+    without_frames = [head for head in heads if FRAME not in head.per_item]
+    if all(head.sequences is None for head in without_frames):
+        optional.add(FRAME)
     for file, head in zip(files, heads, strict=True):
-        for name in sorted(
-            (head.columns.keys() | heads[0].columns.keys()) - {*IN_SOME_FILES, EDGES}
-        ):
+        for name in sorted((head.columns.keys() | heads[0].columns.keys()) - optional):
             if not _agree(heads[0], head, name):
                 fault = f"its dataset {name} is not that of {files[0].name}"
                 raise input_error(file.name, fault, SEPARATELY)
@@ -113,6 +116,8 @@ def align_to(part: Any, head: Any, file: str) -> Any:
         )
     if TIME in head.per_item and TIME not in part.per_item:
         part = part.with_columns({TIME: np.full(len(part), np.nan)})
+    if FRAME in head.per_item and FRAME not in part.per_item:
+        part = part.with_columns({FRAME: np.zeros(len(part), np.int64)})
     missing = head.sequences is not None and part.sequences is None
     part = part.arrange(head.landmark_names, file).replaced(
         sequences=("",) * len(part) if missing else part.sequences,

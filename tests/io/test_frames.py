@@ -89,6 +89,22 @@ def test_frames_of_large_tables_are_put_in_order(
     assert "not in order, and the table is large; name the file itself" in line
 
 
+def test_single_images_beside_frames_have_the_frame_0(tmp_path, images, problems):
+    save(tmp_path / "film.csv", images)
+    bare = images.without(["frame"])
+    single = bare.replaced(sequences=None, items=tuple("pqrst"))
+    save(tmp_path / "single.csv", single)
+    for order in (("film", "single"), ("single", "film")):
+        both = load(*(tmp_path / f"{name}.csv" for name in order))
+        frames = dict(zip(both.items, both.frame.tolist(), strict=True))
+        assert [frames[item] for item in images.items] == FRAMES
+        assert {frames[item] for item in single.items} == {0}
+    save(tmp_path / "rows.csv", bare.replaced(items=tuple("vwxyz")))
+    paths = [tmp_path / f"{name}.csv" for name in ("single", "rows", "film")]
+    (line,) = problems(load, *paths)
+    assert "film.csv: its dataset frame is not that of" in line
+
+
 @pytest.mark.parametrize(
     ("cells", "told"),
     [

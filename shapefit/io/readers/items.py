@@ -139,7 +139,7 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
         "unit": poses.unit,
         "frame_rate": poses.frame_rate,
         "columns": {
-            FRAME: poses.frame,
+            FRAME: None if poses.named and poses.unordered else poses.frame,
             TIME: poses.time,
             "confidence": poses.confidence,
         },

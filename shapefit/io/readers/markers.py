@@ -209,7 +209,9 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     notes = []
     if layout != read:
         points = _points_by_header(path, header, layout)
-        notes.append("read by its header, which its parameters contradict")
+        why = "which its parameters contradict"
+        why = why if read.points else "as its parameters state no points"
+        notes.append(f"read by its header, {why}")
     require(layout.points, "no points, and no parameters POINT")
     lost_frames = (header.frames or header.layout.frames) - layout.frames
     if lost_frames > 0 and layout.frames != header.layout.frames:

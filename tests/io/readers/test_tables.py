@@ -321,6 +321,7 @@ def test_rows_without_number_or_time_are_single_images(
     images, notes = read(table(tmp_path / "t.csv", text))
     assert images.items == items
     assert images.sequences is None
+    assert images.frame is None
     named = f"column '{column}'" if column else "column without a name"
     told = (
         f"items are named by the {named}" if items[0] == cells[0] else "single images"
