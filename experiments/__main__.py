@@ -4,6 +4,7 @@
 `python -m experiments sensitivity FOLDER`    timing, and errors against lambda, noise,
                                               ...
 `python -m experiments cars FOLDER`           cars with wrong landmarks, by each search
+`python -m experiments bodies FOLDER`         sedan, SUV and pick-up, by two methods
 `python -m experiments published NAME FOLDER` the paper's numbers in a report of `eval`
 `python -m experiments index FOLDER`          every table and figure beside the paper's
 """
@@ -17,6 +18,7 @@ from dataclasses import astuple, fields
 from pathlib import Path
 
 from experiments import pages, recovery, sensitivity
+from experiments.car_bodies import write_bodies
 from experiments.sensitivity import DATA, Experiment, Point
 
 
@@ -92,7 +94,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    names = ("recovery", "sensitivity", "cars", "published", "index")
+    names = ("recovery", "sensitivity", "cars", "bodies", "published", "index")
     parser.add_argument("experiment", choices=names)
     parser.add_argument("words", nargs="+", metavar="[NAME] FOLDER")
     parser.add_argument(
@@ -113,6 +115,9 @@ def main() -> None:
     elif given.experiment == "cars":
         data = given.data or DATA / "cars"
         write_experiments(folder, sensitivity.car_experiments(data), given.only)
+    elif given.experiment == "bodies":
+        path = (given.data or DATA / "cars") / "fg3dcar_shapes.h5"
+        print(write_bodies(folder, path, pages.quoted("cars")["bodies"]), end="")
     elif given.experiment == "published":
         print(pages.add_published(given.words[0], folder), end="")
     else:

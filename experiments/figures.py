@@ -1,4 +1,6 @@
-"""Figures of the paper's experiments: shares as heat maps, errors against a setting."""
+"""Figures of the paper's experiments: shares as heat maps, errors as boxes, and against
+a setting.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from experiments.car_bodies import Case
     from experiments.recovery import Shares
     from experiments.sensitivity import Point
+    from shapefit.arrays import Floats, Integers
 
 LOGARITHMIC = 10
 """Ratio of the largest to the smallest value from which the axis is logarithmic."""
@@ -52,6 +56,72 @@ def draw_shares(panels: Mapping[str, Shares]) -> Figure:
     axes[0].set_ylabel("landmarks p")
     figure.colorbar(image, ax=list(axes), fraction=0.03, pad=0.02)
     return figure
+
+
+def draw_boxes(panels: Mapping[str, Mapping[str, Floats]]) -> Figure:
+    """Draw title -> method -> errors (n,): quartiles as boxes, whiskers from 5% to 95%.
+
+    The panels stand side by side on one axis of errors.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.4 * len(panels) + 0.8, 3.6), layout="constrained")
+    axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+    for axis, (title, methods) in zip(axes, panels.items(), strict=True):
+        axis.boxplot(
+            list(methods.values()),
+            whis=(5, 95),
+            widths=0.6,
+            showfliers=False,
+            medianprops={"color": "black"},
+        )
+        axis.set_xticks(range(1, 1 + len(methods)), list(methods))
+        axis.set_title(title, loc="left", fontsize=10)
+        axis.set_ylim(bottom=0)
+    axes[0].set_ylabel("error (normalised)")
+    figure.supxlabel("median, quartiles, 5% and 95% of the images", fontsize=8)
+    return figure
+
+
+def draw_cars(cases: Sequence[Case], edges: Integers) -> Figure:
+    """Draw a car a row: its landmarks, by each method the fitted model, and its side.
+
+    edges (e, 2) are the lines of the model; the true shape is grey.
+    """
+    from matplotlib.figure import Figure
+
+    methods = list(cases[0].fitted)
+    columns = 1 + 2 * len(methods)
+    figure = Figure(figsize=(2.9 * columns, 1.4 * len(cases)), layout="constrained")
+    axes = figure.subplots(len(cases), columns, squeeze=False)
+    for row, case in zip(axes, cases, strict=True):
+        image, side = [0, 1], [2, 1]  # columns of landmarks, and of shapes seen from it
+        row[0].scatter(*case.landmarks.T, s=5, color="black")
+        row[0].set_ylabel(case.body)
+        for index, method in enumerate(methods):
+            fitted, shape = row[1 + 2 * index], row[2 + 2 * index]
+            _draw_lines(fitted, case.fitted[method][:, image], edges, COLOURS[index])
+            fitted.scatter(*case.landmarks.T, s=5, color="black")
+            _draw_lines(shape, case.truth[:, side], edges, "#bbbbbb")
+            _draw_lines(shape, case.shapes[method][:, side], edges, COLOURS[index])
+        for axis in (row[0], *row[1::2]):
+            axis.invert_yaxis()  # pixels are counted downwards
+        for axis in row:
+            axis.set_aspect("equal")
+            axis.set_xticks([])
+            axis.set_yticks([])
+    axes[0, 0].set_title("landmarks", loc="left", fontsize=9)
+    for index, method in enumerate(methods):
+        axes[0, 1 + 2 * index].set_title(method, loc="left", fontsize=9)
+        axes[0, 2 + 2 * index].set_title(
+            "side; true shape grey", loc="left", fontsize=9
+        )
+    return figure
+
+
+def _draw_lines(axis: Axes, points: Floats, edges: Integers, colour: str) -> None:
+    for edge in edges:
+        axis.plot(*points[edge].T, color=colour, linewidth=0.7)
 
 
 def draw_points(points: Sequence[Point]) -> Figure:

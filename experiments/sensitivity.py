@@ -91,7 +91,7 @@ class Point:
 
 def paper_experiments(data: Path) -> Iterator[Experiment]:
     """Timing of the methods, and the convex program against lambda, noise, hidden
-    points, and k.
+    points, k, and the trials that it learns from.
     """
 
     def truth() -> shapefit.Shapes:
@@ -126,6 +126,15 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         )
         return shapefit.read_dictionary(path)
 
+    def learned_from(trials: Value) -> shapefit.Dictionary:
+        first, last = map(int, str(trials).split("-"))
+        shapes = shapefit.read_shapes(data / "subject86_24fps.h5")
+        sequences = np.array(shapes.sequences)
+        chosen = sorted(set(sequences.tolist()))[first - 1 : last]
+        few = shapes[np.isin(sequences, chosen)]
+        names = list(dictionary().landmark_names or ())
+        return shapefit.learn(few, k=64, every=3, landmarks=names)
+
     @cache
     def dictionary(name: str = "mocap/dictionary.h5") -> shapefit.Dictionary:
         return shapefit.read_dictionary(RESULTS / name)
@@ -150,8 +159,8 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         name="timing",
         key="method",
         values=("convex", "convex+refine", "alternate", "mean-shape"),
-        config=configs / "fit-alternate.yaml",
-        options=lambda value: {"method": value},
+        config=configs / "fit-alternate-six-views.yaml",
+        options=lambda method: {"method": method, **_one_start(method)},
         every=10,
     )
     yield timing
@@ -184,6 +193,19 @@ def paper_experiments(data: Path) -> Iterator[Experiment]:
         given=lambda k: (landmarks(), learned(int(k))),
         **plain,
     )
+    yield replace(
+        convex,
+        name="sensitivity-training",
+        key="trials of subject 86",
+        values=("1-8", "1-4", "5-8", "1-2", "3-4", "5-6", "7-8"),
+        given=lambda trials: (landmarks(), learned_from(trials)),
+        **plain,
+    )
+
+
+def _one_start(method: Value) -> dict[str, int]:
+    """Return the key `starts` of the paper's alternation, where it is the method."""
+    return {"starts": 1} if method == "alternate" else {}
 
 
 def car_experiments(data: Path) -> Iterator[Experiment]:

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers, median
+from shapefit.arrays import Floats, Integers
 
 ASSUMED_RATE = 24.0
 """Frames a second where no file states it: that of film."""
@@ -44,24 +44,39 @@ def place_in_time(
     return np.concatenate([[0.0], np.cumsum(steps)])[:count]
 
 
-ROUNDED = 1e-3
-"""How far a frame rate is from a whole number that it is taken for, of its size."""
+ROUNDED = 5e-4
+"""How far a frame rate is from one in use that it is taken for, of its size."""
+
+OF_TELEVISION = 1000 / 1001
+"""Of a whole number of Hz: 29.97 Hz is 30 of these."""
 
 
 def find_rate(frames: NDArray[np.integer] | None, times: Floats | None) -> float | None:
-    """Return the frames a second of images of frames (t,) at times (t,) in seconds, by
-    the median of their steps; None where times do not say it.
+    """Return the frames a second of images of frames (t,) at times (t,) in seconds;
+    None where times do not say it.
+
+    It is a rate in use where the median of the steps, or all steps that fit the median,
+    are near it; else that of all these steps.
     """
     if frames is None or times is None:
         return None
     known = np.isfinite(times)
     passed, steps = np.diff(times[known]), np.diff(frames[known])
-    rates = steps[(passed > 0) & (steps > 0)] / passed[(passed > 0) & (steps > 0)]
-    if not len(rates):
+    forward = (passed > 0) & (steps > 0)
+    passed, steps = passed[forward], steps[forward]
+    if not len(steps):
         return None
-    rate = median(rates)
-    near = float(round(rate))
-    return near if abs(rate - near) < ROUNDED * near else rate
+    usual = np.sort(steps / passed)[(len(steps) - 1) // 2]
+    fitting = np.abs(passed * usual - steps) <= JITTER
+    count, seconds = float(steps[fitting].sum()), float(passed[fitting].sum())
+    for rate in (float(usual), count / seconds):
+        whole = float(round(rate))
+        broadcast = round(rate / OF_TELEVISION) * OF_TELEVISION
+        for near in (whole, broadcast):
+            alike = abs(rate - near) < ROUNDED * near
+            if alike and abs(seconds * near - count) <= JITTER:
+                return near
+    return count / seconds
 
 
 @dataclass(frozen=True)

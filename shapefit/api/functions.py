@@ -214,7 +214,9 @@ def learn(
     }
     config = config_of("learn-dict", coding | options)
     given = shapes if isinstance(shapes, Shapes | Fit) else Shapes(shapes)
-    training = source_of(given.record(), "shapes", config.rename).whole()
+    source = source_of(given.record(), "shapes", config.rename)
+    warn(source.notes)
+    training = source.whole()
     made, results = _ended(learn_from_shapes(training, config, {}))
     from shapefit.lifting.posterior.p_value import with_p_value_table
 

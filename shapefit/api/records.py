@@ -24,6 +24,7 @@ from shapefit.io.layout import (
     fit_axes,
     free_names,
 )
+from shapefit.io.names import as_composed
 from shapefit.io.options import OutputOptions
 from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
 from shapefit.io.skeletons import skeletons_of_size
@@ -371,6 +372,7 @@ class Dictionary:
         values = {
             name: value for name, value in vars(self).items() if name != "learned"
         }
+        values["landmark_names"] = tuple(map(as_composed, self.landmark_names or ()))
         return model.Dictionary(**_transposed(values, DICTIONARY), **self.learned)
 
     def replaced(self, **changes: Any) -> Dictionary:

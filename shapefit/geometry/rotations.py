@@ -26,10 +26,16 @@ def complete_rotation(rows: Floats) -> Floats:
     The two rows are the polar factor of the input, so a positive multiple of two rows
     of a rotation comes back as that rotation (paper, section Reconstruction).
     """
-    U, _, Vt = np.linalg.svd(rows, full_matrices=False)
-    top = U @ Vt
+    top = nearest_rows(rows)
     third = np.cross(top[..., 0, :], top[..., 1, :])
     return np.concatenate([top, third[..., None, :]], axis=-2)
+
+
+def nearest_rows(rows: Floats) -> Floats:
+    """Two orthonormal rows nearest to two rows, their polar factor: (..., 2, 3)."""
+    U, _, Vt = np.linalg.svd(rows, full_matrices=False)
+    nearest: Floats = U @ Vt
+    return nearest
 
 
 def random_rotations(n: int, rng: np.random.Generator) -> Floats:

@@ -76,14 +76,18 @@ back.
 MOST_FRAME = 2.0**53
 """Beyond it whole numbers are not told apart."""
 
-FINITE = "write a finite number"
-FINITE_OR_EMPTY = f"{FINITE}, or leave the cell empty where it is unknown"
+FINITE_OR_EMPTY = "write a finite number, or leave the cell empty where it is unknown"
 
 MISSED = -1.0
 """Both coordinates of a landmark without confidence that was not found."""
 
 MAX_IN_MEMORY = 1 << 19
-"""Rows of a table that are held; more go to a temporary file, item by item."""
+"""Rows of a table that are held; more go to a temporary file, item by item, if the rows
+of items stand together.
+"""
+
+ROW_BYTES = 100
+"""Memory that a row takes in which items do not stand together, while it is read."""
 
 QUOTED = re.compile('[",\r\n]')
 """What a cell has in quotes."""
@@ -100,39 +104,69 @@ def csv_kind(path: Path) -> str:
     return "shapes" if "z" in columns else "landmarks"
 
 
-def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
+def read_csv(path: Path, kind: str) -> Any:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with
     `[,sequence][,frame][,time]`.
 
     Return records, or a Spool of many landmarks. A landmark that has no row or lacks a
-    coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises
-    InputError for the first wrong cells, by line, and for large tables in which the
-    rows of an item do not stand together, or frames not in order: small ones are put
-    in order, and have the frame rate of their times.
+    coordinate is NaN, its confidence 0. Items are put in order of their frames, and
+    those in memory have the frame rate of their times. Raises InputError for the first
+    wrong cells, by line, and where memory does not hold a large table in which the rows
+    of an item do not stand together, or frames are not in order, which cannot go to a
+    file item by item.
     """
-    table, spool = _Table(path, kind, gaps), Spool()
+    table, spool = _Table(path, kind), Spool()
     for lines, cells in table.blocks:
         table.take(lines, cells)
-        if kind == "landmarks" and table.size > MAX_IN_MEMORY:
+        if table.size <= MAX_IN_MEMORY:
+            continue
+        if kind == "landmarks" and table.in_order:
             spool.append(table.pop_complete())
+        else:
+            check_fits(table.name, table.size * ROW_BYTES)
     rest = table.records()
     if not len(spool):
-        order = order_by_frame(rest.sequences, rest.frame)
-        rest = rest if order is None else rest.take(order)
-        return rest.replaced(frame_rate=find_rate(rest.frame, rest.time))
+        return _in_time(rest, table.numbered)
     spool.append(rest)
-    if not spool.in_order:
+    together = len(np.unique(np.concatenate(spool.hashes))) == len(spool)
+    if together and spool.in_order:
+        return spool
+    if not path.is_file():
         fault = "frames of a sequence are not in order, and the table is large"
-        raise input_error(table.name, fault, "sort its rows by sequence and frame")
-    if len(np.unique(np.concatenate(spool.hashes))) < len(spool):
-        fault = "the rows of items do not stand together, and the table is large"
-        raise input_error(table.name, fault, "sort its rows by item")
-    return spool
+        fix = "name the file itself, or sort its rows by sequence and frame"
+        if not together:
+            fault = "the rows of items do not stand together, and the table is large"
+            fix = "name the file itself, or sort its rows by item"
+        raise input_error(table.name, fault, fix)
+    return _read_unordered(path, kind)
+
+
+def _in_time(records: Any, numbered: bool) -> Any:
+    """Return records in order of their frames, with the frame rate of their times; of
+    those that are not `numbered`, whose column of frames is empty, without frames.
+    """
+    if not numbered and len(records):
+        records = records.without([FRAME])
+    order = order_by_frame(records.sequences, records.frame)
+    records = records if order is None else records.take(order)
+    return records.replaced(frame_rate=find_rate(records.frame, records.time))
+
+
+def _read_unordered(path: Path, kind: str) -> Any:
+    """Read a large table once more, in which rows of an item do not stand together, as
+    pandas' `melt` leaves them, or frames are not in order: into memory. Raises
+    InputError where that is too little.
+    """
+    table = _Table(path, kind)
+    for lines, cells in table.blocks:
+        table.take(lines, cells)
+        check_fits(table.name, table.size * ROW_BYTES)
+    return _in_time(table.records(), table.numbered)
 
 
 def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
     """Read the first rows of a table, and return them with their share of all rows."""
-    table, share = _Table(path, kind, gaps=True), 1.0
+    table, share = _Table(path, kind), 1.0
     for lines, cells in table.blocks:
         table.take(lines, cells)
         if table.size > MAX_IN_MEMORY // 4 and path.is_file():
@@ -141,7 +175,7 @@ def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
                 table.size * len(text) / text.count(b"\n") / path.stat().st_size, 1.0
             )
             break
-    return table.records(), share
+    return _in_time(table.records(), table.numbered), share
 
 
 class _Table:
@@ -149,7 +183,7 @@ class _Table:
     values.
     """
 
-    def __init__(self, path: Path, kind: str, gaps: bool) -> None:
+    def __init__(self, path: Path, kind: str) -> None:
         """Open a table. Raises InputError for columns that are unknown, there twice, or
         missing.
         """
@@ -171,14 +205,14 @@ class _Table:
                 f"{self.name}:1", fault, f"write the header {wanted}, with commas"
             )
         self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
-        self._complete = kind == "shapes" and not gaps
         self._scored = kind == "landmarks" and "confidence" in columns
         self._of_items: dict[str, dict[str, str]] = {
             column: {} for column in OF_ITEMS if column in columns
         }
         self._items, self._landmarks = _numbering(), _numbering()
         self._parts: list[tuple[Any, ...]] = []
-        self.size = 0
+        self._last = 0
+        self.size, self.in_order, self.numbered = 0, True, False
 
     def take(self, lines: Integers, cells: Mapping[str, Sequence[str]]) -> None:
         """Take some rows; raises InputError for wrong ones."""
@@ -212,6 +246,11 @@ class _Table:
         if FRAME in self._of_items:
             numbers, invalid = read_numbers(cells[FRAME])
             whole = (np.abs(numbers) < MOST_FRAME) & (numbers % 1 == 0)
+            self.numbered = self.numbered or any(cells[FRAME])
+            sequences = cells.get("sequence", ())
+            single = np.array([not sequence for sequence in sequences], bool)
+            if len(single):  # images of no sequence need no number
+                whole |= single & np.isnan(numbers)
             note(FRAME, invalid | ~whole, "write a whole number")
         if TIME in self._of_items:
             seconds, invalid = read_numbers(cells[TIME])
@@ -219,8 +258,7 @@ class _Table:
         points = []
         for axis in self._axes:
             values, invalid = read_numbers(cells[axis])
-            unfit = np.isinf(values) | (np.isnan(values) & self._complete)
-            note(axis, invalid | unfit, FINITE if self._complete else FINITE_OR_EMPTY)
+            note(axis, invalid | np.isinf(values), FINITE_OR_EMPTY)
             points.append(values)
         missing = np.isnan(points).any(axis=0)
         confidence = np.zeros(len(lines))
@@ -236,6 +274,9 @@ class _Table:
             raise input_problems(
                 [text for _, text in sorted(problems, key=lambda p: p[0])]
             )
+        steps = np.diff(item, prepend=self._last)
+        self.in_order = self.in_order and not (steps < 0).any()
+        self._last = int(item[-1]) if len(item) else self._last
         self.size += len(lines)
         self._parts.append(
             (lines.astype(np.int32), item, landmark, *points, confidence)
@@ -275,7 +316,8 @@ class _Table:
         if self._scored:
             further["confidence"] = np.nan_to_num(planes[d]).reshape(n, p)
         if FRAME in cells:
-            further[FRAME] = read_numbers(cells[FRAME])[0].astype(np.int64)
+            frames, _ = read_numbers(cells[FRAME])
+            further[FRAME] = np.nan_to_num(frames).astype(np.int64)
         if TIME in cells:
             further[TIME], _ = read_numbers(cells[TIME])
         return KINDS[self._kind](points, names, items, sequences, **further)
@@ -292,6 +334,7 @@ class _Table:
             *(column[rows] for column in values),
         )
         self._parts, self._items, self.size = [remaining], _numbering(item), len(rows)
+        self._last = 0
         for column, of_item in self._of_items.items():
             self._of_items[column] = {item: of_item[item]}
         return images.take(slice(0, last))

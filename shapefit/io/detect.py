@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
-from shapefit.errors import InputError, abbreviate, input_error, listed, printable
+from shapefit.errors import InputError, input_error, listed
 from shapefit.io.formats import (
     CSV,
     FIRST,
@@ -31,11 +30,13 @@ from shapefit.io.readers import (
     detections,
     landmark_lists,
     markers,
+    morphometrics,
     motion,
     tables,
     trackers,
 )
 from shapefit.io.readers.text import read_json
+from shapefit.io.unread import describe_json, name_unread
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
 """Bytes that no text has."""
@@ -73,6 +74,9 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     for one in FORMATS.values():
         if one.recognise(head):
             return one
+    unread = name_unread(path, head)
+    if unread is not None:
+        raise unread
     if head.bytes.startswith(HDF5_SIGNATURE):
         return HDF5
     if head.named(*HDF5.suffixes):
@@ -260,6 +264,21 @@ FORMATS: dict[str, FileFormat] = {
         detections.read_yolo,
         together=True,
     ),
+    "tps": FileFormat(
+        "a TPS file",
+        (".tps",),
+        EITHER,
+        morphometrics.is_tps,
+        morphometrics.read_tps,
+    ),
+    "pts": FileFormat(
+        "a set of .pts files",
+        (".pts",),
+        IMAGES,
+        morphometrics.is_pts,
+        morphometrics.read_pts,
+        together=True,
+    ),
     "acclaim": FileFormat(
         "an ASF/AMC motion",
         (".amc", ".asf"),
@@ -339,50 +358,15 @@ FORMATS: dict[str, FileFormat] = {
 """Those of the package come first; the others are asked in this order."""
 
 
-class OtherJson(NamedTuple):
-    """JSON that is not read: whose it is, keys that only it has, anywhere near its
-    beginning, and what to do.
-    """
-
-    title: str
-    keys: frozenset[str]
-    fix: str
-
-
-AS_COCO = "export it as COCO keypoints"
-
-OTHERS = (
-    OtherJson("LabelMe", frozenset({"shapes", "imagePath"}), AS_COCO),
-    OtherJson("Label Studio", frozenset({"from_name", "to_name", "value"}), AS_COCO),
-    OtherJson("SLEAP", frozenset({"skeletons", "labels"}), "save it as .slp"),
-    OtherJson(
-        "CMU Panoptic",
-        frozenset({"bodies", "univTime"}),
-        "its points are 3D: write them as a table item,landmark,x,y,z",
-    ),
-    OtherJson(
-        "AlphaPose for CMU",
-        frozenset({"bodies", "joints"}),
-        "write it with --format coco or open",
-    ),
-)
-"""Kinds that people have."""
-
-
 def _unknown_json(path: Path, head: Head) -> InputError:
     """Return the error for JSON of no known kind: its keys, and the nearest kinds."""
-    keys = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
-    problem = f"is JSON of no known kind, {printable(keys)}"
-    other = next((one for one in OTHERS if one.keys <= head.inner_keys), None)
-    if other is not None:
-        return input_error(path, f"{problem}, as {other.title} writes it", other.fix)
     near = [
         f"{one.title} has {listed(one.json_keys, 'and')}"
         for one in FORMATS.values()
         if head.inner_keys & {*one.json_keys}
     ]
     kinds = f" ({', '.join(near)})" if near else ""
-    return input_error(path, problem + kinds, GIVE_JSON)
+    return input_error(path, describe_json(head) + kinds, GIVE_JSON)
 
 
 GIVE_JSON = (

@@ -4,6 +4,7 @@ its own.
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -64,7 +65,8 @@ def match_landmarks(
     Raises InputError at `place` with the nearest names for every wanted name that is
     not there.
     """
-    index = {name: number for number, name in enumerate(have)}
+    index = {as_composed(name): number for number, name in enumerate(have)}
+    want = [*map(as_composed, want)]
     absent = [name for name in want if name not in index]
     if len(absent) == len(want) > 1:
         none = f"none of the {len(want)} landmarks ({abbreviate(want, 10)}) is known"
@@ -97,8 +99,9 @@ def renamed(
     Raises InputError at `place` where two landmarks would have one name.
     """
     first: dict[str, str] = {}
+    rename = {as_composed(old): as_composed(new) for old, new in rename.items()}
     for before in names:
-        after = rename.get(before, before)
+        after = rename.get(as_composed(before), before)
         if after in first:
             fault = (
                 f"`rename` gives the name '{after}' to '{first[after]}' and '{before}'"
@@ -106,6 +109,27 @@ def renamed(
             raise input_error(place, fault, "give every landmark a unique name")
         first[after] = before
     return tuple(first)
+
+
+OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
+WORD_LEFT = re.compile(
+    r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])|(?<=[a-z])L$"
+)
+"""`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip,
+HipL.
+"""
+
+
+def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Return the positions of left and right landmarks of one name."""
+    place = {name: number for number, name in enumerate(names)}
+    pairs = {}
+    for name, number in place.items():
+        for word in WORD_LEFT.finditer(name):
+            other = name[: word.start()] + OTHER_SIDE[word[0]] + name[word.end() :]
+            if other in place:
+                pairs[number] = place[other]
+    return [*pairs.items()]
 
 
 def make_unique(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ...]]:

@@ -24,7 +24,7 @@ from shapefit.io.layout import (
     Layout,
     fit_axes,
 )
-from shapefit.io.names import match_landmarks
+from shapefit.io.names import as_composed, match_landmarks
 
 Names = tuple[str, ...]
 Attribute = str | float | int
@@ -87,7 +87,8 @@ class Records:
             raise TypeError(
                 f"{type(self).__name__} has no {', '.join(sorted(unlisted))}"
             )
-        self.landmark_names, self.items = tuple(landmark_names), tuple(items)
+        self.landmark_names = tuple(map(as_composed, landmark_names))
+        self.items = tuple(items)
         self.sequences = None if sequences is None else tuple(sequences)
         self.unit, self.frame_rate = unit, frame_rate
         self.y_axis = None if self.LAYOUT is SHAPES else y_axis or "down"

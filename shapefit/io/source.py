@@ -14,8 +14,14 @@ from typing import Any, Generic, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error
-from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
+from shapefit.errors import abbreviate, counted, input_error
+from shapefit.io.checks import (
+    Place,
+    check_values,
+    place_in_memory,
+    warn_of_codes,
+    warn_of_zeros,
+)
 from shapefit.io.formats import CSV, HDF5, check_holds, our_format, record_writer
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import (
@@ -145,7 +151,8 @@ def source_of(
     if order is not None:
         records = records.take(order)
     file: SourceFile[Record] = SourceFile.of(name, records, place, y_axis=stated)
-    return Source(_prepared([file], records.LAYOUT, InputOptions(rename=rename), gaps))
+    files = [_with_doubts(file)]
+    return Source(_prepared(files, records.LAYOUT, InputOptions(rename=rename), gaps))
 
 
 def read_shapes(
@@ -370,8 +377,7 @@ def _open(
         if file_format.read_poses is not None and form is not RESULTS:
             from shapefit.io.readers import items
 
-            read: Any = partial(items.read_shapes, gaps=gaps)
-            read = items.read_landmarks if form is LANDMARKS else read
+            read = items.read_landmarks if form is LANDMARKS else items.read_shapes
             records, notes = read(file_format, group, options)
             stated = records.y_axis if file_format.states_y_axis else None
             files.append(SourceFile.of(name, records, notes=notes, y_axis=stated))
@@ -388,7 +394,7 @@ def _open(
             if head:
                 records, share = read_csv_head(group[0], form.kind)
             else:
-                records, share = read_csv(group[0], form.kind, gaps=gaps), 1.0
+                records, share = read_csv(group[0], form.kind), 1.0
             files.append(
                 SourceFile.of(name, records, estimate=round(len(records) / share))
             )
@@ -396,8 +402,18 @@ def _open(
             files[-1] = _named_by_skeleton(files[-1], options.keypoints)
         if form is LANDMARKS and not head:
             files[-1] = _in_pixels(files[-1], options)
+    if form is not RESULTS:
+        files = [*map(_with_doubts, files)]
     prepared = _prepared(files, form, options, gaps, check=not head)
     return Source(prepared, options.y_axis, check=not head)
+
+
+def _with_doubts(file: SourceFile[Any]) -> SourceFile[Any]:
+    """Return a file with a warning of numbers that may stand for missing landmarks."""
+    first = file.read(slice(0, min(file.count, BLOCK)))
+    codes = warn_of_codes(first.points, first.per_item.get("confidence"))
+    notes = tuple(f"{file.name}: {text}" for text in codes)
+    return replace(file, notes=(*file.notes, *notes)) if notes else file
 
 
 def _of_hdf5(
@@ -439,6 +455,65 @@ def _order(file: Any) -> NDArray[np.intp] | None:
     if not (file.is_dataset(FRAME) and file.is_dataset("sequence")):
         return None
     return order_by_frame(file.read("sequence"), file.read(FRAME))
+
+
+MIN_SHARE = 0.9
+"""Of the shapes of a file in which a landmark that is used is known."""
+
+
+def _without_gaps(file: SourceFile[Any]) -> SourceFile[Any]:
+    """Return a file of shapes without those that lack a landmark, and a note of how
+    many.
+
+    Landmarks that are mostly unknown are left out first. Raises InputError where no
+    landmark is known often.
+    """
+    starts = range(0, file.count, BLOCK)
+    blocks = [slice(start, min(start + BLOCK, file.count)) for start in starts]
+    parts = [np.isnan(file.read(rows).points).any(axis=1) for rows in blocks]
+    if not any(part.any() for part in parts):
+        return file
+    from shapefit.io.readers.items import with_landmarks
+
+    known = ~np.concatenate(parts)
+    often = known.mean(axis=0) >= MIN_SHARE
+    number = counted(file.count, "shape")
+    if not often.any():
+        problem = f"no landmark is known in {MIN_SHARE:.0%} of its {number}"
+        raise input_error(file.name, problem, "give shapes with fewer gaps")
+    names = np.array(file.head.landmark_names, object)
+    notes = list(file.notes)
+    if not often.all():
+        rare = names[~often].tolist()
+        text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
+        text = f"{counted(len(rare), 'landmark')} {text} ({abbreviate(rare)})"
+        notes.append(f"{file.name}: {text}")
+    whole = np.flatnonzero(known[:, often].all(axis=1))
+    if omitted := file.count - len(whole):
+        text = f"{counted(omitted, 'shape')} left out, in which a landmark is unknown"
+        notes.append(f"{file.name}: {text}")
+
+    def within(rows: slice) -> tuple[slice, NDArray[np.intp]]:
+        taken = whole[rows]
+        first, end = (taken[0], taken[-1] + 1) if len(taken) else (0, 0)
+        return slice(int(first), int(end)), taken - first
+
+    def read(rows: slice) -> Any:
+        around, taken = within(rows)
+        records = file.read(around).take(taken)
+        return records if often.all() else with_landmarks(records, names[often])
+
+    def texts(dataset: str, rows: slice) -> Sequence[str]:
+        around, taken = within(rows)
+        read_texts = file.texts(dataset, around)
+        return [read_texts[row] for row in taken]
+
+    def place(name: str, row: int | None = None) -> str:
+        return file.place(name, None if row is None else int(whole[row]))
+
+    return replace(
+        file, count=len(whole), read=read, texts=texts, place=place, notes=tuple(notes)
+    )
 
 
 def _named_by_skeleton(file: SourceFile[Any], skeleton: str) -> SourceFile[Any]:
@@ -505,6 +580,8 @@ def _prepared(
     Points are whole, and hidden where their confidence is below the least; landmarks
     are renamed, and only some of them retained.
     """
+    if form is SHAPES and not gaps:
+        files = [*map(_without_gaps, files)]
     if options.rename:
         names = dict.fromkeys(
             name for file in files for name in file.head.landmark_names

@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status
 from shapefit.convex.span import weighted
-from shapefit.geometry.rotations import complete_rotation
+from shapefit.geometry.rotations import complete_rotation, nearest_rows
 from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.reconstruction import combine
@@ -25,6 +24,10 @@ PIXELS = 70.0
 GOAL = 500.0 / PIXELS**2
 CHANGE = 1.0 / PIXELS**2
 MOST_ATOMS, MOST_ROUNDS = 15, 30
+
+TOGETHER = 1024
+"""Images that are pursued at once: most of a round is the calls, not their arithmetic.
+"""
 
 INDEPENDENT = 1e-8
 """Share of squared limb lengths outside those of the chosen, below which a shape is
@@ -41,17 +44,15 @@ MOST_STEPS = 100
 def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
     """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012).
 
-    The shape has the rotation nearest to the camera: M = U diag(s) V^T gives the two
-    rows U V^T of the rotation and the scale (s_1 + s_2) / 2, which the coefficients
-    take up. The objective is the squared error with M itself; the residual belongs to
-    the rotated shape, as with every method.
+    The coefficients take up the mean of the two scales of the camera. The objective is
+    the squared error with both scales; the residual belongs to the rotated shape, as
+    with every method.
     """
     mean_shape = settings.mean_shape
     pursuit = pursue(problem, mean_shape, settings.needs["edges"])
-    solved = np.isfinite(pursuit.camera).all(axis=(1, 2), keepdims=True)
-    M = np.where(solved, pursuit.camera, 0.0)
-    rotation = complete_rotation(M)
-    scale = np.linalg.svd(M, compute_uv=False).mean(axis=1)[:, None]
+    solved = np.asarray(np.isfinite(pursuit.scale).all(axis=1))
+    rotation = np.where(solved[:, None, None], pursuit.rotation, np.eye(3))
+    scale = np.where(solved, pursuit.scale.mean(axis=1), 0.0)[:, None]
     c = scale * pursuit.coefficients
     mean_part = (scale * pursuit.mean_coefficient[:, None])[..., None] * mean_shape
     shapes = rotation @ (combine(c, problem.atoms) + mean_part)
@@ -59,7 +60,7 @@ def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
     return Estimate(
         shapes=shapes,
         translation=placement.translation,
-        rotation=np.where(solved, rotation, np.nan),
+        rotation=pursuit.rotation,
         objective=pursuit.error,
         residual=placement.residual,
         iterations=pursuit.rounds,
@@ -70,17 +71,18 @@ def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
 
 
 class Pursuit(NamedTuple):
-    """W ~ M S + T 1^T with S = c_0 mean + sum_i c_i B_i for n images.
+    """W ~ M S + T 1^T with S = c_0 mean + sum_i c_i B_i and M = diag(s) Rbar, n images.
 
-    coefficients c (n, k) of either sign; mean_coefficient c_0 (n,); camera M (n, 2, 3),
-    nan where there is none; error (n,), ||Omega o (W - M S - T 1^T)||_F^2; rounds (n,);
-    status: CONVERGED where the error reached the goal, ITERATION_LIMIT where the atoms
-    ran out.
+    coefficients c (n, k) of either sign; mean_coefficient c_0 (n,); rotation R
+    (n, 3, 3) and scale s (n, 2) of x and y, nan where there is no camera; error (n,),
+    ||Omega o (W - M S - T 1^T)||_F^2; rounds (n,); status: CONVERGED where the error
+    reached the goal, ITERATION_LIMIT where the atoms ran out.
     """
 
     coefficients: Floats
     mean_coefficient: Floats
-    camera: Floats
+    rotation: Floats
+    scale: Floats
     error: Floats
     rounds: NDArray[np.int64]
     status: tuple[Status, ...]
@@ -101,7 +103,8 @@ def pursue(
 
     S = c_0 mean + sum_i c_i B_i with mean_shape (3, p); edges (e, 2) are the limbs,
     whose squared lengths keep the sum they have in the mean shape. It begins with the
-    camera M of the mean shape, any 2x3 matrix. While the error is above `goal`, the
+    camera M of the mean shape, two rows of a rotation with a scale each. While the
+    error is above `goal`, the
     atom whose projection has the largest |inner product| with the residual joins, of
     those whose limbs are no mixture of the chosen ones'; then rounds minimise over c
     (globally, on the limb constraint) and over M, until one changes the error by less
@@ -114,12 +117,13 @@ def pursue(
     n, k = len(problem.landmarks), len(problem.atoms)
     shapes = np.concatenate([mean_shape[None], problem.atoms])
     limbs = (shapes[:, :, edges[:, 0]] - shapes[:, :, edges[:, 1]]).reshape(1 + k, -1)
-    coefficients, camera = np.zeros((n, 1 + k)), np.full((n, 2, 3), np.nan)
+    coefficients = np.zeros((n, 1 + k))
+    rotation = np.full((n, 3, 3), np.nan)
+    scale = np.full((n, 2), np.nan)
     error, rounds = np.full(n, np.nan), np.zeros(n, np.int64)
     status = np.full(n, Status.DEGENERATE, dtype=object)
-    # blocks of images, so that no result depends on how images are batched
-    for start in range(0, n, core.IMAGES_PER_BLOCK):
-        weights = problem.weights[start : start + core.IMAGES_PER_BLOCK]
+    for start in range(0, n, TOGETHER):
+        weights = problem.weights[start : start + TOGETHER]
         masks, number = np.unique(weights, axis=0, return_inverse=True)
         for i, mask in enumerate(masks):
             rows = start + np.flatnonzero(number.ravel() == i)
@@ -135,12 +139,20 @@ def pursue(
             B = weighted(shapes, np.broadcast_to(mask, (1 + k, len(mask))))
             search = Search(w, B, limbs)
             search.run(goal, change, most_atoms, most_rounds)
-            coefficients[rows], camera[rows] = search.coefficients, search.M
+            coefficients[rows] = search.coefficients
+            rotation[rows] = complete_rotation(search.R)
+            scale[rows] = search.scale
             error[rows], rounds[rows] = search.error, search.rounds
             ends = np.array([Status.ITERATION_LIMIT, Status.CONVERGED], dtype=object)
             status[rows] = ends[(search.error <= goal).astype(int)]
     return Pursuit(
-        coefficients[:, 1:], coefficients[:, 0], camera, error, rounds, tuple(status)
+        coefficients[:, 1:],
+        coefficients[:, 0],
+        rotation,
+        scale,
+        error,
+        rounds,
+        tuple(status),
     )
 
 
@@ -163,7 +175,9 @@ class Search:
         self.length = float(np.linalg.norm(limbs[0]))
         self.energy = (w**2).sum(axis=(1, 2))
         self.coefficients, self.rounds = np.zeros((n, s)), np.zeros(n, np.int64)
-        self.M, self.error = np.empty((n, 2, 3)), np.empty(n)
+        self.R = np.zeros((n, 2, 3))
+        self.scale = np.zeros((n, 2))
+        self.error = np.empty(n)
         self.coefficients[:, 0] = 1.0
         self.fit_camera(
             np.arange(n),
@@ -193,7 +207,8 @@ class Search:
             rows = np.arange(len(going))
             for _ in range(most_rounds):
                 before = self.error[going[rows]]
-                y[rows] = self.mix(self.M[going[rows]], y[rows], Z[rows], N[rows])
+                M = self.cameras(going[rows])
+                y[rows] = self.mix(M, y[rows], Z[rows], N[rows])
                 self.fit_camera(going[rows], y[rows], Z[rows], N[rows])
                 self.rounds[going[rows]] += 1
                 rows = rows[~(np.abs(before - self.error[going[rows]]) < change)]
@@ -210,7 +225,8 @@ class Search:
         Returns the images that have one, and what is chosen for them.
         """
         S = np.einsum("ns,sap->nap", self.coefficients[rows], self.B)
-        back = self.M[rows].swapaxes(1, 2) @ (self.w[rows] - self.M[rows] @ S)
+        M = self.cameras(rows)
+        back = M.swapaxes(1, 2) @ (self.w[rows] - M @ S)
         score = np.abs(np.einsum("nap,sap->ns", back, self.B, optimize=True))
         G = self.limb_gram
         L = np.linalg.cholesky(G[chosen[:, :, None], chosen[:, None]])
@@ -221,6 +237,11 @@ class Search:
         is_free = score.max(axis=1, initial=-1.0) >= 0
         return rows[is_free], np.column_stack([chosen, atom])[is_free]
 
+    def cameras(self, rows: NDArray[np.intp]) -> Floats:
+        """M = diag(scale) R of images, (r, 2, 3)."""
+        M: Floats = self.scale[rows, :, None] * self.R[rows]
+        return M
+
     @staticmethod
     def moments(w: Floats, Q: Floats) -> tuple[Floats, Floats]:
         """Return Z_i = w Q_i^T and N_ij = Q_i Q_j^T of shapes Q (n, m, 3, p)."""
@@ -229,19 +250,21 @@ class Search:
     def fit_camera(
         self, rows: NDArray[np.intp], y: Floats, Z: Floats, N: Floats
     ) -> None:
-        """M = argmin ||w - M S||^2 for S = sum_i y_i Q_i, of least norm; and the
-        minimum.
+        """R nearest to argmin_M ||w - M S||^2 for S = sum_i y_i Q_i, and its scales.
+
+        The rotation stays where it fits better than that, so that no error rises.
         """
         D = np.einsum("nm,nmab->nab", y, Z)
         yy = (y[:, :, None] * y[:, None]).reshape(len(y), 1, -1)
-        extent, axes = np.linalg.eigh((yy @ N.reshape(len(y), -1, 9)).reshape(-1, 3, 3))
-        along = D @ axes
-        flat = extent <= FLAT * extent[:, -1:]
-        share = np.divide(1.0, extent, out=np.zeros_like(extent), where=~flat)[:, None]
-        self.M[rows] = (along * share) @ axes.swapaxes(1, 2)
-        self.error[rows] = np.maximum(
-            self.energy[rows] - (along**2 * share).sum(axis=(1, 2)), 0.0
-        )
+        P = (yy @ N.reshape(len(y), -1, 9)).reshape(-1, 3, 3)
+        nearest = nearest_rows(least_squares(D, P))
+        scale, gain = fit_scales(nearest, D, P)
+        old_scale, old_gain = fit_scales(self.R[rows], D, P)
+        better = gain > old_gain
+        self.R[rows] = np.where(better[:, None, None], nearest, self.R[rows])
+        self.scale[rows] = np.where(better[:, None], scale, old_scale)
+        left = self.energy[rows] - np.maximum(gain, old_gain)
+        self.error[rows] = np.maximum(left, 0.0)
 
     def mix(self, M: Floats, y: Floats, Z: Floats, N: Floats) -> Floats:
         """argmin ||w - sum_i y_i M Q_i||^2 over ||y|| = length, from where y is."""
@@ -249,6 +272,27 @@ class Search:
         P = (M.swapaxes(1, 2) @ M).reshape(n, 9, 1)
         G = (N.reshape(n, m * m, 9) @ P).reshape(n, m, m)
         return minimise_on_sphere(G, np.einsum("nab,nmab->nm", M, Z), self.length, y)
+
+
+def least_squares(D: Floats, P: Floats) -> Floats:
+    """argmin_M ||w - M S||^2 of least norm, D = w S^T (n, 2, 3) and P = S S^T."""
+    extent, axes = np.linalg.eigh(P)
+    flat = extent <= FLAT * extent[:, -1:]
+    share = np.divide(1.0, extent, out=np.zeros_like(extent), where=~flat)[:, None]
+    M: Floats = (D @ axes * share) @ axes.swapaxes(1, 2)
+    return M
+
+
+def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
+    """argmin_{s >= 0} ||w - diag(s) R S||^2 (n, 2), and how far that is below ||w||^2.
+
+    R (n, 2, 3), rows of rotations or 0; D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
+    """
+    overlap = np.maximum((D * R).sum(axis=2), 0.0)
+    extent = (R @ P * R).sum(axis=2)
+    seen = extent > FLAT * P.trace(axis1=1, axis2=2)[:, None]
+    scale = np.divide(overlap, extent, out=np.zeros_like(overlap), where=seen)
+    return scale, (scale * overlap).sum(axis=1)
 
 
 def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> Floats:

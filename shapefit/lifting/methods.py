@@ -34,6 +34,9 @@ BASES = "pca-bases"
 ATOMS = ("sparse-coding", "exemplars")
 """How dictionaries are learned whose shapes are sums without sign."""
 
+STARTS = 6
+"""Views from which the pose of the mean shape is sought; the paper has one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PosteriorOptions:
@@ -71,6 +74,7 @@ class Settings:
     mean_shape       (3, p) of the dictionary
     needs            what else of the dictionary the method needs, by name
     signed           convex+refine and alternate: coefficients of either sign
+    starts           alternate and mean-shape: views from which the pose is sought
     posterior        posterior and sequences: the model of the landmarks
     tolerance        global: the relative gap at which an image is solved
     threads          0 is one per core
@@ -80,6 +84,7 @@ class Settings:
     mean_shape: NDArray[np.float64]
     needs: dict[str, Any] = field(default_factory=dict)
     signed: bool = False
+    starts: int = STARTS
     posterior: PosteriorOptions = PosteriorOptions()
     tolerance: float = 1e-2
     threads: int = 0
@@ -136,6 +141,8 @@ class Method(NamedTuple):
                    sequences
     precisions     a confidence only says whether a landmark was seen, see
                    `min_confidence`
+    has_starts     it seeks the pose of the mean shape from as many views as `starts`
+                   says
     tolerance      the default of `tolerance`
     """
 
@@ -149,6 +156,7 @@ class Method(NamedTuple):
     perspective: Literal["refined", "own", "none"] = "refined"
     sequences: bool = False
     precisions: bool = False
+    has_starts: bool = False
     tolerance: float = 1e-6
 
     @property
@@ -206,6 +214,7 @@ METHODS: dict[str, Method] = {
     "alternate": Method(
         run="shapefit.lifting.shared_rotation:alternate_from_mean",
         summary="alternating minimisation from the mean shape",
+        has_starts=True,
     ),
     "pmp": Method(
         run="shapefit.lifting.matching_pursuit:lift_by_pursuit",
@@ -227,6 +236,7 @@ METHODS: dict[str, Method] = {
         summary="the pose of the mean shape alone",
         learned=(),
         mixes_atoms=False,
+        has_starts=True,
     ),
     "posterior": POSTERIOR,
     "sequences": POSTERIOR._replace(
@@ -274,13 +284,19 @@ def find_conflict(fit: Any) -> str | None:
     elif fit.camera.focal not in ("auto", "none") and method.perspective == "none":
         fault, fix = "has no perspective camera", "leave out `camera.focal`"
     elif of_prior and not method.has_prior:
-        priors = listed(
-            f"`method: {key}`" for key, row in METHODS.items() if row.has_prior
-        )
+        priors = _name_methods(lambda row: row.has_prior)
         fault, fix = (
             f"has no prior; `{of_prior[0]}` needs one",
             f"use {priors}, or leave it out",
         )
+    elif "starts" in given and not method.has_starts:
+        fault = "does not support `starts`"
+        fix = f"use {_name_methods(lambda row: row.has_starts)}, or leave it out"
     else:
         return None
     return f"the method {name} {fault}; {fix}"
+
+
+def _name_methods(suits: Callable[[Method], bool]) -> str:
+    """Return the methods whose row suits, as a message names them."""
+    return listed(f"`method: {name}`" for name, row in METHODS.items() if suits(row))

@@ -21,11 +21,8 @@ from shapefit.lifting.estimate import (
     fit_translation,
     join_images,
 )
-from shapefit.lifting.methods import Settings
+from shapefit.lifting.methods import STARTS, Settings
 from shapefit.lifting.reconstruction import combine, is_active
-
-VIEWS = 6
-"""Views, spread evenly, from which the pose of the mean shape is sought."""
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
@@ -76,14 +73,21 @@ def refine_convex(problem: Problem, settings: Settings) -> Estimate:
 
 
 def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
-    """Alternate from the pose of the mean shape (paper, Experiments, "Alternate")."""
-    pose = find_pose(problem, settings.mean_shape, threads=settings.threads)
+    """Alternate from the pose of the mean shape (paper, Experiments, "Alternate").
+
+    The paper has one start; with more, the pose that fits best is the one to begin at.
+    """
+    pose = find_pose(
+        problem, settings.mean_shape, settings.starts, threads=settings.threads
+    )
     return _alternate(problem, settings, pose.rotation[:, None])
 
 
 def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
     """Pose the mean shape: rotation, scale and translation and nothing else."""
-    pose = find_pose(problem, settings.mean_shape, threads=settings.threads)
+    pose = find_pose(
+        problem, settings.mean_shape, settings.starts, threads=settings.threads
+    )
     posed = pose.size > 0
     R = np.where(posed[:, None, None], pose.rotation, 0.0)
     shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
@@ -222,20 +226,23 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
     return P, D
 
 
-def find_pose(problem: Problem, shape: Floats, *, threads: int = 0) -> Pose:
+def find_pose(
+    problem: Problem, shape: Floats, starts: int = STARTS, *, threads: int = 0
+) -> Pose:
     """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape
     S (3, p).
 
-    Trust regions start from even views, each turned in the plane as far as it can be;
-    the best local minimum counts.
+    Trust regions start from so many even views, of which the first is the identity.
+    Each is turned in the plane to where it correlates best, and the best local minimum
+    counts.
     """
     P, D = find_moments(problem, shape)
     rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
-    starts = turn_in_plane(even_views(VIEWS), D)
+    views = turn_in_plane(even_views(starts), D)
     core.find_pose(
         shape_moments=P,
         landmarks_by_shape=D,
-        starts=starts,
+        starts=views,
         rotation=rotation,
         size=size,
         threads=threads,

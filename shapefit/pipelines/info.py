@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from shapefit.arrays import Flags
 from shapefit.config import CONFIGS, InfoConfig
 from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning
-from shapefit.errors import InputError, abbreviate, counted, listed
+from shapefit.errors import InputError, abbreviate, counted, listed, printable
 from shapefit.io import open_landmarks, open_shapes, read_dictionary
-from shapefit.io.detect import detect_format, group_inputs
+from shapefit.io.detect import FORMATS, detect_format, group_inputs
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
+from shapefit.io.readers.tables import understand
 from shapefit.io.records import Records
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.source import OPTIONAL, Source, find_kind, open_results
@@ -135,6 +137,8 @@ def describe(
         elif kind == "landmarks":
             stated = "" if source.states_y_axis else ", as the file does not say"
             items.append(("y axis", f"{head.y_axis}{stated}"))
+        if file_format is FORMATS["table"]:
+            items += understand(paths[0], 3 if kind == "shapes" else 2).lines
         following = next_command(kind, paths, head.landmark_names, options.keypoints)
         return [*title, *items, ("next", following)], source.notes
 
@@ -163,6 +167,8 @@ def describe_items(source: Source[Any], noun: str) -> list[Line]:
         if gaps := describe_gaps(sample):
             lines.append(("gaps", gaps + part))
     visible = np.isfinite(sample.points).all(axis=1)
+    if visible.any():
+        lines.append(("first", describe_point(sample, visible)))
     missing = 1 - visible.sum() / max(visible.size, 1)
     lines.append(("missing", f"{missing:.1%} of the landmarks{part}"))
     lines.append(("unit", "not stated" if sample.unit == UNKNOWN_UNIT else sample.unit))
@@ -193,6 +199,14 @@ def describe_gaps(sample: Records) -> str:
         f"{counted(missing, 'frame')} missing, at most {longest}{seconds}, before"
         f" {where}"
     )
+
+
+def describe_point(sample: Any, visible: Flags) -> str:
+    """Return the first item with a landmark, and where the first of these is."""
+    row, column = np.argwhere(visible)[0].tolist()
+    numbers = ", ".join(f"{value:g}" for value in sample.points[row, :, column])
+    item, landmark = sample.items[row], sample.landmark_names[column]
+    return f"{printable(item)}, {printable(landmark)} at ({numbers})"
 
 
 def describe_dictionary(path: Path) -> list[Line]:

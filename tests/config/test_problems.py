@@ -79,6 +79,14 @@ fit | method: alternate; outliers: l1 | 5:1 | the method alternate does not supp
 fit | method: pmp; camera: {focal: 2} | 5:10 | the method pmp has no perspective camera; leave out `camera.focal`
 fit | method: posterior; leave_one_out: model | 5:1 | the method posterior has a prior that was learned from all shapes; `leave_one_out`
 fit | method: convex; prior: {scale: 2} | 5:9 | the method convex has no prior; `prior.scale` needs one; use `method: posterior` or `method: sequences`
+fit | starts: 0; method: alternate | 4:1 | expected a whole number >= 1 and <= 1000, found 0
+fit | starts: -3; method: mean-shape | 4:1 | expected a whole number >= 1 and <= 1000, found -3
+fit | starts: 1001; method: alternate | 4:1 | expected a whole number >= 1 and <= 1000, found 1001
+fit | starts: 1.5; method: alternate | 4:1 | expected a whole number >= 1 and <= 1000, found 1.5
+fit | method: convex; starts: 1 | 5:1 | the method convex does not support `starts`; use `method: alternate` or `method: mean-shape`, or leave it out
+fit | method: convex+refine; starts: 6 | 5:1 | the method convex+refine does not support `starts`; use
+fit | starts: 2; method: pmp | 4:1 | the method pmp does not support `starts`; use
+fit | method: sequences; starts: 2 | 5:1 | the method sequences does not support `starts`; use
 fit | camera: {principal_point: [1, 2]} | 4:10 | `principal_point` needs a focal length
 fit | camera: {focal: 2, calibration: a.h5} | 4:10 | `focal` and `calibration` both give the focal length
 fit | lambda: auto | 4:1 | `lambda: auto` needs `noise`

@@ -200,7 +200,8 @@ def make_detector(rng: Random, folder: Path) -> Command:
     convert it.
     """
     shutil.copytree(MOTION, folder, dirs_exist_ok=True)
-    name = rng.choice((*DETECTORS, "m.trc", "m.bvh", "m.amc", "m.csv"))
+    further = ("m.trc", "m.bvh", "m.amc", "m.csv", "m.tps", "m.pts", "t.csv")
+    name = rng.choice((*DETECTORS, *further))
     path = folder / name
     if path.is_dir():
         path = rng.choice(sorted(path.iterdir()))

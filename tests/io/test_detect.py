@@ -63,28 +63,28 @@ def test_json_by_its_keys(tmp_path, name, content):
         ),
         (
             '[{"shapes": [], "imagePath": ""}]',
-            "imagePath, shapes, as LabelMe writes it",
+            "imagePath, shapes: a file of LabelMe, which",
         ),
         (
             '{"version": "5.4", "flags": {}, "shapes": [{}], "imagePath": "a.jpg"}',
-            "of no known kind, with flags, imagePath, shapes, version, as LabelMe",
+            "with flags, imagePath, shapes, version: a file of LabelMe, which is not",
         ),
         (
             '[{"id": 1, "annotations": [{"result": [{"value": {"x": 1, "y": 2},'
             ' "from_name": "kp", "to_name": "img"}]}], "data": {}}]',
-            "with annotations, data, id, as Label Studio writes it; export it as COCO",
+            "with annotations, data, id: a file of Label Studio, which is not read; ex",
         ),
         (
             '{"version": 0.7, "univTime": 1.5, "bodies": [{"joints19": [1, 2, 3, 1]}]}',
-            "with bodies, univTime, version, as CMU Panoptic writes it; its points are",
+            "with bodies, univTime, version: a file of CMU Panoptic, which is not",
         ),
         (
             '{"version": "2.0.0", "skeletons": [], "nodes": [], "labels": []}',
-            "with labels, nodes, skeletons, version, as SLEAP writes it; save it as",
+            "labels, nodes, skeletons, version: a file of SLEAP, which is not read; sa",
         ),
         (
             '{"version": "AlphaPose v0.3", "bodies": [{"joints": [1, 2, 0.5]}]}',
-            "as AlphaPose for CMU writes it; write it with --format coco or open",
+            "a file of AlphaPose for CMU, which is not read; write it with --format",
         ),
         (
             '{"version": "1.2", "settings": {"a": 1}}',
@@ -218,7 +218,7 @@ def test_a_calibration_is_no_file_of_landmarks(tmp_path, name, content):
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ("scorer;a;a;a", "the header is 'scorer;a;a;a'; write the header"),
+        ("scorer;a;a;a", "cannot be read as a DeepLabCut"),
         (
             "track,frame_idx,instance.score,nose.x,nose.y,nose.score",
             "the header is 'track,frame_",

@@ -1,6 +1,7 @@
 """The frame and the time of each item, from a file to the record and back."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,16 +75,34 @@ def test_images_are_read_in_order_of_their_frames(tmp_path, images, name):
     np.testing.assert_array_equal(read.landmarks, images.landmarks)
 
 
-def test_frames_of_large_tables_must_be_in_order(
-    tmp_path, images, problems, monkeypatch
+def test_frames_of_large_tables_are_put_in_order(
+    tmp_path, images, problems, monkeypatch, standard_input
 ):
     monkeypatch.setattr("shapefit.io.csv_file.MAX_IN_MEMORY", 2)
     monkeypatch.setattr("shapefit.io.inputs.BLOCK_BYTES", 60)
     save(tmp_path / "good.csv", images)
     assert load(tmp_path / "good.csv").frame.tolist() == FRAMES
     save(tmp_path / "mixed.csv", images.take([1, 0, 2, 3, 4]))
-    (line,) = problems(load, tmp_path / "mixed.csv")
-    assert "not in order, and the table is large; sort its rows" in line
+    assert load(tmp_path / "mixed.csv").frame.tolist() == FRAMES
+    standard_input((tmp_path / "mixed.csv").read_text())
+    (line,) = problems(load, Path("-"))
+    assert "not in order, and the table is large; name the file itself" in line
+
+
+def test_single_images_beside_frames_have_the_frame_0(tmp_path, images, problems):
+    save(tmp_path / "film.csv", images)
+    bare = images.without(["frame"])
+    single = bare.replaced(sequences=None, items=tuple("pqrst"))
+    save(tmp_path / "single.csv", single)
+    for order in (("film", "single"), ("single", "film")):
+        both = load(*(tmp_path / f"{name}.csv" for name in order))
+        frames = dict(zip(both.items, both.frame.tolist(), strict=True))
+        assert [frames[item] for item in images.items] == FRAMES
+        assert {frames[item] for item in single.items} == {0}
+    save(tmp_path / "rows.csv", bare.replaced(items=tuple("vwxyz")))
+    paths = [tmp_path / f"{name}.csv" for name in ("single", "rows", "film")]
+    (line,) = problems(load, *paths)
+    assert "film.csv: its dataset frame is not that of" in line
 
 
 @pytest.mark.parametrize(

@@ -160,6 +160,56 @@ def test_planted_poses_come_back(shape, rng, flat):
         np.testing.assert_allclose(found.rotation, R, atol=1e-6)
 
 
+def test_one_start_is_the_identity_turned_in_the_plane(shape):
+    angle = np.linspace(-3, 3, 40)
+    in_plane = rotation_about(np.array([0.0, 0.0, 1.0]), angle)
+    problem = build_problem(in_plane[:, :2] @ shape, shape[None], 1.0)
+    one = find_pose(problem, shape, 1)
+    np.testing.assert_allclose(one.rotation, in_plane, atol=1e-7)
+    np.testing.assert_allclose(one.size, 1, rtol=1e-7)
+
+
+@pytest.fixture
+def turned():
+    """Mixtures of atoms seen from everywhere, and the mean of the atoms, whose pose has
+    a second minimum in many of these images.
+    """
+    rng = np.random.default_rng(2)
+    atoms = rng.standard_normal((3, 10)) + 0.5 * rng.standard_normal((4, 3, 10))
+    atoms -= atoms.mean(axis=2, keepdims=True)
+    shapes = np.tensordot(rng.dirichlet(np.ones(4), 200), atoms, axes=1)
+    landmarks = (random_rotations(200, rng) @ shapes)[:, :2]
+    return atoms.mean(axis=0), build_problem(landmarks, atoms, 0.05)
+
+
+def test_more_starts_never_fit_worse(turned):
+    mean_shape, problem = turned
+    one, six, many = (
+        misfits(problem, mean_shape, find_pose(problem, mean_shape, starts))
+        for starts in (1, 6, 24)
+    )
+    assert (one > 2 * six).mean() > 0.1
+    assert (six <= one * (1 + 1e-9)).all()
+    assert (many <= one * (1 + 1e-9)).all()
+
+
+@pytest.mark.parametrize("name", ["alternate", "mean-shape"])
+def test_the_methods_start_from_as_many_views_as_they_are_told(name, turned):
+    mean_shape, problem = turned
+    settings = Settings(solve=solve_newton, mean_shape=mean_shape)
+    one, six = (
+        choose_method(name, replace(settings, starts=starts))(problem)
+        for starts in (1, 6)
+    )
+    assert one.objective.mean() > 2 * six.objective.mean()
+    pose = find_pose(problem, mean_shape, 1)
+    from_it = alternate(problem, pose.rotation[:, None]).rotation
+    expected = pose.rotation if name == "mean-shape" else from_it
+    np.testing.assert_array_equal(one.rotation, expected)
+    default = choose_method(name, settings)(problem)
+    np.testing.assert_array_equal(default.rotation, six.rotation)
+
+
 @pytest.mark.parametrize("count", [1, 2, 6, 24])
 def test_views_are_spread_over_the_sphere(count, rng):
     views = even_views(count)

@@ -21,6 +21,7 @@ from shapefit.config.paths import (
 from shapefit.lifting.methods import (
     AUTO,
     METHODS,
+    STARTS,
     PosteriorOptions,
     find_conflict,
     summarise,
@@ -153,6 +154,10 @@ class FitConfig(MetresConfig):
     """
     leave_one_out: Text | None = None
     """Dataset with the training shape that the fit of an image must not use, or `item`.
+    """
+    starts: Annotated[int, Field(ge=1, le=1000)] = STARTS
+    """Views from which alternate and mean-shape seek the pose of the mean shape; 1 is
+    the paper's, the identity view turned in the plane.
     """
     save: SaveConfig = section(SaveConfig)
     export: ExportConfig = section(ExportConfig)

@@ -25,7 +25,7 @@ from shapefit.io.readers.poses import (
     require,
     video_name,
 )
-from shapefit.io.readers.text import read_table, read_text
+from shapefit.io.readers.text import decode, read_table, read_text
 from shapefit.io.readers.trackers import TrackerFile
 
 HEADER = ("scorer", "individuals", "bodyparts", "coords")
@@ -44,10 +44,11 @@ def is_csv(head: Head) -> bool:
     """Whether its rows of names come first; what is seen of the file can end in one of
     them.
     """
-    first, *others = (line.split(b",", 1)[0].strip(b" \"'") for line in head.lines[:3])
-    if first == b"scorer" and b"," in head.lines[0]:
-        return len(others) < 2 or b"bodyparts" in others
-    return first in (b"bodyparts", b"individuals") and b"coords" in others
+    lines = [decode(line) for line in head.lines[:3]]
+    first, *others = row_names(lines)
+    if first == "scorer" and len(lines[0]) > len("scorer"):
+        return len(others) < 2 or "bodyparts" in others
+    return first in ("bodyparts", "individuals") and "coords" in others
 
 
 def read_csv(paths: tuple[Path, ...]) -> Poses:
@@ -56,13 +57,19 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
 
     Three lines of names (scorer, bodyparts, coords) come first, four with
     `individuals`. The first column is the number of the frame, or the path of an image,
-    which may be split in three columns.
+    which may be split in three columns. Before it may stand a column of pandas that
+    numbers the rows; cells may have semicolons or tabs between them, as Excel saves
+    them.
     """
     path, text = paths[0], read_text(paths[0])
+    delimiter = _delimiter(text)
+    if _is_numbered(text, delimiter):
+        rows = text.split("\n")
+        text = "\n".join(row.partition(delimiter)[2] for row in rows)
     levels: dict[str, list[str]] = {}
     first_lines = text.split("\n", len(HEADER))[: len(HEADER)]
     with library_reads("the lines of names have no end"):
-        rows = [*csv.reader(first_lines)]
+        rows = [*csv.reader(first_lines, delimiter=delimiter)]
     for cells in rows:
         name, *_ = row = [cell.strip() for cell in cells] or [""]
         if name not in HEADER or name in levels:
@@ -78,10 +85,12 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
     )
     columns = [("", *column) for column in zip(*names, strict=True)]
     placed = [number for number, column in enumerate(columns) if number and column[-1]]
-    first = text.split("\n", len(levels))[-1].partition(",")[0].strip('" ')
+    first = text.split("\n", len(levels))[-1].partition(delimiter)[0].strip('" ')
     numbered = not read_numbers([first])[1].any()
     labels = ["/".join(column[1:]) for column in columns]
-    table = read_table(path, text, labels, after=len(levels), padded=not numbered)
+    table = read_table(
+        path, text, labels, delimiter, after=len(levels), padded=not numbered
+    )
     retained = [columns[number] for number in placed]
     if numbered:
         values = table.numbers([0, *placed])
@@ -94,6 +103,26 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
 def is_hdf5(head: Head) -> bool:
     """Whether an HDF5 file has a table that pandas wrote."""
     return any(name.endswith("@pandas_type") for name in head.hdf5)
+
+
+def row_names(lines: Sequence[str]) -> list[str]:
+    """Return the names of the first rows of a table, without a column of pandas."""
+    delimiter = _delimiter(lines[0])
+    column = 1 if _is_numbered(lines[0], delimiter) else 0
+    rows = [line.split(delimiter) for line in lines]
+    return [row[column].strip(" \"'") if len(row) > column else "" for row in rows]
+
+
+def _delimiter(text: str) -> str:
+    """Return what stands between the cells of the first line most often."""
+    first = text.partition("\n")[0]
+    return max((",", ";", "\t"), key=first.count)
+
+
+def _is_numbered(text: str, delimiter: str) -> bool:
+    """Whether a column without a name, or of numbers, stands before that of names."""
+    cells = [cell.strip(' "') for cell in text.partition("\n")[0].split(delimiter, 2)]
+    return len(cells) > 1 and cells[0] not in HEADER and cells[1] in HEADER
 
 
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:

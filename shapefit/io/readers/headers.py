@@ -41,7 +41,10 @@ ROLES: Mapping[str, str] = {
             "confidence conf likelihood score visibility probability prob v c"
         ),
         "visible": "visible vis is_visible",
-        "occluded": "occluded is_occluded occlusion hidden is_hidden",
+        "occluded": (
+            "occluded is_occluded occlusion hidden is_hidden missing is_missing absent"
+            " invisible"
+        ),
     }.items()
     for name in names.split()
 }
@@ -53,10 +56,11 @@ OF_POINTS = ("x", "y", "z", *WEIGHTS)
 
 _AXIS = (
     "x|y|z|likelihood|confidence|conf|score|visibility|prob|visible|vis|occluded|hidden"
+    "|missing|is_visible|is_occluded|is_hidden"
 )
 _OF_LANDMARK = (
     re.compile(r"(?P<axis>x|y|z|visibility|v|c)_?(?P<name>[0-9]{1,9})", re.I),
-    re.compile(rf"(?P<name>.+)[_.: -](?P<axis>{_AXIS}|v|c)", re.I),
+    re.compile(rf"(?P<name>.+?)[_.: -](?P<axis>{_AXIS}|v|c)", re.I),
     re.compile(rf"(?P<axis>{_AXIS})[_.: -](?P<name>.+)", re.I),
 )
 """Columns of a wide table: x_12, nose_x, x_nose."""
@@ -64,7 +68,7 @@ _OF_LANDMARK = (
 UNNAMED = re.compile(r"(?:Unnamed: \d+)?")
 """What a column without a name is called, as pandas reads it, too."""
 
-NEAR = 0.8
+NEAR = 0.85
 """How alike a name must be to a known one that it is taken for a slip."""
 
 SEPARATOR = re.compile(r"sep=([,;\t])\r?", re.I)

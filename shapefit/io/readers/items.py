@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from shapefit.arrays import Flags
-from shapefit.errors import abbreviate, counted, input_error, listed
+from shapefit.errors import abbreviate, input_error, listed
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES, FRAME, TIME
@@ -37,21 +37,15 @@ def read_landmarks(
 
 
 def read_shapes(
-    form: FileFormat,
-    paths: tuple[Path, ...],
-    options: InputOptions,
-    *,
-    gaps: bool = False,
+    form: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[ShapeSet, Notes]:
-    """Return the shapes of a file of poses, and warnings; without `gaps` the whole ones
-    alone.
+    """Return the shapes of a file of poses, NaN where a landmark is unknown, and
+    warnings.
     """
     poses = _read_kind(form, paths, "shapes", 3)
     fields, notes = _fields(poses, options)
-    shapes = ShapeSet(
-        **fields, edges=np.array(poses.edges, np.int64) if poses.edges else None
-    )
-    return (shapes, notes) if gaps else _without_gaps(shapes, notes, poses.name)
+    edges = np.array(poses.edges, np.int64) if poses.edges else None
+    return ShapeSet(**fields, edges=edges), notes
 
 
 def _read_kind(
@@ -62,9 +56,30 @@ def _read_kind(
     """
     name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
     poses = read_poses(form, paths, dimensions)
-    if (d := poses.points.shape[2]) != dimensions:
-        raise input_error(name, f"is {form.title} of {d}D points", fix)
+    d = poses.points.shape[2]
+    if d != dimensions:
+        reason = f": {FLAT}" if poses.flat else ""
+        raise input_error(name, f"is {form.title} of {d}D points{reason}", fix)
     return poses
+
+
+FLAT = "z is 0 everywhere"
+
+
+def _without_depth(poses: Poses) -> Poses:
+    """Return points in 3D whose z is 0 wherever they are, as Sports2D writes them, as
+    the 2D landmarks that they are; others as they stand.
+    """
+    if poses.points.shape[2] == 2:
+        return poses
+    z = poses.points[..., 2]
+    known = z[np.isfinite(z)]
+    if not known.size or known.any():
+        return poses
+    note = f"{FLAT}: x and y are read as landmarks"
+    note += ", with y pointing up" if poses.y_axis == "up" else ""
+    points, notes = poses.points[..., :2], (*poses.notes, note)
+    return replace(poses, points=points, flat=True, notes=notes)
 
 
 def read_poses(
@@ -80,10 +95,11 @@ def read_poses(
     gc.disable()
     try:
         with parsing(source_name(paths[0]), form.title):
-            return form.read_poses(paths, *wanted)
+            poses: Poses = form.read_poses(paths, *wanted)
     finally:
         if running:
             gc.enable()
+    return _without_depth(poses) if "landmarks" in form.records else poses
 
 
 FRACTIONS = "x and y are fractions of the width and height of the image"
@@ -106,7 +122,8 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
         poses = replace(poses, notes=(*poses.notes, note))
     fields, notes = _fields(poses, options)
     edges = {EDGES: np.array(poses.edges, np.int64)} if poses.edges else {}
-    return LandmarkSet(**fields, y_axis=options.y_axis, whole=edges), notes
+    y_axis = options.y_axis or poses.y_axis
+    return LandmarkSet(**fields, y_axis=y_axis, whole=edges), notes
 
 
 def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]:
@@ -122,7 +139,7 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
         "unit": poses.unit,
         "frame_rate": poses.frame_rate,
         "columns": {
-            FRAME: poses.frame,
+            FRAME: None if poses.named and poses.unordered else poses.frame,
             TIME: poses.time,
             "confidence": poses.confidence,
         },
@@ -205,23 +222,30 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     """Return the poses with landmarks that the options select, sequence by sequence,
     each in order of its frames; and (n) items and sequences, "" for none.
 
-    Raises InputError for an individual that is not there or is twice in a frame, and
-    where unordered images are a motion.
+    Images that have names are no frames, and nobody is followed through them. Raises
+    InputError for an individual that is not there or is twice in a frame, and where
+    unordered images are a motion.
     """
     named = bool(poses.individuals)
     order = order_by_frame(poses.videos, poses.frame)
     if order is not None:
         poses = poses.take(order)
-    if options.track == "motion" and poses.unordered and len({*poses.label}) > 1:
+    tracked = options.track != "none" and not poses.named
+    if (
+        options.track == "motion"
+        and tracked
+        and poses.unordered
+        and len({*poses.label}) > 1
+    ):
         problem = (
             "holds images of different files, without numbers of frames: no motion"
         )
         fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
         raise input_error(poses.name, problem, fix)
-    if options.track != "none":
+    if tracked:
         from shapefit.io.readers.tracking import track_people
 
-        poses = replace(poses, individual=track_people(poses), unordered=False)
+        poses = replace(poses, individual=track_people(poses))
     people, wanted = poses.individuals, options.individual
     if wanted is not None and wanted not in people:
         names = abbreviate(people) or "nobody: join people with `track: nearest`"
@@ -336,41 +360,6 @@ def _name_images(poses: Poses) -> tuple[list[str], list[str]]:
     return items, sequences
 
 
-MIN_SHARE = (
-    0.9  # of the shapes of a file in which a landmark that is learned from is known
-)
-
-
-def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, Notes]:
-    """Return the whole shapes of the landmarks that are mostly known, and notes of what
-    is lost.
-
-    Raises InputError where no landmark is.
-    """
-    finite = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
-    often: Flags = np.asarray(finite.sum(axis=0) >= MIN_SHARE * len(shapes))
-    if not often.any():
-        problem = (
-            f"no landmark is known in {MIN_SHARE:.0%} of its"
-            f" {counted(len(shapes), 'shape')}"
-        )
-        raise input_error(name, problem, "give shapes with fewer gaps")
-    rows: Flags = np.asarray(finite[:, often].all(axis=1))
-    if names := np.array(shapes.landmark_names, object)[~often].tolist():
-        text = (
-            f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
-            f" ({abbreviate(names)})"
-        )
-        notes += (f"{name}: {counted(len(names), 'landmark')} {text}",)
-        shapes = _with_landmarks(
-            shapes, [n for n in shapes.landmark_names if n not in names]
-        )
-    if not rows.all():
-        omitted = counted(int((~rows).sum()), "shape")
-        notes += (f"{name}: {omitted} left out, in which a landmark is unknown",)
-    return shapes.take(rows), notes
-
-
 def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
     """Return landmarks or shapes with these of their landmarks alone, in this order.
 
@@ -383,10 +372,10 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
     match_landmarks(records.landmark_names, names, f"{place}: landmarks")
     if isinstance(records, LandmarkSet):
         return records.arrange(names, place, omit=True)
-    return _with_landmarks(records, names)
+    return with_landmarks(records, names)
 
 
-def _with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
+def with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
     """Return the shapes with some of their landmarks, and the edges between those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the

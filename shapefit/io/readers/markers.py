@@ -209,7 +209,9 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     notes = []
     if layout != read:
         points = _points_by_header(path, header, layout)
-        notes.append("read by its header, which its parameters contradict")
+        why = "which its parameters contradict"
+        why = why if read.points else "as its parameters state no points"
+        notes.append(f"read by its header, {why}")
     require(layout.points, "no points, and no parameters POINT")
     lost_frames = (header.frames or header.layout.frames) - layout.frames
     if lost_frames > 0 and layout.frames != header.layout.frames:
@@ -462,14 +464,13 @@ def _of_markers(
     unit: str,
     **fields: Any,
 ) -> Poses:
-    """Return the one body of markers (n, m, 3), in metres where the unit is known.
+    """Return the one body of markers (n, m, 3), in metres where the unit is known; y
+    points up where they are landmarks in a plane.
 
     `subject:` before all their names is the individual; `fields` are those of
     `of_frames`.
     """
     names = make_unique(markers)
-    if _are_flat(points):
-        return _of_flat_markers(path, points, names, rate, unit, **fields)
     factor, unit = as_metres(unit)
     subjects = {name.rpartition(":")[0] for name in names if not name.startswith("*")}
     individuals = [*subjects] if len(subjects) == 1 and any(subjects) else None
@@ -483,38 +484,6 @@ def _of_markers(
         individuals=individuals,
         frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
         unit=unit or UNKNOWN_UNIT,
-        **fields,
-    )
-
-
-def _are_flat(points: Floats) -> bool:
-    """Whether z of all points (n, m, 3) that are known is exactly 0."""
-    z = points[..., 2]
-    known = np.isfinite(z)
-    return bool(known.any()) and not z[known].any()
-
-
-def _of_flat_markers(
-    path: Path,
-    points: Floats,
-    names: Sequence[str],
-    rate: float,
-    unit: str,
-    *,
-    notes: tuple[str, ...] = (),
-    **fields: Any,
-) -> Poses:
-    """Return markers in a plane (n, m, 3) as landmarks in 2D, their y turned down, as
-    that of images is.
-    """
-    note = "z is 0 everywhere: read as landmarks in 2D, y turned down"
-    return of_frames(
-        path,
-        points[..., :2] * (1.0, -1.0),
-        video=path.stem,
-        landmark_names=tuple(names),
-        frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
-        unit=unit or UNKNOWN_UNIT,
-        notes=(*notes, note),
+        y_axis="up",
         **fields,
     )

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.options import Direction
 
 FRACTION = "fraction of the image"
 """Unit of coordinates that are divided by the width and the height of the image."""
@@ -52,6 +53,8 @@ class Poses:
     size_needed of fractions of the image: whether they are useless without `image_size`
     unordered   whether the images are, as far as names say, no frames of a video
     named       whether labels name images, and are the items as they stand
+    y_axis      where y of 2D points points, where the format says it: else down
+    flat        whether the points stood in 3D, their z 0 everywhere
     or_else     of fractions of the image: what else the numbers may be, for the message
     notes       warnings: what was left out or replaced, what is uncertain
     """
@@ -72,6 +75,8 @@ class Poses:
     size_needed: bool = False
     unordered: bool = False
     named: bool = False
+    y_axis: Direction | None = None
+    flat: bool = False
     or_else: str = ""
     notes: tuple[str, ...] = ()
 
@@ -408,18 +413,34 @@ OFF_STEP = 0.2
 """How far times lie from whole steps at most, in steps, that are those of frames."""
 
 
+RATES = (0.5, 2000.0)
+"""Frame rates, in Hz, that times can state: others are no seconds, or no video."""
+
+
 def frames_of_times(times: Floats, rate: float | None) -> list[int] | None:
     """Return the frames at times (n,) in seconds: whole steps from the first, of 1 /
-    rate, or else of the usual step; None where they are no steps.
+    rate, or else of the usual or the least step; None where they are no steps.
     """
     if not len(times) or not np.isfinite(times).all():
         return None
-    ordered = np.diff(np.sort(times))
-    if len(times) > 1 and not rate:
-        step = float(np.sort(ordered)[(len(ordered) - 1) // 2])
-        rate = 1 / step if step > 0 else None
-    if not rate:
+    if rate:
+        return _frames_at(times, rate)
+    steps = np.diff(np.unique(times))
+    if not len(steps):
         return None
+    usual = np.sort(steps)[(len(steps) - 1) // 2]
+    for step in (usual, steps.min()):  # the least where most frames are missing
+        counts = np.rint(steps / step)
+        found = float(counts.sum() / steps.sum())
+        if RATES[0] <= found <= RATES[1]:
+            frames = _frames_at(times, found)
+            if frames is not None:
+                return frames
+    return None
+
+
+def _frames_at(times: Floats, rate: float) -> list[int] | None:
+    """Return the frames at times (n,), of a rate; None where they lie between."""
     places = (times - times.min()) * rate
     whole = np.rint(places)
     small = np.abs(places).max() < 10.0**LONGEST_NUMBER

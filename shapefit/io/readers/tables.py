@@ -20,8 +20,9 @@ from shapefit.io.formats import Head
 from shapefit.io.readers.arrays import of_bodies
 from shapefit.io.readers.headers import OF_IMAGES, WEIGHTS, Body, Header, parse_header
 from shapefit.io.readers.poses import (
+    RATES,
     Poses,
-    are_series,
+    frames_of_times,
     name_individual,
     number_labels,
     require,
@@ -29,6 +30,7 @@ from shapefit.io.readers.poses import (
 )
 from shapefit.io.readers.text import Table, decode, read_table, read_text
 from shapefit.io.skeletons import installed_skeletons
+from shapefit.timeline import find_rate
 
 METRES = {
     "frame",
@@ -41,11 +43,8 @@ METRES = {
     "trusted",
 }  # as they are written here
 
-RATES = (0.5, 2000.0)
-"""Frame rates, in Hz, that a column of seconds can state."""
-
-NEAR_FRAME = 0.1
-"""Of the time between frames that a time may be off its frame."""
+MICROSECONDS = 6
+"""Digits of seconds in which times differ."""
 
 DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
@@ -128,7 +127,7 @@ def understand(path: Path, dimensions: int | None = None) -> Understood:
     if not header.is_long and len(header.bodies) > 1:
         notes.append(_two_bodies(header, body))
     if header.is_long and {*header.names} >= METRES:
-        fields |= _in_metres(table, header)
+        fields |= {"unit": "m"}
     elif unused := header.unused(grid.used):
         listed = abbreviate([*map(printable, unused)])
         notes += [] if header.triangulated else [f"columns left out: {listed}"]
@@ -283,27 +282,24 @@ def _weights(grid: Grid, header: Header) -> Floats | None:
             continue
         values = grid.axes[axis]
         if axis != "confidence":
-            _check_flags(values, _column_of(axis, header))
+            _check_flags(values, axis, _column_of(axis, header))
         flags_of_coco = np.isin(values[np.isfinite(values)], (0, 1, 2)).all()
         if axis != "occluded" and flags_of_coco:
             values = np.minimum(values, 1)  # 2 of COCO is seen, 1 is marked
         if axis == "occluded":
             values = 1 - values
-        if (
-            axis == "confidence"
-            and weights is None
-            and len({*WEIGHTS} & {*grid.axes}) == 1
-        ):
-            return values
         values = np.nan_to_num(values, nan=1.0)
         weights = values if weights is None else weights * values
     return weights
 
 
-def _check_flags(values: Floats, column: str) -> None:
-    """Raise FormatError for values that are neither yes or no nor shares."""
+def _check_flags(values: Floats, axis: str, column: str) -> None:
+    """Raise FormatError for values of a column that are no shares, yes or no, or COCO's
+    of what is visible.
+    """
     finite = values[np.isfinite(values)]
-    most = 2 if np.isin(finite, (0, 1, 2)).all() else 1
+    of_coco = axis == "visible" and np.isin(finite, (0, 1, 2)).all()
+    most = 2 if of_coco else 1
     wrong = finite[(finite < 0) | (finite > most)]
     found = f"{wrong[0]:g}" if len(wrong) else ""
     require(not len(wrong), f"{found} in the column {column}; write 0 or 1, no or yes")
@@ -345,7 +341,8 @@ def _find_keys(table: Table, header: Header, landmarks: Sequence[str] | None) ->
     images.
     """
     columns = {a: header.roles[a] for a in OF_IMAGES if a in header.roles}
-    if "time" in columns and ("frame" in columns or not _has_times(table, columns)):
+    columns = {a: at for a, at in columns.items() if any(table.texts(at)[0])}
+    if "time" in columns and not _has_times(table, columns):
         del columns["time"]
     if {"item", "frame", "time"} & columns.keys():
         return Keys(columns)
@@ -365,9 +362,18 @@ def _find_keys(table: Table, header: Header, landmarks: Sequence[str] | None) ->
 
 
 def _has_times(table: Table, columns: Mapping[str, int]) -> bool:
-    """Whether the column of times holds numbers, one in each row."""
+    """Whether the column of times holds numbers, one in each row, and one of each
+    image that another column numbers.
+    """
     values, wrong = read_numbers(table.texts(columns["time"])[0])
-    return not wrong.any() and bool(np.isfinite(values).all())
+    if wrong.any() or not np.isfinite(values).all():
+        return False
+    if "frame" not in columns:
+        return True
+    others = [at for role, at in columns.items() if role != "time"]
+    images = {*zip(*table.texts(*others), strict=True)}
+    timed = {*zip(*table.texts(*others, columns["time"]), strict=True)}
+    return len(timed) == len(images)
 
 
 def _naming_column(
@@ -426,15 +432,14 @@ def _images(
         fields["individual"] = [*map(_individual, cells["individual"])]
     if "sequence" in cells:
         videos = [*map(printable, cells["sequence"])]
-        numbered = {"frame", "time"} & cells.keys() or "item" not in cells
-        fields["video"] = (
-            [f"{stem}/{video}" for video in videos] if numbered else videos
-        )
+        prefix = "" if "item" in cells else f"{stem}/"
+        fields["video"] = [f"{prefix}{video}" for video in videos]
     if "item" in cells:
         fields |= {"labels": [*map(printable, cells["item"])], "named": True}
         items: Line = ("items", called("item"))
     if "frame" in cells:
-        fields["frame"], order = _frames(cells["frame"], fields.get("video"))
+        named = "item" in cells
+        fields["frame"], order = _frames(cells["frame"], fields.get("video"), named)
         labels = [
             cell if cell.isdecimal() else number_labels(read_numbers([cell])[0])[0]
             for cell in cells["frame"]
@@ -443,15 +448,19 @@ def _images(
         frames: Line = ("frames", f"numbers in {called('frame')}")
     elif "time" in cells:
         seconds, _ = read_numbers(cells["time"])
-        fields["frame"], order, rate = _frames_of_times(seconds, fields.get("video"))
-        fields |= {"frame_rate": rate, "time": None if rate is None else seconds}
+        fields["frame"] = _frames_of_times(seconds, fields.get("video"))
+        order, _ = _order(seconds, fields.get("video"))
         fields.setdefault("labels", number_labels(seconds))
         frames = ("frames", f"times in {called('time')}")
     elif "sequence" in cells or ("item" not in cells and _is_freemocap(header)):
         frames = ("frames", "the rows in their order")
+        fields |= {"unit": "mm"} if _is_freemocap(header) else {}
     else:
         frames = ("frames", "none: single images")
         fields |= _single_images(stem, cells, fields, count)
+    if "time" in cells:
+        seconds, _ = read_numbers(cells["time"])
+        fields |= _of_times(seconds, fields["frame"], order)
     if "item" not in cells:
         items = ("items", f"'{stem}/...', by frame or number")
     return fields, order, (items, frames)
@@ -461,11 +470,9 @@ def _single_images(
     stem: str, cells: Mapping[str, Sequence[str]], fields: Mapping[str, Any], count: int
 ) -> dict[str, Any]:
     """Return the fields of images that are not known to be frames of a video."""
-    labels = fields.get("labels")
-    if labels is not None:
-        ordered = are_series([*dict.fromkeys(labels)])
+    if "labels" in fields:
         people = fields.get("individual", [""] * count)
-        return {"individual": people, "unordered": not ordered}
+        return {"individual": people, "unordered": True}
     people = fields.get("individual", [""] * count)
     parts = [
         filter(None, (stem, who, str(row) if count > 1 else ""))
@@ -499,14 +506,14 @@ def _whole_numbers(cells: Sequence[str]) -> list[int]:
 
 
 def _frames(
-    cells: Sequence[str], videos: Sequence[str] | None
+    cells: Sequence[str], videos: Sequence[str] | None, named: bool
 ) -> tuple[Integers, Integers]:
-    """Return the positions of frames in their videos, from the first on, and their
-    order.
+    """Return the frames in their videos, from the first on, and their order. Those of
+    items that are named keep their numbers, as in our CSV.
     """
     frames = np.array(_whole_numbers(cells), np.int64)
     order, first = _order(frames, videos)
-    return frames - frames[first], order
+    return frames if named else frames - frames[first], order
 
 
 def _order(
@@ -520,41 +527,38 @@ def _order(
     return order, order[np.searchsorted(ranks[order], ranks)]
 
 
-def _frames_of_times(
-    seconds: Floats, videos: Sequence[str] | None
-) -> tuple[Integers, Integers, float | None]:
-    """Return the frames of times, their order, and the frame rate, if times state it.
-
-    Frames lie on a grid of the least time between them; else they are counted.
+def _frames_of_times(seconds: Floats, videos: Sequence[str] | None) -> Integers:
+    """Return the frames of times in their videos, from the first on: those of one grid
+    for all videos, else counted.
     """
-    order, first = _order(seconds, videos)
-    times, place = np.unique(seconds, return_inverse=True)
-    numbers, rate = np.arange(len(times)), None
-    steps = np.diff(times)
-    least = steps.min(initial=np.inf)
-    if 1 / RATES[1] <= least <= 1 / RATES[0]:
-        counts = (steps / least).round()
-        step = steps.sum() / counts.sum()
-        if (np.abs(steps / step - counts) < NEAR_FRAME).all():
-            numbers = np.concatenate([[0], counts.cumsum()]).astype(np.int64)
-            rate = round(float(1 / step), 3)
-    frames = numbers[place]
-    return frames - frames[first], order, rate
+    _, first = _order(seconds, videos)
+    since = np.round(seconds - seconds[first], MICROSECONDS)
+    moments, place = np.unique(since, return_inverse=True)
+    on_grid = frames_of_times(moments, None)
+    if on_grid is not None:
+        return np.array(on_grid, np.int64)[place]
+    frames = np.zeros(len(seconds), np.int64)
+    for start in np.unique(first):
+        rows = first == start
+        _, frames[rows] = np.unique(seconds[rows], return_inverse=True)
+    return frames
+
+
+def _of_times(seconds: Floats, frames: Integers, order: Integers) -> dict[str, Any]:
+    """Return the times and the frame rate of frames; neither where the times are not in
+    seconds.
+    """
+    rate = find_rate(frames[order], seconds[order])
+    if rate is None or not RATES[0] <= rate <= RATES[1]:
+        return {}
+    return {"time": seconds, "frame_rate": rate}
 
 
 # Tables of known tools.
 
 
-def _in_metres(table: Table, header: Header) -> dict[str, Any]:
-    """Return unit and frame rate of a table in metres, as they are written here."""
-    columns = [header.names.index("frame"), header.names.index("time")]
-    steps = np.ptp(table.numbers(columns), 0)
-    rate = round(float(steps[0] / steps[1]), 6) if steps.all() else 1.0
-    return {"unit": "m", "frame_rate": None if rate == 1 else rate}
-
-
 def _is_freemocap(header: Header) -> bool:
-    """Whether it has columns as FreeMoCap calls them: rows are frames."""
+    """Whether its columns are FreeMoCap's, whose rows are frames of a recording."""
     return any({"body_nose", "body_left_hip"} <= {*body} for body in header.bodies)
 
 

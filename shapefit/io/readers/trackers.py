@@ -29,6 +29,7 @@ from shapefit.io.readers.poses import (
     require,
     video_name,
 )
+from shapefit.timeline import find_rate
 
 
 class TrackerFile(Hdf5File):
@@ -554,6 +555,7 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
             for axis in AXES[1:]
         )
         rate = file.number("fps")
+        in_frames = file.text("time_unit") == "frames"
     require(
         space == tuple("xyz"[: points.shape[3]]), f"the coordinates {', '.join(space)}"
     )
@@ -565,7 +567,7 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
         confidence,
         None if times is None else number_labels(times),
         frames=None if times is None else frames_of_times(times, rate),
-        times=times,
+        times=None if in_frames else times,
         landmark_names=landmarks,
         individuals=individuals,
         frame_rate=rate or None,
@@ -640,17 +642,17 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
         rows, number = np.searchsorted(times, at), animals.index(animal)
         place = rows, number, names.index(landmark)
         cells[place], confidence[place], present[rows, number] = points, scores, True
-    steps = np.diff(times)
     rates = {rate for rate, at in zip(all_rates, all_times, strict=True) if len(at) > 1}
-    if rates == {0.0} and len(steps) > 1 and np.ptp(steps) <= 0.02 * np.median(steps):
-        rates = {1 / float(np.median(steps))}
     rate = (rates.pop() or None) if len(rates) == 1 else None
+    frames = frames_of_times(times, rate)
+    if rate is None and frames is not None:
+        rate = find_rate(np.array(frames), times)
     return of_frames(
         paths[0],
         cells,
         None if np.isnan(confidence).all() else confidence,
         number_labels(times),
-        frames=frames_of_times(times, rate),
+        frames=frames,
         times=times,
         individuals=animals,
         present=present,

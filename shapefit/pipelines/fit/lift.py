@@ -28,6 +28,7 @@ from shapefit.lifting.methods import (
     METHODS,
     MIN_CONFIDENCE,
     ROBUST,
+    STARTS,
     Method,
     PosteriorOptions,
     Settings,
@@ -78,6 +79,7 @@ class Lifter:
     image_size: tuple[float, float] | None = None
     min_confidence: float | None = None
     signed: bool = False
+    starts: int = STARTS
     outlier_threshold: float | None = None
     leave_one_out: str | None = None
     frame_rate: float | None = None
@@ -140,6 +142,7 @@ def settings_of(lifter: Lifter) -> Settings:
         mean_shape=dictionary.mean_shape,
         needs=needs,
         signed=lifter.signed,
+        starts=lifter.starts,
         posterior=replace(lifter.posterior, residual_variance=lifter.variance),
         tolerance=tolerance,
         threads=lifter.threads,

@@ -115,6 +115,14 @@ half of that share is named. Where names are right a few images in a hundred are
 doubtful.
 """
 
+FLAT = 0.01
+"""Of the extent of shapes, their thickness below which they are flat."""
+
+ATOMS = 0.05, 20.0
+"""Norms of atoms from which on lambda means something else: in 1, and in that of
+normalised shapes.
+"""
+
 NO_TRUST = "no shape of this file is to be trusted: "
 
 KAPPA, DISTANCE = "calibration_kappa", "median_start_distance"
@@ -352,7 +360,30 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
     if learned is not None and wanted and learned not in wanted and not config.signed:
         made = f"{config.method} is made for {' or '.join(wanted)}"
         warnings += (f"the dictionary was learned with `method: {learned}`; {made}",)
+    if not METHODS[config.method].mixes_atoms:
+        return warnings
+    atoms = dictionary.atoms
+    if config.method == "convex" and is_flat(atoms):
+        text = "all shapes of the dictionary are flat, which `convex` recovers badly"
+        warnings += (f"{text}: compare `--method alternate`",)
+    size = median(np.linalg.norm(atoms, axis=(1, 2)))
+    most = atoms[0].size ** 0.5
+    if not ATOMS[0] <= size <= ATOMS[1] * most:
+        text = f"the atoms have a norm of {size:.3g}, and lambda is meant for 1 to"
+        fix = "divide the atoms by their size, or multiply lambda by it"
+        warnings += (f"{text} {most:.2g}: {fix}",)
     return warnings
+
+
+def is_flat(atoms: Floats) -> bool:
+    """Whether atoms (k, 3, p) lie in one plane, by singular values of all points; of
+    three landmarks all do.
+    """
+    if atoms.shape[2] < 4:
+        return False
+    points = atoms.swapaxes(0, 1).reshape(3, -1)
+    values = np.linalg.svd(points @ points.T, compute_uv=False) ** 0.5
+    return bool(values[2] < FLAT * values[0])
 
 
 def estimate(

@@ -23,6 +23,7 @@ from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
 from shapefit.io import read_dictionary
 from shapefit.io.layout import METRES_PER_UNIT
+from shapefit.io.names import pairs_of_sides
 from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.motion import MOST_MISSING, find_floors, video_of
@@ -46,13 +47,6 @@ from shapefit.pipelines.view.reading import (
 from shapefit.timeline import ASSUMED_RATE
 
 MIDDLE, LEFT, RIGHT = 0, 1, 2
-OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
-WORD_LEFT = re.compile(
-    r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])|(?<=[a-z])L$"
-)
-"""`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip,
-HipL.
-"""
 ERRORS = {
     EXPECTED: (
         "typical error",
@@ -235,13 +229,9 @@ def find_sides(names: Sequence[str]) -> list[int]:
     """Return MIDDLE, LEFT or RIGHT for each name; what has no counterpart is in the
     middle.
     """
-    place = {name: number for number, name in enumerate(names)}
     sides = [MIDDLE] * len(names)
-    for name, number in place.items():
-        for word in WORD_LEFT.finditer(name):
-            other = name[: word.start()] + OTHER_SIDE[word[0]] + name[word.end() :]
-            if other in place:
-                sides[number], sides[place[other]] = LEFT, RIGHT
+    for left, right in pairs_of_sides(names):
+        sides[left], sides[right] = LEFT, RIGHT
     return sides
 
 

@@ -11,8 +11,10 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io import open_shapes, read_shapes
 from shapefit.io.options import InputOptions
+from shapefit.io.source import find_kind
 from tests.io.files import load_shapes
-from tests.io.readers.made import read_images
+
+from .made import read_images
 
 NAN = [np.nan] * 3
 
@@ -84,17 +86,76 @@ def test_columns_that_the_header_counts_without_names_are_left_out(read):
     assert any("1 point without a name left out" in note for note in notes)
 
 
-def test_markers_in_a_plane_are_landmarks_with_y_down(tmp_path):
-    path = tmp_path / "walk.trc"
-    rows = [f"{n}\t{n / 50}\t{n}\t-20\t0.0\t40\t-50\t0" for n in range(3)]
-    path.write_text(HEAD.replace("mm", "px") + "\n".join(rows) + "\n")
+PLANE = np.array([[[n, -20, 0], [40, -50 - n, 0]] for n in range(3)], float)
+
+
+def write_plane_as_trc(path):
+    rows = [[n, n / 50, *points.ravel()] for n, points in enumerate(PLANE)]
+    lines = ["\t".join(map(str, row)) for row in rows]
+    path.write_text(HEAD.replace("mm", "px") + "\n".join(lines) + "\n")
+
+
+def write_plane_as_vicon(path):
+    rows = [[n, 0, *points.ravel()] for n, points in enumerate(PLANE)]
+    lines = [",".join(map(str, row)) for row in rows]
+    head = VICON[: VICON.index("7,0")].replace("mm", "px")
+    path.write_text(head + "\n".join(lines) + "\n")
+
+
+def write_plane_as_c3d(path):
+    ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is the extra `c3d`")
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["knee", "ankle"]
+    file["parameters"]["POINT"]["UNITS"]["value"] = ["px"]
+    file["parameters"]["POINT"]["RATE"]["value"] = [50.0]
+    points = np.ones((4, 2, 3))
+    points[:3] = PLANE.transpose(2, 1, 0)
+    file["data"]["points"] = points
+    file.write(str(path))
+
+
+def write_plane_as_table(path):
+    rows = [
+        [n, landmark, *point]
+        for n, points in enumerate(PLANE)
+        for landmark, point in zip(("knee", "ankle"), points, strict=True)
+    ]
+    lines = [";".join(map(str, row)) for row in rows]
+    path.write_text("frame;landmark;x;y;z\n" + "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("walk.trc", write_plane_as_trc),
+        ("walk.c3d", write_plane_as_c3d),
+        ("walk.csv", write_plane_as_vicon),
+        ("table.csv", write_plane_as_table),
+    ],
+)
+def test_points_in_a_plane_are_landmarks_with_y_up(tmp_path, name, write):
+    """As Sports2D writes the landmarks of an image, with y negated; a table does not
+    say where y points.
+    """
+    path = tmp_path / name
+    write(path)
+    assert find_kind(path) == "landmarks"
     images, notes = read_images(path)
-    assert images.landmarks[:, 0].tolist() == [[0, 40], [1, 40], [2, 40]]
-    assert images.landmarks[:, 1].tolist() == [[20, 50]] * 3
-    assert images.unit == "px"
-    assert any("z is 0 everywhere: read as landmarks in 2D" in note for note in notes)
-    with pytest.raises(InputError, match="a TRC file of 2D points; give 3D shapes"):
+    np.testing.assert_array_equal(images.landmarks.swapaxes(1, 2), PLANE[..., :2])
+    stated = name != "table.csv"
+    assert images.y_axis == ("up" if stated else "down")
+    assert images.unit == ("px" if stated else "unknown")
+    note = "z is 0 everywhere: x and y are read as landmarks"
+    assert notes[-1].endswith(note + ", with y pointing up" * stated)
+    with pytest.raises(InputError, match="of 2D points: z is 0 everywhere; give 3D sh"):
         load_shapes(path)
+
+
+def test_markers_in_space_are_no_landmarks(tmp_path):
+    path = tmp_path / "walk.trc"
+    path.write_text(TRC)
+    with pytest.raises(InputError, match="of 3D points; give 2D landmarks"):
+        read_images(path)
 
 
 @pytest.mark.parametrize(
@@ -552,7 +613,7 @@ def test_points_without_parameters_are_read_by_the_header(c3d):
     shapes, notes = load_shapes(path)
     np.testing.assert_allclose(shapes.shapes, points, rtol=1e-6)
     assert (shapes.unit, shapes.landmark_names) == ("unknown", ("*0", "*1"))
-    assert any(CONTRADICTED in note for note in notes)
+    assert any("read by its header, as its parameters state no" in n for n in notes)
 
 
 def write_whole_numbers(path, processor):

@@ -10,6 +10,8 @@ import shapefit
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
 from shapefit.io.detect import detect_format
+from shapefit.io.options import InputOptions
+from shapefit.io.source import find_kind
 
 from .made import read_images as read
 from .made import write_array, write_long, write_mediapipe, write_wide
@@ -319,12 +321,49 @@ def test_rows_without_number_or_time_are_single_images(
     images, notes = read(table(tmp_path / "t.csv", text))
     assert images.items == items
     assert images.sequences is None
+    assert images.frame is None
     named = f"column '{column}'" if column else "column without a name"
     told = (
         f"items are named by the {named}" if items[0] == cells[0] else "single images"
     )
     assert told in notes[0]
     assert "call it `frame`" in notes[0] or "call a column `frame`" in notes[0]
+
+
+@pytest.mark.parametrize("delimiter", [",", ";"])
+@pytest.mark.parametrize("column", ["item", "image", "Taxon"])
+@pytest.mark.parametrize("track", ["none", "motion"])
+def test_images_with_names_are_no_motion(tmp_path, delimiter, column, track):
+    """Also where names are numbered: photographs of specimens are."""
+    rows = [f"IMG_{n}.jpg,{landmark},{n},5" for n in range(30) for landmark in "abc"]
+    text = "\n".join([f"{column},landmark,x,y", *rows])
+    path = table(tmp_path / "t.csv", text.replace(",", delimiter))
+    images, _ = read(path, track=track)
+    assert images.sequences is None
+    assert images.items[:2] == ("IMG_0.jpg", "IMG_1.jpg")
+
+
+def test_a_data_frame_of_a_fit_comes_back(tmp_path):
+    """As pandas writes it, with and without its index, and with empty columns."""
+    head = "item,landmark,x,y,z,sd_x,sequence,frame,time,trusted"
+    rows = [
+        f"w/{frame},{name},{frame},2,3,.1,walk,{frame},{frame / 25},True"
+        for frame in (3, 4, 9)
+        for name in "ab"
+    ]
+    indexed = [f"{number},{row}" for number, row in enumerate(rows)]
+    single = [row.replace("walk,", ",,,#").split("#")[0] + "True" for row in rows]
+    for text in ([f",{head}", *indexed], [head, *rows], [head, *single]):
+        with open_shapes([table(tmp_path / "t.csv", "\n".join(text))]) as source:
+            shapes = source.whole()
+        assert shapes.items == ("w/3", "w/4", "w/9")
+        assert shapes.shapes[:, 0, 0].tolist() == [3, 4, 9]
+        if text[1:] == single:
+            assert not any(shapes.sequences or ())
+            assert shapes.columns.get("frame") is None
+        else:
+            assert shapes.sequences == ("walk",) * 3
+            assert shapes.columns["frame"].tolist() == [3, 4, 9]
 
 
 def test_rows_without_anything_beside_are_single_images(tmp_path):
@@ -372,6 +411,7 @@ def test_pixels_and_millimetres_of_one_table(tmp_path):
         ("occluded", "0", "1"),
         ("Occluded", "False", "True"),
         ("hidden", "n", "y"),
+        ("missing", "0", "1"),
     ],
 )
 @pytest.mark.parametrize("layout", ["long", "wide", "image"])
@@ -385,8 +425,6 @@ def test_columns_that_hide_landmarks(tmp_path, column, seen, unseen, layout, del
         text = f"item,a_x,a_y,a_{column},b_x,b_y,b_{column}\n"
         text += f"i,10,20,{seen},30,40,{unseen}\n"
         weights = [[1.0, 0.0]]
-        if column.startswith("is_"):
-            pytest.skip("a landmark called a_is")
     else:
         text = f"item,{column},a_x,a_y,b_x,b_y\n"
         text += f"i,{seen},10,20,30,40\nj,{unseen},1,2,3,4\n"
@@ -397,7 +435,7 @@ def test_columns_that_hide_landmarks(tmp_path, column, seen, unseen, layout, del
 
 
 @pytest.mark.parametrize(
-    ("column", "cell"), [("occluded", "3"), ("visible", "5"), ("visible", "-1")]
+    ("column", "cell"), [("occluded", "2"), ("visible", "5"), ("visible", "-1")]
 )
 def test_columns_that_hide_landmarks_are_refused_by_name(tmp_path, column, cell):
     text = f"item,landmark,x,y,{column}\ni,a,10,20,{cell}\ni,b,30,40,1\n"
@@ -439,3 +477,81 @@ def test_a_landmark_whose_confidence_is_left_empty_has_1(tmp_path):
     text = "frame,joint,x,y,score\n0,a,10,20,\n0,b,30,40,.5\n"
     images, _ = read(table(tmp_path / "t.csv", text))
     assert images.confidence.tolist() == [[1.0, 0.5]]
+
+
+DLC = "scorer,net,net,net,net\nbodyparts,nose,nose,tail,tail\ncoords,x,y,x,y\n"
+DLC += "4,1.5,2,3,4\n5,6,7,8,9.25\n"
+
+
+def as_excel(text: str, delimiter: str) -> str:
+    return text.replace(",", delimiter).replace(".", ",")
+
+
+def after_index(text: str, names: tuple[str, ...]) -> str:
+    """Return a table after a column of pandas."""
+    rows = text.splitlines()
+    first = [*names, *map(str, range(len(rows)))][: len(rows)]
+    return "".join(f"{name},{row}\n" for name, row in zip(first, rows, strict=True))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        DLC,
+        as_excel(DLC, ";"),
+        as_excel(DLC, "\t"),
+        after_index(DLC, ("", "", "")),
+        after_index(DLC.replace("net,net,net,net", "net,net.1,net.2,net.3"), ("",)),
+        after_index(DLC, ("Unnamed: 0", "0", "1")),
+        as_excel(after_index(DLC, ("", "", "")), ";"),
+        DLC.replace("net,net,net,net", "net,net.1,net.2,net.3"),
+        DLC.replace("\n", "\r"),
+    ],
+)
+def test_tables_of_deeplabcut_that_were_saved_again(tmp_path, text):
+    path = tmp_path / "video.csv"
+    path.write_text(text, newline="", encoding="utf-8")
+    images, notes = read(path)
+    assert notes == ()
+    assert images.items == ("video/4", "video/5")
+    assert images.landmark_names == ("nose", "tail")
+    found = images.landmarks.transpose(0, 2, 1).tolist()
+    assert found == [[[1.5, 2], [3, 4]], [[6, 7], [8, 9.25]]]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0])
+def test_arrays_of_3d_points_are_shapes(tmp_path, rng, scale):
+    points = scale * rng.uniform(-1, 1, (6, 17, 3))
+    path = tmp_path / "a.npy"
+    np.save(path, points)
+    options = InputOptions(keypoints="coco_17")
+    assert find_kind(path, options) == "shapes"
+    with open_shapes([path], options) as source:
+        shapes = source.whole()
+    assert shapes.landmark_names[0] == "nose"
+    np.testing.assert_array_equal(shapes.shapes.transpose(0, 2, 1), points)
+    with pytest.raises(InputError, match=r"third numbers run.*3D are for learn-dict"):
+        read(path, keypoints="coco_17")
+
+
+def test_arrays_whose_third_number_may_be_either(tmp_path, rng):
+    points = rng.uniform(0, 1, (6, 17, 3))
+    path = tmp_path / "a.npy"
+    np.save(path, points)
+    with pytest.raises(InputError, match=r"image_size.*or `format=arrays-3d` if the"):
+        read(path, keypoints="coco_17")
+    options = InputOptions(keypoints="coco_17", format="arrays-3d")
+    assert find_kind(path, options) == "shapes"
+    with open_shapes([path], InputOptions(keypoints="coco_17")) as source:
+        np.testing.assert_array_equal(source.whole().points.swapaxes(1, 2), points)
+
+
+def test_recordings_of_freemocap(tmp_path):
+    names = [f"body_{n}_{a}" for n in ("nose", "left_hip", "right_hip") for a in "xyz"]
+    rows = ["nan," * 8 + "nan", ",".join(map(str, range(9))), ",".join("123456789")]
+    path = table(tmp_path / "body_3d_xyz.csv", "\n".join([",".join(names), *rows]))
+    with open_shapes([path]) as source:
+        shapes = source.whole()
+    assert shapes.sequences == ("body_3d_xyz",) * 2
+    assert shapes.columns["frame"].tolist() == [1, 2]
+    assert shapes.unit == "mm"

@@ -20,6 +20,7 @@ from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
 from shapefit.lifting import trust
+from shapefit.lifting.methods import METHODS
 from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines import joints
 from shapefit.pipelines.fit import prepare as preparing
@@ -129,6 +130,11 @@ def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path
         chosen(None, tmp_path / "atoms.h5", ["prior.scale=2"])
 
 
+def test_auto_is_no_method_with_starts(chosen):
+    with pytest.raises(InputError, match="does not support `starts`; use"):
+        chosen(None, overrides=["starts=1"])
+
+
 @pytest.mark.parametrize(
     ("learned", "method", "made_for"),
     [
@@ -154,6 +160,27 @@ def test_bases_belong_to_pmp_and_atoms_to_the_others(learned, method, made_for):
         f" {made_for}"
     )
     assert warnings == ((text,) if made_for else ())
+
+
+@pytest.mark.parametrize(("method", "told"), [("convex", True), ("alternate", False)])
+@pytest.mark.parametrize("thickness", [0.0, 0.002, 0.3])
+def test_flat_dictionaries_are_said(rng, method, told, thickness):
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    shapes = turn @ (rng.normal(size=(6, 3, 8)) * [[1], [1], [thickness]])
+    dictionary = Dictionary(shapes, tuple("abcdefgh"), shapes[0])
+    warnings = warn_of_dictionary(FitConfig.model_construct(method=method), dictionary)
+    flat = [text for text in warnings if "are flat" in text]
+    assert len(flat) == (told and thickness < 0.01)
+
+
+@pytest.mark.parametrize(("factor", "told"), [(300, 1), (1e-3, 1), (1, 0), (0.2, 0)])
+@pytest.mark.parametrize("method", ["convex", "alternate", "mean-shape"])
+def test_atoms_of_another_size_are_said(rng, factor, told, method):
+    shapes = factor * rng.normal(size=(6, 3, 8))
+    dictionary = Dictionary(shapes, tuple("abcdefgh"), shapes[0])
+    warnings = warn_of_dictionary(FitConfig.model_construct(method=method), dictionary)
+    size = [text for text in warnings if "lambda is meant for" in text]
+    assert len(size) == (told if METHODS[method].mixes_atoms else 0)
 
 
 def test_pmp_refuses_a_dictionary_whose_limbs_have_no_length(fit, dictionary, images):

@@ -237,13 +237,18 @@ def refused(desk, *files, **settings):
     return str(error.value)
 
 
+def test_atoms_of_a_dictionary_are_shown_as_shapes(desk, made_dictionary):
+    path = desk.folder / "dict.h5"
+    write_dictionary(path, made_dictionary)
+    scene = desk.scene(path)
+    assert [layer["role"] for layer in scene["layers"]] == ["shapes"]
+    assert len(scene["items"]) == made_dictionary.k
+
+
 def test_what_cannot_be_shown_is_refused(desk, made_dictionary):
     path = desk.folder / "dict.h5"
     write_dictionary(path, made_dictionary)
     result = desk.result()
-    assert "is a shapefit-dictionary file; give a shapefit-result" in refused(
-        desk, path
-    )
     assert "/dev/zero:1: " in refused(desk, Path("/dev/zero"))
     found = refused(desk, result, truth=(desk.truth(),), match="true_model")
     assert "there is no dataset 'true_model' with one name per image" in found
