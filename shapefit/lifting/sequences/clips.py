@@ -14,9 +14,10 @@ A body that walks towards the camera grows in its image, and so do its bones. So
 sequence is inferred twice: in one unit, and in units that follow the smoothed scales of
 the images. What agrees better with the images, by the energy of the objective, is
 taken. A sequence that would move its images too far (`CONSTANTS.farthest`) is inferred
-without bones, and keeps the error bars of these. Both are decided for each stretch of
-the sequence between long gaps, and each has a unit in which its lengths, inferred from
-it alone, are together as long as those of the others.
+without bones, and keeps the error bars of these; of a half body, whose unseen landmarks
+smoothing would draw after them, the images stay as they are. Both are decided for each
+stretch of the sequence between long gaps, and each has a unit in which its lengths,
+inferred from it alone, are together as long as those of the others.
 """
 
 from __future__ import annotations
@@ -76,7 +77,8 @@ class Motion:
 
     bones (e, 2) keep their lengths with standard deviations bone_tolerance (e,);
     acceleration (p,), the root of the mean square of the second difference of a
-    coordinate from frame to frame; usual, the usual lengths; rate, frames a second.
+    coordinate from frame to frame; usual, the usual lengths; rate, frames a second;
+    of_half_body, whether much of the body is never seen.
     """
 
     bones: Indices
@@ -84,6 +86,7 @@ class Motion:
     bone_tolerance: Floats
     usual: Lengths | None = None
     rate: float = ASSUMED_RATE
+    of_half_body: bool = False
 
 
 @dataclass(frozen=True)
@@ -324,12 +327,17 @@ def refine_clip(
     frames = int(there.sum()) * sigma**2 / clips.residual_variance
     usual = weigh_lengths(motion.usual, frames)
 
-    def infer(visible: Observations, taken: Timeline = timeline) -> Smoothed:
+    def infer(
+        visible: Observations, taken: Timeline = timeline, *, rigid: bool = True
+    ) -> Smoothed:
         lag = max(1, round(CONSTANTS.memory * motion.rate))
         places = taken.on_grid(3 * lag)
         scale = find_acceleration_scale(visible, motion.acceleration, lag, places)
         stiffness = (motion.acceleration * scale) ** -2
-        model = Model(motion.bones, stiffness, motion.bone_tolerance, usual, taken)
+        bones, tolerance = motion.bones, motion.bone_tolerance
+        model = Model(bones, stiffness, tolerance, usual, taken)
+        if not rigid:
+            model = Model(bones[:0], stiffness, tolerance[:0], timeline=taken)
         return smooth(visible, model, sigma)
 
     def size_in(stretch: slice) -> float:
@@ -391,14 +399,24 @@ def refine_clip(
         if after < before:
             store(smoothed, size * growth, stretch)
     del smoothed
-    moved = refined.points[clip] - clips.points[clip]
-    square = ((moved / clips.deviation[clip]) ** 2).mean(axis=(1, 2))
-    for stretch in stretches:
-        if median(square[judged_by(stretch, there)]) > CONSTANTS.farthest:
-            rows = clip.start + rows_in(stretch)
-            refined.points[rows] = clips.points[rows]
-            refined.converged[rows] = True
-            refined.noise[rows] = np.nan
+    of_images, deviation = moments_of_modes(clips, clip)
+    moved = refined.points[clip] - of_images
+    square = ((moved / deviation) ** 2).mean(axis=(1, 2))
+    loose = [
+        stretch
+        for stretch in stretches
+        if median(square[judged_by(stretch, there)]) > CONSTANTS.farthest
+    ]
+    points = clips.points[clip]
+    if loose and not motion.of_half_body:
+        without_bones = infer(visible, rigid=False).points
+        points = (size * growth)[:, None, None] * without_bones
+    for stretch in loose:
+        t = rows_in(stretch)
+        rows = clip.start + t
+        refined.points[rows] = points[t]
+        refined.converged[rows] = True
+        refined.noise[rows] = np.nan
 
 
 def judged_by(stretch: slice, there: Flags) -> NDArray[np.intp]:
@@ -469,6 +487,28 @@ def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
     return usual._replace(
         precision=(1 + CONSTANTS.shared**2 * frames) * usual.precision
     )
+
+
+def moments_of_modes(clips: Clips, clip: slice) -> tuple[Floats, Floats]:
+    """Return means and deviations (t, 3, p) of the mixtures of the modes of a clip.
+
+    They are what the landmarks of each image say without usual lengths of limbs, which
+    a sequence has besides.
+    """
+    modes = clips.modes
+    log_evidence = modes.log_evidence[clip]
+    best = np.maximum(log_evidence.max(axis=1, keepdims=True), np.finfo(float).min)
+    share = np.exp(log_evidence - best)
+    share /= np.maximum(share.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    means = np.where(share[:, :, None, None] > 0, modes.mean[clip], 0.0)
+    variance = np.diagonal(modes.covariance[clip], axis1=2, axis2=3)
+    mean = np.einsum("tm,tmap->tap", share, means)
+    apart = (means - mean[:, None]) ** 2 + variance.reshape(means.shape)
+    deviation = np.sqrt(np.einsum("tm,tmap->tap", share, apart))
+    scale = clips.scale[clip][:, None, None]
+    points = scale * mean
+    points[:, :2] += clips.centre[clip][:, :, None]
+    return points, scale * deviation
 
 
 def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:

@@ -5,6 +5,7 @@ body.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -31,6 +32,11 @@ from shapefit.timeline import ASSUMED_RATE, Timeline, place_in_time
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows
 none, in units of the size of the body: that of subject 86 at 24 Hz.
+"""
+
+WHOLE = 0.75
+"""Share of the landmarks of a whole body that detectors see: on film 13 of 15, of a
+body to the hips 8.
 """
 
 RIGID = 0.005
@@ -145,7 +151,10 @@ def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> L
     sequences = images.sequences or ()
     if hides_the_hips(dictionary, lifter.shown):
         sequences = tuple(map(str, range(len(images))))
-    motion = find_motion(dictionary, lifter.frame_rate or images.frame_rate)
+    motion = replace(
+        find_motion(dictionary, lifter.frame_rate or images.frame_rate),
+        of_half_body=shows_half_a_body(dictionary, lifter.shown),
+    )
     refine = partial(
         refine_lifting,
         sequences=sequences,
@@ -174,6 +183,12 @@ def hides_the_hips(dictionary: Dictionary, shown: Flags | None) -> bool:
     of_people = find_limbs(names, dictionary.edges).any()
     hips = [joint == "hip" for joint in name_joints(names)]
     return bool(of_people) and any(hips) and not shown[hips].any()
+
+
+def shows_half_a_body(dictionary: Dictionary, shown: Flags | None) -> bool:
+    """Whether files show less than WHOLE of the landmarks that depend on no other."""
+    independent = dictionary.depends_on < 0
+    return shown is not None and shown.sum() < WHOLE * independent.sum()
 
 
 def place_images(images: LandmarkSet, rate: float) -> Floats:
