@@ -194,10 +194,11 @@ def judged(people, project, tmp_path):
     return judged
 
 
-@pytest.mark.parametrize("method", ["posterior", "sequences"])
-def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method):
+@pytest.mark.parametrize(("method", "off"), [("posterior", 0.05), ("sequences", 0.06)])
+def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method, off):
+    """Bars of sequences have a share of those of images, which limbs narrow."""
     narrow, inside = judged(method, bar_scale=0.05)
-    assert inside == pytest.approx(0.9, abs=0.05)  # by hidden landmarks alone
+    assert inside == pytest.approx(0.9, abs=off)  # by hidden landmarks alone
     path = (tmp_path / "report/error_bars.json").rename(tmp_path / "rig.json")
     wide, inside = judged(method, bar_scale=0.05, calibration=path)
     factor = json.loads(path.read_text(encoding="utf-8"))[method]["90%"]
