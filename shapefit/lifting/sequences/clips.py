@@ -320,6 +320,8 @@ def refine_clip(
     finite = finite.copy()
     for stretch in stretches:  # where all frames are blind nothing places them
         finite[stretch] &= there[stretch].any()
+    # Before the covariances of the modes are written over.
+    of_images, deviation = moments_of_modes(clips, clip)
     size = median(clips.scale[clip][there])
     sigma = float(np.sqrt(clips.residual_variance))
     if clips.noise is not None:
@@ -399,7 +401,6 @@ def refine_clip(
         if after < before:
             store(smoothed, size * growth, stretch)
     del smoothed
-    of_images, deviation = moments_of_modes(clips, clip)
     moved = refined.points[clip] - of_images
     square = ((moved / deviation) ** 2).mean(axis=(1, 2))
     loose = [
