@@ -100,6 +100,9 @@ SIDES = {"L": "R", "R": "L"}
 TO_THE_HIPS = tuple(
     name for name in BODY_25B if name[1:] in ("Shoulder", "Elbow", "Wrist", "Hip")
 )
+ABOVE_THE_HIPS = tuple(
+    name for name in BODY_25B if name[1:] not in ("Hip", "Knee", "Ankle")
+)
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,7 @@ class Cell:
 JUDGED = EvalConfig.model_construct(metrics=("similarity",), truth_frame="camera")
 BASE = Cell("whole body")
 HIPS = Cell("to the hips", TO_THE_HIPS, seen_alone=True)
+ABOVE = Cell("above the hips", ABOVE_THE_HIPS, seen_alone=True)
 NEAR = replace(HIPS, name="to the hips, 1 m", metres=1.0)
 SHORT, LONG = (1.1 / 0.7,) * 2, (1.1 / 1.3,) * 2
 CELLS = (
@@ -140,6 +144,7 @@ CELLS = (
     replace(BASE, name="4 m away", metres=4.0),
     replace(BASE, name="1 m away", metres=1.0),
     HIPS,
+    ABOVE,
     replace(HIPS, name="to the hips, 4 m", metres=4.0),
     NEAR,
     replace(NEAR, name="to the hips, 1 m, noise of 2 s", memory=2.0),

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import io
-from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes, stated_height
+from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes, stated_height, warn
 from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import find_target_format
@@ -23,7 +23,9 @@ def read_shapes(*paths: File, **options: Any) -> Shapes:
     Shapes that lack a landmark are left out. options say how files are read, with the
     names of the config keys, such as `rename={"LHip": "lhip"}`. Raises InputError.
     """
-    return Shapes.of(io.read_shapes([Path(path) for path in paths], _input(options)))
+    with io.open_shapes([Path(path) for path in paths], _input(options)) as source:
+        warn(source.notes)
+        return Shapes.of(source.whole())
 
 
 def read_landmarks(*paths: File, **options: Any) -> Landmarks:
@@ -34,6 +36,7 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
     InputError.
     """
     with io.open_landmarks([Path(path) for path in paths], _input(options)) as source:
+        warn(source.notes)
         return Landmarks.of(source.whole())
 
 

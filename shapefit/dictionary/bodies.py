@@ -7,7 +7,9 @@ of what arms and legs do; `vary` makes others of them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ import numpy as np
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import metres_in, normalise, std
+from shapefit.timeline import ASSUMED_RATE, Timeline
 
 FEWEST = 100
 """Second differences from which a mean square is taken."""
@@ -27,30 +30,63 @@ ALIKE = 0.02
 show one body: motion capture finds those of a body again within 0.015.
 """
 
+LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "wrist"})
+"""Joints of people, but for their sides, between which limbs are."""
+
+SIDE = r"(?:left|right|l|r)"
+JOINT = re.compile(
+    rf"{SIDE}?[ _.-]?(hip|knee|ankle|shoulder|elbow|wrist)[ _.-]?{SIDE}?", re.IGNORECASE
+)
+"""A joint of a limb with its side, as `lknee`, `left_knee` or `Knee.R`."""
+
 LENGTH_STD, WORTH = 0.06, 5.0
 """s and m. Ten bodies of motion capture have bones that are longer or shorter by 4.5%
 beside their size, and a body differs from another by 1.4 times that.
 """
 
 
-def find_acceleration(shapes: Floats, sequences: Sequence[str]) -> Floats | None:
+def find_acceleration(
+    shapes: Floats,
+    sequences: Sequence[str],
+    frames: Integers | None = None,
+    rate: float | None = None,
+) -> Floats | None:
     """Root mean square over frames t and axes of y_(t-1) - 2 y_t + y_(t+1), for each
     landmark (p,).
 
     shapes (n, 3, p) in one frame; y are those shapes about their centroid, in units of
-    their size. sequences (n,) name runs of frames in order of time. None where these
-    are too few or short.
+    their size. sequences (n,) name runs of frames in order of time; frames (n,) are
+    their numbers, of which some may be missing, at a rate in Hz; without them one shape
+    is the next frame after the other. None where these are too few or short.
     """
     scale = normalise(shapes).scale
     unit = float(np.median(scale)) if len(scale) else 1.0
     y = (shapes - shapes.mean(axis=2, keepdims=True)) / unit
-    names = np.array(sequences, dtype=object)
-    together = (names[2:] == names[1:-1]) & (names[1:-1] == names[:-2])
-    second = (y[2:] - 2 * y[1:-1] + y[:-2])[together]
+    weights = weigh_differences(sequences, frames, rate or ASSUMED_RATE)
+    together = weights[:-2].any(axis=1)
+    first, middle, last = weights[:-2, :, None, None].swapaxes(0, 1)
+    second = (last * y[2:] + middle * y[1:-1] + first * y[:-2])[together]
     if len(second) < FEWEST:
         return None
     acceleration: Floats = np.maximum(np.sqrt((second**2).mean(axis=(0, 1))), LEAST)
     return acceleration
+
+
+def weigh_differences(
+    sequences: Sequence[str], frames: Integers | None, rate: float
+) -> Floats:
+    """Return the weights (n, 3) of the second difference that begins at each shape, see
+    `Timeline.second_differences`; 0 where there is none.
+    """
+    n = len(sequences)
+    numbers = np.arange(n) if frames is None else frames
+    names = np.array(sequences, dtype=object)
+    ends = np.flatnonzero((names[1:] != names[:-1]) | (np.diff(numbers) <= 0)) + 1
+    weights = np.zeros((n, 3))
+    for start, stop in pairwise([0, *ends.tolist(), n]):
+        position = np.asarray(numbers[start:stop], np.float64)
+        weights[start:stop] = Timeline(position, rate).second_differences()
+    return weights
 
 
 def find_bone_tolerance(
@@ -154,6 +190,36 @@ def has_lengths(dictionary: Dictionary) -> bool:
     return (
         dictionary.edges is not None and length is not None and bool(length.sum() > 0)
     )
+
+
+def name_joints(names: Sequence[str]) -> list[str | None]:
+    """Return the joint of a limb that each name stands for, without its side, or
+    None.
+    """
+    matches = [JOINT.fullmatch(name) for name in names]
+    return [None if match is None else match[1].lower() for match in matches]
+
+
+def find_limbs(names: Sequence[str], edges: Integers) -> Flags:
+    """Which edges (e, 2) are limbs of people: their trunks differ by who marks them.
+
+    None is where no limb ends in a wrist or an ankle: animals have paws.
+    """
+    joints = name_joints(names)
+    ends = [{joints[end] for end in edge} for edge in edges.tolist()]
+    limbs = np.array([pair in LIMBS for pair in ends], bool)
+    of_people = any(pair in LIMBS and pair & {"wrist", "ankle"} for pair in ends)
+    return limbs & of_people
+
+
+def precision_of_ratios(covariance: Floats) -> Floats:
+    """P - P 1 1^T P / (1^T P 1): of logarithms that are known but for a number common
+    to all.
+    """
+    P = np.linalg.inv(covariance)
+    whole = P.sum(axis=1)
+    Q: Floats = P - np.outer(whole, whole) / whole.sum()
+    return Q
 
 
 class Skeleton(NamedTuple):

@@ -18,6 +18,10 @@ LIMIT = 10
 AT_ZERO = 0.01
 """Share of landmarks at exactly (0, 0) from which on there is a warning."""
 
+CODE_BEYOND = 1.0
+"""Sizes of all other points by which a single one must lie outside them to be a code.
+"""
+
 Place = Callable[..., str]
 """Names a dataset, or a row of it, in messages: place(name), place(name, row)."""
 
@@ -116,6 +120,35 @@ def warn_of_zeros(points: Floats) -> tuple[str, ...]:
         f"{int(zeros.sum())} of {counted(zeros.size, 'landmark')} are at exactly (0, 0)"
     )
     return (f"{fault}: if these were not found, leave them empty, or NaN",)
+
+
+def warn_of_codes(points: Floats, weights: Floats | None = None) -> tuple[str, ...]:
+    """Warn of a number such as -999 that stands for all coordinates of points (n, d, p)
+    outside all others: a code of points that are missing. Hidden points, of weight 0,
+    do not count.
+    """
+    placed: Flags = np.asarray(np.isfinite(points).all(axis=1))
+    if weights is not None:
+        placed &= weights > 0
+    found = points.swapaxes(1, 2)[placed]
+    alike = found[(found == found[:, :1]).all(axis=1) & (found[:, 0] != 0)]
+    values, counts = np.unique(alike[:, 0], return_counts=True)
+    warnings = []
+    for value, count in zip(values.tolist(), counts.tolist(), strict=True):
+        others = found[~np.isin(found[:, 0], values) | (found != found[:, :1]).any(1)]
+        if len(others) < count:
+            continue
+        least, most = others.min(axis=0), others.max(axis=0)
+        beyond = np.maximum(least - value, value - most) / np.maximum(
+            most - least, 1e-9
+        )
+        certain = CODE_BEYOND if count == 1 else 0.0
+        if value.is_integer() and (beyond > certain).all():
+            code = ", ".join([f"{value:g}"] * points.shape[1])
+            fault = f"{counted(count, 'landmark')} at ({code}), far from all others"
+            fix = f"if {value:g} stands for missing, leave them empty, or NaN"
+            warnings.append(f"{fault}: {fix}")
+    return tuple(warnings[:LIMIT])
 
 
 def input_problems(problems: Sequence[str], count: int | None = None) -> InputError:

@@ -37,8 +37,18 @@ from shapefit.io.inputs import (
     read_text_blocks,
     source_name,
 )
+from shapefit.io.layout import FRAME, TIME
+from shapefit.io.names import as_composed
 from shapefit.io.options import RecordWriter, Summary
-from shapefit.io.records import KINDS, LandmarkSet, Records, ResultSet, concatenate
+from shapefit.io.records import (
+    KINDS,
+    LandmarkSet,
+    Records,
+    ResultSet,
+    concatenate,
+    order_by_frame,
+)
+from shapefit.timeline import find_rate
 
 ROWS = 1 << 12
 """Rows that are read and written at a time: more leave the processor's cache, and take
@@ -52,22 +62,32 @@ QUOTES = (
 Block = tuple[Integers, dict[str, Sequence[str]]]
 """The lines of some rows, and their cells by column."""
 
+OF_ITEMS = ("sequence", FRAME, TIME)
+"""Columns that say the same in all rows of an item."""
+
 OPTIONAL = {
-    "landmarks": ("confidence", "sequence"),
-    "shapes": ("sequence", "sd_x", "sd_y", "sd_z", "modes", "trusted"),
+    "landmarks": ("confidence", *OF_ITEMS),
+    "shapes": (*OF_ITEMS, "sd_x", "sd_y", "sd_z", "modes", "trusted"),
 }
-"""Columns that may be there; of shapes and results all but `sequence` are not read
+"""Columns that may be there; of shapes and results those of items alone are read
 back.
 """
 
-FINITE = "write a finite number"
-FINITE_OR_EMPTY = f"{FINITE}, or leave the cell empty where it is unknown"
+MOST_FRAME = 2.0**53
+"""Beyond it whole numbers are not told apart."""
+
+FINITE_OR_EMPTY = "write a finite number, or leave the cell empty where it is unknown"
 
 MISSED = -1.0
 """Both coordinates of a landmark without confidence that was not found."""
 
 MAX_IN_MEMORY = 1 << 19
-"""Rows of a table that are held; more go to a temporary file, item by item."""
+"""Rows of a table that are held; more go to a temporary file, item by item, if the rows
+of items stand together.
+"""
+
+ROW_BYTES = 100
+"""Memory that a row takes in which items do not stand together, while it is read."""
 
 QUOTED = re.compile('[",\r\n]')
 """What a cell has in quotes."""
@@ -84,33 +104,69 @@ def csv_kind(path: Path) -> str:
     return "shapes" if "z" in columns else "landmarks"
 
 
-def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
+def read_csv(path: Path, kind: str) -> Any:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with
-    `[,sequence]`.
+    `[,sequence][,frame][,time]`.
 
     Return records, or a Spool of many landmarks. A landmark that has no row or lacks a
-    coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises
-    InputError for the first wrong cells, by line, and for large tables in which the
-    rows of an item do not stand together.
+    coordinate is NaN, its confidence 0. Items are put in order of their frames, and
+    those in memory have the frame rate of their times. Raises InputError for the first
+    wrong cells, by line, and where memory does not hold a large table in which the rows
+    of an item do not stand together, or frames are not in order, which cannot go to a
+    file item by item.
     """
-    table, spool = _Table(path, kind, gaps), Spool()
+    table, spool = _Table(path, kind), Spool()
     for lines, cells in table.blocks:
         table.take(lines, cells)
-        if kind == "landmarks" and table.size > MAX_IN_MEMORY:
+        if table.size <= MAX_IN_MEMORY:
+            continue
+        if kind == "landmarks" and table.in_order:
             spool.append(table.pop_complete())
+        else:
+            check_fits(table.name, table.size * ROW_BYTES)
     rest = table.records()
     if not len(spool):
-        return rest
+        return _in_time(rest, table.numbered)
     spool.append(rest)
-    if len(np.unique(np.concatenate(spool.hashes))) < len(spool):
-        fault = "the rows of items do not stand together, and the table is large"
-        raise input_error(table.name, fault, "sort its rows by item")
-    return spool
+    together = len(np.unique(np.concatenate(spool.hashes))) == len(spool)
+    if together and spool.in_order:
+        return spool
+    if not path.is_file():
+        fault = "frames of a sequence are not in order, and the table is large"
+        fix = "name the file itself, or sort its rows by sequence and frame"
+        if not together:
+            fault = "the rows of items do not stand together, and the table is large"
+            fix = "name the file itself, or sort its rows by item"
+        raise input_error(table.name, fault, fix)
+    return _read_unordered(path, kind)
+
+
+def _in_time(records: Any, numbered: bool) -> Any:
+    """Return records in order of their frames, with the frame rate of their times; of
+    those that are not `numbered`, whose column of frames is empty, without frames.
+    """
+    if not numbered and len(records):
+        records = records.without([FRAME])
+    order = order_by_frame(records.sequences, records.frame)
+    records = records if order is None else records.take(order)
+    return records.replaced(frame_rate=find_rate(records.frame, records.time))
+
+
+def _read_unordered(path: Path, kind: str) -> Any:
+    """Read a large table once more, in which rows of an item do not stand together, as
+    pandas' `melt` leaves them, or frames are not in order: into memory. Raises
+    InputError where that is too little.
+    """
+    table = _Table(path, kind)
+    for lines, cells in table.blocks:
+        table.take(lines, cells)
+        check_fits(table.name, table.size * ROW_BYTES)
+    return _in_time(table.records(), table.numbered)
 
 
 def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
     """Read the first rows of a table, and return them with their share of all rows."""
-    table, share = _Table(path, kind, gaps=True), 1.0
+    table, share = _Table(path, kind), 1.0
     for lines, cells in table.blocks:
         table.take(lines, cells)
         if table.size > MAX_IN_MEMORY // 4 and path.is_file():
@@ -119,7 +175,7 @@ def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
                 table.size * len(text) / text.count(b"\n") / path.stat().st_size, 1.0
             )
             break
-    return table.records(), share
+    return _in_time(table.records(), table.numbered), share
 
 
 class _Table:
@@ -127,7 +183,7 @@ class _Table:
     values.
     """
 
-    def __init__(self, path: Path, kind: str, gaps: bool) -> None:
+    def __init__(self, path: Path, kind: str) -> None:
         """Open a table. Raises InputError for columns that are unknown, there twice, or
         missing.
         """
@@ -149,12 +205,14 @@ class _Table:
                 f"{self.name}:1", fault, f"write the header {wanted}, with commas"
             )
         self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
-        self._complete = kind == "shapes" and not gaps
         self._scored = kind == "landmarks" and "confidence" in columns
-        self._sequences: dict[str, str] | None = {} if "sequence" in columns else None
+        self._of_items: dict[str, dict[str, str]] = {
+            column: {} for column in OF_ITEMS if column in columns
+        }
         self._items, self._landmarks = _numbering(), _numbering()
         self._parts: list[tuple[Any, ...]] = []
-        self.size = 0
+        self._last = 0
+        self.size, self.in_order, self.numbered = 0, True, False
 
     def take(self, lines: Integers, cells: Mapping[str, Sequence[str]]) -> None:
         """Take some rows; raises InputError for wrong ones."""
@@ -180,16 +238,27 @@ class _Table:
                 ("landmark", self._landmarks),
             )
         )
-        if self._sequences is not None:
-            first = [*map(self._sequences.setdefault, cells["item"], cells["sequence"])]
-            if first != [*cells["sequence"]]:
-                wrong = np.array(first, object) != np.array(cells["sequence"], object)
-                note("sequence", wrong, "give all rows of an item one sequence")
+        for column, of_item in self._of_items.items():
+            first = [*map(of_item.setdefault, cells["item"], cells[column])]
+            if first != [*cells[column]]:
+                wrong = np.array(first, object) != np.array(cells[column], object)
+                note(column, wrong, f"give all rows of an item one {column}")
+        if FRAME in self._of_items:
+            numbers, invalid = read_numbers(cells[FRAME])
+            whole = (np.abs(numbers) < MOST_FRAME) & (numbers % 1 == 0)
+            self.numbered = self.numbered or any(cells[FRAME])
+            sequences = cells.get("sequence", ())
+            single = np.array([not sequence for sequence in sequences], bool)
+            if len(single):  # images of no sequence need no number
+                whole |= single & np.isnan(numbers)
+            note(FRAME, invalid | ~whole, "write a whole number")
+        if TIME in self._of_items:
+            seconds, invalid = read_numbers(cells[TIME])
+            note(TIME, invalid | np.isinf(seconds), f"{FINITE_OR_EMPTY} (seconds)")
         points = []
         for axis in self._axes:
             values, invalid = read_numbers(cells[axis])
-            unfit = np.isinf(values) | (np.isnan(values) & self._complete)
-            note(axis, invalid | unfit, FINITE if self._complete else FINITE_OR_EMPTY)
+            note(axis, invalid | np.isinf(values), FINITE_OR_EMPTY)
             points.append(values)
         missing = np.isnan(points).any(axis=0)
         confidence = np.zeros(len(lines))
@@ -205,6 +274,9 @@ class _Table:
             raise input_problems(
                 [text for _, text in sorted(problems, key=lambda p: p[0])]
             )
+        steps = np.diff(item, prepend=self._last)
+        self.in_order = self.in_order and not (steps < 0).any()
+        self._last = int(item[-1]) if len(item) else self._last
         self.size += len(lines)
         self._parts.append(
             (lines.astype(np.int32), item, landmark, *points, confidence)
@@ -221,31 +293,34 @@ class _Table:
                 np.concatenate, zip(*self._parts, strict=True)
             )
             self._parts = [(lines, item, landmark, *values)]
-            cells, row = item * np.int64(p) + landmark, np.arange(len(lines))
-            first[cells[::-1]] = row[::-1]
-            again = np.flatnonzero(first[cells] != row)
+            place, row = item * np.int64(p) + landmark, np.arange(len(lines))
+            first[place[::-1]] = row[::-1]
+            again = np.flatnonzero(first[place] != row)
             if len(again):
                 problems = [
                     f"{self.name}:{lines[k]}: item '{items[item[k]]}', landmark "
-                    f"'{names[landmark[k]]}' is also on line {lines[first[cells[k]]]}; "
+                    f"'{names[landmark[k]]}' is also on line {lines[first[place[k]]]}; "
                     "keep one of them"
                     for k in again[:LIMIT]
                 ]
                 raise input_problems(problems, len(again))
             for plane, column in zip(planes, values, strict=True):
-                plane[cells] = column
+                plane[place] = column
         points = np.ascontiguousarray(planes[:d].reshape(d, n, p).swapaxes(0, 1))
-        sequences = (
-            None
-            if self._sequences is None
-            else [self._sequences[name] for name in items]
-        )
-        scores = (
-            {"confidence": np.nan_to_num(planes[d]).reshape(n, p)}
-            if self._scored
-            else {}
-        )
-        return KINDS[self._kind](points, names, items, sequences, **scores)
+        cells = {
+            column: [of_item[name] for name in items]
+            for column, of_item in self._of_items.items()
+        }
+        sequences = cells.get("sequence")
+        further: dict[str, Any] = {}
+        if self._scored:
+            further["confidence"] = np.nan_to_num(planes[d]).reshape(n, p)
+        if FRAME in cells:
+            frames, _ = read_numbers(cells[FRAME])
+            further[FRAME] = np.nan_to_num(frames).astype(np.int64)
+        if TIME in cells:
+            further[TIME], _ = read_numbers(cells[TIME])
+        return KINDS[self._kind](points, names, items, sequences, **further)
 
     def pop_complete(self) -> LandmarkSet:
         """Take out all items but the last one, of which more rows may come."""
@@ -259,8 +334,9 @@ class _Table:
             *(column[rows] for column in values),
         )
         self._parts, self._items, self.size = [remaining], _numbering(item), len(rows)
-        if self._sequences is not None:
-            self._sequences = {item: self._sequences[item]}
+        self._last = 0
+        for column, of_item in self._of_items.items():
+            self._of_items[column] = {item: of_item[item]}
         return images.take(slice(0, last))
 
 
@@ -281,6 +357,8 @@ class Spool:
         self._file = TemporaryFile()  # noqa: SIM115 gone with the source
         self._starts, self._offsets = [0], list[int]()
         self.hashes: list[NDArray[np.int64]] = []
+        self._last_frame: dict[str, int] = {}
+        self.in_order = True
         self._part = lru_cache(1)(self._read)
 
     def __len__(self) -> int:
@@ -292,6 +370,12 @@ class Spool:
         self._offsets.append(self._file.seek(0, SEEK_END))
         self._starts.append(len(self) + len(images))
         self.hashes.append(np.fromiter(map(hash, images.items), np.int64, len(images)))
+        if images.sequences is not None and images.frame is not None:
+            frames = zip(images.sequences, images.frame.tolist(), strict=True)
+            for sequence, frame in frames:
+                before = self._last_frame.get(sequence, frame)
+                self.in_order &= before <= frame or not sequence
+                self._last_frame[sequence] = frame
         pickle.dump(images, self._file, pickle.HIGHEST_PROTOCOL)
 
     def take(self, rows: slice) -> LandmarkSet:
@@ -369,8 +453,10 @@ def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
     first.
     """
     name, line, rest = source_name(path), 1, b""
-    for block in chain(read_text_blocks(path), [b""]):
-        data = rest + block
+    old_ends = False
+    for number, block in enumerate(chain(read_text_blocks(path), [b""])):
+        old_ends = _ends_with_cr(block) if number == 0 else old_ends
+        data = rest + (block.replace(b"\r", b"\n") if old_ends else block)
         end = (
             data.rfind(b"\n") + 1 if block else len(data)
         )  # the last line may have no end
@@ -385,8 +471,16 @@ def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
                 line += data.count(b"\n", 0, error.start)
                 fix = "save it as CSV in UTF-8"
                 raise input_error(f"{name}:{line}", "is not UTF-8 text", fix) from error
-            yield line, text
+            yield line, as_composed(text)
             line += data.count(b"\n", 0, end)
+
+
+def _ends_with_cr(block: bytes) -> bool:
+    r"""Whether the first line ends with \r alone, as Excel for the Mac ends lines."""
+    first = block.find(b"\r")
+    followed = block[first + 1 : first + 2] == b"\n"
+    quoted = block.count(b'"', 0, first) % 2 == 1
+    return first >= 0 and not followed and not quoted and b"\n" not in block[:first]
 
 
 def _divided(
@@ -479,7 +573,7 @@ def csv_output(target: Path) -> Iterator[CsvWriter]:
 
 class CsvWriter(RecordWriter[Records]):
     """Appends records as rows
-    `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
+    `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence][,frame][,time]`.
 
     Results with a verdict also have a column `trusted`. NaN becomes an empty cell;
     numbers have the fewest digits that read back to the same float. CSV has no place
@@ -522,6 +616,10 @@ def _columns(record: Records) -> tuple[dict[str, Floats], dict[str, Sequence[str
         numbers["confidence"] = record.confidence
     if record.sequences is not None:
         texts["sequence"] = record.sequences
+    if record.frame is not None:
+        texts[FRAME] = [*map(str, record.frame.tolist())]
+    if record.time is not None:
+        texts[TIME] = ["" if t != t else repr(t) for t in record.time.tolist()]
     if isinstance(record, ResultSet):
         if (sd := record.shape_sd) is not None:
             numbers |= {f"sd_{'xyz'[axis]}": sd[:, axis] for axis in range(3)}

@@ -15,7 +15,8 @@ from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory
 from shapefit.io.formats import HDF5, check_holds, our_format, record_writer
-from shapefit.io.layout import DICTIONARY, FIELDS
+from shapefit.io.layout import DICTIONARY, FIELDS, UNKNOWN_UNIT
+from shapefit.io.records import ShapeSet
 
 AGAIN = "make the dictionary again"
 TINY = np.nextafter(0, 1)
@@ -51,6 +52,28 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
             frame_rate=stated["frame_rate"],
             provenance=provenance,
         )
+
+
+def atoms_of(dictionary: Dictionary) -> ShapeSet:
+    """Return the atoms as shapes: in the unit of the training shapes where their sizes
+    are known, else as they are, about 1 in size.
+    """
+    k, sizes = dictionary.k, dictionary.atom_scale
+    numbers = (f"atom {number:0{len(str(k - 1))}d}" for number in range(k))
+    atoms, vertices = dictionary.atoms, dictionary.mesh_vertices
+    if sizes is not None:
+        atoms = atoms * sizes[:, None, None]
+        vertices = None if vertices is None else vertices * sizes[:, None, None]
+    return ShapeSet(
+        atoms,
+        dictionary.landmark_names,
+        dictionary.atom_items or tuple(numbers),
+        unit=UNKNOWN_UNIT if sizes is None else dictionary.unit,
+        edges=dictionary.edges,
+        mirror_index=dictionary.mirror_index,
+        mesh_vertices=vertices,
+        mesh_faces=None if vertices is None else dictionary.mesh_faces,
+    )
 
 
 def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:

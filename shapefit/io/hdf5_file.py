@@ -40,6 +40,7 @@ from shapefit.io.layout import (
     Layout,
     fit_axes,
 )
+from shapefit.io.names import as_composed
 from shapefit.io.options import RecordWriter
 from shapefit.io.records import KINDS, Attribute
 
@@ -161,6 +162,8 @@ class Hdf5File:
             yield
         except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
             reason = printable(str(error).partition("\n")[0])
+            if isinstance(error, UnicodeError):
+                reason = "text that is not UTF-8"
             filtered = "plugin" in reason.lower() or "required filter" in reason.lower()
             fix = (
                 "write it again with gzip or without compression"
@@ -358,7 +361,7 @@ class Hdf5Reader(Hdf5File):
         per_item = self._is_per_item(name)
         values = np.asarray(self.rows(name, rows if per_item else ()))
         if kind == "text":
-            return tuple(values)
+            return tuple(map(as_composed, values))
         if kind is None:
             return values
         with np.errstate(

@@ -7,13 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from shapefit.errors import input_error
-from shapefit.io.layout import EDGES, UNKNOWN_UNIT
+from shapefit.errors import abbreviate, counted, input_error
+from shapefit.io.layout import EDGES, FRAME, TIME, UNKNOWN_UNIT
+from shapefit.io.names import check_numbering, numbers_of
 from shapefit.io.options import Direction
-from shapefit.io.records import LandmarkSet, ResultSet
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 SEPARATELY = "use files that agree, or process them separately"
 CONFIDENCE = "confidence"
+
+IN_SOME_FILES = (CONFIDENCE, TIME)
+"""Columns that files of one source need not all have."""
 
 
 def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
@@ -21,8 +25,9 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
 
     The landmarks of images are those of all files in order of appearance, those of
     shapes and of results are the same in all. What differs between files of images, as
-    cameras do, is of items. Confidence and edges may be in some files alone; the edges
-    are those of the first that has any. Raises InputError where files do not go
+    cameras do, is of items. Confidence, times and edges may be in some files alone, and
+    frames where the others have no sequences; the edges are those of the first that has
+    any. Raises InputError where files do not go
     together, or state another direction than `y_axis`.
     """
     heads = [file.head for file in files]
@@ -34,7 +39,12 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
             places,
             [", ".join(head.landmark_names) for head in heads],
         )
+    if isinstance(heads[0], ShapeSet):
+        for place, head in zip(places[1:], heads[1:], strict=True):
+            _check_same_landmarks((places[0], names), (place, head.landmark_names))
     if isinstance(heads[0], LandmarkSet):
+        for place, head in zip(places[1:], heads[1:], strict=True):
+            check_numbering(head.landmark_names, names, place, places[0])
         names = tuple(
             dict.fromkeys(name for head in heads for name in head.landmark_names)
         )
@@ -45,10 +55,12 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
         _per_item(head, differing - {EDGES}).arrange(names, file.name)
         for file, head in zip(files, heads, strict=True)
     ]
+    optional = {*IN_SOME_FILES, EDGES}
+    without_frames = [head for head in heads if FRAME not in head.per_item]
+    if all(head.sequences is None for head in without_frames):
+        optional.add(FRAME)
     for file, head in zip(files, heads, strict=True):
-        for name in sorted(
-            (head.columns.keys() | heads[0].columns.keys()) - {CONFIDENCE, EDGES}
-        ):
+        for name in sorted((head.columns.keys() | heads[0].columns.keys()) - optional):
             if not _agree(heads[0], head, name):
                 fault = f"its dataset {name} is not that of {files[0].name}"
                 raise input_error(file.name, fault, SEPARATELY)
@@ -74,6 +86,27 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
     )
 
 
+def _check_same_landmarks(*files: tuple[str, Sequence[str]]) -> None:
+    """Raise InputError at the file of two that lacks a landmark of the other."""
+    (_, first), (_, second) = files
+    common = [name for name in first if name in set(second)]
+    for (place, names), (other, others) in (files, files[::-1]):
+        absent = [name for name in others if name not in set(names)]
+        if not absent:
+            continue
+        fault = f"has no landmark '{absent[0]}', which {other} has"
+        if len(absent) > 1:
+            fault = f"lacks {counted(len(absent), 'landmark')} of {other}"
+            fault += f" ({abbreviate(absent)})"
+        fix = "give shapes of the same landmarks"
+        if numbers_of(first) and numbers_of(second):
+            fix += ", all numbered from 0 or all from 1"
+        elif common:
+            shown = abbreviate(common, 3)
+            fix += f", or name those that all have by `landmarks` ({shown})"
+        raise input_error(place, fault, fix)
+
+
 def align_to(part: Any, head: Any, file: str) -> Any:
     """Return a part of one file with the landmarks and columns of the whole source."""
     part = _per_item(part, head.per_item)
@@ -81,6 +114,10 @@ def align_to(part: Any, head: Any, file: str) -> Any:
         part = part.with_columns(
             {CONFIDENCE: np.ones((len(part), len(part.landmark_names)))}
         )
+    if TIME in head.per_item and TIME not in part.per_item:
+        part = part.with_columns({TIME: np.full(len(part), np.nan)})
+    if FRAME in head.per_item and FRAME not in part.per_item:
+        part = part.with_columns({FRAME: np.zeros(len(part), np.int64)})
     missing = head.sequences is not None and part.sequences is None
     part = part.arrange(head.landmark_names, file).replaced(
         sequences=("",) * len(part) if missing else part.sequences,

@@ -4,6 +4,8 @@ its own.
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import chain
@@ -17,6 +19,44 @@ from shapefit.errors import abbreviate, input_error
 from shapefit.io.checks import LIMIT, input_problems
 
 
+def as_composed(text: str) -> str:
+    """Return a text in Unicode's composed form: names that look the same are the same.
+
+    Accented letters have two spellings; macOS writes one, keyboards the other.
+    """
+    return text if text.isascii() else unicodedata.normalize("NFC", text)
+
+
+def numbers_of(names: Sequence[str]) -> list[int] | None:
+    """Return names of landmarks that are all numbers as such; None for others."""
+    numbers = [int(name) for name in names if name.isdecimal()]
+    return numbers if names and len(numbers) == len(names) else None
+
+
+def check_numbering(
+    have: Sequence[str], want: Sequence[str], place: str, other: str
+) -> tuple[str, ...]:
+    """Say where numbers of landmarks may be counted from 0 on one side, from 1 on the
+    other.
+
+    `want` are the names in `other`, a dictionary, a truth or a skeleton. Raises
+    InputError at `place` where they must be.
+    """
+    ours, theirs = numbers_of(have), numbers_of(want)
+    if ours is None or theirs is None or (0 in ours) == (0 in theirs):
+        return ()
+    from_0, from_1 = (ours, theirs) if 0 in ours else (theirs, ours)
+    ranges = (
+        f"landmarks are numbered {min(ours)} to {max(ours)}, those of {other}"
+        f" {min(theirs)} to {max(theirs)}"
+    )
+    whole = max(theirs) - min(theirs) + 1 == len(theirs)
+    if whole and max(from_1) > max(from_0):
+        fix = "count both from 0 or both from 1, by `rename: {1: 0, 2: 1}` and so on"
+        raise input_error(place, ranges, fix)
+    return (f"{ranges}: if one counts from 0 and one from 1, all are off by one",)
+
+
 def match_landmarks(
     have: Sequence[str], want: Sequence[str], place: str = "landmark_names"
 ) -> NDArray[np.intp]:
@@ -25,7 +65,8 @@ def match_landmarks(
     Raises InputError at `place` with the nearest names for every wanted name that is
     not there.
     """
-    index = {name: number for number, name in enumerate(have)}
+    index = {as_composed(name): number for number, name in enumerate(have)}
+    want = [*map(as_composed, want)]
     absent = [name for name in want if name not in index]
     if len(absent) == len(want) > 1:
         none = f"none of the {len(want)} landmarks ({abbreviate(want, 10)}) is known"
@@ -58,8 +99,9 @@ def renamed(
     Raises InputError at `place` where two landmarks would have one name.
     """
     first: dict[str, str] = {}
+    rename = {as_composed(old): as_composed(new) for old, new in rename.items()}
     for before in names:
-        after = rename.get(before, before)
+        after = rename.get(as_composed(before), before)
         if after in first:
             fault = (
                 f"`rename` gives the name '{after}' to '{first[after]}' and '{before}'"
@@ -67,6 +109,27 @@ def renamed(
             raise input_error(place, fault, "give every landmark a unique name")
         first[after] = before
     return tuple(first)
+
+
+OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
+WORD_LEFT = re.compile(
+    r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])|(?<=[a-z])L$"
+)
+"""`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip,
+HipL.
+"""
+
+
+def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Return the positions of left and right landmarks of one name."""
+    place = {name: number for number, name in enumerate(names)}
+    pairs = {}
+    for name, number in place.items():
+        for word in WORD_LEFT.finditer(name):
+            other = name[: word.start()] + OTHER_SIDE[word[0]] + name[word.end() :]
+            if other in place:
+                pairs[number] = place[other]
+    return [*pairs.items()]
 
 
 def make_unique(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ...]]:

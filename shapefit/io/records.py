@@ -24,7 +24,7 @@ from shapefit.io.layout import (
     Layout,
     fit_axes,
 )
-from shapefit.io.names import match_landmarks
+from shapefit.io.names import as_composed, match_landmarks
 
 Names = tuple[str, ...]
 Attribute = str | float | int
@@ -87,7 +87,8 @@ class Records:
             raise TypeError(
                 f"{type(self).__name__} has no {', '.join(sorted(unlisted))}"
             )
-        self.landmark_names, self.items = tuple(landmark_names), tuple(items)
+        self.landmark_names = tuple(map(as_composed, landmark_names))
+        self.items = tuple(items)
         self.sequences = None if sequences is None else tuple(sequences)
         self.unit, self.frame_rate = unit, frame_rate
         self.y_axis = None if self.LAYOUT is SHAPES else y_axis or "down"
@@ -323,6 +324,26 @@ KINDS: dict[str, type[Records]] = {
 """What a file of each kind is in memory."""
 
 Record = TypeVar("Record", bound=Records)
+
+
+def order_by_frame(
+    sequences: Sequence[str] | None, frames: NDArray[Any] | None
+) -> NDArray[np.intp] | None:
+    """Return the order (n,) in which frames rise, sequence by sequence; None where
+    they rise as they stand.
+
+    Items of no sequence, "", stay in their order.
+    """
+    if sequences is None or frames is None:
+        return None
+    number: dict[str, int] = {}
+    which = np.array([number.setdefault(s, len(number)) for s in sequences], np.intp)
+    places = np.where(which == number.get("", -1), 0, frames)
+    together = np.argsort(which, kind="stable")
+    same = np.diff(which[together]) == 0
+    if not (same & (np.diff(places[together]) < 0)).any():
+        return None
+    return np.lexsort((places, which))
 
 
 def concatenate(parts: Sequence[Record]) -> Record:

@@ -14,12 +14,19 @@ from typing import Any, Generic, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error
-from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
+from shapefit.errors import abbreviate, counted, input_error
+from shapefit.io.checks import (
+    Place,
+    check_values,
+    place_in_memory,
+    warn_of_codes,
+    warn_of_zeros,
+)
 from shapefit.io.formats import CSV, HDF5, check_holds, our_format, record_writer
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import (
     FIELDS,
+    FRAME,
     LANDMARKS,
     PROOF,
     RESULTS,
@@ -30,7 +37,14 @@ from shapefit.io.layout import (
 from shapefit.io.merge import align_to, merge_heads
 from shapefit.io.names import make_unique, match_landmarks, renamed
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
-from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
+from shapefit.io.records import (
+    LandmarkSet,
+    Record,
+    ResultSet,
+    ShapeSet,
+    concatenate,
+    order_by_frame,
+)
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
@@ -133,8 +147,12 @@ def source_of(
     is.
     """
     place, stated = place_in_memory(name), records.y_axis
+    order = order_by_frame(records.sequences, records.frame)
+    if order is not None:
+        records = records.take(order)
     file: SourceFile[Record] = SourceFile.of(name, records, place, y_axis=stated)
-    return Source(_prepared([file], records.LAYOUT, InputOptions(rename=rename), gaps))
+    files = [_with_doubts(file)]
+    return Source(_prepared(files, records.LAYOUT, InputOptions(rename=rename), gaps))
 
 
 def read_shapes(
@@ -359,8 +377,7 @@ def _open(
         if file_format.read_poses is not None and form is not RESULTS:
             from shapefit.io.readers import items
 
-            read: Any = partial(items.read_shapes, gaps=gaps)
-            read = items.read_landmarks if form is LANDMARKS else read
+            read = items.read_landmarks if form is LANDMARKS else items.read_shapes
             records, notes = read(file_format, group, options)
             stated = records.y_axis if file_format.states_y_axis else None
             files.append(SourceFile.of(name, records, notes=notes, y_axis=stated))
@@ -377,22 +394,47 @@ def _open(
             if head:
                 records, share = read_csv_head(group[0], form.kind)
             else:
-                records, share = read_csv(group[0], form.kind, gaps=gaps), 1.0
+                records, share = read_csv(group[0], form.kind), 1.0
             files.append(
                 SourceFile.of(name, records, estimate=round(len(records) / share))
             )
+        if form is not RESULTS and options.keypoints is not None:
+            files[-1] = _named_by_skeleton(files[-1], options.keypoints)
         if form is LANDMARKS and not head:
             files[-1] = _in_pixels(files[-1], options)
+    if form is not RESULTS:
+        files = [*map(_with_doubts, files)]
     prepared = _prepared(files, form, options, gaps, check=not head)
     return Source(prepared, options.y_axis, check=not head)
+
+
+def _with_doubts(file: SourceFile[Any]) -> SourceFile[Any]:
+    """Return a file with a warning of numbers that may stand for missing landmarks."""
+    first = file.read(slice(0, min(file.count, BLOCK)))
+    codes = warn_of_codes(first.points, first.per_item.get("confidence"))
+    notes = tuple(f"{file.name}: {text}" for text in codes)
+    return replace(file, notes=(*file.notes, *notes)) if notes else file
 
 
 def _of_hdf5(
     path: Path, reader: Any, rows: slice | None, without: Collection[str]
 ) -> SourceFile[Any]:
-    """Open a file of ours, or a part of its rows, but for some datasets."""
+    """Open a file of ours, or a part of its rows, but for some datasets.
+
+    Its images and shapes come in order of their frames; where they stand in another,
+    they are read at once.
+    """
     file = reader(path)
     start, stop, _ = (rows or slice(None)).indices(file.count)
+    order = None if file.form is RESULTS else _order(file)
+    if order is not None:
+        part = order[start:stop]
+        return SourceFile.of(
+            str(path),
+            file.records(slice(0, file.count), without).take(part),
+            lambda dataset, row: f"{path}:/{dataset}[{part[row]}]",
+            y_axis=file.stated["y_axis"],
+        )
 
     def within(part: slice) -> slice:
         return slice(start + part.start, start + part.stop)
@@ -406,6 +448,91 @@ def _of_hdf5(
         close=reader.cache_clear,
         y_axis=file.stated["y_axis"],
     )
+
+
+def _order(file: Any) -> NDArray[np.intp] | None:
+    """Return the order of frames of an open HDF5 file, None where they stand in it."""
+    if not (file.is_dataset(FRAME) and file.is_dataset("sequence")):
+        return None
+    return order_by_frame(file.read("sequence"), file.read(FRAME))
+
+
+MIN_SHARE = 0.9
+"""Of the shapes of a file in which a landmark that is used is known."""
+
+
+def _without_gaps(file: SourceFile[Any]) -> SourceFile[Any]:
+    """Return a file of shapes without those that lack a landmark, and a note of how
+    many.
+
+    Landmarks that are mostly unknown are left out first. Raises InputError where no
+    landmark is known often.
+    """
+    starts = range(0, file.count, BLOCK)
+    blocks = [slice(start, min(start + BLOCK, file.count)) for start in starts]
+    parts = [np.isnan(file.read(rows).points).any(axis=1) for rows in blocks]
+    if not any(part.any() for part in parts):
+        return file
+    from shapefit.io.readers.items import with_landmarks
+
+    known = ~np.concatenate(parts)
+    often = known.mean(axis=0) >= MIN_SHARE
+    number = counted(file.count, "shape")
+    if not often.any():
+        problem = f"no landmark is known in {MIN_SHARE:.0%} of its {number}"
+        raise input_error(file.name, problem, "give shapes with fewer gaps")
+    names = np.array(file.head.landmark_names, object)
+    notes = list(file.notes)
+    if not often.all():
+        rare = names[~often].tolist()
+        text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
+        text = f"{counted(len(rare), 'landmark')} {text} ({abbreviate(rare)})"
+        notes.append(f"{file.name}: {text}")
+    whole = np.flatnonzero(known[:, often].all(axis=1))
+    if omitted := file.count - len(whole):
+        text = f"{counted(omitted, 'shape')} left out, in which a landmark is unknown"
+        notes.append(f"{file.name}: {text}")
+
+    def within(rows: slice) -> tuple[slice, NDArray[np.intp]]:
+        taken = whole[rows]
+        first, end = (taken[0], taken[-1] + 1) if len(taken) else (0, 0)
+        return slice(int(first), int(end)), taken - first
+
+    def read(rows: slice) -> Any:
+        around, taken = within(rows)
+        records = file.read(around).take(taken)
+        return records if often.all() else with_landmarks(records, names[often])
+
+    def texts(dataset: str, rows: slice) -> Sequence[str]:
+        around, taken = within(rows)
+        read_texts = file.texts(dataset, around)
+        return [read_texts[row] for row in taken]
+
+    def place(name: str, row: int | None = None) -> str:
+        return file.place(name, None if row is None else int(whole[row]))
+
+    return replace(
+        file, count=len(whole), read=read, texts=texts, place=place, notes=tuple(notes)
+    )
+
+
+def _named_by_skeleton(file: SourceFile[Any], skeleton: str) -> SourceFile[Any]:
+    """Return a file of ours whose landmarks, if numbers, are those of the skeleton."""
+    from shapefit.io.readers.items import name_numbers
+
+    before = file.head.landmark_names
+    names, notes = name_numbers(before, skeleton, file.name)
+    if names == before:
+        return file
+    renames = dict(zip(before, names, strict=True))
+
+    def read(rows: slice) -> Any:
+        records = file.read(rows)
+        called = tuple(renames.get(name, name) for name in records.landmark_names)
+        return records.replaced(landmark_names=called)
+
+    told = tuple(f"{file.name}: {text}" for text in notes)
+    return replace(file, read=read, notes=(*file.notes, *told))
 
 
 def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
@@ -453,6 +580,8 @@ def _prepared(
     Points are whole, and hidden where their confidence is below the least; landmarks
     are renamed, and only some of them retained.
     """
+    if form is SHAPES and not gaps:
+        files = [*map(_without_gaps, files)]
     if options.rename:
         names = dict.fromkeys(
             name for file in files for name in file.head.landmark_names

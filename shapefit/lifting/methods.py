@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from shapefit.convex.solver import Solution
     from shapefit.dictionary.model import Dictionary
     from shapefit.lifting.estimate import Estimate, Estimator
+    from shapefit.lifting.posterior.usual_lengths import LimbLengths
 
     Solve = Callable[[Problem], Solution]
     Run = Callable[[Problem, "Settings"], Estimate]
@@ -52,6 +53,8 @@ class PosteriorOptions:
                    of the file;
                    empty for none
     covariance     whether the covariance of all landmarks together is wanted
+    limbs          usual lengths that the limbs of single images are to have; None for
+                   no such
     """
 
     residual_variance: float = 0.01
@@ -60,6 +63,7 @@ class PosteriorOptions:
     bar_scale: float = 1.0
     growth: tuple[float, ...] = ()
     covariance: bool = False
+    limbs: LimbLengths | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

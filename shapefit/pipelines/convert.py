@@ -20,7 +20,14 @@ from shapefit.io import (
     read_dictionary,
     write_dictionary,
 )
-from shapefit.io.formats import HDF5, find_target_format, record_writer
+from shapefit.io.dictionaries import atoms_of
+from shapefit.io.formats import (
+    CSV,
+    HDF5,
+    FileFormat,
+    find_target_format,
+    record_writer,
+)
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
@@ -48,13 +55,7 @@ def run(config: ConvertConfig) -> Iterator[Result]:
     options = input_options(config, "motion" if target.in_metres else "none")
     kind = find_common_kind(config.files, options)
     if kind == "dictionary":
-        if target is not HDF5 or len(config.files) > 1:
-            problem = "is a dictionary, which is written as HDF5, one file at a time"
-            raise input_error(
-                config.files[0], problem, "name one dictionary, and an output in .h5"
-            )
-        write_dictionary(config.output, read_dictionary(config.files[0], old=True))
-        yield Result(done=1, total=1, unit="dictionary", written=(config.output,))
+        yield convert_dictionary(config, target)
         return
     keys = ("height", "unit", "up", "markers")
     output = OutputOptions(**{key: getattr(config, key) for key in keys})
@@ -77,6 +78,25 @@ def run(config: ConvertConfig) -> Iterator[Result]:
         note=summary.note,
         written=summary.written or (config.output,),
     )
+
+
+def convert_dictionary(config: ConvertConfig, target: FileFormat) -> Result:
+    """Write a dictionary in the present version, or its atoms as a table of shapes.
+
+    Raises InputError for several dictionaries, and for other formats.
+    """
+    if target not in (HDF5, CSV) or len(config.files) > 1:
+        problem = "is a dictionary, which is written one at a time"
+        fix = "name an output in .h5, or in .csv for its atoms as shapes"
+        raise input_error(config.files[0], problem, fix)
+    dictionary = read_dictionary(config.files[0], old=True)
+    if target is HDF5:
+        write_dictionary(config.output, dictionary)
+        return Result(done=1, total=1, unit="dictionary", written=(config.output,))
+    with record_writer(config.output, SHAPES, config.to) as writer:
+        writer.append(atoms_of(dictionary))
+    number = dictionary.k
+    return Result(done=number, total=number, unit="shape", written=(config.output,))
 
 
 def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:

@@ -9,16 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from shapefit.arrays import Flags
 from shapefit.config import CONFIGS, InfoConfig
 from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning
-from shapefit.errors import InputError, abbreviate, counted, listed
+from shapefit.errors import InputError, abbreviate, counted, listed, printable
 from shapefit.io import open_landmarks, open_shapes, read_dictionary
-from shapefit.io.detect import detect_format, group_inputs
+from shapefit.io.detect import FORMATS, detect_format, group_inputs
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
+from shapefit.io.readers.tables import understand
+from shapefit.io.records import Records
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.source import OPTIONAL, Source, find_kind, open_results
 from shapefit.pipelines.joints import is_of_people
@@ -134,6 +137,8 @@ def describe(
         elif kind == "landmarks":
             stated = "" if source.states_y_axis else ", as the file does not say"
             items.append(("y axis", f"{head.y_axis}{stated}"))
+        if file_format is FORMATS["table"]:
+            items += understand(paths[0], 3 if kind == "shapes" else 2).lines
         following = next_command(kind, paths, head.landmark_names, options.keypoints)
         return [*title, *items, ("next", following)], source.notes
 
@@ -157,13 +162,51 @@ def describe_items(source: Source[Any], noun: str) -> list[Line]:
             ("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{part}")
         )
         lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
+        if sample.frame is None:
+            lines.append(("frames", "not numbered, so one follows the other"))
+        if gaps := describe_gaps(sample):
+            lines.append(("gaps", gaps + part))
     visible = np.isfinite(sample.points).all(axis=1)
+    if visible.any():
+        lines.append(("first", describe_point(sample, visible)))
     missing = 1 - visible.sum() / max(visible.size, 1)
     lines.append(("missing", f"{missing:.1%} of the landmarks{part}"))
     lines.append(("unit", "not stated" if sample.unit == UNKNOWN_UNIT else sample.unit))
     if camera := [name for name in CAMERA if name in sample.columns]:
         lines.append(("camera", listed(camera, "and")))
     return lines
+
+
+def describe_gaps(sample: Records) -> str:
+    """Say how many frames of sequences are missing, and where for how long; "" where
+    none is, or files number none.
+    """
+    if sample.frame is None or sample.sequences is None:
+        return ""
+    missing, longest, where = 0, 0, ""
+    last: dict[str, int] = {}
+    rows = zip(sample.sequences, sample.frame.tolist(), sample.items, strict=True)
+    for sequence, frame, item in rows:
+        gap = frame - last.get(sequence, frame - 1) - 1 if sequence else 0
+        last[sequence] = frame
+        missing += max(gap, 0)
+        if gap > longest:
+            longest, where = gap, item
+    if not missing:
+        return ""
+    seconds = f" ({longest / sample.frame_rate:.3g} s)" if sample.frame_rate else ""
+    return (
+        f"{counted(missing, 'frame')} missing, at most {longest}{seconds}, before"
+        f" {where}"
+    )
+
+
+def describe_point(sample: Any, visible: Flags) -> str:
+    """Return the first item with a landmark, and where the first of these is."""
+    row, column = np.argwhere(visible)[0].tolist()
+    numbers = ", ".join(f"{value:g}" for value in sample.points[row, :, column])
+    item, landmark = sample.items[row], sample.landmark_names[column]
+    return f"{printable(item)}, {printable(landmark)} at ({numbers})"
 
 
 def describe_dictionary(path: Path) -> list[Line]:

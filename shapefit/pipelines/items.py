@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.layout import FRAME
+from shapefit.io.names import as_composed
 from shapefit.io.records import Records
 
 BY_ITEM, BY_FRAME = "item", "frame"
@@ -86,8 +87,13 @@ def find_truth(
 
 def find_rows(wanted: Iterable[object], keys: Iterable[object]) -> NDArray[np.intp]:
     """Return the row of each key that is wanted, -1 for none."""
-    row = {key: number for number, key in enumerate(keys)}
-    return np.array([row.get(key, -1) for key in wanted], dtype=np.intp)
+    row = {_composed(key): number for number, key in enumerate(keys)}
+    return np.array([row.get(_composed(key), -1) for key in wanted], dtype=np.intp)
+
+
+def _composed(key: object) -> object:
+    """Return a name in the form of Unicode in which equal ones are equal."""
+    return as_composed(key) if isinstance(key, str) else key
 
 
 def find_frames(images: Keys, truth: Keys) -> NDArray[np.intp]:

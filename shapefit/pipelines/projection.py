@@ -74,7 +74,8 @@ def run(config: ProjectConfig) -> Iterator[Result]:
             "config": config.as_json(),
             "inputs": inputs,
         }
-    warnings = nothing_in(source.count, "shapes") + writer.summary.warnings
+    warnings = source.notes + nothing_in(source.count, "shapes")
+    warnings += writer.summary.warnings
     yield Result(total=source.count, warnings=warnings, written=(config.output,))
 
 

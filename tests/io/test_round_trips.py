@@ -1,4 +1,6 @@
-"""Whatever is written is read back, to the last bit, in each format a record has."""
+"""Whatever is written is read back, to the last bit, in each format a record has; of
+the spellings that Unicode has of a name, the composed one.
+"""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,16 +25,16 @@ from shapefit.io import (
     write_shapes,
 )
 from shapefit.io.layout import PROOF
+from shapefit.io.names import as_composed
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 from shapefit.io.source import open_results
 
 finite = st.floats(-LARGEST, LARGEST)
 positive = st.floats(0, exclude_min=True, allow_infinity=False)
 anything = st.floats()
-texts = st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=6)
-names = st.text(
-    st.characters(exclude_characters="\0", codec="utf-8"), min_size=1, max_size=6
-)
+letters = st.characters(exclude_characters="\0", codec="utf-8")
+texts = st.text(letters, max_size=6).map(as_composed)
+names = st.text(letters, min_size=1, max_size=6).map(as_composed)
 
 
 def optional(strategy):

@@ -35,8 +35,8 @@ def reasons(**changes) -> str:
     ("changes", "reason"),
     [
         ({}, ""),
-        ({"p_value": 0.05, "expected": 0.33}, ""),
-        ({"expected": 0.34}, "large expected error"),
+        ({"p_value": 0.05, "expected": 0.304}, ""),
+        ({"expected": 0.306}, "large expected error"),
         ({"p_value": 0.049}, "implausible landmarks"),
         ({"p_value": np.nan}, ""),
         ({"distance": 0.51}, "far from any training shape"),
@@ -46,12 +46,30 @@ def reasons(**changes) -> str:
         ({"status": Status.ITERATION_LIMIT}, "not optimal"),
         ({"shape": np.full((3, 4), np.nan), "p_value": np.nan}, "no shape"),
         ({"shape": np.zeros((3, 4))}, "large expected error"),
-        ({"shape": 5 * CUBE, "expected": 1.6}, ""),
+        ({"shape": 5 * CUBE, "expected": 1.52}, ""),
         ({"seen": 3, "p_value": 0.0, "expected": 9.0}, "too few landmarks seen"),
     ],
 )
 def test_the_first_reason_that_holds_is_named(changes, reason):
     assert reasons(**changes) == reason
+
+
+def test_only_landmarks_that_are_shown_are_measured():
+    """A landmark that no image shows is guessed: it makes a shape large and unsure."""
+    far_off = np.array([[9.0], [0.0], [0.0]])
+    shape = np.concatenate([CUBE, far_off], axis=1)
+    case = {**GOOD, "shape": shape, "expected": 0.32}
+    values = [np.array([value]) for value in case.values()]
+    shown = np.array([True, True, True, True, False])
+    assert find_reasons(*values, shown=shown)[0] == "large expected error"
+    assert find_reasons(*values)[0] == ""
+
+    covariance = np.diag(np.tile([0.01, 0.01, 0.01, 0.01, 4.0], 3))[None]
+    of_shown = expected_error(shape[None], covariance, shown)
+    without = np.flatnonzero(np.tile(shown, 3))
+    alone = expected_error(CUBE[None], covariance[:, without[:, None], without])
+    assert of_shown == pytest.approx(alone)
+    assert of_shown < 0.3 * expected_error(shape[None], covariance)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +88,21 @@ def test_a_file_that_contradicts_the_dictionary(
     kappa, distance, visible, images, wrong
 ):
     apart = median_distance(np.full(images, distance), np.full(images, visible))
-    assert contradicts(kappa, apart) == wrong
+    assert contradicts(kappa, apart, trusted=0.3, doubtful=0.2) == wrong
+
+
+@pytest.mark.parametrize(
+    ("kappa", "trusted", "doubtful", "wrong"),
+    [
+        (2.6, 0.49, 0.0, True),
+        (2.6, 0.5, 0.0, False),  # unlike training, but told apart image by image
+        (1.0, 0.09, 0.26, True),  # what is trusted is so by chance
+        (1.0, 0.11, 0.26, False),
+        (1.0, 0.09, 0.24, False),
+    ],
+)
+def test_what_would_be_trusted_of_a_file_counts(kappa, trusted, doubtful, wrong):
+    assert contradicts(kappa, 0.2, trusted, doubtful) == wrong
 
 
 @pytest.mark.parametrize("kind", ["of all coordinates", "of depths", "a similarity"])

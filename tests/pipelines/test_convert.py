@@ -7,7 +7,9 @@ import pytest
 from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
-from shapefit.io import read_results, read_shapes, write_shapes
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
+from shapefit.io import read_results, read_shapes, write_dictionary, write_shapes
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.convert import run
 from tests.io.files import load, save
@@ -137,3 +139,32 @@ def test_what_fit_writes_can_be_judged(walk, ending, capsys):
     assert "80 images" in told.err + told.out
     (warning,) = [line for line in told.err.splitlines() if line.startswith("Warning")]
     assert "no camera, rotation and reprojection without" in warning
+
+
+def test_atoms_of_a_dictionary_are_a_table_of_shapes(tmp_path, rng):
+    path, target = tmp_path / "d.h5", tmp_path / "atoms.csv"
+    atoms = rng.normal(size=(12, 3, 5))
+    sizes = rng.uniform(1, 2, 12)
+    names = tuple("abcde")
+    made = Dictionary(atoms, names, atoms[0], atom_scale=sizes, unit="m")
+    write_dictionary(path, made)
+    (outcome,) = run(
+        load_config("convert", None, (), {"files": [path], "output": target})
+    )
+    assert (outcome.done, outcome.unit) == (12, "shape")
+    shapes = read_shapes([target])
+    assert shapes.items[:2] == ("atom 00", "atom 01")
+    assert shapes.landmark_names == names
+    np.testing.assert_array_equal(shapes.shapes, atoms * sizes[:, None, None])
+
+
+@pytest.mark.parametrize("name", ["atoms.trc", "atoms.metres.csv"])
+def test_a_dictionary_is_written_as_nothing_else(tmp_path, rng, name):
+    path = tmp_path / "d.h5"
+    atoms = rng.normal(size=(4, 3, 5))
+    write_dictionary(path, Dictionary(atoms, tuple("abcde"), atoms[0]))
+    given = {"files": [path], "output": tmp_path / name}
+    with pytest.raises(
+        InputError, match=r"in \.h5, or in \.csv for its atoms as shapes"
+    ):
+        list(run(load_config("convert", None, (), given)))

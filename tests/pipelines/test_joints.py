@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.config.paths import find_dictionary
-from shapefit.dictionary.model import mapped
+from shapefit.dictionary.model import Dictionary, mapped
 from shapefit.errors import InputError
 from shapefit.io import (
     LandmarkSet,
@@ -161,7 +161,8 @@ def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
     """A marginal of the whole prior: what the files do not mark changes nothing."""
     feet = {f"{s}{part}" for s in "rl" for part in ("heel", "ball", "toe")}
     hands = {"rhand", "lhand"}
-    marked = {"coco_17": set(), "h36m_17": {"spine"}, "mediapipe_33": feet | hands}
+    marked = {"coco_17": set(), "coco_18": set(), "h36m_17": {"spine"}}
+    marked["mediapipe_33"] = feet | hands
     for skeleton in installed_skeletons().values():
         part = match_names(skeleton.landmark_names, people, "here").dictionary
         assert set(part.landmark_names) - set(PEOPLE) == marked.get(skeleton.name, feet)
@@ -258,3 +259,44 @@ def test_joints_are_those_of_the_dictionary_that_is_left(people, in_place):
         assert matched.joints == find_joints(
             skeleton.landmark_names, left, in_place=in_place
         )
+
+
+def test_more_landmarks_left_out_than_used_are_said(people):
+    """Face and hands of a whole body; eyes and ears are expected to be."""
+    for skeleton in installed_skeletons().values():
+        said = match_names(skeleton.landmark_names, people, "here").warnings()
+        assert len(said) == (skeleton.name == "coco_133"), skeleton.name
+    names = installed_skeletons()["coco_133"].landmark_names
+    (said,) = match_names(names, people, "here").warnings()
+    assert "114 landmarks left out, which the dictionary lacks (nose" in said
+
+
+FROM_0, FROM_1 = ([str(start + n) for n in range(8)] for start in (0, 1))
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "found"),
+    [
+        (FROM_1, FROM_0, "refused"),
+        (FROM_0, FROM_1, "refused"),
+        (FROM_1[1:], FROM_0, "refused"),
+        (FROM_1[:-1], FROM_0, "said"),
+        (FROM_0[2:], FROM_0, "said"),
+        (FROM_0, FROM_0, ""),
+        (FROM_1, FROM_1, ""),
+        (FROM_1[1:-1], FROM_1, ""),
+        (FROM_0[:-2], FROM_0, ""),
+        (FROM_0, ["2", "5", "7"], "said"),
+        (["a", *FROM_1[1:]], FROM_0, ""),
+    ],
+)
+def test_numbers_from_0_beside_numbers_from_1(rng, ours, theirs, found):
+    shapes = rng.normal(size=(3, 3, len(theirs)))
+    dictionary = Dictionary(shapes, tuple(theirs), shapes[0])
+    if found == "refused":
+        with pytest.raises(InputError, match=r"numbered .* of the dictionary .*from 1"):
+            match_names(ours, dictionary, "here")
+        return
+    warnings = match_names(ours, dictionary, "here").warnings()
+    said = [text for text in warnings if "all are off by one" in text]
+    assert len(said) == (found == "said")

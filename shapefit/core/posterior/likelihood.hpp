@@ -44,7 +44,11 @@ struct PosteriorData {
     Tensor<const double> means = from("means", "K 3 p");                // mu
     Tensor<const double> covariances = from("covariances", "K 3p 3p");  // C
     Blocks<const double> starts =
-        from("starts", "n S 3 3");     // nan where there are fewer
+        from("starts", "n S 3 3");  // nan where there are fewer
+    // Landmarks at both ends of each limb whose usual length is known, log k and Q.
+    Matrix<const int64_t> limbs = from("limbs", "e 2");
+    Vector<const double> limb_log_length = from("limb_log_length", "e");
+    Matrix<const double> limb_precision = from("limb_precision", "e e");
     double chance = from("chance");    // that a landmark is an outlier
     double density = from("density");  // of outliers, per area in their unit
     double tolerance =

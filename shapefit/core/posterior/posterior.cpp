@@ -2,6 +2,7 @@
 // them combined.
 #include "../base/small_matrices.hpp"
 #include "description.hpp"
+#include "limbs.hpp"
 
 namespace shapefit {
 namespace {
@@ -135,6 +136,15 @@ struct Mixture {
             for (long f = 0; f <= e; ++f) whole[e * d + f] += of(e, f);
     }
 
+    void multiply(double factor) {
+        for (long e = 0; e < d; ++e) {
+            mean[e] *= factor;
+            squares[e] *= factor;
+            mixed[e] *= factor;
+        }
+        for (long e = 0; whole && e < d * d; ++e) whole[e] *= factor;
+    }
+
     // Squares become deviations, and covariances of MIXED correlations.
     void finish() {
         for (long e = 0; whole && e < d; ++e) {
@@ -230,32 +240,82 @@ void describe_modes(const PosteriorData& data, const Group& group, const Modes& 
              description);
 }
 
+// A mixture whose modes weigh exp(lost_least - lost) times their shares: what lengths
+// of limbs leave of the evidence of each, beside that of the mode that loses least.
+struct Reweighed {
+    // Add a mode, the last one of an image so far, of which `first` is the first.
+    template <class Covariance>
+    void add(const Modes& modes, long first, long mode, double lost,
+             const Covariance& C) {
+        if (mode == first || lost < least) {
+            const double factor = mode == first ? 0 : exp(lost - least);
+            mixture.multiply(factor);
+            for (long i = first; i < mode; ++i) modes[i].share *= factor;
+            least = lost;
+        }
+        const double share = modes[mode].share *= exp(least - lost);
+        mixture.add([&](long e, long f) { return share * C(e, f); });
+    }
+
+    // Shares that add up to 1, and what follows from them for the image.
+    void finish(const PosteriorData& data, const Modes& modes, long first, long last,
+                long image) {
+        double total = 0;
+        long best = first;
+        for (long i = first; i <= last; ++i) {
+            total += modes[i].share;
+            if (modes[i].share > modes[best].share) best = i;
+        }
+        for (long i = first; i <= last; ++i) modes[i].share /= total;
+        mixture.multiply(1 / total);
+        data.log_evidence[image] += log(total) - least;
+        data.scale[image] = exp(modes[best].log_scale);
+        modes[best].R.write(data.rotation[image].data);
+    }
+
+    Mixture& mixture;
+    double& least;
+};
+
 // The mixtures of the images of a group, by the evidence of their modes, several of
-// them described at once.
+// them described at once. Modes are stored as they are without lengths of limbs.
 void combine(const PosteriorData& data, const Group& group, const Modes& modes,
-             Side<Doubles>& side, Description& description) {
+             Side<Doubles>& side, Description& description, LimbLengths& limbs,
+             double* covariance) {
     const long d = 3 * data.landmarks.size[2],
                most_stored = data.mode_component.size[1];
     const auto image_of = [&](long i) { return group.image[modes[i].origin.slot]; };
+    double least_lost = 0;
     for (long i = 0, rank = 0; i < modes.count; ++i) {
-        const Mode& mode = modes[i];
+        Mode& mode = modes[i];
         const long lane = i % WIDTH, image = image_of(i);
         Mixture mixture(data, image);
-        if (lane == 0)
-            describe_modes(data, group, modes, i, mixture.whole || most_stored, side,
-                           description);
+        if (lane == 0) {
+            const bool whole = mixture.whole || most_stored || limbs.known();
+            describe_modes(data, group, modes, i, whole, side, description);
+        }
         const auto C = [&](long e, long f) {
             return description
                 .C[description.row[e] * description.d + description.row[f]][lane];
         };
         for (long e = 0; e < d; ++e)
-            mixture.mean[e] +=
-                mode.share *
-                (mode.mean[e] = description.mean[description.row[e]][lane]);
-        mixture.add([&](long e, long f) { return mode.share * C(e, f); });
+            mode.mean[e] = description.mean[description.row[e]][lane];
         if (rank < most_stored) store(data, group, mode, rank, C);
+        if (limbs.known()) {
+            for (long e = 0; e < d; ++e)
+                for (long f = 0; f < d; ++f) covariance[e * d + f] = C(e, f);
+            const double lost = limbs.condition(mode.mean, covariance);
+            Reweighed{mixture, least_lost}.add(
+                modes, i - rank, i, lost,
+                [&](long e, long f) { return covariance[e * d + f]; });
+        } else {
+            mixture.add([&](long e, long f) { return mode.share * C(e, f); });
+        }
+        for (long e = 0; e < d; ++e) mixture.mean[e] += mode.share * mode.mean[e];
         ++rank;
         if (i + 1 < modes.count && image_of(i + 1) == image) continue;
+        if (limbs.known())
+            Reweighed{mixture, least_lost}.finish(data, modes, i + 1 - rank, i, image);
         for (; rank; --rank) {
             const Mode& of = modes[i + 1 - rank];
             mixture.add([&](long e, long f) {
@@ -269,7 +329,7 @@ void combine(const PosteriorData& data, const Group& group, const Modes& modes,
 
 // The posteriors of a group of images, all in double precision where `precise`.
 void find_group(const PosteriorData& data, bool precise, Search& search, Modes& modes,
-                Description& description) {
+                Description& description, LimbLengths& limbs, double* covariance) {
     Group& group = search.group;
     ascend_all(data, NEGLIGIBLE + LAPLACE, precise, search);
     for (long i = 0; i < search.arrived.count; ++i)
@@ -281,7 +341,7 @@ void find_group(const PosteriorData& data, bool precise, Search& search, Modes& 
         if (modes.count > before) share_out(data, group, modes, before);
         else fail(data, group.image[slot]);
     }
-    combine(data, group, modes, search.late, description);
+    combine(data, group, modes, search.late, description, limbs, covariance);
 }
 
 }  // namespace
@@ -296,6 +356,8 @@ void find_posterior(const PosteriorData& data, Range range) {
     Group& group = search.group;
     Description description(workspace, p);
     Modes modes(workspace, group.capacity * ascents_per_image(data), p);
+    LimbLengths limbs(workspace, data);
+    double* covariance = workspace.zeros<double>(limbs.known() ? 9 * p * p : 0);
     for (long image = range.first; image < range.last; ++image) {
         data.rounds[image] = 0;
         for (long i = 0; i < data.mode_component.size[1]; ++i) {
@@ -310,9 +372,9 @@ void find_posterior(const PosteriorData& data, Range range) {
         bool taken[IMAGES_PER_BLOCK] = {};
         for (group.collect(data, block, taken); group.count;
              group.collect(data, block, taken)) {
-            find_group(data, false, search, modes, description);
+            find_group(data, false, search, modes, description, limbs, covariance);
             group.retain_failed();
-            find_group(data, true, search, modes, description);
+            find_group(data, true, search, modes, description, limbs, covariance);
         }
     }
 }

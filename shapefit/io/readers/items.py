@@ -15,14 +15,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 from shapefit.arrays import Flags
-from shapefit.errors import abbreviate, counted, input_error, listed
+from shapefit.errors import abbreviate, input_error, listed
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
-from shapefit.io.layout import EDGES, FRAME
-from shapefit.io.names import match_landmarks, nearest_names
+from shapefit.io.layout import EDGES, FRAME, TIME
+from shapefit.io.names import match_landmarks, nearest_names, numbers_of
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.poses import FRACTION, Poses, parsing
-from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io.records import LandmarkSet, ShapeSet, order_by_frame
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 
 Notes = tuple[str, ...]
@@ -37,21 +37,15 @@ def read_landmarks(
 
 
 def read_shapes(
-    form: FileFormat,
-    paths: tuple[Path, ...],
-    options: InputOptions,
-    *,
-    gaps: bool = False,
+    form: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[ShapeSet, Notes]:
-    """Return the shapes of a file of poses, and warnings; without `gaps` the whole ones
-    alone.
+    """Return the shapes of a file of poses, NaN where a landmark is unknown, and
+    warnings.
     """
     poses = _read_kind(form, paths, "shapes", 3)
     fields, notes = _fields(poses, options)
-    shapes = ShapeSet(
-        **fields, edges=np.array(poses.edges, np.int64) if poses.edges else None
-    )
-    return (shapes, notes) if gaps else _without_gaps(shapes, notes, poses.name)
+    edges = np.array(poses.edges, np.int64) if poses.edges else None
+    return ShapeSet(**fields, edges=edges), notes
 
 
 def _read_kind(
@@ -61,24 +55,51 @@ def _read_kind(
     kind.
     """
     name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
-    poses = read_poses(form, paths)
-    if (d := poses.points.shape[2]) != dimensions:
-        raise input_error(name, f"is {form.title} of {d}D points", fix)
+    poses = read_poses(form, paths, dimensions)
+    d = poses.points.shape[2]
+    if d != dimensions:
+        reason = f": {FLAT}" if poses.flat else ""
+        raise input_error(name, f"is {form.title} of {d}D points{reason}", fix)
     return poses
 
 
-def read_poses(form: FileFormat, paths: tuple[Path, ...]) -> Poses:
-    """Return the poses in these files, in 2D or 3D. Raises InputError."""
+FLAT = "z is 0 everywhere"
+
+
+def _without_depth(poses: Poses) -> Poses:
+    """Return points in 3D whose z is 0 wherever they are, as Sports2D writes them, as
+    the 2D landmarks that they are; others as they stand.
+    """
+    if poses.points.shape[2] == 2:
+        return poses
+    z = poses.points[..., 2]
+    known = z[np.isfinite(z)]
+    if not known.size or known.any():
+        return poses
+    note = f"{FLAT}: x and y are read as landmarks"
+    note += ", with y pointing up" if poses.y_axis == "up" else ""
+    points, notes = poses.points[..., :2], (*poses.notes, note)
+    return replace(poses, points=points, flat=True, notes=notes)
+
+
+def read_poses(
+    form: FileFormat, paths: tuple[Path, ...], dimensions: int | None = None
+) -> Poses:
+    """Return the poses in these files, in 2D or 3D; in the wanted `dimensions` where a
+    file may hold either. Raises InputError.
+    """
     assert form.read_poses is not None
+    wanted = (dimensions,) if form.either else ()
     running = gc.isenabled()
     # half the time of a large JSON file is looking for cycles in its lists
     gc.disable()
     try:
         with parsing(source_name(paths[0]), form.title):
-            return form.read_poses(paths)
+            poses: Poses = form.read_poses(paths, *wanted)
     finally:
         if running:
             gc.enable()
+    return _without_depth(poses) if "landmarks" in form.records else poses
 
 
 FRACTIONS = "x and y are fractions of the width and height of the image"
@@ -94,14 +115,15 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
         poses = replace(poses, points=poses.points * options.image_size, unit="px")
     elif poses.unit == FRACTION:
         if poses.size_needed:
-            raise input_error(poses.name, FRACTIONS, SIZE_FIX)
+            raise input_error(poses.name, FRACTIONS, SIZE_FIX + poses.or_else)
         note = (
             f"{FRACTIONS}, so figures are squeezed where it is not square; {SIZE_FIX}"
         )
         poses = replace(poses, notes=(*poses.notes, note))
     fields, notes = _fields(poses, options)
     edges = {EDGES: np.array(poses.edges, np.int64)} if poses.edges else {}
-    return LandmarkSet(**fields, y_axis=options.y_axis, whole=edges), notes
+    y_axis = options.y_axis or poses.y_axis
+    return LandmarkSet(**fields, y_axis=y_axis, whole=edges), notes
 
 
 def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]:
@@ -116,7 +138,11 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
         "sequences": sequences if any(sequences) else None,
         "unit": poses.unit,
         "frame_rate": poses.frame_rate,
-        "columns": {FRAME: poses.frame, "confidence": poses.confidence},
+        "columns": {
+            FRAME: None if poses.named and poses.unordered else poses.frame,
+            TIME: poses.time,
+            "confidence": poses.confidence,
+        },
     }
     return fields, tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
 
@@ -134,12 +160,9 @@ def _landmark_names(
     several may be meant.
     """
     wanted, skeletons = options.keypoints, installed_skeletons()
-    if wanted is not None and wanted not in (*skeletons, NUMBERED):
-        near = nearest_names(wanted, tuple(skeletons))
-        fix = f"did you mean {near[0]}?" if near else f"use {listed(skeletons)}"
-        raise input_error("keypoints", f"there is no skeleton {wanted!r}", fix)
     if poses.landmark_names is not None:
-        return poses.landmark_names, ()
+        return name_numbers(poses.landmark_names, wanted, poses.name)
+    _check_skeleton(wanted)
     count = poses.points.shape[1]
     fitting = skeletons_of_size(count)
     chosen = wanted or poses.skeleton
@@ -159,21 +182,67 @@ def _landmark_names(
     return names, () if wanted or not versions else (note,)
 
 
-def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
-    """Return the poses with landmarks that the options select, sequence by sequence;
-    and (n) items and sequences, "" for none.
+def _check_skeleton(wanted: str | None) -> None:
+    """Raise InputError where there is no skeleton of this name."""
+    skeletons = installed_skeletons()
+    if wanted is not None and wanted not in (*skeletons, NUMBERED):
+        near = nearest_names(wanted, tuple(skeletons))
+        fix = f"did you mean {near[0]}?" if near else f"use {listed(skeletons)}"
+        raise input_error("keypoints", f"there is no skeleton {wanted!r}", fix)
 
-    Raises InputError for an individual that is not there, and where unordered images
-    are a motion.
+
+def name_numbers(
+    names: tuple[str, ...], wanted: str | None, place: str
+) -> tuple[tuple[str, ...], Notes]:
+    """Return the names in the skeleton `wanted` of landmarks that are called by
+    numbers, and notes; others, and all without a skeleton, keep their names.
+
+    Numbers count from 0, or, where there is none of 0 and one of the last, from 1.
+    Raises InputError for numbers that the skeleton has not.
+    """
+    _check_skeleton(wanted)
+    numbers = numbers_of(names)
+    if wanted is None or wanted == NUMBERED or numbers is None:
+        return names, ()
+    known = installed_skeletons()[wanted].landmark_names
+    start = 1 if 0 not in numbers and max(numbers) == len(known) else 0
+    if max(numbers) - start >= len(known):
+        problem = f"landmarks are numbered {min(numbers)} to {max(numbers)}"
+        fix = f"give another skeleton: {wanted} has {len(known)} landmarks"
+        raise input_error(place, problem, fix)
+    named = tuple(known[number - start] for number in numbers)
+    if len({*named}) < len(named):
+        raise input_error(place, "a number of a landmark twice", "number them once")
+    counted_from = f"landmarks {min(numbers)} to {max(numbers)} counted from {start}"
+    note = f"{counted_from}: {numbers[0]} is {named[0]} of {wanted}"
+    return named, () if 0 in numbers else (note,)
+
+
+def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
+    """Return the poses with landmarks that the options select, sequence by sequence,
+    each in order of its frames; and (n) items and sequences, "" for none.
+
+    Images that have names are no frames, and nobody is followed through them. Raises
+    InputError for an individual that is not there or is twice in a frame, and where
+    unordered images are a motion.
     """
     named = bool(poses.individuals)
-    if options.track == "motion" and poses.unordered and len({*poses.label}) > 1:
+    order = order_by_frame(poses.videos, poses.frame)
+    if order is not None:
+        poses = poses.take(order)
+    tracked = options.track != "none" and not poses.named
+    if (
+        options.track == "motion"
+        and tracked
+        and poses.unordered
+        and len({*poses.label}) > 1
+    ):
         problem = (
             "holds images of different files, without numbers of frames: no motion"
         )
         fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
         raise input_error(poses.name, problem, fix)
-    if options.track != "none":
+    if tracked:
         from shapefit.io.readers.tracking import track_people
 
         poses = replace(poses, individual=track_people(poses))
@@ -194,7 +263,21 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     }
     retained.sort(key=lambda row: first[sequences[row]])
     poses = poses.take(np.array(retained, np.intp))
-    return poses, [items[row] for row in retained], [sequences[row] for row in retained]
+    items = [items[row] for row in retained]
+    sequences = [sequences[row] for row in retained]
+    _check_frames(poses, items, sequences)
+    return poses, items, sequences
+
+
+def _check_frames(poses: Poses, items: Sequence[str], sequences: Sequence[str]) -> None:
+    """Raise InputError where one sequence has two poses in one frame, of two names."""
+    first: dict[tuple[str, int], int] = {}
+    rows = zip(sequences, poses.frame.tolist(), strict=True)
+    for row, (sequence, frame) in enumerate(rows):
+        before = first.setdefault((sequence, frame), row)
+        if sequence and items[row] != items[before]:
+            problem = f"holds '{items[before]}' and '{items[row]}' in one frame"
+            raise input_error(poses.name, problem, "keep one pose of a body per frame")
 
 
 def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
@@ -228,6 +311,8 @@ def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
     """Return the item and the sequence of each pose; those without identity are
     numbered, and `untracked` beside individuals that are `named` by the file.
     """
+    if poses.named:
+        return _name_images(poses)
     if poses.individual is None:
         rows = zip(poses.videos, poses.label, strict=True)
         return [f"{video}/{label}" for video, label in rows], list(poses.videos)
@@ -248,39 +333,31 @@ def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
     return items, sequences
 
 
-MIN_SHARE = (
-    0.9  # of the shapes of a file in which a landmark that is learned from is known
-)
+def _name_images(poses: Poses) -> tuple[list[str], list[str]]:
+    """Return the item and the sequence of each pose of images that have names.
 
-
-def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, Notes]:
-    """Return the whole shapes of the landmarks that are mostly known, and notes of what
-    is lost.
-
-    Raises InputError where no landmark is.
+    An image of several poses gives each its individual, or a number.
     """
-    finite = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
-    often: Flags = np.asarray(finite.sum(axis=0) >= MIN_SHARE * len(shapes))
-    if not often.any():
-        problem = (
-            f"no landmark is known in {MIN_SHARE:.0%} of its"
-            f" {counted(len(shapes), 'shape')}"
-        )
-        raise input_error(name, problem, "give shapes with fewer gaps")
-    rows: Flags = np.asarray(finite[:, often].all(axis=1))
-    if names := np.array(shapes.landmark_names, object)[~often].tolist():
-        text = (
-            f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
-            f" ({abbreviate(names)})"
-        )
-        notes += (f"{name}: {counted(len(names), 'landmark')} {text}",)
-        shapes = _with_landmarks(
-            shapes, [n for n in shapes.landmark_names if n not in names]
-        )
-    if not rows.all():
-        omitted = counted(int((~rows).sum()), "shape")
-        notes += (f"{name}: {omitted} left out, in which a landmark is unknown",)
-    return shapes.take(rows), notes
+    count = len(poses)
+    people = [""] * count if poses.individual is None else poses.individual
+    sequences = [""] * count
+    if not poses.unordered:
+        rows = zip(poses.videos, people, strict=True)
+        in_video = poses.individual is None
+        sequences = [
+            f"{video}/{who}" if who else video if in_video else ""
+            for video, who in rows
+        ]
+    times = Counter(poses.label)
+    numbers = Counter[str]()
+    items: list[str] = []
+    for label, who in zip(poses.label, people, strict=True):
+        if times[label] == 1:
+            items.append(label)
+            continue
+        items.append(f"{label}/{who or numbers[label]}")
+        numbers[label] += not who
+    return items, sequences
 
 
 def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
@@ -295,10 +372,10 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
     match_landmarks(records.landmark_names, names, f"{place}: landmarks")
     if isinstance(records, LandmarkSet):
         return records.arrange(names, place, omit=True)
-    return _with_landmarks(records, names)
+    return with_landmarks(records, names)
 
 
-def _with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
+def with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
     """Return the shapes with some of their landmarks, and the edges between those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the

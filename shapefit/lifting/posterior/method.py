@@ -39,6 +39,7 @@ from shapefit.lifting.estimate import (
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.p_value import find_p_values
 from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
+from shapefit.lifting.posterior.usual_lengths import LimbLengths
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation import find_pose
 from shapefit.lifting.trust import LIMITS, P_VALUE, START_DISTANCE
@@ -77,7 +78,14 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     visible, camera = problem.weights > 0, problem.camera
     if camera is not None:
         starts = face(starts, problem.landmarks, visible, camera)
-    posterior = find_from(problem, starts, settings, modes, options.covariance)
+    posterior = find_from(
+        problem,
+        starts,
+        settings,
+        modes,
+        lengths=options.limbs,
+        covariance=options.covariance,
+    )
     lost = np.isnan(posterior.log_evidence)
     status = np.full(len(lost), Status.ITERATION_LIMIT, dtype=object)
     status[posterior.stationary] = Status.CONVERGED
@@ -145,6 +153,8 @@ def find_from(
     starts: Floats,
     settings: Settings,
     modes: int = 0,
+    *,
+    lengths: LimbLengths | None = None,
     covariance: bool = False,
 ) -> Posterior:
     """Return the posteriors of n images from rotations (n, S, 3, 3), as a camera would
@@ -171,6 +181,7 @@ def find_from(
     return find(
         find_residual_variance(problem, options.residual_variance),
         starts=starts,
+        lengths=lengths,
         modes=modes,
         covariance=covariance,
     )

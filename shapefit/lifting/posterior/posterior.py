@@ -18,6 +18,7 @@ from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import centroid
+from shapefit.lifting.posterior.usual_lengths import LimbLengths
 
 TOLERANCE = 1e-4
 """A climb ends when a step gains less log likelihood, and the next one promises no
@@ -93,6 +94,7 @@ def find_posterior(
     starts: Floats,
     outliers: Outliers | None = None,
     *,
+    lengths: LimbLengths | None = None,
     slopes: Floats | None = None,
     modes: int = 0,
     covariance: bool = False,
@@ -107,9 +109,12 @@ def find_posterior(
     camera, nan where there are fewer. Every start is climbed under every component of
     the prior, and each maximum counts once, by its evidence. slopes (n, 2, p), of the
     rays on which the landmarks lie: P_j = [I | -slope_j] where a point at the depth z
-    of the middle of the shape is seen at w_j; without them the rays are parallel.
+    of the middle of the shape is seen at w_j; without them the rays are parallel. With
+    usual lengths of limbs the mixture is that given these; its modes, which are stored,
+    are those without.
     """
     outliers = outliers or Outliers()
+    lengths = lengths or LimbLengths.none()
     n, _, p = landmarks.shape
     visible = np.isfinite(residual_variance)
     middle = np.nan_to_num(centroid(landmarks, visible))[
@@ -150,6 +155,9 @@ def find_posterior(
         means=_whole(prior.means),
         covariances=_whole(prior.covariances),
         starts=_whole(starts),
+        limbs=np.ascontiguousarray(lengths.limbs, np.int64),
+        limb_log_length=_whole(lengths.log_length),
+        limb_precision=_whole(lengths.precision),
         chance=outliers.chance,
         density=outliers.density,
         tolerance=TOLERANCE,

@@ -26,9 +26,11 @@ from shapefit.io.layout import (
     INPUT_NAMES,
     INPUT_SD,
     INPUT_SHAPES,
+    METRES_PER_UNIT,
     RESULTS,
+    UNKNOWN_UNIT,
 )
-from shapefit.io.names import match_landmarks
+from shapefit.io.names import check_numbering, match_landmarks, pairs_of_sides
 from shapefit.io.records import Records, ResultSet, ShapeSet
 from shapefit.pipelines.items import (
     BY_FRAME,
@@ -56,6 +58,10 @@ input.
 MIRRORED = 0.75
 """Of the error, below which the error against the mirrored truth means a left-handed
 truth.
+"""
+FAR = 30.0
+"""Factor between the sizes of shapes in one unit from which on it is in doubt: children
+and adults differ by less.
 """
 FRAMES_DIFFER = 45.0
 """Degrees by which rotations are off more than twice as much as the shapes themselves.
@@ -119,7 +125,10 @@ def measure(
     estimate = results.shapes.take(columns, axis=2)
     true = truth.shapes[rows].take(match_landmarks(truth.landmark_names, names), 2)
     true[rows < 0] = np.nan
-    notes: list[str] = []
+    doubts = check_numbering(
+        results.landmark_names, truth.landmark_names, str(file), "the truth"
+    )
+    notes = [*doubts]
     for side, records in (("results", results), ("truth", truth)):
         if alone := [name for name in records.landmark_names if name not in set(names)]:
             notes.append(
@@ -137,7 +146,9 @@ def measure(
         data["true_rotation"] = np.tile(np.eye(3), (len(results), 1, 1))
     bars = None
     with np.errstate(all="ignore"):  # overflow is not an error to report
-        metrics, frames = _comparable(config.metrics, data)
+        frames = _find_sides(estimate, true, names)
+        metrics, others = _comparable(config.metrics, data)
+        frames += [*others, *_find_units(results, truth, estimate, true)]
         scale = in_blocks(m.truth_scale, estimate, true)
         errors, lacking = _errors(file, metrics, data, scale, truth.unit, results.unit)
         if results.shape_sd is not None and data["true_rotation"] is not None:
@@ -265,6 +276,59 @@ def find_dataset(file: Path, results: ResultSet, name: str) -> Any:
     return np.swapaxes(numbers, 1, 2) if is_points else numbers
 
 
+def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[str]:
+    """Say where shapes (n, 3, p) fit the truth much better with the names of left and
+    right exchanged, or else mirrored.
+    """
+    some = list(subsample(SAMPLE, len(estimate)))
+    e, x = estimate[some], truth[some]
+    exchanged = np.arange(len(names))
+    for left, right in pairs_of_sides(names):
+        exchanged[[left, right]] = right, left
+
+    def median_error(true: Floats) -> float:
+        return float(np.median(np.nan_to_num(similarity(e, true), nan=np.inf)))
+
+    error = median_error(x)
+    mirrored = median_error(x * [[-1.0], [1.0], [1.0]])
+    other = median_error(x[..., exchanged])
+    if not min(mirrored, other) < MIRRORED * error < np.inf:
+        return []
+    if other <= mirrored:
+        text = "the shapes fit the truth better when left and right are exchanged"
+        fix = "are the names of the sides right? Exchange them by `rename`"
+        return [f"{text} ({other:.3g} for {error:.3g}); {fix}"]
+    text = "the shapes fit the truth better when it is mirrored"
+    fix = "is it left-handed? Change the sign of one of its axes"
+    return [f"{text} ({mirrored:.3g} for {error:.3g}); {fix}"]
+
+
+def _find_units(
+    results: ResultSet, truth: ShapeSet, estimate: Floats, true: Floats
+) -> list[str]:
+    """Say where shapes in the same unit differ in size by far: one unit is not stated
+    right.
+
+    estimate and true (n, 3, p). Results in pixels may state how many metres these are.
+    """
+    unit, metres = results.unit, results.columns.get(METRES_PER_UNIT)
+    if metres is not None and truth.unit == "m":
+        unit, estimate = "m", estimate * np.reshape(metres, (-1, 1, 1))
+    if unit != truth.unit or unit in ("px", UNKNOWN_UNIT, NORMALISED):
+        return []
+    seen: Flags = np.asarray(np.isfinite(estimate + true).all(axis=1, keepdims=True))
+    sizes = [
+        np.nanstd(np.where(seen, points, np.nan), axis=2).mean(axis=1)
+        for points in (true, estimate)
+    ]
+    ratio = float(np.nanmedian(sizes[0] / sizes[1]))
+    if not (ratio > FAR or 0 < ratio < 1 / FAR):
+        return []
+    times = f"{ratio:,.0f} times" if ratio > 1 else f"1 / {1 / ratio:,.0f} of"
+    text = f"the truth is {times} the size of the results, and both state {unit}"
+    return [f"{text}: one of them has another unit, and errors in {unit} are wrong"]
+
+
 def _comparable(
     metrics: Sequence[str], data: Mapping[str, Any]
 ) -> tuple[Sequence[str], list[str]]:
@@ -272,25 +336,14 @@ def _comparable(
     frames.
 
     Then shapes fit the truth with a small rotation, and their stated rotations are far
-    from the true ones. And say so; and where the truth fits much better when it is
-    mirrored.
+    from the true ones. And say so.
     """
     some = list(subsample(SAMPLE, len(data["estimate"])))
     names = ("estimate", "truth", "true_rotation", "rotation")
     e, x, R, stated = (
         data[name] if data[name] is None else data[name][some] for name in names
     )
-    error, mirrored = (
-        float(
-            np.median(np.nan_to_num(similarity(e, x * [[sign], [1], [1]]), nan=np.inf))
-        )
-        for sign in (1.0, -1.0)
-    )
-    notes = []
-    if mirrored < MIRRORED * error < np.inf:
-        text = "the shapes fit the truth better when it is mirrored"
-        fix = "is it left-handed? Change the sign of one of its axes"
-        notes.append(f"{text} ({mirrored:.3g} for {error:.3g}); {fix}")
+    notes: list[str] = []
     if R is None or stated is None:
         return metrics, notes
     whole = np.isfinite(np.concatenate([e, x, R, stated], axis=2)).all(axis=(1, 2))

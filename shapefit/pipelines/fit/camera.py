@@ -31,6 +31,14 @@ LEAST_ANGLE = 0.1
 show: depths within a body then differ by less than that share.
 """
 
+OUTSIDE = 0.3
+"""Share of the size of the image by which landmarks may lie outside it: a body that the
+image cuts off, whose rest is drawn by a tracker or by hand.
+"""
+
+MIN_OUTSIDE_SHARE = 0.05
+"""Share of landmarks farther outside from which the stated size is doubted."""
+
 PIXELS = ("px", "pixel", "pixels", UNKNOWN_UNIT)
 
 IMAGE_SIZE, DISTORTION, REMOVED = "image_size", "distortion", "removed_distortion"
@@ -114,6 +122,24 @@ def find_size(config: FitConfig, images: LandmarkSet) -> tuple[float, float]:
         if len(sizes) == 1 and (sizes > 0).all():
             return sizes[0, 0], sizes[0, 1]
     return np.nan, np.nan
+
+
+def say_outside(config: FitConfig, images: LandmarkSet) -> str:
+    """Return a warning where many landmarks lie outside the stated image, else ""."""
+    size = np.array(find_size(config, images))
+    if images.unit not in PIXELS or not np.isfinite(size).all():
+        return ""
+    points = images.landmarks.swapaxes(1, 2)[images.visible()]
+    beyond = (points < -OUTSIDE * size) | (points > (1 + OUTSIDE) * size)
+    if not len(points) or beyond.any(axis=1).mean() < MIN_OUTSIDE_SHARE:
+        return ""
+    share = beyond.any(axis=1).mean()
+    reach = points.max(axis=0)
+    return (
+        f"{share:.0%} of the landmarks lie outside the stated image of {size[0]:.0f} x"
+        f" {size[1]:.0f}: they reach to {reach[0]:.0f}, {reach[1]:.0f}; is the size"
+        " right? Give it by --image-size WxH"
+    )
 
 
 def find_extent(images: LandmarkSet) -> float:

@@ -41,9 +41,6 @@ from shapefit.threads import on_threads
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
 
-RATE = 24.0
-"""Frames a second where no file states it."""
-
 RANSAC_THRESHOLD = 0.25
 """Residual of an outlier in units of the size of the shape."""
 
@@ -66,7 +63,8 @@ class Lifter:
     default.
 
     camera is None for weak perspective; leave_one_out names the dataset of the atoms to
-    do without.
+    do without; shown (p,), the landmarks that the files show, whose errors are expected
+    ones.
     """
 
     method: str
@@ -85,6 +83,7 @@ class Lifter:
     outlier_threshold: float | None = None
     leave_one_out: str | None = None
     frame_rate: float | None = None
+    shown: Flags | None = None
     threads: int = 0
 
     @property

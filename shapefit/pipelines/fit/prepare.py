@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Floats, evenly, median
+from shapefit.arrays import Flags, Floats, evenly, median
 from shapefit.config import FitConfig
 from shapefit.config.paths import STANDARD_STREAM, ResultFolder
-from shapefit.dictionary.model import LEARNED_FROM, SUITS, Dictionary, describe_learning
+from shapefit.dictionary.model import LEARNED_FROM, Dictionary, describe_learning
 from shapefit.errors import InputError, counted, input_error, parse_json
 from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.formats import find_target_format
@@ -36,9 +36,9 @@ from shapefit.io.skeletons import THETA, installed_skeletons
 from shapefit.lifting import trust
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import AUTO, METHODS, find_conflict
-from shapefit.pipelines.fit.camera import choose_camera, undistorted
+from shapefit.pipelines.fit.aspect import describe_stretch, find_stretch, narrow
+from shapefit.pipelines.fit.camera import choose_camera, say_outside, undistorted
 from shapefit.pipelines.fit.lift import (
-    RATE,
     Lifter,
     check_needs,
     check_omitted,
@@ -50,9 +50,11 @@ from shapefit.pipelines.fit.lift import (
 )
 from shapefit.pipelines.joints import MEANS, Matched, match_names
 from shapefit.pipelines.result import Result
+from shapefit.timeline import ASSUMED_RATE
 
 if TYPE_CHECKING:
     from shapefit.io.readers.calibration import CalibratedCamera
+    from shapefit.lifting.posterior.usual_lengths import LimbLengths
 
 FIRST = 1024
 """Images of which the sample is drawn: the same whatever the chunks and parts."""
@@ -75,7 +77,9 @@ OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
     "posterior": {"residual_variance": 0.006, "bar_scale": 1.6},
     "sequences": {"residual_variance": 0.01, "bar_scale": 1.5},
 }
-"""Keys of `prior` for dictionaries of people, where they are not given."""
+"""Keys of `prior` for every dictionary that knows the usual lengths of limbs of people,
+where they are not given.
+"""
 
 LARGEST, CALIBRATED, FEW, FEWEST = 96, 60, 24, 10
 """Images of a sample, of those with landmarks hidden in turn, of a first look, and the
@@ -111,6 +115,14 @@ half of that share is named. Where names are right a few images in a hundred are
 doubtful.
 """
 
+FLAT = 0.01
+"""Of the extent of shapes, their thickness below which they are flat."""
+
+ATOMS = 0.05, 20.0
+"""Norms of atoms from which on lambda means something else: in 1, and in that of
+normalised shapes.
+"""
+
 NO_TRUST = "no shape of this file is to be trusted: "
 
 KAPPA, DISTANCE = "calibration_kappa", "median_start_distance"
@@ -124,7 +136,7 @@ class Estimates(NamedTuple):
     first.
 
     reason says why no image is to be trusted; growth (p,) are factors on covariances of
-    landmarks.
+    landmarks; shown (p,), which of them most images show, empty if unknown.
     """
 
     values: Mapping[str, Any]
@@ -132,6 +144,7 @@ class Estimates(NamedTuple):
     warnings: tuple[str, ...] = ()
     reason: str = ""
     growth: tuple[float, ...] = ()
+    shown: tuple[bool, ...] = ()
     numbers: Mapping[str, float] = {}
 
 
@@ -207,8 +220,19 @@ def prepare(
     options = replace(
         lifter.posterior, growth=tuple(estimates.growth), covariance=wanted
     )
-    lifter = replace(lifter, posterior=options)
+    if method.has_prior:
+        options = replace(options, limbs=limbs_of(lifter.dictionary))
+    shown = np.array(estimates.shown, dtype=bool) if estimates.shown else None
+    lifter = replace(lifter, posterior=options, shown=shown)
     return Setup(config, matched, lifter, theta, camera, estimates, place)
+
+
+def limbs_of(dictionary: Dictionary) -> LimbLengths | None:
+    """Return the usual lengths of limbs, None where they are unknown."""
+    # Imported here, as fits by other methods do not need it.
+    from shapefit.lifting.posterior.usual_lengths import find_limb_lengths
+
+    return find_limb_lengths(dictionary)
 
 
 def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
@@ -270,10 +294,7 @@ def choose_method(
             f"{method} (the dictionary has {'a' if prior else 'no'} prior; change with"
             " --method)"
         )
-    if (
-        "people" in dictionary.provenance.get(SUITS, "").split()
-        and config.method in OF_PEOPLE
-    ):
+    if config.method in OF_PEOPLE and limbs_of(dictionary) is not None:
         given = config.prior.model_fields_set
         values = OF_PEOPLE[config.method].items()
         config = config.changed(
@@ -339,7 +360,30 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
     if learned is not None and wanted and learned not in wanted and not config.signed:
         made = f"{config.method} is made for {' or '.join(wanted)}"
         warnings += (f"the dictionary was learned with `method: {learned}`; {made}",)
+    if not METHODS[config.method].mixes_atoms:
+        return warnings
+    atoms = dictionary.atoms
+    if config.method == "convex" and is_flat(atoms):
+        text = "all shapes of the dictionary are flat, which `convex` recovers badly"
+        warnings += (f"{text}: compare `--method alternate`",)
+    size = median(np.linalg.norm(atoms, axis=(1, 2)))
+    most = atoms[0].size ** 0.5
+    if not ATOMS[0] <= size <= ATOMS[1] * most:
+        text = f"the atoms have a norm of {size:.3g}, and lambda is meant for 1 to"
+        fix = "divide the atoms by their size, or multiply lambda by it"
+        warnings += (f"{text} {most:.2g}: {fix}",)
     return warnings
+
+
+def is_flat(atoms: Floats) -> bool:
+    """Whether atoms (k, 3, p) lie in one plane, by singular values of all points; of
+    three landmarks all do.
+    """
+    if atoms.shape[2] < 4:
+        return False
+    points = atoms.swapaxes(0, 1).reshape(3, -1)
+    values = np.linalg.svd(points @ points.T, compute_uv=False) ** 0.5
+    return bool(values[2] < FLAT * values[0])
 
 
 def estimate(
@@ -350,8 +394,10 @@ def estimate(
     """
     learned_from = matched.dictionary.provenance.get(LEARNED_FROM) is not None
     camera, of_camera = choose_camera(config, images, from_landmarks=learned_from)
+    of_size = say_outside(config, images)
     if not METHODS[config.method].has_prior:
-        return Estimates({"camera": camera}, (f"camera: {of_camera}",))
+        warnings = (of_size,) if of_size else ()
+        return Estimates({"camera": camera}, (f"camera: {of_camera}",), warnings)
     bars, of_report = read_bar_scale(config)
     bar_scale = (
         config.prior.bar_scale
@@ -365,7 +411,8 @@ def estimate(
 
     skeleton, of_skeleton = choose_skeleton(config.skeleton, matched, sample, lifter)
     theta = {**MEANS, **(skeleton or {})}
-    lifter = replace(lifter, dictionary=matched.observed(theta))
+    shown = find_shown(sample, lifter)
+    lifter = replace(lifter, dictionary=matched.observed(theta), shown=shown)
     if len(sample) < FEWEST:
         sample = sample.take(slice(0))  # so few say nothing more, and are lifted once
     lifting = lift_sample(sample, lifter)
@@ -375,16 +422,20 @@ def estimate(
     lifter, of_scale = choose_scale(keys, sample, lifting, lifter)
     if of_scale:
         lifting = lift_sample(sample, lifter)
+    reason = trust.NOT_OF_THE_CLASS if warning else ""
+    if not warning and (stretch := stretch_of_people(sample, lifter)) != 1:
+        warning = NO_TRUST + describe_stretch(stretch)
+        reason = trust.STRETCHED
     growth, numbers, of_bars = calibrate_bars(sample, lifting, lifter, bar_scale)
     if numbers and not warning:
-        share, doubtful = trust_in_sample(lifting, growth)
-        by_chance = share < trust.LIMITS.min_trusted and doubtful > DOUBTFUL
-        if by_chance or trust.contradicts(numbers[KAPPA], numbers[DISTANCE]):
+        share, doubtful = trust_in_sample(lifting, growth, shown)
+        if trust.contradicts(numbers[KAPPA], numbers[DISTANCE], share, doubtful):
             fix = (
                 "are the names of the landmarks right, and does the dictionary have"
                 " such shapes?"
             )
             warning = f"{NO_TRUST}{of_bars}; {share:.0%} of a sample would be; {fix}"
+            reason = trust.NOT_OF_THE_CLASS
     scale = {"scale": lifter.prior_scale, "residual_variance": lifter.variance}
     return Estimates(
         {"camera": camera, "prior": {**bars, **scale}, "skeleton": skeleton},
@@ -394,9 +445,10 @@ def estimate(
                 (f"camera: {of_camera}", of_skeleton, of_scale, of_report, of_bars),
             )
         ),
-        (warning,) if warning else (),
-        trust.NOT_OF_THE_CLASS if warning else "",
+        tuple(filter(None, (warning, of_size))),
+        reason,
         growth,
+        () if shown is None else tuple(shown.tolist()),
         numbers,
     )
 
@@ -431,7 +483,7 @@ def draw_sample(images: LandmarkSet) -> LandmarkSet:
     images = images.take(np.flatnonzero(images.visible().sum(axis=1) >= FEWEST_VISIBLE))
     n, rows = len(images), evenly(len(images), LARGEST)
     if images.sequences is not None and n > LARGEST:
-        step = max(1, round(STEP * (images.frame_rate or RATE)))
+        step = max(1, round(STEP * (images.frame_rate or ASSUMED_RATE)))
         rows = evenly(n, LARGEST // 2)
         second = rows[rows + step < n] + step
         rows = np.flatnonzero(np.bincount(np.concatenate((rows, second))))
@@ -440,8 +492,44 @@ def draw_sample(images: LandmarkSet) -> LandmarkSet:
 
 def lift_sample(sample: LandmarkSet, lifter: Lifter) -> Lifting:
     """Lift a sample by the posterior, with p-values and covariances."""
-    lifter = replace(lifter, posterior=replace(lifter.posterior, covariance=True))
+    lifter = with_limbs(lifter)
+    options = replace(lifter.posterior, covariance=True)
+    lifter = replace(lifter, posterior=options)
     return with_p_values(lift_images(sample, lifter), lifter)
+
+
+def with_limbs(lifter: Lifter) -> Lifter:
+    """Return what lifts images given usual lengths of limbs, where they are known."""
+    limbs = limbs_of(lifter.dictionary)
+    return replace(lifter, posterior=replace(lifter.posterior, limbs=limbs))
+
+
+def stretch_of_people(sample: LandmarkSet, lifter: Lifter) -> float:
+    """Return how many times too wide a sample is, 1 where nothing is gained by that.
+
+    Wrong names may look like a stretch, too; but they are doubtful at any width.
+    """
+    stretch = find_stretch(sample, with_limbs(lifter))
+    if stretch == 1:
+        return 1.0
+    without_camera = replace(lifter, camera=None)
+    _, doubtful = trust_in_sample(
+        lift_sample(narrow(sample, stretch), without_camera), shown=lifter.shown
+    )
+    return stretch if doubtful <= DOUBTFUL else 1.0
+
+
+def find_shown(sample: LandmarkSet, lifter: Lifter) -> Flags | None:
+    """Return which landmarks (p,) most images of a sample show, None where none is.
+
+    What few images show is guessed in the others, and what depends on other landmarks
+    in all.
+    """
+    if not len(sample):
+        return None
+    often = (weigh(sample, lifter) > 0).mean(axis=0) >= MOSTLY
+    shown: Flags = np.asarray(often & (lifter.dictionary.depends_on < 0))
+    return shown if shown.any() else None
 
 
 def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:
@@ -619,12 +707,12 @@ def calibrate_bars(
 
 
 def trust_in_sample(
-    lifting: Lifting, growth: Sequence[float] = ()
+    lifting: Lifting, growth: Sequence[float] = (), shown: Flags | None = None
 ) -> tuple[float, float]:
     """Return the share of images that are trusted, and of those implausible or far from
     training.
 
-    Covariances grow by factors (p,).
+    Covariances grow by factors (p,); shown (p,) are the landmarks whose errors count.
     """
     from shapefit.lifting.posterior.method import grow_covariance, scale_of_bars
 
@@ -634,8 +722,10 @@ def trust_in_sample(
     assert grown is not None  # as `lift_sample` asks for
     visible = np.isfinite(further["inlier_probability"]).sum(axis=1)
     numbers = (further[trust.P_VALUE], further[trust.START_DISTANCE])
-    expected = trust.expected_error(shapes, grown)
-    reasons = trust.find_reasons(shapes, expected, visible, *numbers, estimate.status)
+    expected = trust.expected_error(shapes, grown, shown)
+    reasons = trust.find_reasons(
+        shapes, expected, visible, *numbers, estimate.status, shown=shown
+    )
     doubtful = np.isin(reasons, (trust.IMPLAUSIBLE, trust.FAR))
     return float((reasons == "").mean()), float(doubtful.mean())
 

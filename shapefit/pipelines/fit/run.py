@@ -33,7 +33,15 @@ from shapefit.io import (
     read_dictionary,
 )
 from shapefit.io.formats import HDF5, find_target_format, result_writer
-from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
+from shapefit.io.layout import (
+    FRAME,
+    LANDMARKS,
+    METRES_FROM,
+    METRES_PER_UNIT,
+    RESULTS,
+    TIME,
+    free_names,
+)
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.skeletons import joint_columns
 from shapefit.lifting import trust
@@ -231,6 +239,8 @@ def as_result(
         ),
         "landmarks_fitted": lifting.landmarks_fitted if projected else None,
         "confidence": images.confidence,
+        FRAME: images.frame,
+        TIME: images.time,
         "lambda": lifting.problem.lam,
         "coefficients": blank(estimate.coefficients, failed),
         "rotation": blank(estimate.rotation, failed),
@@ -250,7 +260,8 @@ def as_result(
     columns = {name: values for name, values in datasets.items() if values is not None}
     if config.leave_one_out is not None:
         columns["omitted"] = find_omitted(images, setup.lifter).astype(object)
-    free = free_names(images.further, RESULTS.all.keys())
+    others = [name for name in images.further if name not in LANDMARKS.further]
+    free = free_names(others, RESULTS.all.keys())
     carried = {free[name]: v for name, v in images.per_item.items() if name in free}
     whole = {
         free[name]: values for name, values in images.whole.items() if name in free
@@ -291,10 +302,10 @@ def trusted(lifting: Lifting, setup: Setup) -> Datasets:
     if estimate.deviation is None:
         return {}
     further, expected = estimate.further, np.full(len(lifting.shapes), np.nan)
+    shown = setup.lifter.shown
     if estimate.covariance is not None:
-        expected = lifting.scale * trust.expected_error(
-            lifting.shapes, estimate.covariance
-        )
+        expected = trust.expected_error(lifting.shapes, estimate.covariance, shown)
+        expected *= lifting.scale
         of_image = further.get(trust.IMAGE_ERROR, np.nan)
         expected = np.fmax(expected, trust.GAIN * of_image)
     reasons = trust.find_reasons(
@@ -306,6 +317,7 @@ def trusted(lifting: Lifting, setup: Setup) -> Datasets:
         estimate.status,
         sides=further.get(trust.SIDES),
         depth_ambiguity=setup.dictionary.depth_ambiguity,
+        shown=shown,
     )
     reasons[reasons == ""] = setup.estimates.reason
     names = (trust.TRUSTED, trust.REASONS, trust.EXPECTED_ERROR)
@@ -381,8 +393,18 @@ def attributes_of(
         "inputs": json.dumps(inputs),
         "estimated": "; ".join(setup.estimates.lines),
         **{name: value for name, value in numbers.items() if value == value},
+        **shown_landmarks(setup),
         "training_inputs": setup.dictionary.provenance.get("inputs", "{}"),
     }
+
+
+def shown_landmarks(setup: Setup) -> dict[str, str]:
+    """Return the names of the landmarks whose errors are expected ones, where known."""
+    names = setup.dictionary.landmark_names
+    shown = [
+        name for name, seen in zip(names, setup.estimates.shown, strict=False) if seen
+    ]
+    return {"shown_landmarks": " ".join(shown)} if shown else {}
 
 
 def result_of(lifting: Lifting, record: ResultSet) -> Result:
@@ -537,7 +559,7 @@ def rows_of(
         size = (
             f"{100 * median(np.array(counts.errors)):.0f} cm" if counts.errors else ""
         )
-        about = f", expected error about {size}" if size else ""
+        about = f", expected error about {size}{of_shown(setup)}" if size else ""
         result = f"{counts.trusted} of {images} trusted{about}"
     elif setup.dictionary.prior is None:
         result = f"{images} (no error bars: `learn-dict --prior` learns what they need)"
@@ -551,6 +573,15 @@ def rows_of(
                 f" {output.stem + '*.trc' if output.suffix == '.trc' else name}"
             ),
         )
+
+
+def of_shown(setup: Setup) -> str:
+    """Return of how many landmarks the expected error is, "" where it is of all."""
+    shown = setup.estimates.shown
+    own = setup.dictionary.depends_on < 0
+    if not shown or sum(shown) == own.sum():
+        return ""
+    return f" of the {sum(shown)} landmarks that are seen"
 
 
 def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Result]:

@@ -41,6 +41,7 @@ from shapefit.geometry.procrustes import (
 )
 from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
+from shapefit.pipelines.learn_dict.doubts import check_not_flat, warn_of_shapes
 from shapefit.pipelines.result import Failure, Result
 
 Learning = Generator[Result, None, Dictionary]
@@ -83,9 +84,11 @@ def learn_from_shapes(
     The first result lists the shapes that cannot be used. Raises InputError where the
     shapes do not serve what the config asks for.
     """
+    check_not_flat(given, place_of(config) or "shapes")
     training = find_training_shapes(given, config)
     number = counted(len(training.original), "shape")
-    yield Result(failures=training.failures, note=number)
+    doubts = warn_of_shapes(separate(given)[0])
+    yield Result(failures=training.failures, warnings=doubts, note=number)
     if config.method == "sparse-coding":
         made = yield from sparse_coding(training, config)
     else:
@@ -231,7 +234,9 @@ def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
     motion: dict[str, Any] = {}
     edges, sequences = given.edges, given.sequences
     if sequences:
-        motion["acceleration"] = find_acceleration(given.shapes, sequences)
+        motion["acceleration"] = find_acceleration(
+            given.shapes, sequences, given.frame, given.frame_rate
+        )
         motion["frame_rate"] = (
             None if motion["acceleration"] is None else given.frame_rate
         )

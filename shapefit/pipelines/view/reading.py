@@ -19,14 +19,21 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError, input_error
-from shapefit.io import ResultSet, ShapeSet, open_landmarks, open_shapes
+from shapefit.io import (
+    ResultSet,
+    ShapeSet,
+    open_landmarks,
+    open_shapes,
+    read_dictionary,
+)
 from shapefit.io.detect import detect_format
+from shapefit.io.dictionaries import atoms_of
 from shapefit.io.formats import CSV
 from shapefit.io.layout import FRAME, UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import people_joints
-from shapefit.io.source import OPTIONAL, AnyRecords, find_kind, open_results
+from shapefit.io.source import OPTIONAL, AnyRecords, find_kind, open_results, source_of
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION
 from shapefit.io.writers.motion import angle_columns
 from shapefit.pipelines.evaluate.measure import match_truth, with_shapes_of
@@ -158,17 +165,19 @@ def _role(path: Path, options: InputOptions) -> Role:
     camera.
     """
     kind = find_kind(path, options)
-    if kind == "dictionary" or (
-        kind == "shapes" and detect_format(path, options.format) is CSV
-    ):
-        return "result"
-    return kind
+    if kind == "dictionary":
+        return "shapes"
+    in_csv = kind == "shapes" and detect_format(path, options.format) is CSV
+    return "result" if in_csv else kind
 
 
 def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
     """Open files of a kind."""
     if role == "landmarks":
         return open_landmarks(paths, options)
+    if role == "shapes" and find_kind(paths[0], options) == "dictionary":
+        atoms = atoms_of(read_dictionary(paths[0]))
+        return source_of(atoms, str(paths[0]), {}, gaps=True)
     if role == "shapes":
         return open_shapes(paths, options, gaps=True)
     return open_results(paths, OPTIONAL - READ)

@@ -71,6 +71,27 @@ def test_the_combination_of_one_mode_is_that_mode(draw_scene):
     assert found.deviation[0] ** 2 == pytest.approx(variance)
 
 
+def test_the_combination_of_modes_has_the_moments_of_their_mixture(draw_mixture):
+    """Modes that lie apart add to the covariances between landmarks, too."""
+    prior = draw_mixture(4, k=3)
+    _, w, R = draw_images(prior, 40, seed=2, residual_variance=0.003)
+    others = random_rotations(160, np.random.default_rng(3)).reshape(40, 4, 3, 3)
+    starts = np.concatenate([R[:, None], others], axis=1)
+    found = solve(prior, w, starts, 0.003, modes=12, covariance=True)
+
+    share = shares_of(found.modes)
+    several = (share[:, 1] > 0.05) & (share[:, -1] < 1e-6)
+    assert several.sum() >= 5
+    mean = np.einsum("nm,nmap->nap", share, np.nan_to_num(found.modes.mean))
+    apart = np.nan_to_num(found.modes.mean - mean[:, None]).reshape(40, 12, -1)
+    covariance = np.einsum("nm,nmij->nij", share, found.modes.covariance)
+    covariance += np.einsum("nm,nmi,nmj->nij", share, apart, apart)
+    np.testing.assert_allclose(found.mean[several], mean[several], atol=1e-6)
+    np.testing.assert_allclose(
+        found.covariance[several], covariance[several], atol=1e-6
+    )
+
+
 def test_an_image_without_three_landmarks_has_no_posterior(draw_scene):
     scene, R = draw_scene(7, hidden=(0, 1, 2, 3, 4))
     found = solve_one(scene, R)

@@ -274,6 +274,40 @@ def test_a_mirrored_truth_is_named(results, truth):
     assert "left-handed" in warning
 
 
+SIDED = [
+    ("head", "left", "right", "foot", "hand"),
+    ("head", "l_eye", "r_eye", "foot", "hand"),
+    ("head", "LEar", "REar", "lfoot", "rfoot"),
+]
+
+
+@pytest.mark.parametrize("names", SIDED)
+def test_names_of_sides_that_are_exchanged_are_named(results, truth, names):
+    """Before a mirrored truth, which would fit a little better, too."""
+    results = results.replaced(landmark_names=names)
+    truth = truth.replaced(landmark_names=names)
+    order = [0, 2, 1, 3, 4] if names[3] == "foot" else [0, 2, 1, 4, 3]
+    exchanged = results.replaced(shapes=results.shapes[..., order])
+    (warning,) = measured(exchanged, truth, metrics=SHAPES).warnings
+    assert "better when left and right are exchanged" in warning
+    assert measured(results, truth, metrics=SHAPES).warnings == ()
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1000, "9"), (0.01, "1 / ")])
+def test_sizes_that_contradict_the_unit_are_named(results, truth, factor, told):
+    larger = truth.replaced(shapes=factor * truth.shapes)
+    in_metres = results.replaced(unit="m")
+    (warning,) = measured(in_metres, larger, metrics=SHAPES).warnings
+    assert f"the truth is {told}" in warning
+    assert "both state m" in warning
+    stated = with_column(results, "metres_per_unit", np.full(N, 1.0))
+    (warning,) = measured(stated, larger, metrics=SHAPES).warnings
+    assert "both state m" in warning
+    for fine in (in_metres, results, stated):
+        assert measured(fine, truth, metrics=SHAPES).warnings == ()
+    assert measured(results, larger, metrics=SHAPES).warnings == ()
+
+
 def test_rotations_of_another_frame_are_not_measured(results, truth):
     """The shapes are as in the truth, and the rotations say that they are not."""
     quarter = rotation_about(np.array([1.0, 0, 0]), np.full(N, np.pi / 2))

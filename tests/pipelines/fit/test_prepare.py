@@ -20,6 +20,7 @@ from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
 from shapefit.lifting import trust
+from shapefit.lifting.methods import METHODS
 from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines import joints
 from shapefit.pipelines.fit import prepare as preparing
@@ -112,8 +113,12 @@ def test_the_method_has_what_the_config_asks_for(
 def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path):
     people = read_dictionary(find_dictionaries()["people"])
     retained = {key: text for key, text in people.provenance.items() if key != "suits"}
-    write_dictionary(tmp_path / "own.h5", replace(people, provenance=retained))
+    own_people = replace(people, provenance=retained)
+    write_dictionary(tmp_path / "own.h5", own_people)
     config, _ = chosen(None, tmp_path / "own.h5")
+    assert (config.method, config.prior.residual_variance) == ("posterior", 0.006)
+    write_dictionary(tmp_path / "animal.h5", replace(own_people, edge_length=None))
+    config, _ = chosen(None, tmp_path / "animal.h5")
     assert (config.method, config.prior.residual_variance) == ("posterior", None)
     write_dictionary(
         tmp_path / "atoms.h5", replace(people, prior=None, p_value_table=None)
@@ -155,6 +160,27 @@ def test_bases_belong_to_pmp_and_atoms_to_the_others(learned, method, made_for):
         f" {made_for}"
     )
     assert warnings == ((text,) if made_for else ())
+
+
+@pytest.mark.parametrize(("method", "told"), [("convex", True), ("alternate", False)])
+@pytest.mark.parametrize("thickness", [0.0, 0.002, 0.3])
+def test_flat_dictionaries_are_said(rng, method, told, thickness):
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    shapes = turn @ (rng.normal(size=(6, 3, 8)) * [[1], [1], [thickness]])
+    dictionary = Dictionary(shapes, tuple("abcdefgh"), shapes[0])
+    warnings = warn_of_dictionary(FitConfig.model_construct(method=method), dictionary)
+    flat = [text for text in warnings if "are flat" in text]
+    assert len(flat) == (told and thickness < 0.01)
+
+
+@pytest.mark.parametrize(("factor", "told"), [(300, 1), (1e-3, 1), (1, 0), (0.2, 0)])
+@pytest.mark.parametrize("method", ["convex", "alternate", "mean-shape"])
+def test_atoms_of_another_size_are_said(rng, factor, told, method):
+    shapes = factor * rng.normal(size=(6, 3, 8))
+    dictionary = Dictionary(shapes, tuple("abcdefgh"), shapes[0])
+    warnings = warn_of_dictionary(FitConfig.model_construct(method=method), dictionary)
+    size = [text for text in warnings if "lambda is meant for" in text]
+    assert len(size) == (told if METHODS[method].mixes_atoms else 0)
 
 
 def test_pmp_refuses_a_dictionary_whose_limbs_have_no_length(fit, dictionary, images):
@@ -581,13 +607,17 @@ def test_another_skeleton_of_as_many_landmarks_is_named(
 
 
 def test_images_that_pass_by_chance_are_not_trusted(tmp_path, poses, monkeypatch):
-    monkeypatch.setattr(trust, "contradicts", lambda kappa, distance: False)
-    images, few = (
-        film(poses, "body_25"),
-        slice(0, 19),
-    )  # as many as no other skeleton has
+    """Though landmarks that are hidden in turn would be predicted well."""
+    contradicts = trust.contradicts
+    monkeypatch.setattr(
+        trust,
+        "contradicts",
+        lambda kappa, distance, *shares: contradicts(1.0, 0.1, *shares),
+    )
+    images = film(poses, "body_25")
+    # As many landmarks as no other skeleton has.
     wrong = images.replaced(
-        landmarks=images.landmarks[..., few], landmark_names=images.landmark_names[1:20]
+        landmarks=images.landmarks[..., :19], landmark_names=images.landmark_names[1:20]
     )
     result, outcomes = fit_images(tmp_path, wrong, "people", method="posterior")
     assert not result.columns["trusted"].any()
@@ -609,3 +639,46 @@ def test_people_on_their_heads_are_counted(warnings_of, poses, angle):
     assert len(warnings) == (angle == 180)
     told = r"\d+ images with people on their heads: y was taken to point down"
     assert not warnings or re.match(told, warnings[0])
+
+
+@pytest.mark.parametrize(
+    ("factors", "stretched"),
+    [
+        ((1, 1), False),
+        ((7, 7), False),
+        ((0.5, 1), True),
+        ((100 / SIZE[0], 100 / SIZE[1]), True),
+    ],
+)
+def test_scales_of_x_and_y_that_differ_are_named(tmp_path, poses, factors, stretched):
+    images = film(poses, "body_25")
+    landmarks = images.landmarks * np.array(factors)[:, None]
+    other = replace_columns(images.replaced(landmarks=landmarks), {})
+    result, outcomes = fit_images(tmp_path, other, "people", method="posterior")
+    named = [text for text in texts(outcomes) if "x and y have different" in text]
+    assert bool(named) == stretched
+    assert result.columns["trusted"].any() != stretched
+    if stretched:
+        assert named[0].startswith("no shape of this file is to be trusted: people")
+        assert "are these percent of the image" in named[0]
+
+
+def test_landmarks_outside_the_stated_image_are_said(tmp_path, poses):
+    images = film(poses, "body_25")
+    small = replace_columns(images, {"image_size": np.array([640, 480])})
+    _, outcomes = fit_images(tmp_path, small, "people", method="posterior")
+    (warning,) = [text for text in texts(outcomes) if "outside" in text]
+    assert "% of the landmarks lie outside the stated image of 640 x 480" in warning
+    assert "--image-size WxH" in warning
+
+
+def replace_columns(images, columns):
+    """The same images with other datasets."""
+    return LandmarkSet(
+        landmarks=images.landmarks,
+        landmark_names=images.landmark_names,
+        items=images.items,
+        unit=images.unit,
+        y_axis=images.y_axis,
+        columns=columns,
+    )

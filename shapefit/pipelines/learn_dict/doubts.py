@@ -1,0 +1,111 @@
+"""What is doubtful of training shapes: both sides of a body, landmarks in one place.
+
+And shapes that are flat, as 2D landmarks with z = 0 are, which are refused.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Flags, Floats, evenly
+from shapefit.errors import abbreviate, counted, input_error
+from shapefit.geometry.normalisation import normalise
+from shapefit.io import ShapeSet
+
+COMPARED, FEWEST = 96, 4
+"""Shapes that are compared with each other, spread over all; the fewest of which there
+is a majority.
+"""
+
+MIRRORED = 0.9
+"""Of the distance between two shapes, below which one fits better if it is mirrored."""
+
+DECIDED, AGREED = 0.6, 0.95
+"""Share of pairs that must fit one way better, and of these that must agree on sides:
+people, who bend both ways, are mirror images of each other here and there.
+"""
+
+CLEAR = 0.3
+"""Share of pairs by which a shape is of the other side."""
+
+
+def check_not_flat(shapes: ShapeSet, place: str) -> None:
+    """Raise InputError where z is the same everywhere: 2D landmarks, not shapes."""
+    z = shapes.shapes[:, 2]
+    if not z.size or np.ptp(z) > 0:
+        return
+    fault = f"z is {z.flat[0]:g} everywhere, so these are 2D landmarks, not 3D shapes"
+    fix = "give shapes with depth, or, to learn from images, x and y without z"
+    raise input_error(place, fault, fix)
+
+
+def warn_of_shapes(shapes: ShapeSet) -> tuple[str, ...]:
+    """Warn of shapes of the other side than most, and of landmarks that coincide."""
+    warnings = []
+    mirrored = shapes.take(np.flatnonzero(find_mirrored(shapes.shapes))).items
+    if mirrored:
+        fault = f"{len(mirrored)} of {counted(len(shapes), 'shape')}"
+        fault += (
+            f" fit the others better when they are mirrored ({abbreviate(mirrored)})"
+        )
+        fix = "are left and right sides mixed? Mirror one kind, or learn each alone"
+        warnings.append(f"{fault}: {fix}")
+    pairs = find_coinciding(shapes.shapes)
+    if pairs:
+        names = shapes.landmark_names
+        listed = [f"{names[a]} and {names[b]}" for a, b in pairs]
+        fault = f"landmarks that are one point in all shapes: {abbreviate(listed)}"
+        warnings.append(f"{fault}; are the numbers of their vertices right?")
+    return tuple(warnings)
+
+
+def find_mirrored(shapes: Floats) -> Flags:
+    """Return which shapes (n, 3, p) are mirror images of what most are.
+
+    Of a pair the distance after the best rotation is known from the singular values s
+    of X Y^T: |X|^2 + |Y|^2 - 2 (s1 + s2 + sign s3), with the other sign for the mirror
+    image. Shapes that fit both ways, as flat ones do, belong to neither side.
+    """
+    nobody = np.zeros(len(shapes), np.bool_)
+    if len(shapes) < FEWEST:
+        return nobody
+    points = normalise(shapes).points
+    few = points[evenly(len(points), COMPARED)]
+    pairs = _same_side(few, few)
+    sides = np.sign(np.linalg.eigh(pairs)[1][:, -1])
+    sides *= np.sign(sides.sum()) or 1.0  # + is what most are
+    decided = np.abs(pairs).mean()
+    agreed = sides @ pairs @ sides / pairs.size
+    if decided < DECIDED or agreed < AGREED * decided:
+        return nobody
+    votes = _same_side(points, few) @ sides / len(few)
+    mirrored: Flags = np.asarray(votes < -CLEAR)
+    return mirrored if mirrored.sum() <= len(shapes) / 2 else votes > CLEAR
+
+
+def _same_side(one: Floats, other: Floats) -> Floats:
+    """Return 1 for pairs (n, m) of shapes of one side, -1 for mirror images, 0 for
+    neither.
+    """
+    cross = np.einsum("nip,mjp->nmij", one, other)
+    s = np.linalg.svd(cross, compute_uv=False)
+    sign = np.sign(np.linalg.det(cross))
+    size = (one**2).sum((1, 2))[:, None] + (other**2).sum((1, 2))
+    both = s[..., 0] + s[..., 1]
+    as_is = np.sqrt(np.maximum(size - 2 * (both + sign * s[..., 2]), 0))
+    turned = np.sqrt(np.maximum(size - 2 * (both - sign * s[..., 2]), 0))
+    sides = (as_is < MIRRORED * turned) * 1.0
+    sides[turned < MIRRORED * as_is] = -1.0
+    return sides
+
+
+def find_coinciding(shapes: Floats) -> list[tuple[int, int]]:
+    """Return pairs of landmarks that are in one place in all shapes (n, 3, p)."""
+    first = shapes[0] if len(shapes) else np.empty((3, 0))
+    order: NDArray[np.intp] = np.lexsort(first)
+    pairs = []
+    for a, b in zip(order[:-1].tolist(), order[1:].tolist(), strict=True):
+        if (shapes[:, :, a] == shapes[:, :, b]).all():
+            pairs.append((min(a, b), max(a, b)))
+    return sorted(pairs)
