@@ -180,7 +180,13 @@ def read_yaml(
             if any("\ud800" <= letter <= "\udfff" for letter in node.value):
                 raise ValueError("half a letter, which no file can hold")
             if kind in ("int", "float", "bool", "null"):
-                return yaml.constructor.construct_object(node)
+                try:
+                    return yaml.constructor.construct_object(node)
+                except (ValueError, LookupError) as error:
+                    where = position(node.start_mark)
+                    raise InputError(
+                        f"{where}: not valid YAML: {node.value!r} is no {kind}"
+                    ) from error
             written = FileText(node.value)
             written.folder = folder
             return written
@@ -210,7 +216,7 @@ def read_yaml(
             error.problem or error.context,
         )
         place = position(mark) if mark else place
-    except (YAMLError, ValueError, LookupError) as error:  # the last of `!!bool x`
+    except (YAMLError, ValueError, LookupError) as error:
         problem = str(error).splitlines()[0]
     except RecursionError:
         problem = "lists or mappings are nested too deeply, or an alias contains itself"

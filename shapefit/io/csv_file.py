@@ -45,6 +45,7 @@ from shapefit.io.records import (
     LandmarkSet,
     Records,
     ResultSet,
+    check_frames,
     concatenate,
     order_by_frame,
 )
@@ -126,7 +127,7 @@ def read_csv(path: Path, kind: str) -> Any:
             check_fits(table.name, table.size * ROW_BYTES)
     rest = table.records()
     if not len(spool):
-        return _in_time(rest, table.numbered)
+        return _in_time(rest, table.numbered, table.name)
     spool.append(rest)
     together = len(np.unique(np.concatenate(spool.hashes))) == len(spool)
     if together and spool.in_order:
@@ -141,12 +142,14 @@ def read_csv(path: Path, kind: str) -> Any:
     return _read_unordered(path, kind)
 
 
-def _in_time(records: Any, numbered: bool) -> Any:
+def _in_time(records: Any, numbered: bool, name: str) -> Any:
     """Return records in order of their frames, with the frame rate of their times; of
     those that are not `numbered`, whose column of frames is empty, without frames.
+    Raises InputError where a sequence has two items in one frame.
     """
     if not numbered and len(records):
         records = records.without([FRAME])
+    check_frames(records.sequences, records.frame, records.items, name)
     order = order_by_frame(records.sequences, records.frame)
     records = records if order is None else records.take(order)
     return records.replaced(frame_rate=find_rate(records.frame, records.time))
@@ -161,7 +164,7 @@ def _read_unordered(path: Path, kind: str) -> Any:
     for lines, cells in table.blocks:
         table.take(lines, cells)
         check_fits(table.name, table.size * ROW_BYTES)
-    return _in_time(table.records(), table.numbered)
+    return _in_time(table.records(), table.numbered, table.name)
 
 
 def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
@@ -175,7 +178,7 @@ def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
                 table.size * len(text) / text.count(b"\n") / path.stat().st_size, 1.0
             )
             break
-    return _in_time(table.records(), table.numbered), share
+    return _in_time(table.records(), table.numbered, table.name), share
 
 
 class _Table:
@@ -374,7 +377,8 @@ class Spool:
             frames = zip(images.sequences, images.frame.tolist(), strict=True)
             for sequence, frame in frames:
                 before = self._last_frame.get(sequence, frame)
-                self.in_order &= before <= frame or not sequence
+                rises = sequence not in self._last_frame or before < frame
+                self.in_order &= rises or not sequence
                 self._last_frame[sequence] = frame
         pickle.dump(images, self._file, pickle.HIGHEST_PROTOCOL)
 

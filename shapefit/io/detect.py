@@ -25,6 +25,7 @@ from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import (
     arrays,
+    c3d,
     coco,
     deeplabcut,
     detections,
@@ -304,8 +305,8 @@ FORMATS: dict[str, FileFormat] = {
         "a C3D file",
         (".c3d",),
         EITHER,
-        markers.is_c3d,
-        markers.read_c3d,
+        c3d.is_c3d,
+        c3d.read_c3d,
     ),
     "trc": FileFormat(
         "a TRC file",

@@ -42,6 +42,7 @@ from shapefit.io.records import (
     Record,
     ResultSet,
     ShapeSet,
+    check_frames,
     concatenate,
     order_by_frame,
 )
@@ -147,6 +148,7 @@ def source_of(
     is.
     """
     place, stated = place_in_memory(name), records.y_axis
+    check_frames(records.sequences, records.frame, records.items, name)
     order = order_by_frame(records.sequences, records.frame)
     if order is not None:
         records = records.take(order)
@@ -426,7 +428,7 @@ def _of_hdf5(
     """
     file = reader(path)
     start, stop, _ = (rows or slice(None)).indices(file.count)
-    order = None if file.form is RESULTS else _order(file)
+    order = None if file.form is RESULTS else _order(file, str(path))
     if order is not None:
         part = order[start:stop]
         return SourceFile.of(
@@ -450,11 +452,15 @@ def _of_hdf5(
     )
 
 
-def _order(file: Any) -> NDArray[np.intp] | None:
-    """Return the order of frames of an open HDF5 file, None where they stand in it."""
+def _order(file: Any, place: str) -> NDArray[np.intp] | None:
+    """Return the order of frames of an open HDF5 file, None where they stand in it.
+    Raises InputError at the place for two items in one frame.
+    """
     if not (file.is_dataset(FRAME) and file.is_dataset("sequence")):
         return None
-    return order_by_frame(file.read("sequence"), file.read(FRAME))
+    sequences, frames = file.read("sequence"), file.read(FRAME)
+    check_frames(sequences, frames, file.read("item"), place)
+    return order_by_frame(sequences, frames)
 
 
 MIN_SHARE = 0.9

@@ -61,8 +61,8 @@ fit | prior: wide | 4:1 | expected a mapping with the keys scale, residual_varia
 fit | skeleton: {head: 2, neck: 1} | 4:21 | expected a mapping of head, hips and shoulders to factors > 0, or auto, found
 fit | image_size: [1, -2] | 4:17 | expected a list of 2 items, each a number > 0, found -2
 fit | noise: 1; noise: 2 | 5:1 | not valid YAML: found duplicate key 'noise'
-fit | noise: !!int x | 1:1 | not valid YAML: invalid literal for int()
-fit | noise: !!bool x | 1:1 | not valid YAML: 'x'
+fit | noise: !!int x | 4:8 | not valid YAML: 'x' is no int
+fit | noise: !!bool x | 4:8 | not valid YAML: 'x' is no bool
 fit | noise: |;   ;    x | 6:4 | not valid YAML: more indented follow up line than first in a block scalar
 fit | lam: 1 | 4:1 | unknown key 'lam'; did you mean 'lambda'?
 eval | metrics: [camra] | 4:11 | expected a list, each similarity, camera, rotation, reprojection, expected, precision or recall, found 'camra'; did you mean 'camera'?

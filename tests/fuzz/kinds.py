@@ -8,6 +8,7 @@ import os
 import shutil
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -39,6 +40,15 @@ Make = Callable[[Random, Path], Command]
 """Spoil the files of a folder, and return the command line that reads them."""
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "people_test.h5"
+
+HAS_EZC3D = find_spec("ezc3d") is not None
+"""Whether C3D can be written; else its cases read a file that is not there."""
+
+OF_SEQUENCES = "m_a.c3d"
+"""The first of the files that C3D of several sequences is written to."""
+
+C3D_HEAD = 1536
+"""Bytes of the header and the parameters of C3D."""
 
 ITEMS = 8
 """Shapes and images in each file: a case should take some milliseconds."""
@@ -79,6 +89,7 @@ def make_base_files(folder: Path) -> None:
         for name, write in writers.items():
             write(folder / name, points, rng.uniform(size=(n, 2, p)))
     learn = ("learn-dict", "shapes.h5")
+    to_c3d = ("convert", "shapes.h5", "-o", "m.c3d")
     camera = ("--set", "camera.view=random", "--set", "hidden=0.1")
     for command in (
         (*learn, "--set", "iterations=2", "--set", "k=4", "-o", "dict.h5"),
@@ -98,6 +109,7 @@ def make_base_files(folder: Path) -> None:
             "--set=method=convex+refine",
         ),
         ("fit", "views.h5", "-d", "bases.h5", "-o", "x.h5", "--set", "method=pmp"),
+        *([to_c3d] if HAS_EZC3D else []),
         ("eval", "result.h5", "--truth", "shapes.h5", "-o", "report", NO_PLOTS),
         ("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5"),
         ("view", "result.h5", "--truth", "shapes.h5", "-o", "page.html"),
@@ -213,6 +225,19 @@ def make_detector(rng: Random, folder: Path) -> Command:
         path.write_bytes(spoil_text_bytes(rng, path.read_bytes()))
     given = name if rng.random() < 0.7 else str(path.relative_to(folder))
     return _read(rng, given)
+
+
+def make_c3d(rng: Random, folder: Path) -> Command:
+    """Spoil a C3D file, mostly in its header and parameters, and read it."""
+    path = folder / OF_SEQUENCES
+    if path.exists():
+        data = path.read_bytes()
+        head = C3D_HEAD if rng.random() < 0.7 else len(data)
+        path.write_bytes(data[:head])
+        spoil_bytes(rng, path)
+        if rng.random() < 0.8:
+            path.write_bytes(path.read_bytes() + data[head:])
+    return _read(rng, path.name)
 
 
 # Configs
@@ -369,6 +394,7 @@ def aliases_of_aliases(depth: int) -> str:
 
 
 KINDS: Mapping[str, Make] = {
+    "c3d": make_c3d,
     "detectors": make_detector,
     "ours": make_ours,
     "trackers": make_tracker,

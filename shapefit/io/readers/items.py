@@ -22,7 +22,7 @@ from shapefit.io.layout import EDGES, FRAME, TIME
 from shapefit.io.names import match_landmarks, nearest_names, numbers_of
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.poses import FRACTION, Poses, parsing
-from shapefit.io.records import LandmarkSet, ShapeSet, order_by_frame
+from shapefit.io.records import LandmarkSet, ShapeSet, check_frames, order_by_frame
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 
 Notes = tuple[str, ...]
@@ -265,19 +265,8 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     poses = poses.take(np.array(retained, np.intp))
     items = [items[row] for row in retained]
     sequences = [sequences[row] for row in retained]
-    _check_frames(poses, items, sequences)
+    check_frames(sequences, poses.frame, items, poses.name)
     return poses, items, sequences
-
-
-def _check_frames(poses: Poses, items: Sequence[str], sequences: Sequence[str]) -> None:
-    """Raise InputError where one sequence has two poses in one frame, of two names."""
-    first: dict[tuple[str, int], int] = {}
-    rows = zip(sequences, poses.frame.tolist(), strict=True)
-    for row, (sequence, frame) in enumerate(rows):
-        before = first.setdefault((sequence, frame), row)
-        if sequence and items[row] != items[before]:
-            problem = f"holds '{items[before]}' and '{items[row]}' in one frame"
-            raise input_error(poses.name, problem, "keep one pose of a body per frame")
 
 
 def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:

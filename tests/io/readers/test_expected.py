@@ -52,8 +52,6 @@ def test_no_entry_is_left_out(real_data):
 
 @pytest.fixture(params=READ, ids=lambda entry: entry["path"])
 def entry(request, real_data) -> dict[str, Any]:
-    if tool(request.param) == "c3d":
-        pytest.importorskip("ezc3d")
     return request.param
 
 

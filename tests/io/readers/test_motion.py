@@ -3,7 +3,6 @@ forms.
 """
 
 import struct
-import sys
 
 import numpy as np
 import pytest
@@ -531,17 +530,24 @@ def test_what_a_model_computed_is_no_point(c3d):
     assert any("KneeAngle" in note for note in notes)
 
 
-def test_without_ezc3d_the_error_says_how_to_get_it(c3d, monkeypatch):
-    path, _ = c3d()
-    monkeypatch.setitem(sys.modules, "ezc3d", None)
-    with pytest.raises(InputError, match="pip install ezc3d"):
-        load_shapes(path)
+def test_what_ezc3d_reads(c3d):
+    """Every point, label and rate, of files with analog values and missing points."""
+    import ezc3d
+
+    for number, channels in ((2, 0), (40, 3), (300, 1)):
+        labels = [f"marker {n}" for n in range(number)]
+        path, _ = c3d(labels=labels, n=7, channels=channels)
+        theirs = ezc3d.c3d(str(path))
+        shapes, notes = load_shapes(path)
+        points = theirs["data"]["points"][:3].transpose(2, 0, 1) / 1000
+        np.testing.assert_array_equal(np.isnan(shapes.shapes), np.isnan(points))
+        np.testing.assert_allclose(shapes.shapes, points, rtol=1e-12)
+        assert shapes.landmark_names == tuple(labels)
+        assert (shapes.frame_rate, notes) == (100.0, ())
 
 
 def test_damaged_c3d_is_refused(c3d):
-    """Cut off, before ezc3d sees it; and a record of a name too long, which sends it
-    anywhere.
-    """
+    """Cut off; and a record of a name too long, which leads anywhere."""
     path, _ = c3d()
     whole = path.read_bytes()
     place = whole.index(b"POINT") - 2
@@ -616,6 +622,24 @@ def test_points_without_parameters_are_read_by_the_header(c3d):
     assert any("read by its header, as its parameters state no" in n for n in notes)
 
 
+def test_numbers_of_a_dec(c3d, tmp_path):
+    """Their halves are exchanged, and they are four times as large."""
+    path, points = c3d(n=30)
+    data = bytearray(path.read_bytes())
+    start = 512 * (data[16] - 1)
+    places = [*range(start, len(data), 4), 12, place_of(path, b"RATE\x09\0\4\0")]
+    places.append(place_of(path, b"SCALE\x09\0\4\0"))
+    for place in places:
+        (value,) = struct.unpack_from("<f", data, place)
+        low, high = struct.unpack("<HH", struct.pack("<f", 4 * value))
+        struct.pack_into("<HH", data, place, high, low)
+    data[512 * (data[0] - 1) + 3] = 85
+    path.write_bytes(data)
+    shapes, notes = load_shapes(path)
+    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    assert (shapes.frame_rate, notes) == (100.0, ())
+
+
 def write_whole_numbers(path, processor):
     """Write points (20, 4, 3) without parameters, to be times 0.5, the processor that
     writes them so named; returns them.
@@ -635,7 +659,6 @@ def write_whole_numbers(path, processor):
 
 
 def test_points_in_whole_numbers_are_read_by_the_header(tmp_path):
-    pytest.importorskip("ezc3d", reason="ezc3d is the extra `c3d`")
     path = tmp_path / "walk.c3d"
     expected = write_whole_numbers(path, 84)
     shapes, _ = load_shapes(path)
@@ -661,7 +684,6 @@ def test_a_data_section_that_no_count_fills_is_refused(c3d, size):
     ("axes", "problem"), [(200, "of no known kind"), (7, "USED does not fit in its")]
 )
 def test_parameters_beyond_their_records_are_refused(c3d, axes, problem):
-    """ezc3d would crash on them."""
     path, _ = c3d()
     data = bytearray(path.read_bytes())
     data[place_of(path, b"USED") + 3] = axes
