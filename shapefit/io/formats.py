@@ -187,9 +187,14 @@ def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Out
         "metres": tables.write_metres,
         "angles": tables.write_angles,
     }
-    unit, angles = "mm" if name == "c3d" else "m", TARGETS[name].angles
+    judges = {"mot": tables.point_to_trc, "angles": tables.count_uncertain}
     return motion.motion_output(
-        target, options, writers[name], unit=unit, angles=angles
+        target,
+        options,
+        writers[name],
+        unit="mm" if name == "c3d" else "m",
+        angles=TARGETS[name].angles,
+        judge_angles=judges.get(name),
     )
 
 

@@ -74,7 +74,7 @@ def run(config: ConvertConfig) -> Iterator[Result]:
     yield Result(
         total=count,
         warnings=warnings + summary.warnings,
-        note=summary.note,
+        note="; ".join(filter(None, [summary.note, summary.angles])),
         written=summary.written or (config.output,),
     )
 

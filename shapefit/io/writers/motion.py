@@ -130,6 +130,7 @@ Track = tuple[
 Write = Callable[
     [Path, Motion], str | None
 ]  # fills a new file; may return a note for the summary
+JudgeAngles = Callable[[Sequence[Motion]], str]
 
 
 class MotionWriter(RecordWriter[Shapes3D]):
@@ -168,8 +169,11 @@ def motion_output(
     *,
     unit: str = "m",
     angles: bool = False,
+    judge_angles: JudgeAngles | None = None,
 ) -> Iterator[MotionWriter]:
     """Give a writer to a file per sequence; all appear on a clean exit.
+
+    `judge_angles` says in the summary how certain the angles of all sequences are.
 
     One sequence goes to `target`; several are named after it: man.trc becomes
     man_NAME.trc. Raises InputError where the files cannot be written; earlier ones then
@@ -201,6 +205,7 @@ def motion_output(
             if len(names) > 1
             else (target,)
         ),
+        angles=judge_angles(motions) if judge_angles else "",
     )
 
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -430,6 +431,7 @@ class Counts:
     """What adds up over the batches of a fit, for its end.
 
     errors are those expected, in metres; outliers and visible (p,) count images.
+    solved images have a gap; largest_gap is that of them all.
     """
 
     images: int = 0
@@ -441,6 +443,9 @@ class Counts:
     visible: Any = 0
     bodies: int = 0
     on_head: int = 0
+    solved: int = 0
+    optimal: int = 0
+    largest_gap: float | None = None
 
     def add(self, record: ResultSet) -> None:
         """Count a batch."""
@@ -458,6 +463,13 @@ class Counts:
             probability = columns["inlier_probability"]
             self.outliers = self.outliers + (probability < OUTLIER).sum(axis=0)
             self.visible = self.visible + np.isfinite(probability).sum(axis=0)
+        if record.relative_gap is not None:
+            gaps = record.relative_gap[np.isfinite(record.relative_gap)]
+            self.solved += len(gaps)
+            if record.status is not None:
+                self.optimal += int((record.status == Status.OPTIMAL.value).sum())
+            if len(gaps):
+                self.largest_gap = max(self.largest_gap or 0.0, float(gaps.max()))
         joints = joint_columns(names) if is_of_people(names) else {}
         ends = [[joints[joint] for joint in end if joint in joints][:2] for end in ENDS]
         if all(ends):
@@ -484,7 +496,8 @@ def summary_of(
         total=source.count,
         warnings=(*warnings, *warn_of_all(counts, setup, head), *writer.warnings),
         note="; ".join([f"y {head.y_axis} in the images", *estimates.lines]),
-        rows=tuple(rows_of(source, setup, counts, method, writer.note)),
+        rows=tuple(rows_of(source, setup, counts, method, writer)),
+        data=partial(numbers_of, setup, counts),
         written=writer.written or (Path(str(setup.config.output)),),
     )
 
@@ -524,7 +537,11 @@ def warn_of_all(
 
 
 def rows_of(
-    source: LandmarkSource, setup: Setup, counts: Counts, method: str, metres: str
+    source: LandmarkSource,
+    setup: Setup,
+    counts: Counts,
+    method: str,
+    written: Summary,
 ) -> Iterator[tuple[str, str]]:
     """Yield the rows of the summary, label and text."""
     config, output = setup.config, Path(str(setup.config.output))
@@ -541,9 +558,9 @@ def rows_of(
     yield "Read", read
     yield "Method", method or config.method
     yield "Camera", setup.estimates.lines[0].removeprefix("camera: ")
-    if metres:
-        yield "Metres", metres
-    result = f"{images} (no error bars by this method)"
+    if written.note:
+        yield "Metres", written.note
+    result = f"{images}{gap_of(setup, counts)} (no error bars by this method)"
     if counts.evaluated:
         size = (
             f"{100 * median(np.array(counts.errors)):.0f} cm" if counts.errors else ""
@@ -551,8 +568,9 @@ def rows_of(
         about = f", expected error about {size}" if size else ""
         result = f"{counts.trusted} of {images} trusted{about}"
     elif setup.dictionary.prior is None:
-        result = f"{images} (no error bars: `learn-dict --prior` learns what they need)"
-    yield "Result", result
+        bars = "no error bars: `learn-dict --prior` learns what they need"
+        result = f"{images}{gap_of(setup, counts)} ({bars})"
+    yield "Result", "; ".join(filter(None, [result, written.angles]))
     if output.suffix.lower() in VIEWED:
         name = output.name if output.parent == Path.cwd() else str(output)
         yield (
@@ -562,6 +580,37 @@ def rows_of(
                 f" {output.stem + '*.trc' if output.suffix == '.trc' else name}"
             ),
         )
+
+
+def gap_of(setup: Setup, counts: Counts) -> str:
+    """Return how far images may be from the optimum, as the line of the result goes on;
+    "" for methods that do not say.
+    """
+    if counts.largest_gap is None:
+        return ""
+    if setup.lifter.row.proves == "bound":
+        return f", within {counts.largest_gap:.1e} of the convex bound"
+    missed = counts.solved - counts.optimal
+    solved = f"{missed:,} not optimal" if missed else "all optimal"
+    return f", {solved}, largest gap {counts.largest_gap:.1e}"
+
+
+def numbers_of(setup: Setup, counts: Counts) -> dict[str, int | float | None]:
+    """Return what the line of the result says, as numbers; None for what the method
+    does not say. The error is the median of those expected of trusted images.
+    """
+    certifies = setup.lifter.row.proves in ("optimum", "global")
+    has_gaps = certifies and counts.largest_gap is not None
+    return {
+        "images": counts.images,
+        "trusted": counts.trusted if counts.evaluated else None,
+        "expected_error_metres": (
+            float(median(np.array(counts.errors))) if counts.errors else None
+        ),
+        "optimal": counts.optimal if has_gaps else None,
+        "not_optimal": counts.solved - counts.optimal if has_gaps else None,
+        "largest_gap": counts.largest_gap,
+    }
 
 
 def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Result]:
