@@ -3,6 +3,7 @@
 #   make demo         the whole chain on sample_data
 #   make test         the quick tests, about three minutes on two cores
 #   make test-all     these and the slow ones: the paper, fuzz, wheel, cluster, store, browser
+#   make interop      OpenSim, ezc3d, bvhio and trimesh read what is written for them (installs 465 MB)
 #   make check        format, lint, types, quick tests
 #   make wheel        a wheel of the compiled package in dist
 #   make test-levels  the solvers' tests with every instruction set of this processor, and with none
@@ -39,6 +40,7 @@ RUNS := $(VENV)/runs
 READY := $(VENV)/ready
 SITE_READY := $(VENV)/site-ready
 ALL_READY := $(VENV)/all-ready
+INTEROP := $(VENV)/interop
 CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp */*.?pp))
 SHAPEFIT := $(BIN)/shapefit
 
@@ -49,7 +51,7 @@ $(shell rm -f $(RUNS) $(READY) $(ALL_READY) $(SITE_READY))
 endif
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-all fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people footage detected from-2d cars bench clean
+.PHONY: demo test test-all interop fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people footage detected from-2d cars bench clean
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose --frame-rate 25 --image-size 1280x720 --focal 1100 \
@@ -137,6 +139,9 @@ test-all: test $(ALL_READY)
 	    || echo "No browser: its tests are skipped. To run them: apt-get install $(BROWSER_PACKAGES)"
 	$(BIN)/python -m pytest -m slow $(PYTEST_OPTIONS)
 
+interop: $(READY) $(INTEROP)/ready
+	SHAPEFIT_REQUIRE_INTEROP=1 $(BIN)/python -m pytest -m interop $(PYTEST_OPTIONS) tests/interop
+
 wheel: $(READY)
 	SHAPEFIT_LEVELS=all $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps \
 	    --no-build-isolation -C 'build-dir=build/{wheel_tag}' --wheel-dir dist .
@@ -222,6 +227,13 @@ endef
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 INSTALL_SHAPEFIT = $(INSTALL) --no-build-isolation --editable
+
+# The programs that read our files, in an environment of their own.
+$(INTEROP)/ready: $(TOOLS)
+	@echo "Installing OpenSim, ezc3d, bvhio and trimesh into $(INTEROP), 465 MB."
+	@$(PYTHON) -m venv $(INTEROP)
+	@$(INTEROP)/bin/python -m pip install --quiet --disable-pip-version-check opensim ezc3d bvhio trimesh
+	@touch $@
 
 # What the slow tests and the benchmarks need besides: independent solvers, a cluster, a store.
 $(ALL_READY): $(READY)
