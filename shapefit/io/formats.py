@@ -319,6 +319,8 @@ def record_writer(
     if given and not file_format.in_metres:
         fault = f"{file_format.title} keeps the unit and the axes of what is written"
         fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"
+        if file_format is CSV and form is RESULTS and options.height is not None:
+            fix += ", or in .h5, which states it"
         raise input_error(min(given)[0], fault, fix)
     assert file_format.write is not None
     return file_format.write(target, form, options)

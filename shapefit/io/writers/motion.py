@@ -27,6 +27,7 @@ from shapefit.io.layout import (
     INPUT_SD,
     INPUT_SHAPES,
     METRES_PER_UNIT,
+    STATED_HEIGHT,
     TIME,
 )
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
@@ -62,6 +63,7 @@ RETAINED = {
     *(
         EDGES,
         METRES_PER_UNIT,
+        STATED_HEIGHT,
         CAMERA_TRANSLATION,
         EXTRINSIC_ROTATION,
         EXTRINSIC_TRANSLATION,

@@ -40,11 +40,13 @@ from shapefit.io.layout import (
     METRES_FROM,
     METRES_PER_UNIT,
     RESULTS,
+    STATED_HEIGHT,
     TIME,
     free_names,
 )
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.skeletons import joint_columns
+from shapefit.io.writers.metres import with_stated_height
 from shapefit.lifting import trust
 from shapefit.lifting.lift import Lifting, fail_nonfinite
 from shapefit.lifting.methods import METHODS
@@ -121,10 +123,10 @@ def run(
             config, dictionary, names, lambda: source.first(FIRST), count, estimates
         )
         check_export(setup, output)
-        options, counts = (
-            OutputOptions(height=config.height, markers=config.markers),
-            Counts(),
-        )
+        options = OutputOptions(height=config.height, markers=config.markers)
+        if find_target_format(output) is HDF5:
+            options = options._replace(height=None)  # which each image states
+        counts = Counts()
         with (
             result_writer(output, options=options) as writer,
             closing(lift_source(source, setup)) as batches,
@@ -252,6 +254,9 @@ def as_result(
         "tight": estimate.tight,
         "outliers": estimate.outliers,
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
+        STATED_HEIGHT: (
+            None if config.height is None else np.full(len(images), config.height)
+        ),
         **estimate.further,
         **trusted(lifting, setup),
         **of_camera(lifting, setup),
@@ -456,8 +461,9 @@ class Counts:
             trusted = columns[trust.TRUSTED].astype(bool)
             self.evaluated += len(record)
             self.trusted += int(trusted.sum())
-            errors = columns[trust.EXPECTED_ERROR] * columns.get(
-                METRES_PER_UNIT, np.nan
+            sizes = with_stated_height(record, "fit").columns.get(METRES_PER_UNIT)
+            errors = columns[trust.EXPECTED_ERROR] * (
+                np.nan if sizes is None else sizes
             )
             self.errors += errors[trusted & np.isfinite(errors)].tolist()
             probability = columns["inlier_probability"]

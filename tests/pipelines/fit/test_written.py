@@ -94,6 +94,52 @@ def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
     ).max() == pytest.approx(0.5, 0.2)
 
 
+def heights(path):
+    return np.ptp(points(path)[..., 1], axis=1)
+
+
+def test_a_height_is_stored_and_used_later(tmp_path, films, dictionary):
+    given = {"landmarks": [films], "dictionary": dictionary}
+    run(fit, "fit", tmp_path / "now.trc", "height=0.5", **given)
+    run(fit, "fit", tmp_path / "result.h5", "height=0.5", **given)
+    with h5py.File(tmp_path / "result.h5") as file:
+        np.testing.assert_array_equal(file["stated_height"], np.full(8, 0.5))
+    files = {"files": [tmp_path / "result.h5"]}
+    run(convert, "convert", tmp_path / "later.trc", **files)
+    run(convert, "convert", tmp_path / "taller.trc", "height=0.75", **files)
+    for name in "ab":
+        now = heights(tmp_path / f"now_{name}.trc")
+        later = heights(tmp_path / f"later_{name}.trc")
+        np.testing.assert_array_equal(now, later)
+        taller = heights(tmp_path / f"taller_{name}.trc")
+        np.testing.assert_allclose(taller, 1.5 * now)
+
+
+def test_a_height_cannot_be_stored_in_csv(tmp_path, films, dictionary):
+    given = {"landmarks": [films], "dictionary": dictionary}
+    with pytest.raises(InputError, match=r"height: a CSV file keeps .* in \.h5"):
+        run(fit, "fit", tmp_path / "man.csv", "height=0.5", **given)
+
+
+def test_heights_of_results_that_are_written_together_are_their_own(
+    tmp_path, images, dictionary
+):
+    for name, height in (("a", 0.5), ("b", 0.75)):
+        path = tmp_path / f"{name}.h5"
+        rows = [row for row in range(8) if images.sequences[row] == name]
+        save(path, images.take(rows).replaced(frame_rate=10.0))
+        given = {"landmarks": [path], "dictionary": dictionary}
+        one = run(fit, "fit", tmp_path / f"of_{name}.trc", f"height={height}", **given)
+        assert one[0] == [f"of_{name}.trc"]
+        run(fit, "fit", tmp_path / f"of_{name}.h5", f"height={height}", **given)
+    both = [tmp_path / "of_a.h5", tmp_path / "of_b.h5"]
+    run(convert, "convert", tmp_path / "both.trc", files=both)
+    for name in "ab":
+        np.testing.assert_array_equal(
+            heights(tmp_path / f"both_{name}.trc"), heights(tmp_path / f"of_{name}.trc")
+        )
+
+
 @pytest.mark.real_data
 def test_a_real_man_is_as_large_as_a_man_and_stands_on_his_feet(real_data, tmp_path):
     folder = real_data / "detected" / "pose2sim_balancing"
