@@ -55,8 +55,8 @@ made so.
 METRES_PER_UNIT = (  # (n,) of results: metres in one unit of the shape of an image
     "metres_per_unit"
 )
-STATED_HEIGHT = (
-    "stated_height"  # (n,) of results: of the body, in metres, as told to fit
+STATED_HEIGHT = (  # (n,) of results: metres from head to foot that `fit` was told
+    "stated_height"
 )
 METRES_FROM = "metres_from"  # attribute: by what that size was found, edges or spread
 

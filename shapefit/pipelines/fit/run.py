@@ -461,10 +461,8 @@ class Counts:
             trusted = columns[trust.TRUSTED].astype(bool)
             self.evaluated += len(record)
             self.trusted += int(trusted.sum())
-            sizes = with_stated_height(record, "fit").columns.get(METRES_PER_UNIT)
-            errors = columns[trust.EXPECTED_ERROR] * (
-                np.nan if sizes is None else sizes
-            )
+            sized = with_stated_height(record, "fit").columns
+            errors = columns[trust.EXPECTED_ERROR] * sized.get(METRES_PER_UNIT, np.nan)
             self.errors += errors[trusted & np.isfinite(errors)].tolist()
             probability = columns["inlier_probability"]
             self.outliers = self.outliers + (probability < OUTLIER).sum(axis=0)

@@ -18,6 +18,7 @@ from shapefit.io import write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, joint_columns
 from shapefit.pipelines.convert import run as convert
 from shapefit.pipelines.fit.run import run as fit
+from shapefit.pipelines.view.reading import read_inputs
 from tests.io.files import save
 
 EDGES = np.array([[0, 1], [1, 2], [2, 3]])
@@ -113,6 +114,11 @@ def test_a_height_is_stored_and_used_later(tmp_path, films, dictionary):
         np.testing.assert_array_equal(now, later)
         taller = heights(tmp_path / f"taller_{name}.trc")
         np.testing.assert_allclose(taller, 1.5 * now)
+    (content,), *_ = read_inputs(load_config("view", None, (), files))
+    sizes = content.values["metres_per_unit"]
+    on_the_page = sizes * np.ptp(content.values["shapes"][:, 1], axis=1)
+    in_files = [heights(tmp_path / f"now_{name}.trc") for name in "ab"]
+    np.testing.assert_allclose(on_the_page, np.concatenate(in_files), rtol=1e-9)
 
 
 def test_a_height_cannot_be_stored_in_csv(tmp_path, films, dictionary):
