@@ -192,6 +192,7 @@ def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Out
         target,
         options,
         writers[name],
+        suffix=TARGETS[name].suffixes[0],
         unit="mm" if name == "c3d" else "m",
         angles=TARGETS[name].angles,
         judge_angles=judges.get(name),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from shapefit.config import CONFIGS, InfoConfig
 from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning
-from shapefit.errors import InputError, abbreviate, counted, listed
+from shapefit.errors import InputError, abbreviate, as_typed, counted, listed
 from shapefit.io import open_landmarks, open_shapes, read_dictionary
 from shapefit.io.detect import detect_format, group_inputs
 from shapefit.io.formats import FileFormat
@@ -240,13 +239,3 @@ def next_command(
         dictionary = "people" if is_of_people(names) else "DICT.h5"
         return f"shapefit fit {inputs} -d {dictionary} -o result.h5{more}"
     return f"shapefit learn-dict {inputs} -o dict.h5{more}"
-
-
-def as_typed(path: Path) -> str:
-    """Return a path as it is typed in a shell: relative to the working folder if it is
-    inside.
-    """
-    here = Path.cwd()
-    return shlex.quote(
-        str(path.relative_to(here) if path.is_relative_to(here) else path)
-    )

@@ -169,6 +169,7 @@ def motion_output(
     options: OutputOptions,
     write: Write,
     *,
+    suffix: str,
     unit: str = "m",
     angles: bool = False,
     judge_angles: JudgeAngles | None = None,
@@ -178,8 +179,8 @@ def motion_output(
     `judge_angles` says in the summary how certain the angles of all sequences are.
 
     One sequence goes to `target`; several are named after it: man.trc becomes
-    man_NAME.trc. Raises InputError where the files cannot be written; earlier ones then
-    stay.
+    man_NAME.trc. `suffix` is that of the format. Raises InputError where the
+    files cannot be written; earlier ones then stay.
     """
     check_output(target)
     writer = MotionWriter(options, angles=angles)
@@ -189,9 +190,11 @@ def motion_output(
     writer.parts.clear()
     motions = find_motions(records, options, str(target))
     resolved = Path(os.path.realpath(target))
-    stems = _file_stems(resolved.stem, [motion.name for motion in motions])
+    ending = _ending(resolved, suffix)
+    whole = resolved.name.removesuffix(ending)
+    stems = _file_stems(whole, [motion.name for motion in motions])
     with staged_files(resolved.parent) as staged:
-        paths = [staged / f"{stem}{resolved.suffix}" for stem in stems]
+        paths = [staged / f"{stem}{ending}" for stem in stems]
         notes = [
             write(path, motion) for path, motion in zip(paths, motions, strict=True)
         ]
@@ -209,6 +212,15 @@ def motion_output(
         ),
         angles=judge_angles(motions) if judge_angles else "",
     )
+
+
+def _ending(target: Path, suffix: str) -> str:
+    """Return the ending of a name: the suffix of the format, such as .metres.csv, if
+    the name has it.
+    """
+    if target.name.lower().endswith(suffix):
+        return target.name[-len(suffix) :]
+    return target.suffix
 
 
 def _file_stems(stem: str, names: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -24,7 +24,7 @@ from shapefit.convex.solver import Status
 from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import abbreviate, counted, input_error
+from shapefit.errors import abbreviate, as_typed, counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -89,6 +89,9 @@ ENDS = (
 
 VIEWED = (".h5", ".hdf5", ".hdf", ".he5", ".csv", ".trc")
 """Endings of results that `shapefit view` shows."""
+
+MOST_VIEWED = 4
+"""Files of a fit that the command to go on with names one by one."""
 
 
 Datasets = Mapping[str, NDArray[Any] | None]
@@ -575,15 +578,24 @@ def rows_of(
         bars = "no error bars: `learn-dict --prior` learns what they need"
         result = f"{images}{gap_of(setup, counts)} ({bars})"
     yield "Result", "; ".join(filter(None, [result, written.angles]))
-    if output.suffix.lower() in VIEWED:
-        name = output.name if output.parent == Path.cwd() else str(output)
-        yield (
-            "Next",
-            (
-                "shapefit view"
-                f" {output.stem + '*.trc' if output.suffix == '.trc' else name}"
-            ),
-        )
+    if files := viewed(written.written or (output,), output):
+        yield "Next", f"shapefit view {' '.join(map(as_typed, files))}"
+
+
+def viewed(written: Sequence[Path], output: Path) -> Sequence[Path]:
+    """Return which of the files that an output became `shapefit view` shows, as a glob
+    where there are many.
+    """
+    files = [
+        path
+        for path in written
+        if path.suffix.lower() in VIEWED
+        and not path.name.lower().endswith(("_angles.csv", ".angles.csv"))
+    ]
+    if len(files) <= MOST_VIEWED:
+        return files
+    ending = ".metres.csv" if output.match("*.metres.csv") else output.suffix
+    return [output.with_name(f"{output.name.removesuffix(ending)}_*{ending}")]
 
 
 def gap_of(setup: Setup, counts: Counts) -> str:
