@@ -106,10 +106,16 @@ def check_mesh(place: Place, columns: Mapping[str, Any], p: int) -> None:
 
 
 def warn_of_zeros(points: Floats) -> tuple[str, ...]:
-    """Warn of many landmarks (..., 2) at exactly (0, 0), where detectors put what they
-    miss.
+    """Warn of many landmarks (..., p, 2) at exactly (0, 0), where detectors put what
+    they miss: in a corner of the image. Where the others are on both sides of it, it is
+    the origin of the coordinates.
     """
     zeros = (points == 0).all(axis=-1)
+    others = np.where(zeros[..., None], np.nan, points)
+    lowest = np.fmin.reduce(others, axis=-2, initial=np.inf)
+    highest = np.fmax.reduce(others, axis=-2, initial=-np.inf)
+    in_middle = ((lowest < 0) & (highest > 0)).any(axis=-1)
+    zeros &= ~in_middle[..., None]
     if zeros.sum() <= AT_ZERO * zeros.size:
         return ()
     fault = (

@@ -20,13 +20,18 @@ from shapefit.io import (
     read_dictionary,
     write_dictionary,
 )
-from shapefit.io.formats import HDF5, find_target_format, record_writer
+from shapefit.io.formats import (
+    HDF5,
+    MESH_FORMATS,
+    find_target_format,
+    record_writer,
+)
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
 from shapefit.io.source import Kind, ResultSource, find_kind, open_results
 from shapefit.pipelines.items import keys_of
-from shapefit.pipelines.meshes import MESH_FORMATS, write_meshes
+from shapefit.pipelines.meshes import write_meshes
 from shapefit.pipelines.result import Result, nothing_in
 
 BATCH = 4096

@@ -33,6 +33,12 @@ CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 
 Line = tuple[str, str]
 
+LEARN = (
+    "`shapefit learn-dict SHAPES -o DICT.h5` learns one, from 3D shapes or from"
+    " landmarks alone"
+)
+"""Where landmarks are those of no installed dictionary."""
+
 
 def run(config: InfoConfig) -> Iterator[Result]:
     """Describe every input; yields one Result with the text as its note.
@@ -134,6 +140,8 @@ def describe(
         elif kind == "landmarks":
             stated = "" if source.states_y_axis else ", as the file does not say"
             items.append(("y axis", f"{head.y_axis}{stated}"))
+            if not is_of_people(head.landmark_names):
+                items.append(("dictionary", LEARN))
         following = next_command(kind, paths, head.landmark_names, options.keypoints)
         return [*title, *items, ("next", following)], source.notes
 

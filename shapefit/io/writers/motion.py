@@ -389,10 +389,7 @@ def _tracks(records: Shapes3D, place: str) -> list[Track]:
         if len(same):
             one, other = track.items[same[0]], track.items[same[0] + 1]
             problem = f"'{one}' and '{other}' are of one frame of one sequence"
-            fix = (
-                "read detections with `track: nearest`, which joins them, or one"
-                " `individual`"
-            )
+            fix = "give each individual a sequence of its own"
             raise input_error(place, problem, fix)
         if len(rows) and frames[-1] - frames[0] > MOST_MISSING * len(rows):
             one, other = int(frames[0]), int(frames[-1])

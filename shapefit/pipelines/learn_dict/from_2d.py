@@ -112,9 +112,14 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         density = state.objective / (2 * int((images.weights > 0).sum()))
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
+    predicted = "no hidden landmark to predict"
+    if np.isfinite(judgement.hidden_error):
+        predicted = (
+            f"hidden landmarks predicted to {judgement.hidden_error:.3f} of the size of"
+            " a shape"
+        )
     evidence = (
-        f"hidden landmarks predicted to {judgement.hidden_error:.3f} of the size of a"
-        f" shape, evidence of depth {judgement.gain:.2f} per landmark, views up to"
+        f"{predicted}, evidence of depth {judgement.gain:.2f} per landmark, views up to"
         f" {judgement.turn:.0f} degrees apart"
     )
     if not judgement.fine:
