@@ -112,14 +112,8 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         density = state.objective / (2 * int((images.weights > 0).sum()))
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
-    predicted = "no hidden landmark to predict"
-    if np.isfinite(judgement.hidden_error):
-        predicted = (
-            f"hidden landmarks predicted to {judgement.hidden_error:.3f} of the size of"
-            " a shape"
-        )
     evidence = (
-        f"{predicted}, evidence of depth {judgement.gain:.2f} per landmark, views up to"
+        f"{describe_prediction(judgement.hidden_error)}, evidence of depth {judgement.gain:.2f} per landmark, views up to"
         f" {judgement.turn:.0f} degrees apart"
     )
     if not judgement.fine:
@@ -137,6 +131,15 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         yield Result(warnings=(MIRRORED,))
     further = {LEARNED_FROM: "landmarks", VERDICT: verdict, DEPTH_AMBIGUITY: decided_by}
     return replace(made, provenance={**made.provenance, **further})
+
+
+def describe_prediction(error: float) -> str:
+    """Say how well hidden landmarks are predicted, by their error in sizes of a shape;
+    nan where there were none.
+    """
+    if np.isnan(error):
+        return "no hidden landmark to predict"
+    return f"hidden landmarks predicted to {error:.3f} of the size of a shape"
 
 
 def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
