@@ -18,6 +18,9 @@ LIMIT = 10
 AT_ZERO = 0.01
 """Share of landmarks at exactly (0, 0) from which on there is a warning."""
 
+CENTRED = 0.1
+"""Share of coordinates below 0 from which on 0 is no side of the image."""
+
 Place = Callable[..., str]
 """Names a dataset, or a row of it, in messages: place(name), place(name, row)."""
 
@@ -106,16 +109,16 @@ def check_mesh(place: Place, columns: Mapping[str, Any], p: int) -> None:
 
 
 def warn_of_zeros(points: Floats) -> tuple[str, ...]:
-    """Warn of many landmarks (..., p, 2) at exactly (0, 0), where detectors put what
-    they miss: in a corner of the image. Where the others are on both sides of it, it is
-    the origin of the coordinates.
+    """Warn of many landmarks (..., 2) at exactly (0, 0), where detectors put what they
+    miss: a corner of the image. Where others are on both sides of it, it is the origin
+    of the coordinates.
     """
     zeros = (points == 0).all(axis=-1)
-    others = np.where(zeros[..., None], np.nan, points)
-    lowest = np.fmin.reduce(others, axis=-2, initial=np.inf)
-    highest = np.fmax.reduce(others, axis=-2, initial=-np.inf)
-    in_middle = ((lowest < 0) & (highest > 0)).any(axis=-1)
-    zeros &= ~in_middle[..., None]
+    others = points[~zeros & np.isfinite(points).all(axis=-1)]
+    if len(others):
+        negative = (others < 0).mean(axis=0)
+        if (np.minimum(negative, 1 - negative) > CENTRED).any():
+            return ()
     if zeros.sum() <= AT_ZERO * zeros.size:
         return ()
     fault = (

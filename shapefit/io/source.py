@@ -15,7 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
+from shapefit.io.checks import (
+    CENTRED,
+    Place,
+    check_values,
+    place_in_memory,
+    warn_of_zeros,
+)
 from shapefit.io.formats import CSV, HDF5, check_holds, our_format, record_writer
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import (
@@ -44,9 +50,6 @@ Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
 MAX_OPEN = 64
 """HDF5 files that stay open together; of more, those that were read last."""
-
-CENTRED = 0.1
-"""Share of coordinates below 0 from which on they are no fractions of an image."""
 
 BLOCK = 1 << 12
 """Items whose names are read together, and images that are looked at."""

@@ -113,8 +113,9 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
     evidence = (
-        f"{describe_prediction(judgement.hidden_error)}, evidence of depth {judgement.gain:.2f} per landmark, views up to"
-        f" {judgement.turn:.0f} degrees apart"
+        f"{describe_prediction(judgement.hidden_error)}, evidence of depth"
+        f" {judgement.gain:.2f} per landmark, views up to {judgement.turn:.0f} degrees"
+        " apart"
     )
     if not judgement.fine:
         fix = FIXES[judgement.verdict]
