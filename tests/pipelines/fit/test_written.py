@@ -3,6 +3,7 @@ later.
 """
 
 import csv
+import re
 from pathlib import Path
 
 import h5py
@@ -144,6 +145,27 @@ def test_heights_of_results_that_are_written_together_are_their_own(
         np.testing.assert_array_equal(
             heights(tmp_path / f"both_{name}.trc"), heights(tmp_path / f"of_{name}.trc")
         )
+
+
+def test_a_fit_says_how_certain_joint_angles_are(project, tmp_path):
+    overrides = ("keypoints=body_25", "frame_rate=25.0", "image_size=[1280, 720]")
+    given = {"landmarks": [project / "sample_data/openpose"], "dictionary": "people"}
+    config = {"output": tmp_path / "walk.mot", **given}
+    outcomes = list(fit(load_config("fit", None, overrides, config)))
+    result = dict(outcomes[-1].rows)["Result"]
+    counts = re.search(
+        r"72 of 72 images trusted, .*; (\d+) of 864 joint angles have a standard"
+        r" deviation above 15 degrees \(elbow_flex_. \d+%, .*\.\.\.\);"
+        r" for inverse kinematics write TRC$",
+        result,
+    )
+    wide = 0
+    for person in (1, 2):
+        path = tmp_path / f"walk_person_{person}_sd.sto"
+        body = path.read_text(encoding="utf-8").partition("endheader\n")[2]
+        cells = [line.split("\t")[1:] for line in body.splitlines()[1:]]
+        wide += int((np.array(cells, float) > 15).sum())
+    assert int(counts[1]) == wide > 0
 
 
 @pytest.mark.real_data
