@@ -1,5 +1,5 @@
 # docker build -t shapefit . && docker run --rm -v "$PWD/pages:/shapefit/results" shapefit
-# runs the demo; its pages are then in the folder pages. Any other command works as well:
+# runs the demo; its pages are then in the folder pages/demo. Any other command works as well:
 # docker run --rm -v "$PWD:/data" -w /data shapefit shapefit fit keypoints -d people -o walk.trc
 FROM python:3.11-slim
 

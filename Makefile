@@ -1,8 +1,9 @@
 # Every target does its own set-up in .venv; it needs Python >= 3.11, make and a C++ compiler.
 #
-#   make demo         the whole chain on sample_data
+#   make demo         the whole chain on sample_data, and three pages of what it finds
 #   make test         the quick tests, about three minutes on two cores
 #   make test-all     these and the slow ones: the paper, fuzz, wheel, cluster, store, browser
+#   make interop      OpenSim, ezc3d, bvhio and trimesh read what is written for them (installs 465 MB)
 #   make check        format, lint, types, quick tests
 #   make wheel        a wheel of the compiled package in dist
 #   make test-levels  the solvers' tests with every instruction set of this processor, and with none
@@ -23,7 +24,7 @@
 #   make people       the dictionary of the package, learned anew from motion capture (DATA=FOLDER)
 #   make footage      people before a camera at rest, as a detector finds them (DATA=FOLDER as above)
 #   make detected     landmarks that networks detected, against their 3D truth (DATA=FOLDER as above)
-#   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
+#   make cars         real cars: report, meshes, a sheet of pictures, outliers (DATA=FOLDER as above)
 
 PYTHON ?= python3
 DATA ?=
@@ -39,6 +40,7 @@ RUNS := $(VENV)/runs
 READY := $(VENV)/ready
 SITE_READY := $(VENV)/site-ready
 ALL_READY := $(VENV)/all-ready
+INTEROP := $(VENV)/interop
 CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp */*.?pp))
 SHAPEFIT := $(BIN)/shapefit
 
@@ -49,7 +51,7 @@ $(shell rm -f $(RUNS) $(READY) $(ALL_READY) $(SITE_READY))
 endif
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-all fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people footage detected from-2d cars bench clean
+.PHONY: demo test test-all interop fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people footage detected from-2d cars bench clean
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose --frame-rate 25 --image-size 1280x720 --focal 1100 \
@@ -59,12 +61,16 @@ demo: $(RUNS)
 	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml
 	$(SHAPEFIT) fit -c configs/demo/cars/fit.yaml
 	$(SHAPEFIT) eval -c configs/demo/cars/eval.yaml
-	@echo "Meshes, pictures and a report of cars are in results/demo/cars."
+	@echo "Meshes of cars are in results/demo/cars/meshes, a report in results/demo/cars/report."
+	$(SHAPEFIT) view results/demo/result.h5 --truth sample_data/people_test.h5 \
+	    -o results/demo/people.html
+	$(SHAPEFIT) view results/demo/cars/result.h5 -d results/demo/cars/dictionary.h5 \
+	    --truth sample_data/cars.h5 --match true_model -o results/demo/cars.html
 	@echo
 	@echo "Open these first, in a browser:"
-	@echo "  walkers $(CURDIR)/results/demo/walk.html"
-	@echo "  people  $(CURDIR)/results/demo/report/view.html"
-	@echo "  cars    $(CURDIR)/results/demo/cars/report/view.html"
+	@echo "  $(CURDIR)/results/demo/walk.html    two people who walk, from a detector's files"
+	@echo "  $(CURDIR)/results/demo/people.html  people from all sides, beside their true shapes"
+	@echo "  $(CURDIR)/results/demo/cars.html    cars with their meshes, beside the true models"
 
 # $(call paper_fits,NAMES): a fit in which single items fail (exit code 1) lists them; the others are used.
 paper_fits = for fit in $(1); do \
@@ -125,7 +131,8 @@ cars: $(RUNS)
 	$(BIN)/python -m experiments published cars results/cars/report
 	$(BIN)/python -m experiments bodies results/cars/bodies $(if $(DATA),--data '$(DATA)')
 	$(BIN)/python -m experiments cars results/cars $(if $(DATA),--data '$(DATA)')
-	@echo "The report, meshes and outliers are in results/cars, sedan, SUV and pick-up in results/cars/bodies."
+	$(SHAPEFIT) view results/cars/result.h5 -d results/cars/dictionary.h5 -o results/cars/sheet.png
+	@echo "The report, meshes, outliers and sheet.png are in results/cars, sedan, SUV and pick-up in results/cars/bodies."
 
 test: $(READY)
 	$(BIN)/python -m pytest -m 'not slow' $(PYTEST_OPTIONS)
@@ -136,6 +143,9 @@ test-all: test $(ALL_READY)
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null && command -v node >/dev/null \
 	    || echo "No browser: its tests are skipped. To run them: apt-get install $(BROWSER_PACKAGES)"
 	$(BIN)/python -m pytest -m slow $(PYTEST_OPTIONS)
+
+interop: $(READY) $(INTEROP)/ready
+	SHAPEFIT_REQUIRE_INTEROP=1 $(BIN)/python -m pytest -m interop $(PYTEST_OPTIONS) tests/interop
 
 wheel: $(READY)
 	SHAPEFIT_LEVELS=all $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps \
@@ -222,6 +232,13 @@ endef
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 INSTALL_SHAPEFIT = $(INSTALL) --no-build-isolation --editable
+
+# The programs that read our files, in an environment of their own.
+$(INTEROP)/ready: $(TOOLS)
+	@echo "Installing OpenSim, ezc3d, bvhio and trimesh into $(INTEROP), 465 MB."
+	@$(PYTHON) -m venv $(INTEROP)
+	@$(INTEROP)/bin/python -m pip install --quiet --disable-pip-version-check opensim ezc3d bvhio trimesh
+	@touch $@
 
 # What the slow tests and the benchmarks need besides: independent solvers, a cluster, a store.
 $(ALL_READY): $(READY)

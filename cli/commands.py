@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from shapefit.errors import as_typed
+
 from .report import Report, tell
 
 if TYPE_CHECKING:
@@ -373,6 +375,9 @@ def run_command(spec: Spec, **options: Any) -> int:
         raise click.UsageError(
             "--json and the output both go to stdout; name a file as output"
         )
+    following = ""
+    if isinstance(output, Path) and output != Path("-"):
+        following = spec.following.format(output=as_typed(output))
     results = run_pipeline(spec.name, config)
     gc.freeze()  # or the first look for cycles goes through all that was imported
     gc.enable()
@@ -385,7 +390,7 @@ def run_command(spec: Spec, **options: Any) -> int:
         as_json=given["json"],
         max_untrusted=given.get("fail_untrusted"),
         read=read_names(spec, config) if spec.has_config else "",
-        following=spec.following.format(output=getattr(output, "name", "")),
+        following=following,
     )
     code = report.follow(results)
     for path in report.written if given.get("open") else ():

@@ -226,6 +226,8 @@ class Report:
             lines = wrap(
                 text, WIDTH - LABEL, break_long_words=False, break_on_hyphens=False
             )
+            if label == "Next" and text:  # a command that is copied is one line
+                lines = [text]
             for number, line in enumerate(lines):
                 yield f"{'' if number else label:{LABEL}}{line}"
 

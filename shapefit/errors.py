@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 
@@ -46,6 +47,17 @@ def path_text(path: str | PathLike[str]) -> str:
     \xe9.
     """
     return os.fsencode(str(path)).decode("utf-8", "backslashreplace")
+
+
+def as_typed(path: str | PathLike[str]) -> str:
+    """Return a path as it is typed in a shell: relative to the working folder if it is
+    inside.
+    """
+    import shlex
+
+    whole, here = Path(path), Path.cwd()
+    text = str(whole.relative_to(here) if whole.is_relative_to(here) else whole)
+    return shlex.quote(f"./{text}" if text.startswith("-") else text)
 
 
 def printable(text: object) -> str:

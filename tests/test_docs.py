@@ -4,14 +4,12 @@ shows.
 
 import re
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import click
 import numpy as np
 import pytest
-from shapefit.cli.main import commands, run
+from shapefit.cli.main import run
 
 from shapefit.evaluation.metrics import similarity
 from shapefit.io import read_results, read_shapes
@@ -58,17 +56,24 @@ def run_page(page: str, capsys: pytest.CaptureFixture[str]) -> str:
         printed = capsys.readouterr()
         tables += printed.out
         lines = iter(
-            [without_times(line) for line in (printed.err + printed.out).splitlines()]
+            [
+                without_measures(line)
+                for line in (printed.err + printed.out).splitlines()
+            ]
         )
         for line in command.shown:
-            assert without_times(line) in lines, (
+            assert without_measures(line) in lines, (
                 f"{command.text} does not print: {line}"
             )
     return tables
 
 
-def without_times(line: str) -> str:
-    return re.sub(r"\b\d+(\.\d+)? s\b", "N s", line.strip())
+def without_measures(line: str) -> str:
+    """Return a line without its times and gaps, which differ from machine to
+    machine.
+    """
+    timeless = re.sub(r"\b\d+(\.\d+)? s\b", "N s", line.strip())
+    return re.sub(r"\b\d\.\de-\d\d\b", "G", timeless)
 
 
 @pytest.fixture
@@ -80,7 +85,8 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_the_commands_of_the_readme_and_the_first_result(folder, capsys):
-    tables = run_page("README.md", capsys)
+    printed = run_page("README.md", capsys)
+    tables = printed[printed.index("item,landmark,") :]
     text = (PROJECT / "README.md").read_text(encoding="utf-8")
     (sample,) = re.findall(r"```\n(item,landmark,x,y .*?)```", text, re.DOTALL)
     lines = (
@@ -136,34 +142,3 @@ def test_every_page_with_console_blocks_is_run():
     """
     with_console = {page for page in PAGES if console_commands(page)}
     assert with_console == {*QUICK, *SLOW, "docs/your-animal.md", "docs/from_matlab.md"}
-
-
-def shown_commands(page: str) -> Iterator[str]:
-    """Yield the commands of shapefit in all blocks of a page without a language."""
-    for _, kind, block in FENCE.findall((PROJECT / page).read_text(encoding="utf-8")):
-        if kind in ("", "console") and "Usage:" not in block:
-            joined = block.replace("\\\n", " ")
-            for line in re.findall(
-                r"^(?:\$ )? *(shapefit .*(?:\n {4}.*)*)", joined, re.MULTILINE
-            ):
-                yield line.split("   #")[0]
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_every_command_of_a_page_parses(page):
-    """Commands, options and keys that pages name exist, also where the files are the
-    reader's.
-    """
-    for line in shown_commands(page):
-        words = shlex.split(line.partition(" | ")[0].partition(" > ")[0])[1:]
-        if words[0].startswith("-"):
-            continue
-        command = commands.commands[words[0]]
-        parent = commands.make_context("shapefit", [], resilient_parsing=True)
-        try:
-            command.make_context(
-                words[0], [w for w in words[1:] if w != "..."], parent=parent
-            )
-        except click.UsageError as error:
-            if "does not exist" not in error.format_message():  # the file of a reader
-                pytest.fail(f"{page}: {line}: {error.format_message()}")

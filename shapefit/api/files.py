@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import io
-from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes, stated_height, warn
+from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes, warn
 from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error, listed
-from shapefit.io.formats import find_target_format
-from shapefit.io.options import InputOptions, OutputOptions
+from shapefit.io.options import InputOptions
 
 File = str | PathLike[str]
 
@@ -75,10 +74,7 @@ def write_results(path: File, result: Fit) -> None:
     """Write a fit as `fit -o` does: HDF5, or the format that the name ends in, such as
     .trc.
     """
-    target = Path(path)
-    in_metres = find_target_format(target).in_metres
-    options = OutputOptions(height=stated_height(result) if in_metres else None)
-    with io.result_writer(target, options=options) as writer:
+    with io.result_writer(Path(path)) as writer:
         writer.append(result.record())
         writer.attributes.update(result.attributes)
 

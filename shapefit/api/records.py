@@ -4,7 +4,6 @@ in files.
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -190,7 +189,6 @@ def to_metres(
     metres, by default that of the fit; unit and up as of `convert`. Raises InputError
     where nothing says how large the shapes are.
     """
-    height = stated_height(fit) if height is None else height
     options = OutputOptions(height=height, unit=unit, up=up)
     motions = find_motions(fit.record(), options, "Fit.to_metres")
     warn(dict.fromkeys(text for motion in motions for text in motion.warnings))
@@ -202,14 +200,6 @@ def to_metres(
     arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     kinds = [(name, array.dtype) for name, array in arrays.items()]
     return np.rec.fromarrays([*arrays.values()], dtype=kinds)
-
-
-def stated_height(fit: Fit) -> float | None:
-    """Return the height in metres that a fit was given."""
-    height: float | None = json.loads(str(fit.attributes.get("config", "{}"))).get(
-        "height"
-    )
-    return height
 
 
 def to_pandas(fit: Fit) -> Any:

@@ -258,7 +258,7 @@ def _describe(
         near = _nearest(
             location[-1], {way[-1]: ".".join(way) for way in [*keys, *siblings]}
         )
-        names = ", ".join(way[-1] for way in siblings if keys[way].listed)
+        names = ", ".join(way[-1] for way in siblings)
         hint = near or f"; the keys here are {names}"
         return f"{places[located]}: unknown key {'.'.join(location)!r}{hint}"
     if kind == "value_error":

@@ -36,9 +36,6 @@ ListOf = Annotated[tuple[Value, ...], FROM_LIST]
 Pair = Annotated[tuple[Value, Value], FROM_LIST]
 """Lists of YAML, which become tuples, so that a config cannot change."""
 
-HIDDEN = "hidden"
-"""Annotation metadata: a key of experiments, which no page lists."""
-
 AUTO = "auto"
 """Annotation metadata, and the text in YAML that is None inside."""
 
@@ -150,7 +147,6 @@ class Key(NamedTuple):
     field: FieldInfo
     section: type[BaseModel] | None
     description: Description | None
-    listed: bool  # on pages and in messages
 
 
 @cache
@@ -167,9 +163,7 @@ def keys_of(model: type[BaseModel]) -> dict[tuple[str, ...], Key]:
         described = next(
             (part for part in field.metadata if isinstance(part, Description)), None
         )
-        keys[way] = Key(
-            model, name, field, section, described, HIDDEN not in field.metadata
-        )
+        keys[way] = Key(model, name, field, section, described)
         if section is not None:
             keys |= {way + inner: key for inner, key in keys_of(section).items()}
     return keys

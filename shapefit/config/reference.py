@@ -36,14 +36,14 @@ class Row(NamedTuple):
 
 
 def rows(model: type[BaseModel], section: str = "") -> list[Row]:
-    """Return a row for each listed key of a model, or of one section of it.
+    """Return a row for each key of a model but `data`, or of one section of it.
 
     Raises InputError where there is no such section.
     """
     table = [
         Row(".".join(way), expects(key), _default(key), meaning(key))
         for way, key in keys_of(model).items()
-        if key.section is None and key.listed and way != ("data",)
+        if key.section is None and way != ("data",)
     ]
     selected = [
         row for row in table if not section or f"{row.name}.".startswith(f"{section}.")
@@ -68,7 +68,7 @@ def _default(key: Key) -> str:
 def expects(key: Key) -> str:
     """Return what a key expects, such as `a whole number >= 1`."""
     if key.section is not None:
-        names = [way[0] for way, inner in keys_of(key.section).items() if inner.listed]
+        names = [way[0] for way in keys_of(key.section)]
         return f"a mapping with the keys {', '.join(names)}"
     description = key.description
     return (

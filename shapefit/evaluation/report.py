@@ -27,7 +27,9 @@ NORMALISED, UNKNOWN_UNIT = "normalised", "unknown"
 without.
 """
 BARS = [f"in {level:.0%} bars" for level in QUANTILES]
-BARS_90, RATIO = (BARS[-1], "%"), ("expected / error", "")
+BARS_50 = (BARS[0], "%")
+BARS_90 = (BARS[-1], "%")
+RATIO = ("expected / error", "")
 """Columns of error bars, and of mean expected over mean measured errors."""
 MOST_SHOWN = 10
 """Failed images of a method that the page lists; report.json has all."""
@@ -294,6 +296,7 @@ def short_lines(report: Document) -> list[str]:
                 )
         texts = [*errors.values(), f"{counts[row][0]} images"]
         for kind, text in (
+            (BARS_50, "50% bars hold {:.0f}%"),
             (BARS_90, "90% bars hold {:.0f}%"),
             (RATIO, "expected / error {:.2f}"),
         ):

@@ -21,6 +21,8 @@ AT_ZERO = 0.01
 CODE_BEYOND = 1.0
 """Sizes of all other points by which a single one must lie outside them to be a code.
 """
+CENTRED = 0.1
+"""Share of coordinates below 0 from which on 0 is no side of the image."""
 
 Place = Callable[..., str]
 """Names a dataset, or a row of it, in messages: place(name), place(name, row)."""
@@ -111,9 +113,15 @@ def check_mesh(place: Place, columns: Mapping[str, Any], p: int) -> None:
 
 def warn_of_zeros(points: Floats) -> tuple[str, ...]:
     """Warn of many landmarks (..., 2) at exactly (0, 0), where detectors put what they
-    miss.
+    miss: a corner of the image. Where others are on both sides of it, it is the origin
+    of the coordinates.
     """
     zeros = (points == 0).all(axis=-1)
+    others = points[~zeros & np.isfinite(points).all(axis=-1)]
+    if len(others):
+        negative = (others < 0).mean(axis=0)
+        if (np.minimum(negative, 1 - negative) > CENTRED).any():
+            return ()
     if zeros.sum() <= AT_ZERO * zeros.size:
         return ()
     fault = (

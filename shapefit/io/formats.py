@@ -187,9 +187,15 @@ def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Out
         "metres": tables.write_metres,
         "angles": tables.write_angles,
     }
-    unit, angles = "mm" if name == "c3d" else "m", TARGETS[name].angles
+    judges = {"mot": tables.point_to_trc, "angles": tables.count_uncertain}
     return motion.motion_output(
-        target, options, writers[name], unit=unit, angles=angles
+        target,
+        options,
+        writers[name],
+        suffix=TARGETS[name].suffixes[0],
+        unit="mm" if name == "c3d" else "m",
+        angles=TARGETS[name].angles,
+        judge_angles=judges.get(name),
     )
 
 
@@ -262,6 +268,11 @@ TARGETS = OURS | {
 }
 """The formats that can be written, by their names."""
 
+MESH_FORMATS = ("obj", "ply", "glb")
+"""Those of meshes, of which `convert` writes a file an image into a folder; OBJ
+keeps 8 decimals, PLY and GLB single precision.
+"""
+
 
 def our_format(path: Path) -> FileFormat | None:
     """Return the format of a file that is ours, of standard input CSV; None for
@@ -275,14 +286,11 @@ def our_format(path: Path) -> FileFormat | None:
     return next((row for row in OURS.values() if row.recognise(head)), None)
 
 
-def named_format(
-    name: str, formats: Mapping[str, FileFormat], key: str = "format"
-) -> FileFormat:
-    """Return the format of a name. Raises InputError at the key for unknown ones."""
+def named_format(name: str, formats: Mapping[str, FileFormat]) -> FileFormat:
+    """Return the format of a name to read. Raises InputError for unknown ones."""
     if name not in formats:
-        raise input_error(
-            key, f"there is no format {name!r}", f"use auto, {listed(formats)}"
-        )
+        fix = f"use auto, {listed(formats)}"
+        raise input_error("format", f"there is no format {name!r}", fix)
     return formats[name]
 
 
@@ -314,6 +322,8 @@ def record_writer(
     if given and not file_format.in_metres:
         fault = f"{file_format.title} keeps the unit and the axes of what is written"
         fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"
+        if file_format is CSV and form is RESULTS and options.height is not None:
+            fix += ", or in .h5, which states it"
         raise input_error(min(given)[0], fault, fix)
     assert file_format.write is not None
     return file_format.write(target, form, options)
@@ -330,8 +340,11 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
     With another `name` than auto it is that format. Raises InputError for an ending of
     no format.
     """
+    if name in TARGETS:
+        return TARGETS[name]
     if name != "auto":
-        return named_format(name, TARGETS, "to")
+        fix = f"use auto, {listed([*TARGETS, *MESH_FORMATS])}"
+        raise input_error("to", f"there is no format {name!r}", fix)
     if is_stream(path):
         return CSV
     endings = {
@@ -339,6 +352,10 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
     }
     if fitting := [suffix for suffix in endings if path.name.lower().endswith(suffix)]:
         return endings[max(fitting, key=len)]
+    if (mesh := path.suffix.lower().removeprefix(".")) in MESH_FORMATS:
+        fix = "write the result in .h5, then"
+        fix += f" `shapefit convert RESULT.h5 -d DICT.h5 -o meshes/ --to {mesh}`"
+        raise input_error(path, "meshes go into a folder", fix)
     if path.suffix:
         fault = f"no format that is written ends in {path.suffix}"
         raise input_error(path, fault, f"end the name in {listed(endings)}")

@@ -55,6 +55,9 @@ made so.
 METRES_PER_UNIT = (  # (n,) of results: metres in one unit of the shape of an image
     "metres_per_unit"
 )
+STATED_HEIGHT = (  # (n,) of results: metres from head to foot that `fit` was told
+    "stated_height"
+)
 METRES_FROM = "metres_from"  # attribute: by what that size was found, edges or spread
 
 INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
@@ -195,7 +198,7 @@ RESULTS = Layout(
     | PROOF,
     _table(
         f"""{_IN_VIDEO}
-    n         number  lambda residual active_atoms tight metres_per_unit
+    n         number  lambda residual active_atoms tight metres_per_unit stated_height
     n         number  log_evidence p_value
     n         number  trusted sequence_noise start_distance expected_error image_error
     n         number  sides_exchanged

@@ -66,12 +66,13 @@ BY_DEFAULT = OutputOptions()
 
 class Summary(NamedTuple):
     """What was written: the unit and axes, what to beware of, and the files if not the
-    target.
+    target; how certain joint angles are, where they are what was asked for.
     """
 
     note: str = ""
     warnings: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
+    angles: str = ""
 
 
 Record = TypeVar("Record")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.checks import (
+    CENTRED,
     Place,
     check_values,
     place_in_memory,
@@ -51,9 +52,6 @@ Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
 MAX_OPEN = 64
 """HDF5 files that stay open together; of more, those that were read last."""
-
-CENTRED = 0.1
-"""Share of coordinates below 0 from which on they are no fractions of an image."""
 
 BLOCK = 1 << 12
 """Items whose names are read together, and images that are looked at."""

@@ -27,8 +27,8 @@ from shapefit.lifting.shared_rotation import find_pose
 REASONS = {
     Status.DEGENERATE: (
         "landmarks start behind the camera: with so short a focal length it would be"
-        " inside the object; give `camera.focal` or `camera.intrinsics` in the unit of"
-        " the landmarks"
+        " inside the object; give `camera.focal` and `camera.principal_point` in"
+        " the unit of the landmarks"
     ),
     Status.NUMERICAL_FAILURE: "numerical failure in the refinement under perspective",
 }

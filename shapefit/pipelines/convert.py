@@ -24,6 +24,7 @@ from shapefit.io.dictionaries import atoms_of
 from shapefit.io.formats import (
     CSV,
     HDF5,
+    MESH_FORMATS,
     FileFormat,
     find_target_format,
     record_writer,
@@ -33,7 +34,7 @@ from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
 from shapefit.io.source import Kind, ResultSource, find_kind, open_results
 from shapefit.pipelines.items import keys_of
-from shapefit.pipelines.meshes import MESH_FORMATS, write_meshes
+from shapefit.pipelines.meshes import write_meshes
 from shapefit.pipelines.result import Result, nothing_in
 
 BATCH = 4096
@@ -75,7 +76,7 @@ def run(config: ConvertConfig) -> Iterator[Result]:
     yield Result(
         total=count,
         warnings=warnings + summary.warnings,
-        note=summary.note,
+        note="; ".join(filter(None, [summary.note, summary.angles])),
         written=summary.written or (config.output,),
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from shapefit.arrays import Flags
 from shapefit.config import CONFIGS, InfoConfig
 from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning
-from shapefit.errors import InputError, abbreviate, counted, listed, printable
+from shapefit.errors import InputError, abbreviate, as_typed, counted, listed, printable
 from shapefit.io import open_landmarks, open_shapes, read_dictionary
 from shapefit.io.detect import FORMATS, detect_format, group_inputs
 from shapefit.io.formats import FileFormat
@@ -35,6 +34,12 @@ CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 """Datasets that say how the camera saw the landmarks."""
 
 Line = tuple[str, str]
+
+LEARN = (
+    "`shapefit learn-dict SHAPES -o DICT.h5` learns one, from 3D shapes or from"
+    " landmarks alone"
+)
+"""Where landmarks are those of no installed dictionary."""
 
 
 def run(config: InfoConfig) -> Iterator[Result]:
@@ -139,6 +144,8 @@ def describe(
             items.append(("y axis", f"{head.y_axis}{stated}"))
         if file_format is FORMATS["table"]:
             items += understand(paths[0], 3 if kind == "shapes" else 2).lines
+            if not is_of_people(head.landmark_names):
+                items.append(("dictionary", LEARN))
         following = next_command(kind, paths, head.landmark_names, options.keypoints)
         return [*title, *items, ("next", following)], source.notes
 
@@ -254,13 +261,3 @@ def next_command(
         dictionary = "people" if is_of_people(names) else "DICT.h5"
         return f"shapefit fit {inputs} -d {dictionary} -o result.h5{more}"
     return f"shapefit learn-dict {inputs} -o dict.h5{more}"
-
-
-def as_typed(path: Path) -> str:
-    """Return a path as it is typed in a shell: relative to the working folder if it is
-    inside.
-    """
-    here = Path.cwd()
-    return shlex.quote(
-        str(path.relative_to(here) if path.is_relative_to(here) else path)
-    )

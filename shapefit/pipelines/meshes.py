@@ -16,8 +16,6 @@ from shapefit.io.source import open_results
 from shapefit.meshes.dense import metric_scale
 from shapefit.pipelines.result import Result, nothing_in
 
-MESH_FORMATS = ("obj", "ply", "glb")
-"""OBJ keeps 8 decimals, PLY and GLB single precision."""
 BATCH = 64
 """Images whose vertices are in memory at a time."""
 COLOUR = (120, 155, 190)

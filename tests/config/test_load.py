@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import strategies as st
+from ruamel.yaml import YAML
 
 from shapefit.config import CONFIGS, dump_config, load_config
 from shapefit.config.loader import read_yaml
@@ -211,8 +212,31 @@ def test_keys_are_few():
     listed = {
         command: [row.name for row in rows(model)] for command, model in CONFIGS.items()
     }
-    assert sum(map(len, listed.values())) <= 105
-    assert len(listed["fit"]) <= 33
+    assert sum(map(len, listed.values())) <= 108
+    assert len(listed["fit"]) <= 37
+
+
+def leaves(values, way=""):
+    """Yield the ways of the keys of a config as it is printed."""
+    for name, value in values.items():
+        if isinstance(value, dict) and value:
+            yield from leaves(value, f"{way}{name}.")
+        else:
+            yield way + name
+
+
+@pytest.mark.parametrize("command", CONFIGS)
+def test_every_key_that_is_printed_is_listed(command):
+    fields = CONFIGS[command].model_fields
+    absent = {
+        key: None
+        for key, field in fields.items()
+        if field.is_required() or key == "output"
+    }
+    config = load_config(command, None, (), {}, stand_ins=absent)
+    printed = YAML(typ="safe").load(dump_config(config))
+    listed = {row.name for row in rows(CONFIGS[command])}
+    assert {*leaves(printed)} - {"data"} <= listed
 
 
 MINE = {"landmarks": ("a.h5",), "dictionary": "b.h5", "output": "r.h5"}

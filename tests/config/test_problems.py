@@ -57,7 +57,7 @@ fit | threads: 3000000000 | 4:1 | expected a whole number >= 0 and <= 1024, foun
 fit | save: {covariance: no} | 4:8 | expected true or false, found 'no'
 fit | scale: 1 | 4:1 | unknown key 'scale'; did you mean 'prior.scale'?
 fit | prior: {zzz: 1} | 4:9 | unknown key 'prior.zzz'; the keys here are scale, residual_variance, calibration
-fit | prior: wide | 4:1 | expected a mapping with the keys scale, residual_variance, calibration, found 'wide'
+fit | prior: wide | 4:1 | expected a mapping with the keys scale, residual_variance, calibration, bar_scale, found 'wide'
 fit | skeleton: {head: 2, neck: 1} | 4:21 | expected a mapping of head, hips and shoulders to factors > 0, or auto, found
 fit | image_size: [1, -2] | 4:17 | expected a list of 2 items, each a number > 0, found -2
 fit | noise: 1; noise: 2 | 5:1 | not valid YAML: found duplicate key 'noise'

@@ -161,7 +161,8 @@ def test_the_few_lines_say_errors_images_and_what_bars_hold():
     assert short_lines(make_report({"all": ("s",)})) == [
         (
             "convex   error aligned 30.0 mean, 20.0 median (mm); rotation 18.0 mean,"
-            " 3.0 median (deg); 3 images; 90% bars hold 88%; expected / error 0.67"
+            " 3.0 median (deg); 3 images; 50% bars hold 40%; 90% bars hold 88%;"
+            " expected / error 0.67"
         ),
         "Ora|cle  error aligned 0.0500 mean, 0.0500 median (normalised); 3 images",
         "convex   failed: 1 of 30",

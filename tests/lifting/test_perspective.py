@@ -306,7 +306,7 @@ def test_a_camera_inside_the_object_is_the_users_to_mend(landmarks, dictionary, 
     first, found = view(landmarks, np.ones((N, POINTS)), dictionary, near)
     assert list(found.failures) == [3]
     assert "start behind the camera" in found.failures[3]
-    assert "`camera.focal` or `camera.intrinsics`" in found.failures[3]
+    assert "`camera.focal` and `camera.principal_point`" in found.failures[3]
     e = found.estimate
     assert e.status[3] is Status.DEGENERATE
     for values in (

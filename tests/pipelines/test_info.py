@@ -45,7 +45,9 @@ def test_landmarks():
     assert row["next"].startswith("shapefit fit ")
     assert 0 < float(row["missing"].split("%")[0]) < 100
     # an animal has hips, knees, shoulders, and is no person
-    assert "-d DICT.h5" in lines(info(SAMPLES / "animal_walk.csv").note)["next"]
+    of_animal = lines(info(SAMPLES / "animal_walk.csv").note)
+    assert "-d DICT.h5" in of_animal["next"]
+    assert "shapefit learn-dict SHAPES -o DICT.h5" in of_animal["dictionary"]
 
 
 def test_missing_frames_are_said(tmp_path):

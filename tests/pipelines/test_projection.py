@@ -7,7 +7,7 @@ import pytest
 
 from shapefit.config import ProjectConfig
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import write_shapes
+from shapefit.io import open_landmarks, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.projection import (
     BATCH,
@@ -182,3 +182,16 @@ def test_each_image_has_its_share_of_hidden_landmarks(noisy, rng, share):
     np.testing.assert_allclose(
         often, share, atol=5 * np.sqrt(share * (1 - share) / BATCH)
     )
+
+
+@pytest.mark.parametrize("origin", [0, 3])
+def test_shapes_about_a_landmark_give_images_without_a_warning(
+    shapes, tmp_path, origin
+):
+    """Of which one landmark is at exactly (0, 0) in every image, and was found."""
+    about = shapes.shapes - shapes.shapes[:, :, [origin]]
+    view(tmp_path, shapes.replaced(shapes=about))
+    (path,) = [path for path in tmp_path.iterdir() if "shapes" not in path.name]
+    with open_landmarks([path]) as source:
+        assert (source.whole().landmarks[:, :, origin] == 0).all()
+        assert source.notes == ()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from shapefit.config.commands.input import MetresConfig, NotNegative, Positive, Text
-from shapefit.config.model import HIDDEN, Auto, ConfigModel, Pair, section
+from shapefit.config.model import Auto, ConfigModel, Pair, section
 from shapefit.config.paths import (
     UNNAMED,
     Description,
@@ -42,8 +42,10 @@ class CameraConfig(ConfigModel):
     auto: with a prior of the calibration, the files, or 1.1 times the longer side of
     the image, else none.
     """
-    focal_sd: Annotated[float, Field(ge=0), HIDDEN] = 0.0
-    """Standard deviation of the logarithm of `focal`: 0.2 where it is assumed."""
+    focal_sd: Annotated[float, Field(ge=0)] = 0.0
+    """Standard deviation of the logarithm of `focal`, by which error bars with a prior
+    grow; 0.2 where the focal length is assumed.
+    """
     principal_point: Pair[float] | None = None
     """Pixel on the optical axis; by default of the camera matrix, or the centre."""
     calibration: OptionalInputPath = None
@@ -81,8 +83,10 @@ class PriorConfig(ConfigModel):
     """
     calibration: OptionalInputPath = None
     """error_bars.json of a report of eval, whose factors scale the error bars."""
-    bar_scale: Annotated[Positive, HIDDEN] = PosteriorOptions.bar_scale
-    """Factor on all covariances, for bodies and motions that the prior lacks."""
+    bar_scale: Positive = PosteriorOptions.bar_scale
+    """Factor on all covariances of error bars, for bodies and motions that the prior
+    lacks.
+    """
 
 
 class SaveConfig(ConfigModel):
@@ -136,7 +140,7 @@ class FitConfig(MetresConfig):
     """Wrong landmarks, without a prior: rejected before the fit (ransac), or a robust
     loss.
     """
-    outlier_threshold: Annotated[Positive | None, HIDDEN] = None
+    outlier_threshold: Positive | None = None
     """Residual beyond which a landmark is an outlier: 0.25 for ransac, 0.1 for
     sparse-error.
     """
@@ -163,7 +167,7 @@ class FitConfig(MetresConfig):
     export: ExportConfig = section(ExportConfig)
     threads: Annotated[int, Field(ge=0, le=1024)] = 0
     """Threads to solve with; 0 is one per core."""
-    signed: Annotated[bool, HIDDEN] = False
+    signed: bool = False
     """Coefficients of either sign, for methods that alternate between shape and
     rotation.
     """

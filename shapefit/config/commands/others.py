@@ -19,7 +19,6 @@ from shapefit.config.commands.input import (
 )
 from shapefit.config.model import (
     FROM_LIST,
-    HIDDEN,
     CommandConfig,
     ConfigModel,
     ListOf,
@@ -55,9 +54,9 @@ class PriorConfig(ConfigModel):
     """
     exchange: float = Field(default=0.0, ge=0, le=1)
     """Share of the shapes that take limbs from other shapes."""
-    shrinkage: Annotated[float, Field(ge=0, lt=1), HIDDEN] = 0.3
+    shrinkage: Annotated[float, Field(ge=0, lt=1)] = 0.3
     """Share of the covariance of all shapes in that of a component of average size."""
-    floor: Annotated[float, Field(gt=0), HIDDEN] = 0.01
+    floor: Annotated[float, Field(gt=0)] = 0.01
     """Variance of every coordinate beyond that of the shapes, which are normalised."""
 
 
@@ -96,9 +95,9 @@ class LearnDictConfig(LandmarksConfig):
     them. No shape is trusted without, unless cameras decide.
     """
     prior: PriorConfig = section(PriorConfig)
-    beta: Annotated[float, Field(ge=0), HIDDEN] = 0.1
+    beta: Annotated[float, Field(ge=0)] = 0.1
     """Weight of the sparsity of the coefficients."""
-    iterations: Annotated[Count, HIDDEN] = 15
+    iterations: Count = 15
     """Rounds of coding all shapes and updating all atoms."""
 
 
@@ -177,7 +176,7 @@ class EvalConfig(TruthConfig):
         min_length=1,
     )
     """Errors to measure; those of the outlier labels only where they are named."""
-    least_visible: Annotated[int, Field(ge=0), HIDDEN] = 0
+    least_visible: Annotated[int, Field(ge=0)] = 0
     """Minimum number of visible landmarks of an image; others are counted in a warning.
     """
     truth_frame: Literal["object", "camera"] = "object"

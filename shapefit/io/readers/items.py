@@ -240,7 +240,10 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
         problem = (
             "holds images of different files, without numbers of frames: no motion"
         )
-        fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
+        fix = (
+            "number the images one after the other if they are one video, or write .h5"
+            " or .csv"
+        )
         raise input_error(poses.name, problem, fix)
     if tracked:
         from shapefit.io.readers.tracking import track_people
@@ -248,10 +251,8 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
         poses = replace(poses, individual=track_people(poses))
     people, wanted = poses.individuals, options.individual
     if wanted is not None and wanted not in people:
-        names = abbreviate(people) or "nobody: join people with `track: nearest`"
-        raise input_error(
-            poses.name, f"has no individual {wanted!r}", f"it names {names}"
-        )
+        fix = f"it names {abbreviate(people)}" if people else "leave `individual` out"
+        raise input_error(poses.name, f"has no individual {wanted!r}", fix)
     poses, rows = _hide(poses, options.min_confidence)
     items, sequences = _name_items(poses, named)
     if wanted is not None:

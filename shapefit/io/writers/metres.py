@@ -14,8 +14,13 @@ from shapefit.errors import input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
 from shapefit.geometry.floor import Floor
 from shapefit.geometry.normalisation import metres_in
-from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, UNKNOWN_UNIT
-from shapefit.io.options import OutputOptions
+from shapefit.io.layout import (
+    METRES_FROM,
+    METRES_PER_UNIT,
+    STATED_HEIGHT,
+    UNKNOWN_UNIT,
+)
+from shapefit.io.options import BY_DEFAULT, OutputOptions
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.skeletons import joint_columns
 
@@ -87,6 +92,23 @@ def in_metres(
     )
 
 
+def with_stated_height(records: ResultSet, place: str) -> ResultSet:
+    """Return a result whose `metres_per_unit` make the body of each sequence as tall as
+    the result states, if it does.
+    """
+    if STATED_HEIGHT not in records.columns:
+        return records
+    sequences = np.array(records.sequences or ("",) * len(records), dtype=object)
+    factors = np.full(len(records), np.nan)
+    for name in dict.fromkeys(sequences.tolist()):
+        rows = np.flatnonzero(sequences == name)
+        of_sequence = records.take(rows)
+        turn, _ = _turn(of_sequence, BY_DEFAULT, place)
+        upright = turn @ of_sequence.points
+        factors[rows], _ = _factor(of_sequence, upright, BY_DEFAULT, place)
+    return records.with_columns({METRES_PER_UNIT: factors})
+
+
 def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
     """(|ankle knee| + |knee hip| + |hips shoulders|) / 0.779 along the body: (n,).
 
@@ -139,9 +161,9 @@ def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats
 def _factor(
     records: Shapes3D, upright: Floats, options: OutputOptions, place: str
 ) -> tuple[Floats, str]:
-    """Return the metres (n,) in a unit of each shape, and by what: the height, the
-    unit, or the training shapes, for all shapes the same unless edges say their
-    lengths.
+    """Return the metres (n,) in a unit of each shape, and by what: the height that is
+    given or that the result states, the unit, or the training shapes, for all shapes
+    the same unless edges say their lengths.
     """
     n, unit = len(records), records.unit
     if options.unit and metres_in(unit) not in (None, metres_in(options.unit)):
@@ -155,7 +177,10 @@ def _factor(
         size = "the size of the training shapes"
         if factor is not None and records.attributes.get(METRES_FROM) != "edges":
             factor = np.full(n, finite_median(factor))
-    if options.height is None:
+    height = options.height
+    if height is None and STATED_HEIGHT in records.columns:
+        height = finite_median(records.columns[STATED_HEIGHT])
+    if height is None or not height > 0:
         if factor is None:
             fix = "give it, e.g. `height=1.78`"
             fix += ", or `unit=m`" if isinstance(records, ShapeSet) else ""
@@ -176,8 +201,8 @@ def _factor(
     else:
         tall = finite_median(whole * stature)
     return (
-        whole * (options.height / tall if tall > 0 else np.nan),
-        f"height {options.height:g} m",
+        whole * (height / tall if tall > 0 else np.nan),
+        f"height {height:g} m",
     )
 
 

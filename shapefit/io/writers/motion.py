@@ -27,6 +27,7 @@ from shapefit.io.layout import (
     INPUT_SD,
     INPUT_SHAPES,
     METRES_PER_UNIT,
+    STATED_HEIGHT,
     TIME,
 )
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
@@ -62,6 +63,7 @@ RETAINED = {
     *(
         EDGES,
         METRES_PER_UNIT,
+        STATED_HEIGHT,
         CAMERA_TRANSLATION,
         EXTRINSIC_ROTATION,
         EXTRINSIC_TRANSLATION,
@@ -130,6 +132,7 @@ Track = tuple[
 Write = Callable[
     [Path, Motion], str | None
 ]  # fills a new file; may return a note for the summary
+JudgeAngles = Callable[[Sequence[Motion]], str]
 
 
 class MotionWriter(RecordWriter[Shapes3D]):
@@ -166,14 +169,18 @@ def motion_output(
     options: OutputOptions,
     write: Write,
     *,
+    suffix: str,
     unit: str = "m",
     angles: bool = False,
+    judge_angles: JudgeAngles | None = None,
 ) -> Iterator[MotionWriter]:
     """Give a writer to a file per sequence; all appear on a clean exit.
 
+    `judge_angles` says in the summary how certain the angles of all sequences are.
+
     One sequence goes to `target`; several are named after it: man.trc becomes
-    man_NAME.trc. Raises InputError where the files cannot be written; earlier ones then
-    stay.
+    man_NAME.trc. `suffix` is that of the format. Raises InputError where the
+    files cannot be written; earlier ones then stay.
     """
     check_output(target)
     writer = MotionWriter(options, angles=angles)
@@ -183,9 +190,11 @@ def motion_output(
     writer.parts.clear()
     motions = find_motions(records, options, str(target))
     resolved = Path(os.path.realpath(target))
-    stems = _file_stems(resolved.stem, [motion.name for motion in motions])
+    ending = _ending(resolved, suffix)
+    whole = resolved.name.removesuffix(ending)
+    stems = _file_stems(whole, [motion.name for motion in motions])
     with staged_files(resolved.parent) as staged:
-        paths = [staged / f"{stem}{resolved.suffix}" for stem in stems]
+        paths = [staged / f"{stem}{ending}" for stem in stems]
         notes = [
             write(path, motion) for path, motion in zip(paths, motions, strict=True)
         ]
@@ -201,7 +210,17 @@ def motion_output(
             if len(names) > 1
             else (target,)
         ),
+        angles=judge_angles(motions) if judge_angles else "",
     )
+
+
+def _ending(target: Path, suffix: str) -> str:
+    """Return the ending of a name: the suffix of the format, such as .metres.csv, if
+    the name has it.
+    """
+    if target.name.lower().endswith(suffix):
+        return target.name[-len(suffix) :]
+    return target.suffix
 
 
 def _file_stems(stem: str, names: Sequence[str]) -> list[str]:
@@ -370,10 +389,7 @@ def _tracks(records: Shapes3D, place: str) -> list[Track]:
         if len(same):
             one, other = track.items[same[0]], track.items[same[0] + 1]
             problem = f"'{one}' and '{other}' are of one frame of one sequence"
-            fix = (
-                "read detections with `track: nearest`, which joins them, or one"
-                " `individual`"
-            )
+            fix = "give each individual a sequence of its own"
             raise input_error(place, problem, fix)
         if len(rows) and frames[-1] - frames[0] > MOST_MISSING * len(rows):
             one, other = int(frames[0]), int(frames[-1])

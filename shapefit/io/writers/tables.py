@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import orjson
 
-from shapefit.errors import input_error, printable
+from shapefit.arrays import Floats, Integers
+from shapefit.errors import counted, input_error, printable
 from shapefit.io.writers.motion import Motion
 
 BLOCK = 4096
@@ -142,19 +143,110 @@ def write_angles(path: Path, motion: Motion) -> None:
 
 
 def write_mot(path: Path, motion: Motion) -> None:
-    """Write the joint angles of a motion as OpenSim reads them, NaN where they are
-    uncertain.
+    """Write the joint angles of a motion as OpenSim reads them, and their standard
+    deviations, where there are any, to NAME_sd.sto.
+
+    OpenSim's `Storage` reads number after number and ends at the first NaN, so all
+    are finite: frames without a shape have no row, and an angle that is unknown in a
+    frame is that of the nearest one, with the deviation `UNKNOWN_SD`.
     """
     names = _angle_names(path, motion)
-    angles = np.where(motion.angle_deviations > MAX_ANGLE_SD, np.nan, motion.angles)
-    table = np.column_stack([motion.times, angles])
-    head = f"{printable(motion.name) or 'Coordinates'}\nversion=1\nnRows={len(table)}\n"
-    head += f"nColumns={table.shape[1]}\ninDegrees=yes\nendheader\n"
+    rows = np.isfinite(motion.angles).any(axis=1)
+    times = motion.times[rows]
+    angles = _of_nearest_frames(motion.angles[rows], motion.frames[rows])
+    of = f" of {printable(motion.name)}" if motion.name else ""
+    _write_storage(path, f"Coordinates{of}", names, times, angles)
+    if np.isfinite(motion.angle_deviations).any():
+        beside = path.with_name(f"{path.stem}_sd.sto")
+        deviations = _known_deviations(motion)[rows]
+        _write_storage(beside, f"Standard deviations{of}", names, times, deviations)
+
+
+UNKNOWN_SD = 180.0
+"""Standard deviation in degrees that stands for an unknown angle, and the largest."""
+
+
+def _of_nearest_frames(angles: Floats, frames: Integers) -> Floats:
+    """Return angles (f, a), those that are unknown as in the nearest of the frames
+    (f,); 0 where an angle is unknown in all of them.
+    """
+    filled: Floats = np.zeros_like(angles)
+    for number, column in enumerate(angles.T):
+        known = np.flatnonzero(np.isfinite(column))
+        if len(known):
+            middles = (frames[known[1:]] + frames[known[:-1]]) / 2
+            filled[:, number] = column[known[np.searchsorted(middles, frames)]]
+    return filled
+
+
+def _known_deviations(motion: Motion) -> Floats:
+    """Return the deviations (f, a) of angles, UNKNOWN_SD where one is not known."""
+    known = np.isfinite(motion.angle_deviations) & np.isfinite(motion.angles)
+    sd = np.where(known, motion.angle_deviations, UNKNOWN_SD)
+    return np.asarray(np.minimum(sd, UNKNOWN_SD))
+
+
+def _write_storage(
+    path: Path, title: str, names: Sequence[str], times: Floats, values: Floats
+) -> None:
+    """Write values (f, a) in degrees as a file of OpenSim's `Storage`."""
+    head = [
+        title,
+        "version=1",
+        f"nRows={len(values)}",
+        f"nColumns={len(names) + 1}",
+        "inDegrees=yes",
+        "endheader",
+        "\t".join(["time", *names]),
+    ]
     with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(head + "\t".join(["time", *names]) + "\n")
-        for row in table.tolist():
-            cells = (f"{value:.10g}" if np.isfinite(value) else "NaN" for value in row)
-            file.write("\t".join(cells) + "\n")
+        file.write("\n".join(head) + "\n")
+        for row in np.column_stack([times, values]).tolist():
+            file.write("\t".join(f"{value:.10g}" for value in row) + "\n")
+
+
+MOST_NAMED = 4
+"""Joint angles that are named among those that are uncertain."""
+
+
+def count_uncertain(motions: Sequence[Motion]) -> str:
+    """Return how many of the joint angles of all motions have a standard deviation
+    above `MAX_ANGLE_SD`, and which.
+    """
+    names = motions[0].angle_names if motions else ()
+    rows = [np.isfinite(motion.angles).any(axis=1) for motion in motions]
+    count = len(names) * sum(int(of_motion.sum()) for of_motion in rows)
+    if not count:
+        return ""
+    if not any(np.isfinite(motion.angle_deviations).any() for motion in motions):
+        return f"{counted(count, 'joint angle')} without standard deviations"
+    wide = np.concatenate(
+        [
+            _known_deviations(motion)[of_motion] > MAX_ANGLE_SD
+            for motion, of_motion in zip(motions, rows, strict=True)
+        ]
+    )
+    if not wide.any():
+        return (
+            f"all {counted(count, 'joint angle')} have a standard deviation of at most"
+            f" {MAX_ANGLE_SD:g} degrees"
+        )
+    shares = wide.mean(axis=0)
+    widest = [number for number in np.argsort(-shares, kind="stable") if shares[number]]
+    named = ", ".join(f"{names[k]} {shares[k]:.0%}" for k in widest[:MOST_NAMED])
+    more = ", ..." if len(widest) > MOST_NAMED else ""
+    return (
+        f"{wide.sum():,} of {counted(count, 'joint angle')} have a standard deviation"
+        f" above {MAX_ANGLE_SD:g} degrees ({named}{more})"
+    )
+
+
+def point_to_trc(motions: Sequence[Motion]) -> str:
+    """Return how certain the angles of a MOT file are, and what inverse kinematics
+    takes in their place.
+    """
+    hint = "for inverse kinematics write TRC"
+    return "; ".join(filter(None, [count_uncertain(motions), hint]))
 
 
 def _angle_names(path: Path, motion: Motion) -> Sequence[str]:

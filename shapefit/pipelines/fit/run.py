@@ -7,9 +7,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from shapefit.convex.solver import Status
 from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import abbreviate, counted, input_error
+from shapefit.errors import abbreviate, as_typed, counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -39,11 +40,13 @@ from shapefit.io.layout import (
     METRES_FROM,
     METRES_PER_UNIT,
     RESULTS,
+    STATED_HEIGHT,
     TIME,
     free_names,
 )
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.skeletons import joint_columns
+from shapefit.io.writers.metres import with_stated_height
 from shapefit.lifting import trust
 from shapefit.lifting.lift import Lifting, fail_nonfinite
 from shapefit.lifting.methods import METHODS
@@ -87,6 +90,9 @@ ENDS = (
 VIEWED = (".h5", ".hdf5", ".hdf", ".he5", ".csv", ".trc")
 """Endings of results that `shapefit view` shows."""
 
+MOST_VIEWED = 4
+"""Files of a fit that the command to go on with names one by one."""
+
 
 Datasets = Mapping[str, NDArray[Any] | None]
 Lifted = tuple[Result, ResultSet]
@@ -120,10 +126,10 @@ def run(
             config, dictionary, names, lambda: source.first(FIRST), count, estimates
         )
         check_export(setup, output)
-        options, counts = (
-            OutputOptions(height=config.height, markers=config.markers),
-            Counts(),
-        )
+        options = OutputOptions(height=config.height, markers=config.markers)
+        if find_target_format(output) is HDF5:
+            options = options._replace(height=None)  # which each image states
+        counts = Counts()
         with (
             result_writer(output, options=options) as writer,
             closing(lift_source(source, setup)) as batches,
@@ -251,6 +257,9 @@ def as_result(
         "tight": estimate.tight,
         "outliers": estimate.outliers,
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
+        STATED_HEIGHT: (
+            None if config.height is None else np.full(len(images), config.height)
+        ),
         **estimate.further,
         **trusted(lifting, setup),
         **of_camera(lifting, setup),
@@ -441,6 +450,7 @@ class Counts:
     """What adds up over the batches of a fit, for its end.
 
     errors are those expected, in metres; outliers and visible (p,) count images.
+    solved images have a gap; largest_gap is that of them all.
     """
 
     images: int = 0
@@ -452,6 +462,9 @@ class Counts:
     visible: Any = 0
     bodies: int = 0
     on_head: int = 0
+    solved: int = 0
+    optimal: int = 0
+    largest_gap: float | None = None
 
     def add(self, record: ResultSet) -> None:
         """Count a batch."""
@@ -462,13 +475,19 @@ class Counts:
             trusted = columns[trust.TRUSTED].astype(bool)
             self.evaluated += len(record)
             self.trusted += int(trusted.sum())
-            errors = columns[trust.EXPECTED_ERROR] * columns.get(
-                METRES_PER_UNIT, np.nan
-            )
+            sized = with_stated_height(record, "fit").columns
+            errors = columns[trust.EXPECTED_ERROR] * sized.get(METRES_PER_UNIT, np.nan)
             self.errors += errors[trusted & np.isfinite(errors)].tolist()
             probability = columns["inlier_probability"]
             self.outliers = self.outliers + (probability < OUTLIER).sum(axis=0)
             self.visible = self.visible + np.isfinite(probability).sum(axis=0)
+        if record.relative_gap is not None:
+            gaps = record.relative_gap[np.isfinite(record.relative_gap)]
+            self.solved += len(gaps)
+            if record.status is not None:
+                self.optimal += int((record.status == Status.OPTIMAL.value).sum())
+            if len(gaps):
+                self.largest_gap = max(self.largest_gap or 0.0, float(gaps.max()))
         joints = joint_columns(names) if is_of_people(names) else {}
         ends = [[joints[joint] for joint in end if joint in joints][:2] for end in ENDS]
         if all(ends):
@@ -495,7 +514,8 @@ def summary_of(
         total=source.count,
         warnings=(*warnings, *warn_of_all(counts, setup, head), *writer.warnings),
         note="; ".join([f"y {head.y_axis} in the images", *estimates.lines]),
-        rows=tuple(rows_of(source, setup, counts, method, writer.note)),
+        rows=tuple(rows_of(source, setup, counts, method, writer)),
+        data=partial(numbers_of, setup, counts),
         written=writer.written or (Path(str(setup.config.output)),),
     )
 
@@ -535,7 +555,11 @@ def warn_of_all(
 
 
 def rows_of(
-    source: LandmarkSource, setup: Setup, counts: Counts, method: str, metres: str
+    source: LandmarkSource,
+    setup: Setup,
+    counts: Counts,
+    method: str,
+    written: Summary,
 ) -> Iterator[tuple[str, str]]:
     """Yield the rows of the summary, label and text."""
     config, output = setup.config, Path(str(setup.config.output))
@@ -552,9 +576,9 @@ def rows_of(
     yield "Read", read
     yield "Method", method or config.method
     yield "Camera", setup.estimates.lines[0].removeprefix("camera: ")
-    if metres:
-        yield "Metres", metres
-    result = f"{images} (no error bars by this method)"
+    if written.note:
+        yield "Metres", written.note
+    result = f"{images}{gap_of(setup, counts)} (no error bars by this method)"
     if counts.evaluated:
         size = (
             f"{100 * median(np.array(counts.errors)):.0f} cm" if counts.errors else ""
@@ -562,17 +586,58 @@ def rows_of(
         about = f", expected error about {size}{of_shown(setup)}" if size else ""
         result = f"{counts.trusted} of {images} trusted{about}"
     elif setup.dictionary.prior is None:
-        result = f"{images} (no error bars: `learn-dict --prior` learns what they need)"
-    yield "Result", result
-    if output.suffix.lower() in VIEWED:
-        name = output.name if output.parent == Path.cwd() else str(output)
-        yield (
-            "Next",
-            (
-                "shapefit view"
-                f" {output.stem + '*.trc' if output.suffix == '.trc' else name}"
-            ),
-        )
+        bars = "no error bars: `learn-dict --prior` learns what they need"
+        result = f"{images}{gap_of(setup, counts)} ({bars})"
+    yield "Result", "; ".join(filter(None, [result, written.angles]))
+    if files := viewed(written.written or (output,), output):
+        yield "Next", f"shapefit view {' '.join(map(as_typed, files))}"
+
+
+def viewed(written: Sequence[Path], output: Path) -> Sequence[Path]:
+    """Return which of the files that an output became `shapefit view` shows, as a glob
+    where there are many.
+    """
+    files = [
+        path
+        for path in written
+        if path.suffix.lower() in VIEWED
+        and not path.name.lower().endswith(("_angles.csv", ".angles.csv"))
+    ]
+    if len(files) <= MOST_VIEWED:
+        return files
+    ending = ".metres.csv" if output.match("*.metres.csv") else output.suffix
+    return [output.with_name(f"{output.name.removesuffix(ending)}_*{ending}")]
+
+
+def gap_of(setup: Setup, counts: Counts) -> str:
+    """Return how far images may be from the optimum, as the line of the result goes on;
+    "" for methods that do not say.
+    """
+    if counts.largest_gap is None:
+        return ""
+    if setup.lifter.row.proves == "bound":
+        return f", within {counts.largest_gap:.1e} of the convex bound"
+    missed = counts.solved - counts.optimal
+    solved = f"{missed:,} not optimal" if missed else "all optimal"
+    return f", {solved}, largest gap {counts.largest_gap:.1e}"
+
+
+def numbers_of(setup: Setup, counts: Counts) -> dict[str, int | float | None]:
+    """Return what the line of the result says, as numbers; None for what the method
+    does not say. The error is the median of those expected of trusted images.
+    """
+    certifies = setup.lifter.row.proves in ("optimum", "global")
+    has_gaps = certifies and counts.largest_gap is not None
+    return {
+        "images": counts.images,
+        "trusted": counts.trusted if counts.evaluated else None,
+        "expected_error_metres": (
+            float(median(np.array(counts.errors))) if counts.errors else None
+        ),
+        "optimal": counts.optimal if has_gaps else None,
+        "not_optimal": counts.solved - counts.optimal if has_gaps else None,
+        "largest_gap": counts.largest_gap,
+    }
 
 
 def of_shown(setup: Setup) -> str:

@@ -113,9 +113,9 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
     evidence = (
-        f"hidden landmarks predicted to {judgement.hidden_error:.3f} of the size of a"
-        f" shape, evidence of depth {judgement.gain:.2f} per landmark, views up to"
-        f" {judgement.turn:.0f} degrees apart"
+        f"{describe_prediction(judgement.hidden_error)}, evidence of depth"
+        f" {judgement.gain:.2f} per landmark, views up to {judgement.turn:.0f} degrees"
+        " apart"
     )
     if not judgement.fine:
         fix = FIXES[judgement.verdict]
@@ -132,6 +132,15 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         yield Result(warnings=(MIRRORED,))
     further = {LEARNED_FROM: "landmarks", VERDICT: verdict, DEPTH_AMBIGUITY: decided_by}
     return replace(made, provenance={**made.provenance, **further})
+
+
+def describe_prediction(error: float) -> str:
+    """Say how well hidden landmarks are predicted, by their error in sizes of a shape;
+    nan where there were none.
+    """
+    if np.isnan(error):
+        return "no hidden landmark to predict"
+    return f"hidden landmarks predicted to {error:.3f} of the size of a shape"
 
 
 def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:

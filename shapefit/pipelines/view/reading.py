@@ -34,7 +34,7 @@ from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import people_joints
 from shapefit.io.source import OPTIONAL, AnyRecords, find_kind, open_results, source_of
-from shapefit.io.writers.metres import EXTRINSIC_ROTATION
+from shapefit.io.writers.metres import EXTRINSIC_ROTATION, with_stated_height
 from shapefit.io.writers.motion import angle_columns
 from shapefit.pipelines.evaluate.measure import match_truth, with_shapes_of
 from shapefit.pipelines.items import ChosenItems
@@ -204,6 +204,7 @@ def _as_shown(records: AnyRecords, truth: ShapeSet | None) -> AnyRecords:
     """
     if not isinstance(records, ResultSet):
         return records
+    records = with_stated_height(records, "view")
     observed = records.per_item.get("landmarks")
     shown = with_shapes_of(records, () if truth is None else truth.landmark_names)
     if observed is None:

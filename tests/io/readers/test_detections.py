@@ -302,7 +302,7 @@ def test_images_of_different_files_are_no_motion(written, names, motion):
         assert len(set(read(path, track="motion")[0].sequences)) == 1
     else:
         with pytest.raises(
-            InputError, match=r"without numbers of frames: no motion; set `track"
+            InputError, match=r"without numbers of frames: no motion; number the im"
         ):
             read(path, track="motion")
     assert len(set(read(path, track="nearest")[0].sequences)) == 1

@@ -9,6 +9,7 @@ import pytest
 import shapefit
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
+from shapefit.io.checks import warn_of_zeros
 from shapefit.io.detect import detect_format
 from shapefit.io.options import InputOptions
 from shapefit.io.source import find_kind
@@ -109,6 +110,18 @@ def test_many_landmarks_at_zero_are_a_warning(tmp_path, points):
         table(tmp_path / "a.csv", "\n".join(["item,landmark,x,y", *rows]))
     )
     assert "a.csv: 3 of 20 landmarks are at exactly (0, 0)" in note
+
+
+@pytest.mark.parametrize("y_sign", [1, -1])
+def test_landmarks_at_zero_are_missing_only_in_a_corner(points, y_sign):
+    """Whoever places a landmark at the origin has others on both sides of it."""
+    pixels = 1 + np.abs(points[:, 0]) * [1, y_sign]
+    centred = pixels - pixels.mean(axis=1, keepdims=True)
+    for images in (pixels, centred):
+        images[:, 1] = 0
+    assert warn_of_zeros(centred) == ()
+    assert len(warn_of_zeros(pixels)) == 1
+    assert warn_of_zeros(np.zeros((3, 5, 2))) != ()  # images of nobody
 
 
 def test_a_depth_beside_a_confidence_is_left_out_and_without_one_it_is_a_shape(

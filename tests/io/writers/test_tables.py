@@ -280,35 +280,122 @@ def test_deviations_know_how_errors_go_together(leg, tmp_path, rng):
     assert deviation(leg.with_columns({"shape_covariance": together})) < 1e-6
 
 
-def test_opensim_reads_the_angles(leg, tmp_path):
-    save(tmp_path / "leg.mot", leg)
-    lines = (tmp_path / "leg.mot").read_text().splitlines()
-    assert lines[:6] == [
-        "a",
-        "version=1",
-        "nRows=4",
-        "nColumns=2",
-        "inDegrees=yes",
-        "endheader",
-    ]
-    assert lines[6].split("\t") == ["time", "knee_angle_r"]
-    assert [line.split("\t")[0] for line in lines[7:]] == [
-        "0.06",
-        "0.08",
-        "0.1",
-        "0.12",
-    ]
-    assert lines[9].endswith("\tNaN")
+def read_storage(path):
+    """Return the header of a storage of OpenSim, its labels, and its rows."""
+    head, _, body = path.read_text().partition("endheader\n")
+    title, *lines = head.splitlines()
+    labels, *rows = body.splitlines()
+    cells = [[float(cell) for cell in row.split("\t")] for row in rows]
+    stated = dict(line.split("=") for line in lines)
+    table = np.array(cells).reshape(len(rows), len(labels.split("\t")))
+    return {"title": title, **stated}, labels.split("\t"), table
 
 
-def test_angles_that_say_next_to_nothing_are_marked_and_left_out(leg, tmp_path):
+def check_storage(path, title):
+    """What OpenSim's readers need: its header, and finite numbers in all rows."""
+    header, labels, table = read_storage(path)
+    assert header == {
+        "title": title,
+        "version": "1",
+        "nRows": str(len(table)),
+        "nColumns": str(len(labels)),
+        "inDegrees": "yes",
+    }
+    assert table.shape == (len(table), len(labels))
+    assert labels[0] == "time"
+    assert np.isfinite(table).all()
+    assert (np.diff(table[:, 0]) > 0).all()
+    return labels[1:], table[:, 0], table[:, 1:]
+
+
+def test_a_mot_file_has_numbers_alone_and_deviations_beside_it(leg, tmp_path):
+    summary = save(tmp_path / "leg.mot", leg.replaced(shape_sd=10 * leg.shape_sd))
+    assert summary.written == (tmp_path / "leg.mot", tmp_path / "leg_sd.sto")
+    names, times, angles = check_storage(tmp_path / "leg.mot", "Coordinates of a")
+    assert names == ["knee_angle_r"]
+    assert times.tolist() == [0.06, 0.08]  # frame 5 is missing, frame 6 has no shape
+    knee = np.degrees(np.arctan2(0.3, 4))
+    np.testing.assert_allclose(angles, [[knee], [knee]], rtol=1e-6)
+    of_sd = check_storage(tmp_path / "leg_sd.sto", "Standard deviations of a")
+    assert of_sd[0] == names
+    np.testing.assert_array_equal(of_sd[1], times)
+    sd = np.degrees(1.0 / 4 * np.sqrt(1 + 4 + 1))
+    np.testing.assert_allclose(of_sd[2], [[sd], [sd]], rtol=0.01)
+    assert summary.angles == (
+        "2 of 2 joint angles have a standard deviation above 15 degrees (knee_angle_r"
+        " 100%); for inverse kinematics write TRC"
+    )
+
+
+def test_angles_that_are_certain_are_said_to_be(leg, tmp_path):
+    summary = save(tmp_path / "leg.mot", leg)
+    assert summary.angles == (
+        "all 2 joint angles have a standard deviation of at most 15 degrees; for"
+        " inverse kinematics write TRC"
+    )
+    summary = save(tmp_path / "leg.angles.csv", leg)
+    assert "at most 15 degrees" in summary.angles
+
+
+def test_an_angle_of_a_joint_that_is_missing_is_that_of_the_nearest_frame(
+    leg, tmp_path
+):
+    both = leg.replaced(landmark_names=JOINTS).take([0, 0, 0, 0])
+    other = BENT + np.array([[0, 0, 1.0], [0, 0, 0], [0, 0, 0]])
+    shapes = np.concatenate(
+        [np.stack([BENT, BENT, other, other]), np.stack([BENT, BENT, other, other])],
+        axis=2,
+    )
+    shapes[1:3, :, 2] = np.nan  # the right ankle, between frames that have it
+    record = both.replaced(
+        shapes=shapes,
+        shape_sd=np.full((4, 3, 6), 0.1),
+        landmark_names=(*JOINTS, "lhip", "lknee", "lankle"),
+        frame=np.arange(4),
+        items=("0", "1", "2", "3"),
+        sequences=("a",) * 4,
+    )
+    summary = save(tmp_path / "legs.mot", record)
+    names, _, angles = check_storage(tmp_path / "legs.mot", "Coordinates of a")
+    right, left = angles[:, [names.index(f"knee_angle_{side}") for side in "rl"]].T
+    np.testing.assert_allclose(right, left, rtol=1e-6)
+    sd = check_storage(tmp_path / "legs_sd.sto", "Standard deviations of a")[2]
+    assert sd[1:3, names.index("knee_angle_r")].tolist() == [180, 180]
+    assert sd[[0, 3]].max() < 15
+    assert summary.angles.startswith("2 of 8 joint angles have")
+
+
+def test_angles_without_deviations_stand_alone(leg, tmp_path):
+    summary = save(tmp_path / "leg.mot", leg.replaced(shape_sd=None))
+    assert summary.written == (tmp_path / "leg.mot",)
+    assert len(check_storage(tmp_path / "leg.mot", "Coordinates of a")[1]) == 2
+    assert summary.angles == (
+        "2 joint angles without standard deviations; for inverse kinematics write TRC"
+    )
+
+
+def test_a_recording_without_shapes_gives_no_rows(leg, tmp_path):
+    summary = save(tmp_path / "leg.mot", leg.take([2]))
+    header, labels, table = read_storage(tmp_path / "leg.mot")
+    assert (header["nRows"], len(table)) == ("0", 0)
+    assert labels == ["time", "knee_angle_r"]
+    assert "1 frame without a shape" in summary.warnings[0]
+
+
+def test_angles_of_several_people_are_counted_together(leg, tmp_path):
+    other = leg.replaced(sequences=("b",) * 3, shape_sd=10 * leg.shape_sd)
+    summary = save(tmp_path / "leg.mot", leg, other)
+    names = ["leg_a.mot", "leg_a_sd.sto", "leg_b.mot", "leg_b_sd.sto"]
+    assert [path.name for path in summary.written] == names
+    assert summary.angles.startswith("2 of 4 joint angles have")
+
+
+def test_angles_that_say_next_to_nothing_are_marked(leg, tmp_path):
     wide = leg.replaced(shape_sd=10 * leg.shape_sd)
     save(tmp_path / "leg.angles.csv", wide)
     row = rows_of(tmp_path / "leg.angles.csv")[0]
     assert float(row["knee_angle_r_sd"]) > 15
     assert row["uncertain"] == "knee_angle_r"
-    save(tmp_path / "leg.mot", wide)
-    assert (tmp_path / "leg.mot").read_text().splitlines()[7].endswith("\tNaN")
 
 
 def test_what_is_no_body_has_no_angles(leg, tmp_path):

@@ -3,6 +3,7 @@ stored.
 """
 
 import json
+import re
 import warnings
 from functools import partial
 from pathlib import Path
@@ -181,6 +182,41 @@ class TestFailures:
         _, outcomes = fit(dictionary, images, tolerance=1e-9)
         assert failures(outcomes) == {}
         assert texts(outcomes) == ["8 images not optimal"]
+
+    @pytest.mark.parametrize(
+        ("method", "text", "optimal"),
+        [
+            ("convex", r"8 images, all optimal, largest gap (\S+) \(", 8),
+            ("global", r"8 images, all optimal, largest gap (\S+) \(", 8),
+            ("convex+refine", r"8 images, within (\S+) of the convex bound \(", None),
+            ("alternate", r"8 images \(()", None),
+        ],
+    )
+    def test_the_gap_is_seen(self, fit, dictionary, images, method, text, optimal):
+        result, outcomes = fit(dictionary, images, method=method)
+        line = dict(outcomes[-1].rows)["Result"]
+        numbers = outcomes[-1].data()
+        assert numbers["images"] == 8
+        assert numbers["optimal"] == optimal
+        gap = None if result.relative_gap is None else result.relative_gap.max()
+        assert numbers["largest_gap"] == gap
+        (stated,) = re.match(text, line).groups()
+        assert (stated == "") == (gap is None)
+        if gap is not None:
+            assert float(stated) == pytest.approx(gap, rel=0.06)
+
+    def test_images_that_are_not_optimal_are_in_the_result_line(
+        self, fit, dictionary, images, monkeypatch
+    ):
+        images.landmarks[2] = 0.0  # fails: it has no gap
+        two = partial(solve_newton, max_iterations=2)
+        monkeypatch.setattr("shapefit.pipelines.fit.lift.solve_newton", two)
+        result, outcomes = fit(dictionary, images, tolerance=1e-9)
+        assert dict(outcomes[-1].rows)["Result"].startswith(
+            f"8 images, 7 not optimal, largest gap {np.nanmax(result.relative_gap):.1e}"
+        )
+        numbers = outcomes[-1].data()
+        assert (numbers["optimal"], numbers["not_optimal"]) == (0, 7)
 
     @pytest.mark.parametrize(
         "keys",

@@ -3,6 +3,7 @@ later.
 """
 
 import csv
+import re
 from pathlib import Path
 
 import h5py
@@ -18,6 +19,7 @@ from shapefit.io import write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, joint_columns
 from shapefit.pipelines.convert import run as convert
 from shapefit.pipelines.fit.run import run as fit
+from shapefit.pipelines.view.reading import read_inputs
 from tests.io.files import save
 
 EDGES = np.array([[0, 1], [1, 2], [2, 3]])
@@ -92,6 +94,78 @@ def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
     assert np.ptp(
         points(tmp_path / "man_a.trc")[..., 1], axis=1
     ).max() == pytest.approx(0.5, 0.2)
+
+
+def heights(path):
+    return np.ptp(points(path)[..., 1], axis=1)
+
+
+def test_a_height_is_stored_and_used_later(tmp_path, films, dictionary):
+    given = {"landmarks": [films], "dictionary": dictionary}
+    run(fit, "fit", tmp_path / "now.trc", "height=0.5", **given)
+    run(fit, "fit", tmp_path / "result.h5", "height=0.5", **given)
+    with h5py.File(tmp_path / "result.h5") as file:
+        np.testing.assert_array_equal(file["stated_height"], np.full(8, 0.5))
+    files = {"files": [tmp_path / "result.h5"]}
+    run(convert, "convert", tmp_path / "later.trc", **files)
+    run(convert, "convert", tmp_path / "taller.trc", "height=0.75", **files)
+    for name in "ab":
+        now = heights(tmp_path / f"now_{name}.trc")
+        later = heights(tmp_path / f"later_{name}.trc")
+        np.testing.assert_array_equal(now, later)
+        taller = heights(tmp_path / f"taller_{name}.trc")
+        np.testing.assert_allclose(taller, 1.5 * now)
+    (content,), *_ = read_inputs(load_config("view", None, (), files))
+    sizes = content.values["metres_per_unit"]
+    on_the_page = sizes * np.ptp(content.values["shapes"][:, 1], axis=1)
+    in_files = [heights(tmp_path / f"now_{name}.trc") for name in "ab"]
+    np.testing.assert_allclose(on_the_page, np.concatenate(in_files), rtol=1e-9)
+
+
+def test_a_height_cannot_be_stored_in_csv(tmp_path, films, dictionary):
+    given = {"landmarks": [films], "dictionary": dictionary}
+    with pytest.raises(InputError, match=r"height: a CSV file keeps .* in \.h5"):
+        run(fit, "fit", tmp_path / "man.csv", "height=0.5", **given)
+
+
+def test_heights_of_results_that_are_written_together_are_their_own(
+    tmp_path, images, dictionary
+):
+    for name, height in (("a", 0.5), ("b", 0.75)):
+        path = tmp_path / f"{name}.h5"
+        rows = [row for row in range(8) if images.sequences[row] == name]
+        save(path, images.take(rows).replaced(frame_rate=10.0))
+        given = {"landmarks": [path], "dictionary": dictionary}
+        one = run(fit, "fit", tmp_path / f"of_{name}.trc", f"height={height}", **given)
+        assert one[0] == [f"of_{name}.trc"]
+        run(fit, "fit", tmp_path / f"of_{name}.h5", f"height={height}", **given)
+    both = [tmp_path / "of_a.h5", tmp_path / "of_b.h5"]
+    run(convert, "convert", tmp_path / "both.trc", files=both)
+    for name in "ab":
+        np.testing.assert_array_equal(
+            heights(tmp_path / f"both_{name}.trc"), heights(tmp_path / f"of_{name}.trc")
+        )
+
+
+def test_a_fit_says_how_certain_joint_angles_are(project, tmp_path):
+    overrides = ("keypoints=body_25", "frame_rate=25.0", "image_size=[1280, 720]")
+    given = {"landmarks": [project / "sample_data/openpose"], "dictionary": "people"}
+    config = {"output": tmp_path / "walk.mot", **given}
+    outcomes = list(fit(load_config("fit", None, overrides, config)))
+    result = dict(outcomes[-1].rows)["Result"]
+    counts = re.search(
+        r"72 of 72 images trusted, .*; (\d+) of 864 joint angles have a standard"
+        r" deviation above 15 degrees \(elbow_flex_. \d+%, .*\.\.\.\);"
+        r" for inverse kinematics write TRC$",
+        result,
+    )
+    wide = 0
+    for person in (1, 2):
+        path = tmp_path / f"walk_person_{person}_sd.sto"
+        body = path.read_text(encoding="utf-8").partition("endheader\n")[2]
+        cells = [line.split("\t")[1:] for line in body.splitlines()[1:]]
+        wide += int((np.array(cells, float) > 15).sum())
+    assert int(counts[1]) == wide > 0
 
 
 @pytest.mark.real_data

@@ -17,7 +17,7 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.learn_dict.from_2d import predict_hidden
+from shapefit.pipelines.learn_dict.from_2d import describe_prediction, predict_hidden
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 
@@ -241,3 +241,8 @@ def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes
         np.testing.assert_array_equal(made.edges, edges)
         freedom.append(made.prior.covariances[0].trace())
     assert freedom[1] > 1.2 * freedom[0]
+
+
+def test_what_cannot_be_predicted_is_no_number():
+    assert describe_prediction(0.0312).startswith("hidden landmarks predicted to 0.031")
+    assert describe_prediction(float("nan")) == "no hidden landmark to predict"
