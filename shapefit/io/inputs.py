@@ -5,16 +5,18 @@ memory.
 from __future__ import annotations
 
 import gzip
+import hashlib
 import os
+import stat
 import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import IO, cast
 
-from shapefit.errors import input_error
+from shapefit.errors import InputError, input_error
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 GZIP_SIGNATURE = b"\x1f\x8b"
@@ -33,6 +35,10 @@ ALWAYS_FITS = 1 << 26
 
 MEMORY = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 """Bytes of memory of this machine."""
+
+
+State = tuple[int, int]
+"""Size and time of change of a file; of a folder, a number for those of its files."""
 
 
 def is_stream(path: Path) -> bool:
@@ -63,6 +69,44 @@ def require_file(path: Path) -> None:
         raise input_error(path, "may not be read", "change its permissions")
     if path.is_file() and path.stat().st_size == 0:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
+
+
+def find_state(path: Path) -> State:
+    """Return the bytes of a file, and when it changed; zeros where there is none, and
+    for what is no file, such as a pipe.
+
+    Of a folder it is all bytes, and a number that another name, size or time of a file
+    in it makes another one. Hidden files do not count, as one may be a result that is
+    being written there.
+    """
+    try:
+        if path.is_dir():
+            shown = (file for file in path.iterdir() if not file.name.startswith("."))
+            states = sorted((f.name, find_state(f)) for f in shown if not f.is_dir())
+            total = sum(size for _, (size, _) in states)
+            summary = hashlib.sha256(repr(states).encode()).digest()
+            return total, int.from_bytes(summary[:7])
+        state = path.stat()
+    except OSError:
+        return 0, 0
+    if not stat.S_ISREG(state.st_mode):
+        return 0, 0
+    return state.st_size, state.st_mtime_ns
+
+
+def check_unchanged(states: Mapping[Path, State]) -> None:
+    """Raise InputError for files that are not as they were when their states were
+    found.
+    """
+    fault = "changed while it was read, so that the result would be of two states"
+    fix = "run the command again when it is complete"
+    changed = [path for path, state in states.items() if find_state(path) != state]
+    if changed:
+        raise InputError(
+            problem
+            for path in changed
+            for problem in input_error(path, fault, fix).problems
+        )
 
 
 def read_text_blocks(path: Path) -> Iterator[bytes]:

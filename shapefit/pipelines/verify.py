@@ -136,12 +136,12 @@ def find_parts(result: Path) -> tuple[list[Part], list[Failure], int]:
     wrong = [Failure(name, "is not in the manifest") for name in unlisted]
     parts = []
     for name, entry in manifest.done.items():
-        file, rows = result / name, entry["rows"]
+        file, rows = result / name, entry.rows
         if file.is_file():
-            parts.append(Part(file, entry["inputs"], rows and slice(*rows)))
-        if not file.is_file() or entry["bytes"] != file.stat().st_size:
+            parts.append(Part(file, entry.inputs, rows and slice(*rows)))
+        if not file.is_file() or entry.bytes != file.stat().st_size:
             wrong.append(Failure(name, "is not the file that `fit` wrote, by its size"))
-    return parts, wrong, sum(entry["images"] for entry in manifest.done.values())
+    return parts, wrong, sum(entry.images for entry in manifest.done.values())
 
 
 def verify_part(

@@ -33,6 +33,7 @@ from shapefit.io import (
     read_dictionary,
 )
 from shapefit.io.formats import HDF5, find_target_format, result_writer
+from shapefit.io.inputs import State, check_unchanged, find_state
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.skeletons import joint_columns
@@ -90,12 +91,19 @@ def run(
     estimates: Estimates | None = None,
     dictionary: Dictionary | None = None,
     inputs: Mapping[str, str] | None = None,
+    states: Mapping[Path, State] | None = None,
 ) -> Iterator[Result]:
     """Lift every image, or these rows of the one file; of a part, what is known of all
     is given.
+
+    `inputs` are digests of the landmarks, `states` those of all files when they were
+    found. Raises InputError, and writes nothing, where one of them changes meanwhile.
     """
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
+    if states is None:
+        read = (*config.landmarks, *preparing.files_of(config).values())
+        states = {path: find_state(path) for path in read}
     dictionary = dictionary or read_dictionary(config.dictionary)
     config, method = preparing.choose_method(
         config, dictionary, lambda: preparing.in_sequences(config)
@@ -128,6 +136,7 @@ def run(
                 writer.append(record)
             others = digests(preparing.files_of(setup.config).values())
             writer.attributes.update(attributes_of(setup, {**(inputs or {}), **others}))
+            check_unchanged(states)
     yield summary_of(source, setup, counts, method, writer.summary)
     if config.export.folder is not None:
         yield from export_meshes(config, output, config.export.folder)
