@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import h5py
 import numpy as np
@@ -26,11 +26,14 @@ from shapefit.arrays import Integers
 from shapefit.errors import InputError, input_error, listed, printable
 from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.checks import input_problems
+from shapefit.io.contents import digest_contents
 from shapefit.io.inputs import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.layout import (
+    CONTENTS,
     COUNTS,
     DICTIONARY,
     FIELDS,
+    INPUT_ROWS,
     LAYOUTS,
     PER_ITEM,
     RENAMED,
@@ -57,6 +60,8 @@ PLAIN_ATTRIBUTES = (
     "y_axis",
     "frame_rate",
     "attributes_sha256",
+    CONTENTS,
+    INPUT_ROWS,
 )
 """Root attributes that the formats define, or once did."""
 PREFIX = "shapefit_"
@@ -257,6 +262,41 @@ def _check_format(file: Hdf5File, *formats: str) -> str:
     return str(stated)
 
 
+class Seal(NamedTuple):
+    """The digest of all that a file holds: as it is stated, "" without one, and as it
+    is; and the rows of the input that are in it, None for all.
+    """
+
+    stated: str
+    found: str
+    rows: tuple[int, int] | None
+
+
+def read_seal(path: Path) -> Seal:
+    """Read the whole of a file for its digest. Raises InputError where that cannot
+    be.
+    """
+    with Hdf5File(path) as file:
+        stated = str(as_text(file.attribute(CONTENTS)) or "")
+        text = as_text(file.attribute(INPUT_ROWS))
+        with file.damage():
+            found = digest_contents(file.root, file.rows)
+    rows = None
+    if text is not None:
+        numbers = re.fullmatch(r"(\d{1,18}):(\d{1,18})", str(text))
+        if numbers is None:
+            fault = f"has the root attribute {INPUT_ROWS} {printable(text)!r:.100}"
+            raise input_error(path, fault, "the file was changed: fit again")
+        rows = int(numbers[1]), int(numbers[2])
+    return Seal(stated, found, rows)
+
+
+def stated_digest(path: Path) -> str:
+    """Return the digest of its contents that a result states, "" without one."""
+    with Hdf5File(path) as file:
+        return str(as_text(file.attribute(CONTENTS)) or "")
+
+
 class Hdf5Reader(Hdf5File):
     """An open HDF5 file of a known layout; a context manager.
 
@@ -376,8 +416,10 @@ class Hdf5Reader(Hdf5File):
         """
         counts = self.read(COUNTS)
         ends = np.cumsum([0, *counts])
-        if (counts < 0).any() or ends[-1] != self._sizes["a"]:
-            fault = f"does not count the {self._sizes['a']} rows of transforms"
+        total = self._sizes.get("a", 0)
+        # none is more than all, lest a sum of large ones overflows to the right one
+        if ((counts < 0) | (counts > total)).any() or ends[-1] != total:
+            fault = f"does not count the {total} rows of transforms"
             raise self.fault(COUNTS, fault, "the file was changed: fit again")
         return ends
 
@@ -427,6 +469,9 @@ class Hdf5Reader(Hdf5File):
                 fits = fit_axes(column.axes, dataset.shape or (), self._sizes)
                 what = f"{'text' if text else dataset.dtype} {dataset.shape}"
                 fault = "" if fits and kind in letters else f"holds {what}"
+            if column.axes[0] == "a" and COUNTS not in self._datasets and not fault:
+                counted = name in self._datasets
+                fault = f"{COUNTS}, which counts its rows, is absent" if counted else ""
             if fault:
                 axes = tuple(self._sizes.get(str(axis), axis) for axis in column.axes)
                 wanted = f"store {values} {axes}".replace("'", "")
@@ -557,12 +602,19 @@ class Hdf5Writer(RecordWriter[Any]):
         stated |= {
             prefixes.get(n, "") + n: value for n, value in self.attributes.items()
         }
+        stated |= self.seal or {}
         self._need(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in stated.items():
             if value is not None:
                 self._file.attrs[name] = value
         self._file.flush()
         self._open.clear()
+        if self.seal is not None:
+            contents = digest_contents(
+                self._file, lambda name, rows: self._file[name][rows]
+            )
+            self._file.attrs[CONTENTS] = contents
+            self._file.flush()
 
     def _write_rows(self, name: str, values: Array) -> None:
         """Write rows of a dataset behind those that are there, in chunks of a power of

@@ -34,7 +34,13 @@ from shapefit.io import (
 )
 from shapefit.io.formats import HDF5, find_target_format, result_writer
 from shapefit.io.inputs import State, check_unchanged, find_state
-from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
+from shapefit.io.layout import (
+    INPUT_ROWS,
+    METRES_FROM,
+    METRES_PER_UNIT,
+    RESULTS,
+    free_names,
+)
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.skeletons import joint_columns
 from shapefit.lifting import trust
@@ -137,6 +143,9 @@ def run(
             others = digests(preparing.files_of(setup.config).values())
             writer.attributes.update(attributes_of(setup, {**(inputs or {}), **others}))
             check_unchanged(states)
+            writer.seal = {}
+            if rows is not None:
+                writer.seal[INPUT_ROWS] = f"{rows.start}:{rows.stop}"
     yield summary_of(source, setup, counts, method, writer.summary)
     if config.export.folder is not None:
         yield from export_meshes(config, output, config.export.folder)

@@ -53,6 +53,7 @@ from shapefit.errors import (
 from shapefit.io import LandmarkSet, digest, digests, open_landmarks, read_dictionary
 from shapefit.io.detect import group_inputs
 from shapefit.io.formats import HDF5
+from shapefit.io.hdf5_file import stated_digest
 from shapefit.io.inputs import State, find_state, is_stream
 from shapefit.io.options import InputOptions
 from shapefit.io.source import Source, SourceFile
@@ -556,6 +557,7 @@ def fit_part(job: Job) -> Done:
         images=images,
         failed=len(failures),
         bytes=target.stat().st_size,
+        digest=stated_digest(target),
         seconds=round(time.perf_counter() - began, 3),
     )
     return line, total
