@@ -26,6 +26,7 @@ from shapefit.arrays import Integers
 from shapefit.errors import InputError, input_error, listed, printable
 from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.checks import input_problems
+from shapefit.io.chunks import Chunks
 from shapefit.io.contents import digest_contents
 from shapefit.io.inputs import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.layout import (
@@ -132,6 +133,7 @@ class Hdf5File:
         self._datasets: dict[
             str, Any
         ] = {}  # h5py takes long to look up their types and shapes
+        self._chunks: dict[str, Chunks] = {}
         with self.damage():
             self.root = open_hdf5(path)
 
@@ -144,6 +146,7 @@ class Hdf5File:
     def close(self) -> None:
         """Close the file."""
         self._datasets.clear()
+        self._chunks.clear()
         self.root.close()
 
     def place(self, name: str, row: int | None = None) -> str:
@@ -212,7 +215,7 @@ class Hdf5File:
                 if isinstance(rows, slice)
                 else math.prod(shape[:1])
             )
-            value_bytes = TEXT_BYTES if text else max(2 * width, VALUE_BYTES)
+            value_bytes = max(2 * width, TEXT_BYTES if text else VALUE_BYTES)
             check_fits(self.place(name), count * math.prod(shape[1:]) * value_bytes)
             size, present = math.prod(shape) * width, dataset.id.get_storage_size()
             if size > max(ALWAYS_FITS, MOST_COMPRESSED * present):
@@ -222,8 +225,33 @@ class Hdf5File:
                 # HDF5 takes long, and gigabytes, to go through many chunks that are not
                 # there
                 return np.full((count, *shape[1:]), dataset.fillvalue, dataset.dtype)
+            self._check_chunks(name, dataset, rows)
             values = dataset[rows]
             return _decoded(values) if text else values
+
+    def _check_chunks(
+        self, name: str, dataset: h5py.Dataset, rows: slice | tuple[Any, ...]
+    ) -> None:
+        """Raise InputError for chunks with some of these rows that take more memory
+        than they declare, or than their size allows.
+        """
+        if dataset.chunks is None:
+            return
+        if name not in self._chunks:
+            self._chunks[name] = Chunks(dataset)
+        chunks = self._chunks[name]
+        fix = "write it again with gzip or without compression"
+        if chunks.fault:
+            raise self.fault(name, chunks.fault, fix)
+        check_fits(self.place(name), chunks.bytes, "a chunk of it")
+        start, stop = 0, len(dataset)
+        if isinstance(rows, slice):
+            start, stop, _ = rows.indices(stop)
+        chunk = chunks.find_longer(start, stop)
+        if chunk is not None:
+            declared = in_words(chunks.bytes)
+            fault = f"has a chunk that holds more than the {declared} that it declares"
+            raise self.fault(name, fault, fix)
 
 
 def _decoded(stored: Any) -> Any:

@@ -11,7 +11,7 @@ import stat
 import sys
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import IO, cast
@@ -33,8 +33,13 @@ LARGEST_BYTES = 1 << 30
 ALWAYS_FITS = 1 << 26
 """Bytes that nobody needs to ask for."""
 
-MEMORY = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-"""Bytes of memory of this machine."""
+MOST_INFLATED = 200
+"""Times its size that a compressed file, or a chunk of HDF5, may hold: landmarks become
+10 times smaller, where most are absent 100 times.
+"""
+
+CGROUP = Path("/sys/fs/cgroup")
+"""Limits of the container that a process is in, if it is in one."""
 
 
 State = tuple[int, int]
@@ -52,9 +57,16 @@ def source_name(path: Path) -> str:
 
 
 def read_head(path: Path, size: int) -> bytes:
-    """Return the first bytes of a file."""
-    with path.open("rb") as file:
-        return file.read(size)
+    """Return the first bytes of a file. Raises InputError where the system cannot
+    read it.
+    """
+    try:
+        with path.open("rb") as file:
+            return file.read(size)
+    except OSError as error:
+        fix = "name a file that can be read, or copy it from where it is whole"
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise input_error(path, f"cannot be read ({reason})", fix) from error
 
 
 def require_file(path: Path) -> None:
@@ -125,15 +137,38 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
             fault = "is HDF5, which cannot come through a pipe"
             raise input_error(name, fault, "name the file itself, or send CSV")
         yield block
-        yield from iter(partial(file.read, BLOCK_BYTES), b"")
+        size = len(block)
+        for block in iter(partial(file.read, BLOCK_BYTES), b""):
+            size += len(block)
+            _check_growth(path, size)
+            yield block
+
+
+def _check_growth(path: Path, size: int) -> None:
+    """Raise InputError where a file of text is packed, and holds too many bytes for
+    that.
+    """
+    if size > ALWAYS_FITS and _is_packed(path):
+        check_unpacked(path, size, path.stat().st_size)
+
+
+def _is_packed(path: Path) -> bool:
+    """Whether a file was made smaller by gzip; pipes are left alone."""
+    return path.is_file() and read_head(path, 2) == GZIP_SIGNATURE
 
 
 def read_whole(path: Path) -> bytes:
     """Return the bytes of a file of text. Raises InputError where it is too large for
     that.
     """
+    largest = LARGEST_BYTES
+    packed = _is_packed(path)
+    if packed:
+        largest = min(largest, most_unpacked(path.stat().st_size))
     with _open_text(path) as file:
-        text = file.read(LARGEST_BYTES + 1)
+        text = file.read(largest + 1)
+    if packed and len(text) > largest:
+        check_unpacked(path, len(text), path.stat().st_size)
     if len(text) > LARGEST_BYTES:
         fault = (
             f"holds more than {in_words(LARGEST_BYTES)} of text, and it is read whole"
@@ -145,9 +180,7 @@ def read_whole(path: Path) -> bytes:
 @contextmanager
 def _open_text(path: Path) -> Iterator[IO[bytes]]:
     """Open the bytes of a file of text, also of one that gzip made smaller."""
-    packed = (
-        path.is_file() and read_head(path, 2) == GZIP_SIGNATURE
-    )  # pipes are left alone
+    packed = _is_packed(path)
     with cast(IO[bytes], gzip.open(path)) if packed else path.open("rb") as file:
         try:
             yield file
@@ -157,17 +190,55 @@ def _open_text(path: Path) -> Iterator[IO[bytes]]:
 
 
 def check_fits(place: str, size: int, what: str = "it") -> None:
-    """Raise InputError at `place` where `size` bytes are more than this machine has
-    memory.
-    """
-    if size > max(ALWAYS_FITS, MEMORY):
+    """Raise InputError at `place` where `size` bytes are more memory than is free."""
+    if size <= ALWAYS_FITS:
+        return
+    free = free_memory()
+    if size > max(ALWAYS_FITS, free):
         fault = (
-            f"{what} takes {in_words(size)} of memory, and this machine has"
-            f" {in_words(MEMORY)}"
+            f"{what} takes {in_words(size)} of memory, and {in_words(free)} are free"
         )
         raise input_error(
             place, fault, "divide the file, or use a machine with more memory"
         )
+
+
+def check_unpacked(place: str | Path, size: int, packed: int) -> None:
+    """Raise InputError at `place` where a compressed file holds too many bytes for its
+    own.
+    """
+    if size > most_unpacked(packed):
+        fault = f"of {in_words(packed)} become {in_words(size)} or more"
+        raise input_error(place, fault, "unpack it, and name what was in it")
+    check_fits(str(place), size)
+
+
+def most_unpacked(packed: int) -> int:
+    """Return how many bytes a compressed file of so many may hold."""
+    return max(ALWAYS_FITS, MOST_INFLATED * packed)
+
+
+def free_memory() -> int:
+    """Return the bytes of memory that this process can still get: of the machine, of
+    its container, and below its own limit (`ulimit -v`).
+    """
+    page = os.sysconf("SC_PAGE_SIZE")
+    free = [os.sysconf("SC_PHYS_PAGES") * page]
+    with suppress(OSError, ValueError, IndexError):  # other systems have no /proc
+        text = Path("/proc/meminfo").read_text()
+        free.append(int(text.partition("MemAvailable:")[2].split()[0]) << 10)
+    with suppress(OSError, ValueError):  # "max" is no number
+        limit = int((CGROUP / "memory.max").read_text())
+        used = int((CGROUP / "memory.current").read_text())
+        free.append(limit - used)
+    with suppress(ImportError, OSError, ValueError, IndexError):
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if limit != resource.RLIM_INFINITY:
+            used = int(Path("/proc/self/statm").read_text().split()[0]) * page
+            free.append(limit - used)
+    return max(0, min(free))
 
 
 def in_words(size: int) -> str:

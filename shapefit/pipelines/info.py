@@ -12,7 +12,7 @@ import numpy as np
 from shapefit.config import CONFIGS, InfoConfig
 from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning
-from shapefit.errors import InputError, abbreviate, counted, listed
+from shapefit.errors import InputError, abbreviate, counted, listed, printable
 from shapefit.io import open_landmarks, open_shapes, read_dictionary
 from shapefit.io.detect import detect_format, group_inputs
 from shapefit.io.formats import FileFormat
@@ -70,7 +70,7 @@ def run(config: InfoConfig) -> Iterator[Result]:
         )
     texts = (
         "\n".join([title, *(f"  {name + ':':<13} {text}" for name, text in lines)])
-        for (_, title), *lines in descriptions
+        for (_, title), *lines in map(as_printed, descriptions)
     )
     yield Result(
         done=len(config.files),
@@ -79,6 +79,11 @@ def run(config: InfoConfig) -> Iterator[Result]:
         note="\n\n".join(texts),
         data=lambda: [dict(lines) for lines in descriptions],
     )
+
+
+def as_printed(lines: Sequence[Line]) -> list[Line]:
+    """Return lines with names and units of files as a terminal can show them."""
+    return [(name, printable(text)) for name, text in lines]
 
 
 def describe_installed() -> str:

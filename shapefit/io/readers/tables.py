@@ -7,6 +7,7 @@ are separated by `,`, `;` or tabs; with the latter two the decimal point may be 
 from __future__ import annotations
 
 import re
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.checks import warn_of_zeros
 from shapefit.io.csv_file import read_numbers
 from shapefit.io.formats import INDIVIDUALS
+from shapefit.io.inputs import check_fits, check_unpacked
 from shapefit.io.readers.poses import (
     Poses,
     are_series,
@@ -308,6 +310,9 @@ def read_caliscope(paths: tuple[Path, ...]) -> Poses:
 
 POINTS = ("landmarks", "keypoints", "points", "poses")
 SCORES = ("confidence", "scores", "keypoint_scores", "likelihood", "visibility")
+COPIES = 3
+"""Of an array that are in memory while it is read."""
+
 WANTED = "give (images, landmarks, 2), or 3 with a confidence of 0 to 1"
 
 
@@ -321,6 +326,7 @@ def read_array(paths: tuple[Path, ...]) -> Poses:
     with parsing(
         path, "an array", f"{WANTED}; save it again with numpy.save, without objects"
     ):
+        check_archive(path)
         arrays = np.load(path, mmap_mode="r", allow_pickle=False)
         if not isinstance(arrays, np.lib.npyio.NpzFile):
             return of_array(path, arrays)
@@ -330,6 +336,18 @@ def read_array(paths: tuple[Path, ...]) -> Poses:
         names = abbreviate([*map(printable, arrays)]) or "nothing"
         require(len(points) == 1, f"it holds {names}; call the landmarks `landmarks`")
         return of_array(path, arrays[points[0]], arrays[scores[0]] if scores else None)
+
+
+def check_archive(path: Path) -> None:
+    """Raise InputError where the arrays of .npz take more memory than is free, or than
+    a file of its size can hold.
+    """
+    if not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    check_unpacked(path, size, path.stat().st_size)
+    check_fits(str(path), COPIES * size)
 
 
 def of_array(
