@@ -242,9 +242,9 @@ shapefit view cars.h5 --truth models.h5 --match true_model --images frames/""",
 Check the certificates in a result without the solver; print a summary to stdout.
 
 RESULT is an HDF5 file that fit wrote, or a folder of them. For the methods convex and
-convex+refine the certificate of every image is computed again. Digests, datasets and
-ranges are checked, and with --landmarks the landmarks. Images with a false claim count
-as failed.""",
+convex+refine the certificate of every image is computed again. Digests of all that the
+files hold, datasets and ranges are compared, and with --landmarks the landmarks. Images
+with a false claim count as failed.""",
         options="""
 -d --dictionary DICT  Dictionary of the fit: a file, or an installed one.
 --landmarks FILE  Landmarks of the fit, to compare with the result's. Repeatable.""",

@@ -36,6 +36,16 @@ def tell(text: str) -> None:
     click.echo(printable(text), err=True)
 
 
+def printable_json(values: Any) -> str:
+    """Return values as JSON on one line, what is not printable as escapes of JSON."""
+    text = json.dumps(values, ensure_ascii=False, default=str)
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() else json.dumps(letter)[1:-1] for letter in text
+    )
+
+
 @dataclass
 class Report:
     """The sum of a pipeline's results; memory does not grow with the number of items.
@@ -103,10 +113,10 @@ class Report:
                         f" {self._seconds:.0f} s"
                     )
         if self.as_json:
-            click.echo(json.dumps(self.values(), ensure_ascii=False, default=str))
+            click.echo(printable_json(self.values()))
             return self.exit_code
         if self.to_stdout:
-            click.echo(self.note)
+            click.echo("\n".join(map(printable, self.note.split("\n"))))
         for line in self.lines():
             tell(line)
         return self.exit_code

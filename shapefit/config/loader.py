@@ -24,7 +24,7 @@ from shapefit.config.paths import (
     fill_in,
     find_presets,
 )
-from shapefit.errors import InputError, input_error
+from shapefit.errors import InputError, input_error, printable
 
 Schema = type[CommandConfig]
 Location = tuple[str | int, ...]
@@ -35,6 +35,19 @@ Places = dict[Location, str]
 
 MAX_VALUES = 100_000
 """Aliases of aliases make more of them than memory holds, from a few lines."""
+
+CORE = "tag:yaml.org,2002:"
+"""Before the names of YAML's own tags."""
+
+KINDS = {
+    "ScalarNode": {
+        *("str", "int", "float", "bool", "null"),
+        *("timestamp", "merge", "value"),  # of plain texts, which they stay
+    },
+    "SequenceNode": {"seq"},
+    "MappingNode": {"map"},
+}
+"""Tags that a node of YAML can have; all others would name what to make of it."""
 
 OF_ONE_DATA_SET = ("leave_one_out", "principal_point", "match", "groups", "truth_frame")
 """Keys of an installed config that count only for its own data, as its paths do."""
@@ -151,9 +164,9 @@ def read_yaml(
     """Return the values of a YAML 1.2 text in a folder; `places` gets the line and
     column of each.
 
-    Keys, dates and whatever has another tag are texts. Raises InputError, which names
-    the text, and the line and column if there are places, for what is not YAML, and for
-    a key that stands twice.
+    Keys and dates are texts. Raises InputError, which names the text, and the line and
+    column if there are places, for what is not YAML, for a key that stands twice, and
+    for tags but those of the core schema.
     """
     if places is None and text.strip() not in ("true", "false", "null"):
         # A word, - too (in YAML a list), or a number alone: ruamel.yaml takes 10 ms to
@@ -175,7 +188,13 @@ def read_yaml(
             raise ValueError(
                 f"more than {MAX_VALUES} values, aliases written out; write fewer"
             )
-        kind = str(node.tag).rpartition(":")[2]
+        kind = str(node.tag).removeprefix(CORE)
+        if kind not in KINDS[type(node).__name__]:
+            found = printable(node.tag).replace(CORE, "!!")
+            raise InputError(
+                f"{position(node.start_mark)}: the tag {found} has no meaning here;"
+                " leave it out"
+            )
         if isinstance(node.value, str):
             if any("\ud800" <= letter <= "\udfff" for letter in node.value):
                 raise ValueError("half a letter, which no file can hold")

@@ -5,12 +5,11 @@
 from __future__ import annotations
 
 import glob
-import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import (
@@ -22,7 +21,8 @@ from pydantic import (
     PlainValidator,
 )
 
-from shapefit.errors import input_error, path_text
+from shapefit.config.manifest import MANIFEST, result_parts
+from shapefit.errors import path_text
 
 STANDARD_STREAM = Path("-")
 
@@ -30,12 +30,6 @@ UNNAMED = Path()
 """An output that is named after the first input."""
 
 DATA = "{data}"
-
-MANIFEST = "manifest.jsonl"
-"""In a folder of results, the list of them."""
-
-DONE, FAILED = "done", "failed"
-"""Status of a part in the manifest."""
 
 DICTIONARIES = Path(__file__).resolve().parents[1] / "data"
 """The installed dictionaries."""
@@ -105,43 +99,6 @@ def fill_in(value: Any, data: str) -> Any:
         return {key: fill_in(item, data) for key, item in value.items()}
     return (
         value.replace(DATA, data) if isinstance(value, str) and DATA in value else value
-    )
-
-
-def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
-    """Return the lines of the manifest of a folder: the run, then a part each, the last
-    one counts.
-
-    A line without an end is omitted. None where there is no manifest. Raises InputError
-    where a file of that name is something else.
-    """
-    path = folder / MANIFEST
-    if not path.is_file():
-        return None
-    try:
-        run, *parts = map(json.loads, path.read_bytes().split(b"\n")[:-1])
-        names = [part["file"] for part in parts]
-        if "shapefit" not in run or any(PurePath(name).name != name for name in names):
-            raise ValueError("its lines are others")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise input_error(
-            path, f"is not a manifest of results ({error})", "fit again"
-        ) from None
-    return [run, *parts]
-
-
-def result_parts(folder: Path) -> tuple[Path, ...]:
-    """Return the results in a folder that `fit` wrote part by part, in the order of
-    their numbers.
-
-    There are none for anything else. Raises InputError as `manifest_lines`.
-    """
-    status = {
-        part["file"]: part["status"] for part in (manifest_lines(folder) or [])[1:]
-    }
-    names = [name for name in status if status[name] == DONE]
-    return tuple(
-        folder / name for name in sorted(names, key=lambda name: (len(name), name))
     )
 
 

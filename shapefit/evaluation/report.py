@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import abbreviate, input_error
+from shapefit.errors import abbreviate, input_error, printable
 from shapefit.evaluation.calibration import QUANTILES
 from shapefit.evaluation.metrics import SHARE
 
@@ -236,11 +236,9 @@ def report_markdown(report: Document, plot: str = "") -> str:
             ]
     if plot:
         blocks += ["## Plot", f"![errors, sorted]({plot})"]
-    # No name is HTML.
-    return (
-        "\n\n".join(re.sub("<(?=[a-zA-Z/!?])", "&lt;", block) for block in blocks)
-        + "\n"
-    )
+    # No name is HTML, or moves the cursor of a terminal.
+    text = re.sub("<(?=[a-zA-Z/!?])", "&lt;", "\n\n".join(blocks))
+    return "\n".join(map(printable, text.split("\n"))) + "\n"
 
 
 def table_of(

@@ -169,23 +169,35 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+LONGEST_NAME = 200
+"""Bytes of a part of a path: systems allow 255, of which a suffix takes some."""
+
+
 def file_stem(item: str) -> PurePosixPath:
     """Return the relative path, without suffix, of the files of an item: `walk/007` ->
     walk/007.
 
     `/` divides folders. Other characters that a name cannot have are written %XX, as in
-    URLs, and so are dots and spaces at its ends; an empty part is %. No path leads out
-    of its folder, and no two items have the same.
+    URLs, and so are dots and spaces at its ends; an empty part is %. Of a part that is
+    too long the rest is a number, found from the whole of it. No path leads out of its
+    folder, and no two items have the same.
     """
-    parts = []
-    for part in item.split(
-        "/"
-    ):  # `%` begins an escape; the others Windows does not allow
-        text = "".join(
-            c if c.isprintable() and c not in '%<>:"|?*\\' else quote(c, "")
-            for c in part
-        )
-        parts.append(
-            re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", text) or "%"
-        )
-    return PurePosixPath(*parts)
+    return PurePosixPath(*map(_as_name, item.split("/")))
+
+
+def _as_name(part: str) -> str:
+    """Return a name that every system allows."""
+    # `%` begins an escape; the others Windows does not allow
+    allowed = [c.isprintable() and c not in '%<>:"|?*\\' for c in part]
+    text = "".join(
+        letter if whole else quote(letter, "", errors="surrogatepass")
+        for letter, whole in zip(part, allowed, strict=True)
+    )
+    text = re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", text) or "%"
+    encoded = text.encode()
+    if len(encoded) <= LONGEST_NAME:
+        return text
+    number = int.from_bytes(hashlib.sha256(encoded).digest()[:8])
+    suffix = f"%{number:020}"
+    start = encoded[: LONGEST_NAME - len(suffix)].decode("utf-8", "ignore")
+    return start + suffix

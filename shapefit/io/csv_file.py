@@ -468,7 +468,9 @@ def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
         if len(rest) > csv.field_size_limit():
             fix = "check the quotes around it, and the ends of lines"
             raise input_error(f"{name}:{line}", "a bad cell (it has no end)", fix)
-        if end:
+        if end and line > 1 and not data[:end].strip():  # a file can be full of them
+            line += data.count(b"\n", 0, end)
+        elif end:
             try:
                 text = data[:end].decode("utf-8-sig" if line == 1 else "utf-8")
             except UnicodeDecodeError as error:

@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import h5py
 import numpy as np
@@ -26,11 +26,15 @@ from shapefit.arrays import Integers
 from shapefit.errors import InputError, input_error, listed, printable
 from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.checks import input_problems
+from shapefit.io.chunks import Chunks
+from shapefit.io.contents import digest_contents
 from shapefit.io.inputs import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.layout import (
+    CONTENTS,
     COUNTS,
     DICTIONARY,
     FIELDS,
+    INPUT_ROWS,
     LAYOUTS,
     PER_ITEM,
     RENAMED,
@@ -58,6 +62,8 @@ PLAIN_ATTRIBUTES = (
     "y_axis",
     "frame_rate",
     "attributes_sha256",
+    CONTENTS,
+    INPUT_ROWS,
 )
 """Root attributes that the formats define, or once did."""
 PREFIX = "shapefit_"
@@ -128,6 +134,7 @@ class Hdf5File:
         self._datasets: dict[
             str, Any
         ] = {}  # h5py takes long to look up their types and shapes
+        self._chunks: dict[str, Chunks] = {}
         with self.damage():
             self.root = open_hdf5(path)
 
@@ -140,6 +147,7 @@ class Hdf5File:
     def close(self) -> None:
         """Close the file."""
         self._datasets.clear()
+        self._chunks.clear()
         self.root.close()
 
     def place(self, name: str, row: int | None = None) -> str:
@@ -210,7 +218,7 @@ class Hdf5File:
                 if isinstance(rows, slice)
                 else math.prod(shape[:1])
             )
-            value_bytes = TEXT_BYTES if text else max(2 * width, VALUE_BYTES)
+            value_bytes = max(2 * width, TEXT_BYTES if text else VALUE_BYTES)
             check_fits(self.place(name), count * math.prod(shape[1:]) * value_bytes)
             size, present = math.prod(shape) * width, dataset.id.get_storage_size()
             if size > max(ALWAYS_FITS, MOST_COMPRESSED * present):
@@ -220,8 +228,33 @@ class Hdf5File:
                 # HDF5 takes long, and gigabytes, to go through many chunks that are not
                 # there
                 return np.full((count, *shape[1:]), dataset.fillvalue, dataset.dtype)
+            self._check_chunks(name, dataset, rows)
             values = dataset[rows]
             return _decoded(values) if text else values
+
+    def _check_chunks(
+        self, name: str, dataset: h5py.Dataset, rows: slice | tuple[Any, ...]
+    ) -> None:
+        """Raise InputError for chunks with some of these rows that take more memory
+        than they declare, or than their size allows.
+        """
+        if dataset.chunks is None:
+            return
+        if name not in self._chunks:
+            self._chunks[name] = Chunks(dataset)
+        chunks = self._chunks[name]
+        fix = "write it again with gzip or without compression"
+        if chunks.fault:
+            raise self.fault(name, chunks.fault, fix)
+        check_fits(self.place(name), chunks.bytes, "a chunk of it")
+        start, stop = 0, len(dataset)
+        if isinstance(rows, slice):
+            start, stop, _ = rows.indices(stop)
+        chunk = chunks.find_longer(start, stop)
+        if chunk is not None:
+            declared = in_words(chunks.bytes)
+            fault = f"has a chunk that holds more than the {declared} that it declares"
+            raise self.fault(name, fault, fix)
 
 
 def _decoded(stored: Any) -> Any:
@@ -258,6 +291,41 @@ def _check_format(file: Hdf5File, *formats: str) -> str:
             fix += ", or one of DeepLabCut, SLEAP, JABS, NWB or movement"
         raise input_error(file.path, fault, fix)
     return str(stated)
+
+
+class Seal(NamedTuple):
+    """The digest of all that a file holds: as it is stated, "" without one, and as it
+    is; and the rows of the input that are in it, None for all.
+    """
+
+    stated: str
+    found: str
+    rows: tuple[int, int] | None
+
+
+def read_seal(path: Path) -> Seal:
+    """Read the whole of a file for its digest. Raises InputError where that cannot
+    be.
+    """
+    with Hdf5File(path) as file:
+        stated = str(as_text(file.attribute(CONTENTS)) or "")
+        text = as_text(file.attribute(INPUT_ROWS))
+        with file.damage():
+            found = digest_contents(file.root, file.rows)
+    rows = None
+    if text is not None:
+        numbers = re.fullmatch(r"(\d{1,18}):(\d{1,18})", str(text))
+        if numbers is None:
+            fault = f"has the root attribute {INPUT_ROWS} {printable(text)!r:.100}"
+            raise input_error(path, fault, "the file was changed: fit again")
+        rows = int(numbers[1]), int(numbers[2])
+    return Seal(stated, found, rows)
+
+
+def stated_digest(path: Path) -> str:
+    """Return the digest of its contents that a result states, "" without one."""
+    with Hdf5File(path) as file:
+        return str(as_text(file.attribute(CONTENTS)) or "")
 
 
 class Hdf5Reader(Hdf5File):
@@ -379,8 +447,10 @@ class Hdf5Reader(Hdf5File):
         """
         counts = self.read(COUNTS)
         ends = np.cumsum([0, *counts])
-        if (counts < 0).any() or ends[-1] != self._sizes["a"]:
-            fault = f"does not count the {self._sizes['a']} rows of transforms"
+        total = self._sizes.get("a", 0)
+        # none is more than all, lest a sum of large ones overflows to the right one
+        if ((counts < 0) | (counts > total)).any() or ends[-1] != total:
+            fault = f"does not count the {total} rows of transforms"
             raise self.fault(COUNTS, fault, "the file was changed: fit again")
         return ends
 
@@ -430,6 +500,9 @@ class Hdf5Reader(Hdf5File):
                 fits = fit_axes(column.axes, dataset.shape or (), self._sizes)
                 what = f"{'text' if text else dataset.dtype} {dataset.shape}"
                 fault = "" if fits and kind in letters else f"holds {what}"
+            if column.axes[0] == "a" and COUNTS not in self._datasets and not fault:
+                counted = name in self._datasets
+                fault = f"{COUNTS}, which counts its rows, is absent" if counted else ""
             if fault:
                 axes = tuple(self._sizes.get(str(axis), axis) for axis in column.axes)
                 wanted = f"store {values} {axes}".replace("'", "")
@@ -560,12 +633,19 @@ class Hdf5Writer(RecordWriter[Any]):
         stated |= {
             prefixes.get(n, "") + n: value for n, value in self.attributes.items()
         }
+        stated |= self.seal or {}
         self._need(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in stated.items():
             if value is not None:
                 self._file.attrs[name] = value
         self._file.flush()
         self._open.clear()
+        if self.seal is not None:
+            contents = digest_contents(
+                self._file, lambda name, rows: self._file[name][rows]
+            )
+            self._file.attrs[CONTENTS] = contents
+            self._file.flush()
 
     def _write_rows(self, name: str, values: Array) -> None:
         """Write rows of a dataset behind those that are there, in chunks of a power of

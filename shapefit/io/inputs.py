@@ -5,16 +5,18 @@ memory.
 from __future__ import annotations
 
 import gzip
+import hashlib
 import os
+import stat
 import sys
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import IO, cast
 
-from shapefit.errors import input_error
+from shapefit.errors import InputError, input_error
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 GZIP_SIGNATURE = b"\x1f\x8b"
@@ -32,8 +34,17 @@ LARGEST_BYTES = 1 << 30
 ALWAYS_FITS = 1 << 26
 """Bytes that nobody needs to ask for."""
 
-MEMORY = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-"""Bytes of memory of this machine."""
+MOST_INFLATED = 200
+"""Times its size that a compressed file, or a chunk of HDF5, may hold: landmarks become
+10 times smaller, where most are absent 100 times.
+"""
+
+CGROUP = Path("/sys/fs/cgroup")
+"""Limits of the container that a process is in, if it is in one."""
+
+
+State = tuple[int, int]
+"""Size and time of change of a file; of a folder, a number for those of its files."""
 
 
 def is_stream(path: Path) -> bool:
@@ -47,9 +58,16 @@ def source_name(path: Path) -> str:
 
 
 def read_head(path: Path, size: int) -> bytes:
-    """Return the first bytes of a file."""
-    with path.open("rb") as file:
-        return file.read(size)
+    """Return the first bytes of a file. Raises InputError where the system cannot
+    read it.
+    """
+    try:
+        with path.open("rb") as file:
+            return file.read(size)
+    except OSError as error:
+        fix = "name a file that can be read, or copy it from where it is whole"
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise input_error(path, f"cannot be read ({reason})", fix) from error
 
 
 def require_file(path: Path) -> None:
@@ -64,6 +82,44 @@ def require_file(path: Path) -> None:
         raise input_error(path, "may not be read", "change its permissions")
     if path.is_file() and path.stat().st_size == 0:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
+
+
+def find_state(path: Path) -> State:
+    """Return the bytes of a file, and when it changed; zeros where there is none, and
+    for what is no file, such as a pipe.
+
+    Of a folder it is all bytes, and a number that another name, size or time of a file
+    in it makes another one. Hidden files do not count, as one may be a result that is
+    being written there.
+    """
+    try:
+        if path.is_dir():
+            shown = (file for file in path.iterdir() if not file.name.startswith("."))
+            states = sorted((f.name, find_state(f)) for f in shown if not f.is_dir())
+            total = sum(size for _, (size, _) in states)
+            summary = hashlib.sha256(repr(states).encode()).digest()
+            return total, int.from_bytes(summary[:7])
+        state = path.stat()
+    except OSError:
+        return 0, 0
+    if not stat.S_ISREG(state.st_mode):
+        return 0, 0
+    return state.st_size, state.st_mtime_ns
+
+
+def check_unchanged(states: Mapping[Path, State]) -> None:
+    """Raise InputError for files that are not as they were when their states were
+    found.
+    """
+    fault = "changed while it was read, so that the result would be of two states"
+    fix = "run the command again when it is complete"
+    changed = [path for path, state in states.items() if find_state(path) != state]
+    if changed:
+        raise InputError(
+            problem
+            for path in changed
+            for problem in input_error(path, fault, fix).problems
+        )
 
 
 def read_text_blocks(path: Path) -> Iterator[bytes]:
@@ -82,15 +138,38 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
             fault = "is HDF5, which cannot come through a pipe"
             raise input_error(name, fault, "name the file itself, or send CSV")
         yield block
-        yield from iter(partial(file.read, BLOCK_BYTES), b"")
+        size = len(block)
+        for block in iter(partial(file.read, BLOCK_BYTES), b""):
+            size += len(block)
+            _check_growth(path, size)
+            yield block
+
+
+def _check_growth(path: Path, size: int) -> None:
+    """Raise InputError where a file of text is packed, and holds too many bytes for
+    that.
+    """
+    if size > ALWAYS_FITS and _is_packed(path):
+        check_unpacked(path, size, path.stat().st_size)
+
+
+def _is_packed(path: Path) -> bool:
+    """Whether a file was made smaller by gzip; pipes are left alone."""
+    return path.is_file() and read_head(path, 2) == GZIP_SIGNATURE
 
 
 def read_whole(path: Path) -> bytes:
     """Return the bytes of a file of text. Raises InputError where it is too large for
     that.
     """
+    largest = LARGEST_BYTES
+    packed = _is_packed(path)
+    if packed:
+        largest = min(largest, most_unpacked(path.stat().st_size))
     with _open_text(path) as file:
-        text = file.read(LARGEST_BYTES + 1)
+        text = file.read(largest + 1)
+    if packed and len(text) > largest:
+        check_unpacked(path, len(text), path.stat().st_size)
     if len(text) > LARGEST_BYTES:
         fault = (
             f"holds more than {in_words(LARGEST_BYTES)} of text, and it is read whole"
@@ -102,9 +181,7 @@ def read_whole(path: Path) -> bytes:
 @contextmanager
 def _open_text(path: Path) -> Iterator[IO[bytes]]:
     """Open the bytes of a file of text, also of one that gzip made smaller."""
-    packed = (
-        path.is_file() and read_head(path, 2) == GZIP_SIGNATURE
-    )  # pipes are left alone
+    packed = _is_packed(path)
     with cast(IO[bytes], gzip.open(path)) if packed else path.open("rb") as file:
         try:
             yield file
@@ -114,17 +191,55 @@ def _open_text(path: Path) -> Iterator[IO[bytes]]:
 
 
 def check_fits(place: str, size: int, what: str = "it") -> None:
-    """Raise InputError at `place` where `size` bytes are more than this machine has
-    memory.
-    """
-    if size > max(ALWAYS_FITS, MEMORY):
+    """Raise InputError at `place` where `size` bytes are more memory than is free."""
+    if size <= ALWAYS_FITS:
+        return
+    free = free_memory()
+    if size > max(ALWAYS_FITS, free):
         fault = (
-            f"{what} takes {in_words(size)} of memory, and this machine has"
-            f" {in_words(MEMORY)}"
+            f"{what} takes {in_words(size)} of memory, and {in_words(free)} are free"
         )
         raise input_error(
             place, fault, "divide the file, or use a machine with more memory"
         )
+
+
+def check_unpacked(place: str | Path, size: int, packed: int) -> None:
+    """Raise InputError at `place` where a compressed file holds too many bytes for its
+    own.
+    """
+    if size > most_unpacked(packed):
+        fault = f"of {in_words(packed)} become {in_words(size)} or more"
+        raise input_error(place, fault, "unpack it, and name what was in it")
+    check_fits(str(place), size)
+
+
+def most_unpacked(packed: int) -> int:
+    """Return how many bytes a compressed file of so many may hold."""
+    return max(ALWAYS_FITS, MOST_INFLATED * packed)
+
+
+def free_memory() -> int:
+    """Return the bytes of memory that this process can still get: of the machine, of
+    its container, and below its own limit (`ulimit -v`).
+    """
+    page = os.sysconf("SC_PAGE_SIZE")
+    free = [os.sysconf("SC_PHYS_PAGES") * page]
+    with suppress(OSError, ValueError, IndexError):  # other systems have no /proc
+        text = Path("/proc/meminfo").read_text()
+        free.append(int(text.partition("MemAvailable:")[2].split()[0]) << 10)
+    with suppress(OSError, ValueError):  # "max" is no number
+        limit = int((CGROUP / "memory.max").read_text())
+        used = int((CGROUP / "memory.current").read_text())
+        free.append(limit - used)
+    with suppress(ImportError, OSError, ValueError, IndexError):
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if limit != resource.RLIM_INFINITY:
+            used = int(Path("/proc/self/statm").read_text().split()[0]) * page
+            free.append(limit - used)
+    return max(0, min(free))
 
 
 def in_words(size: int) -> str:

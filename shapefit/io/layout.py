@@ -16,6 +16,12 @@ UNKNOWN_UNIT = "unknown"
 PER_ITEM = "per_item"
 """Attribute of a dataset that no layout lists: whether it has a row for each item."""
 
+CONTENTS = "contents_digest"
+"""Root attribute of a result of `fit`: the digest of all else that the file holds."""
+
+INPUT_ROWS = "input_rows"
+"""Root attribute of a result of some rows of its input: first:end, from 0."""
+
 COUNTS = "transform_count"
 """The dataset that holds how many rows of those with the axis `a` belong to each item.
 """

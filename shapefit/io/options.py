@@ -83,13 +83,15 @@ class RecordWriter(Generic[Record]):
     exit.
 
     After that `summary` says what was written. `begun` is whether a record was
-    appended.
+    appended. Where `seal` is not None, HDF5 gets a digest of all that it holds, with
+    these attributes: it is the result of a fit, as it was made.
     """
 
     def __init__(self) -> None:
         self.attributes: dict[str, str | float | int] = {}
         self.summary = Summary()
         self.begun = False
+        self.seal: dict[str, str] | None = None
 
     def append(self, record: Record) -> None:
         """Write the items of a record after those that are there."""

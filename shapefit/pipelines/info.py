@@ -78,7 +78,7 @@ def run(config: InfoConfig) -> Iterator[Result]:
         )
     texts = (
         "\n".join([title, *(f"  {name + ':':<13} {text}" for name, text in lines)])
-        for (_, title), *lines in descriptions
+        for (_, title), *lines in map(as_printed, descriptions)
     )
     yield Result(
         done=len(config.files),
@@ -87,6 +87,11 @@ def run(config: InfoConfig) -> Iterator[Result]:
         note="\n\n".join(texts),
         data=lambda: [dict(lines) for lines in descriptions],
     )
+
+
+def as_printed(lines: Sequence[Line]) -> list[Line]:
+    """Return lines with names and units of files as a terminal can show them."""
+    return [(name, printable(text)) for name, text in lines]
 
 
 def describe_installed() -> str:

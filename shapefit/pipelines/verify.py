@@ -1,24 +1,26 @@
 """`verify`: a result in, every claim of it that does not hold out.
 
-Of each image: the certificate of the convex program, where the method has one;
-landmarks equal to those of the file, where it is given; numbers in their ranges. Of
-each file: the digests of what it was made of, and that the datasets of its method are
-there. Nothing else is claimed, and nothing that a result names is opened.
+Recomputed of each image: the certificate of the convex program, where the method has
+one. Compared of each image: landmarks with those of the file, where it is given, and
+numbers with their ranges; of each file: the digest of all that it holds, those of what
+it was made of, and the datasets of its method; of a folder: its parts with its
+manifest, and with each other. Nothing that a result names is opened.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from itertools import repeat
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from shapefit.arrays import Flags
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted, input_error, parse_json
 from shapefit.geometry.pinhole import CAMERA_MATRIX
@@ -30,6 +32,7 @@ from shapefit.io import (
     open_landmarks,
     read_dictionary,
 )
+from shapefit.io.hdf5_file import Seal, read_seal
 from shapefit.io.options import input_options
 from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
@@ -39,6 +42,10 @@ from shapefit.pipelines.result import Failure, Result, unread
 from shapefit.threads import side_by_side
 from shapefit.verification import certificate
 from shapefit.verification.certificate import Claims, Program
+
+if TYPE_CHECKING:  # pydantic takes long to import, and only folders need it
+    from shapefit.config.manifest import PartLine
+    from shapefit.pipelines.partition.manifest import Manifest
 
 CHUNK = 2048
 """Images that are checked together."""
@@ -65,13 +72,40 @@ class Request(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A file of results; the inputs and range of rows that a manifest states, None
-    without one.
-    """
+    """A file of results, and its line in a manifest, None without one."""
 
     file: Path
-    inputs: Sequence[str] | None = None
-    rows: slice | None = None
+    line: PartLine | None = None
+
+
+class Checked(NamedTuple):
+    """Images that were checked: results and claims; which are certified (n,), and
+    their largest gap.
+    """
+
+    result: ResultSet
+    claims: Claims
+    certified: Flags
+    gap: float
+
+
+@dataclass
+class Tally:
+    """Counts over all files: images checked, certified, with a false claim, without a
+    shape; images in files whose contents are as `fit` wrote them, by their digest;
+    claims of whole files that are false; images that could not be checked; files
+    without such a digest; and the largest gap that was certified.
+    """
+
+    images: int = 0
+    certified: int = 0
+    false: int = 0
+    empty: int = 0
+    sealed: int = 0
+    files: int = 0
+    unread: int = 0
+    not_sealed: int = 0
+    largest_gap: float = 0.0
 
 
 class Statement(NamedTuple):
@@ -94,7 +128,7 @@ def run(request: Request) -> Generator[Result, None, None]:
     """
     parts, wrong, listed = find_parts(request.result)
     dictionary = read_dictionary(request.dictionary)
-    tally = Counter(images=0, certified=0, false=0, empty=0, files=len(wrong), unread=0)
+    tally = Tally(files=len(wrong))
     yield Result(failures=tuple(wrong))
     fits, errors, digest_of = list[Statement](), list[InputError](), cache(digest)
     for part in parts:
@@ -106,12 +140,12 @@ def run(request: Request) -> Generator[Result, None, None]:
                 raise InputError(
                     line for one in errors for line in one.problems
                 ) from None
-            tally["files"] += 1
+            tally.files += 1
             yield Result(failures=(unread(part.file, error),))
-    tally["unread"] = max(listed - tally["images"], tally["unread"])
+    tally.unread = max(listed - tally.images, tally.unread)
     methods = [*dict.fromkeys(fit.config["method"] for fit in fits)]
-    data = {**tally, "methods": methods, "landmarks": bool(request.landmarks)}
-    if tally["images"] + tally["unread"]:
+    data = {**vars(tally), "methods": methods, "landmarks": bool(request.landmarks)}
+    if tally.images + tally.unread:
         note = "\n".join(summary_lines(tally, fits[0], bool(request.landmarks)))
         yield Result(note=note, data=lambda: data)
     else:
@@ -125,30 +159,54 @@ def find_parts(result: Path) -> tuple[list[Part], list[Failure], int]:
     """
     if not result.is_dir():
         return [Part(result)], [], 0
-    from shapefit.pipelines.partition.manifest import read_manifest
+    from shapefit.config.manifest import part_name
+    from shapefit.pipelines.partition.manifest import PARTS, read_manifest
 
     manifest = read_manifest(result)
     if manifest is None:
         raise input_error(result, "is a folder without results", "name a result in it")
-    unlisted = sorted(
-        {path.name for path in result.glob("part-*")} - manifest.done.keys()
-    )
-    wrong = [Failure(name, "is not in the manifest") for name in unlisted]
+    unlisted = {path.name for path in result.glob(PARTS)} - manifest.done.keys()
+    wrong = [Failure(name, "is not in the manifest") for name in sorted(unlisted)]
+    planned = set(map(part_name, manifest.run.parts)) - manifest.parts.keys()
+    reason = "has no result: run `fit` again, which did not end"
+    wrong += [Failure(name, reason) for name in sorted(planned - unlisted)]
+    wrong += find_overlaps(manifest)
     parts = []
-    for name, entry in manifest.done.items():
-        file, rows = result / name, entry["rows"]
+    for name, line in manifest.done.items():
+        file = result / name
         if file.is_file():
-            parts.append(Part(file, entry["inputs"], rows and slice(*rows)))
-        if not file.is_file() or entry["bytes"] != file.stat().st_size:
+            parts.append(Part(file, line))
+        if not file.is_file() or line.bytes != file.stat().st_size:
             wrong.append(Failure(name, "is not the file that `fit` wrote, by its size"))
-    return parts, wrong, sum(entry["images"] for entry in manifest.done.values())
+    return parts, wrong, sum(line.images for line in manifest.done.values())
+
+
+def find_overlaps(manifest: Manifest) -> Iterator[Failure]:
+    """Yield the parts of a folder that have rows of another one, or leave rows out."""
+    of_inputs: dict[tuple[str, ...], list[PartLine]] = {}
+    for line in manifest.parts.values():
+        of_inputs.setdefault(line.inputs, []).append(line)
+    for lines in of_inputs.values():
+        if len(lines) == 1 and lines[0].rows is None:
+            continue
+        end = 0
+        for line in sorted(lines, key=lambda line: line.rows or (0, 0)):
+            first, stop = line.rows or (0, end + 1)
+            if first < end:
+                yield Failure(
+                    line.file, "has images of its input that another part has"
+                )
+            elif first > end:
+                fault = f"begins at row {first} of its input, and no part has row {end}"
+                yield Failure(line.file, fault)
+            end = max(end, stop)
 
 
 def verify_part(
     part: Part,
     request: Request,
     dictionary: Dictionary,
-    tally: Counter[str],
+    tally: Tally,
     fits: list[Statement],
     digest_of: Callable[[Path], str],
 ) -> Generator[Result, None, None]:
@@ -157,6 +215,7 @@ def verify_part(
         head, attributes = results.head, results.head.attributes
         fit = read_statement(attributes, part.file)
         fits.append(fit)
+        seal = read_seal(part.file)
         missing = sorted(required(fit, head.columns) - head.columns.keys())
         wrong = [
             Failure(name, "is missing, and every such fit writes it")
@@ -167,29 +226,65 @@ def verify_part(
         ).hexdigest()
         if digest_of_config != attributes.get("config_digest"):
             wrong.append(Failure("config", "is not that of the fit, by its digest"))
+        wrong += check_seal(part, seal, fit, results.count)
         files, differing = match_files(part, fit, request, digest_of)
         wrong += differing
-        tally["files"] += len(wrong)
+        tally.files += len(wrong)
+        tally.sealed += results.count if seal.found == seal.stated else 0
+        tally.not_sealed += not seal.stated
         yield Result(failures=tuple(wrong))
         if missing:
-            tally["unread"] += results.count
+            tally.unread += results.count
             return
         program = read_program(head, part.file, request.dictionary, dictionary, fit)
-        with open_images(part, head, fit, files, results.count) as images:
+        rows = rows_of(part, seal)
+        with open_images(part.file, rows, head, fit, files, results.count) as images:
             batches = results.batches(CHUNK) if results.count else iter(())
             pairs = zip(batches, images, strict=False)
-            for result, claims, certified in side_by_side(
+            for chunk in side_by_side(
                 lambda pair: check_chunk(*pair, program, fit.certified), pairs, 1
             ):
-                counts = {"images": len(result), "certified": int(certified.sum())}
-                counts |= {
-                    "false": len(claims.reasons),
-                    "empty": int((~claims.fitted).sum()),
-                }
-                tally.update(counts)
+                claims, items = chunk.claims, chunk.result.items
+                tally.images += len(items)
+                tally.certified += int(chunk.certified.sum())
+                tally.false += len(claims.reasons)
+                tally.empty += int((~claims.fitted).sum())
+                tally.largest_gap = max(tally.largest_gap, chunk.gap)
                 reasons = sorted(claims.reasons.items())
-                failures = tuple(Failure(result.items[i], why) for i, why in reasons)
-                yield Result(done=len(result), total=results.count, failures=failures)
+                failures = tuple(Failure(items[i], why) for i, why in reasons)
+                yield Result(done=len(items), total=results.count, failures=failures)
+
+
+def check_seal(part: Part, seal: Seal, fit: Statement, count: int) -> Iterator[Failure]:
+    """Yield what is false of the digest of the contents of a file, and of what its
+    manifest says.
+    """
+    name = part.file.name
+    if seal.stated and seal.stated != seal.found:
+        fault = "its contents are not those that `fit` wrote, by their digest"
+        yield Failure(f"{name}: contents", fault)
+    elif part.line is not None and seal.stated != part.line.digest:
+        fault = "is not the result that the manifest lists, by its digest"
+        yield Failure(f"{name}: contents", fault)
+    rows = rows_of(part, seal)
+    if rows is not None and rows.stop - rows.start != count:
+        fault = f"states {counted(rows.stop - rows.start, 'image')}, and holds {count}"
+        yield Failure(f"{name}: rows", fault)
+    if part.line is None:
+        return
+    if part.line.images != count:
+        fault = f"holds {counted(count, 'image')}, and its manifest {part.line.images}"
+        yield Failure(f"{name}: images", fault)
+    made_of = (tuple(fit.config["landmarks"]), seal.rows)
+    if seal.stated and made_of != (part.line.inputs, part.line.rows):
+        fault = "is of other images than the manifest says"
+        yield Failure(f"{name}: inputs", fault)
+
+
+def rows_of(part: Part, seal: Seal) -> slice | None:
+    """Return the rows of its input that a part has, None for all."""
+    rows = seal.rows if part.line is None else part.line.rows
+    return None if rows is None else slice(*rows)
 
 
 def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
@@ -217,7 +312,7 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
         return Statement(
             config, {name: str(text) for name, text in digests.items()}, certified
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         wrong = f"{type(error).__name__}: {error}"
         fault = (
             "its attributes `config` and `inputs` are not those of a fit"
@@ -250,14 +345,15 @@ def match_files(
     the only one.
     """
     paths, wrong = {fit.config["dictionary"]: [request.dictionary]}, list[Failure]()
-    inputs, given = part.inputs or fit.config["landmarks"], request.landmarks
+    inputs = fit.config["landmarks"] if part.line is None else part.line.inputs
+    given = request.landmarks
     for name in inputs:
         equal = [path for path in given if digest_of(path) == fit.digests.get(name)]
         equal += [path for path in given if path.resolve().name == Path(name).name]
         paths[name] = equal or [*given] * (len(inputs) == len(given) == 1)
     for name, candidates in paths.items():
         path, stated = next(iter(candidates), None), fit.digests.get(name)
-        if stated is None and part.rows is None:
+        if stated is None:
             wrong.append(Failure(name, "has no digest"))
         elif path is None and given:
             wrong.append(
@@ -299,10 +395,15 @@ def read_program(
 
 @contextmanager
 def open_images(
-    part: Part, head: ResultSet, fit: Statement, files: Sequence[Path], count: int
+    file: Path,
+    rows: slice | None,
+    head: ResultSet,
+    fit: Statement,
+    files: Sequence[Path],
+    count: int,
 ) -> Iterator[Iterator[LandmarkSet | None]]:
-    """Open the landmarks of a part as its fit read them; gives None for each without
-    files.
+    """Open the landmarks of a file of results as its fit read them; gives None for each
+    without files.
     """
     if not files:
         yield repeat(None)
@@ -319,16 +420,16 @@ def open_images(
         calibrated = (fit.config.get("camera") or {}).get("calibration") is not None
     except (ValueError, AttributeError):
         raise input_error(
-            part.file, "does not state how its landmarks were read", FIX
+            file, "does not state how its landmarks were read", FIX
         ) from None
     # Without identity over frames detections are no motion.
     options = input_options(reading, "motion" if method.sequences else "none")
-    with open_landmarks(files, options, part.rows) as source:
+    with open_landmarks(files, options, rows) as source:
         names = source.head.landmark_names
         joints = find_joints(names, head.landmark_names, in_place=method.has_prior)
         if source.count != count:
             fault = f"{counted(source.count, 'image')} for {counted(count, 'result')}"
-            raise input_error(files[0], fault, f"give the landmarks of {part.file}")
+            raise input_error(files[0], fault, f"give the landmarks of {file}")
 
         def as_fitted(images: LandmarkSet) -> LandmarkSet:
             if calibrated and REMOVED in head.columns:
@@ -343,22 +444,24 @@ def open_images(
 
 def check_chunk(
     result: ResultSet, given: LandmarkSet | None, program: Program, certified: bool
-) -> tuple[ResultSet, Claims, Any]:
-    """Return the claims of some images, and which of them are certified (n,)."""
+) -> Checked:
+    """Check the claims of some images."""
     columns = result.columns
     for name in POINTS & columns.keys() - result.LAYOUT.datasets.keys():
         columns[name] = np.ascontiguousarray(np.swapaxes(columns[name], 1, 2))
     claims = Claims(
         np.isfinite(columns["scale"]) & np.isfinite(columns["shapes"]).all(axis=(1, 2))
     )
-    bounded = np.zeros_like(claims.fitted)
+    bounded, gaps = np.zeros_like(claims.fitted), np.zeros(len(result))
     with np.errstate(all="ignore"):  # what is not finite holds for nothing
         certificate.check_ranges(columns, claims)
         if certified:
             bounded = certificate.check_certificate(columns, program, claims)
+            gaps = certificate.stated_gap(columns, program)
         if given is not None:
             check_landmarks(columns, result, given, claims)
-    return result, claims, bounded & ~claims.missed
+    holds = np.asarray(bounded & ~claims.missed)
+    return Checked(result, claims, holds, float(np.max(gaps[holds], initial=0.0)))
 
 
 def check_landmarks(
@@ -384,29 +487,46 @@ def check_landmarks(
     claims.hold("items are those of the file", same, of=everyone)
 
 
-def summary_lines(
-    tally: Mapping[str, int], fit: Statement, with_landmarks: bool
-) -> Iterator[str]:
-    """Yield the summary: what is certified of how many images, what is false."""
-    total = f"of {counted(tally['images'] + tally['unread'], 'image')}"
+def summary_lines(tally: Tally, fit: Statement, with_landmarks: bool) -> Iterator[str]:
+    """Yield the summary: what was recomputed and compared of how many images, what was
+    not, and what is false.
+    """
+    total = f"of {counted(tally.images + tally.unread, 'image')}"
     method, why = fit.config["method"], "has no certificate"
     if fit.certified:
-        why = "the convex program is solved to within the gap that is stated"
+        why = (
+            "the convex program is solved to within the gap that is stated,"
+            f" {tally.largest_gap:.1g} at most"
+        )
     elif method in (*CERTIFIED, "global"):
         why = (
             "no certificate is stored"
             if method in CERTIFIED
             else "states its gap, not checked"
         )
-    wrong = (
-        f", and {counted(tally['files'], 'claim')} of whole files"
-        if tally["files"]
-        else ""
-    )
+    sealed = "all that the file holds is as `fit` wrote it, by one digest"
+    if tally.not_sealed:
+        sealed = "not sealed: the file has no digest of what it holds"
+    elif tally.sealed < tally.images + tally.unread:
+        sealed = "the others were changed after `fit`"
+    recomputed, unchecked = "nothing", "shapes, error bars and all other numbers"
+    if fit.certified:
+        recomputed = "objective, gap and certificate of the convex program"
+        recomputed += "; of its solution the shape" if method == "convex" else ""
+        unchecked = "numbers that no certificate names"
+    landmarks = "; landmarks with the files" if with_landmarks else ""
+    wrong = ""
+    if tally.files:
+        wrong = f", and {counted(tally.files, 'claim')} of whole files"
     yield f"Method     {method}"
-    yield f"Certified  {tally['certified']} {total}: {why}"
-    if tally["empty"]:
-        yield f"No shape   {tally['empty']} {total}"
-    only = "" if with_landmarks else " only with --landmarks"
-    yield f"Checked    digests, datasets, ranges; landmarks{only}"
-    yield f"False      {tally['false'] + tally['unread']} {total}{wrong}"
+    yield f"Certified  {tally.certified} {total}: {why}"
+    yield f"Sealed     {tally.sealed} {total}: {sealed}"
+    if tally.empty:
+        yield f"No shape   {tally.empty} {total}"
+    yield f"Recomputed {recomputed}"
+    yield f"Compared   digests, datasets, ranges{landmarks}"
+    yield (
+        f"Unchecked  how {unchecked} follow from the landmarks"
+        + ("" if with_landmarks else "; landmarks, without --landmarks")
+    )
+    yield f"False      {tally.false + tally.unread} {total}{wrong}"

@@ -114,7 +114,7 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
     n, (k, _, p) = len(images.size), program.atoms.shape
     rows = program.atoms.reshape(3 * k, p)
     prefix = "convex_" if program.refined else ""
-    gap = columns[f"{prefix}relative_gap"]
+    gap = stated_gap(columns, program)
     stated = np.asarray(claims.fitted & np.isfinite(gap))
     M, c = np.zeros((n, k, 2, 3)), np.zeros((n, k))
     # Of an atom that is not there another one is taken, with which the objective is
@@ -123,7 +123,12 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
         np.repeat(np.arange(n), columns["transform_count"]),
         columns["transform_atom"] % k,
     )
-    M[place] = columns["active_transforms"]
+    transforms = columns["active_transforms"]
+    finite = np.asarray(np.isfinite(transforms).all(axis=(1, 2)))
+    M[place] = np.where(finite[:, None, None], transforms, 0.0)
+    whole = np.ones(n, bool)
+    whole[place[0][~finite]] = False
+    claims.hold("transforms are finite", whole, of=np.ones(n, bool))
     c[place] = np.linalg.norm(M[place], 2, axis=(1, 2))
     D = check_dual(images, columns["dual"], program, claims, stated)
     T = columns["convex_translation"]
@@ -158,6 +163,13 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
         )
         check_shapes(columns, images, c, S, T, claims)
     return stated
+
+
+def stated_gap(columns: Columns, program: Program) -> Floats:
+    """Return the relative gap (n,) that is stated of the convex program."""
+    return np.asarray(
+        columns["convex_relative_gap" if program.refined else "relative_gap"]
+    )
 
 
 def read_images(columns: Columns, program: Program) -> Images:

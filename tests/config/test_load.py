@@ -133,14 +133,17 @@ def test_globs_are_sorted_and_name_each_file_once(folder, shapes, names):
 
 
 def test_a_folder_of_results_stands_for_the_parts_that_are_done(folder):
-    lines = [{"shapefit": "1"}, {"file": "p10.h5", "status": "done"}]
-    lines += [
-        {"file": f"p{n}.h5", "status": s} for n, s in ((9, "done"), (8, "failed"))
-    ]
+    made_of = {"inputs": ["a.h5"], "rows": None, "states": [[1, 1]]}
+    counts = {"images": 1, "failed": 0, "bytes": 1, "error": "damaged"}
+    lines = [{"shapefit": "1", "method": "convex", "estimated": {}}]
+    for number, status in ((100000, "done"), (9, "done"), (8, "failed")):
+        name = {"file": f"part-{number:05}.h5", "status": status}
+        lines.append(name | made_of | counts)
     text = "".join(f"{json.dumps(line)}\n" for line in lines)
     (folder / "far/manifest.jsonl").write_text(f"{text}cut off")
     config = load_config("convert", None, (), {"files": "far", "output": "o.h5"})
-    assert config.files == (folder / "far/p9.h5", folder / "far/p10.h5")
+    names = ("part-00009.h5", "part-100000.h5")
+    assert config.files == tuple(folder / "far" / name for name in names)
 
 
 def test_results_have_the_names_of_their_files_or_of_a_mapping(folder):

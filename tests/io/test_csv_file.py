@@ -344,10 +344,10 @@ def test_a_table_whose_rows_share_nothing(tmp_path, problems, monkeypatch):
     path = tmp_path / "diagonal.csv"
     rows = (f"item {row},landmark {row},0,0" for row in range(6_000))
     path.write_text("\n".join(["item,landmark,x,y", *rows]) + "\n")
-    monkeypatch.setattr(inputs, "MEMORY", 10**8)
+    monkeypatch.setattr(inputs, "free_memory", lambda: 10**8)
     (line,) = problems(open_landmarks, [path])
     assert line.startswith(f"{path}: it takes ")
-    assert "this machine has 100 MB; divide the file" in line
+    assert "100 MB are free; divide the file" in line
 
 
 def test_ten_problems_are_told_and_the_rest_counted(csv, problems, read_views):

@@ -631,8 +631,8 @@ def test_values_that_were_never_written_are_the_fill_value(tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("sizes", "place", "found"),
     [
-        ({"p": MANY}, "landmark_names", "B of memory, and this machine has "),
-        ({"further": (MANY, 100)}, "further", "B of memory, and this machine has "),
+        ({"p": MANY}, "landmark_names", "B of memory, and "),
+        ({"further": (MANY, 100)}, "further", "B of memory, and "),
         (
             {"further": (10**5, 100)},
             "further",
@@ -658,12 +658,12 @@ def test_the_limit_is_what_is_free(
     for read, path in zip(
         readers, (shape_file, dictionary_file, result_file), strict=True
     ):
-        monkeypatch.setattr(inputs, "MEMORY", 10**5)
+        monkeypatch.setattr(inputs, "free_memory", lambda: 10**5)
         read(path)
-        monkeypatch.setattr(inputs, "MEMORY", 10)
+        monkeypatch.setattr(inputs, "free_memory", lambda: 10)
         (line,) = problems(read, path)
         assert line.startswith(f"{path}:/")
-        assert "and this machine has 10 bytes; " in line
+        assert "and 10 bytes are free; " in line
 
 
 # Full disks, memory, and what is imported

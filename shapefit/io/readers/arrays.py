@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, printable
 from shapefit.io.checks import warn_of_zeros
 from shapefit.io.formats import Head
+from shapefit.io.inputs import check_fits, check_unpacked
 from shapefit.io.readers.poses import (
     Poses,
     as_numbers,
@@ -24,6 +26,9 @@ from shapefit.io.readers.poses import (
 from shapefit.io.readers.text import read_json
 
 POINTS = ("landmarks", "keypoints", "points", "poses", "shapes")
+COPIES = 3
+"""Of an array that are in memory while it is read."""
+
 SCORES = ("confidence", "scores", "keypoint_scores", "likelihood", "visibility")
 
 WANTED = (
@@ -57,6 +62,7 @@ def read_array(paths: tuple[Path, ...], dimensions: int | None = None) -> Poses:
         return of_array(path, array, dimensions=dimensions)
     damage, saved_anew = "it is damaged, or holds objects", f"{WANTED}; {SAVED_ANEW}"
     with library_reads(damage, saved_anew):
+        check_archive(path)
         arrays = np.load(path, mmap_mode="r", allow_pickle=False)
     if not isinstance(arrays, np.lib.npyio.NpzFile):
         return of_array(path, arrays, dimensions=dimensions)
@@ -69,6 +75,18 @@ def read_array(paths: tuple[Path, ...], dimensions: int | None = None) -> Poses:
         landmarks = arrays[points[0]]
         confidence = arrays[scores[0]] if scores else None
     return of_array(path, landmarks, confidence, dimensions=dimensions)
+
+
+def check_archive(path: Path) -> None:
+    """Raise InputError where the arrays of .npz take more memory than is free, or than
+    a file of its size can hold.
+    """
+    if not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    check_unpacked(path, size, path.stat().st_size)
+    check_fits(str(path), COPIES * size)
 
 
 def of_array(

@@ -49,6 +49,11 @@ longer has.
 
 OF_CAMERAS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
 
+SHORTEST, FARTHEST = 1e-6, 1e12
+"""Pixels, or what the landmarks are in, within which focal lengths are those of a
+camera, and principal points near an image: squares of others overflow.
+"""
+
 WEAK = {"focal": "none"}
 
 
@@ -85,6 +90,7 @@ def choose_camera(
                 " `camera.principal_point`"
             )
             raise input_error("camera.focal", "the principal point is not known", fix)
+        check_intrinsics("camera.focal", np.array(given.focal), np.array(centre))
         at = ", ".join(f"{x:g}" for x in centre)
         line = f"focal length {given.focal:.5g} px, principal point {at}"
         return {"principal_point": centre}, line
@@ -194,7 +200,20 @@ def read_intrinsics(images: LandmarkSet) -> tuple[Floats, Floats]:
     if (rest > 1e-6 * abs(K).max(initial=0)).any() or (focal <= 0).any():
         fix = "give matrices with rows fx 0 cx, 0 fy cy, 0 0 1, where fx and fy are > 0"
         raise input_error(CAMERA_MATRIX, "holds an impossible camera matrix", fix)
-    return focal, K[:, :2, 2].copy()
+    centre = K[:, :2, 2].copy()
+    check_intrinsics(CAMERA_MATRIX, focal, centre)
+    return focal, centre
+
+
+def check_intrinsics(place: str, focal: Floats, centre: Floats) -> None:
+    """Raise InputError for focal lengths and principal points of no camera."""
+    possible = (focal >= SHORTEST) & (focal <= FARTHEST)
+    if not (possible.all() and (np.abs(centre) <= FARTHEST).all()):
+        values = [*np.ravel(focal).tolist(), *np.ravel(centre).tolist()]
+        worst = max(values, key=abs) if possible.all() else float(focal.flat[0])
+        fault = f"holds {worst:g}, which no camera has"
+        fix = f"give pixels: a focal length from {SHORTEST:g} to {FARTHEST:g}"
+        raise input_error(place, fault, f"{fix}, a principal point up to {FARTHEST:g}")
 
 
 def read_dataset(images: LandmarkSet, name: str, *shapes: tuple[int, ...]) -> Floats:

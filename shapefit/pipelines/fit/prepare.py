@@ -650,7 +650,7 @@ def find_scale(
         (first[0], v) for v in variances[1:2]
     ]
     before = evidence(first, few)
-    if not any(np.nanmean(evidence(pair, few) - before) > 0 for pair in near):
+    if not any(np.nansum(evidence(pair, few) - before) > 0 for pair in near):
         return first
     of_pair = {(f, v): evidence((f, v), images) for f in scales for v in variances}
     best = max(of_pair, key=lambda pair: float(np.nanmean(of_pair[pair])))

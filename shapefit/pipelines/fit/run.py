@@ -34,8 +34,10 @@ from shapefit.io import (
     read_dictionary,
 )
 from shapefit.io.formats import HDF5, find_target_format, result_writer
+from shapefit.io.inputs import State, check_unchanged, find_state
 from shapefit.io.layout import (
     FRAME,
+    INPUT_ROWS,
     LANDMARKS,
     METRES_FROM,
     METRES_PER_UNIT,
@@ -104,12 +106,19 @@ def run(
     estimates: Estimates | None = None,
     dictionary: Dictionary | None = None,
     inputs: Mapping[str, str] | None = None,
+    states: Mapping[Path, State] | None = None,
 ) -> Iterator[Result]:
     """Lift every image, or these rows of the one file; of a part, what is known of all
     is given.
+
+    `inputs` are digests of the landmarks, `states` those of all files when they were
+    found. Raises InputError, and writes nothing, where one of them changes meanwhile.
     """
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
+    if states is None:
+        read = (*config.landmarks, *preparing.files_of(config).values())
+        states = {path: find_state(path) for path in read}
     dictionary = dictionary or read_dictionary(config.dictionary)
     config, method = preparing.choose_method(
         config, dictionary, lambda: preparing.in_sequences(config)
@@ -142,6 +151,10 @@ def run(
                 writer.append(record)
             others = digests(preparing.files_of(setup.config).values())
             writer.attributes.update(attributes_of(setup, {**(inputs or {}), **others}))
+            check_unchanged(states)
+            writer.seal = {}
+            if rows is not None:
+                writer.seal[INPUT_ROWS] = f"{rows.start}:{rows.stop}"
     yield summary_of(source, setup, counts, method, writer.summary)
     if config.export.folder is not None:
         yield from export_meshes(config, output, config.export.folder)

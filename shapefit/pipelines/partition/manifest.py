@@ -1,33 +1,36 @@
-"""`manifest.jsonl`: what a folder of results holds, and of what, so that a run can go
-on.
-
-Its first line is of the run; each other line is of a part, added when the part ends.
+"""What a folder of results holds, and of what, so that a run can go on; one run at a
+time.
 """
 
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
-from shapefit import __version__
-from shapefit.config.paths import DONE, MANIFEST, manifest_lines
+from shapefit.config.manifest import (
+    DONE,
+    EARLIER_MANIFEST,
+    MANIFEST,
+    Line,
+    PartLine,
+    RunLine,
+    Status,
+    part_name,
+    read_lines,
+)
 from shapefit.errors import abbreviate, input_error, path_text, printable
 from shapefit.io.atomic import atomic_path, check_folder, storage_errors
-from shapefit.io.inputs import in_words
+from shapefit.io.inputs import State, in_words
 
 LOCK = ".lock"
 
-Entry = dict[str, Any]
-"""The line of a part: what it is made of (see Part.describe), its status, counts and
-size.
-"""
-
-State = tuple[int, int]
-"""Size and time of change of a file."""
+PARTS = "part-*"
+"""Files that are results in a folder, of this version or an earlier one."""
 
 
 class Part(NamedTuple):
@@ -46,14 +49,16 @@ class Part(NamedTuple):
         """The rows, as files are opened with."""
         return None if self.rows is None else slice(*self.rows)
 
-    def describe(self) -> Entry:
-        """Return what the part is made of, as the manifest states it."""
-        return {
-            "file": self.file,
-            "inputs": list(map(path_text, self.inputs)),
-            "rows": None if self.rows is None else list(self.rows),
-            "states": list(map(list, self.states)),
-        }
+    def line(self, status: Status, **outcome: Any) -> PartLine:
+        """Return the line of the part in the manifest."""
+        return PartLine(
+            file=self.file,
+            inputs=tuple(map(path_text, self.inputs)),
+            rows=self.rows,
+            states=self.states,
+            status=status,
+            **outcome,
+        )
 
     def __str__(self) -> str:
         rows = (
@@ -69,61 +74,120 @@ class Manifest:
     """
 
     path: Path
-    run: Mapping[str, Any]
-    parts: dict[str, Entry] = field(default_factory=dict)
+    run: RunLine
+    parts: dict[str, PartLine] = field(default_factory=dict)
 
     @property
-    def done(self) -> dict[str, Entry]:
+    def done(self) -> dict[str, PartLine]:
         """The lines of the parts that have a result."""
-        return {
-            file: entry for file, entry in self.parts.items() if entry["status"] == DONE
-        }
+        return {file: line for file, line in self.parts.items() if line.status == DONE}
+
+    @property
+    def files(self) -> set[str]:
+        """The files that it, or a run that goes on from it, may replace or remove."""
+        numbers = (*self.run.parts, *self.run.removed)
+        return {*map(part_name, numbers), *self.parts}
 
     def write(self) -> None:
         """Write the manifest, whole or not at all."""
-        lines = ({"shapefit": __version__, **self.run}, *self.parts.values())
         with atomic_path(self.path) as temporary:
             temporary.write_bytes(
-                b"".join(json.dumps(line).encode() + b"\n" for line in lines)
+                b"".join(map(_as_bytes, (self.run, *self.parts.values())))
             )
 
-    def add(self, entry: Entry) -> None:
+    def add(self, line: PartLine) -> None:
         """Add the line of a part."""
-        self.parts[entry["file"]] = entry
+        self.parts[line.file] = line
         with storage_errors(self.path, None), self.path.open("ab", buffering=0) as file:
-            file.write(json.dumps(entry).encode() + b"\n")
+            file.write(_as_bytes(line))
+
+
+def _as_bytes(line: Line) -> bytes:
+    """Return a line as it stands in the file."""
+    return json.dumps(line.model_dump(exclude_unset=True)).encode() + b"\n"
 
 
 def read_manifest(folder: Path) -> Manifest | None:
     """Read the manifest of a folder, None without one. Raises InputError for something
     else.
     """
-    lines = manifest_lines(folder)
+    lines = read_lines(folder)
     if lines is None:
         return None
-    return Manifest(
-        folder / MANIFEST, lines[0], {entry["file"]: entry for entry in lines[1:]}
-    )
+    run, parts = lines
+    return Manifest(folder / MANIFEST, run, {part.file: part for part in parts})
+
+
+def find_strangers(folder: Path, manifest: Manifest | None) -> list[Path]:
+    """Return the files in a folder that would be taken for its results, and are of
+    somebody else.
+
+    Without a manifest that is every part, and the list of parts of an earlier version.
+    """
+    ours = manifest.files if manifest is not None else set()
+    strangers = [path for path in folder.glob(PARTS) if path.name not in ours]
+    if manifest is None and (folder / EARLIER_MANIFEST).is_file():
+        strangers.append(folder / EARLIER_MANIFEST)
+    return sorted(strangers)
+
+
+def refuse_strangers(folder: Path, strangers: Sequence[Path]) -> None:
+    """Raise InputError where a folder holds results that no manifest of it lists."""
+    if not strangers:
+        return
+    names = [printable(path.name) for path in strangers]
+    fault = f"holds {abbreviate(names, 3)}, which no {MANIFEST} lists"
+    if EARLIER_MANIFEST in names:
+        fault = f"was begun by an earlier version of shapefit ({EARLIER_MANIFEST})"
+    fix = "name another folder, or add --replace, which removes these files"
+    raise input_error(folder, fault, fix)
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder of results for this run. Raises InputError where that cannot be."""
+    """Hold a folder of results for this run; made for it, it is gone if it stays empty.
+
+    Raises InputError where another run holds it.
+    """
     check_folder(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / LOCK).open("w") as file:
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    file = _lock(folder)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # a folder that holds something stays
+            (folder / LOCK).unlink()
+            for place in made:
+                place.rmdir()
+        file.close()
+
+
+def _lock(folder: Path) -> IO[str]:
+    """Return the open lock of a folder, which is made.
+
+    A run that ends removes it: who then holds one that is no longer there tries again.
+    """
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            file = (folder / LOCK).open("w")
+        except FileNotFoundError:
+            continue
         try:
             import fcntl
 
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
+            file.close()
             fault = "another run is writing results to it"
-            raise input_error(
-                folder, fault, "wait until it ends, or choose another"
-            ) from None
+            fix = "wait until it ends, or choose another"
+            raise input_error(folder, fault, fix) from None
         except (ImportError, OSError):  # a system or a disk without locks
-            pass
-        yield
+            return file
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(file.fileno()), os.stat(folder / LOCK)):
+                return file
+        file.close()
 
 
 def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
@@ -139,10 +203,11 @@ def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
     return folders
 
 
-def sum_up(parts: Mapping[str, Entry]) -> list[tuple[str, str]]:
+def sum_up(parts: Mapping[str, PartLine]) -> list[tuple[str, str]]:
     """Return how many parts and images they are, and how large, for people."""
-    keys = ("images", "failed", "bytes")
-    images, failed, size = (sum(entry[key] for entry in parts.values()) for key in keys)
+    images = sum(part.images for part in parts.values())
+    failed = sum(part.failed for part in parts.values())
+    size = sum(part.bytes for part in parts.values())
     without = f", {failed:,} without a shape" if failed else ""
     return [
         ("parts", f"{len(parts):,}, {in_words(size)}"),

@@ -25,16 +25,36 @@ from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import BaseModel, TypeAdapter
 
 from shapefit import __version__
 from shapefit.config import FitConfig
-from shapefit.config.paths import DONE, FAILED, ResultFolder
-from shapefit.errors import InputError, abbreviate, counted, input_error, listed
+from shapefit.config.manifest import (
+    DONE,
+    FAILED,
+    PartLine,
+    RunLine,
+    not_a_manifest,
+    number_of,
+    part_name,
+)
+from shapefit.config.paths import ResultFolder
+from shapefit.errors import (
+    InputError,
+    abbreviate,
+    counted,
+    input_error,
+    listed,
+    path_text,
+    printable,
+)
 from shapefit.io import LandmarkSet, digest, digests, open_landmarks, read_dictionary
 from shapefit.io.detect import group_inputs
 from shapefit.io.formats import HDF5
-from shapefit.io.inputs import is_stream
+from shapefit.io.hdf5_file import stated_digest
+from shapefit.io.inputs import State, find_state, is_stream
 from shapefit.io.options import InputOptions
 from shapefit.io.source import Source, SourceFile
 from shapefit.lifting.methods import AUTO, METHODS
@@ -51,12 +71,12 @@ from shapefit.pipelines.fit.prepare import (
 from shapefit.pipelines.fit.run import run as fit
 from shapefit.pipelines.fit.run import whole_blocks
 from shapefit.pipelines.partition.manifest import (
-    Entry,
     Manifest,
     Part,
-    State,
+    find_strangers,
     locked,
     read_manifest,
+    refuse_strangers,
 )
 from shapefit.pipelines.result import Failure, Result, add_up
 
@@ -71,19 +91,26 @@ AHEAD = 4
 MOST_LISTED = 20
 """Failures and warnings of a part that are reported one by one."""
 
-Done = tuple[Entry, Result]
+Done = tuple[PartLine, Result]
 """The line in the manifest of a part that has ended, and its result."""
+
+
+Key = tuple[tuple[str, ...], tuple[int, int] | None]
+"""What a part is made of: paths of the inputs, and rows."""
 
 
 class Job(NamedTuple):
     """A part, the config of the run, the folder of its result, and what all parts
     share.
+
+    states are those of the files beside landmarks that results depend on.
     """
 
     part: Part
     config: FitConfig
     folder: Path
     estimates: Estimates | None = None
+    states: Mapping[Path, State] = {}
     version: str = __version__
 
 
@@ -92,14 +119,16 @@ class Plan(NamedTuple):
     retained.
 
     removed are files of results of other inputs; refused says which would be lost, ""
-    for none; digests are of all that every part depends on.
+    for none; digests are of all that every part depends on, and states of the files
+    among that.
     """
 
     parts: Sequence[Part]
-    retained: Mapping[str, Entry]
+    retained: Mapping[str, PartLine]
     removed: Sequence[str]
     refused: str
     digests: Mapping[str, str]
+    states: Mapping[Path, State]
 
 
 def run(config: FitConfig) -> Iterator[Result]:
@@ -117,10 +146,19 @@ def run(config: FitConfig) -> Iterator[Result]:
         raise input_error(
             "export.folder", "is not written for a folder of results", fix
         )
+    with locked(folder.path):
+        yield from run_alone(config, folder)
+
+
+def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
+    """Plan and do the parts of a folder that no other run writes to."""
     manifest = read_manifest(folder.path)
+    strangers = find_strangers(folder.path, manifest)
+    if not folder.replace:
+        refuse_strangers(folder.path, strangers)
     dictionary = once(read_dictionary, config.dictionary, find_state(config.dictionary))
     if config.method == AUTO and manifest is not None:
-        config = config.changed(method=manifest.run["method"])
+        config = config.changed(method=method_of(manifest))
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
     plan = make_plan(config, folder, manifest)
     if plan.refused and not folder.replace:
@@ -132,18 +170,67 @@ def run(config: FitConfig) -> Iterator[Result]:
             folder.path, f"holds results that differ: {plan.refused}", fix
         )
     if manifest is not None and plan.retained:
-        estimates = Estimates(**manifest.run["estimated"])
+        estimates = estimates_of(manifest, config)
     else:
         images = first_images(config, plan.parts)
         names, number = images.landmark_names, len(images)
         setup = yield from prepare(config, dictionary, names, lambda: images, number)
         estimates = setup.estimates
-    first = {**plan.digests, "method": config.method, "estimated": estimates._asdict()}
-    with locked(folder.path):
-        yield from (Result(line=line) for line in (chosen, *estimates.lines))
-        yield Result(warnings=estimates.warnings)
-        manifest = Manifest(folder.manifest, first, dict(plan.retained))
-        yield from do_parts(config, folder, plan, manifest, estimates)
+    yield from (Result(line=line) for line in (chosen, *estimates.lines))
+    yield Result(warnings=estimates.warnings)
+    line = RunLine(
+        shapefit=__version__,
+        method=config.method,
+        estimated=estimates._asdict(),
+        parts=tuple(number_of(part.file) for part in plan.parts),
+        removed=tuple(map(number_of, plan.removed)),
+        **plan.digests,
+    )
+    for path in strangers:
+        path.unlink(missing_ok=True)
+    manifest = Manifest(folder.manifest, line, dict(plan.retained))
+    yield from do_parts(config, folder, plan, manifest, estimates)
+
+
+def method_of(manifest: Manifest) -> str:
+    """Return the method of the results in a folder. Raises InputError for an unknown
+    one.
+    """
+    method = manifest.run.method
+    if method not in METHODS:
+        raise not_a_manifest(manifest.path, f"there is no method {method!r:.100}")
+    return method
+
+
+def estimates_of(manifest: Manifest, config: FitConfig) -> Estimates:
+    """Return what was estimated of the results in a folder.
+
+    Raises InputError where that is not what a fit with this config estimates.
+    """
+    try:
+        kind = TypeAdapter(Estimates)
+        estimates = kind.validate_python(dict(manifest.run.estimated))
+        check_values(type(config), estimates.values)
+    except (ValueError, TypeError) as error:  # pydantic's has several lines
+        text = printable(" ".join(str(error).split()))
+        raise not_a_manifest(manifest.path, f"estimated: {text}") from None
+    return estimates
+
+
+def check_values(schema: type[BaseModel], values: Mapping[str, Any]) -> None:
+    """Raise ValueError or TypeError where estimates are no values of keys of a
+    config.
+    """
+    for name, value in values.items():
+        if name not in schema.model_fields:
+            raise ValueError(f"there is no key {name}")
+        field = schema.model_fields[name]
+        kind = field.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            check_values(kind, dict(value))
+        else:
+            constrained = Annotated[kind, None, *field.metadata]  # type: ignore[valid-type]
+            TypeAdapter(constrained).validate_python(value)
 
 
 def make_plan(
@@ -154,23 +241,29 @@ def make_plan(
     A part stays where its result has the size that was written, and config and inputs
     are the same.
     """
-    old = manifest or Manifest(folder.manifest, {})
+    lines = manifest.parts if manifest is not None else {}
+    done = manifest.done if manifest is not None else {}
+    files = files_of(config)
+    states_of_files = {path: find_state(path) for path in files.values()}
     parts = find_parts(
-        config, folder.partition, {key_of(p): f for f, p in old.parts.items()}
+        config,
+        folder.partition,
+        {key_of(line): file for file, line in lines.items()},
     )
     plain = {
         key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN
     }
     text = json.dumps(plain | {"partition": folder.partition}, sort_keys=True)
     digests = {"config": hashlib.sha256(text.encode()).hexdigest()}
-    digests |= {key: digest(path) for key, path in files_of(config).items()}
-    done, states = old.done, {part.file: part.describe()["states"] for part in parts}
-    changed = [key for key in digests if done and old.run.get(key) != digests[key]]
-    lost = [
-        file for file in done if changed or states.get(file) != done[file]["states"]
-    ]
+    digests |= {key: digest(path) for key, path in files.items()}
+    states = {part.file: part.states for part in parts}
+    changed: list[str] = []
+    if manifest is not None and done:
+        stated = manifest.run.digests
+        changed = [key for key in digests if stated.get(key) != digests[key]]
+    lost = [file for file in done if changed or states.get(file) != done[file].states]
     names = dict.fromkeys(
-        Path(path).name for file in lost for path in done[file]["inputs"]
+        Path(path).name for file in lost for path in done[file].inputs
     )
     refused = (
         f"of {abbreviate(list(names), 3)} before it changed, or not among the inputs"
@@ -178,22 +271,25 @@ def make_plan(
     if changed:
         refused = f"of another {listed(changed, 'and')}"
     retained = {
-        file: entry
-        for file, entry in done.items()
-        if file not in lost and find_state(folder.path / file)[0] == entry["bytes"]
+        file: line
+        for file, line in done.items()
+        if file not in lost and find_state(folder.path / file)[0] == line.bytes
     }
-    removed = [file for file in lost if file not in states]
-    return Plan(parts, retained, removed, refused if lost else "", digests)
+    ours = manifest.files if manifest is not None else set()
+    removed = sorted(ours - states.keys())
+    return Plan(
+        parts, retained, removed, refused if lost else "", digests, states_of_files
+    )
 
 
 def find_parts(
-    config: FitConfig, size: int, named: Mapping[tuple[Any, ...], str] | None = None
+    config: FitConfig, size: int, named: Mapping[Key, str] | None = None
 ) -> list[Part]:
     """Return the parts of a fit, of `size` images or more; those named already keep
     their files.
     """
     options, named = read_options(config), named or {}
-    names = (f"part-{number:05}.h5" for number in count())
+    names = map(part_name, count())
     free = (name for name in names if name not in named.values())
     parts = []
     for file_format, inputs in group_inputs(list(config.landmarks), options):
@@ -204,7 +300,7 @@ def find_parts(
             )
         for rows in ranges:
             part = Part("", inputs, rows, tuple(map(find_state, inputs)))
-            file = named.get(key_of(part.describe()))
+            file = named.get((tuple(map(path_text, inputs)), rows))
             parts.append(part._replace(file=file or next(free)))
     return parts
 
@@ -231,9 +327,9 @@ def divide(
     return list(zip(cuts, [*cuts[1:], total], strict=True)) if len(cuts) > 1 else [None]
 
 
-def key_of(entry: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Return what the part of a line is made of: paths of the inputs, and rows."""
-    return tuple(entry["inputs"]), entry["rows"] and tuple(entry["rows"])
+def key_of(line: PartLine) -> Key:
+    """Return what the part of a line is made of."""
+    return line.inputs, line.rows
 
 
 def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
@@ -278,15 +374,17 @@ def do_parts(
         config = config.changed(threads=1)
     shared = config.changed(landmarks=(), **estimates.values)  # each part names its own
     todo = (part for part in plan.parts if part.file not in plan.retained)
-    jobs = deque(Job(part, shared, folder.path, estimates) for part in todo)
+    jobs = deque(
+        Job(part, shared, folder.path, estimates, plan.states) for part in todo
+    )
     total, lost = counted(len(plan.parts), "part"), 0
     manifest.write()
     for file in plan.removed:
         (folder.path / file).unlink(missing_ok=True)
     with closing(do_jobs(jobs, folder)) as ended:
-        for entry, result in ended:
-            manifest.add(entry)
-            lost += entry["status"] != DONE
+        for line, result in ended:
+            manifest.add(line)
+            lost += line.status != DONE
             failed = f", {lost} failed" if lost else ""
             yield result._replace(note=f"{len(manifest.done)} of {total} done{failed}")
     note = f"{len(manifest.done)} of {total} done"
@@ -431,7 +529,7 @@ def failed(job: Job, error: str) -> Done:
     """Return the end of a part without a result."""
     reason = error if str(job.part.inputs[0]) in error else f"{job.part}: {error}"
     result = Result(failures=(Failure(job.part.file, reason),))
-    return job.part.describe() | {"status": FAILED, "error": reason}, result
+    return job.part.line(FAILED, error=reason), result
 
 
 def fit_part(job: Job) -> Done:
@@ -442,7 +540,8 @@ def fit_part(job: Job) -> Done:
     inputs = once(digests, part.inputs, part.states)
     warnings, reasons = dict[str, Any](), dict[str, Any]()
     images, failures = 0, list[Failure]()
-    for result in fit(config, part.slice, job.estimates, dictionary, inputs):
+    states = dict(zip(part.inputs, part.states, strict=True)) | dict(job.states)
+    for result in fit(config, part.slice, job.estimates, dictionary, inputs, states):
         images += result.done
         failures += result.failures
         add_up(warnings, result.warnings, MOST_LISTED)
@@ -453,12 +552,15 @@ def fit_part(job: Job) -> Done:
         warnings=tuple(warnings.values()),
         reasons=tuple(reasons.values()),
     )
-    counts = {"status": DONE, "images": images, "failed": len(failures)}
-    counts |= {
-        "bytes": target.stat().st_size,
-        "seconds": round(time.perf_counter() - began, 3),
-    }
-    return part.describe() | counts, total
+    line = part.line(
+        DONE,
+        images=images,
+        failed=len(failures),
+        bytes=target.stat().st_size,
+        digest=stated_digest(target),
+        seconds=round(time.perf_counter() - began, 3),
+    )
+    return line, total
 
 
 @lru_cache(maxsize=8)
@@ -467,12 +569,3 @@ def once(read: Callable[[Any], Any], files: Any, _states: Any) -> Any:
     change.
     """
     return read(files)
-
-
-def find_state(path: Path) -> State:
-    """Return the size and the time of change of a file; zeros where there is none."""
-    try:
-        state = path.stat()
-    except OSError:
-        return 0, 0
-    return state.st_size, state.st_mtime_ns

@@ -125,7 +125,7 @@ def children(pid: int) -> list[int]:
 @pytest.fixture
 def job(data) -> Job:
     arguments = {"landmarks": (data / "views.h5",), "output": f"{data}/direct/"}
-    part = Part("part-00007.h5", (data / "views.h5",), None, ())
+    part = Part("part-00007.h5", (data / "views.h5",), None, ((0, 0),))
     return Job(part, load_config("fit", None, (), arguments), data / "direct")
 
 
@@ -185,9 +185,9 @@ class TestProcesses:
         Path("deadly").mkdir()
         parts = find_parts(config, SIZE)[:3]
         jobs = deque(Job(part, config, Path("deadly").absolute()) for part in parts)
-        entries = {entry["file"]: entry for entry, _ in do_jobs(jobs, folder)}
-        assert [entries[parts[i].file]["status"] for i in (0, 2)] == ["done"] * 2
-        assert "its process died, twice" in entries[parts[1].file]["error"]
+        entries = {entry.file: entry for entry, _ in do_jobs(jobs, folder)}
+        assert [entries[parts[i].file].status for i in (0, 2)] == ["done"] * 2
+        assert "its process died, twice" in entries[parts[1].file].error
 
 
 def test_a_worker_of_another_version_ends_the_run(job):
@@ -219,7 +219,7 @@ def test_what_dask_raises_is_reported(job, error, text):
         with pytest.raises(InputError, match=text):
             result_of(future, job)
     else:
-        assert text in result_of(future, job)[0]["error"]
+        assert text in result_of(future, job)[0].error
 
 
 @pytest.mark.parametrize(

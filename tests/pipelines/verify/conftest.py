@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import h5py
 import pytest
 
+from shapefit.io.contents import digest_contents
+from shapefit.io.layout import CONTENTS
 from shapefit.pipelines.verify import Request, run
 
 TERMS = {
@@ -35,18 +37,26 @@ def fitted(world):
     return world.fit
 
 
+def reseal(file):
+    """Store the digest of what an open file holds now, as a liar would."""
+    if CONTENTS in file.attrs:
+        file.attrs[CONTENTS] = digest_contents(
+            file, lambda name, rows: file[name][rows]
+        )
+
+
 @pytest.fixture
 def changed(tmp_path):
-    """Return what copies a result and changes the copy."""
+    """Return what copies a result, changes the copy, and seals it anew."""
 
-    def copy(path, change):
+    def copy(path, change, *, seal=True):
         target = tmp_path / "changed.h5"
+        target.unlink(missing_ok=True)  # HDF5 may still hold the last one
         shutil.copy(path, target)
         with h5py.File(target, "r+") as file:
-            file.attrs.pop(
-                "attributes_sha256", None
-            )  # as whoever changes attributes would
             change(file)
+            if seal:
+                reseal(file)
         return target
 
     return copy

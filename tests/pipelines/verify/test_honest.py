@@ -67,6 +67,8 @@ def test_an_honest_result_is_accepted(
         found = verify(result, dictionaries[kind], given)
         assert (found.failures, found.done) == ({}, n)
         assert found.data["certified"] == (n if certified else 0)
+        assert found.data["sealed"] == n
+        assert (found.data["largest_gap"] > 0) == certified or "lam" in keys
 
 
 @pytest.fixture(scope="session")
@@ -146,7 +148,7 @@ def test_every_kind_of_file_is_accepted(
     for given in ([], files, files[::-1]):
         found = verify(tmp_path / ("out" if parts else "out.h5"), dictionary, given)
         assert found.failures == {}
-        assert found.done == found.data["images"] > 10
+        assert found.done == found.data["images"] == found.data["sealed"] > 10
         assert (found.data["certified"] > 0) == (method in ("convex", "convex+refine"))
 
 

@@ -1,0 +1,114 @@
+"""One digest of all that an HDF5 file holds, whatever is in it.
+
+It is of the names, kinds, shapes and values of all datasets and attributes, of links
+and groups. Chunks, compression, the order of writing and the bytes between do not
+change it; any other edit does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import h5py
+import numpy as np
+
+from shapefit.io.layout import CONTENTS
+
+BLOCK_BYTES = 1 << 22
+"""Of a dataset that are read at a time."""
+
+Rows = slice | tuple[Any, ...]
+
+
+def digest_contents(file: h5py.File, read: Callable[[str, Rows], Any]) -> str:
+    """Return the SHA-256 of an open file in hexadecimal; `read` gives rows of a dataset
+    by its name.
+
+    Raises what h5py and `read` raise.
+    """
+    links: list[tuple[str, int]] = []
+    file.id.links.visit(
+        lambda name, info: links.append((name.decode(), info.type)), info=True
+    )
+    lines = [*_describe_attributes("/", file)]
+    for name, link in links:
+        if link != h5py.h5l.TYPE_HARD:
+            lines.append(["link", name, repr(file.get(name, getlink=True).__dict__)])
+            continue
+        node = file[name]
+        if isinstance(node, h5py.Dataset):
+            lines.append(["dataset", name, *_describe_dataset(node, name, read)])
+        else:
+            lines.append([type(node).__name__, name])
+        lines += _describe_attributes(name, node)
+    text = "\n".join(sorted(map(json.dumps, lines)))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _describe_attributes(name: str, node: Any) -> Iterator[list[Any]]:
+    """Yield a line for each attribute of a node, but for the digest itself."""
+    for key in node.attrs:
+        if name == "/" and key == CONTENTS:
+            continue
+        value = node.attrs[key]
+        if isinstance(value, h5py.Empty):
+            yield ["attribute", name, key, "empty"]
+            continue
+        if isinstance(value, str):
+            value = value.encode("utf-8", "surrogateescape")
+        values = np.asarray(value)
+        hashed = hashlib.sha256(_as_bytes(values)).hexdigest()
+        yield ["attribute", name, key, _kind_of(values), list(values.shape), hashed]
+
+
+def _describe_dataset(
+    dataset: h5py.Dataset, name: str, read: Callable[[str, Rows], Any]
+) -> list[Any]:
+    """Return kind, shape and digest of the values of a dataset, read in blocks of
+    rows.
+    """
+    if dataset.shape is None:
+        return ["empty"]
+    kind = "text" if h5py.check_string_dtype(dataset.dtype) else _kind_of(dataset)
+    if kind == OTHER:  # which no result holds
+        return [kind, str(dataset.dtype)]
+    hashed = hashlib.sha256()
+    if not dataset.shape:
+        hashed.update(_as_bytes(np.asarray(read(name, ()))))
+    elif dataset.size:
+        row_bytes = dataset.dtype.itemsize * math.prod(dataset.shape[1:])
+        step = max(1, BLOCK_BYTES // row_bytes)
+        for start in range(0, len(dataset), step):
+            rows = slice(start, min(start + step, len(dataset)))
+            hashed.update(_as_bytes(np.asarray(read(name, rows))))
+    return [kind, list(dataset.shape), hashed.hexdigest()]
+
+
+OTHER = "other"
+"""Kind of values that are neither numbers nor texts."""
+
+
+def _kind_of(values: Any) -> str:
+    """Return what values are: text, or a letter with the bytes of a number."""
+    if values.dtype.kind in "OSU":
+        return "text"
+    known = values.dtype.kind in "biufc"
+    return f"{values.dtype.kind}{values.dtype.itemsize}" if known else OTHER
+
+
+def _as_bytes(values: Any) -> bytes:
+    """Return numbers as little-endian bytes, texts in UTF-8 after their lengths."""
+    if values.dtype.kind in "OSU":
+        texts = [
+            text if isinstance(text, bytes) else str(text).encode("utf-8", "replace")
+            for text in values.ravel().tolist()
+        ]
+        return b"".join(len(text).to_bytes(8, "little") + text for text in texts)
+    if values.dtype.kind not in "biufc":
+        return repr(values).encode()
+    plain = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+    return plain.tobytes()

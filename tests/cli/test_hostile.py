@@ -1,0 +1,295 @@
+"""Files of strangers: names do not reach the terminal raw, and nothing takes the memory
+of the machine.
+"""
+
+import gzip
+import json
+import os
+import resource
+import subprocess
+import sys
+import zipfile
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from shapefit.cli.main import run as shapefit
+
+from shapefit.io import LandmarkSet, landmark_writer
+from shapefit.io.formats import record_writer
+from shapefit.io.inputs import free_memory
+from shapefit.io.layout import SHAPES
+from shapefit.io.records import ShapeSet
+
+MEGABYTE = 1 << 20
+MOST_MEMORY = 300 * MEGABYTE
+"""Of a run that refuses a file of a few megabytes."""
+
+NASTY = "\x1b]0;title\x07\x9b31m\u202eevil\n"
+"""A name that sets title, colour and direction of a terminal, and ends lines."""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def zeros(size: int) -> bytes:
+    """Return so many zero bytes, deflated."""
+    stream, packed = zlib.compressobj(9), []
+    piece = bytes(1 << 24)
+    for _ in range(size // len(piece)):
+        packed.append(stream.compress(piece))
+    return b"".join([*packed, stream.flush()])
+
+
+BOMB = 3 << 30
+
+
+@pytest.fixture(scope="module")
+def bomb() -> bytes:
+    return zeros(BOMB)
+
+
+def info(*names: str) -> tuple[int, str, int]:
+    """Return the exit code, the message, and the memory of a run on files."""
+    command = [sys.executable, "-m", "shapefit", "info", *names]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
+        said = process.stderr.read().decode()
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    return process.returncode, said, usage.ru_maxrss * 1024
+
+
+def check_refused(name: str, text: str) -> None:
+    code, said, memory = info(name)
+    assert code == 2, said
+    assert text in said
+    assert memory < MOST_MEMORY
+
+
+def open_images(name: str) -> h5py.File:
+    """Return a file of three images, to be written to."""
+    images = LandmarkSet(np.ones((3, 2, 4)), tuple("abcd"), tuple("xyz"), unit="px")
+    with landmark_writer(Path(name)) as writer:
+        writer.append(images)
+    return h5py.File(name, "r+")
+
+
+def put_chunk(file: h5py.File, name: str, chunk: bytes, **keys) -> None:
+    """Write a dataset anew, of one compressed chunk that is given."""
+    shape, dtype = file[name].shape, file[name].dtype
+    del file[name]
+    keys = {"chunks": shape, "compression": "gzip", **keys}
+    dataset = file.create_dataset(name, shape, dtype, **keys)
+    dataset.id.write_direct_chunk((0,) * len(shape), chunk)
+
+
+class TestMemory:
+    @pytest.mark.parametrize("name", ["landmarks", "item"])
+    def test_a_chunk_that_holds_more_than_it_declares(self, bomb, name):
+        with open_images("images.h5") as file:
+            put_chunk(file, name, bomb)
+        assert Path("images.h5").stat().st_size < 4 * MEGABYTE
+        check_refused("images.h5", "holds more than the")
+
+    def test_a_chunk_behind_a_checksum(self, bomb):
+        with open_images("images.h5") as file:
+            put_chunk(file, "landmarks", bomb + b"sums", fletcher32=True)
+        check_refused("images.h5", "holds more than the")
+
+    def test_a_chunk_that_declares_all_that(self, bomb):
+        rows = BOMB // 64
+        with open_images("images.h5") as file:
+            put_chunk(
+                file, "landmarks", bomb, chunks=(rows, 4, 2), maxshape=(None, 4, 2)
+            )
+        check_refused("images.h5", "has chunks of 3.22 GB, and the file holds")
+
+    def test_what_is_compressed_twice(self):
+        with open_images("images.h5") as file:
+            shape = file["landmarks"].shape
+            del file["landmarks"]
+            properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+            properties.set_chunk(shape)
+            for _ in range(2):
+                properties.set_filter(1, h5py.h5z.FLAG_OPTIONAL, (9,))
+            space = h5py.h5s.create_simple(shape)
+            kind = h5py.h5t.NATIVE_DOUBLE
+            made = h5py.h5d.create(file.id, b"landmarks", kind, space, properties)
+            h5py.Dataset(made)[...] = 0.0
+        check_refused("images.h5", "is compressed more than once")
+
+    @pytest.mark.parametrize("compression", ["gzip", "lzf", None])
+    @pytest.mark.parametrize("checked", [True, False])
+    def test_honest_chunks_are_read(self, rng, compression, checked):
+        """Among them one that is large enough to be looked at."""
+        points = rng.normal(size=(40_000, 4, 2)).round(3)
+        keys = {"compression": compression, "fletcher32": checked}
+        with open_images("images.h5") as file:
+            for name in ("landmarks", "item"):
+                del file[name]
+            names = np.array([b"i%d" % n for n in range(len(points))])
+            file.create_dataset("item", data=names, chunks=names.shape, **keys)
+            file.create_dataset("landmarks", data=points, chunks=points.shape, **keys)
+        assert shapefit(["convert", "images.h5", "-o", "again.h5", "-q"]) == 0
+        with h5py.File("again.h5") as file:
+            np.testing.assert_array_equal(file["landmarks"], points)
+
+    @pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
+    def test_arrays_that_inflate(self, method):
+        header = {"descr": "<f8", "fortran_order": False, "shape": (2**20, 24, 2)}
+        with (
+            zipfile.ZipFile("arrays.npz", "w", method) as archive,
+            archive.open("landmarks.npy", "w", force_zip64=True) as member,
+        ):
+            np.lib.format.write_array_header_1_0(member, header)
+            for _ in range(24):
+                member.write(bytes(1 << 24))
+        check_refused("arrays.npz", "become 403 MB or more")
+
+    @pytest.mark.parametrize("header", ["item,landmark,x,y", "image,a_x,a_y,b_x,b_y"])
+    @pytest.mark.parametrize("end", ["\n", "\r\n", "  \n"])
+    def test_a_table_of_line_ends(self, header, end):
+        with gzip.open("table.csv.gz", "wb") as file:
+            file.write(f"{header}\n".encode())
+            for _ in range(20):
+                file.write(end.encode() * (1 << 23 >> len(end) // 2))
+        code, said, memory = info("table.csv.gz")
+        assert code == 2, said
+        assert memory < MOST_MEMORY
+
+    def test_json_that_inflates(self):
+        with gzip.open("frames.json.gz", "wb") as file:
+            file.write(b"[")
+            for _ in range(20):
+                file.write(b"0," * (1 << 22))
+            file.write(b"0]")
+        check_refused("frames.json.gz", "become")
+
+    def test_free_memory_is_below_every_limit(self):
+        total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        assert 0 < free_memory() < total
+        script = "from shapefit.io.inputs import free_memory; print(free_memory())"
+        limit = 2 << 30
+
+        def limited() -> None:
+            resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+        command = [sys.executable, "-c", script]
+        run = subprocess.run(command, capture_output=True, preexec_fn=limited)
+        assert 0 < int(run.stdout) < limit
+
+
+class TestTerminals:
+    @pytest.fixture
+    def nasty(self) -> None:
+        """Images, shapes and an own folder whose names and unit are nasty."""
+        names = (NASTY, "b", "c", "d")
+        rng = np.random.default_rng(0)
+        images = LandmarkSet(
+            rng.normal(size=(3, 2, 4)),
+            names,
+            (f"{NASTY}1", "2", "3"),
+            (NASTY, NASTY, "s"),
+            unit=NASTY,
+        )
+        with landmark_writer(Path("images.h5")) as writer:
+            writer.append(images)
+        shapes = ShapeSet(rng.normal(size=(3, 3, 4)), names, images.items, unit=NASTY)
+        with record_writer(Path("shapes.h5"), SHAPES) as writer:
+            writer.append(shapes)
+        assert shapefit(["learn-dict", "shapes.h5", "-o", "d.h5", "-q"]) == 0
+        command = ["fit", "images.h5", "-d", "d.h5", "-o", f"{NASTY[:9]}.h5", "-q"]
+        assert shapefit(command) == 0
+
+    def test_no_command_prints_names_as_they_are(self, nasty, capfd):
+        result = f"{NASTY[:9]}.h5"
+        for command in (
+            ("info", "images.h5", "shapes.h5", "d.h5", result),
+            ("info", "images.h5", result, "--json"),
+            ("verify", result, "-d", "d.h5"),
+            ("verify", result, "-d", "d.h5", "--json"),
+            ("eval", result, "--truth", "shapes.h5", "-o", "report"),
+            ("fit", "images.h5", "-d", "people", "-o", "x.h5"),
+            ("fit", "images.h5", "-d", NASTY, "-o", "x.h5"),
+            ("info", f"{NASTY}.csv"),
+            ("convert", "images.h5", "-o", f"{NASTY[:9]}.xyz"),
+            ("convert", "images.h5", "-o", "x.csv", "--to", NASTY),
+            ("fit", "images.h5", f"--{NASTY}"),
+            (NASTY,),
+        ):
+            shapefit(command)
+            said = capfd.readouterr()
+            for line in [*said.out.split("\n"), *said.err.split("\n")]:
+                assert line.isprintable(), command
+            if "--json" in command:
+                json.loads(said.out)
+        report = Path("report/report.md").read_text()
+        assert all(line.isprintable() for line in report.split("\n"))
+
+    def test_a_tag_of_yaml_is_refused(self, capfd):
+        for value in (
+            '!!python/object/apply:os.system ["touch ran"]',
+            "!!python/name:os.system",
+            "!own {a: 1}",
+            "!!seq {a: 1}",
+            "!!map [1]",
+            "!!int [1]",
+            "!!set {a}",
+            "!!binary aGVsbG8=",
+            "[1, !!python/tuple [1]]",
+        ):
+            assert shapefit(["fit", "x.csv", "--set", f"lambda={value}"]) == 2
+            said = capfd.readouterr().err
+            assert "the tag !" in said, value
+            Path("fit.yaml").write_text(f"lambda: {value}\n")
+            assert shapefit(["fit", "x.csv", "-c", "fit.yaml"]) == 2
+            assert "fit.yaml:1:" in capfd.readouterr().err
+        assert not Path("ran").exists()
+
+    @pytest.mark.parametrize("path", ["/proc/self/mem", "/proc/self/task"])
+    def test_what_cannot_be_read(self, path, capfd):
+        for command in ("info", "convert"):
+            out = ("-o", "x.h5") if command == "convert" else ()
+            assert shapefit([command, path, *out]) == 2
+            assert f"Error: {path}" in capfd.readouterr().err
+
+    @pytest.mark.parametrize(
+        "value", ["focal=1e308", "focal=1e-300", "focal=1e160", "point"]
+    )
+    def test_a_camera_that_is_none(self, value, capfd, project):
+        keys = ["--set", f"camera.{value}", "--image-size", "1000x1000"]
+        if value == "point":
+            keys = ["--focal", "1000", "--set", "camera.principal_point=[1e308, 0]"]
+        views = str(project / "sample_data/people_views.csv")
+        assert shapefit(["fit", views, "-d", "people", "-o", "r.h5", *keys]) == 2
+        said = capfd.readouterr().err
+        assert "which no camera has" in said
+        assert "RuntimeWarning" not in said
+
+
+class TestLongNames:
+    @pytest.fixture
+    def shapes(self) -> None:
+        """Two sequences of people whose names differ at their far ends."""
+        with h5py.File("x.h5", "w"):
+            pass
+        rng = np.random.default_rng(0)
+        names = tuple("abcd")
+        sequences = ("n" * 5000, "n" * 5000, "n" * 4999 + "m", "é" * 3000)
+        items = tuple(f"{name}/{n}" for n, name in enumerate(sequences))
+        points = rng.normal(size=(4, 3, 4))
+        with record_writer(Path("shapes.h5"), SHAPES) as writer:
+            writer.append(ShapeSet(points, names, items, sequences, unit="m"))
+
+    @pytest.mark.parametrize("to", ["trc", "c3d"])
+    def test_are_shortened_with_a_number(self, shapes, to):
+        pytest.importorskip("ezc3d" if to == "c3d" else "numpy")
+        assert shapefit(["convert", "shapes.h5", "-o", f"walk.{to}", "-q"]) == 0
+        files = sorted(path.name for path in Path().glob(f"walk_*.{to}"))
+        assert len(files) == 3
+        assert all(len(name.encode()) < 250 for name in files)
