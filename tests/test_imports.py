@@ -20,6 +20,7 @@ ROOMS = [
             "errors",
             "arrays",
             "threads",
+            "timeline",
             "core",
             "geometry",
             "convex",

@@ -33,8 +33,8 @@ from shapefit.evaluation.report import Summary, group_sequences, summarise
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.options import input_options
+from shapefit.io.readers.arrays import of_array
 from shapefit.io.readers.items import landmarks_of
-from shapefit.io.readers.tables import of_array
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.measure import measure

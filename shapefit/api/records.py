@@ -30,6 +30,7 @@ from shapefit.io.skeletons import skeletons_of_size
 from shapefit.io.writers.motion import find_motions
 from shapefit.io.writers.tables import metres_columns
 from shapefit.pipelines.result import Note
+from shapefit.timeline import JITTER
 
 if TYPE_CHECKING:
     from shapefit.geometry.cameras import Up
@@ -214,7 +215,7 @@ def to_pandas(fit: Fit) -> Any:
     """Return a pandas.DataFrame with a row per landmark and image: item, landmark, x,
     y, z, more.
 
-    time is in s where the frame rate is known, else in frames.
+    time is in s where the frame rate is known or times are, else in frames.
     """
     import pandas  # type: ignore[import-untyped]
 
@@ -227,10 +228,16 @@ def to_pandas(fit: Fit) -> Any:
     if fit.shape_sd is not None:
         deviations = fit.shape_sd.reshape(n * p, 3).T
         columns |= dict(zip(("sd_x", "sd_y", "sd_z"), deviations, strict=True))
-    frames = fit.extras.get("frame")
+    frames, stated = fit.extras.get("frame"), fit.extras.get("time")
+    times = stated
+    if frames is not None:
+        rate = fit.frame_rate or 1.0
+        times = np.asarray(frames) / rate
+        if stated is not None:
+            times = np.where(np.abs(stated - times) * rate > JITTER, stated, times)
     per_image = {
         "frame": frames,
-        "time": None if frames is None else np.asarray(frames) / (fit.frame_rate or 1),
+        "time": times,
         "sequence": fit.sequences,
         "trusted": fit.trusted,
         "reasons": fit.reasons,

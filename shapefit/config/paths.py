@@ -176,13 +176,23 @@ def expand_path(value: Any) -> tuple[Path, ...]:
         return result_parts(path) or (path,)
     if value in (installed := find_dictionaries()):
         return (installed[value],)
-    if not glob.has_magic(str(path)):
+    folder, pattern = _existing_folder(path)
+    if not glob.has_magic(pattern):
         raise ValueError(f"no file {path}; check the spelling")
-    matches = sorted(map(Path, glob.glob(str(path), recursive=True)))
+    escaped = os.path.join(glob.escape(str(folder)), pattern)
+    matches = sorted(map(Path, glob.glob(escaped, recursive=True)))
     files = tuple(match for match in matches if match.is_file())
     if not files:
         raise ValueError(f"no file matches {path}; check the pattern")
     return files
+
+
+def _existing_folder(path: Path) -> tuple[Path, str]:
+    """Return the folder of a path that exists as it is written, whatever brackets are
+    in its name, and what follows it.
+    """
+    folder = next(above for above in path.parents if above.is_dir())
+    return folder, str(path.relative_to(folder))
 
 
 def find_file(value: Any) -> Path:

@@ -8,6 +8,7 @@ of what arms and legs do; `vary` makes others of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import metres_in, normalise, std
+from shapefit.timeline import ASSUMED_RATE, Timeline
 
 FEWEST = 100
 """Second differences from which a mean square is taken."""
@@ -33,24 +35,48 @@ beside their size, and a body differs from another by 1.4 times that.
 """
 
 
-def find_acceleration(shapes: Floats, sequences: Sequence[str]) -> Floats | None:
+def find_acceleration(
+    shapes: Floats,
+    sequences: Sequence[str],
+    frames: Integers | None = None,
+    rate: float | None = None,
+) -> Floats | None:
     """Root mean square over frames t and axes of y_(t-1) - 2 y_t + y_(t+1), for each
     landmark (p,).
 
     shapes (n, 3, p) in one frame; y are those shapes about their centroid, in units of
-    their size. sequences (n,) name runs of frames in order of time. None where these
-    are too few or short.
+    their size. sequences (n,) name runs of frames in order of time; frames (n,) are
+    their numbers, of which some may be missing, at a rate in Hz; without them one shape
+    is the next frame after the other. None where these are too few or short.
     """
     scale = normalise(shapes).scale
     unit = float(np.median(scale)) if len(scale) else 1.0
     y = (shapes - shapes.mean(axis=2, keepdims=True)) / unit
-    names = np.array(sequences, dtype=object)
-    together = (names[2:] == names[1:-1]) & (names[1:-1] == names[:-2])
-    second = (y[2:] - 2 * y[1:-1] + y[:-2])[together]
+    weights = weigh_differences(sequences, frames, rate or ASSUMED_RATE)
+    together = weights[:-2].any(axis=1)
+    first, middle, last = weights[:-2, :, None, None].swapaxes(0, 1)
+    second = (last * y[2:] + middle * y[1:-1] + first * y[:-2])[together]
     if len(second) < FEWEST:
         return None
     acceleration: Floats = np.maximum(np.sqrt((second**2).mean(axis=(0, 1))), LEAST)
     return acceleration
+
+
+def weigh_differences(
+    sequences: Sequence[str], frames: Integers | None, rate: float
+) -> Floats:
+    """Return the weights (n, 3) of the second difference that begins at each shape, see
+    `Timeline.second_differences`; 0 where there is none.
+    """
+    n = len(sequences)
+    numbers = np.arange(n) if frames is None else frames
+    names = np.array(sequences, dtype=object)
+    ends = np.flatnonzero((names[1:] != names[:-1]) | (np.diff(numbers) <= 0)) + 1
+    weights = np.zeros((n, 3))
+    for start, stop in pairwise([0, *ends.tolist(), n]):
+        position = np.asarray(numbers[start:stop], np.float64)
+        weights[start:stop] = Timeline(position, rate).second_differences()
+    return weights
 
 
 def find_bone_tolerance(

@@ -37,8 +37,18 @@ from shapefit.io.inputs import (
     read_text_blocks,
     source_name,
 )
+from shapefit.io.layout import FRAME, TIME
+from shapefit.io.names import as_composed
 from shapefit.io.options import RecordWriter, Summary
-from shapefit.io.records import KINDS, LandmarkSet, Records, ResultSet, concatenate
+from shapefit.io.records import (
+    KINDS,
+    LandmarkSet,
+    Records,
+    ResultSet,
+    concatenate,
+    order_by_frame,
+)
+from shapefit.timeline import find_rate
 
 ROWS = 1 << 12
 """Rows that are read and written at a time: more leave the processor's cache, and take
@@ -52,13 +62,19 @@ QUOTES = (
 Block = tuple[Integers, dict[str, Sequence[str]]]
 """The lines of some rows, and their cells by column."""
 
+OF_ITEMS = ("sequence", FRAME, TIME)
+"""Columns that say the same in all rows of an item."""
+
 OPTIONAL = {
-    "landmarks": ("confidence", "sequence"),
-    "shapes": ("sequence", "sd_x", "sd_y", "sd_z", "modes", "trusted"),
+    "landmarks": ("confidence", *OF_ITEMS),
+    "shapes": (*OF_ITEMS, "sd_x", "sd_y", "sd_z", "modes", "trusted"),
 }
-"""Columns that may be there; of shapes and results all but `sequence` are not read
+"""Columns that may be there; of shapes and results those of items alone are read
 back.
 """
+
+MOST_FRAME = 2.0**53
+"""Beyond it whole numbers are not told apart."""
 
 FINITE = "write a finite number"
 FINITE_OR_EMPTY = f"{FINITE}, or leave the cell empty where it is unknown"
@@ -86,12 +102,13 @@ def csv_kind(path: Path) -> str:
 
 def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with
-    `[,sequence]`.
+    `[,sequence][,frame][,time]`.
 
     Return records, or a Spool of many landmarks. A landmark that has no row or lacks a
     coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises
     InputError for the first wrong cells, by line, and for large tables in which the
-    rows of an item do not stand together.
+    rows of an item do not stand together, or frames not in order: small ones are put
+    in order, and have the frame rate of their times.
     """
     table, spool = _Table(path, kind, gaps), Spool()
     for lines, cells in table.blocks:
@@ -100,8 +117,13 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
             spool.append(table.pop_complete())
     rest = table.records()
     if not len(spool):
-        return rest
+        order = order_by_frame(rest.sequences, rest.frame)
+        rest = rest if order is None else rest.take(order)
+        return rest.replaced(frame_rate=find_rate(rest.frame, rest.time))
     spool.append(rest)
+    if not spool.in_order:
+        fault = "frames of a sequence are not in order, and the table is large"
+        raise input_error(table.name, fault, "sort its rows by sequence and frame")
     if len(np.unique(np.concatenate(spool.hashes))) < len(spool):
         fault = "the rows of items do not stand together, and the table is large"
         raise input_error(table.name, fault, "sort its rows by item")
@@ -151,7 +173,9 @@ class _Table:
         self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
         self._complete = kind == "shapes" and not gaps
         self._scored = kind == "landmarks" and "confidence" in columns
-        self._sequences: dict[str, str] | None = {} if "sequence" in columns else None
+        self._of_items: dict[str, dict[str, str]] = {
+            column: {} for column in OF_ITEMS if column in columns
+        }
         self._items, self._landmarks = _numbering(), _numbering()
         self._parts: list[tuple[Any, ...]] = []
         self.size = 0
@@ -180,11 +204,18 @@ class _Table:
                 ("landmark", self._landmarks),
             )
         )
-        if self._sequences is not None:
-            first = [*map(self._sequences.setdefault, cells["item"], cells["sequence"])]
-            if first != [*cells["sequence"]]:
-                wrong = np.array(first, object) != np.array(cells["sequence"], object)
-                note("sequence", wrong, "give all rows of an item one sequence")
+        for column, of_item in self._of_items.items():
+            first = [*map(of_item.setdefault, cells["item"], cells[column])]
+            if first != [*cells[column]]:
+                wrong = np.array(first, object) != np.array(cells[column], object)
+                note(column, wrong, f"give all rows of an item one {column}")
+        if FRAME in self._of_items:
+            numbers, invalid = read_numbers(cells[FRAME])
+            whole = (np.abs(numbers) < MOST_FRAME) & (numbers % 1 == 0)
+            note(FRAME, invalid | ~whole, "write a whole number")
+        if TIME in self._of_items:
+            seconds, invalid = read_numbers(cells[TIME])
+            note(TIME, invalid | np.isinf(seconds), f"{FINITE_OR_EMPTY} (seconds)")
         points = []
         for axis in self._axes:
             values, invalid = read_numbers(cells[axis])
@@ -221,31 +252,33 @@ class _Table:
                 np.concatenate, zip(*self._parts, strict=True)
             )
             self._parts = [(lines, item, landmark, *values)]
-            cells, row = item * np.int64(p) + landmark, np.arange(len(lines))
-            first[cells[::-1]] = row[::-1]
-            again = np.flatnonzero(first[cells] != row)
+            place, row = item * np.int64(p) + landmark, np.arange(len(lines))
+            first[place[::-1]] = row[::-1]
+            again = np.flatnonzero(first[place] != row)
             if len(again):
                 problems = [
                     f"{self.name}:{lines[k]}: item '{items[item[k]]}', landmark "
-                    f"'{names[landmark[k]]}' is also on line {lines[first[cells[k]]]}; "
+                    f"'{names[landmark[k]]}' is also on line {lines[first[place[k]]]}; "
                     "keep one of them"
                     for k in again[:LIMIT]
                 ]
                 raise input_problems(problems, len(again))
             for plane, column in zip(planes, values, strict=True):
-                plane[cells] = column
+                plane[place] = column
         points = np.ascontiguousarray(planes[:d].reshape(d, n, p).swapaxes(0, 1))
-        sequences = (
-            None
-            if self._sequences is None
-            else [self._sequences[name] for name in items]
-        )
-        scores = (
-            {"confidence": np.nan_to_num(planes[d]).reshape(n, p)}
-            if self._scored
-            else {}
-        )
-        return KINDS[self._kind](points, names, items, sequences, **scores)
+        cells = {
+            column: [of_item[name] for name in items]
+            for column, of_item in self._of_items.items()
+        }
+        sequences = cells.get("sequence")
+        further: dict[str, Any] = {}
+        if self._scored:
+            further["confidence"] = np.nan_to_num(planes[d]).reshape(n, p)
+        if FRAME in cells:
+            further[FRAME] = read_numbers(cells[FRAME])[0].astype(np.int64)
+        if TIME in cells:
+            further[TIME], _ = read_numbers(cells[TIME])
+        return KINDS[self._kind](points, names, items, sequences, **further)
 
     def pop_complete(self) -> LandmarkSet:
         """Take out all items but the last one, of which more rows may come."""
@@ -259,8 +292,8 @@ class _Table:
             *(column[rows] for column in values),
         )
         self._parts, self._items, self.size = [remaining], _numbering(item), len(rows)
-        if self._sequences is not None:
-            self._sequences = {item: self._sequences[item]}
+        for column, of_item in self._of_items.items():
+            self._of_items[column] = {item: of_item[item]}
         return images.take(slice(0, last))
 
 
@@ -281,6 +314,8 @@ class Spool:
         self._file = TemporaryFile()  # noqa: SIM115 gone with the source
         self._starts, self._offsets = [0], list[int]()
         self.hashes: list[NDArray[np.int64]] = []
+        self._last_frame: dict[str, int] = {}
+        self.in_order = True
         self._part = lru_cache(1)(self._read)
 
     def __len__(self) -> int:
@@ -292,6 +327,12 @@ class Spool:
         self._offsets.append(self._file.seek(0, SEEK_END))
         self._starts.append(len(self) + len(images))
         self.hashes.append(np.fromiter(map(hash, images.items), np.int64, len(images)))
+        if images.sequences is not None and images.frame is not None:
+            frames = zip(images.sequences, images.frame.tolist(), strict=True)
+            for sequence, frame in frames:
+                before = self._last_frame.get(sequence, frame)
+                self.in_order &= before <= frame or not sequence
+                self._last_frame[sequence] = frame
         pickle.dump(images, self._file, pickle.HIGHEST_PROTOCOL)
 
     def take(self, rows: slice) -> LandmarkSet:
@@ -369,8 +410,10 @@ def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
     first.
     """
     name, line, rest = source_name(path), 1, b""
-    for block in chain(read_text_blocks(path), [b""]):
-        data = rest + block
+    old_ends = False
+    for number, block in enumerate(chain(read_text_blocks(path), [b""])):
+        old_ends = _ends_with_cr(block) if number == 0 else old_ends
+        data = rest + (block.replace(b"\r", b"\n") if old_ends else block)
         end = (
             data.rfind(b"\n") + 1 if block else len(data)
         )  # the last line may have no end
@@ -385,8 +428,16 @@ def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
                 line += data.count(b"\n", 0, error.start)
                 fix = "save it as CSV in UTF-8"
                 raise input_error(f"{name}:{line}", "is not UTF-8 text", fix) from error
-            yield line, text
+            yield line, as_composed(text)
             line += data.count(b"\n", 0, end)
+
+
+def _ends_with_cr(block: bytes) -> bool:
+    r"""Whether the first line ends with \r alone, as Excel for the Mac ends lines."""
+    first = block.find(b"\r")
+    followed = block[first + 1 : first + 2] == b"\n"
+    quoted = block.count(b'"', 0, first) % 2 == 1
+    return first >= 0 and not followed and not quoted and b"\n" not in block[:first]
 
 
 def _divided(
@@ -479,7 +530,7 @@ def csv_output(target: Path) -> Iterator[CsvWriter]:
 
 class CsvWriter(RecordWriter[Records]):
     """Appends records as rows
-    `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
+    `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence][,frame][,time]`.
 
     Results with a verdict also have a column `trusted`. NaN becomes an empty cell;
     numbers have the fewest digits that read back to the same float. CSV has no place
@@ -522,6 +573,10 @@ def _columns(record: Records) -> tuple[dict[str, Floats], dict[str, Sequence[str
         numbers["confidence"] = record.confidence
     if record.sequences is not None:
         texts["sequence"] = record.sequences
+    if record.frame is not None:
+        texts[FRAME] = [*map(str, record.frame.tolist())]
+    if record.time is not None:
+        texts[TIME] = ["" if t != t else repr(t) for t in record.time.tolist()]
     if isinstance(record, ResultSet):
         if (sd := record.shape_sd) is not None:
             numbers |= {f"sd_{'xyz'[axis]}": sd[:, axis] for axis in range(3)}

@@ -4,14 +4,14 @@ content.
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
-from shapefit.errors import abbreviate, input_error, listed
+from shapefit.errors import InputError, abbreviate, input_error, listed, printable
 from shapefit.io.formats import (
     CSV,
     FIRST,
@@ -25,14 +25,17 @@ from shapefit.io.formats import (
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import (
+    arrays,
+    coco,
     deeplabcut,
     detections,
+    landmark_lists,
     markers,
     motion,
     tables,
     trackers,
 )
-from shapefit.io.readers.text import decode, read_json
+from shapefit.io.readers.text import read_json
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
 """Bytes that no text has."""
@@ -61,6 +64,8 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
         return _detect_folder(path)
     if (ours := our_format(path)) is not None:
         return ours
+    if (whole := _format_of_empty_label(path)) is not None:
+        return whole
     require_file(path)
     if not path.is_file():
         return CSV
@@ -86,26 +91,47 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
         raise input_error(path, "is neither text nor of a known format", fix)
     if head.may_be_json:
         read_json(path)  # names the line of damage
-        keys = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
-        fix = (
-            "give JSON of OpenPose, AlphaPose, MMPose, MediaPipe or COCO"
-            " (docs/formats.md)"
-        )
-        raise input_error(path, f"is JSON of no known kind, {keys}", fix)
+        raise _unknown_json(path, head)
     return CSV
 
 
 def _detect_folder(path: Path) -> FileFormat:
     """Return the format of a folder whose files are one recording."""
-    names = sorted(os.listdir(path))
+    files = [file for file in sorted(path.iterdir()) if file.is_file()]
     folders = [one for one in FORMATS.values() if one.together]
     for one in folders:
-        files = [path / name for name in names if name.lower().endswith(one.suffixes)]
-        if any(file.is_file() and one.recognise(Head(file)) for file in files[:FIRST]):
+        # Files of images without people can be empty, and many before the first.
+        filled = (
+            file
+            for file in files
+            if file.name.lower().endswith(one.suffixes) and file.stat().st_size
+        )
+        if any(one.recognise(Head(file)) for file in islice(filled, FIRST)):
             return one
     kinds = listed(one.title for one in folders)
     fix = "name the files in it, or a folder of such files"
     raise input_error(path, f"it is a folder, and holds none of these: {kinds}", fix)
+
+
+def _format_of_empty_label(path: Path) -> FileFormat | None:
+    """Return YOLO for an empty file of text beside labels of YOLO, which has an image
+    without anybody; else None.
+    """
+    yolo = FORMATS["ultralytics-txt"]
+    named = path.name.lower().endswith(yolo.suffixes)
+    if not named or not path.is_file() or path.stat().st_size:
+        return None
+    folder = path.parent
+    return yolo if _has_labels(folder, folder.stat().st_mtime_ns) else None
+
+
+@lru_cache(maxsize=16)
+def _has_labels(folder: Path, _changed: int) -> bool:
+    """Whether a folder has labels of YOLO; asked once for its many empty files."""
+    try:
+        return _detect_folder(folder) is FORMATS["ultralytics-txt"]
+    except InputError:
+        return False
 
 
 def group_inputs(
@@ -123,83 +149,6 @@ def group_inputs(
     return [(one, tuple(files)) for one, files in groups.values()]
 
 
-def is_yolo(head: Head) -> bool:
-    """Whether a .txt file begins with a line of a class, a box and landmarks, all
-    fractions.
-    """
-    try:
-        rows = (
-            line for line in head.lines if line.strip() and not line.startswith(b"#")
-        )
-        first, *numbers = map(
-            float, next(rows, b"").split() if head.named(".txt") else ()
-        )
-    except ValueError:
-        return False
-    box, point = numbers[:4], numbers[4:6]
-    placed = len(point) == 2 and all(-1 <= value <= 2 for value in point)
-    return (
-        first.is_integer()
-        and first >= 0
-        and placed
-        and all(0 <= value <= 1 for value in box)
-    )
-
-
-def is_deeplabcut_csv(head: Head) -> bool:
-    """Whether its rows of names come first; what is seen of the file can end in one of
-    them.
-    """
-    first, *others = (line.split(b",", 1)[0].strip(b" \"'") for line in head.lines[:3])
-    if first == b"scorer" and b"," in head.lines[0]:
-        return len(others) < 2 or b"bodyparts" in others
-    return first in (b"bodyparts", b"individuals") and b"coords" in others
-
-
-def is_table(head: Head) -> bool:
-    """Whether the first line names columns of landmarks."""
-    line = decode(head.bytes).replace("\r", "\n").partition("\n")[0]
-    table = head.named(".csv", ".tsv", ".txt") and "\0" not in line
-    return table and tables.parse_header(line) is not None
-
-
-def is_array(head: Head) -> bool:
-    """Whether the file is NumPy's, or JSON of lists in a list."""
-    lists = isinstance(head.json, list) and isinstance(
-        next(iter(head.json), None), list
-    )
-    archive = head.bytes.startswith(b"PK\x03\x04") and head.named(".npz")
-    return archive or lists or head.bytes.startswith(b"\x93NUMPY")
-
-
-def is_mmpose_images(head: Head) -> bool:
-    """Whether a list, which may be empty, has instances of one image."""
-    named = "keypoints" in head.keys and "image_id" not in head.keys
-    return isinstance(head.json, list) and (named or not head.json)
-
-
-def _has_points(value: Any, depth: int = 6) -> bool:
-    """Whether objects that begin with x, or a name, and have y are somewhere in
-    JSON.
-    """
-    if isinstance(value, dict):
-        if {"x", "y"} <= value.keys():
-            return next(iter(value)) in ("x", "name", "id")
-        value = list(islice(value.values(), FIRST))
-    within = value[:FIRST] if isinstance(value, list) and depth else []
-    return any(_has_points(one, depth - 1) for one in within)
-
-
-def _hdf5(*names: str) -> Callable[[Head], bool]:
-    """Return whether an HDF5 file has all these names, see `Head.hdf5`."""
-    return lambda head: {*names} <= head.hdf5
-
-
-def _json(kind: type, *keys: str) -> Callable[[Head], bool]:
-    """Return whether JSON is of a type and has one of these keys, see `Head.keys`."""
-    return lambda head: isinstance(head.json, kind) and bool(head.keys & {*keys})
-
-
 IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
 H5, JSON, TABLE = (".h5", ".hdf5"), (".json",), (".csv",)
 
@@ -209,94 +158,105 @@ FORMATS: dict[str, FileFormat] = {
         "a DeepLabCut or Lightning Pose CSV",
         TABLE,
         EITHER,
-        is_deeplabcut_csv,
+        deeplabcut.is_csv,
         deeplabcut.read_csv,
     ),
     "deeplabcut-h5": FileFormat(
         "a DeepLabCut HDF5 file",
         H5,
         EITHER,
-        lambda head: any(name.endswith("@pandas_type") for name in head.hdf5),
+        deeplabcut.is_hdf5,
         deeplabcut.read_hdf5,
     ),
     "jabs-h5": FileFormat(
-        "a JABS pose file", H5, IMAGES, _hdf5("poseest/points"), trackers.read_jabs
+        "a JABS pose file",
+        H5,
+        IMAGES,
+        trackers.is_jabs,
+        trackers.read_jabs,
     ),
     "movement-netcdf": FileFormat(
         "a movement netCDF file",
         (".nc", ".nc4"),
         EITHER,
-        _hdf5("@ds_type"),
+        trackers.is_movement,
         trackers.read_movement,
     ),
     "nwb-ndx-pose": FileFormat(
-        "an NWB file", (".nwb",), EITHER, _hdf5("@nwb_version"), trackers.read_nwb
+        "an NWB file",
+        (".nwb",),
+        EITHER,
+        trackers.is_nwb,
+        trackers.read_nwb,
     ),
     "sleap-analysis-h5": FileFormat(
         "a SLEAP analysis file",
         H5,
         IMAGES,
-        _hdf5("tracks", "node_names"),
+        trackers.is_sleap_analysis,
         trackers.read_sleap_analysis,
     ),
     "sleap-slp": FileFormat(
         "a SLEAP .slp file",
         (".slp",),
         IMAGES,
-        _hdf5("metadata@format_id", "frames", "instances"),
+        trackers.is_slp,
         trackers.read_slp,
     ),
     "caliscope-csv": FileFormat(
         "a caliscope CSV",
         TABLE,
         IMAGES,
-        lambda head: (
-            {"frame_index", "point_id", "img_loc_x", "img_loc_y"} <= {*head.columns}
-        ),
+        tables.is_caliscope,
         tables.read_caliscope,
     ),
     "coco-annotations": FileFormat(
         "a file of COCO annotations",
         JSON,
         IMAGES,
-        _json(dict, "images", "annotations", "categories"),
-        detections.read_coco_annotations,
+        coco.is_coco_annotations,
+        coco.read_coco_annotations,
+        json_keys=("images", "annotations", "categories"),
     ),
     "coco-results": FileFormat(
         "a file of COCO results",
         JSON,
         IMAGES,
-        _json(list, "image_id"),
-        detections.read_coco_results,
+        coco.is_coco_results,
+        coco.read_coco_results,
+        json_keys=("image_id", "keypoints"),
     ),
     "mmpose-video": FileFormat(
         "an MMPose file",
         JSON,
         IMAGES,
-        _json(object, "instances", "instance_info", "meta_info"),
+        detections.is_mmpose_video,
         detections.read_mmpose_video,
+        json_keys=("meta_info", "instance_info", "instances"),
     ),
     "mmpose-images": FileFormat(
-        "a set of MMPose files",
+        "a set of MMPose, Hugging Face or Ultralytics files",
         JSON,
         IMAGES,
-        is_mmpose_images,
+        detections.is_people_of_an_image,
         detections.read_image_files,
         together=True,
+        json_keys=("keypoints", "keypoint_scores"),
     ),
     "openpose": FileFormat(
         "a set of OpenPose files",
         JSON,
         IMAGES,
-        _json(dict, "people", "version"),
+        detections.is_openpose,
         detections.read_image_files,
         together=True,
+        json_keys=("people", "pose_keypoints_2d"),
     ),
     "ultralytics-txt": FileFormat(
         "a set of YOLO pose labels",
         (".txt",),
         IMAGES,
-        is_yolo,
+        detections.is_yolo,
         detections.read_yolo,
         together=True,
     ),
@@ -304,70 +264,127 @@ FORMATS: dict[str, FileFormat] = {
         "an ASF/AMC motion",
         (".amc", ".asf"),
         SHAPES,
-        lambda head: (
-            head.named(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#")
-        ),
+        motion.is_acclaim,
         motion.read_acclaim,
     ),
     "anipose-csv": FileFormat(
         "an anipose 3D CSV",
         TABLE,
         SHAPES,
-        lambda head: any(name.endswith("_ncams") for name in head.columns),
+        tables.is_anipose,
         tables.read_any_table,
     ),
     "bvh": FileFormat(
         "a BVH motion",
         (".bvh",),
         SHAPES,
-        lambda head: head.text.upper().split(maxsplit=2)[:2] == [b"HIERARCHY", b"ROOT"],
+        motion.is_bvh,
         motion.read_bvh,
     ),
     "c3d": FileFormat(
         "a C3D file",
         (".c3d",),
-        SHAPES,
-        lambda head: head.named(".c3d") and head.bytes[1:2] == b"\x50",
+        EITHER,
+        markers.is_c3d,
         markers.read_c3d,
     ),
     "trc": FileFormat(
         "a TRC file",
         (".trc",),
-        SHAPES,
-        lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype",
+        EITHER,
+        markers.is_trc,
         markers.read_trc,
     ),
     "vicon-csv": FileFormat(
         "a Vicon Nexus CSV of trajectories",
         TABLE,
-        SHAPES,
-        lambda head: (
-            b"frame,sub frame," in head.text.lower().partition(b"trajectories")[2]
-        ),
+        EITHER,
+        markers.is_vicon,
         markers.read_vicon,
     ),
     "table": FileFormat(
         "a table of landmarks",
         (".csv", ".tsv", ".txt"),
         EITHER,
-        is_table,
+        tables.is_table,
         tables.read_any_table,
         states_y_axis=False,
+        either=True,
     ),
     "mediapipe": FileFormat(
         "a file of MediaPipe's landmarks",
         JSON,
         IMAGES,
-        lambda head: _has_points(head.json),
-        detections.read_mediapipe,
+        landmark_lists.is_landmark_lists,
+        landmark_lists.read_landmark_lists,
+        json_keys=("pose_landmarks", "landmarks", "x", "y", "visibility"),
     ),
     "arrays": FileFormat(
         "an array of landmarks",
         (".npy", ".npz"),
-        IMAGES,
-        is_array,
-        tables.read_array,
+        EITHER,
+        arrays.is_array,
+        arrays.read_array,
         states_y_axis=False,
+        either=True,
+    ),
+    "arrays-3d": FileFormat(
+        "an array of 3D points",
+        (".npy", ".npz"),
+        SHAPES,
+        lambda head: False,
+        arrays.read_shapes,
     ),
 }
 """Those of the package come first; the others are asked in this order."""
+
+
+class OtherJson(NamedTuple):
+    """JSON that is not read: whose it is, keys that only it has, anywhere near its
+    beginning, and what to do.
+    """
+
+    title: str
+    keys: frozenset[str]
+    fix: str
+
+
+AS_COCO = "export it as COCO keypoints"
+
+OTHERS = (
+    OtherJson("LabelMe", frozenset({"shapes", "imagePath"}), AS_COCO),
+    OtherJson("Label Studio", frozenset({"from_name", "to_name", "value"}), AS_COCO),
+    OtherJson("SLEAP", frozenset({"skeletons", "labels"}), "save it as .slp"),
+    OtherJson(
+        "CMU Panoptic",
+        frozenset({"bodies", "univTime"}),
+        "its points are 3D: write them as a table item,landmark,x,y,z",
+    ),
+    OtherJson(
+        "AlphaPose for CMU",
+        frozenset({"bodies", "joints"}),
+        "write it with --format coco or open",
+    ),
+)
+"""Kinds that people have."""
+
+
+def _unknown_json(path: Path, head: Head) -> InputError:
+    """Return the error for JSON of no known kind: its keys, and the nearest kinds."""
+    keys = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
+    problem = f"is JSON of no known kind, {printable(keys)}"
+    other = next((one for one in OTHERS if one.keys <= head.inner_keys), None)
+    if other is not None:
+        return input_error(path, f"{problem}, as {other.title} writes it", other.fix)
+    near = [
+        f"{one.title} has {listed(one.json_keys, 'and')}"
+        for one in FORMATS.values()
+        if head.inner_keys & {*one.json_keys}
+    ]
+    kinds = f" ({', '.join(near)})" if near else ""
+    return input_error(path, problem + kinds, GIVE_JSON)
+
+
+GIVE_JSON = (
+    "give JSON of OpenPose, AlphaPose, MMPose, MediaPipe or COCO (docs/formats.md)"
+)

@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from functools import cached_property, partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from shapefit.io.inputs import (
     BYTE_ORDER_MARK,
     GZIP_SIGNATURE,
     HDF5_SIGNATURE,
+    UTF16_MARKS,
     is_stream,
     read_head,
     source_name,
@@ -38,6 +40,9 @@ MARK = "shapefit-"
 FIRST = 20
 """Entries of JSON, and files of a folder, that decide its format."""
 
+LEVELS, MOST_VALUES = 8, 1000
+"""Of JSON of an unknown kind that are looked through, and values in each."""
+
 
 class Head:
     """What decides the format of a file: its first bytes, lines and columns, or
@@ -53,7 +58,10 @@ class Head:
                 self.bytes = zlib.decompressobj(gzip_bits).decompress(
                     self.bytes, HEAD_BYTES
                 )
+        self.is_utf16 = self.bytes.startswith(UTF16_MARKS)
         self.text = self.bytes.removeprefix(BYTE_ORDER_MARK)
+        if self.is_utf16:
+            self.text = self.bytes.decode("utf-16", "replace").encode()
         self.lines = (
             self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
         )
@@ -114,6 +122,22 @@ class Head:
             key for entry in objects if isinstance(entry, dict) for key in entry
         )
 
+    @cached_property
+    def inner_keys(self) -> frozenset[str]:
+        """The keys of the first objects in JSON, some levels deep."""
+        found: set[str] = set()
+        level = [self.json]
+        for _ in range(LEVELS):
+            within: list[Any] = []
+            for value in level:
+                if isinstance(value, dict):
+                    found |= value.keys()
+                    within += islice(value.values(), FIRST)
+                elif isinstance(value, list):
+                    within += value[:FIRST]
+            level = within[:MOST_VALUES]
+        return frozenset(found)
+
 
 class FileFormat(NamedTuple):
     """A format of files: `title` with its article, and endings of names.
@@ -123,19 +147,22 @@ class FileFormat(NamedTuple):
     folder, or its files, are one recording. `write` takes a path, the layout of the
     records, and OutputOptions, of use if it is `in_metres`: upright, a sequence a file;
     `angles` are written with it. states_y_axis: y points up or down in each of its
-    files.
+    files; either: a file may hold 2D and 3D, and read_poses takes which is wanted.
+    json_keys are what its JSON has, for messages.
     """
 
     title: str
     suffixes: tuple[str, ...]
     records: tuple[str, ...] = ()
     recognise: Callable[[Head], bool] = lambda head: False
-    read_poses: Callable[[tuple[Path, ...]], Any] | None = None
+    read_poses: Callable[..., Any] | None = None
     together: bool = False
     write: Callable[..., Output] | None = None
     in_metres: bool = False
     angles: bool = False
     states_y_axis: bool = True
+    json_keys: tuple[str, ...] = ()
+    either: bool = False
 
 
 def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Output:
@@ -182,6 +209,17 @@ INDIVIDUALS = frozenset(
 """Columns of who is in an image, which tables of other tools have, and our CSV has not.
 """
 
+
+def _csv_columns() -> set[str]:
+    """Return the columns of our CSV; tables with others are read as those of other
+    tools.
+    """
+    from shapefit.io.csv_file import OPTIONAL
+
+    optional = (name for names in OPTIONAL.values() for name in names)
+    return {"item", "landmark", "x", "y", "z", *optional}
+
+
 HDF5 = FileFormat(
     "an HDF5 file",
     (".h5", ".hdf5", ".hdf", ".he5"),
@@ -194,8 +232,9 @@ CSV = FileFormat(
     (".csv",),
     ITEMS,
     lambda head: (
-        {"item", "landmark"} <= {*head.columns}
-        and INDIVIDUALS.isdisjoint(head.columns)
+        {"item", "landmark", "x", "y"} <= {*head.columns}
+        and {*head.columns} <= _csv_columns()
+        and not head.is_utf16
         and not head.named(*HDF5.suffixes)
     ),
     write=partial(_write, "csv"),

@@ -161,6 +161,8 @@ class Hdf5File:
             yield
         except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
             reason = printable(str(error).partition("\n")[0])
+            if isinstance(error, UnicodeError):
+                reason = "text that is not UTF-8"
             filtered = "plugin" in reason.lower() or "required filter" in reason.lower()
             fix = (
                 "write it again with gzip or without compression"

@@ -19,6 +19,7 @@ from shapefit.errors import input_error
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 GZIP_SIGNATURE = b"\x1f\x8b"
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 BLOCK_BYTES = 1 << 16
 """Of text that are read at a time; larger blocks leave the processor's cache and take

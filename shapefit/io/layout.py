@@ -45,7 +45,8 @@ axes.
 """
 
 EDGES = "edges"  # (e, 2) of landmarks and results: pairs of landmarks that a line joins
-FRAME = "frame"  # (n,): the place of each item in its video, from 0
+FRAME = "frame"  # (n,): the place of each item in its video; gaps are gaps
+TIME = "time"  # (n,) in seconds, where the file states it, nan where it does not
 LABELS = OUTLIERS, CORRUPTED = "outliers", "corrupted"
 """Datasets (n, p) of the landmarks that a fit calls outliers, and of those that were
 made so.
@@ -131,6 +132,10 @@ _ITEMS = """
     p         text    landmark_names!
     n         text    item! sequence"""
 
+_IN_VIDEO = """
+    n         index   frame
+    n         number  time"""
+
 LANDMARKS = Layout(
     "shapefit-landmarks",
     "landmarks",
@@ -139,6 +144,7 @@ LANDMARKS = Layout(
     n,p,2     points  landmarks!
     n,p       number  confidence"""
     ),
+    _table(_IN_VIDEO),
 )
 
 SHAPES = Layout(
@@ -151,7 +157,10 @@ SHAPES = Layout(
     n,q,3     points  mesh_vertices
     f,3       index   mesh_faces"""
     ),
-    _table("p index mirror_index"),
+    _table(
+        f"""{_IN_VIDEO}
+    p         index   mirror_index"""
+    ),
 )
 
 PROOF = _table(
@@ -185,7 +194,7 @@ RESULTS = Layout(
     )
     | PROOF,
     _table(
-        """
+        f"""{_IN_VIDEO}
     n         number  lambda residual active_atoms tight metres_per_unit
     n         number  log_evidence p_value
     n         number  trusted sequence_noise start_distance expected_error image_error

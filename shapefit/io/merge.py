@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.layout import EDGES, UNKNOWN_UNIT
+from shapefit.io.layout import EDGES, TIME, UNKNOWN_UNIT
 from shapefit.io.options import Direction
 from shapefit.io.records import LandmarkSet, ResultSet
 
 SEPARATELY = "use files that agree, or process them separately"
 CONFIDENCE = "confidence"
+
+IN_SOME_FILES = (CONFIDENCE, TIME)
+"""Columns that files of one source need not all have."""
 
 
 def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
@@ -21,8 +24,8 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
 
     The landmarks of images are those of all files in order of appearance, those of
     shapes and of results are the same in all. What differs between files of images, as
-    cameras do, is of items. Confidence and edges may be in some files alone; the edges
-    are those of the first that has any. Raises InputError where files do not go
+    cameras do, is of items. Confidence, times and edges may be in some files alone; the
+    edges are those of the first that has any. Raises InputError where files do not go
     together, or state another direction than `y_axis`.
     """
     heads = [file.head for file in files]
@@ -47,7 +50,7 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
     ]
     for file, head in zip(files, heads, strict=True):
         for name in sorted(
-            (head.columns.keys() | heads[0].columns.keys()) - {CONFIDENCE, EDGES}
+            (head.columns.keys() | heads[0].columns.keys()) - {*IN_SOME_FILES, EDGES}
         ):
             if not _agree(heads[0], head, name):
                 fault = f"its dataset {name} is not that of {files[0].name}"
@@ -81,6 +84,8 @@ def align_to(part: Any, head: Any, file: str) -> Any:
         part = part.with_columns(
             {CONFIDENCE: np.ones((len(part), len(part.landmark_names)))}
         )
+    if TIME in head.per_item and TIME not in part.per_item:
+        part = part.with_columns({TIME: np.full(len(part), np.nan)})
     missing = head.sequences is not None and part.sequences is None
     part = part.arrange(head.landmark_names, file).replaced(
         sequences=("",) * len(part) if missing else part.sequences,

@@ -4,6 +4,7 @@ its own.
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import chain
@@ -15,6 +16,44 @@ from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
 from shapefit.io.checks import LIMIT, input_problems
+
+
+def as_composed(text: str) -> str:
+    """Return a text in Unicode's composed form: names that look the same are the same.
+
+    Accented letters have two spellings; macOS writes one, keyboards the other.
+    """
+    return text if text.isascii() else unicodedata.normalize("NFC", text)
+
+
+def numbers_of(names: Sequence[str]) -> list[int] | None:
+    """Return names of landmarks that are all numbers as such; None for others."""
+    numbers = [int(name) for name in names if name.isdecimal()]
+    return numbers if names and len(numbers) == len(names) else None
+
+
+def check_numbering(
+    have: Sequence[str], want: Sequence[str], place: str, other: str
+) -> tuple[str, ...]:
+    """Say where numbers of landmarks may be counted from 0 on one side, from 1 on the
+    other.
+
+    `want` are the names in `other`, a dictionary, a truth or a skeleton. Raises
+    InputError at `place` where they must be.
+    """
+    ours, theirs = numbers_of(have), numbers_of(want)
+    if ours is None or theirs is None or (0 in ours) == (0 in theirs):
+        return ()
+    from_0, from_1 = (ours, theirs) if 0 in ours else (theirs, ours)
+    ranges = (
+        f"landmarks are numbered {min(ours)} to {max(ours)}, those of {other}"
+        f" {min(theirs)} to {max(theirs)}"
+    )
+    whole = max(theirs) - min(theirs) + 1 == len(theirs)
+    if whole and max(from_1) > max(from_0):
+        fix = "count both from 0 or both from 1, by `rename: {1: 0, 2: 1}` and so on"
+        raise input_error(place, ranges, fix)
+    return (f"{ranges}: if one counts from 0 and one from 1, all are off by one",)
 
 
 def match_landmarks(

@@ -325,6 +325,26 @@ KINDS: dict[str, type[Records]] = {
 Record = TypeVar("Record", bound=Records)
 
 
+def order_by_frame(
+    sequences: Sequence[str] | None, frames: NDArray[Any] | None
+) -> NDArray[np.intp] | None:
+    """Return the order (n,) in which frames rise, sequence by sequence; None where
+    they rise as they stand.
+
+    Items of no sequence, "", stay in their order.
+    """
+    if sequences is None or frames is None:
+        return None
+    number: dict[str, int] = {}
+    which = np.array([number.setdefault(s, len(number)) for s in sequences], np.intp)
+    places = np.where(which == number.get("", -1), 0, frames)
+    together = np.argsort(which, kind="stable")
+    same = np.diff(which[together]) == 0
+    if not (same & (np.diff(places[together]) < 0)).any():
+        return None
+    return np.lexsort((places, which))
+
+
 def concatenate(parts: Sequence[Record]) -> Record:
     """Join records of the same landmarks and columns; what is of the file comes from
     the first.

@@ -20,6 +20,7 @@ from shapefit.io.formats import CSV, HDF5, check_holds, our_format, record_write
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import (
     FIELDS,
+    FRAME,
     LANDMARKS,
     PROOF,
     RESULTS,
@@ -30,7 +31,14 @@ from shapefit.io.layout import (
 from shapefit.io.merge import align_to, merge_heads
 from shapefit.io.names import make_unique, match_landmarks, renamed
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
-from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
+from shapefit.io.records import (
+    LandmarkSet,
+    Record,
+    ResultSet,
+    ShapeSet,
+    concatenate,
+    order_by_frame,
+)
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
@@ -133,6 +141,9 @@ def source_of(
     is.
     """
     place, stated = place_in_memory(name), records.y_axis
+    order = order_by_frame(records.sequences, records.frame)
+    if order is not None:
+        records = records.take(order)
     file: SourceFile[Record] = SourceFile.of(name, records, place, y_axis=stated)
     return Source(_prepared([file], records.LAYOUT, InputOptions(rename=rename), gaps))
 
@@ -381,6 +392,8 @@ def _open(
             files.append(
                 SourceFile.of(name, records, estimate=round(len(records) / share))
             )
+        if form is not RESULTS and options.keypoints is not None:
+            files[-1] = _named_by_skeleton(files[-1], options.keypoints)
         if form is LANDMARKS and not head:
             files[-1] = _in_pixels(files[-1], options)
     prepared = _prepared(files, form, options, gaps, check=not head)
@@ -390,9 +403,22 @@ def _open(
 def _of_hdf5(
     path: Path, reader: Any, rows: slice | None, without: Collection[str]
 ) -> SourceFile[Any]:
-    """Open a file of ours, or a part of its rows, but for some datasets."""
+    """Open a file of ours, or a part of its rows, but for some datasets.
+
+    Its images and shapes come in order of their frames; where they stand in another,
+    they are read at once.
+    """
     file = reader(path)
     start, stop, _ = (rows or slice(None)).indices(file.count)
+    order = None if file.form is RESULTS else _order(file)
+    if order is not None:
+        part = order[start:stop]
+        return SourceFile.of(
+            str(path),
+            file.records(slice(0, file.count), without).take(part),
+            lambda dataset, row: f"{path}:/{dataset}[{part[row]}]",
+            y_axis=file.stated["y_axis"],
+        )
 
     def within(part: slice) -> slice:
         return slice(start + part.start, start + part.stop)
@@ -406,6 +432,32 @@ def _of_hdf5(
         close=reader.cache_clear,
         y_axis=file.stated["y_axis"],
     )
+
+
+def _order(file: Any) -> NDArray[np.intp] | None:
+    """Return the order of frames of an open HDF5 file, None where they stand in it."""
+    if not (file.is_dataset(FRAME) and file.is_dataset("sequence")):
+        return None
+    return order_by_frame(file.read("sequence"), file.read(FRAME))
+
+
+def _named_by_skeleton(file: SourceFile[Any], skeleton: str) -> SourceFile[Any]:
+    """Return a file of ours whose landmarks, if numbers, are those of the skeleton."""
+    from shapefit.io.readers.items import name_numbers
+
+    before = file.head.landmark_names
+    names, notes = name_numbers(before, skeleton, file.name)
+    if names == before:
+        return file
+    renames = dict(zip(before, names, strict=True))
+
+    def read(rows: slice) -> Any:
+        records = file.read(rows)
+        called = tuple(renames.get(name, name) for name in records.landmark_names)
+        return records.replaced(landmark_names=called)
+
+    told = tuple(f"{file.name}: {text}" for text in notes)
+    return replace(file, read=read, notes=(*file.notes, *told))
 
 
 def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:

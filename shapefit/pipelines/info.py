@@ -19,6 +19,7 @@ from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
+from shapefit.io.records import Records
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.source import OPTIONAL, Source, find_kind, open_results
 from shapefit.pipelines.joints import is_of_people
@@ -157,6 +158,10 @@ def describe_items(source: Source[Any], noun: str) -> list[Line]:
             ("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{part}")
         )
         lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
+        if sample.frame is None:
+            lines.append(("frames", "not numbered, so one follows the other"))
+        if gaps := describe_gaps(sample):
+            lines.append(("gaps", gaps + part))
     visible = np.isfinite(sample.points).all(axis=1)
     missing = 1 - visible.sum() / max(visible.size, 1)
     lines.append(("missing", f"{missing:.1%} of the landmarks{part}"))
@@ -164,6 +169,30 @@ def describe_items(source: Source[Any], noun: str) -> list[Line]:
     if camera := [name for name in CAMERA if name in sample.columns]:
         lines.append(("camera", listed(camera, "and")))
     return lines
+
+
+def describe_gaps(sample: Records) -> str:
+    """Say how many frames of sequences are missing, and where for how long; "" where
+    none is, or files number none.
+    """
+    if sample.frame is None or sample.sequences is None:
+        return ""
+    missing, longest, where = 0, 0, ""
+    last: dict[str, int] = {}
+    rows = zip(sample.sequences, sample.frame.tolist(), sample.items, strict=True)
+    for sequence, frame, item in rows:
+        gap = frame - last.get(sequence, frame - 1) - 1 if sequence else 0
+        last[sequence] = frame
+        missing += max(gap, 0)
+        if gap > longest:
+            longest, where = gap, item
+    if not missing:
+        return ""
+    seconds = f" ({longest / sample.frame_rate:.3g} s)" if sample.frame_rate else ""
+    return (
+        f"{counted(missing, 'frame')} missing, at most {longest}{seconds}, before"
+        f" {where}"
+    )
 
 
 def describe_dictionary(path: Path) -> list[Line]:

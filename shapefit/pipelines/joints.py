@@ -19,7 +19,7 @@ from shapefit.dictionary.model import WHERE_MARKED, Dictionary, mapped
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES
-from shapefit.io.names import renamed
+from shapefit.io.names import check_numbering, numbers_of, renamed
 from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
 from shapefit.lifting.lift import Lifting
@@ -41,6 +41,7 @@ def match_names(
     """Match the landmarks of files to those of a dictionary; at least three must be in
     both.
     """
+    doubts = check_numbering(names, dictionary.landmark_names, place, "the dictionary")
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
         dictionary = dictionary.marked({*names, *joints.markers})
@@ -58,21 +59,24 @@ def match_names(
         )
         fix = "give a dictionary of such objects, or name landmarks alike: "
         fix += "`rename: {FILE: DICTIONARY}`"
+        if numbers_of(names):
+            fix += ", or numbered ones by `--keypoints`"
         raise input_error(place, f"{fault}{abbreviate(listed, 10)})", fix)
-    return Matched(dictionary, joints, unknown, in_place)
+    return Matched(dictionary, joints, unknown, in_place, doubts)
 
 
 class Matched(NamedTuple):
     """Landmarks of files beside a dictionary without what these do not mark.
 
     unknown landmarks are left out. in_place: they lie where A says, else at their
-    joints.
+    joints. doubts are warnings about their numbers.
     """
 
     dictionary: Dictionary
     joints: Joints
     unknown: Sequence[str]
     in_place: bool
+    doubts: tuple[str, ...] = ()
 
     @property
     def moves(self) -> bool:
@@ -92,14 +96,17 @@ class Matched(NamedTuple):
         )
 
     def warnings(self) -> tuple[str, ...]:
-        """Name landmarks that are left out; those of a known skeleton are expected."""
-        if self.joints.names or not self.unknown:
-            return ()
+        """Name landmarks that are left out; the few of a known skeleton that are no
+        joints, such as eyes, are expected.
+        """
+        expected = len(self.unknown) <= len(self.joints.names)
+        if expected or not self.unknown:
+            return self.doubts
         fault = (
             f"{counted(len(self.unknown), 'landmark')} left out, which the dictionary"
             " lacks"
         )
-        return (f"{fault} ({abbreviate(self.unknown)})",)
+        return (*self.doubts, f"{fault} ({abbreviate(self.unknown)})")
 
     def observed(self, theta: Mapping[str, float]) -> Dictionary:
         """Return the dictionary of the landmarks y."""

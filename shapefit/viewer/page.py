@@ -51,8 +51,6 @@ from shapefit.arrays import Floats
 
 SCRIPTS = ("blocks", "geometry", "scene", "look", "plane", "space", "chart", "viewer")
 """In this order: each file uses only those before it."""
-USUAL_RATE = 25.0
-"""Frames a second where no file states it."""
 MISSING, LARGEST = -32768, 32767
 
 

@@ -174,5 +174,9 @@ def test_tables_of_other_libraries(found, monkeypatch, pandas):
     assert list(table)[:5] == ["item", "landmark", "x", "y", "z"]
     assert list(table["frame"]) == np.repeat(np.arange(36), 21).tolist()
     assert list(table["time"]) == list(table["frame"])
+    clock = np.where(np.arange(36) < 9, np.nan, 3.0 * np.arange(36))
+    timed = found.replaced(extras={**found.extras, "time": clock}).to_pandas()
+    expected = np.where(np.isnan(clock), np.arange(36), clock)
+    assert list(timed["time"]) == np.repeat(expected, 21).tolist()
     points = np.column_stack([table["x"], table["y"], table["z"]])
     np.testing.assert_array_equal(points, found.shapes.reshape(-1, 3))

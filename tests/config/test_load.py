@@ -113,6 +113,8 @@ def test_paths_are_relative_to_who_says_them(folder):
     [
         ("[../b.h5, '../?.h5', '../far/**/*.h5']", "b.h5 a.h5 far/deep/y.h5 far/x.h5"),
         ("../x[1].h5", "x[1].h5"),
+        ("'../[d]/*.h5'", "[d]/z.h5"),
+        ("'{data}/../[d]/?.h5'", "[d]/z.h5"),
         ("../pipe.csv", "pipe.csv"),
         ("../*.csv", "c.csv"),
         ("['{data}/x.h5', '{data}/deep/*.h5']", "far/x.h5 far/deep/y.h5"),
@@ -121,6 +123,8 @@ def test_paths_are_relative_to_who_says_them(folder):
 def test_globs_are_sorted_and_name_each_file_once(folder, shapes, names):
     for name in ("x[1].h5", "x1.h5"):
         (folder / name).touch()
+    (folder / "[d]").mkdir()
+    (folder / "[d]/z.h5").touch()
     os.mkfifo(folder / "pipe.csv")  # a file, but not for a glob
     path = write(folder, f"shapes: {shapes}\noutput: d.h5\n")
     found = load_config("learn-dict", path, ["data=far"]).shapes

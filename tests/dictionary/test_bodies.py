@@ -39,6 +39,23 @@ def test_acceleration_is_the_root_mean_square_of_second_differences(film, sequen
     )
 
 
+def test_missing_frames_are_no_acceleration(rng):
+    """Of a motion of which frames are missing it is that of the whole, nearly."""
+    velocity = np.cumsum(rng.standard_normal((4000, 3, 4)), axis=0) / 5000
+    film = rng.standard_normal((3, 4)) + np.cumsum(velocity, axis=0) / 50
+    names = np.array(["a"] * 4000)
+    whole = find_acceleration(film, names)
+    rows = np.flatnonzero(rng.random(4000) > 0.3)
+    rows = rows[(rows < 1000) | (rows > 2000)]
+    left = find_acceleration(film[rows], names[rows], rows, 24.0)
+    np.testing.assert_allclose(left, whole, rtol=0.15)
+    assert (find_acceleration(film[rows], names[rows]) > 1.3 * left).all()
+    alike = find_acceleration(film, names, np.arange(4000) + 7, 24.0)
+    np.testing.assert_array_equal(alike, whole)
+    twice = find_acceleration(film, names, np.arange(4000) // 2, 24.0)
+    assert twice is None  # no frames of a motion
+
+
 def test_give_is_the_deviation_of_lengths_within_each_sequence(film):
     sequences = np.array(list("ab" * 200))
     lengths = np.linalg.norm(film[:, :, BONES[:, 0]] - film[:, :, BONES[:, 1]], axis=1)

@@ -10,6 +10,7 @@ import gc
 import importlib
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -42,6 +43,16 @@ BYTES = 4 << 30
 
 ALLOWED = (0, 1, 2)
 """Exit codes: all went well, some items failed, the input is wrong."""
+
+PYTHON = re.compile(
+    r"NoneType|object is not|object has no|not supported between|unhashable|unpack\b"
+    r"|cannot reshape|broadcast|invalid literal|could not convert|string to float"
+    r"|index \d+ is out of bounds|index out of range"
+    r"|subscriptable|positional argument|codec can't"
+    r"|it has no ['\d]|list indices|dtype|must be str|bytes-like|KeyError|ValueError"
+    r"|TypeError|IndexError|AttributeError|iterable|inhomogeneous|Input should"
+)
+"""Words of Python, NumPy and pydantic that no message has."""
 
 CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL)
 
@@ -173,6 +184,7 @@ def run_case(case: Case, folder: Path, tally: Tally) -> Iterator[str]:
             "Traceback" in text
             or any("Warning: " in line.removeprefix("Warning: ") for line in lines)
         ),
+        "a message in words of Python": bool(PYTHON.search(text)),
         "the message is not plain text": not all(line.isprintable() for line in lines),
         f"leaves {new}": any("partial" in name for name in new),
         f"refuses its input and writes {new}": code == 2 and bool(new - {"out"}),

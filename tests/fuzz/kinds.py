@@ -185,7 +185,14 @@ def make_tracker(rng: Random, folder: Path) -> Command:
     name = rng.choice(list(TRACKERS))
     with suppress(ValueError, IndexError):  # changes that need a row with cells
         (spoil_table if name.endswith(".csv") else spoil_hdf5)(rng, folder / name)
-    return ("convert", name, "-o", rng.choice(("out.h5", "out.csv")))
+    return _read(rng, name)
+
+
+def _read(rng: Random, name: str) -> Command:
+    """Return a command that reads a file of another tool."""
+    convert = ("convert", name, "-o", rng.choice(("out.h5", "out.csv")))
+    fit = ("fit", name, "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
+    return rng.choice((convert, convert, ("info", name), fit))
 
 
 def make_detector(rng: Random, folder: Path) -> Command:
@@ -204,7 +211,7 @@ def make_detector(rng: Random, folder: Path) -> Command:
     else:
         path.write_bytes(spoil_text_bytes(rng, path.read_bytes()))
     given = name if rng.random() < 0.7 else str(path.relative_to(folder))
-    return ("convert", given, "-o", rng.choice(("out.h5", "out.csv")))
+    return _read(rng, given)
 
 
 # Configs

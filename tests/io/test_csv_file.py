@@ -195,7 +195,8 @@ def test_what_is_no_number_is_strange(text):
 
 UNSEEN = "write a finite number, or leave the cell empty where it is unknown"
 WEIGHT = "write 0 (hidden) or a positive number"
-HEADER = "write the header item,landmark,x,y[,confidence][,sequence], with commas"
+COLUMNS = "item,landmark,x,y[,confidence][,sequence][,frame][,time]"
+HEADER = f"write the header {COLUMNS}, with commas"
 ONE_CELL = "write one cell per column"
 
 
@@ -253,8 +254,8 @@ ONE_CELL = "write one cell per column"
             ["3: is not UTF-8 text; save it as CSV in UTF-8"],
         ),
         (
-            "item,landmark,x,y,confidense\n1,2,3,4,5\n",
-            [f"1: the header is 'item,landmark,x,y,confidense'; {HEADER}"],
+            "item,landmark,x,why\n1,2,3,4\n",
+            [f"1: the header is 'item,landmark,x,why'; {HEADER}"],
         ),
         ("item,landmark,x\n1,2,3\n", [f"1: the header is 'item,landmark,x'; {HEADER}"]),
         (

@@ -26,6 +26,12 @@ POINT = {"x": 0.5, "y": 0.25, "z": 0.0}
     [
         ("openpose", {"people": [{"pose_keypoints_2d": LONG}], "version": 1.3}),
         ("openpose", {"version": 1.3}),
+        ("openpose", {"people": []}),
+        ("mmpose-images", [{"keypoints": PAIRS, "scores": LONG, "labels": []}]),
+        ("mmpose-images", [{"keypoints": {"x": [1.0], "y": [2.0], "visible": [1.0]}}]),
+        ("mediapipe", [{"keypoints": [{"y": 1, "x": 2, "score": 1, "name": "nose"}]}]),
+        ("mediapipe", [[{"keypoints": [{"y": 1, "x": 2}], "score": 0.5}]]),
+        ("mediapipe", {"poseLandmarks": [POINT]}),
         (
             "coco-annotations",
             {"info": {"version": "1.0"}, "annotations": [], "images": []},
@@ -36,7 +42,7 @@ POINT = {"x": 0.5, "y": 0.25, "z": 0.0}
         ("mmpose-video", [{"frame_id": 0, "instances": []}]),
         ("mmpose-video", {"instance_info": [], "meta_info": {}}),
         ("mediapipe", {"frames": [{"landmarks": [[POINT]]}]}),
-        ("mediapipe", {"0": [{"name": "nose", **POINT}]}),
+        ("mediapipe", {"0": [{"name": "nose", **POINT}], "12": []}),
         ("arrays", [[[1, 2], [3, 4]]]),
         ("arrays", [[None, 2], [3, 4]]),
     ],
@@ -55,7 +61,40 @@ def test_json_by_its_keys(tmp_path, name, content):
             '{"entries": [{"a": {"at": 0, "x": 1, "y": 2}}]}',
             "of no known kind, with entries",
         ),
-        ('[{"shapes": [], "imagePath": ""}]', "imagePath"),
+        (
+            '[{"shapes": [], "imagePath": ""}]',
+            "imagePath, shapes, as LabelMe writes it",
+        ),
+        (
+            '{"version": "5.4", "flags": {}, "shapes": [{}], "imagePath": "a.jpg"}',
+            "of no known kind, with flags, imagePath, shapes, version, as LabelMe",
+        ),
+        (
+            '[{"id": 1, "annotations": [{"result": [{"value": {"x": 1, "y": 2},'
+            ' "from_name": "kp", "to_name": "img"}]}], "data": {}}]',
+            "with annotations, data, id, as Label Studio writes it; export it as COCO",
+        ),
+        (
+            '{"version": 0.7, "univTime": 1.5, "bodies": [{"joints19": [1, 2, 3, 1]}]}',
+            "with bodies, univTime, version, as CMU Panoptic writes it; its points are",
+        ),
+        (
+            '{"version": "2.0.0", "skeletons": [], "nodes": [], "labels": []}',
+            "with labels, nodes, skeletons, version, as SLEAP writes it; save it as",
+        ),
+        (
+            '{"version": "AlphaPose v0.3", "bodies": [{"joints": [1, 2, 0.5]}]}',
+            "as AlphaPose for CMU writes it; write it with --format coco or open",
+        ),
+        (
+            '{"version": "1.2", "settings": {"a": 1}}',
+            "of no known kind, with settings, version; give JSON of OpenPose",
+        ),
+        (
+            '[{"keypoints": "none", "file": "a.jpg"}]',
+            "with file, keypoints (a file of COCO results has image_id and keypoints",
+        ),
+        ('{"people": [{"name": "Ann"}]}', "with people (a set of OpenPose files has"),
     ],
 )
 def test_json_that_is_not_of_a_detector(tmp_path, text, found):
@@ -214,3 +253,70 @@ def test_a_folder_in_a_format_of_files_is_refused(tmp_path):
             InputError, match=r"it is a folder, and .* is a file; name the files"
         ):
             find_kind(tmp_path, InputOptions(format=name))
+
+
+# Folders
+
+LABEL = "0 .5 .5 .1 .1" + " .25 .5 2" * 17 + "\n"
+
+
+@pytest.mark.parametrize("empty", [0, 24, 300])
+def test_labels_of_a_person_who_comes_late(tmp_path, empty):
+    """As a folder, and as the files that a shell names: images without anybody have
+    empty files.
+    """
+    folder = tmp_path / "labels"
+    folder.mkdir()
+    for number in range(empty + 3):
+        text = LABEL if number >= empty else ""
+        (folder / f"clip_{number:06d}.txt").write_text(text)
+    for paths in ([folder], sorted(folder.iterdir())):
+        with open_landmarks(paths) as source:
+            frames = source.whole().columns["frame"].tolist()
+        assert frames == [empty, empty + 1, empty + 2]
+
+
+def test_an_empty_text_beside_other_files_is_empty(tmp_path):
+    (tmp_path / "notes.txt").write_text("")
+    (tmp_path / "other.txt").write_text("words\n")
+    with pytest.raises(InputError, match=r"notes\.txt: is empty \(0 bytes\)"):
+        detect_format(tmp_path / "notes.txt")
+
+
+def test_files_of_images_without_people_are_of_their_recording(tmp_path):
+    """Hugging Face, Ultralytics and MMPose write an empty list."""
+    person = {"keypoints": [[1.0, 2.0]] * 17, "scores": [0.25] * 17}
+    for number, people in enumerate(([], [person], [], [person])):
+        (tmp_path / f"{number}.json").write_text(json.dumps(people))
+    paths = sorted(tmp_path.iterdir())
+    for given in ([tmp_path], paths):
+        with open_landmarks(given) as source:
+            images = source.whole()
+        assert images.columns["frame"].tolist() == [1, 3]
+        assert (images.confidence == 0.25).all()
+
+
+# What readers check, and what they do not
+
+
+def test_what_a_reader_does_not_check_is_an_error_of_its_own(tmp_path, monkeypatch):
+    """And not the fault of the file."""
+    path = tmp_path / "r.json"
+    path.write_text(json.dumps([{"image_id": 1, "keypoints": LONG}]))
+
+    def read(paths):
+        return [1, 2][5]
+
+    known = FORMATS["coco-results"]._replace(read_poses=read)
+    monkeypatch.setitem(FORMATS, "coco-results", known)
+    with pytest.raises(IndexError), open_landmarks([path]):
+        pass
+
+
+def test_lists_of_openpose_that_are_left_out_are_said(tmp_path):
+    person = {"pose_keypoints_2d": [1, 2, 0.5] * 25, "face_keypoints_2d": [1, 2, 0.5]}
+    person |= {"hand_left_keypoints_2d": [], "hand_right_keypoints_2d": [3, 4, 1]}
+    (tmp_path / "0.json").write_text(json.dumps({"people": [person]}))
+    with open_landmarks([tmp_path / "0.json"]) as source:
+        said = " ".join(source.notes)
+    assert "left out: face_keypoints_2d and hand_right_keypoints_2d" in said

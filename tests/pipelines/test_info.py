@@ -2,13 +2,15 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from shapefit.config import load_config
-from shapefit.io import csv_file
+from shapefit.io import LandmarkSet, csv_file
 from shapefit.io.inputs import in_words
 from shapefit.pipelines.info import next_command, run
 from shapefit.pipelines.partition.run import run as fit
+from tests.io.files import save
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
@@ -44,6 +46,26 @@ def test_landmarks():
     assert 0 < float(row["missing"].split("%")[0]) < 100
     # an animal has hips, knees, shoulders, and is no person
     assert "-d DICT.h5" in lines(info(SAMPLES / "animal_walk.csv").note)["next"]
+
+
+def test_missing_frames_are_said(tmp_path):
+    names = tuple("abc")
+    images = LandmarkSet(
+        100.0 + np.arange(36).reshape(6, 2, 3),
+        names,
+        tuple("123456"),
+        ("s", "s", "s", "t", "t", "t"),
+        frame_rate=30.0,
+        frame=np.array([0, 1, 4, 7, 8, 69]),
+    )
+    save(tmp_path / "gaps.h5", images)
+    row = lines(info(tmp_path / "gaps.h5").note)
+    assert row["gaps"] == "62 frames missing, at most 60 (2 s), before 6"
+    save(tmp_path / "whole.h5", images.take([0, 1, 3, 4]))
+    assert not {"gaps", "frames"} & lines(info(tmp_path / "whole.h5").note).keys()
+    save(tmp_path / "none.h5", images.without(["frame"]))
+    row = lines(info(tmp_path / "none.h5").note)
+    assert row["frames"] == "not numbered, so one follows the other"
 
 
 def test_files_of_one_recording_are_one_input():

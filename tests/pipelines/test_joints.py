@@ -161,7 +161,8 @@ def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
     """A marginal of the whole prior: what the files do not mark changes nothing."""
     feet = {f"{s}{part}" for s in "rl" for part in ("heel", "ball", "toe")}
     hands = {"rhand", "lhand"}
-    marked = {"coco_17": set(), "h36m_17": {"spine"}, "mediapipe_33": feet | hands}
+    marked = {"coco_17": set(), "coco_18": set(), "h36m_17": {"spine"}}
+    marked["mediapipe_33"] = feet | hands
     for skeleton in installed_skeletons().values():
         part = match_names(skeleton.landmark_names, people, "here").dictionary
         assert set(part.landmark_names) - set(PEOPLE) == marked.get(skeleton.name, feet)

@@ -19,7 +19,7 @@ void clear(double* x, long n) {
 
 void Banded::scales(const SequenceData& data, long f, long lag, double* out) const {
     const long p = data.stiffness.size[0];
-    const double tied = tie(f, lag, t_);
+    const double tied = tie(data, f, lag);
     for (long e = 0; e < D_; ++e)
         out[e] = e < 3 * p ? tied * data.stiffness[e % p] : 0.0;
 }
@@ -126,6 +126,7 @@ void Banded::write_covariances(const SequenceData& data, const Place& at,
         add_product(-1, plain(two, D), turned, here, D, D, D, D, upper(D));
         mirror(here, D, D);
         marginal.write(data, at, f, here);
+        data.energies[f] = at.energies[f];
         for (long e = 0; e < DD; ++e) between[e] = one[e];
         double* free = last;
         last = next;

@@ -91,7 +91,8 @@ class Banded {
     void solve(const SequenceData& data, const double* x, Matrix<double> out) const;
 
     // The covariance of each frame's points, the lengths held, to `data`: its block of
-    // A^-1, with the mixture of the frame in the place of what stands for it in A.
+    // A^-1, with the mixture of the frame in the place of what stands for it in A; and
+    // the energies of the frames.
     void write_covariances(const SequenceData& data, const Place& at,
                            Marginal& marginal) const;
 

@@ -69,13 +69,12 @@ double held_back(const SequenceData& data, const Place& at, long b) {
     return total;
 }
 
-double tie(long f, long lag, long frames) {
-    constexpr double DIFFERENCE[3] = {1, -2, 1};
+double tie(const SequenceData& data, long f, long lag) {
     double total = 0;
-    for (int a = 0; a + lag < 3;
-         ++a) {  // f is member a of the difference that begins at f - a
-        const bool whole = f >= a && f - a + 3 <= frames;
-        total += whole ? DIFFERENCE[a] * DIFFERENCE[a + lag] : 0.0;
+    for (int a = 0; a + lag < 3 && a <= f; ++a) {
+        // f is member a of the difference that begins at f - a
+        const double* c = data.differences[f - a].data;
+        total += c[a] * c[a + lag];
     }
     return total;
 }
@@ -85,6 +84,7 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
     double energy = 0;
     for (long b = 0; b < data.lengths.size[0]; ++b) at.too_long[b] = 0;
     for (long f = 0; f < t; ++f) {
+        const double before = energy;
         const double *y = at.y[f].data, *w = data.landmarks[f].data,
                      *weight = data.weight[f].data;
         energy += mix(data, f, y, at.share[f].data, at.linear_term[f].data, scratch);
@@ -95,14 +95,17 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
             at.too_long[b] += longer;
             energy += 0.5 * data.rigidity[b] * square(longer);
         }
+        at.energies[f] = energy - before;
         if (f + 2 >= t) continue;
-        const double *next = at.y[f + 1].data, *last = at.y[f + 2].data;
+        const double *next = at.y[f + 1].data, *last = at.y[f + 2].data,
+                     *c = data.differences[f].data;
         for (int a = 0; a < 3; ++a)
             for (long j = 0; j < p; ++j) {
                 const long e = a * p + j;
-                energy +=
-                    0.5 * data.stiffness[j] * square(y[e] - 2 * next[e] + last[e]);
+                energy += 0.5 * data.stiffness[j] *
+                          square(c[0] * y[e] + c[1] * next[e] + c[2] * last[e]);
             }
+        at.energies[f] = energy - before;
     }
     for (long b = 0; b < data.lengths.size[0]; ++b)
         energy += 0.5 * (at.lengths[b] - data.known[b]) * held_back(data, at, b);
@@ -136,7 +139,8 @@ void derive(const SequenceData& data, const Place& at, long f, Bones bones, doub
         R[e * E] += weight[e] * (y[e] - w[e]);
     }
     for (long other = f < 2 ? 0 : f - 2; other <= f + 2 && other < t; ++other) {
-        const double tied = other < f ? tie(other, f - other, t) : tie(f, other - f, t);
+        const double tied =
+            other < f ? tie(data, other, f - other) : tie(data, f, other - f);
         for (int a = 0; a < 3; ++a)
             for (long j = 0; j < p; ++j)
                 R[(a * p + j) * E] += tied * data.stiffness[j] * at.y[other][a * p + j];

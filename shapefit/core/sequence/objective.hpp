@@ -2,7 +2,7 @@
 //
 //   sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)  +  1/2 sum_(f,j) weight_fj ||w_fj
 //   - y_fj||^2
-//     + 1/2 sum_(f,j) ||y_(f-1)j - 2 y_fj + y_(f+1)j||^2 / a_j^2
+//     + 1/2 sum_(f,j) ||c_f0 y_fj + c_f1 y_(f+1)j + c_f2 y_(f+2)j||^2 / a_j^2
 //     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2  +  1/2 (l - known)^T
 //     H (l - known)
 //
@@ -27,6 +27,8 @@ struct SequenceData {
     Blocks<const double> precisions = from("precisions", "t K 3p 3p");  // P
     Matrix<const double> log_det = from("log_det", "t K");    // of the covariances
     Vector<const double> stiffness = from("stiffness", "p");  // 1/a^2
+    // c of the second difference that begins at each frame, 0 where there is none
+    Matrix<const double> differences = from("differences", "t 3");
     Matrix<const int64_t> bones = from("bones", "e 2");
     Vector<const double> rigidity = from("rigidity", "e");  // 1/b^2
     Matrix<const double> hold =
@@ -43,6 +45,8 @@ struct SequenceData {
     Matrix<double> correlation = from("correlation", "t 3p");
     Tensor<double> covariance =
         from("covariance", "t 3p 3p?");     // of each frame, where wanted
+    // of each frame, with the second difference that begins there
+    Vector<double> energies = from("energies", "t");
     Vector<double> end = from("end", "2");  // energy at the minimum, rounds
 };
 
@@ -54,7 +58,8 @@ struct Place {
           linear_term(workspace.matrix<double>(data.points.size[0],
                                                padded(data.points.size[1]))),
           share(workspace.matrix<double>(data.points.size[0], data.log_share.size[1])),
-          too_long(workspace.vector<double>(data.lengths.size[0])) {}
+          too_long(workspace.vector<double>(data.lengths.size[0])),
+          energies(workspace.vector<double>(data.points.size[0])) {}
 
     Matrix<double> y;            // (t, D)
     Vector<double> lengths;      // (e,)
@@ -62,6 +67,7 @@ struct Place {
     Matrix<double> share;        // of the modes at y (t, K)
     Vector<double>
         too_long;  // sum over the frames of how much longer than l a bone is (e,)
+    Vector<double> energies;  // of the frames (t,)
     double energy = 0;
 };
 
@@ -91,7 +97,7 @@ double held_back(const SequenceData& data, const Place& at, long b);
 double multiply_symmetric(const double* P, const double* x, long d,
                           double* __restrict out);
 
-// How frame f is tied to frame f + apart by D^T D of the second difference D.
-double tie(long f, long lag, long frames);
+// How frame f is tied to frame f + lag by D^T D of the second differences D.
+double tie(const SequenceData& data, long f, long lag);
 
 }  // namespace shapefit

@@ -6,6 +6,7 @@ and ROS's.
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -20,7 +21,7 @@ from shapefit.errors import input_error, listed
 from shapefit.geometry.pinhole import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io.inputs import require_file
-from shapefit.io.readers.poses import parsing, require
+from shapefit.io.readers.poses import as_numbers, library_reads, parsing, require
 from shapefit.io.readers.text import read_json
 
 KEYS = {
@@ -97,15 +98,19 @@ def _read_content(path: Path) -> Any:
     if path.suffix.lower() == ".json":
         return read_json(path)
     if path.suffix.lower() not in (".yaml", ".yml"):
-        return tomllib.loads(path.read_bytes().decode())
+        with library_reads("it is no TOML"):
+            return tomllib.loads(path.read_bytes().decode())
     from ruamel.yaml import YAML
 
+    with library_reads("it is no UTF-8"):
+        text = path.read_text("utf-8")
     # OpenCV writes a directive and tags that YAML does not have
-    text = re.sub(r"\A%YAML.*|!!opencv-[\w-]+", "", path.read_text("utf-8"))
+    text = re.sub(r"\A%YAML.*|!!opencv-[\w-]+", "", text)
     # ruamel.yaml takes minutes to read these two
     require(re.search(r"(?:[\[{]\s*){20}", text) is None, "lists nested too deeply")
     require(re.search(r"[:\[,-]\s*[&*]\w", text) is None, "an anchor or an alias")
-    return YAML(typ="safe", pure=True).load(text)
+    with library_reads("it is no YAML"):
+        return YAML(typ="safe", pure=True).load(text)
 
 
 def _sections(name: str, value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -129,7 +134,7 @@ def _field(table: Mapping[str, Any], field: str) -> Any:
 
 
 def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
-    """Return the camera of a section. Raises ValueError for fields that cannot be."""
+    """Return the camera of a section. Raises FormatError for fields that cannot be."""
     model = str(table.get("distortion_model", "")).lower()
     fisheye = table.get("fisheye") is True or model in ("fisheye", "equidistant")
     require(not fisheye, "a fisheye lens, whose model is another one")
@@ -152,6 +157,8 @@ def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
     )
     require(not given[COEFFICIENTS:].any(), beyond)
     given = np.pad(given, (0, max(4 - len(given), 0)))  # k1, or k1 k2, or k1 k2 p1
+    counted = len(given[:COEFFICIENTS]) in (4, 5, COEFFICIENTS)
+    require(counted, f"{len(given)} coefficients of distortion, not 4, 5 or 8")
     return CalibratedCamera(
         matrix=matrix,
         distortion=complete(given[:COEFFICIENTS]),
@@ -193,9 +200,16 @@ def _array(
     given = _field(table, field)
     if given is None:
         return None
-    values = np.array(given["data"] if isinstance(given, dict) else given, np.float64)
+    numbers = given.get("data") if isinstance(given, dict) else given
+    values = as_numbers(numbers, f"the numbers of {field}")
     if isinstance(given, dict):
-        values = values.reshape(int(given["rows"]), int(given["cols"]))
+        sizes: list[Any] = [given.get(key) for key in ("rows", "cols")]
+        whole = all(isinstance(size, int) and size >= 0 for size in sizes)
+        require(
+            whole and math.prod(sizes) == values.size,
+            f"{field} has {values.size} numbers, not {sizes[0]} rows of {sizes[1]}",
+        )
+        values = values.reshape(sizes)
     values = values.ravel() if len(shape) == 1 else values
     fits = np.isfinite(values).all() and shape in ((), values.shape)
     require(

@@ -5,21 +5,25 @@ from __future__ import annotations
 import csv
 import io
 import pickle
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, printable
-from shapefit.io.csv_file import read_numbers
+from shapefit.io.csv_file import MOST_FRAME, read_numbers
+from shapefit.io.formats import Head
 from shapefit.io.readers.poses import (
+    FormatError,
     Poses,
-    image_labels,
+    library_reads,
     number_labels,
     of_frames,
+    place_images,
     require,
+    video_name,
 )
 from shapefit.io.readers.text import read_table, read_text
 from shapefit.io.readers.trackers import TrackerFile
@@ -28,6 +32,22 @@ HEADER = ("scorer", "individuals", "bodyparts", "coords")
 
 Columns = list[tuple[str, ...]]
 """(scorer, [individual,] body part, coordinate) of each column."""
+
+Rows = Mapping[str, Any]
+"""Fields of `of_frames` that say what the rows are."""
+
+MANY = 10**9
+"""Frames of a video for one that is labelled: any."""
+
+
+def is_csv(head: Head) -> bool:
+    """Whether its rows of names come first; what is seen of the file can end in one of
+    them.
+    """
+    first, *others = (line.split(b",", 1)[0].strip(b" \"'") for line in head.lines[:3])
+    if first == b"scorer" and b"," in head.lines[0]:
+        return len(others) < 2 or b"bodyparts" in others
+    return first in (b"bodyparts", b"individuals") and b"coords" in others
 
 
 def read_csv(paths: tuple[Path, ...]) -> Poses:
@@ -40,14 +60,18 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
     """
     path, text = paths[0], read_text(paths[0])
     levels: dict[str, list[str]] = {}
-    for cells in csv.reader(text.split("\n", len(HEADER))[: len(HEADER)]):
+    first_lines = text.split("\n", len(HEADER))[: len(HEADER)]
+    with library_reads("the lines of names have no end"):
+        rows = [*csv.reader(first_lines)]
+    for cells in rows:
         name, *_ = row = [cell.strip() for cell in cells] or [""]
         if name not in HEADER or name in levels:
             break
         levels[name] = row
-    names = [
-        levels[name] for name in HEADER[1:] if name in levels or name != "individuals"
-    ]
+    needed = [name for name in HEADER[1:] if name != "individuals"]
+    lacking = [name for name in needed if name not in levels]
+    require(not lacking, f"there is no line {abbreviate(lacking)}")
+    names = [levels[name] for name in HEADER[1:] if name in levels]
     require(
         len({*map(len, names)}) == 1,
         "the lines of names have different numbers of cells",
@@ -58,18 +82,18 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
     numbered = not read_numbers([first])[1].any()
     labels = ["/".join(column[1:]) for column in columns]
     table = read_table(path, text, labels, after=len(levels), padded=not numbered)
+    retained = [columns[number] for number in placed]
     if numbered:
         values = table.numbers([0, *placed])
-        frames, values = number_labels(values[:, 0]), values[:, 1:]
-    else:
-        values, parts = (
-            table.numbers(placed),
-            table.texts(*range(min(placed, default=1))),
-        )
-        frames = image_labels(
-            ["/".join(filter(None, row)) for row in zip(*parts, strict=True)]
-        )
-    return _of_columns(path, [columns[number] for number in placed], values, frames)
+        return _of_columns(path, retained, values[:, 1:], _numbered(values[:, 0]))
+    parts = table.texts(*range(min(placed, default=1)))
+    images = ["/".join(filter(None, row)) for row in zip(*parts, strict=True)]
+    return _of_columns(path, retained, table.numbers(placed), _named(path, images))
+
+
+def is_hdf5(head: Head) -> bool:
+    """Whether an HDF5 file has a table that pandas wrote."""
+    return any(name.endswith("@pandas_type") for name in head.hdf5)
 
 
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:
@@ -83,16 +107,18 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     columns: Columns = []
     blocks = []
     with TrackerFile(paths[0]) as file:
-        keys = [name for name in file.root if file.text("pandas_type", name)]
+        keys = [name for name in file.names() if file.text("pandas_type", name)]
         require(
             len(keys) == 1,
             f"the tables {', '.join(keys)}; save one of them in its own file",
         )
         (key,) = keys
         if file.is_dataset(f"{key}/table"):
-            rows = file.rows(f"{key}/table")
+            rows = np.asarray(file.rows(f"{key}/table"))
+            fields: tuple[str, ...] = rows.dtype.names or ()
+            require("index" in fields, "a table without an index")
             index = rows["index"]
-            for field in [name for name in rows.dtype.names if name != "index"]:
+            for field in [name for name in fields if name != "index"]:
                 columns += _unpickle_names(
                     file.attribute(f"{field}_kind", f"{key}/table")
                 )
@@ -107,13 +133,41 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
             images = _names_of_codes(file, f"{key}/axis1")
             index = np.array(["/".join(filter(None, row)) for row in images], object)
             index = index if images else np.ravel(file.rows(f"{key}/axis1"))
-    numbered = index.dtype.kind in "iuf"
-    labels = (
-        number_labels(index) if numbered else image_labels([*map(str, index.tolist())])
-    )
+    if index.dtype.kind in "iuf":
+        rows_are = _numbered(np.asarray(index, np.float64))
+    else:
+        rows_are = _named(paths[0], [*map(str, index.tolist())])
+    require(blocks, "no columns of coordinates")
+    alike = all(block.ndim == 2 and len(block) == len(index) for block in blocks)
+    numeric = alike and all(block.dtype.kind in "biuf" for block in blocks)
+    require(numeric, "blocks of other lengths than the index, or not of numbers")
     values = np.concatenate(blocks, axis=1).astype(np.float64)
-    require(values.shape == (len(labels), len(columns)), f"{values.shape} values")
-    return _of_columns(paths[0], columns, values, labels)
+    require(values.shape == (len(index), len(columns)), f"{values.shape} values")
+    return _of_columns(paths[0], columns, values, rows_are)
+
+
+def _numbered(index: Floats) -> Rows:
+    """Return what rows are by an index of frames."""
+    labels = number_labels(index)
+    whole = (index % 1 == 0).all() and (np.abs(index) < MOST_FRAME).all()
+    require(whole, "a frame that is no whole number", "number the frames")
+    frames = index.astype(np.int64)
+    return {"labels": labels, "frames": frames - frames.min(initial=MOST_FRAME)}
+
+
+def _named(path: Path, images: Sequence[str]) -> Rows:
+    """Return what rows are by the paths of images: labelled frames of videos, in a
+    folder each, whose names end in the number of the frame.
+    """
+    folders = [PureWindowsPath(image).parent.name for image in images]
+    several = len({*folders}) > 1
+    placed = place_images(path, images, folders if several else None, sparsest=MANY)
+    return {
+        "labels": placed.labels,
+        "frames": np.array(placed.frames, np.int64),
+        "video": placed.videos if several else video_name(path),
+        "unordered": placed.unordered,
+    }
 
 
 class NameUnpickler(pickle._Unpickler):
@@ -125,15 +179,18 @@ class NameUnpickler(pickle._Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         """Refuse what would be imported, and could be called."""
-        raise pickle.UnpicklingError(
-            f"asks for {module}.{name}, which is never executed here"
-        )
+        raise FormatError(f"asks for {module}.{name}, which is never executed here")
 
 
 def _unpickle_names(pickled: Any) -> Columns:
     """Return the names of columns, a list of tuples, that an attribute has pickled."""
     data = pickled.encode() if isinstance(pickled, str) else pickled
-    return [tuple(map(str, name)) for name in NameUnpickler(io.BytesIO(data)).load()]
+    require(isinstance(data, bytes), "the names of its columns are missing")
+    with library_reads("the names of its columns are damaged"):
+        names = NameUnpickler(io.BytesIO(data)).load()
+    listed = isinstance(names, list) and all(isinstance(name, tuple) for name in names)
+    require(listed, "the names of its columns are no list of names")
+    return [tuple(map(str, name)) for name in names]
 
 
 def _names_of_codes(file: TrackerFile, start: str) -> Columns:
@@ -144,20 +201,22 @@ def _names_of_codes(file: TrackerFile, start: str) -> Columns:
     while file.is_dataset(place := f"{start}_level{len(levels)}"):
         names = [*file.texts(place), ""]
         codes = np.ravel(file.rows(f"{start}_label{len(levels)}"))
+        known = codes.dtype.kind in "iu" and (codes < len(names) - 1).all()
+        require(known and (codes >= -1).all(), f"{place} lacks names of columns")
         levels.append([names[code] for code in codes.tolist()])
+    same = len({*map(len, levels)}) <= 1
+    require(same, f"the levels of {start} have different lengths")
     return list(zip(*levels, strict=True))
 
 
 COORDINATES = ("x", "y", "z", "likelihood")
 
 
-def _of_columns(
-    path: Path, columns: Columns, values: Floats, labels: Sequence[str]
-) -> Poses:
+def _of_columns(path: Path, columns: Columns, values: Floats, rows_are: Rows) -> Poses:
     """Return the poses of rows (n, columns), each individual a pose of the frame.
 
     A landmark that only some individuals have is missing for the others. Columns of
-    other coordinates are left out, with a note. Raises ValueError for columns that
+    other coordinates are left out, with a note. Raises FormatError for columns that
     repeat or lack others.
     """
     sizes = {len(column) for column in columns}
@@ -203,7 +262,7 @@ def _of_columns(
         path,
         points,
         confidence,
-        labels,
+        **rows_are,
         landmark_names=landmarks,
         individuals=individuals if named else None,
         notes=(f"columns left out: {abbreviate(others)}",) if others else (),

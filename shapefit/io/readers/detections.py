@@ -1,5 +1,5 @@
-"""Detections of people and animals: OpenPose, COCO (and AlphaPose), MMPose, MediaPipe,
-YOLO.
+"""Detections of people and animals: a file for each image of OpenPose, MMPose, Hugging
+Face, Ultralytics or YOLO, and files of MMPose for a video.
 
 Files differ in where the people of a frame stand, as a rule without an identity over
 frames.
@@ -8,64 +8,219 @@ frames.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Required
 
 import numpy as np
+from typing_extensions import TypedDict
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed
+from shapefit.io.formats import FIRST, Head
+from shapefit.io.readers.declared import Identity, checked
 from shapefit.io.readers.poses import (
     FRACTION,
-    LAST_NUMBER,
+    FormatError,
+    Images,
     Poses,
-    are_series,
-    check_names,
+    as_numbers,
     edges_of,
-    image_labels,
+    library_reads,
     name_individual,
     parsing,
     require,
+    series_numbers,
     unit_of,
     video_name,
 )
 from shapefit.io.readers.text import floats, read_json, read_text
 from shapefit.io.skeletons import skeletons_of_size
 
-Detection = tuple[
-    Sequence[Any], int, Any
-]  # x, y, confidence of all landmarks; image; who it is
-
+Detection = tuple[Floats, int, Any]
+"""x, y, confidence of all landmarks (p, 3), NaN for none; number of the image; who it
+is.
+"""
 
 # One file per image.
 
+LISTS = ("pose_keypoints_2d", "pose_keypoints", "keypoints")
+"""Where the landmarks of a person stand."""
+
+WHO = ("person_id", "track_id", "idx")
+"""Where its identity stands."""
+
+SCORES = ("keypoint_scores", "scores", "keypoints_scores")
+"""Where the confidences of landmarks stand that are pairs."""
+
+LEFT_OUT = (
+    "face_keypoints_2d",
+    "hand_left_keypoints_2d",
+    "hand_right_keypoints_2d",
+    "pose_keypoints_3d",
+)
+"""Lists of OpenPose beside those of the body."""
+
+
+def is_openpose(head: Head) -> bool:
+    """Whether JSON has people with landmarks, or none."""
+    if not isinstance(head.json, dict):
+        return False
+    people = head.json.get("people")
+    if people is None:
+        return head.json.keys() == {"version"}  # an image without people
+    if not isinstance(people, list):
+        return False
+    return not people or bool(_keys_of(people) & {*LISTS, *LEFT_OUT})
+
+
+def is_people_of_an_image(head: Head) -> bool:
+    """Whether a list, which may be empty, has people whose keypoints are pairs, or
+    lists of x and of y, without the image that they are of.
+    """
+    if not isinstance(head.json, list) or "image_id" in head.keys:
+        return False
+    if not head.json:
+        return True
+    people = [one for one in head.json[:FIRST] if isinstance(one, dict)]
+    keypoints = [one["keypoints"] for one in people if one.get("keypoints")]
+    return bool(keypoints) and all(map(_are_pairs, keypoints))
+
+
+def _are_pairs(keypoints: object) -> bool:
+    """Whether landmarks stand as [x, y] each, or as lists of x and of y."""
+    if isinstance(keypoints, dict):
+        return {"x", "y"} <= keypoints.keys()
+    return isinstance(keypoints, list) and isinstance(keypoints[0], list)
+
+
+def _keys_of(people: Sequence[Any]) -> set[str]:
+    """Return the keys of all people that are objects."""
+    return {key for one in people if isinstance(one, dict) for key in one}
+
 
 def read_image_files(paths: tuple[Path, ...]) -> Poses:
-    """Read a file per frame, with the people in it: OpenPose's, or MMPose's list of
-    instances.
+    """Read a file per frame, with the people in it: OpenPose's, or a list as MMPose,
+    Hugging Face and Ultralytics write it.
 
     A landmark of confidence 0 is missing. Pose2Sim, Sports2D and RTMLib write such
     files, too.
     """
-    files, labels, fields = _find_images(paths, ".json")
+    files, images = _find_images(paths, ".json")
     detections: list[Detection] = []
+    left_out: Counter[str] = Counter()
     for number, file in enumerate(files):
         with parsing(
             file, "a file of people", "remove it from the folder, or export it again"
         ):
             content = read_json(file)
             if isinstance(content, dict):
-                content = content.get(
-                    "people", None if content.keys() - {"version"} else []
-                )
-            detections += _detections(content, number)
-    return _as_poses(paths[0], labels, detections, **fields)
+                others = content.keys() - {"version"}
+                require("people" in content or not others, "there is no list of people")
+                content = content.get("people", [])
+            detections += detections_of(content, number)
+            for person in content:
+                left_out.update(one for one in LEFT_OUT if any(person.get(one) or ()))
+    names = listed(left_out, "and") if left_out else ""
+    note = f"landmarks beside those of the body left out: {names}"
+    return as_poses(images, detections, notes=(note,) if left_out else ())
 
 
-BOX, DATA = (
-    5,
-    "data.yaml",
-)  # numbers of YOLO before landmarks, and the file that names those
+def detections_of(
+    people: object, image: int, *, needed: bool = False
+) -> list[Detection]:
+    """Return the people of an image, who may have no landmarks unless they are
+    `needed`.
+    """
+    detections: list[Detection] = []
+    require(isinstance(people, list), "no list of people")
+    for person in checked(list[dict[str, Any]], people):
+        points = person_points(person, needed=needed)
+        detections.append((points, image, who_of(person)))
+    return detections
+
+
+def who_of(person: Mapping[str, Any]) -> Any:
+    """Return what identity a file gives a person; None for nobody."""
+    return _first(person, WHO)
+
+
+def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
+    """Return x, y, confidence of the landmarks of a person (p, 3), who may have none
+    unless they are `needed`.
+
+    They are three numbers a landmark in one list, [x, y] beside a list of confidences,
+    or lists of x and y and, if any, `visible`.
+    """
+    given = _first(person, LISTS)
+    if given is None or (given == [] and not needed):
+        require(not needed, "a person without a list of keypoints")
+        return np.empty((0, 3))
+    if isinstance(given, dict):
+        return _points_of_lists(given)
+    require(isinstance(given, list), "a person without a list of keypoints")
+    values = as_numbers(given, "keypoints of a person")
+    if values.ndim == 1:
+        problem = f"a person of {len(values)} numbers, not 3 a landmark"
+        require(len(values) % 3 == 0, problem)
+        return values.reshape(-1, 3)
+    if values.ndim != 2 or values.shape[1] != 2:
+        solid = values.ndim == 2 and values.shape[1] == 3
+        what = "[x, y, z], so points in 3D" if solid else "no pairs [x, y]"
+        raise FormatError(f"keypoints are {what}", "give landmarks in 2D")
+    given_scores = _first(person, SCORES)
+    if given_scores is None:
+        return np.column_stack([values, np.ones(len(values))])
+    scores = as_numbers(given_scores, "confidences of a person")
+    counts = f"{len(values)} landmarks of a person, and {scores.size} confidences"
+    require(scores.shape == values.shape[:1], counts)
+    return np.column_stack([values, scores])
+
+
+def _points_of_lists(given: Mapping[str, Any]) -> Floats:
+    """Return x, y, confidence (p, 3) of lists `x`, `y` and, if any, `visible`."""
+    require({"x", "y"} <= given.keys(), "keypoints without lists of x and y")
+    x, y = (as_numbers(given[axis], f"{axis} of keypoints") for axis in ("x", "y"))
+    seen = given.get("visible")
+    scores = np.ones(x.shape) if seen is None else as_numbers(seen, "visible")
+    same = x.ndim == 1 and x.shape == y.shape == scores.shape
+    require(same, "lists x, y and visible of different lengths")
+    return np.column_stack([x, y, scores])
+
+
+def _first(content: Mapping[str, Any], keys: Sequence[str]) -> Any:
+    """Return the value of the first key that an object has."""
+    return next((content[key] for key in keys if content.get(key) is not None), None)
+
+
+BOX = 5
+"""Numbers of YOLO before the landmarks: a class, and the centre and size of a box."""
+
+DATA = "data.yaml"
+"""The file that names the landmarks of YOLO."""
+
+
+def is_yolo(head: Head) -> bool:
+    """Whether a .txt file begins with a line of a class, a box and landmarks, all
+    fractions.
+    """
+    lines = (line.strip() for line in head.lines)
+    first = next((line for line in lines if line and not line.startswith(b"#")), b"")
+    try:
+        kind, *numbers = map(float, first.split() if head.named(".txt") else ())
+    except ValueError:
+        return False
+    box, point = numbers[:4], numbers[4:6]
+    placed = len(point) == 2 and all(-1 <= value <= 2 for value in point)
+    inside = all(0 <= value <= 1 for value in box)
+    return kind.is_integer() and kind >= 0 and placed and inside
+
+
+class _DataYaml(TypedDict, total=False):
+    kpt_shape: list[int] | None
+    kpt_names: Any
+    names: Any
+    skeleton: Any
 
 
 def read_yolo(paths: tuple[Path, ...]) -> Poses:
@@ -76,7 +231,7 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
     `kpt_shape` in data.yaml beside the labels says whether it is left out: then a
     landmark at 0, 0 is missing.
     """
-    files, labels, fields = _find_images(paths, ".txt")
+    files, images = _find_images(paths, ".txt")
     data = _read_data_yaml(paths[0] if paths[0].is_dir() else paths[0].parent)
     rows: list[tuple[int, list[float]]] = []
     for number, file in enumerate(files):
@@ -85,7 +240,11 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
                 if cells := text.partition("#")[0].split():
                     rows.append((number, floats(cells)))
     smallest = min((len(row) for _, row in rows), default=BOX) - BOX
-    count, step = data.get("kpt_shape") or (smallest // 3, 3)
+    shape = data.get("kpt_shape") or [smallest // 3, 3]
+    with parsing(paths[0], "labels of YOLO", f"correct {DATA}"):
+        whole = len(shape) == 2 and shape[0] >= 0
+        require(whole, f"kpt_shape {shape} in {DATA} is not [landmarks, 2 or 3]")
+    count, step = shape
     width = BOX + count * step
     detections: list[Detection] = []
     for number, row in rows:
@@ -98,26 +257,25 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
         if step == 2:
             points = np.column_stack([points, (points > 0).any(axis=1)])
         who = row[-1] if len(row) == width + 2 else None
-        detections.append((points.ravel().tolist(), number, who))
+        detections.append((points, number, who))
     names = data.get("kpt_names")
     if isinstance(names, dict):  # a list for each class, of which the first is taken
         names = next(iter(names.values()), None)
     people = not data or data.get("names") in (["person"], {0: "person"})
     if not isinstance(names, list) or len(names) != count:
         names = () if people and count == 17 else range(count)
-    return _as_poses(
-        paths[0],
-        labels,
+    marks = [points[:, 2] for points, *_ in detections]
+    return as_poses(
+        images,
         detections,
-        scored=any({*numbers[2::3]} - {0, 1, 2} for numbers, *_ in detections),
+        scored=any(not np.isin(values, (0, 1, 2)).all() for values in marks),
         unit=FRACTION,
         landmark_names=tuple(map(str, names)) or None,
         edges=edges_of(data.get("skeleton"), count),
-        **fields,
     )
 
 
-def _read_data_yaml(folder: Path) -> dict[str, Any]:
+def _read_data_yaml(folder: Path) -> _DataYaml:
     """Return the nearest data.yaml in this folder or three above it, {} without; or
     InputError.
     """
@@ -126,16 +284,17 @@ def _read_data_yaml(folder: Path) -> dict[str, Any]:
     folder = folder.resolve()
     paths = (place / DATA for place in (folder, *folder.parents[:3]))
     path = next((path for path in paths if path.is_file()), None)
-    with parsing(path or folder, "YAML", "correct it"):
-        content = YAML(typ="safe", pure=True).load(path) if path else {}
-    return content if isinstance(content, dict) else {}
+    if path is None:
+        return {}
+    with parsing(path, "YAML", "correct it"):
+        with library_reads("it is no YAML"):
+            content = YAML(typ="safe", pure=True).load(path)
+        return checked(_DataYaml, content if isinstance(content, dict) else {})
 
 
-def _find_images(
-    paths: Sequence[Path], suffix: str
-) -> tuple[Sequence[Path], Sequence[str], dict[str, Any]]:
-    """Return the files of a folder, or these, in order; their labels, and fields of
-    Poses.
+def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Images]:
+    """Return the files of a folder, or these, in order, and the images of which they
+    are.
 
     Where names differ in one number alone it is that of the frame; else each is that of
     an image. Raises InputError for links that lead nowhere, pipes and devices, which
@@ -150,80 +309,43 @@ def _find_images(
         if not file.is_file():
             fix = "remove it, or name the files themselves"
             raise input_error(file, "is not a regular file", fix)
-    fields: dict[str, Any] = {"video": folder.resolve().name}
-    fields["name"] = str(paths[0] if len(files) == 1 else folder)
-    if not are_series([file.stem for file in files]):
-        return files, [file.stem for file in files], fields | {"unordered": True}
-    numbered = {int(LAST_NUMBER.findall(file.stem)[0][1]): file for file in files}
-    numbers = sorted(numbered)
-    fields["places"] = [number - numbers[0] for number in numbers]
-    return [numbered[number] for number in numbers], [*map(str, numbers)], fields
+    name = str(paths[0] if len(files) == 1 else folder)
+    video = [folder.resolve().name] * len(files)
+    labels = [file.stem for file in files]
+    numbers = series_numbers(labels)
+    if numbers is None:
+        images = Images(name, video, range(len(files)), labels, unordered=True)
+        return files, images
+    order = sorted(range(len(files)), key=numbers.__getitem__)
+    ordered = [numbers[row] for row in order]
+    frames = [number - ordered[0] for number in ordered]
+    images = Images(name, video, frames, [*map(str, ordered)])
+    return [files[row] for row in order], images
 
 
 # One file of all images.
 
 
-def read_coco_results(paths: tuple[Path, ...]) -> Poses:
-    """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose
-    write it.
-
-    A landmark of 0, 0, 0 is missing, others of confidence 0 have no weight.
-    """
-    detections: list[Detection] = []
-    numbers: dict[Any, int] = {}
-    for entry in read_json(paths[0]):
-        image = numbers.setdefault(entry["image_id"], len(numbers))
-        detections += _detections([entry], image, needed=True)
-    labels = image_labels([*map(str, numbers)])
-    unordered = not are_series(labels)
-    return _as_poses(
-        paths[0], labels, detections, hide_unscored=False, unordered=unordered
-    )
+class _Frame(TypedDict, total=False):
+    frame_id: Identity | None
+    instances: Required[list[Any]]
 
 
-def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
-    """Read what people annotated: images, annotations, and categories with names.
+class _Meta(TypedDict, total=False):
+    keypoint_id2name: dict[str, str] | None
+    skeleton_links: Any
 
-    keypoints are [x, y, v, ...]; v = 0 is missing, 1 hidden and 2 visible. Categories
-    may have different landmarks: then all names together, in their order.
-    """
-    content = read_json(paths[0])
-    place: dict[str, int] = {}
-    columns: dict[Any, list[int]] = {}
-    edges: dict[tuple[int, int], None] = {}
-    for category in content.get("categories", ()):
-        names = category.get("keypoints") or []
-        check_names(names, "landmark")
-        columns[category["id"]] = here = [
-            place.setdefault(name, len(place)) for name in names
-        ]
-        pairs = edges_of(category.get("skeleton"), len(names) + 1)  # counted from 1
-        edges |= {(here[a - 1], here[b - 1]): None for a, b in pairs if a and b}
-    images = content.get("images", ())
-    names_of = {image["id"]: image.get("file_name") or image["id"] for image in images}
-    order = {image: number for number, image in enumerate(names_of)}
-    detections: list[Detection] = []
-    for entry in content.get("annotations", ()):
-        if keypoints := entry.get("keypoints"):
-            image = order.setdefault(entry["image_id"], len(order))
-            if place:  # those of the category among those of all
-                here, points = (
-                    columns[entry.get("category_id")],
-                    np.zeros((len(place), 3)),
-                )
-                points[here] = np.reshape(keypoints, (len(here), 3))
-                keypoints = points.ravel().tolist()
-            detections.append((keypoints, image, entry.get("track_id")))
-    labels = image_labels([str(names_of.get(image, image)) for image in order])
-    return _as_poses(
-        paths[0],
-        labels,
-        detections,
-        scored=False,
-        unordered=not are_series(labels),
-        landmark_names=tuple(place) or None,
-        edges=tuple(edges),
-    )
+
+class _Video(TypedDict, total=False):
+    meta_info: _Meta | None
+    instance_info: Required[list[dict[str, Any]]]
+
+
+def is_mmpose_video(head: Head) -> bool:
+    """Whether JSON has instances of frames, or of one image, as MMPose names them."""
+    if isinstance(head.json, dict):
+        return "instance_info" in head.keys
+    return isinstance(head.json, list) and "instances" in head.keys
 
 
 def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
@@ -234,21 +356,23 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     by number.
     """
     content = read_json(paths[0])
-    meta: Any = {}
+    meta: _Meta = {}
     if isinstance(content, dict):
-        meta, content = content.get("meta_info") or {}, content["instance_info"]
-    if content and "instances" not in content[0]:
-        content = [{"frame_id": 0, "instances": content}]
+        video = checked(_Video, content)
+        meta, content = video.get("meta_info") or {}, video["instance_info"]
+        if content and "instances" not in content[0]:  # of one image
+            content = [{"frame_id": 0, "instances": content}]
+    frames = checked(list[_Frame], content)
+    numbers, labels = _frames_of([frame.get("frame_id") for frame in frames])
     detections: list[Detection] = []
-    for number, frame in enumerate(content):
-        detections += _detections(frame["instances"], number, needed=True)
+    for number, frame in enumerate(frames):
+        detections += detections_of(frame["instances"], number, needed=True)
     names = meta.get("keypoint_id2name") or {}
-    labels = [
-        str(frame.get("frame_id", number)) for number, frame in enumerate(content)
-    ]
-    return _as_poses(
-        paths[0],
-        labels,
+    whole = {*names} == {*map(str, range(len(names)))}
+    require(whole, "keypoint_id2name does not number the landmarks from 0 on")
+    video_of = [video_name(paths[0])] * len(frames)
+    return as_poses(
+        Images(str(paths[0]), video_of, numbers, labels),
         detections,
         landmark_names=tuple(names[str(number)] for number in range(len(names)))
         or None,
@@ -256,119 +380,35 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-BODIES = (
-    "pose_landmarks",
-    "poseLandmarks",
-    "landmarks",
-    "landmark",
-    "keypoints",
-    "hand_landmarks",
-)
-SCORES = ("visibility", "score", "confidence", "presence")
+def _frames_of(stated: Sequence[Identity | None]) -> tuple[list[int], list[str]]:
+    """Return the numbers of frames from the first on, and their labels; the order of
+    the file where not all have a number.
 
-
-def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
-    """Read landmarks as MediaPipe gives them: lists of {x, y, z, visibility}.
-
-    Each body is such a list. A frame has one, or a list of them, or an object with them
-    under `pose_landmarks` or the like. A file has one frame, a list of them, or an
-    object with `frames`.
+    Raises FormatError for a frame that is there twice.
     """
-    content = read_json(paths[0])
-    if isinstance(content, dict):
-        content = content.get("frames", [content])
-    elif _is_body(content):
-        content = [content]
-    bodies = [
-        (body, number)
-        for number, frame in enumerate(content)
-        for body in _bodies(frame)
-    ]
-    require(bodies, "no list of landmarks")
-    names = tuple(str(point.get("name") or "") for point in bodies[0][0])
-    detections = []
-    for body, number in bodies:
-        rows = (
-            (point.get("x"), point.get("y"), _first(point, SCORES, 1.0))
-            for point in body
-        )
-        detections.append(([value for row in rows for value in row], number, None))
-    return _as_poses(
-        paths[0],
-        [*map(str, range(len(content)))],
-        detections,
-        hide_unscored=False,
-        unit=None,
-        landmark_names=names if all(names) else None,
-    )
-
-
-def _is_body(content: Any) -> bool:
-    return isinstance(content, list) and any(
-        isinstance(p, dict) and "x" in p for p in content
-    )
-
-
-def _bodies(frame: Any) -> Iterator[list[dict[str, Any]]]:
-    """Yield the bodies of a frame; there may be none."""
-    if isinstance(frame, dict):
-        frame = _first(frame, BODIES, ())
-    if _is_body(frame):
-        yield [point if isinstance(point, dict) else {} for point in frame]
-    elif isinstance(frame, list):
-        for one in frame:
-            yield from _bodies(one)
+    labels = [str(i) if one is None else str(one) for i, one in enumerate(stated)]
+    twice = next((name for name, n in Counter(labels).items() if n > 1), None)
+    require(twice is None, f"frame {twice} twice")
+    numbers = [one for one in stated if isinstance(one, int)]
+    if len(numbers) < len(stated):
+        return [*range(len(stated))], labels
+    return [number - min(numbers) for number in numbers], labels
 
 
 # What all have in common.
 
 
-POSE = ("pose_keypoints_2d", "pose_keypoints", "keypoints")
-WHO = ("person_id", "track_id", "idx")
-
-
-def _first(content: Mapping[str, Any], keys: Sequence[str], default: Any = None) -> Any:
-    """Return the value of the first key that an object has."""
-    return next((content[key] for key in keys if content.get(key) is not None), default)
-
-
-def _detections(people: Any, image: int, *, needed: bool = False) -> list[Detection]:
-    """Return the people of an image, who may have no landmarks unless they are
-    `needed`.
-
-    The landmarks of each are x, y, confidence in one list, or [x, y] beside
-    `keypoint_scores`.
-    """
-    detections: list[Detection] = []
-    require(isinstance(people, list), "no list of people")
-    for person in people:
-        numbers = _first(person, POSE, None if needed else [])
-        require(isinstance(numbers, list), "a person without a list of keypoints")
-        if numbers and isinstance(numbers[0], list):
-            scores = _first(person, ("keypoint_scores",), [1.0] * len(numbers))
-            scored = zip(numbers, scores, strict=True)
-            numbers = [number for (x, y), score in scored for number in (x, y, score)]
-        require(
-            len(numbers) % 3 == 0,
-            f"a person of {len(numbers)} numbers, not 3 a landmark",
-        )
-        detections.append((numbers, image, _first(person, WHO)))
-    return detections
-
-
-def _as_poses(
-    path: Path,
-    labels: Sequence[str],
+def as_poses(
+    images: Images,
     detections: Sequence[Detection],
     *,
-    places: Sequence[int] | None = None,
     hide_unscored: bool = True,
     scored: bool = True,
     unit: str | None = "px",
+    notes: tuple[str, ...] = (),
     **fields: Any,
 ) -> Poses:
-    """Return detections in images of these labels (n), at `places` (n) in their video,
-    as poses.
+    """Return detections in images as poses, in the order of videos and frames.
 
     A landmark is missing where it has no number, and to `hide_unscored`, where its
     confidence is not above 0. Confidences of AlphaPose run to 6, or to 1 with newer
@@ -376,44 +416,49 @@ def _as_poses(
     fractions where they can be. Raises InputError where detections have different
     numbers of landmarks.
     """
-    fields = {"name": str(path), "video": video_name(path), **fields}
-    detections = sorted(detections, key=lambda one: one[1])
-    sizes = Counter(len(numbers) // 3 for numbers, *_ in detections if numbers)
+    place = {video: number for number, video in enumerate(dict.fromkeys(images.videos))}
+    order = [(place[images.videos[i]], images.frames[i]) for _, i, _ in detections]
+    ranked = sorted(range(len(detections)), key=order.__getitem__)
+    detections = [detections[row] for row in ranked]
+    sizes = Counter(len(points) for points, *_ in detections if len(points))
     if len(sizes) > 1:
         kinds = [f"{n} detections with {p}" for p, n in sorted(sizes.items())]
         problem = f"several skeletons: {listed(kinds, 'and')} landmarks"
         raise input_error(
-            fields["name"], problem, "give the files of each in a separate call"
+            images.name, problem, "give the files of each in a separate call"
         )
-    p, notes = next(iter(sizes), len(fields.get("landmark_names") or ())), list[str]()
-    rows = [numbers or [None] * (3 * p) for numbers, *_ in detections]
-    values = np.array(rows, np.float64).reshape(len(rows), p, 3)
+    p = next(iter(sizes), len(fields.get("landmark_names") or ()))
+    values = np.full((len(detections), p, 3), np.nan)
+    for row, (marked, *_) in enumerate(detections):
+        if len(marked):
+            values[row] = marked
     points, confidence = values[..., :2], values[..., 2]
     if scored and np.nanmax(confidence, initial=0) > 2:
         confidence = confidence / 6
-        notes.append("confidences divided by 6, the largest that AlphaPose states")
+        notes += ("confidences divided by 6, the largest that AlphaPose states",)
     missing = ~np.isfinite(values).all(axis=2) | (hide_unscored & ~(confidence > 0))
     points = np.where(missing[..., None], np.nan, points)
-    images = [image for _, image, _ in detections]
+    of = [image for _, image, _ in detections]
     who = [name_individual(w) for *_, w in detections]
-    times = Counter(zip(images, who, strict=True))
+    times = Counter(zip(of, who, strict=True))
     if doubles := sum(number > 1 for (_, name), number in times.items() if name):
         # Some tools number the people of each frame anew.
-        notes.append(
+        notes += (
             f"numbers of people are not used, as {doubles} of them occur twice in a"
-            " frame"
+            " frame",
         )
         who = [""] * len(who)
     return Poses(
+        name=images.name,
+        video=[images.videos[image] for image in of],
         points=points,
         confidence=np.where(missing, 0.0, confidence) if scored else None,
-        frame=np.array(
-            [places[image] for image in images] if places else images, np.int64
-        ),
-        label=[labels[image] for image in images],
+        frame=np.array([images.frames[image] for image in of], np.int64),
+        label=[images.labels[image] for image in of],
         individual=who,
         skeleton=next(iter(skeletons_of_size(p)), None),
-        notes=tuple(notes),
+        unordered=images.unordered,
+        notes=notes,
         **(unit_of(points) if unit is None else {"unit": unit}),
         **fields,
     )

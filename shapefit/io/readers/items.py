@@ -18,11 +18,11 @@ from shapefit.arrays import Flags
 from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
-from shapefit.io.layout import EDGES, FRAME
-from shapefit.io.names import match_landmarks, nearest_names
+from shapefit.io.layout import EDGES, FRAME, TIME
+from shapefit.io.names import match_landmarks, nearest_names, numbers_of
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.poses import FRACTION, Poses, parsing
-from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io.records import LandmarkSet, ShapeSet, order_by_frame
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 
 Notes = tuple[str, ...]
@@ -61,21 +61,26 @@ def _read_kind(
     kind.
     """
     name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
-    poses = read_poses(form, paths)
+    poses = read_poses(form, paths, dimensions)
     if (d := poses.points.shape[2]) != dimensions:
         raise input_error(name, f"is {form.title} of {d}D points", fix)
     return poses
 
 
-def read_poses(form: FileFormat, paths: tuple[Path, ...]) -> Poses:
-    """Return the poses in these files, in 2D or 3D. Raises InputError."""
+def read_poses(
+    form: FileFormat, paths: tuple[Path, ...], dimensions: int | None = None
+) -> Poses:
+    """Return the poses in these files, in 2D or 3D; in the wanted `dimensions` where a
+    file may hold either. Raises InputError.
+    """
     assert form.read_poses is not None
+    wanted = (dimensions,) if form.either else ()
     running = gc.isenabled()
     # half the time of a large JSON file is looking for cycles in its lists
     gc.disable()
     try:
         with parsing(source_name(paths[0]), form.title):
-            return form.read_poses(paths)
+            return form.read_poses(paths, *wanted)
     finally:
         if running:
             gc.enable()
@@ -94,7 +99,7 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
         poses = replace(poses, points=poses.points * options.image_size, unit="px")
     elif poses.unit == FRACTION:
         if poses.size_needed:
-            raise input_error(poses.name, FRACTIONS, SIZE_FIX)
+            raise input_error(poses.name, FRACTIONS, SIZE_FIX + poses.or_else)
         note = (
             f"{FRACTIONS}, so figures are squeezed where it is not square; {SIZE_FIX}"
         )
@@ -116,7 +121,11 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
         "sequences": sequences if any(sequences) else None,
         "unit": poses.unit,
         "frame_rate": poses.frame_rate,
-        "columns": {FRAME: poses.frame, "confidence": poses.confidence},
+        "columns": {
+            FRAME: poses.frame,
+            TIME: poses.time,
+            "confidence": poses.confidence,
+        },
     }
     return fields, tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
 
@@ -134,12 +143,9 @@ def _landmark_names(
     several may be meant.
     """
     wanted, skeletons = options.keypoints, installed_skeletons()
-    if wanted is not None and wanted not in (*skeletons, NUMBERED):
-        near = nearest_names(wanted, tuple(skeletons))
-        fix = f"did you mean {near[0]}?" if near else f"use {listed(skeletons)}"
-        raise input_error("keypoints", f"there is no skeleton {wanted!r}", fix)
     if poses.landmark_names is not None:
-        return poses.landmark_names, ()
+        return name_numbers(poses.landmark_names, wanted, poses.name)
+    _check_skeleton(wanted)
     count = poses.points.shape[1]
     fitting = skeletons_of_size(count)
     chosen = wanted or poses.skeleton
@@ -159,14 +165,53 @@ def _landmark_names(
     return names, () if wanted or not versions else (note,)
 
 
-def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
-    """Return the poses with landmarks that the options select, sequence by sequence;
-    and (n) items and sequences, "" for none.
+def _check_skeleton(wanted: str | None) -> None:
+    """Raise InputError where there is no skeleton of this name."""
+    skeletons = installed_skeletons()
+    if wanted is not None and wanted not in (*skeletons, NUMBERED):
+        near = nearest_names(wanted, tuple(skeletons))
+        fix = f"did you mean {near[0]}?" if near else f"use {listed(skeletons)}"
+        raise input_error("keypoints", f"there is no skeleton {wanted!r}", fix)
 
-    Raises InputError for an individual that is not there, and where unordered images
-    are a motion.
+
+def name_numbers(
+    names: tuple[str, ...], wanted: str | None, place: str
+) -> tuple[tuple[str, ...], Notes]:
+    """Return the names in the skeleton `wanted` of landmarks that are called by
+    numbers, and notes; others, and all without a skeleton, keep their names.
+
+    Numbers count from 0, or, where there is none of 0 and one of the last, from 1.
+    Raises InputError for numbers that the skeleton has not.
+    """
+    _check_skeleton(wanted)
+    numbers = numbers_of(names)
+    if wanted is None or wanted == NUMBERED or numbers is None:
+        return names, ()
+    known = installed_skeletons()[wanted].landmark_names
+    start = 1 if 0 not in numbers and max(numbers) == len(known) else 0
+    if max(numbers) - start >= len(known):
+        problem = f"landmarks are numbered {min(numbers)} to {max(numbers)}"
+        fix = f"give another skeleton: {wanted} has {len(known)} landmarks"
+        raise input_error(place, problem, fix)
+    named = tuple(known[number - start] for number in numbers)
+    if len({*named}) < len(named):
+        raise input_error(place, "a number of a landmark twice", "number them once")
+    counted_from = f"landmarks {min(numbers)} to {max(numbers)} counted from {start}"
+    note = f"{counted_from}: {numbers[0]} is {named[0]} of {wanted}"
+    return named, () if 0 in numbers else (note,)
+
+
+def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
+    """Return the poses with landmarks that the options select, sequence by sequence,
+    each in order of its frames; and (n) items and sequences, "" for none.
+
+    Raises InputError for an individual that is not there or is twice in a frame, and
+    where unordered images are a motion.
     """
     named = bool(poses.individuals)
+    order = order_by_frame(poses.videos, poses.frame)
+    if order is not None:
+        poses = poses.take(order)
     if options.track == "motion" and poses.unordered and len({*poses.label}) > 1:
         problem = (
             "holds images of different files, without numbers of frames: no motion"
@@ -176,7 +221,7 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     if options.track != "none":
         from shapefit.io.readers.tracking import track_people
 
-        poses = replace(poses, individual=track_people(poses))
+        poses = replace(poses, individual=track_people(poses), unordered=False)
     people, wanted = poses.individuals, options.individual
     if wanted is not None and wanted not in people:
         names = abbreviate(people) or "nobody: join people with `track: nearest`"
@@ -194,7 +239,21 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     }
     retained.sort(key=lambda row: first[sequences[row]])
     poses = poses.take(np.array(retained, np.intp))
-    return poses, [items[row] for row in retained], [sequences[row] for row in retained]
+    items = [items[row] for row in retained]
+    sequences = [sequences[row] for row in retained]
+    _check_frames(poses, items, sequences)
+    return poses, items, sequences
+
+
+def _check_frames(poses: Poses, items: Sequence[str], sequences: Sequence[str]) -> None:
+    """Raise InputError where one sequence has two poses in one frame, of two names."""
+    first: dict[tuple[str, int], int] = {}
+    rows = zip(sequences, poses.frame.tolist(), strict=True)
+    for row, (sequence, frame) in enumerate(rows):
+        before = first.setdefault((sequence, frame), row)
+        if sequence and items[row] != items[before]:
+            problem = f"holds '{items[before]}' and '{items[row]}' in one frame"
+            raise input_error(poses.name, problem, "keep one pose of a body per frame")
 
 
 def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
@@ -228,6 +287,8 @@ def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
     """Return the item and the sequence of each pose; those without identity are
     numbered, and `untracked` beside individuals that are `named` by the file.
     """
+    if poses.named:
+        return _name_images(poses)
     if poses.individual is None:
         rows = zip(poses.videos, poses.label, strict=True)
         return [f"{video}/{label}" for video, label in rows], list(poses.videos)
@@ -245,6 +306,33 @@ def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
         )
         items.append(item if who else f"{item}/{numbers[item]}")
         numbers[item] += 1
+    return items, sequences
+
+
+def _name_images(poses: Poses) -> tuple[list[str], list[str]]:
+    """Return the item and the sequence of each pose of images that have names.
+
+    An image of several poses gives each its individual, or a number.
+    """
+    count = len(poses)
+    people = [""] * count if poses.individual is None else poses.individual
+    sequences = [""] * count
+    if not poses.unordered:
+        rows = zip(poses.videos, people, strict=True)
+        in_video = poses.individual is None
+        sequences = [
+            f"{video}/{who}" if who else video if in_video else ""
+            for video, who in rows
+        ]
+    times = Counter(poses.label)
+    numbers = Counter[str]()
+    items: list[str] = []
+    for label, who in zip(poses.label, people, strict=True):
+        if times[label] == 1:
+            items.append(label)
+            continue
+        items.append(f"{label}/{who or numbers[label]}")
+        numbers[label] += not who
     return items, sequences
 
 

@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error
+from shapefit.io.formats import Head
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
+    FormatError,
     Poses,
     check_names,
+    frames_of_labels,
     make_unique,
     of_frames,
     parsing,
@@ -97,17 +100,24 @@ def _channel(axis: str, kind: str) -> Channel:
 # BVH
 
 
+def is_bvh(head: Head) -> bool:
+    """Whether a text begins with the two words that BVH begins with."""
+    return head.text.upper().split(maxsplit=2)[:2] == [b"HIERARCHY", b"ROOT"]
+
+
 def read_bvh(paths: tuple[Path, ...]) -> Poses:
     """Return the joints of a BVH file, in its unit, and then the ends of bones,
     `JOINT_end`.
     """
     path, text = paths[0], read_text(paths[0])
-    joints, lines, seconds = _read_hierarchy(path, text)
+    joints, lines, announced, seconds = _read_hierarchy(path, text)
     channels = [joint.name for joint in joints for _ in joint.channels]
     rows = "\n".join(" ".join(line.split()) for line in text.split("\n"))
     table = read_table(path, rows, channels, " ", after=lines)
     motion = table.numbers(range(len(channels)), finite=True)
     require(not np.isnan(motion).any(), "a channel is no number")
+    lost = announced - len(motion)
+    note = f"{lost} frames are announced in the header, but not there"
     order = sorted(range(len(joints)), key=lambda number: not joints[number].channels)
     place = {old: number for number, old in enumerate(order)}
     rate = 1.0 / seconds if seconds > 0 else None
@@ -119,16 +129,18 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
         video=path.stem,
         landmark_names=make_unique([joints[number].name for number in order]),
         frame_rate=rate,
+        notes=(note,) if lost > 0 else (),
         edges=tuple(
             (place[j.parent], place[i]) for i, j in enumerate(joints) if j.parent >= 0
         ),
     )
 
 
-def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, float]:
-    """Return joints, ends without channels, lines before the motion, frame time; or
-    InputError.
+def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float]:
+    """Return joints, ends without channels, lines before the motion, how many frames
+    are announced, and the time of one; or InputError.
     """
+    announced = 0
     joints: list[Joint] = []
     above: list[int] = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -136,12 +148,13 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, float]:
         key, parent = word.upper(), above[-1] if above else -1
         with parsing(f"{path}:{number}", "BVH", "correct it"):
             if key in ("ROOT", "JOINT", "END"):
-                require(
-                    (parent < 0) == (key == "ROOT"), f"{key} stands in the wrong place"
-                )
+                fits = (parent < 0) == (key == "ROOT")
+                require(fits, f"{key} stands in the wrong place")
                 above.append(len(joints))
                 name = f"{joints[parent].name}_end" if key == "END" else " ".join(rest)
                 joints.append(Joint(name, parent))
+            elif key in ("OFFSET", "CHANNELS") and not above:
+                raise FormatError(f"{key} stands outside of a joint")
             elif key == "OFFSET":
                 joints[above[-1]].before = np.array(floats(rest, 3))
             elif key == "CHANNELS":
@@ -157,9 +170,11 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, float]:
                     joint.before[
                         [axis for turns, axis in joint.channels if not turns]
                     ] = 0
-                return joints, number, floats(rest[1:2], 1)[0]
+                return joints, number, announced, floats(rest[1:2], 1)[0]
+            elif key == "FRAMES:":
+                announced = int(max(floats(rest[:1], 1)[0], 0))
             else:
-                exists = key in ("", "HIERARCHY", "MOTION", "FRAMES:")
+                exists = key in ("", "HIERARCHY", "MOTION")
                 require(exists, f"begins with {word!r}, which is no word of BVH")
         if "}" in line and above:
             del above[-line.count("}") :]
@@ -170,6 +185,12 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, float]:
 
 # ASF/AMC, of Acclaim
 
+
+def is_acclaim(head: Head) -> bool:
+    """Whether a file of this name begins with a section or a comment."""
+    return head.named(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#")
+
+
 INCH = 0.0254
 WHOLE = "give whole files, in which every frame lists the bones of the skeleton"
 
@@ -178,7 +199,7 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     """Return the ends of the bones of a motion: the root, then bones as ASF lists them.
 
     The skeleton lies in its folder, and is named as the motion begins (86.asf,
-    86_01.amc), or is the only one. Raises ValueError where there is none, or several
+    86_01.amc), or is the only one. Raises FormatError where there is none, or several
     are.
     """
     path = paths[0]
@@ -199,6 +220,7 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
         path,
         scale * forward_kinematics(bones, values),
         labels=labels,
+        frames=frames_of_labels(labels),
         video=path.stem,
         landmark_names=tuple(bone.name for bone in bones),
         unit=unit,
@@ -247,6 +269,8 @@ def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:
         (length,) = floats([units.get("length", "1")])
         require(length > 0, f"the unit of length {length:g}")
         index = {bone.name: number for number, bone in enumerate(bones)}
+        unknown = [name for link in links for name in link if name not in index]
+        require(not unknown, f"a hierarchy of unknown bones ({abbreviate(unknown)})")
         pairs = [
             (index[above], index[name]) for above, *below in links for name in below
         ]
@@ -268,6 +292,11 @@ def _bone(block: dict[str, list[str]]) -> Joint:
     """
     from scipy.spatial.transform import Rotation
 
+    lacking = {"name", "axis"} - {key for key, words in block.items() if words}
+    lacking -= {"axis"} & block.keys()
+    if "orientation" not in block:
+        lacking |= {"direction", "length"} - block.keys()
+    require(not lacking, f"there is no {abbreviate(sorted(lacking))}")
     before, after, turn = np.zeros(3), np.zeros(3), block["axis"]
     if "orientation" in block:
         turn = [*block["orientation"], *turn]
@@ -275,6 +304,10 @@ def _bone(block: dict[str, list[str]]) -> Joint:
     else:
         after = np.array(floats(block["direction"], 3)) * floats(block["length"], 1)[0]
     angles, letters = floats(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
+    ordered = sorted(letters) == ["x", "y", "z"]
+    require(
+        ordered, f"the order of axes {letters!r}, not XYZ or another of these three"
+    )
     axes = Rotation.from_euler(letters, angles, degrees=True).as_matrix()
     channels = [_channel(name[1:], name[:1]) for name in reversed(block["dof"])]
     return Joint(block["name"][0], -1, before, after, axes, channels)
@@ -293,7 +326,7 @@ def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]
     for line, words in enumerate(map(str.split, read_text(path).split("\n")), 1):
         require(words != [":RADIANS"], "angles in radians")
         name, *row = words or ["#"]
-        if name.isdigit() and not row:
+        if name.isascii() and name.isdecimal() and not row:
             labels.append(name)
         elif name[0] not in "#:":
             if len(row) != count.get(name) or len(cells[name]) != len(row) * (
@@ -305,6 +338,7 @@ def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]
                 )
                 raise input_error(f"{path}:{line}", problem, WHOLE)
             cells[name] += reversed(row)
+    require(labels, "no frames")
     sizes = [(bone.name, len(labels) * count[bone.name]) for bone in bones]
     values = [
         np.array(floats(cells[name] or ["0"] * size, size)) for name, size in sizes

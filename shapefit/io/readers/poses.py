@@ -10,12 +10,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PureWindowsPath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
 
@@ -24,7 +24,7 @@ FRACTION = "fraction of the image"
 
 Edges = tuple[tuple[int, int], ...]
 
-PER_POSE = ("points", "confidence", "frame", "label", "individual", "video")
+PER_POSE = ("points", "confidence", "frame", "time", "label", "individual", "video")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +35,11 @@ class Poses:
     points      (N, p, 2) or (N, p, 3), NaN where a landmark is missing
     confidence  (N, p), NaN where a landmark has none (then 1); None where the format
                 has none
-    frame       (N,), the position of the frame in its video, from 0, never falling in a
-                video
+    frame       (N,), whole numbers, in any order: the place of the frame in its video,
+                from 0 for the first that the file has there; a missing frame leaves a
+                gap
+    time        (N,) in seconds, as the file states it, nan where it does not; None
+                where the format has none
     label       (N,), what the file calls the frame: a number, a time, an image
     individual  (N,), "" for a pose without identity over frames; None for one body, one
                 sequence
@@ -48,6 +51,8 @@ class Poses:
     edges       pairs of landmarks, by position
     size_needed of fractions of the image: whether they are useless without `image_size`
     unordered   whether the images are, as far as names say, no frames of a video
+    named       whether labels name images, and are the items as they stand
+    or_else     of fractions of the image: what else the numbers may be, for the message
     notes       warnings: what was left out or replaced, what is uncertain
     """
 
@@ -55,6 +60,7 @@ class Poses:
     points: Floats
     confidence: Floats | None = None
     frame: NDArray[Any]
+    time: Floats | None = None
     label: Sequence[str]
     individual: Sequence[str] | None = None
     video: str | Sequence[str]
@@ -65,10 +71,12 @@ class Poses:
     edges: Edges = ()
     size_needed: bool = False
     unordered: bool = False
+    named: bool = False
+    or_else: str = ""
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise ValueError for names that are empty or repeat, and fields that do not
+        """Raise FormatError for names that are empty or repeat, and fields that do not
         agree.
 
         In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a
@@ -128,19 +136,24 @@ def of_frames(
     confidence: Floats | None = None,
     labels: Sequence[str] | None = None,
     *,
+    frames: Sequence[int] | Integers | None = None,
+    times: Floats | None = None,
     individuals: Sequence[str] | None = None,
     present: NDArray[np.bool_] | None = None,
     **fields: Any,
 ) -> Poses:
     """Return the poses of points (n, [i,] p, d), of i individuals in each of n frames.
 
-    confidence (n, [i,] p); labels (n), by default numbers; names of individuals (i);
-    `present` (n, i), the poses that count; `fields` of `Poses`. Raises ValueError for
+    confidence (n, [i,] p); labels (n), by default numbers; frames (n), by default one
+    after the other, and times (n); names of individuals (i); `present` (n, i), the
+    poses that count; `fields` of `Poses`. Raises FormatError for
     sizes that differ.
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
     labels = [*map(str, range(n))] if labels is None else labels
+    if isinstance(video := fields.get("video"), list):
+        fields["video"] = [name for name in video for _ in range(many)]
     if confidence is not None:
         require(
             confidence.shape == points.shape[:-1], "other confidences than landmarks"
@@ -154,7 +167,8 @@ def of_frames(
         "video": video_name(path),
         "points": points.reshape(n * many, p, d),
         "confidence": confidence,
-        "frame": np.repeat(np.arange(n), many),
+        "frame": np.repeat(np.arange(n) if frames is None else frames, many),
+        "time": None if times is None else np.repeat(times, many),
         "label": [label for label in labels for _ in range(many)],
         "individual": individuals,
         "unit": "px" if d == 2 else UNKNOWN_UNIT,
@@ -173,36 +187,66 @@ def unit_of(points: Floats) -> dict[str, Any]:
     return {"unit": FRACTION if fraction else UNKNOWN_UNIT, "size_needed": fraction}
 
 
+class FormatError(Exception):
+    """What a reader finds wrong with a file, in words of its format, and what to do.
+
+    Whoever opened the file turns it into an InputError that names the file; see
+    `parsing`.
+    """
+
+    def __init__(self, problem: str, fix: str = "") -> None:
+        super().__init__(problem)
+        self.problem, self.fix = problem, fix
+
+
 @contextmanager
 def parsing(
     place: str | Path, title: str, fix: str = "export it again"
 ) -> Iterator[None]:
-    """Turn whatever a file leads to here into the InputError that names it and its
-    format.
+    """Turn what a reader finds wrong here into the InputError that names the file and
+    its format.
+
+    All else that a reader raises is an error of its own, and passes.
     """
     try:
         yield
-    except (InputError, MemoryError):
+    except FormatError as error:
+        problem = f"cannot be read as {title} ({printable(error.problem)})"
+        raise input_error(place, problem, error.fix or fix) from error
+
+
+@contextmanager
+def library_reads(problem: str, fix: str = "") -> Iterator[None]:
+    """Turn whatever a library raises for a damaged file into a FormatError.
+
+    For the call of a library alone: what damage leads to there is not ours to check.
+    """
+    try:
+        yield
+    except (InputError, FormatError, MemoryError):
         raise
-    except Exception as error:  # damage leads anywhere
-        reason = (
-            printable(str(error).strip().partition("\n")[0][:160])
-            or type(error).__name__
-        )
-        reason = f"it has no {reason}" if isinstance(error, KeyError) else reason
-        raise input_error(
-            place, f"cannot be read as {title} ({reason})", fix
-        ) from error
+    except Exception as error:
+        raise FormatError(problem, fix) from error
 
 
-def require(condition: object, problem: str) -> None:
-    """Raise ValueError with the problem, unless a condition holds."""
+def as_numbers(values: object, what: str) -> Floats:
+    """Return lists of numbers, and of null, as an array. Raises FormatError for
+    others.
+    """
+    try:
+        return np.array(values, np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FormatError(f"{what} are not all numbers, or of one length") from error
+
+
+def require(condition: object, problem: str, fix: str = "") -> None:
+    """Raise FormatError with the problem, unless a condition holds."""
     if not condition:
-        raise ValueError(problem)
+        raise FormatError(problem, fix)
 
 
 def check_names(names: Sequence[str], what: str) -> None:
-    """Raise ValueError for names that are empty or repeat."""
+    """Raise FormatError for names that are empty or repeat."""
     require(
         all(isinstance(name, str) and name for name in names),
         f"a {what} without a name",
@@ -238,21 +282,155 @@ def image_labels(paths: Sequence[str]) -> list[str]:
     )
 
 
-LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
+NUMBER = re.compile("([0-9]{1,18})")
+
+SPARSEST = 100
+"""How many numbers of names there are at most for each frame that is there."""
+
+
+def series_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] | None:
+    """Return the number in which alone names differ, of one name the last; None where
+    they differ otherwise, or are no frames: there is one in so many at least.
+    """
+    parts = [NUMBER.split(name) for name in names]  # text, number, text, ...
+    if len({len(part) for part in parts}) > 1:
+        return None
+    columns = [*zip(*parts, strict=True)]
+    if any(len({*texts}) > 1 for texts in columns[::2]):
+        return None
+    runs = [[*map(int, column)] for column in columns[1::2]]
+    differing = [run for run in runs if len({*run}) > 1] or runs[-1:]
+    if len(differing) != 1 or len({*differing[0]}) < len(names):
+        return None if names else []
+    numbers = differing[0]
+    spread = max(numbers) - min(numbers)
+    return numbers if spread < sparsest * len(numbers) else None
 
 
 def are_series(names: Sequence[str]) -> bool:
-    """Whether names differ in one number alone, and may be frames: there is one in 100
-    at least.
+    """Whether names differ in one number alone, and may be frames."""
+    return series_numbers(names) is not None
+
+
+class Images(NamedTuple):
+    """Images in which detections are: the path of the file or folder, for messages, and
+    of each image (n,) its video, its frame there, and what the file calls it.
+
+    They are `unordered` where their names tell no frames.
     """
-    matches = [match for name in names if (match := LAST_NUMBER.match(name))]
-    numbers = {int(match[2]) for match in matches}
-    alike = len({(m[1], m[3]) for m in matches}) <= 1 and len(numbers) == len(names)
-    return alike and (not numbers or max(numbers) - min(numbers) < 100 * len(numbers))
+
+    name: str
+    videos: Sequence[str]
+    frames: Sequence[int]
+    labels: Sequence[str]
+    unordered: bool = False
+
+
+def place_images(
+    path: Path,
+    files: Sequence[str],
+    videos: Sequence[str] | None = None,
+    sparsest: int = SPARSEST,
+) -> Images:
+    """Return images by their names, each in its video: those given, or the folders in
+    which images are numbered, or one.
+
+    Names that differ in a number alone are frames; else the order is that of the file.
+    """
+    if videos is None:
+        videos = _folders_of_series(files)
+    base = video_name(path)
+    rows_of: dict[str, list[int]] = {}
+    for row in range(len(files)):
+        rows_of.setdefault("" if videos is None else videos[row], []).append(row)
+    names = [base] * len(files)
+    frames = [0] * len(files)
+    labels = [""] * len(files)
+    unordered = False
+    for video, rows in rows_of.items():
+        inside = image_labels([files[row] for row in rows])
+        numbers = frame_numbers(inside, sparsest)
+        unordered |= numbers is None
+        places = range(len(rows)) if numbers is None else numbers
+        for row, label, place in zip(rows, inside, places, strict=True):
+            names[row] = base if videos is None else f"{base}/{video}"
+            frames[row] = place
+            labels[row] = label
+    return Images(str(path), names, frames, labels, unordered)
+
+
+def _folders_of_series(files: Sequence[str]) -> list[str] | None:
+    """Return the folder of each image where there are several, in each of which names
+    are those of frames; else None.
+    """
+    folders = [PureWindowsPath(file).parent for file in files]
+    names_in: dict[PureWindowsPath, list[str]] = {}
+    for folder, file in zip(folders, files, strict=True):
+        names_in.setdefault(folder, []).append(
+            IMAGES.sub("", PureWindowsPath(file).name)
+        )
+    several = len(names_in) > 1 and max(map(len, names_in.values())) > 1
+    bare = PureWindowsPath() in names_in
+    if not several or bare or not all(map(are_series, names_in.values())):
+        return None
+    unique = len({folder.name for folder in names_in}) == len(names_in)
+    return [folder.name if unique else folder.as_posix() for folder in folders]
+
+
+def frame_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] | None:
+    """Return the frame of each name, from the first on; None where names are no
+    series.
+    """
+    numbers = series_numbers(names, sparsest)
+    if numbers is None:
+        return None
+    first = min(numbers, default=0)
+    return [number - first for number in numbers]
+
+
+def frames_of_labels(labels: Sequence[str]) -> list[int] | None:
+    """Return the frames that a file numbers, from the first on; None where not all are
+    whole numbers. Raises FormatError for one that is there twice.
+    """
+    if not all(label.isascii() and label.isdecimal() for label in labels):
+        return None
+    numbers = [int(label[:LONGEST_NUMBER]) for label in labels]
+    twice = next((n for n, times in Counter(numbers).items() if times > 1), None)
+    require(twice is None, f"frame {twice} twice")
+    first = min(numbers, default=0)
+    return [number - first for number in numbers]
+
+
+LONGEST_NUMBER = 18
+"""Digits of a number of a frame, which fit in 64 bits."""
+
+OFF_STEP = 0.2
+"""How far times lie from whole steps at most, in steps, that are those of frames."""
+
+
+def frames_of_times(times: Floats, rate: float | None) -> list[int] | None:
+    """Return the frames at times (n,) in seconds: whole steps from the first, of 1 /
+    rate, or else of the usual step; None where they are no steps.
+    """
+    if not len(times) or not np.isfinite(times).all():
+        return None
+    ordered = np.diff(np.sort(times))
+    if len(times) > 1 and not rate:
+        step = float(np.sort(ordered)[(len(ordered) - 1) // 2])
+        rate = 1 / step if step > 0 else None
+    if not rate:
+        return None
+    places = (times - times.min()) * rate
+    whole = np.rint(places)
+    small = np.abs(places).max() < 10.0**LONGEST_NUMBER
+    alone = len(np.unique(whole)) == len(whole)
+    if not small or not alone or (np.abs(places - whole) > OFF_STEP).any():
+        return None
+    return [int(place) for place in whole.tolist()]
 
 
 def number_labels(values: NDArray[Any]) -> list[str]:
-    """Return frames or seconds as text, to the microsecond. Raises ValueError for no
+    """Return frames or seconds as text, to the microsecond. Raises FormatError for no
     number.
     """
     require(np.isfinite(values).all(), "a frame without a number")
@@ -286,8 +464,14 @@ def name_individual(who: Any) -> str:
     return f"id {who:g}" if number and who >= 0 else ""
 
 
-def edges_of(lines: Sequence[tuple[int, int]] | None, landmarks: int) -> Edges:
-    """Return those of a list of lines that join two of so many landmarks."""
-    return tuple(
-        (a, b) for a, b in lines or () if min(a, b) >= 0 and max(a, b) < landmarks
-    )
+def edges_of(lines: object, landmarks: int, *, first: int = 0) -> Edges:
+    """Return those of a list of lines that join two of so many landmarks, which a file
+    counts from `first`; lines of another kind join none.
+    """
+    pairs: list[tuple[int, int]] = []
+    for line in lines if isinstance(lines, list) else []:
+        ends = line if isinstance(line, list) else []
+        whole = [end - first for end in ends if isinstance(end, int)]
+        if len(ends) == len(whole) == 2 and 0 <= min(whole) <= max(whole) < landmarks:
+            pairs.append((whole[0], whole[1]))
+    return tuple(pairs)

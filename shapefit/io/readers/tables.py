@@ -1,127 +1,34 @@
-"""Tables of no known tool, of caliscope and anipose, and NumPy's arrays of landmarks.
+"""Tables of no known tool, and those of caliscope, anipose and FreeMoCap.
 
-A *wide* table has a row per image, a *long* one a row per landmark of an image. Cells
-are separated by `,`, `;` or tabs; with the latter two the decimal point may be a comma.
+A table means the same whatever its delimiter, its capitals and the order of its
+columns. What is guessed is said with the name of the column.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, input_error, printable
-from shapefit.io.checks import warn_of_zeros
 from shapefit.io.csv_file import read_numbers
-from shapefit.io.formats import INDIVIDUALS
+from shapefit.io.formats import Head
+from shapefit.io.readers.arrays import of_bodies
+from shapefit.io.readers.headers import OF_IMAGES, WEIGHTS, Body, Header, parse_header
 from shapefit.io.readers.poses import (
     Poses,
     are_series,
     name_individual,
-    of_frames,
-    parsing,
+    number_labels,
     require,
-    unit_of,
     video_name,
 )
-from shapefit.io.readers.text import Table, read_json, read_table, read_text
+from shapefit.io.readers.text import Table, decode, read_table, read_text
 from shapefit.io.skeletons import installed_skeletons
-
-# Headers.
-
-ROLES: Mapping[str, str] = {
-    name: role
-    for role, names in {
-        "item": "item image filename file file_name image_name image_id img",
-        "frame": "frame frame_id frame_idx frame_index frame_number frame_no fnum",
-        "sequence": "sequence video clip session port cam_id",
-        "individual": " ".join(INDIVIDUALS),
-        "landmark": (
-            "landmark joint bodypart body_part keypoint part node marker landmark_name"
-            " joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index"
-            " point_id"
-        ),
-        "x": "x x_px px img_loc_x",
-        "y": "y y_px py img_loc_y",
-        "z": "z",
-        "confidence": (
-            "confidence conf likelihood score visibility probability prob v c"
-        ),
-    }.items()
-    for name in names.split()
-}
-"""Name of a column, in small letters and with _ for spaces -> what it holds."""
-
-OF_IMAGES = ("sequence", "item", "frame", "individual")
-OF_POINTS = ("x", "y", "z", "confidence")
-
-_AXIS = "x|y|z|likelihood|confidence|conf|score|visibility|prob"
-_OF_LANDMARK = (
-    re.compile(r"(?P<axis>x|y|z|visibility|v|c)_?(?P<number>[0-9]{1,9})", re.I),
-    re.compile(rf"(?P<name>.+)[_.: -](?P<axis>{_AXIS}|v|c)", re.I),
-    re.compile(rf"(?P<axis>{_AXIS})[_.: -](?P<name>.+)", re.I),
-)
-"""Columns of a wide table: x_12, nose_x, x_nose."""
-
-
-class Header(NamedTuple):
-    """Names of all columns; roles -> column; landmarks of a wide table -> their roles
-    -> column.
-    """
-
-    delimiter: str
-    names: Sequence[str]
-    roles: Mapping[str, int]
-    landmarks: Mapping[str, Mapping[str, int]]
-    others: Sequence[str]
-
-
-def parse_header(line: str) -> Header | None:
-    """Return what columns hold; None unless they are landmark, x, y, and item or frame,
-    or NAME_x and NAME_y, or x_NAME and y_NAME, of two landmarks at least.
-    """
-    for delimiter in sorted((",", ";", "\t"), key=line.count, reverse=True):
-        names = [cell.strip() for cell in line.replace('"', "").split(delimiter)]
-        landmarks: dict[str, dict[str, int]] = {}
-        roles: dict[str, int] = {}
-        others = []
-        for column, name in enumerate(names):
-            role = ROLES.get(name.lower().replace(" ", "_"))
-            matches = (pattern.fullmatch(name) for pattern in _OF_LANDMARK)
-            match = next((match.groupdict() for match in matches if match), None)
-            if match is not None and role is None:
-                landmark = match.get("name") or str(int(match["number"]))
-                axis = ROLES.get(match["axis"].lower(), "confidence")
-                landmarks.setdefault(landmark, {}).setdefault(axis, column)
-            elif role is not None and role not in roles:
-                roles[role] = column
-            elif name:
-                others.append(name)
-        if {"landmark", "x", "y"} <= roles.keys() and {"item", "frame"} & roles.keys():
-            return Header(delimiter, names, roles, {}, [*others, *landmarks])
-        others += [
-            name for name, axes in landmarks.items() if not {"x", "y"} <= axes.keys()
-        ]
-        landmarks = {
-            name: axes for name, axes in landmarks.items() if name not in others
-        }
-        if len(landmarks) > 1:
-            return Header(delimiter, names, roles, landmarks, others)
-    return None
-
-
-# Tables.
-
-Grid = tuple[Floats, Sequence[str], Mapping[str, Sequence[str]]]
-"""What a table holds: values (n, p, axes); landmarks (p); cells (n) of item, frame and
-so on.
-"""
 
 METRES = {
     "frame",
@@ -134,110 +41,439 @@ METRES = {
     "trusted",
 }  # as they are written here
 
+RATES = (0.5, 2000.0)
+"""Frame rates, in Hz, that a column of seconds can state."""
 
-def read_any_table(paths: tuple[Path, ...]) -> Poses:
+NEAR_FRAME = 0.1
+"""Of the time between frames that a time may be off its frame."""
+
+DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+
+Line = tuple[str, str]
+
+
+class Understood(NamedTuple):
+    """What a table holds, and how it was understood, line by line."""
+
+    poses: Poses
+    lines: tuple[Line, ...]
+
+
+class Keys(NamedTuple):
+    """What tells the images of a table apart: role -> column; what was guessed."""
+
+    columns: Mapping[str, int]
+    guessed: tuple[str, ...] = ()
+
+
+class Grid(NamedTuple):
+    """What a table holds: values (n, p) of each axis, landmarks (p), cells (n) by role.
+
+    used are the columns that were read.
+    """
+
+    axes: Mapping[str, Floats]
+    landmarks: Sequence[str]
+    cells: Mapping[str, Sequence[str]]
+    keys: Keys
+    used: set[int]
+
+
+def is_table(head: Head) -> bool:
+    """Whether the first line names columns of landmarks."""
+    text = decode(head.text).replace("\r\n", "\n").replace("\r", "\n")
+    first = "\n".join(text.split("\n", 2)[:2])
+    table = head.named(".csv", ".tsv", ".txt") and "\0" not in first
+    return table and parse_header(text) is not None
+
+
+def is_anipose(head: Head) -> bool:
+    """Whether a column counts the cameras of a point."""
+    return any(name.endswith("_ncams") for name in head.columns)
+
+
+def read_any_table(paths: tuple[Path, ...], dimensions: int | None = None) -> Poses:
     """Read a table of no known tool, or the 3D points that anipose writes, in its unit.
 
     z beside a confidence is the depth that detectors guess, which is left out, except
-    anipose's; otherwise it is a third coordinate. Landmarks that are numbered have no
-    names.
+    anipose's; otherwise it is a third coordinate. Of points in 2D and in 3D, those of
+    the wanted `dimensions` are read, without a wish those in 2D.
     """
-    path, text = paths[0], read_text(paths[0])
-    header = parse_header(text.partition("\n")[0])
+    return understand(paths[0], dimensions).poses
+
+
+def understand(path: Path, dimensions: int | None = None) -> Understood:
+    """Read a table, and say how it was understood. Raises InputError, FormatError."""
+    text = read_text(path)
+    header = parse_header(text)
     require(header, "it does not name columns of landmarks, see docs/formats.md")
     assert header is not None
-    triangulated = any(name.endswith("_ncams") for name in header.names)
-    table = read_table(path, text, header.names, header.delimiter, after=1)
-    columns = header.landmarks.values() or [header.roles]
-    axes = [axis for axis in OF_POINTS if any(axis in places for places in columns)]
-    values, names, cells = (_read_wide if header.landmarks else _read_long)(
-        table, header, axes
+    table = read_table(path, text, header.names, header.delimiter, after=header.line)
+    grid = _read_long(table, header)
+    body: Body = {}
+    if not header.is_long:
+        body = _choose(header.bodies, dimensions)
+        grid = _read_wide(table, header, body)
+    confidence = _weights(grid, header)
+    with_depth = "z" in grid.axes
+    if with_depth and "confidence" in grid.axes and not header.triangulated:
+        with_depth = False
+    axes = "xyz" if with_depth else "xy"
+    points = np.stack([grid.axes[axis] for axis in axes], axis=-1)
+    if with_depth and confidence is not None and not header.triangulated:
+        points[confidence == 0] = np.nan
+        confidence = None
+    fields, rows, of_images = _images(path, grid, header)
+    notes = [*grid.keys.guessed, *_notes_of_weights(grid, header)]
+    if not header.is_long and len(header.bodies) > 1:
+        notes.append(_two_bodies(header, body))
+    if header.is_long and {*header.names} >= METRES:
+        fields |= _in_metres(table, header)
+    elif unused := header.unused(grid.used):
+        listed = abbreviate([*map(printable, unused)])
+        notes += [] if header.triangulated else [f"columns left out: {listed}"]
+    poses = of_bodies(
+        path,
+        points,
+        confidence,
+        landmark_names=tuple(map(printable, grid.landmarks)),
+        notes=tuple(notes),
+        **fields,
     )
-    fields: dict[str, Any] = {}
-    order = _by_number(names)
-    if order is None:
-        fields["landmark_names"] = tuple(map(printable, names))
-    else:
-        values = values[:, order]
-    points, confidence = values, None
-    if "confidence" in axes:
-        points, confidence = values[..., :-1], values[..., -1]
-    if not header.landmarks and {*header.names} >= METRES:
-        steps = np.ptp(
-            table.numbers([header.names.index("frame"), header.names.index("time")]), 0
-        )
-        rate = round(float(steps[0] / steps[1]), 6) if steps.all() else 1.0
-        fields |= {"unit": "m", "frame_rate": None if rate == 1 else rate}
-    elif header.others and not triangulated:
-        fields["notes"] = (
-            f"columns left out: {abbreviate([*map(printable, header.others)])}",
-        )
-    if points.shape[2] == 3 and confidence is not None and not triangulated:
-        points = points[..., :2]
-    if "individual" in cells:
-        fields["individual"] = [*map(_individual, cells["individual"])]
-    if "sequence" in cells:
-        fields["video"] = [f"{video_name(path)}/{name}" for name in cells["sequence"]]
-    if "frame" in cells:
-        fields["frame"], rows = _frames(cells["frame"], fields.get("video"))
-    labels = cells.get("item") or cells.get("frame")
-    if labels and not {"frame", "sequence"} & cells.keys():
-        fields = {
-            "individual": [""] * len(points),
-            "unordered": not are_series(labels),
-            **fields,
-        }
-    poses = of_bodies(path, points, confidence, labels=labels, **fields)
-    return poses.take(rows) if "frame" in cells else poses
+    lines = (
+        ("table", _layout(header)),
+        *of_images,
+        *(("weights", text) for text in _notes_of_weights(grid, header)),
+    )
+    return Understood(poses.take(rows), lines)
 
 
-def _read_wide(table: Table, header: Header, axes: Sequence[str]) -> Grid:
+def _layout(header: Header) -> str:
+    """Return how the rows of a table stand."""
+    row = "landmark" if header.is_long else "image"
+    between = DELIMITERS.get(header.delimiter, "quotes")
+    return f"a row per {row}, cells between {between}"
+
+
+# Cells.
+
+
+def _choose(bodies: Sequence[Body], dimensions: int | None) -> Body:
+    """Return the largest body of the wanted dimensions, else of 2, else the largest."""
+    for wanted in (dimensions, 2):
+        for body in bodies:
+            if wanted == (3 if _has_depth(body) else 2):
+                return body
+    return bodies[0]
+
+
+def _has_depth(body: Body) -> bool:
+    """Whether the landmarks of a body are points in 3D."""
+    return all("z" in axes and "confidence" not in axes for axes in body.values())
+
+
+def _two_bodies(header: Header, body: Body) -> str:
+    """Say which of several bodies was read."""
+
+    def named(one: Body) -> str:
+        axes = next(iter(one.values()))
+        columns = [header.names[axes[axis]] for axis in "xyz" if axis in axes]
+        return f"{', '.join(map(printable, columns))} ..."
+
+    read = f"{named(body)} are read, as {3 if _has_depth(body) else 2}D landmarks"
+    others = [named(one) for one in header.bodies if one is not body]
+    return f"{read}; {' and '.join(others)} are not"
+
+
+def _read_wide(table: Table, header: Header, body: Body) -> Grid:
     """Read a table with a row per image."""
-    columns = sorted(
-        {at for places in header.landmarks.values() for at in places.values()}
-    )
-    numbers = table.numbers(columns, finite=True)
-    numbers = np.column_stack([numbers, np.full(len(numbers), np.nan)])
-    places = [
-        [columns.index(places[axis]) if axis in places else -1 for axis in axes]
-        for places in header.landmarks.values()
-    ]
-    roles = [role for role in OF_IMAGES if role in header.roles]
-    texts = table.texts(*(header.roles[role] for role in roles))
-    return numbers[:, places], [*header.landmarks], dict(zip(roles, texts, strict=True))
+    numbers, flags = _columns_of(body)
+    for axis in WEIGHTS:  # of an image, for all its landmarks
+        if axis in header.roles and not any(axis in axes for axes in body.values()):
+            column = header.roles[axis]
+            body = {name: {**axes, axis: column} for name, axes in body.items()}
+    numbers, flags = _columns_of(body)
+    values = {
+        **dict(zip(numbers, table.numbers(numbers, finite=True).T, strict=True)),
+        **dict(zip(flags, table.flags(flags).T, strict=True)),
+    }
+    unknown = np.full(len(table.rows), np.nan)
+    axes = {
+        axis: np.stack(
+            [values.get(own.get(axis, -1), unknown) for own in body.values()], axis=1
+        )
+        for axis in ("x", "y", "z", *WEIGHTS)
+        if any(axis in own for own in body.values())
+    }
+    keys = _find_keys(table, header, None)
+    texts = table.texts(*keys.columns.values())
+    cells = dict(zip(keys.columns, texts, strict=True))
+    used = {*keys.columns.values(), *values}
+    return Grid(axes, [*body], cells, keys, used)
 
 
-def _read_long(table: Table, header: Header, axes: Sequence[str]) -> Grid:
-    """Read a table with a row per landmark of an image."""
-    roles = [role for role in OF_IMAGES if role in header.roles]
-    texts, *keys = table.texts(*(header.roles[role] for role in ("landmark", *roles)))
-    numbers = table.numbers([header.roles[axis] for axis in axes], finite=True)
+def _columns_of(body: Body) -> tuple[list[int], list[int]]:
+    """Return the columns of a body that hold numbers, and those that hold yes or no."""
+    flagged = ("visible", "occluded")
+    places = [item for axes in body.values() for item in axes.items()]
+    numbers = {column for axis, column in places if axis not in flagged}
+    flags = {column for axis, column in places if axis in flagged}
+    return sorted(numbers), sorted(flags)
+
+
+def _read_long(table: Table, header: Header) -> Grid:
+    """Read a table with a row per landmark of an image; nothing of a wide one."""
+    if not header.is_long:
+        return Grid({}, (), {}, Keys({}), set())
+    (names,) = table.texts(header.roles["landmark"])
+    names = _whole_names(names)
+    keys = _find_keys(table, header, names)
+    roles = {a: header.roles[a] for a in ("x", "y", "z", *WEIGHTS) if a in header.roles}
+    numbers, flags = _columns_of({"": roles})
+    values = {
+        **dict(zip(numbers, table.numbers(numbers, finite=True).T, strict=True)),
+        **dict(zip(flags, table.flags(flags).T, strict=True)),
+    }
     landmarks: dict[str, int] = {}
     images: dict[tuple[str, ...], int] = {}
     rows: dict[tuple[int, int], int] = {}
-    for row, (name, *key) in enumerate(zip(texts, *keys, strict=True)):
+    texts = table.texts(*keys.columns.values()) or [[""] * len(names)]
+    for row, (name, *key) in enumerate(zip(names, *texts, strict=True)):
         image = images.setdefault(tuple(key), len(images))
-        first = rows.setdefault(
-            (image, landmarks.setdefault(name, len(landmarks))), row
-        )
+        place = (image, landmarks.setdefault(name, len(landmarks)))
+        first = rows.setdefault(place, row)
         if first != row:
-            problem = (
-                f"{name!r} of {' '.join(key)} is also in line {table.lines[first]}"
-            )
+            of_image = f" of {' '.join(key)}" if keys.columns else ""
+            line = table.lines[first]
+            problem = f"{printable(name)!r}{printable(of_image)} is also in line {line}"
             fix = "keep one body per image, or separate them by a column `sequence`"
+            if not keys.columns:
+                fix = "tell the images apart by a column `item`, or `frame`"
             raise input_error(f"{table.path}:{table.lines[row]}", problem, fix)
-    values = np.full((len(images), len(landmarks), len(axes)), np.nan)
-    values[tuple(np.array([*rows], np.int64).reshape(-1, 2).T)] = numbers
-    cells = zip(*images, strict=True) if images else ((),) * len(roles)
-    return values, [*landmarks], dict(zip(roles, cells, strict=True))
+    at = tuple(np.array([*rows], np.int64).reshape(-1, 2).T)
+    axes = {}
+    for axis, column in roles.items():
+        axes[axis] = np.full((len(images), len(landmarks)), np.nan)
+        axes[axis][at] = values[column]
+    keyed = zip(*images, strict=True) if images else ((),) * len(keys.columns)
+    cells = dict(zip(keys.columns, keyed, strict=False))
+    used = {*keys.columns.values(), *values, header.roles["landmark"]}
+    return Grid(axes, [*landmarks], cells, keys, used)
 
 
-def _by_number(names: Sequence[str]) -> Integers | None:
-    """Return the order of landmarks that are called by all numbers from 0 or 1 on."""
-    numbers = [int(name) if name.isdecimal() else -1 for name in names]
-    start = min(numbers, default=0)
-    whole = start in (0, 1) and sorted(numbers) == [*range(start, start + len(numbers))]
-    return np.argsort(numbers) if whole else None
+def _whole_names(names: list[str]) -> list[str]:
+    """Return numbers as whole ones: pandas writes 1.0 where cells are empty."""
+    if all(name.endswith(".0") and name[:-2].isdecimal() for name in names):
+        return [name[:-2] for name in names]
+    return names
+
+
+# Weights.
+
+
+def _weights(grid: Grid, header: Header) -> Floats | None:
+    """Return the weights (n, p) of landmarks; None where no column states any.
+
+    They are confidence x visible x (1 - occluded), each 1 where its cell is empty.
+    Raises FormatError for what is no confidence and no yes or no.
+    """
+    weights = None
+    for axis in WEIGHTS:
+        if axis not in grid.axes:
+            continue
+        values = grid.axes[axis]
+        if axis != "confidence":
+            _check_flags(values, _column_of(axis, header))
+        flags_of_coco = np.isin(values[np.isfinite(values)], (0, 1, 2)).all()
+        if axis != "occluded" and flags_of_coco:
+            values = np.minimum(values, 1)  # 2 of COCO is seen, 1 is marked
+        if axis == "occluded":
+            values = 1 - values
+        if (
+            axis == "confidence"
+            and weights is None
+            and len({*WEIGHTS} & {*grid.axes}) == 1
+        ):
+            return values
+        values = np.nan_to_num(values, nan=1.0)
+        weights = values if weights is None else weights * values
+    return weights
+
+
+def _check_flags(values: Floats, column: str) -> None:
+    """Raise FormatError for values that are neither yes or no nor shares."""
+    finite = values[np.isfinite(values)]
+    most = 2 if np.isin(finite, (0, 1, 2)).all() else 1
+    wrong = finite[(finite < 0) | (finite > most)]
+    found = f"{wrong[0]:g}" if len(wrong) else ""
+    require(not len(wrong), f"{found} in the column {column}; write 0 or 1, no or yes")
+
+
+def _column_of(axis: str, header: Header) -> str:
+    """Return the name of the column, or the first of several, that holds a weight."""
+    if axis in header.roles:
+        return printable(header.names[header.roles[axis]])
+    columns = [
+        own[axis] for body in header.bodies for own in body.values() if axis in own
+    ]
+    return printable(header.names[min(columns)])
+
+
+def _notes_of_weights(grid: Grid, header: Header) -> list[str]:
+    """Say which columns hide landmarks, and which are for all landmarks of an image."""
+    notes = []
+    meaning = {"visible": "0 is hidden", "occluded": "1 is hidden"}
+    for axis in WEIGHTS:
+        if axis not in grid.axes:
+            continue
+        column = _column_of(axis, header)
+        if axis in meaning:
+            notes.append(f"column {column!r} read as weights: {meaning[axis]}")
+        if not header.is_long and header.roles.get(axis, -1) in grid.used:
+            notes.append(f"column {column!r} weights all landmarks of its image")
+    return notes
+
+
+# Images.
+
+
+def _find_keys(table: Table, header: Header, landmarks: Sequence[str] | None) -> Keys:
+    """Return the columns that tell images apart; `landmarks` (rows) of a long table.
+
+    Where no column is called so, one of unique cells names the images: of texts, or the
+    first, or what is called an individual. Rows without a number or a time are single
+    images.
+    """
+    columns = {a: header.roles[a] for a in OF_IMAGES if a in header.roles}
+    if "time" in columns and ("frame" in columns or not _has_times(table, columns)):
+        del columns["time"]
+    if {"item", "frame", "time"} & columns.keys():
+        return Keys(columns)
+    if header.is_long or "sequence" not in columns:
+        column = _naming_column(table, header, landmarks, columns)
+        if column is not None:
+            columns = {a: at for a, at in columns.items() if at != column}
+            named = printable(header.called(column))
+            text = f"items are named by the column {named}, their rows single images"
+            fix = "call it `frame` if these are frames of one video"
+            return Keys({**columns, "item": column}, (f"{text}; {fix}",))
+    if header.is_long or "sequence" in columns or _is_freemocap(header):
+        return Keys(columns)
+    text = "rows are taken for single images, as no column names or numbers them"
+    fix = "call a column `frame` if they are frames of one video"
+    return Keys(columns, (f"{text}; {fix}",))
+
+
+def _has_times(table: Table, columns: Mapping[str, int]) -> bool:
+    """Whether the column of times holds numbers, one in each row."""
+    values, wrong = read_numbers(table.texts(columns["time"])[0])
+    return not wrong.any() and bool(np.isfinite(values).all())
+
+
+def _naming_column(
+    table: Table,
+    header: Header,
+    landmarks: Sequence[str] | None,
+    columns: Mapping[str, int],
+) -> int | None:
+    """Return the column whose cells tell the images apart; None where there is none."""
+    held = {*header.roles.values()}
+    held |= {
+        at for body in header.bodies for own in body.values() for at in own.values()
+    }
+    free = [column for column in range(len(header.names)) if column not in held]
+    asked = [columns[a] for a in ("individual", "sequence") if a in columns]
+    asked = asked if header.is_long else asked[:1]
+    numbered = None
+    for column in sorted({*free, *asked}):
+        (cells,) = table.texts(column)
+        if not _tell_apart(cells, landmarks):
+            continue
+        values, wrong = read_numbers(cells)
+        if wrong.any():
+            return column
+        whole = bool((values % 1 == 0).all())
+        if whole and numbered is None and (column == 0 or column in asked):
+            numbered = column
+    return numbered
+
+
+def _tell_apart(cells: Sequence[str], landmarks: Sequence[str] | None) -> bool:
+    """Whether cells name images: rows of a wide table, else groups of landmarks."""
+    if "" in cells or not cells:
+        return False
+    names = {*cells}
+    if landmarks is None:
+        return len(names) == len(cells)
+    pairs = {*zip(cells, landmarks, strict=True)}
+    return len(pairs) == len(cells) and len(names) < len(cells)
+
+
+def _images(
+    path: Path, grid: Grid, header: Header
+) -> tuple[dict[str, Any], Integers, tuple[Line, ...]]:
+    """Return the fields of `Poses` that say what the images are, the order of the rows,
+    and lines that say how items and frames were understood.
+    """
+    cells, count = grid.cells, len(grid.axes["x"])
+    stem, order = video_name(path), np.arange(count)
+
+    def called(role: str) -> str:
+        return f"column {printable(header.called(grid.keys.columns[role]))}"
+
+    fields: dict[str, Any] = {}
+    if "individual" in cells:
+        fields["individual"] = [*map(_individual, cells["individual"])]
+    if "sequence" in cells:
+        videos = [*map(printable, cells["sequence"])]
+        numbered = {"frame", "time"} & cells.keys() or "item" not in cells
+        fields["video"] = (
+            [f"{stem}/{video}" for video in videos] if numbered else videos
+        )
+    if "item" in cells:
+        fields |= {"labels": [*map(printable, cells["item"])], "named": True}
+        items: Line = ("items", called("item"))
+    if "frame" in cells:
+        fields["frame"], order = _frames(cells["frame"], fields.get("video"))
+        labels = [
+            cell if cell.isdecimal() else number_labels(read_numbers([cell])[0])[0]
+            for cell in cells["frame"]
+        ]
+        fields.setdefault("labels", labels)
+        frames: Line = ("frames", f"numbers in {called('frame')}")
+    elif "time" in cells:
+        seconds, _ = read_numbers(cells["time"])
+        fields["frame"], order, rate = _frames_of_times(seconds, fields.get("video"))
+        fields |= {"frame_rate": rate, "time": None if rate is None else seconds}
+        fields.setdefault("labels", number_labels(seconds))
+        frames = ("frames", f"times in {called('time')}")
+    elif "sequence" in cells or ("item" not in cells and _is_freemocap(header)):
+        frames = ("frames", "the rows in their order")
+    else:
+        frames = ("frames", "none: single images")
+        fields |= _single_images(stem, cells, fields, count)
+    if "item" not in cells:
+        items = ("items", f"'{stem}/...', by frame or number")
+    return fields, order, (items, frames)
+
+
+def _single_images(
+    stem: str, cells: Mapping[str, Sequence[str]], fields: Mapping[str, Any], count: int
+) -> dict[str, Any]:
+    """Return the fields of images that are not known to be frames of a video."""
+    labels = fields.get("labels")
+    if labels is not None:
+        ordered = are_series([*dict.fromkeys(labels)])
+        people = fields.get("individual", [""] * count)
+        return {"individual": people, "unordered": not ordered}
+    people = fields.get("individual", [""] * count)
+    parts = [
+        filter(None, (stem, who, str(row) if count > 1 else ""))
+        for row, who in enumerate(people)
+    ]
+    labels = ["/".join(part) for part in parts]
+    unknown = [""] * count
+    return {"labels": labels, "named": True, "individual": unknown, "unordered": True}
 
 
 def _individual(cell: str) -> str:
@@ -249,7 +485,7 @@ def _individual(cell: str) -> str:
 
 
 def _whole_numbers(cells: Sequence[str]) -> list[int]:
-    """Return cells as whole numbers. Raises ValueError for the first that is none."""
+    """Return cells as whole numbers. Raises FormatError for the first that is none."""
     values, _ = read_numbers(cells)
     wrong = ~(np.abs(values) < 2.0**53) | (
         values % 1 != 0
@@ -268,15 +504,63 @@ def _frames(
     """Return the positions of frames in their videos, from the first on, and their
     order.
     """
-    frames, videos = (
-        np.array(_whole_numbers(cells), np.int64),
-        videos or [""] * len(cells),
-    )
+    frames = np.array(_whole_numbers(cells), np.int64)
+    order, first = _order(frames, videos)
+    return frames - frames[first], order
+
+
+def _order(
+    values: Floats | Integers, videos: Sequence[str] | None
+) -> tuple[Integers, Integers]:
+    """Return the order of rows in their videos, and the first row of each (n,)."""
+    videos = videos or [""] * len(values)
     rank = {video: number for number, video in enumerate(dict.fromkeys(videos))}
     ranks = np.array([rank[video] for video in videos], np.intp)
-    order = np.lexsort((frames, ranks))
-    first = order[np.searchsorted(ranks[order], ranks)]  # of its video
-    return frames - frames[first], order
+    order = np.lexsort((values, ranks))
+    return order, order[np.searchsorted(ranks[order], ranks)]
+
+
+def _frames_of_times(
+    seconds: Floats, videos: Sequence[str] | None
+) -> tuple[Integers, Integers, float | None]:
+    """Return the frames of times, their order, and the frame rate, if times state it.
+
+    Frames lie on a grid of the least time between them; else they are counted.
+    """
+    order, first = _order(seconds, videos)
+    times, place = np.unique(seconds, return_inverse=True)
+    numbers, rate = np.arange(len(times)), None
+    steps = np.diff(times)
+    least = steps.min(initial=np.inf)
+    if 1 / RATES[1] <= least <= 1 / RATES[0]:
+        counts = (steps / least).round()
+        step = steps.sum() / counts.sum()
+        if (np.abs(steps / step - counts) < NEAR_FRAME).all():
+            numbers = np.concatenate([[0], counts.cumsum()]).astype(np.int64)
+            rate = round(float(1 / step), 3)
+    frames = numbers[place]
+    return frames - frames[first], order, rate
+
+
+# Tables of known tools.
+
+
+def _in_metres(table: Table, header: Header) -> dict[str, Any]:
+    """Return unit and frame rate of a table in metres, as they are written here."""
+    columns = [header.names.index("frame"), header.names.index("time")]
+    steps = np.ptp(table.numbers(columns), 0)
+    rate = round(float(steps[0] / steps[1]), 6) if steps.all() else 1.0
+    return {"unit": "m", "frame_rate": None if rate == 1 else rate}
+
+
+def _is_freemocap(header: Header) -> bool:
+    """Whether it has columns as FreeMoCap calls them: rows are frames."""
+    return any({"body_nose", "body_left_hip"} <= {*body} for body in header.bodies)
+
+
+def is_caliscope(head: Head) -> bool:
+    """Whether columns have the names that only caliscope gives them."""
+    return {"frame_index", "point_id", "img_loc_x", "img_loc_y"} <= {*head.columns}
 
 
 def read_caliscope(paths: tuple[Path, ...]) -> Poses:
@@ -288,9 +572,8 @@ def read_caliscope(paths: tuple[Path, ...]) -> Poses:
     as names.
     """
     poses = read_any_table(paths)
-    ids = _whole_numbers(
-        poses.landmark_names or [*map(str, range(poses.points.shape[1]))]
-    )
+    assert poses.landmark_names is not None
+    ids = _whole_numbers(poses.landmark_names)
     body = dict(enumerate(installed_skeletons()["mediapipe_33"].landmark_names))
     stem = paths[0].name.partition(".")[0]
     return replace(
@@ -301,83 +584,3 @@ def read_caliscope(paths: tuple[Path, ...]) -> Poses:
         unit="px",
         notes=(),
     )
-
-
-# Arrays of landmarks without names: (n, p, 2), or 3 with a confidence; (p, 2 or 3) is
-# one image.
-
-POINTS = ("landmarks", "keypoints", "points", "poses")
-SCORES = ("confidence", "scores", "keypoint_scores", "likelihood", "visibility")
-WANTED = "give (images, landmarks, 2), or 3 with a confidence of 0 to 1"
-
-
-def read_array(paths: tuple[Path, ...]) -> Poses:
-    """Return the images of an array of NumPy, in .npz beside its confidences (n, p), or
-    of JSON.
-    """
-    path = paths[0]
-    if path.name.lower().endswith((".json", ".json.gz")):
-        return of_array(path, np.array(read_json(path), np.float64))
-    with parsing(
-        path, "an array", f"{WANTED}; save it again with numpy.save, without objects"
-    ):
-        arrays = np.load(path, mmap_mode="r", allow_pickle=False)
-        if not isinstance(arrays, np.lib.npyio.NpzFile):
-            return of_array(path, arrays)
-        scores = [name for name in arrays if name.lower() in SCORES]
-        points = [name for name in arrays if name.lower() in POINTS]
-        points = points or [name for name in arrays if name not in scores]
-        names = abbreviate([*map(printable, arrays)]) or "nothing"
-        require(len(points) == 1, f"it holds {names}; call the landmarks `landmarks`")
-        return of_array(path, arrays[points[0]], arrays[scores[0]] if scores else None)
-
-
-def of_array(
-    path: Path, points: NDArray[Any], scores: NDArray[Any] | None = None, **fields: Any
-) -> Poses:
-    """Return the images of an array (n, p, 2 or 3) or (p, 2 or 3); `path` names it in
-    messages.
-
-    Raises InputError for arrays of other shapes, and for a third number that is no
-    confidence.
-    """
-    if points.ndim == 2:
-        points, scores = points[None], None if scores is None else scores[None]
-    with parsing(path, "an array of landmarks", WANTED):
-        numeric = (
-            points.dtype.kind in "biuf"
-            and points.ndim == 3
-            and points.shape[2] in (2, 3)
-        )
-        require(numeric, f"{points.dtype} of the shape {points.shape}")
-        points = points.astype(np.float64)
-        if points.shape[2] == 3:
-            require(
-                scores is None, "three numbers of each landmark beside its confidence"
-            )
-            points, scores = points[..., :2], points[..., 2]
-            least, most = (
-                np.nanmin(scores, initial=np.inf),
-                np.nanmax(scores, initial=-np.inf),
-            )
-            fits = not (least < 0 or most > 1)
-            require(
-                fits,
-                f"third numbers run from {least:g} to {most:g}, are they confidences?",
-            )
-        scores = None if scores is None else np.nan_to_num(scores.astype(np.float64))
-        return of_bodies(path, points, scores, **fields)
-
-
-def of_bodies(
-    path: Path, points: Floats, confidence: Floats | None, **fields: Any
-) -> Poses:
-    """Return the poses of points (n, p, 2 or 3), one body per image.
-
-    `fields` are those of `of_frames`. Raises ValueError for confidences below 0.
-    """
-    require(confidence is None or not (confidence < 0).any(), "a confidence below 0")
-    points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
-    if points.shape[2] == 2 and confidence is None:
-        fields["notes"] = (*fields.get("notes", ()), *warn_of_zeros(points))
-    return of_frames(path, points, confidence, **unit_of(points) | fields)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import os
@@ -18,8 +19,9 @@ import orjson
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.csv_file import read_numbers
-from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
-from shapefit.io.readers.poses import require
+from shapefit.io.inputs import BYTE_ORDER_MARK, UTF16_MARKS, read_whole
+from shapefit.io.names import as_composed
+from shapefit.io.readers.poses import library_reads, require
 
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
@@ -54,11 +56,17 @@ def _parse_json(path: Path, _time: int, _size: int) -> Any:
 
 
 def decode(data: bytes) -> str:
-    """Return text in UTF-8, with a mark or without, or else Latin-1."""
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
+    """Return text in UTF-8, with a mark or without, UTF-16 with a mark, or else
+    Latin-1; what can be written in several ways in Unicode is written in one.
+    """
+    if data.startswith(UTF16_MARKS):
+        text = data.decode("utf-16", "replace")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    return as_composed(text)
 
 
 def read_text(path: Path) -> str:
@@ -73,7 +81,7 @@ def read_text(path: Path) -> str:
 
 
 def floats(words: Sequence[str], count: int | None = None) -> list[float]:
-    """Return words, so many, as finite numbers. Raises ValueError where they are
+    """Return words, so many, as finite numbers. Raises FormatError where they are
     none.
     """
     require(len(words) == (count or len(words)), f"{len(words)} numbers, not {count}")
@@ -89,6 +97,13 @@ def floats(words: Sequence[str], count: int | None = None) -> list[float]:
 
 EMPTY = {"", "na", "n/a", "#n/a", "none", "null", "-", "nan"}
 """Cells, in small letters, without a number."""
+
+YES = {"true", "t", "yes", "y", "1"}
+NO = {"false", "f", "no", "n", "0"}
+"""Cells, in small letters, that say yes or no."""
+
+INSIDE = "\x1f"
+"""Stands for the delimiter in a cell that has quotes around it."""
 
 
 class Table(NamedTuple):
@@ -106,7 +121,28 @@ class Table(NamedTuple):
         """Return the cells of columns, without the spaces around them."""
         last = max(columns, default=0) + 1
         cells = [row.split(self.delimiter, last) for row in self.rows]
-        return [[row[column].strip() for row in cells] for column in columns]
+        texts = [[row[column].strip() for row in cells] for column in columns]
+        if any(INSIDE in row for row in self.rows):
+            texts = [
+                [cell.replace(INSIDE, self.delimiter) for cell in column]
+                for column in texts
+            ]
+        return texts
+
+    def flags(self, columns: Sequence[int]) -> Floats:
+        """Return columns (n, ...) of yes and no, or of numbers, NaN for empty cells.
+
+        Raises InputError for other cells.
+        """
+        values = np.empty((len(self.rows), len(columns)))
+        for number, column in enumerate(columns):
+            cells = [cell.lower() for cell in self.texts(column)[0]]
+            if {*cells} <= YES | NO | EMPTY:
+                stated = {**dict.fromkeys(YES, 1.0), **dict.fromkeys(NO, 0.0)}
+                values[:, number] = [stated.get(cell, np.nan) for cell in cells]
+            else:
+                values[:, number] = self.numbers([column], finite=True)[:, 0]
+        return values
 
     def numbers(self, columns: Sequence[int], *, finite: bool = False) -> Floats:
         """Return columns as numbers (n, ...), NaN for empty cells.
@@ -160,17 +196,23 @@ def read_table(
     after: int,
     padded: bool = False,
 ) -> Table:
-    """Return the rows with any content in a text, after so many lines; quotes do not
-    count.
+    """Return the rows with any content in a text, after so many lines.
 
-    `padded` rows may have other numbers of empty cells at their end. Raises InputError
-    for rows of other widths.
+    Cells in quotes may hold the delimiter. `padded` rows may have other numbers of
+    empty cells at their end. Raises InputError for rows of other widths.
     """
     blank = f" \t{delimiter}"
-    numbered = enumerate(text.replace('"', "").split("\n"), 1)
+    lines = text.replace('"', "").split("\n")
+    quoted = text.split("\n") if '"' in text else lines
+    numbered = enumerate(lines, 1)
     rows = [(line, row) for line, row in numbered if line > after and row.strip(blank)]
     for number, (line, row) in enumerate(rows):
         count = row.count(delimiter) + 1
+        if count > len(names) and '"' in quoted[line - 1]:
+            with library_reads(f"line {line} has a cell without an end"):
+                cells = next(csv.reader([quoted[line - 1]], delimiter=delimiter), [])
+            row = delimiter.join(cell.replace(delimiter, INSIDE) for cell in cells)
+            rows[number], count = (line, row), len(cells)
         if padded and delimiter in row and count != len(names):
             row = row.rstrip(blank)
             row += delimiter * (len(names) - 1 - row.count(delimiter))

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PureWindowsPath
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import TypedDict
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats, Integers
+from shapefit.errors import abbreviate
+from shapefit.io.formats import Head
 from shapefit.io.hdf5_file import Hdf5File
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.readers.declared import checked, parsed
 from shapefit.io.readers.poses import (
     Edges,
     Poses,
+    check_names,
+    frames_of_times,
     make_unique,
     number_labels,
     of_frames,
@@ -26,6 +33,15 @@ from shapefit.io.readers.poses import (
 
 class TrackerFile(Hdf5File):
     """An open HDF5 file of another tool."""
+
+    def names(self, group: str = "/") -> list[str]:
+        """Return the names in a group; none where it is absent."""
+        with self.damage(group.strip("/")):
+            node = self.root.get(group)
+            names = [*node] if isinstance(node, h5py.Group) else []
+        plain = all(isinstance(name, str) for name in names)  # else bytes
+        require(plain, f"a name in {group} is not UTF-8")
+        return names
 
     def numbers(self, name: str) -> Floats:
         """Return a dataset as numbers."""
@@ -49,6 +65,15 @@ class TrackerFile(Hdf5File):
         )
         return tuple(values.tolist())
 
+    def table(self, name: str, columns: Sequence[str]) -> NDArray[Any]:
+        """Return a dataset of rows with these columns, all of them numbers."""
+        rows = np.asarray(self.rows(name))
+        lacking = [one for one in columns if one not in (rows.dtype.names or ())]
+        require(not lacking, f"{name} has no column {abbreviate(lacking)}")
+        kinds = {rows.dtype[one].kind for one in columns}
+        require(rows.ndim == 1 and kinds <= {*"biuf"}, f"{name} is no table of numbers")
+        return rows
+
     def text(self, attribute: str, node: str = "/") -> str:
         """Return an attribute as text; "" for none."""
         value = self.attribute(attribute, node) or ""
@@ -59,21 +84,27 @@ class TrackerFile(Hdf5File):
         )
 
     def number(self, attribute: str, node: str = "/") -> float:
-        """Return an attribute that is a number above 0; 0 for none."""
-        return max(float(self.attribute(attribute, node) or 0), 0.0)
+        """Return an attribute that is a number above 0, or the first of some; 0 for
+        none.
+        """
+        value: Any = self.attribute(attribute, node) or 0
+        if isinstance(value, list) and value:  # a version and that below it
+            value = value[0]
+        number = isinstance(value, int | float) and math.isfinite(value)
+        require(number, f"{node.strip('/')}@{attribute} is no number")
+        return max(float(value), 0.0)
 
     def edges(self, name: str, count: int) -> Edges:
         """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or
         empty.
         """
-        pairs = (
-            self.numbers(name).reshape(-1, 2)
-            if self.is_dataset(name)
-            else np.empty((0, 2))
-        )
-        require(
-            ((pairs >= 0) & (pairs < count)).all(), f"{name} points at no landmarks"
-        )
+        given = self.numbers_if_any(name)
+        if given is None or not given.size:
+            return ()
+        require(given.shape[-1:] == (2,), f"{name} holds no pairs of landmarks")
+        pairs = given.reshape(-1, 2)
+        exist = ((pairs >= 0) & (pairs < count)).all()
+        require(exist, f"{name} points at no landmarks")
         return tuple((int(a), int(b)) for a, b in pairs)
 
 
@@ -82,6 +113,11 @@ class TrackerFile(Hdf5File):
 
 SLEAP_ORDER = ("track", "xy", "node", "frame")
 FRAMES_FIRST = ("frame", "track", "node", "xy")
+
+
+def is_sleap_analysis(head: Head) -> bool:
+    """Whether an HDF5 file has tracks and the names of nodes."""
+    return {"tracks", "node_names"} <= head.hdf5
 
 
 def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
@@ -93,16 +129,28 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     """
     with TrackerFile(paths[0]) as file:
         nodes, names = file.texts("node_names"), file.texts("track_names")
-        tracks, dims = file.numbers("tracks"), file.attribute("dims", "tracks")
+        tracks = file.numbers("tracks")
+        dims = file.attribute("dims", "tracks")
         scores = file.numbers_if_any("point_scores")
         occupancy = getattr(file.numbers_if_any("track_occupancy"), "shape", None)
         edges = file.edges("edge_inds", len(nodes))
 
-    sleap = tracks.shape[1:3] == (2, len(nodes)), tracks.shape[3::-3] == occupancy
-    frames_first = tracks.shape[2:] == (len(nodes), 2), tracks.shape[:2] == occupancy
-    axes = [*(FRAMES_FIRST if frames_first > sleap else SLEAP_ORDER)]
-    if dims is not None:
-        axes = [*map(str, dims if isinstance(dims, list) else json.loads(dims))]
+    require(tracks.ndim == 4, f"tracks has {tracks.ndim} axes, not 4")
+    if dims is None:
+        sleap = tracks.shape[1:3] == (2, len(nodes)), tracks.shape[3::-3] == occupancy
+        frames_first = (
+            tracks.shape[2:] == (len(nodes), 2),
+            tracks.shape[:2] == occupancy,
+        )
+        axes = [*(FRAMES_FIRST if frames_first > sleap else SLEAP_ORDER)]
+    else:
+        axes = (
+            checked(list[str], dims)
+            if isinstance(dims, list)
+            else parsed(list[str], str(dims), "the attribute dims")
+        )
+    known = sorted(axes) == sorted(FRAMES_FIRST)
+    require(known, f"tracks has the axes {abbreviate([*axes])}")
     # any order -> (frame, track, node, xy)
     points = tracks.transpose([axes.index(axis) for axis in FRAMES_FIRST])
     require(
@@ -111,6 +159,7 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     )
     if scores is not None:
         axes.remove("xy")
+        require(scores.ndim == 3, f"point_scores has {scores.ndim} axes, not 3")
         scores = scores.transpose([axes.index(axis) for axis in FRAMES_FIRST[:3]])
     many = points.shape[1]
     names = tuple(
@@ -129,105 +178,259 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
 
 USER, PREDICTED = 0, 1
 
+FRAME_COLUMNS = ("video", "frame_idx", "instance_id_start", "instance_id_end")
+INSTANCE_COLUMNS = (
+    "instance_id",
+    "instance_type",
+    "skeleton",
+    "track",
+    "from_predicted",
+    "point_id_start",
+    "point_id_end",
+)
+POINT_COLUMNS = ("x", "y", "visible")
+
+
+class _Backend(TypedDict, total=False):
+    filename: str | list[str] | None
+
+
+class _Video(TypedDict, total=False):
+    filename: str | list[str] | None
+    backend: _Backend | None
+
+
+class _NodeNumber(TypedDict):
+    id: int
+
+
+class _Graph(TypedDict, total=False):
+    nodes: list[_NodeNumber]
+    links: list[dict[str, Any]]
+
+
+class _Skeleton(_Graph, total=False):
+    nx_graph: _Graph  # in skeletons of a preset
+
+
+class _Node(TypedDict):
+    name: str
+
+
+class _Metadata(TypedDict):
+    skeletons: list[_Skeleton]
+    nodes: list[_Node]
+
+
+class SlpFile(NamedTuple):
+    """What a .slp file holds; `tables` are the points that a user placed, and those
+    predicted.
+    """
+
+    track_names: tuple[str, ...]
+    video_names: tuple[str, ...]
+    skeletons: list[SlpSkeleton]
+    frames: NDArray[Any]
+    instances: NDArray[Any]
+    tables: tuple[NDArray[Any], NDArray[Any]]
+    shift: float
+
+
+class SlpSkeleton(NamedTuple):
+    """The nodes of a skeleton, and its edges as pairs of their names."""
+
+    nodes: tuple[str, ...]
+    edges: tuple[tuple[str, str], ...]
+
+
+def is_slp(head: Head) -> bool:
+    """Whether an HDF5 file has the tables of SLEAP and their version."""
+    return {"metadata@format_id", "frames", "instances"} <= head.hdf5
+
 
 def read_slp(paths: tuple[Path, ...]) -> Poses:
-    """Read a .slp file of one skeleton: tables of labelled frames, their instances and
-    points.
+    """Read a .slp file: tables of labelled frames, their instances and points.
 
-    An instance that a user placed replaces the predicted one from which it was made, or
-    which has its track in the frame. Before version 1.1 the middle of the first pixel
-    was at 0.5.
+    Several skeletons are read as one of all their nodes, of which an instance has its
+    own. An instance that a user placed replaces the predicted one from which it was
+    made, or which has its track in the frame. Before version 1.1 the middle of the
+    first pixel was at 0.5.
     """
-    with TrackerFile(paths[0]) as file:
-        tracks = [str(json.loads(text)[1]) for text in file.texts("tracks_json")]
-        videos = [json.loads(text) for text in file.texts("videos_json")]
-        names, edges = _read_skeleton(json.loads(file.text("json", "metadata")))
-        shift = 0.0 if file.number("format_id", "metadata") >= 1.1 else 0.5
-        frames, instances = file.rows("frames"), file.rows("instances")
-        tables = [file.rows("points"), file.rows("pred_points")]
-    frames = frames[np.lexsort((frames["frame_idx"], frames["video"]))]
-    start, end = (
-        frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end")
+    file = _open_slp(paths[0])
+    order = np.lexsort((file.frames["frame_idx"], file.frames["video"]))
+    frames = file.frames[order]
+    instances, of_frame = _instances_of(frames, file.instances)
+    video = frames["video"][of_frame].astype(np.int64)
+    frame = frames["frame_idx"][of_frame].astype(np.int64)
+    track = instances["track"].astype(np.int64)
+    exist = (track >= -1) & (track < len(file.track_names))
+    exist &= (video >= 0) & (video < (len(file.video_names) or 1))
+    require(exist.all(), "instances of tracks or videos that it does not hold")
+    names = tuple(
+        dict.fromkeys(node for skeleton in file.skeletons for node in skeleton.nodes)
     )
-    exist = (start >= 0) & (end >= start) & (end <= len(instances))
-    require(exist.all(), "frames of instances that it does not hold")
-    of_frame = np.repeat(np.arange(len(frames)), end - start)
-    rows = [np.arange(*ends) for ends in zip(start.tolist(), end.tolist(), strict=True)]
-    instances = instances[np.concatenate([np.empty(0, int), *rows])]
-    video, frame = (
-        frames[name][of_frame].astype(int) for name in ("video", "frame_idx")
-    )
-    track, kind = (instances[name].astype(int) for name in ("track", "instance_type"))
-    first, last = (
-        instances[f"point_id_{name}"].astype(np.int64) for name in ("start", "end")
-    )
-    exist = (track >= -1) & (track < len(tracks)) & (instances["skeleton"] == 0)
-    exist &= (
-        (video >= 0) & (video < (len(videos) or 1)) & np.isin(kind, (USER, PREDICTED))
-    )
-    exist &= (first >= 0) & (last - first == len(names))
-    require(
-        exist.all(),
-        "instances of tracks, skeletons, videos or points that it does not hold",
-    )
-    points = np.full((len(instances), len(names), 3), np.nan)  # x, y, score
-    for number, table in enumerate(tables):
-        mine = kind == number
-        cells = table[first[mine, None] + np.arange(len(names))]
-        for place, axis in enumerate("xy"):
-            points[mine, :, place] = np.where(
-                cells["visible"], cells[axis] - shift, np.nan
-            )
-        if number == PREDICTED:
-            points[mine, :, 2] = cells["score"]
-    user = kind == USER
-    keys = list(zip(video.tolist(), frame.tolist(), track.tolist(), strict=True))
-    placed = {key for key, by_user in zip(keys, user.tolist(), strict=True) if by_user}
-    origins = instances["from_predicted"][user & (instances["from_predicted"] >= 0)]
-    replaced = np.array([key in placed and key[2] >= 0 for key in keys], bool)
-    replaced = ~user & (replaced | np.isin(instances["instance_id"], origins))
+    points = _place_points(file, instances, names)
+    replaced = _are_replaced(instances, video, frame)
     lost = int(replaced.sum())
-    individuals = (*make_unique(tracks), "")
-    files = [
-        about.get("filename") or about["backend"].get("filename") for about in videos
-    ]
-    video_names = make_unique(
-        [PureWindowsPath(str(name or "video")).stem for name in files]
+    note = f"{lost} predicted instances replaced by those that a user placed"
+    scores = points[..., 2]
+    pairs = dict.fromkeys(
+        pair for skeleton in file.skeletons for pair in skeleton.edges
     )
+    individuals = (*make_unique(file.track_names), "")  # the last is that of track -1
+    several = len(file.video_names) > 1
     return Poses(
         name=str(paths[0]),
         video=(
-            [video_names[n] for n in video] if len(videos) > 1 else video_name(paths[0])
+            [file.video_names[number] for number in video]
+            if several
+            else video_name(paths[0])
         ),
         points=points[..., :2],
-        confidence=None if np.isnan(points[~replaced, :, 2]).all() else points[..., 2],
+        confidence=None if np.isnan(scores[~replaced]).all() else scores,
         frame=frame,
         label=[*map(str, frame.tolist())],
-        individual=[individuals[number] for number in track.tolist()],  # -1: none
+        individual=[individuals[number] for number in track.tolist()],
         landmark_names=names,
         unit="px",
-        edges=edges,
-        notes=(f"{lost} predicted instances replaced by those that a user placed",)
-        * bool(lost),
+        edges=tuple((names.index(a), names.index(b)) for a, b in pairs),
+        notes=(note,) if lost else (),
     ).take(~replaced)
 
 
-def _read_skeleton(about: Any) -> tuple[tuple[str, ...], Edges]:
-    """Return the nodes of the one skeleton, and its edges: links whose type, or its
-    place, is 1.
+def _open_slp(path: Path) -> SlpFile:
+    """Return what a .slp file holds, its tables with the columns that are used."""
+    with TrackerFile(path) as file:
+        tracks = [
+            parsed(list[Any], text, "tracks_json") for text in file.texts("tracks_json")
+        ]
+        require(all(len(track) > 1 for track in tracks), "a track without a name")
+        videos = [
+            parsed(_Video, text, "videos_json") for text in file.texts("videos_json")
+        ]
+        metadata = parsed(_Metadata, file.text("json", "metadata"), "metadata@json")
+        format_id = file.number("format_id", "metadata")
+        return SlpFile(
+            track_names=tuple(str(track[1]) for track in tracks),
+            video_names=make_unique([_name_of_video(video) for video in videos]),
+            skeletons=[
+                _read_skeleton(one, metadata["nodes"]) for one in metadata["skeletons"]
+            ],
+            frames=file.table("frames", FRAME_COLUMNS),
+            instances=file.table("instances", INSTANCE_COLUMNS),
+            tables=(
+                file.table("points", POINT_COLUMNS),
+                file.table("pred_points", (*POINT_COLUMNS, "score")),
+            ),
+            shift=0.0 if format_id >= 1.1 else 0.5,
+        )
+
+
+def _name_of_video(video: _Video) -> str:
+    """Return the name of a video, or of its first image, without folder and ending."""
+    backend = video.get("backend") or {}
+    name = video.get("filename") or backend.get("filename") or "video"
+    return PureWindowsPath(name if isinstance(name, str) else name[0]).stem
+
+
+def _read_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
+    """Return a skeleton: its edges are links whose type, or its place, is 1.
+
+    A skeleton that comes from a preset has its graph in `nx_graph`.
     """
-    (skeleton,) = about["skeletons"]
-    ids = [node["id"] for node in skeleton["nodes"]]
+    graph: _Graph = about.get("nx_graph") or about
+    require("nodes" in graph, "a skeleton without nodes")
+    ids = [node["id"] for node in graph["nodes"]]
+    exist = all(0 <= number < len(nodes) for number in ids)
+    require(exist, "a skeleton of nodes that it does not hold")
+    names = tuple(nodes[number]["name"] for number in ids)
+    check_names(names, "node")
+    name_of = dict(zip(ids, names, strict=True))
     types: list[int] = []
-    edges: dict[tuple[int, int], None] = {}
-    for link in skeleton.get("links", ()):
-        kind = link.get("type") or {}
+    edges: dict[tuple[str, str], None] = {}
+    for link in graph.get("links", ()):
+        kind = link.get("type")
+        kind = kind if isinstance(kind, dict) else {}
         if "py/reduce" in kind:
-            types.append(kind["py/reduce"][1]["py/tuple"][0])
+            types.append(_type_of_edge(kind["py/reduce"]))
         stated = len(types) if "py/reduce" in kind else kind.get("py/id", 1)
-        if dict(enumerate(types, 1)).get(stated, stated) == 1:
-            edges[ids.index(link["source"]), ids.index(link["target"])] = None
-    return tuple(str(about["nodes"][number]["name"]) for number in ids), tuple(edges)
+        place = stated if isinstance(stated, int) else 1
+        is_body = dict(enumerate(types, 1)).get(place, place) == 1
+        ends = [link.get(end) for end in ("source", "target")]
+        joined = [
+            name_of[end] for end in ends if isinstance(end, int) and end in name_of
+        ]
+        if is_body and len(joined) == 2:
+            edges[joined[0], joined[1]] = None
+    return SlpSkeleton(names, tuple(edges))
+
+
+def _type_of_edge(pickled: Any) -> int:
+    """Return the type of an edge, [.., {py/tuple: [type]}, ..]; 0 for what is none."""
+    steps = pickled[1] if isinstance(pickled, list) and len(pickled) > 1 else None
+    values = steps.get("py/tuple") if isinstance(steps, dict) else None
+    first = values[0] if isinstance(values, list) and values else 0
+    return first if isinstance(first, int) else 0
+
+
+def _instances_of(
+    frames: NDArray[Any], instances: NDArray[Any]
+) -> tuple[NDArray[Any], Integers]:
+    """Return the instances of frames one after the other, and the number of the frame
+    of each.
+    """
+    start = frames["instance_id_start"].astype(np.int64)
+    end = frames["instance_id_end"].astype(np.int64)
+    exist = (start >= 0) & (end >= start) & (end <= len(instances))
+    require(exist.all(), "frames of instances that it does not hold")
+    require((end - start).sum() <= len(instances), "frames that share instances")
+    rows = [np.arange(*ends) for ends in zip(start.tolist(), end.tolist(), strict=True)]
+    which = np.concatenate([np.empty(0, np.int64), *rows])
+    return instances[which], np.repeat(np.arange(len(frames)), end - start)
+
+
+def _place_points(
+    file: SlpFile, instances: NDArray[Any], names: Sequence[str]
+) -> Floats:
+    """Return x, y and score of the nodes of instances (n, names, 3), NaN for none."""
+    kind = instances["instance_type"].astype(np.int64)
+    skeleton = instances["skeleton"].astype(np.int64)
+    first = instances["point_id_start"].astype(np.int64)
+    last = instances["point_id_end"].astype(np.int64)
+    require(np.isin(kind, (USER, PREDICTED)).all(), "instances of an unknown type")
+    exist = (skeleton >= 0) & (skeleton < len(file.skeletons))
+    require(exist.all(), "instances of skeletons that it does not hold")
+    points = np.full((len(instances), len(names), 3), np.nan)
+    for number, (nodes, _) in enumerate(file.skeletons):
+        columns = np.array([names.index(node) for node in nodes], np.int64)
+        for chosen in (USER, PREDICTED):
+            table = file.tables[chosen]
+            mine = np.flatnonzero((kind == chosen) & (skeleton == number))
+            start = first[mine]
+            inside = (start >= 0) & (start + len(nodes) <= len(table))
+            inside &= last[mine] - start == len(nodes)
+            require(inside.all(), "instances of points that it does not hold")
+            cells = table[start[:, None] + np.arange(len(nodes))]
+            hidden = ~cells["visible"].astype(bool)
+            for place, axis in enumerate("xy"):
+                values = np.where(hidden, np.nan, cells[axis] - file.shift)
+                points[mine[:, None], columns, place] = values
+            if chosen == PREDICTED:
+                points[mine[:, None], columns, 2] = cells["score"]
+    return points
+
+
+def _are_replaced(instances: NDArray[Any], video: Integers, frame: Integers) -> Flags:
+    """Return which predicted instances (n,) a user has replaced by others."""
+    user = instances["instance_type"] == USER
+    track = instances["track"].astype(np.int64)
+    keys = list(zip(video.tolist(), frame.tolist(), track.tolist(), strict=True))
+    placed = {key for key, by_user in zip(keys, user.tolist(), strict=True) if by_user}
+    same_track = np.array([key in placed and key[2] >= 0 for key in keys], bool)
+    origins = instances["from_predicted"][user & (instances["from_predicted"] >= 0)]
+    made_from = np.isin(instances["instance_id"], origins)
+    replaced: Flags = np.asarray(~user & (same_track | made_from))
+    return replaced
 
 
 # JABS and movement.
@@ -267,24 +470,73 @@ LINES = (
 )
 
 
+UNASSIGNED = 0
+"""Of identities from version 4 on, what belongs to no mouse."""
+
+
+def is_jabs(head: Head) -> bool:
+    """Whether an HDF5 file has the points of JABS."""
+    return {"poseest/points"} <= head.hdf5
+
+
 def read_jabs(paths: tuple[Path, ...]) -> Poses:
-    """Read version 2 of JABS, of one mouse: (frame, point, [y, x]), missing with
-    confidence 0.
+    """Read JABS: (frame, point, [y, x]), or (frame, mouse, point, [y, x]) from version
+    3 on; a point is missing with confidence 0.
+
+    The mice of a frame are in any order. Version 3 counts them and numbers their
+    tracks, later ones give identities, 0 for none.
     """
     with TrackerFile(paths[0]) as file:
+        # (.., [y, x]) -> (.., [x, y])
         points = file.numbers("poseest/points")[..., ::-1]
         confidence = file.numbers("poseest/confidence")
-    require(points.ndim == 3, "later versions, of several mice, are not read")
-    return of_frames(
-        paths[0],
-        np.where(confidence[..., None] > 0, points, np.nan),
-        confidence,
+        version = file.number("version", "poseest")
+        count = file.numbers_if_any("poseest/instance_count")
+        track = file.numbers_if_any("poseest/instance_track_id")
+        identity = file.numbers_if_any("poseest/instance_embed_id")
+    several = points.ndim == 4
+    fits = points.ndim in (3, 4) and points.shape[-2:] == (len(MOUSE), 2)
+    require(fits, f"points of the shape {points.shape}, not of {len(MOUSE)} landmarks")
+    same = confidence.shape == points.shape[:-1]
+    require(same, "other confidences than landmarks")
+    points = np.where(confidence[..., None] > 0, points, np.nan)
+    if not several:
+        return of_frames(
+            paths[0], points, confidence, landmark_names=MOUSE, edges=LINES
+        )
+    frames, mice = points.shape[:2]
+    numbers = identity if version > 3 or track is None else track
+    require(numbers is not None, "several mice without identities")
+    assert numbers is not None
+    require(numbers.shape == (frames, mice), "other identities than mice")
+    seen: Flags = np.asarray(np.isfinite(points).all(axis=3))
+    valid = np.isfinite(numbers) & seen.any(axis=2)
+    if numbers is identity:
+        valid &= numbers > UNASSIGNED
+    elif count is not None:
+        require(count.shape == (frames,), "other counts of mice than frames")
+        valid &= np.arange(mice) < count[:, None]
+    frame, _ = np.nonzero(valid)
+    return Poses(
+        name=str(paths[0]),
+        video=video_name(paths[0]),
+        points=points[valid],
+        confidence=confidence[valid],
+        frame=frame,
+        label=[*map(str, frame.tolist())],
+        individual=[f"{number:g}" for number in numbers[valid].tolist()],
         landmark_names=MOUSE,
+        unit="px",
         edges=LINES,
     )
 
 
 AXES = ("time", "individual", "keypoint", "space")
+
+
+def is_movement(head: Head) -> bool:
+    """Whether an HDF5 file has the attribute that movement gives its data."""
+    return {"@ds_type"} <= head.hdf5
 
 
 def read_movement(paths: tuple[Path, ...]) -> Poses:
@@ -305,11 +557,15 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     require(
         space == tuple("xyz"[: points.shape[3]]), f"the coordinates {', '.join(space)}"
     )
+    same = times is None or times.shape == points.shape[:1]
+    require(same, "another number of times than of frames")
     return of_frames(
         paths[0],
         points,
         confidence,
         None if times is None else number_labels(times),
+        frames=None if times is None else frames_of_times(times, rate),
+        times=times,
         landmark_names=landmarks,
         individuals=individuals,
         frame_rate=rate or None,
@@ -319,11 +575,16 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
 def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
     """Return a dataset with the wanted axes in order."""
     # h5py's own `dims` can abort the process on damaged files
-    scales = file.root[name].attrs["DIMENSION_LIST"]
-    paths = [h5py.h5r.get_name(scale[0], file.root.id) or b"" for scale in scales]
-    axes = [path.decode().strip("/").removesuffix("s") for path in paths]
+    with file.damage(name):
+        scales = file.root[name].attrs["DIMENSION_LIST"]
+        paths = [h5py.h5r.get_name(scale[0], file.root.id) or b"" for scale in scales]
+    texts = [path.decode("utf-8", "replace").strip("/") for path in paths]
+    axes = [text.removesuffix("s") for text in texts]
+    values = file.numbers(name)
     require(sorted(wanted) == sorted(axes), f"{name} has the axes {', '.join(axes)}")
-    return file.numbers(name).transpose([axes.index(axis) for axis in wanted])
+    number = f"{name} has {values.ndim} axes, and names of {len(axes)}"
+    require(values.ndim == len(axes), number)
+    return values.transpose([axes.index(axis) for axis in wanted])
 
 
 # NWB.
@@ -336,9 +597,15 @@ Series = tuple[
 ]  # points, confidence, times, rate or 0, unit
 
 
+def is_nwb(head: Head) -> bool:
+    """Whether an HDF5 file has the version of NWB."""
+    return {"@nwb_version"} <= head.hdf5
+
+
 def read_nwb(paths: tuple[Path, ...]) -> Poses:
-    """Read all PoseEstimations of `processing`; ValueError where there is none, or one
-    twice.
+    """Read all PoseEstimations of `processing`.
+
+    Raises FormatError where there is none, or one twice.
     """
     series: dict[tuple[str, str], Series] = {}
     with TrackerFile(paths[0]) as file:
@@ -377,15 +644,18 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     rates = {rate for rate, at in zip(all_rates, all_times, strict=True) if len(at) > 1}
     if rates == {0.0} and len(steps) > 1 and np.ptp(steps) <= 0.02 * np.median(steps):
         rates = {1 / float(np.median(steps))}
+    rate = (rates.pop() or None) if len(rates) == 1 else None
     return of_frames(
         paths[0],
         cells,
         None if np.isnan(confidence).all() else confidence,
         number_labels(times),
+        frames=frames_of_times(times, rate),
+        times=times,
         individuals=animals,
         present=present,
         landmark_names=tuple(names),
-        frame_rate=(rates.pop() or None) if len(rates) == 1 else None,
+        frame_rate=rate,
         unit="px" if axes == {2} else units.pop() if len(units) == 1 else UNKNOWN_UNIT,
         edges=tuple(
             (names.index(nodes[a]), names.index(nodes[b]))
@@ -397,10 +667,13 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
 
 def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
     """Yield the groups below a group, so many levels deep."""
-    for name, node in file.root[group].items() if levels and group in file.root else ():
-        if isinstance(node, h5py.Group):
-            yield f"{group}/{name}"
-            yield from _groups(file, f"{group}/{name}", levels - 1)
+    for name in file.names(group) if levels else ():
+        inner = f"{group}/{name}"
+        with file.damage(inner):
+            is_group = isinstance(file.root.get(inner), h5py.Group)
+        if is_group:
+            yield inner
+            yield from _groups(file, inner, levels - 1)
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
@@ -409,14 +682,20 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     """
     data, start, rate = f"{group}/data", f"{group}/starting_time", 0.0
     points = file.numbers(data) * (file.number("conversion", data) or 1.0)
-    points += file.attribute("offset", data) or 0.0
+    require(points.ndim == 2, f"{data} has {points.ndim} axes, not 2")
+    offset = file.attribute("offset", data) or 0.0
+    require(isinstance(offset, int | float), f"{data}@offset is no number")
+    points += offset
     confidence = file.numbers_if_any(f"{group}/confidence")
     confidence = np.full(len(points), np.nan) if confidence is None else confidence
     if file.is_dataset(start):
         rate = file.number("rate", start)
-        times = file.numbers(start) + np.arange(len(points)) / (rate or 1.0)
+        first = file.numbers(start)
+        require(first.size == 1, f"{start} is not one number")
+        times = first.ravel() + np.arange(len(points)) / (rate or 1.0)
     else:
         times = file.numbers(f"{group}/timestamps")
+    require(times.ndim == 1, f"the times of {group} have {times.ndim} axes")
     rising = np.isfinite(times).all() and (np.diff(times) > 0).all()
     require(rising, f"the times of {group} do not increase")
     fits = times.shape == confidence.shape == points.shape[:-1]

@@ -28,10 +28,8 @@ REACH, REACH_PER_GAP, FARTHEST = 0.35, 0.1, 1.0
 reach.
 """
 
-LONGEST_GAP, SMOOTH_MOTION = (
-    15,
-    3,
-)  # frames that a track goes on unseen, and is expected to move
+LONGEST_GAP = 14  # frames that a track goes on unseen
+SMOOTH_MOTION = 3  # frames for which it is then expected to move on
 
 FORGETTING = 0.3  # share of a frame's motion in the smooth motion of a track
 

@@ -69,10 +69,11 @@ def write_bvh(path: Path, motion: Motion) -> str:
     truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
     far = 1000 * np.linalg.norm(forward_kinematics(rig) - truth, axis=2)
     joints = f"joints of {motion.name}" if motion.name else "joints"
-    return (
+    said = (
         f"{joints} {far.mean():.1f} mm from the landmarks on average,"
         f" {far.max():.1f} at most"
     )
+    return f"{said}; {motion.steady}" if motion.steady else said
 
 
 def _without_gaps(points: Floats) -> Floats:

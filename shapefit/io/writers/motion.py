@@ -27,6 +27,7 @@ from shapefit.io.layout import (
     INPUT_SD,
     INPUT_SHAPES,
     METRES_PER_UNIT,
+    TIME,
 )
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
 from shapefit.io.readers.poses import make_unique
@@ -43,6 +44,7 @@ from shapefit.io.writers.metres import (
 )
 from shapefit.lifting.estimate import CORRELATION
 from shapefit.lifting.trust import REASONS
+from shapefit.timeline import ASSUMED_RATE, JITTER, LONGEST_GAP, find_rate
 
 ANGLES, ANGLE_SD = "joint_angles", "joint_angle_sd"
 """Columns (n, a) of records on their way to a file of motion, in degrees."""
@@ -64,7 +66,7 @@ RETAINED = {
         EXTRINSIC_ROTATION,
         EXTRINSIC_TRANSLATION,
     ),
-    *(FRAME, REASONS, ANGLES, ANGLE_SD, INPUT_SHAPES, INPUT_SD, INPUT_NAMES),
+    *(FRAME, TIME, REASONS, ANGLES, ANGLE_SD, INPUT_SHAPES, INPUT_SD, INPUT_NAMES),
 }
 """Columns of which files of motion are made."""
 
@@ -74,18 +76,19 @@ have .8 to
 1.5 widths), and by a known one.
 """
 
-USUAL_RATE = 25.0  # frames a second, where it is unknown
+MOST_MISSING = 1000
+"""Missing frames for each that is there, up to which they become empty rows."""
 
 NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Every frame of a sequence, from the number `first` on.
+    """Every frame of a sequence, from the number `first` on, missing ones too.
 
     points (f, 3, p) and deviations (f, p) in metres, angles and deviations (f, a) in
-    degrees, nan where unknown; rate in Hz, 1 where unknown; edges (e, 2); trusted (f,):
-    true, false, or "".
+    degrees, nan where unknown; rate in Hz, 1 where unknown; times (f,) in seconds, of
+    the rate or as they are stated; edges (e, 2); trusted (f,): true, false, or "".
     """
 
     name: str
@@ -93,6 +96,7 @@ class Motion:
     points: Floats
     first: int
     rate: float
+    times: Floats
     edges: Integers
     axes: str
     size: str
@@ -107,6 +111,17 @@ class Motion:
     def frames(self) -> NDArray[np.int64]:
         """Return the number of each frame (f,)."""
         return self.first + np.arange(len(self.points), dtype=np.int64)
+
+    @property
+    def steady(self) -> str:
+        """Return what to say where a format has one rate, and times are others; else
+        "".
+        """
+        off = self.times - self.frames / self.rate
+        away = float(np.ptp(off)) if len(off) else 0.0
+        if away * self.rate <= JITTER:
+            return ""
+        return f"times are off the steady {self.rate:g} Hz by up to {away:.3g} s"
 
 
 Track = tuple[
@@ -236,22 +251,24 @@ def find_floors(
     size = 2 * np.max(columns.get("principal_point", 0.0))
     assumed = np.isclose(np.max(columns.get("focal", 0.0)), ASSUMED_FOCAL * size)
     bodies: dict[str, list[Body]] = {}
-    for name, track, _ in _tracks(records, place):
-        metric, rate = in_metres(track, options, place), track.frame_rate or USUAL_RATE
-        points, sd = (
-            metric.points.copy(),
-            track.columns.get("shape_sd", np.full(1, 0.1)),
-        )
+    for name, track, frames in _tracks(records, place):
+        metric = in_metres(track, options, place)
+        rate = track.frame_rate or ASSUMED_RATE
+        points = metric.points.copy()
+        sd = track.columns.get("shape_sd", np.full(1, 0.1))
         if (reasons := track.columns.get(REASONS)) is not None:
             points[reasons != ""] = np.nan
         for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
-            points[~_visible_around(track, ankle, rate), :, ankle] = np.nan
+            points[~_visible_around(track, ankle, rate, frames), :, ankle] = np.nan
         stature = find_stature(points, names)
         if stature is not None and np.isfinite(stature).any():
             deviations = metric.factor[:, None, None] * np.broadcast_to(
                 sd, points.shape
             )
             tall = float(np.nanmedian(stature))
+            points, deviations = (
+                bridge_gaps(values, frames, rate) for values in (points, deviations)
+            )
             body = Body(points, deviations, joint_columns(names), tall, rate)
             bodies.setdefault(video_of(name), []).append(body)
     floors = {
@@ -259,6 +276,23 @@ def find_floors(
         for name, of in bodies.items()
     }
     return {name: floor for name, floor in floors.items() if floor is not None}
+
+
+def bridge_gaps(values: Floats, frames: Integers, rate: float) -> Floats:
+    """Return values (n, ...) of some frames (n,) at all frames from the first to the
+    last: in straight lines where some are missing, nan where for over `LONGEST_GAP`.
+    """
+    every = np.arange(frames[0], frames[-1] + 1) if len(frames) else frames
+    if len(every) == len(frames):
+        return values
+    row = np.searchsorted(frames, every, "right") - 1
+    after = np.minimum(row + 1, len(frames) - 1)
+    gap = np.maximum(frames[after] - frames[row], 1)
+    share = ((every - frames[row]) / gap).reshape(-1, *(1,) * (values.ndim - 1))
+    between = np.where(share > 0, share * (values[after] - values[row]), 0.0)
+    bridged: Floats = values[row] + between
+    bridged[(gap - 1 > LONGEST_GAP * rate) & (share.ravel() > 0)] = np.nan
+    return bridged
 
 
 def video_of(sequence: str) -> str:
@@ -317,7 +351,8 @@ def _tracks(records: Shapes3D, place: str) -> list[Track]:
     """Part records by sequence, with the frames of the dataset `frame` or the order of
     the items.
 
-    Raises InputError where two items of a sequence are of one frame.
+    Raises InputError where two items of a sequence are of one frame, and where so many
+    are missing that gaps cannot be filled.
     """
     names = np.array(records.sequences or ("",) * len(records), dtype=object)
     stated = records.columns.get(FRAME)
@@ -340,12 +375,19 @@ def _tracks(records: Shapes3D, place: str) -> list[Track]:
                 " `individual`"
             )
             raise input_error(place, problem, fix)
+        if len(rows) and frames[-1] - frames[0] > MOST_MISSING * len(rows):
+            one, other = int(frames[0]), int(frames[-1])
+            problem = f"{counted(len(rows), 'item')} are of the frames {one} to {other}"
+            fix = "number the frames of a video, not the time; or write .h5 or .csv"
+            raise input_error(place, problem, fix)
         tracks.append((name, track, frames))
     return tracks
 
 
-def _visible_around(records: Shapes3D, column: int, rate: float) -> NDArray[np.bool_]:
-    """Whether a landmark (n,) was seen within a quarter of a second."""
+def _visible_around(
+    records: Shapes3D, column: int, rate: float, frames: Integers
+) -> NDArray[np.bool_]:
+    """Whether a landmark (n,) was seen within a quarter of a second of frames (n,)."""
     landmarks = records.columns.get("landmarks")
     if landmarks is None or landmarks.shape[:2] != (
         len(records),
@@ -353,10 +395,11 @@ def _visible_around(records: Shapes3D, column: int, rate: float) -> NDArray[np.b
     ):
         return np.ones(len(records), dtype=np.bool_)
     visible = np.isfinite(landmarks[:, column]).all(axis=-1)
-    near = min(round(rate / 4), len(visible) - 1)
-    return np.asarray(
-        np.convolve(visible, np.ones(2 * near + 1))[near : near + len(visible)] > 0
-    )
+    seen = np.concatenate([[0], np.cumsum(visible)])
+    near = round(rate / 4)
+    first = np.searchsorted(frames, frames - near, "left")
+    last = np.searchsorted(frames, frames + near, "right")
+    return np.asarray(seen[last] > seen[first])
 
 
 def _motion(
@@ -398,6 +441,10 @@ def _motion(
         *([f"{counted(gaps, 'frame')} without a shape{of}"] * bool(gaps)),
     )
     sd = records.columns.get("shape_sd", np.full_like(records.shapes, np.nan))
+    clock = records.columns.get(TIME)
+    known_rate = records.frame_rate or find_rate(frames, clock)
+    rate = known_rate or 1.0
+    times = find_times(frames, length, clock, rate)
     stated = records.lines
     edges = edges_of(records.landmark_names) if stated is None else stated
     return Motion(
@@ -405,17 +452,39 @@ def _motion(
         landmark_names=records.landmark_names,
         points=points,
         first=first,
-        rate=records.frame_rate or 1.0,
+        rate=rate,
+        times=times,
         edges=np.asarray(edges, np.int64).reshape(-1, 2),
         axes=metric.axes,
         size=metric.size,
-        warnings=warnings if records.frame_rate else (*warnings, NO_RATE),
+        warnings=warnings if known_rate else (*warnings, NO_RATE),
         trusted=trusted.tolist(),
         deviations=by_frame(metric.factor[:, None] * np.sqrt((sd**2).sum(axis=1))),
         angle_names=names,
         angles=by_frame(none if angles is None else angles),
         angle_deviations=by_frame(records.columns.get(ANGLE_SD, none)),
     )
+
+
+def find_times(
+    frames: Integers, length: int, stated: Floats | None, rate: float
+) -> Floats:
+    """Return the times (length,) of all frames from the first on, in seconds.
+
+    They are those of the rate, unless a stated time (n,) of one of the frames (n,) is
+    further off than clocks tremble: then as stated, and in between as the rate goes on.
+    """
+    if not length:
+        return np.empty(0)
+    every = frames[0] + np.arange(length)
+    times: Floats = every / rate
+    if stated is None:
+        return times
+    known = np.isfinite(stated)
+    off = stated[known] - frames[known] / rate
+    if not known.any() or np.abs(off).max() * rate <= JITTER:
+        return times
+    return times + np.interp(every, frames[known], off)
 
 
 def _as_markers(records: Shapes3D) -> Shapes3D:

@@ -59,7 +59,8 @@ def write_trc(path: Path, motion: Motion) -> None:
                 .swapaxes(1, 2)
                 .reshape(len(frames), -1)
             )
-            table = np.column_stack([np.round(frames / motion.rate, 9), points])
+            times = motion.times[start : start + BLOCK]
+            table = np.column_stack([np.round(times, 9), points])
             text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
             lines = (
                 text.replace(b"null", b"").replace(b"],[", b"\n").replace(b",", b"\t")
@@ -83,7 +84,7 @@ def metres_columns(motion: Motion) -> dict[str, Any]:
     f, p = len(motion.points), len(motion.landmark_names)
     return {
         "frame": np.repeat(motion.frames, p),
-        "time": np.repeat(motion.frames / motion.rate, p),
+        "time": np.repeat(motion.times, p),
         "landmark": list(motion.landmark_names) * f,
         **{axis: motion.points[:, number].ravel() for number, axis in enumerate("xyz")},
         "sd": motion.deviations.ravel(),
@@ -131,7 +132,7 @@ def write_angles(path: Path, motion: Motion) -> None:
     ]
     columns = (
         motion.frames,
-        motion.frames / motion.rate,
+        motion.times,
         motion.trusted,
         *pairs.T,
         uncertain,
@@ -146,7 +147,7 @@ def write_mot(path: Path, motion: Motion) -> None:
     """
     names = _angle_names(path, motion)
     angles = np.where(motion.angle_deviations > MAX_ANGLE_SD, np.nan, motion.angles)
-    table = np.column_stack([motion.frames / motion.rate, angles])
+    table = np.column_stack([motion.times, angles])
     head = f"{printable(motion.name) or 'Coordinates'}\nversion=1\nnRows={len(table)}\n"
     head += f"nColumns={table.shape[1]}\ninDegrees=yes\nendheader\n"
     with path.open("w", encoding="utf-8", newline="\n") as file:
@@ -175,8 +176,9 @@ each.
 """
 
 
-def write_c3d(path: Path, motion: Motion) -> None:
-    """Write one motion in millimetres; a missing point has the residual -1.
+def write_c3d(path: Path, motion: Motion) -> str:
+    """Write one motion in millimetres; a missing point has the residual -1. Say where
+    its times are not those of the one rate of a file.
 
     Raises InputError for more frames or landmarks, or longer names, than a file can
     hold.
@@ -212,6 +214,7 @@ def write_c3d(path: Path, motion: Motion) -> None:
         path.stat().st_size < 16 * visible.size
     ):  # of a full disk the library says nothing
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    return motion.steady
 
 
 def load_ezc3d() -> Any:

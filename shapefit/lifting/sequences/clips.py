@@ -14,7 +14,9 @@ A body that walks towards the camera grows in its image, and so do its bones. So
 sequence is inferred twice: in one unit, and in units that follow the smoothed scales of
 the images. What agrees better with the images, by the energy of the objective, is
 taken. A sequence that would move its images too far (`CONSTANTS.farthest`) is inferred
-without bones, and keeps the error bars of these.
+without bones, and keeps the error bars of these. Both are decided for each stretch of
+the sequence between long gaps, and each has a unit in which its lengths, inferred from
+it alone, are together as long as those of the others.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats, median
+from shapefit.arrays import Flags, Floats, finite_median, median
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status
 from shapefit.lifting.estimate import CORRELATION, PAIRS, Estimate
@@ -47,6 +49,7 @@ from shapefit.lifting.sequences.smoothing import (
 )
 from shapefit.lifting.trust import IMAGE_ERROR, expected_error
 from shapefit.threads import on_threads
+from shapefit.timeline import ASSUMED_RATE, Timeline
 
 NOISE = "sequence_noise"
 """Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence
@@ -73,14 +76,14 @@ class Motion:
 
     bones (e, 2) keep their lengths with standard deviations bone_tolerance (e,);
     acceleration (p,), the root of the mean square of the second difference of a
-    coordinate from frame to frame; usual, the usual lengths; rate, images a second.
+    coordinate from frame to frame; usual, the usual lengths; rate, frames a second.
     """
 
     bones: Indices
     acceleration: Floats
     bone_tolerance: Floats
     usual: Lengths | None = None
-    rate: float = 24.0
+    rate: float = ASSUMED_RATE
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,8 @@ class Clips:
     and centre (n,), (n, 2): a normalised point x is scale x + centre; modes,
     normalised; residual_variance, of normalised landmarks in the posteriors; noise, the
     stated deviation of a coordinate of the landmarks, None where they are no better
-    than that; deviation (n, 3, p) of points.
+    than that; deviation (n, 3, p) of points; position (n,) of each image in its
+    sequence, in frames, see `place_in_time`.
     """
 
     landmarks: Floats
@@ -104,6 +108,7 @@ class Clips:
     residual_variance: float
     noise: float | None
     deviation: Floats
+    position: Floats
 
 
 class Refined(NamedTuple):
@@ -139,14 +144,16 @@ def refine_lifting(
     residual_variance: float,
     noise: float | None,
     bar_scale: Floats,
+    position: Floats | None = None,
     threads: int = 0,
 ) -> Lifting:
     """Infer the shapes of whole sequences from the modes of their images.
 
     landmarks (n, 2, p) as observed; residual_variance and noise as in `Clips`;
     bar_scale (p,), by which standard deviations of the landmarks have been multiplied;
-    threads as in `refine_clips`. The covariances of the modes are written over. All but
-    the shapes and what is known of them stays that of the images.
+    position (n,) as in `Clips`, or one image after the other; threads as in
+    `refine_clips`. The covariances of the modes are written over. All but the shapes
+    and what is known of them stays that of the images.
     """
     estimate = lifting.estimate
     modes = estimate.posterior_modes
@@ -171,13 +178,18 @@ def refine_lifting(
         residual_variance=residual_variance,
         noise=noise,
         deviation=lifting.scale[:, None, None] * image_sd / bar_scale,
+        position=(
+            np.arange(len(landmarks), dtype=np.float64)
+            if position is None
+            else position
+        ),
     )
     refined = refine_clips(clips, sequences, motion, threads)
     single = np.isnan(refined.noise)[:, None, None]
     grow = (
         bar_scale / lifting.scale[:, None]
     )  # (n, p), of what is in the unit of the landmarks
-    rows = nearest_informative(is_informative(clips), split(sequences))
+    rows = nearest_informative(is_informative(clips), split(sequences), clips.position)
     images = (image_sd[rows], image_mixed[rows].swapaxes(1, 2).astype(np.float64))
     smoothed = (refined.deviation * grow[:, None], refined.correlation)
     constant = refined.noise[:, None] * grow
@@ -297,6 +309,11 @@ def refine_clip(
     """Refine one sequence from the images that are `there` (t,); write down the finite
     ones.
     """
+    timeline = Timeline(clips.position[clip], motion.rate)
+    stretches = timeline.stretches
+    finite = finite.copy()
+    for stretch in stretches:  # where all frames are blind nothing places them
+        finite[stretch] &= there[stretch].any()
     size = median(clips.scale[clip][there])
     sigma = float(np.sqrt(clips.residual_variance))
     if clips.noise is not None:
@@ -304,58 +321,136 @@ def refine_clip(
     frames = int(there.sum()) * sigma**2 / clips.residual_variance
     usual = weigh_lengths(motion.usual, frames)
 
-    def infer(visible: Observations, rigid: bool = True) -> Smoothed:
+    def infer(
+        visible: Observations, taken: Timeline = timeline, *, rigid: bool = True
+    ) -> Smoothed:
         lag = max(1, round(CONSTANTS.memory * motion.rate))
-        scale = find_acceleration_scale(visible, motion.acceleration, lag)
+        places = taken.on_grid(3 * lag)
+        scale = find_acceleration_scale(visible, motion.acceleration, lag, places)
         stiffness = (motion.acceleration * scale) ** -2
-        model = Model(motion.bones, stiffness, motion.bone_tolerance, usual)
+        bones, tolerance = motion.bones, motion.bone_tolerance
+        model = Model(bones, stiffness, tolerance, usual, taken)
         if not rigid:
-            model = Model(motion.bones[:0], stiffness, motion.bone_tolerance[:0])
+            model = Model(bones[:0], stiffness, tolerance[:0], timeline=taken)
         return smooth(visible, model, sigma)
 
-    def store(smoothed: Smoothed, unit: Floats) -> float:
-        """Write a sequence down in the unit of the landmarks; return its energy."""
-        u = unit[finite][:, None, None]
-        refined.converged[rows] = smoothed.converged
-        refined.points[rows] = u * smoothed.points[finite]
-        refined.deviation[rows] = u * smoothed.deviation[finite]
-        refined.correlation[rows] = smoothed.correlation[finite]
-        refined.noise[rows] = size * sigma
-        for row in rows:
-            t = row - clip.start
-            refined.covariance[row] = unit[t] ** 2 * smoothed.covariance[t]
-        return smoothed.energy
+    def size_in(stretch: slice) -> float:
+        """The sum of the lengths in a stretch alone; nan where it is too short."""
+        if there[stretch].sum() < FEWEST or not len(motion.bones):
+            return np.nan
+        taken = Timeline(timeline.position[stretch], timeline.rate)
+        return float(infer(visible.part(stretch), taken).lengths.sum())
 
-    rows = np.arange(clip.start, clip.stop)[finite]
-    visible = in_unit(clips, clip, size)
-    energy = store(
-        infer(visible), np.full(len(there), size)
-    )  # covariances take most of the memory
+    def rows_in(stretch: slice) -> NDArray[np.intp]:
+        """The finite frames of a stretch, by their rows in the sequence."""
+        return stretch.start + np.flatnonzero(finite[stretch])
+
+    def store(smoothed: Smoothed, unit: Floats, stretch: slice) -> None:
+        """Write a stretch down in the unit (t,) of the landmarks."""
+        t = rows_in(stretch)
+        rows = clip.start + t
+        u = unit[t][:, None, None]
+        refined.converged[rows] = smoothed.converged
+        refined.points[rows] = u * smoothed.points[t]
+        refined.deviation[rows] = u * smoothed.deviation[t]
+        refined.correlation[rows] = smoothed.correlation[t]
+        refined.noise[rows] = size * sigma
+        for row in t:
+            refined.covariance[clip.start + row] = (
+                unit[row] ** 2 * smoothed.covariance[row]
+            )
+
+    def energies_of(smoothed: Smoothed) -> list[float]:
+        """The energy of each stretch, but for that of lengths if there are several."""
+        if len(stretches) == 1:
+            return [smoothed.energy]
+        return [float(smoothed.energies[stretch].sum()) for stretch in stretches]
+
     scale = (clips.scale * clips.modes.scale[:, 0])[clip]
-    growth = find_growth(scale, there, CONSTANTS.scale_time * motion.rate)
-    visible = visible.grown(growth)
-    other = infer(visible)
-    if other.energy < energy:
-        store(other, size * growth)
+    growth = find_growth(scale, there, CONSTANTS.scale_time * motion.rate, timeline)
+    visible = in_unit(clips, clip, size)
+    steady = np.ones(len(there))
+    if len(stretches) > 1:  # how far away it is after a gap, only its images say
+        for stretch in stretches:
+            steady[stretch] = np.exp(np.log(growth[stretch]).mean())
+        visible = visible.grown(steady)
+        sizes = np.array([size_in(stretch) for stretch in stretches])
+        larger = np.repeat(
+            np.nan_to_num(sizes / finite_median(sizes, 1.0), nan=1.0),
+            [stretch.stop - stretch.start for stretch in stretches],
+        )
+        visible = visible.grown(larger)
+        steady, growth = steady * larger, growth * larger
+    smoothed = infer(visible)
+    store(smoothed, size * steady, slice(0, len(there)))
+    energies = energies_of(smoothed)
+    del smoothed  # covariances take most of the memory
+    visible = visible.grown(growth / steady)
+    smoothed = infer(visible)
+    for stretch, before, after in zip(
+        stretches, energies, energies_of(smoothed), strict=True
+    ):
+        if after < before:
+            store(smoothed, size * growth, stretch)
+    del smoothed
     moved = refined.points[clip] - clips.points[clip]
-    square = ((moved / clips.deviation[clip])[there] ** 2).mean(axis=(1, 2))
-    if median(square) > CONSTANTS.farthest:
+    square = ((moved / clips.deviation[clip]) ** 2).mean(axis=(1, 2))
+    loose = [
+        stretch
+        for stretch in stretches
+        if median(square[judged_by(stretch, there)]) > CONSTANTS.farthest
+    ]
+    if loose:
         points = infer(visible, rigid=False).points
-        refined.points[rows] = ((size * growth)[:, None, None] * points)[finite]
+    for stretch in loose:
+        t = rows_in(stretch)
+        rows = clip.start + t
+        refined.points[rows] = (size * growth)[t][:, None, None] * points[t]
         refined.converged[rows], refined.noise[rows] = True, np.nan
 
 
-def find_growth(scale: Floats, there: Flags, width: float) -> Floats:
-    """Smoothed scales (t,) of the images that are `there` (t,), beside their geometric
-    mean.
-
-    By lines through the logarithms within a Gaussian window of so many frames about
-    each (local linear regression).
+def judged_by(stretch: slice, there: Flags) -> NDArray[np.intp]:
+    """The frames that are `there` (t,) by which a stretch is found to be moved too far:
+    its own, or those of the sequence where these are fewer than `FEWEST`.
     """
-    rows = np.flatnonzero(there)
-    level = np.interp(np.arange(len(scale)), rows, np.log(scale[rows]))
-    weight = np.where(there, 1.0, GAP)
-    reach = min(int(4 * width) + 1, len(scale) - 1)
+    own = stretch.start + np.flatnonzero(there[stretch])
+    return own if len(own) >= FEWEST else np.flatnonzero(there)
+
+
+def find_growth(
+    scale: Floats, there: Flags, width: float, timeline: Timeline
+) -> Floats:
+    """Smoothed scales (t,) of the images that are `there` (t,), beside their geometric
+    mean: those of each stretch by itself. A stretch where none is lies between others.
+    """
+    level = np.full(len(scale), np.nan)
+    places = timeline.on_grid()
+    for stretch in timeline.stretches:
+        if there[stretch].any():
+            place = places[stretch] - places[stretch.start]
+            level[stretch] = smooth_scale(scale[stretch], there[stretch], width, place)
+    known = np.isfinite(level)
+    between = np.interp(timeline.position, timeline.position[known], level[known])
+    level = np.where(known, level, between)
+    growth: Floats = np.exp(level - level[there].mean())
+    return growth
+
+
+def smooth_scale(
+    scale: Floats, there: Flags, width: float, place: NDArray[np.integer]
+) -> Floats:
+    """Logarithms (t,) of the scales of images that are `there`, smoothed.
+
+    By lines through them within a Gaussian window of so many frames about each (local
+    linear regression); place (t,) of the images among the frames, from 0.
+    """
+    rows = place[there]
+    level = np.interp(np.arange(place[-1] + 1), rows, np.log(scale[there]))
+    if len(level) == 1:
+        return level
+    weight = np.full(len(level), GAP)
+    weight[rows] = 1.0
+    reach = min(int(4 * width) + 1, len(level) - 1)
     k = np.arange(-reach, reach + 1)
     window = np.exp(-0.5 * (k / width) ** 2)
 
@@ -364,9 +459,8 @@ def find_growth(scale: Floats, there: Flags, width: float) -> Floats:
 
     S0, S1, S2 = (total(weight, power) for power in range(3))
     T0, T1 = (total(weight * level, power) for power in range(2))
-    line = (S2 * T0 - S1 * T1) / (S0 * S2 - S1**2)
-    growth: Floats = np.exp(line - line[rows].mean())
-    return growth
+    line: Floats = (S2 * T0 - S1 * T1) / (S0 * S2 - S1**2)
+    return line[place]
 
 
 def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
@@ -401,11 +495,15 @@ def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
         covariances=clips.modes.covariance[clip],
         residual_variance=clips.residual_variance,
         grow=grow,
+        position=clips.position[clip],
     )
 
 
 def find_acceleration_scale(
-    visible: Observations, acceleration: Floats, lag: int
+    visible: Observations,
+    acceleration: Floats,
+    lag: int,
+    place: NDArray[np.integer] | None = None,
 ) -> float:
     """Return how much faster than expected the landmarks move in their images: 1 or
     more.
@@ -418,9 +516,13 @@ def find_acceleration_scale(
         2.5 P - 0.5 N = 8.2 times the mean square of the motion's.
 
     By medians, which the jumps of a detector do not move, and over a lag beyond which
-    its errors are no motion either. A mean square grows with L^3.
+    its errors are no motion either. A mean square grows with L^3. place (t,) of the
+    images among the frames, one after the other without it.
     """
     w = np.where(visible.trust[:, None] > 0, visible.landmarks, np.nan)
+    if place is not None:
+        seen, w = w, np.full((place[-1] + 1, *w.shape[1:]), np.nan)
+        w[place] = seen
     if len(w) <= 3 * lag:
         return 1.0
     second = w[2 * lag :] - 2 * w[lag:-lag] + w[: -2 * lag]
@@ -471,9 +573,11 @@ def add_common_error(
     return deviation, correlation
 
 
-def nearest_informative(informative: Flags, clips: Iterable[slice]) -> NDArray[np.intp]:
+def nearest_informative(
+    informative: Flags, clips: Iterable[slice], position: Floats
+) -> NDArray[np.intp]:
     """Row (n,) of the nearest informative frame of the same clip, its own where none
-    is.
+    is; position (n,) in time.
 
     An image that says nothing has a covariance that says nothing of the errors of its
     frame.
@@ -485,6 +589,7 @@ def nearest_informative(informative: Flags, clips: Iterable[slice]) -> NDArray[n
             np.flatnonzero(~informative[clip]),
         )
         if len(there) and len(lacking):
-            nearest = np.abs(lacking[:, None] - there).argmin(axis=1)
+            place = position[clip]
+            nearest = np.abs(place[lacking][:, None] - place[there]).argmin(axis=1)
             rows[clip.start + lacking] = clip.start + there[nearest]
     return rows

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, finite_median
 from shapefit.lifting.sequences.smoothing import CONSTANTS
+from shapefit.timeline import Timeline
 
 DEGREES = 3.0
 """nu."""
@@ -49,41 +50,40 @@ class Exchanges(NamedTuple):
 
 
 def find_exchanges(
-    landmarks: Floats, pairs: NDArray[np.integer], rate: float
+    landmarks: Floats, pairs: NDArray[np.integer], timeline: Timeline
 ) -> Exchanges:
     """Find the frames of a sequence in which left and right are exchanged.
 
-    landmarks (t, 2, p), nan where hidden; pairs (q, 2) of left and right; rate, frames
-    a second.
+    landmarks (t, 2, p), nan where hidden; pairs (q, 2) of left and right.
     """
-    change = find_changes(landmarks, pairs)
+    position = timeline.position
+    change = find_changes(landmarks, pairs, position)
     state = likeliest_states(change)
     if not state.any():
         return Exchanges(state, continuous=True)
-    window = max(1, round(rate))
+    window = max(1, round(timeline.rate))
     count = np.concatenate([[0], np.cumsum(state)])
-    t = np.arange(len(state))
-    first, last = np.maximum(t - window, 0), np.minimum(t + window + 1, len(state))
+    first = np.searchsorted(position, position - window, "left")
+    last = np.searchsorted(position, position + window, "right")
     usual = 2 * (count[last] - count[first]) > last - first
     exchanged = state != usual
     left = state ^ exchanged
     return Exchanges(exchanged, continuous=bool((left == left[0]).all()))
 
 
-def find_changes(landmarks: Floats, pairs: NDArray[np.integer]) -> Floats:
+def find_changes(
+    landmarks: Floats, pairs: NDArray[np.integer], position: Floats
+) -> Floats:
     """Sum over the pairs of S (t,), for an exchange between each frame and the one
-    before it.
+    before it; position (t,) in time, in frames.
     """
     difference = landmarks[..., pairs[:, 0]] - landmarks[..., pairs[:, 1]]
     visible: Flags = np.asarray(np.isfinite(difference).all(axis=1))
     frame = np.where(visible, np.arange(len(visible))[:, None], -1)
     before = np.full_like(frame, -1)
     before[1:] = np.maximum.accumulate(frame, axis=0)[:-1]
-    recent = (
-        visible
-        & (before >= 0)
-        & (np.arange(len(visible))[:, None] - before <= REMEMBERED)
-    )
+    passed = position[:, None] - position[np.maximum(before, 0)]
+    recent = visible & (before >= 0) & (passed <= REMEMBERED)
     D = np.where(recent[:, None], difference, 0.0)
     last = np.take_along_axis(difference, np.maximum(before, 0)[:, None], axis=0)
     last = np.where(recent[:, None], last, 0.0)

@@ -8,10 +8,11 @@ the bones minimise
            image's modes
          + 1/2 sum_(t,j) q_tj (1/sigma^2 - 1/v) ||w_tj - y_tj||^2   landmarks stated to
                                                                     be exacter
-         + 1/2 sum_(t,j) ||y_(t-1)j - 2 y_tj + y_(t+1)j||^2 / a_j^2
+         + 1/2 sum_(t,j) ||c_t1 y_(t-1)j + c_t2 y_tj + c_t3 y_(t+1)j||^2 / a_j^2
          + 1/2 sum_(t, bones ij) (||y_ti - y_tj|| - l_ij)^2 / b^2.
 
-The posteriors of the images took their landmarks with the variance v of what the prior
+c are (1, -2, 1) where no frame lacks, see `Timeline.second_differences`. The posteriors
+of the images took their landmarks with the variance v of what the prior
 cannot place. Where their noise sigma is stated to be smaller the second term makes up
 for it. Bones are rigid but unknown; where their lengths k are known up to the scale g
 of the images, with the precision Q of their logarithms, d^T Q d / 2 of d = l / (g k) -
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.arrays import Floats
+from shapefit.timeline import Timeline
 
 Indices = NDArray[np.integer]
 
@@ -115,13 +117,15 @@ class Model:
     """How frames of a sequence hang together, in units of the size of its landmarks.
 
     bones (e, 2); stiffness 1/a^2 (p,); bone_tolerance b (e,), the deviation of a bone
-    from its length; usual, the usual lengths.
+    from its length; usual, the usual lengths; timeline, when the frames were taken: one
+    after the other without it.
     """
 
     bones: Indices
     stiffness: Floats
     bone_tolerance: Floats
     usual: Lengths | None = None
+    timeline: Timeline | None = None
 
 
 @dataclass(frozen=True)
@@ -152,6 +156,19 @@ class Observations:
     def __len__(self) -> int:
         return len(self.start)
 
+    def part(self, rows: slice) -> Observations:
+        """Some of the frames."""
+        return replace(
+            self,
+            landmarks=self.landmarks[rows],
+            trust=self.trust[rows],
+            start=self.start[rows],
+            log_share=self.log_share[rows],
+            mean=self.mean[rows],
+            precision=self.precision[rows],
+            log_det=self.log_det[rows],
+        )
+
     def grown(self, growth: Floats) -> Observations:
         """The same in a unit of each frame: the former times growth (t,). Precisions
         are lost.
@@ -169,7 +186,8 @@ class Observations:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """points (t, 3, p) and lengths (e,) at the minimum, and the energy there.
+    """points (t, 3, p) and lengths (e,) at the minimum; the energy there, and energies
+    (t,) of frames with the second differences that begin there.
 
     deviation (t, 3, p) of the points, the lengths held, and the correlation (t, 3, p)
     of x with y, x with z, and y with z of each landmark; covariance (t, 3p, 3p) of the
@@ -180,6 +198,7 @@ class Smoothed:
     points: Floats
     lengths: Floats
     energy: float
+    energies: Floats
     converged: bool
     deviation: Floats
     correlation: Floats
@@ -199,7 +218,9 @@ def smooth(
     points = visible.start.reshape(t, 3 * p).copy()
     lengths = mean_lengths(visible.start, model.bones)
     hold, usual = fixed_lengths(model, lengths)
+    timeline = model.timeline or Timeline.of_frames(t)
     end = np.empty(2)
+    energies = np.zeros(t)
     deviation, correlation = np.empty((2, t, 3 * p))
     covariance = np.empty((t, 3 * p, 3 * p))
     core.smooth_sequence(
@@ -210,6 +231,7 @@ def smooth(
         precisions=visible.precision,
         log_det=visible.log_det,
         stiffness=model.stiffness,
+        differences=timeline.second_differences(),
         bones=np.ascontiguousarray(model.bones, np.int64).reshape(-1, 2),
         rigidity=model.bone_tolerance**-2.0,
         hold=hold,
@@ -221,12 +243,14 @@ def smooth(
         deviation=deviation,
         correlation=correlation,
         covariance=covariance,
+        energies=energies,
         end=end,
     )
     return Smoothed(
         points=points.reshape(t, 3, p),
         lengths=lengths,
         energy=float(end[0]),
+        energies=energies,
         converged=end[1] < max_rounds,
         deviation=deviation.reshape(t, 3, p),
         correlation=correlation.reshape(t, 3, p),
@@ -284,19 +308,21 @@ def observe(
     covariances: Floats,
     residual_variance: float,
     grow: Floats | float = 1.0,
+    position: Floats | None = None,
 ) -> Observations:
     """Return the Gaussian mixtures that the images of t frames give, all in one unit.
 
     log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p);
     covariances (t, k, 3p, 3p), to be multiplied by grow^2 (t,), in whose memory the
-    precisions then stand. A frame without modes starts between its neighbours. Raises
-    ValueError where no frame has any.
+    precisions then stand. A frame without modes starts between its neighbours by their
+    position (t,) in time, one after the other without it. Raises ValueError where no
+    frame has any.
     """
     t, k = log_evidence.shape[0], min(CONSTANTS.modes, log_evidence.shape[1])
     d = 3 * landmarks.shape[2]
     there = np.isfinite(log_evidence[:, :k])
     present = there[:, 0]
-    start = fill(start, present)
+    start = fill(start, present, position)
     best = np.where(present, log_evidence[:, 0], 0.0)[:, None]
     log_share = np.where(there, log_evidence[:, :k], -np.inf) - best
     log_share[~present, 0] = 0.0
@@ -346,15 +372,17 @@ def find_precisions(
     return covariances, log_det
 
 
-def fill(points: Floats, present: NDArray[np.bool_]) -> Floats:
+def fill(
+    points: Floats, present: NDArray[np.bool_], position: Floats | None = None
+) -> Floats:
     """Points (t, 3, p) with missing frames interpolated between their neighbours in
-    time.
+    time, of positions (t,) or one after the other.
     """
     if present.all():
         return points
     if not present.any():
         raise ValueError("no frame is present")
-    frames = np.arange(len(points))
+    frames = np.arange(len(points)) if position is None else position
     flat = points[present].reshape(int(present.sum()), -1)
     filled = [np.interp(frames, frames[present], column) for column in flat.T]
     return np.stack(filled, axis=1).reshape(points.shape)

@@ -28,7 +28,7 @@ from shapefit.io.layout import (
     INPUT_SHAPES,
     RESULTS,
 )
-from shapefit.io.names import match_landmarks
+from shapefit.io.names import check_numbering, match_landmarks
 from shapefit.io.records import Records, ResultSet, ShapeSet
 from shapefit.pipelines.items import (
     BY_FRAME,
@@ -119,7 +119,10 @@ def measure(
     estimate = results.shapes.take(columns, axis=2)
     true = truth.shapes[rows].take(match_landmarks(truth.landmark_names, names), 2)
     true[rows < 0] = np.nan
-    notes: list[str] = []
+    doubts = check_numbering(
+        results.landmark_names, truth.landmark_names, str(file), "the truth"
+    )
+    notes = [*doubts]
     for side, records in (("results", results), ("truth", truth)):
         if alone := [name for name in records.landmark_names if name not in set(names)]:
             notes.append(

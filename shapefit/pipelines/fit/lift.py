@@ -41,9 +41,6 @@ from shapefit.threads import on_threads
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
 
-RATE = 24.0
-"""Frames a second where no file states it."""
-
 RANSAC_THRESHOLD = 0.25
 """Residual of an outlier in units of the size of the shape."""
 

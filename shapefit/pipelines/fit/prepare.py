@@ -38,7 +38,6 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import AUTO, METHODS, find_conflict
 from shapefit.pipelines.fit.camera import choose_camera, undistorted
 from shapefit.pipelines.fit.lift import (
-    RATE,
     Lifter,
     check_needs,
     check_omitted,
@@ -50,6 +49,7 @@ from shapefit.pipelines.fit.lift import (
 )
 from shapefit.pipelines.joints import MEANS, Matched, match_names
 from shapefit.pipelines.result import Result
+from shapefit.timeline import ASSUMED_RATE
 
 if TYPE_CHECKING:
     from shapefit.io.readers.calibration import CalibratedCamera
@@ -431,7 +431,7 @@ def draw_sample(images: LandmarkSet) -> LandmarkSet:
     images = images.take(np.flatnonzero(images.visible().sum(axis=1) >= FEWEST_VISIBLE))
     n, rows = len(images), evenly(len(images), LARGEST)
     if images.sequences is not None and n > LARGEST:
-        step = max(1, round(STEP * (images.frame_rate or RATE)))
+        step = max(1, round(STEP * (images.frame_rate or ASSUMED_RATE)))
         rows = evenly(n, LARGEST // 2)
         second = rows[rows + step < n] + step
         rows = np.flatnonzero(np.bincount(np.concatenate((rows, second))))

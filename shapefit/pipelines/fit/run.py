@@ -33,7 +33,15 @@ from shapefit.io import (
     read_dictionary,
 )
 from shapefit.io.formats import HDF5, find_target_format, result_writer
-from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
+from shapefit.io.layout import (
+    FRAME,
+    LANDMARKS,
+    METRES_FROM,
+    METRES_PER_UNIT,
+    RESULTS,
+    TIME,
+    free_names,
+)
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.skeletons import joint_columns
 from shapefit.lifting import trust
@@ -231,6 +239,8 @@ def as_result(
         ),
         "landmarks_fitted": lifting.landmarks_fitted if projected else None,
         "confidence": images.confidence,
+        FRAME: images.frame,
+        TIME: images.time,
         "lambda": lifting.problem.lam,
         "coefficients": blank(estimate.coefficients, failed),
         "rotation": blank(estimate.rotation, failed),
@@ -250,7 +260,8 @@ def as_result(
     columns = {name: values for name, values in datasets.items() if values is not None}
     if config.leave_one_out is not None:
         columns["omitted"] = find_omitted(images, setup.lifter).astype(object)
-    free = free_names(images.further, RESULTS.all.keys())
+    others = [name for name in images.further if name not in LANDMARKS.further]
+    free = free_names(others, RESULTS.all.keys())
     carried = {free[name]: v for name, v in images.per_item.items() if name in free}
     whole = {
         free[name]: values for name, values in images.whole.items() if name in free

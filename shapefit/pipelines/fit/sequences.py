@@ -20,7 +20,8 @@ from shapefit.lifting.sequences.clips import LONGEST, Motion, refine_lifting, sp
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.pipelines.fit.lift import RATE, Lifter
+from shapefit.pipelines.fit.lift import Lifter
+from shapefit.timeline import ASSUMED_RATE, Timeline, place_in_time
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows
@@ -37,7 +38,11 @@ LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "w
 
 
 def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
-    """Yield images whose sequences are whole, in their order; a long one in pieces."""
+    """Yield images whose sequences are whole, in their order; a long one in pieces.
+
+    Raises InputError for images without sequences, for those of a sequence that are
+    apart, and for two of one frame.
+    """
     begun: set[str] = set()
     rest: list[LandmarkSet] = []
     for chunk in chunks:
@@ -48,6 +53,7 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
             raise input_error("method: sequences", "landmarks without `sequence`", fix)
         for row in range(first, len(images)):
             if row and names[row] == names[row - 1]:
+                _check_order(images, row)
                 continue
             if names[row] in begun:
                 fault = (
@@ -63,6 +69,19 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
             yield from pieces(images.take(slice(0, last)))
         rest = [images.take(slice(last, None))]
     yield from pieces(concatenate(rest))
+
+
+def _check_order(images: LandmarkSet, row: int) -> None:
+    """Raise InputError where an image is not of a later frame than that before it."""
+    frames, names = images.frame, images.sequences
+    if frames is None or not (names and names[row]) or frames[row] > frames[row - 1]:
+        return
+    fault = (
+        f"'{images.items[row - 1]}' is of the frame {frames[row - 1]}, and then"
+        f" '{images.items[row]}' of {frames[row]}"
+    )
+    fix = "give one image per frame of a sequence, in order of time"
+    raise input_error("frame", fault, fix)
 
 
 def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
@@ -88,18 +107,17 @@ def restore_sides(
     which are right.
     """
     exchanged = np.zeros(len(images))
-    partner, rate = (
-        lifter.dictionary.mirror_index,
-        lifter.frame_rate or images.frame_rate or RATE,
-    )
+    partner = lifter.dictionary.mirror_index
+    rate = lifter.frame_rate or images.frame_rate or ASSUMED_RATE
     if partner is None or images.sequences is None:
         return images, exchanged
     left = np.flatnonzero(partner > np.arange(len(partner)))
     pairs = np.stack([left, partner[left]], axis=1)
     w = np.where(visible[:, None], images.landmarks, np.nan)
     wrong = np.zeros(len(images), dtype=bool)
+    position = place_images(images, rate)
     for clip in split(images.sequences):
-        exchanges = find_exchanges(w[clip], pairs, rate)
+        exchanges = find_exchanges(w[clip], pairs, Timeline(position[clip], rate))
         wrong[clip] = exchanges.exchanged
         exchanged[clip] = exchanges.exchanged if exchanges.continuous else np.nan
     return exchange_sides(images, partner, wrong), exchanged
@@ -119,18 +137,30 @@ def exchange_sides(images: LandmarkSet, partner: Integers, rows: Flags) -> Landm
 def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> Lifting:
     """Infer whole sequences from the liftings of their images."""
     dictionary, bars = lifter.dictionary, lifter.posterior
+    motion = find_motion(dictionary, lifter.frame_rate or images.frame_rate)
     refine = partial(
         refine_lifting,
         sequences=images.sequences or (),
-        motion=find_motion(dictionary, lifter.frame_rate or images.frame_rate),
+        motion=motion,
         residual_variance=lifter.variance,
         noise=lifter.noise,
         bar_scale=scale_of_bars(
             bars.bar_scale, bars.growth, len(dictionary.landmark_names)
         ),
+        position=place_images(images, motion.rate),
         threads=lifter.threads,
     )
     return refine_through_camera(lifting, images.landmarks, refine)
+
+
+def place_images(images: LandmarkSet, rate: float) -> Floats:
+    """Return the places (n,) of images in their sequences, in frames."""
+    places = np.empty(len(images))
+    for clip in split(images.sequences or ()):
+        frames = None if images.frame is None else images.frame[clip]
+        times = None if images.time is None else images.time[clip]
+        places[clip] = place_in_time(frames, times, rate, clip.stop - clip.start)
+    return places
 
 
 def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
@@ -147,7 +177,7 @@ def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
         acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
     if tolerance is None:
         tolerance = np.full(len(edges), USUAL)
-    rate = rate or dictionary.frame_rate or RATE
+    rate = rate or dictionary.frame_rate or ASSUMED_RATE
     lengths = find_usual_lengths(dictionary)
     return Motion(edges, acceleration, np.maximum(tolerance, RIGID), lengths, rate)
 

@@ -231,7 +231,9 @@ def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
     motion: dict[str, Any] = {}
     edges, sequences = given.edges, given.sequences
     if sequences:
-        motion["acceleration"] = find_acceleration(given.shapes, sequences)
+        motion["acceleration"] = find_acceleration(
+            given.shapes, sequences, given.frame, given.frame_rate
+        )
         motion["frame_rate"] = (
             None if motion["acceleration"] is None else given.frame_rate
         )

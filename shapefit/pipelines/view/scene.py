@@ -25,7 +25,7 @@ from shapefit.io import read_dictionary
 from shapefit.io.layout import METRES_PER_UNIT
 from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import edges_of
-from shapefit.io.writers.motion import find_floors, video_of
+from shapefit.io.writers.motion import MOST_MISSING, find_floors, video_of
 from shapefit.lifting.trust import REASONS
 from shapefit.pipelines.view.layers import (
     AGAINST_TRUTH,
@@ -43,7 +43,7 @@ from shapefit.pipelines.view.reading import (
     columns_of,
     read_inputs,
 )
-from shapefit.viewer.page import USUAL_RATE
+from shapefit.timeline import ASSUMED_RATE
 
 MIDDLE, LEFT, RIGHT = 0, 1, 2
 OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
@@ -130,7 +130,7 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
     video = any(name for name, _ in frames.sequences) or (
         rate is not None and len(times) > 1
     )
-    shown_rate = (rate or USUAL_RATE) / frames.step
+    shown_rate = (rate or ASSUMED_RATE) / frames.step
     y_down = any(
         one.role != "shapes" and one.records.y_axis != "up" for one in contents
     )
@@ -188,8 +188,8 @@ def find_recordings(
     among theirs.
 
     The individuals of a video are its sequences, `video/individual`; or each is a file
-    of shapes. Numbers of frames say what was seen at once. Others are recordings of one
-    sequence.
+    of shapes. Numbers of frames say what was seen at once, and what is missing. Others
+    are recordings of one sequence.
     """
     rows_of = frames.by_sequence
     files = [content for content in contents if content.role == "shapes"]
@@ -202,12 +202,33 @@ def find_recordings(
     times = np.concatenate([np.arange(len(rows)) for rows in rows_of])
     for members in videos.values():
         rows = np.concatenate([rows_of[member] for member in members])
-        moments, order = np.unique(frames.numbers[rows], return_inverse=True)
-        together = len(moments) < len(rows)  # somebody is seen beside another
-        recordings += [members] if together else [[member] for member in members]
-        if together and len(members) > 1:
-            times[rows] = order
+        # somebody is seen beside another
+        together = len(np.unique(frames.numbers[rows])) < len(rows)
+        here = [members] if together else [[member] for member in members]
+        for recording in here:
+            _place_frames(recording, frames, times)
+        recordings += here
     return recordings, times
+
+
+def _place_frames(recording: Sequence[int], frames: Frames, times: Integers) -> None:
+    """Write down the times of the frames of a recording by their numbers, where they
+    have some: missing frames are gaps.
+    """
+    rows_of = [frames.by_sequence[member] for member in recording]
+    numbers = frames.numbers[np.concatenate(rows_of)]
+    if not np.isfinite(numbers).all():
+        return
+    first, last = numbers.min(), numbers.max()
+    if last - first > MOST_MISSING * len(numbers) * frames.step:
+        if len(recording) > 1:
+            _, order = np.unique(numbers, return_inverse=True)
+            times[np.concatenate(rows_of)] = order
+        return
+    for rows in rows_of:
+        places = (frames.numbers[rows] - first) // frames.step
+        count = np.arange(len(rows))
+        times[rows] = np.maximum.accumulate(places - count) + count
 
 
 def find_sides(names: Sequence[str]) -> list[int]:
@@ -232,8 +253,10 @@ def _counts(
         yield counted(len(recordings), "sequence")
     if (individuals := max(map(len, recordings))) > 1:
         yield counted(individuals, "individual")
-    lengths = [1 + int(times[rows].max()) for rows in frames.by_sequence]
-    moments = sum(max(lengths[member] for member in members) for members in recordings)
+    moments = 0
+    for members in recordings:
+        rows = np.concatenate([frames.by_sequence[member] for member in members])
+        moments += len(np.unique(times[rows]))
     yield counted(moments, "frame")
 
 
@@ -270,9 +293,9 @@ def _floors(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]
     """
     if not has_camera(result) or METRES_PER_UNIT not in result.values:
         return {}
-    records = (
-        result.records.replaced(frame_rate=rate) if frames.step > 1 else result.records
-    )
+    records = result.records
+    if frames.step > 1 and records.frame is None:
+        records = records.replaced(frame_rate=rate)
     return find_floors(records, BY_DEFAULT, result.name)
 
 

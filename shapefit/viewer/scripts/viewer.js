@@ -147,7 +147,7 @@
   function advance(now) {
     if (!view.playing) return;
     const passed = (Math.max(0, now - view.playing.since) / 1000) * data.frame_rate * Number($("speed").value);
-    const frame = frameAt((view.playing.from + Math.floor(passed)) % recording().length);
+    const frame = frameAt((view.playing.from + Math.floor(passed)) % recording().length, -1);
     if (frame !== view.frame) go(frame);
     requestAnimationFrame(advance);
   }

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -258,6 +259,28 @@ def write_movement(
                 file[dataset].dims[number].attach_scale(file[axis])
 
 
+def write_jabs_of_several(
+    path: Path, points: Floats, confidence: Floats, *, version: int = 3
+) -> None:
+    """Write a pose file of several mice: in odd frames they stand the other way round.
+
+    From version 4 on, 0 is the identity of none.
+    """
+    n, many = points.shape[:2]
+    order = np.array([[*range(many)][:: -1 if frame % 2 else 1] for frame in range(n)])
+    rows = np.arange(n)[:, None]
+    seen = np.isfinite(points).all(axis=-1)
+    with h5py.File(path, "w") as file:
+        group = file.create_group("poseest")
+        group.attrs["version"] = np.array([version, 0], "u2")
+        group["points"] = np.nan_to_num(points[rows, order][..., ::-1]).astype("u2")
+        group["confidence"] = np.where(seen, confidence, 0)[rows, order].astype("f4")
+        group["instance_count"] = np.full(n, many, "u1")
+        group["instance_track_id"] = order.astype("u4")
+        if version > 3:
+            group["instance_embed_id"] = (order + 1).astype("u4")
+
+
 def write_jabs(path: Path, points: Floats, confidence: Floats) -> None:
     """Write a pose file of version 2, of the first mouse."""
     with h5py.File(path, "w") as file:
@@ -276,6 +299,7 @@ TRACKERS: dict[str, Callable[..., None]] = {
     "poses.nwb": write_nwb,
     "poses.nc": write_movement,
     "mouse_pose_est_v2.h5": write_jabs,
+    "mice_pose_est_v4.h5": partial(write_jabs_of_several, version=4),
 }
 
 

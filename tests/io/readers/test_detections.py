@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.readers.detections import read_coco_annotations
+from shapefit.io.readers.coco import read_coco_annotations
 
 from .made import read_images as read
 
@@ -312,6 +312,7 @@ def test_images_of_different_files_are_no_motion(written, names, motion):
     ("count", "names", "note"),
     [
         (17, ("nose", "left_eye"), ""),
+        (18, ("Nose", "Neck"), ""),
         (25, ("Nose", "Neck"), "body_25; `keypoints=body_25b`"),
         (26, ("Nose", "LEye"), ""),
         (133, ("nose", "left_eye"), ""),

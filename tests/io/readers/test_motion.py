@@ -2,6 +2,7 @@
 forms.
 """
 
+import struct
 import sys
 
 import numpy as np
@@ -11,6 +12,7 @@ from shapefit.errors import InputError
 from shapefit.io import open_shapes, read_shapes
 from shapefit.io.options import InputOptions
 from tests.io.files import load_shapes
+from tests.io.readers.made import read_images
 
 NAN = [np.nan] * 3
 
@@ -64,6 +66,37 @@ def test_trc_in_all_its_forms(read, text):
     np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), MARKERS / 1000)
 
 
+def test_points_after_the_named_ones_are_left_out(read):
+    """Cortex writes markers without names there, in some rows."""
+    text = TRC.replace("4\t5\t6\n", "4\t5\t6\t\t\t\t9\t9\t9\n")
+    shapes, notes = read(
+        "walk.trc", text.replace("1e2\t.5\t6.", "1e2\t.5\t6.\t8\t8\t8")
+    )
+    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), MARKERS / 1000)
+    assert any("2 points without a name left out" in note for note in notes)
+
+
+def test_columns_that_the_header_counts_without_names_are_left_out(read):
+    head = HEAD.replace("\tX2\tY2\tZ2", "\tX2\tY2\tZ2\tX3\tY3\tZ3")
+    rows = ROWS.replace("4\t5\t6\n", "4\t5\t6\t7\t8\t9\n")
+    shapes, notes = read("walk.trc", head + rows)
+    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), MARKERS / 1000)
+    assert any("1 point without a name left out" in note for note in notes)
+
+
+def test_markers_in_a_plane_are_landmarks_with_y_down(tmp_path):
+    path = tmp_path / "walk.trc"
+    rows = [f"{n}\t{n / 50}\t{n}\t-20\t0.0\t40\t-50\t0" for n in range(3)]
+    path.write_text(HEAD.replace("mm", "px") + "\n".join(rows) + "\n")
+    images, notes = read_images(path)
+    assert images.landmarks[:, 0].tolist() == [[0, 40], [1, 40], [2, 40]]
+    assert images.landmarks[:, 1].tolist() == [[20, 50]] * 3
+    assert images.unit == "px"
+    assert any("z is 0 everywhere: read as landmarks in 2D" in note for note in notes)
+    with pytest.raises(InputError, match="a TRC file of 2D points; give 3D shapes"):
+        load_shapes(path)
+
+
 @pytest.mark.parametrize(
     ("unit", "factor", "name"),
     [
@@ -90,7 +123,7 @@ def test_lengths_are_metres_where_the_unit_is_known(read, unit, factor, name):
         ),
         (TRC, "knee ankle", "1 points at exactly 0, 0, 0"),
         (TRC.replace("ankle", "knee"), "knee knee_2", ""),
-        (TRC.replace("ankle", ""), "knee *1", ""),
+        (TRC.replace("ankle", ""), "knee", "2 points without a name left out"),
         (TRC.replace("knee", "kn\udce9e"), "knée ankle", ""),
     ],
 )
@@ -182,6 +215,12 @@ def test_an_offset_holds_where_no_channel_replaces_it(read):
     tree = TREE.replace("6 Xposition Yposition Zposition", "3")
     shapes, _ = read("walk.bvh", tree + "0 0 0 0 0 0\n0 0 0 0 0 0\n")
     np.testing.assert_allclose(shapes.shapes[0].T, [[0, 10, 0], [0, 6, 0], [0, 6, 2]])
+
+
+def test_frames_of_bvh_that_are_announced_and_not_there(read):
+    shapes, notes = read("w.bvh", BVH.replace("Frames: 2", "Frames: 5"))
+    assert len(shapes) == 2
+    assert any("3 frames are announced in the header, but not th" in n for n in notes)
 
 
 # ASF/AMC
@@ -376,7 +415,7 @@ def test_the_skeleton_is_found_by_its_name(motion, tmp_path):
 def c3d(tmp_path):
     ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is the extra `c3d`")
 
-    def make(labels=("knee", "ankle"), n=4, **lists):
+    def make(labels=("knee", "ankle"), n=4, channels=0, **lists):
         file = ezc3d.c3d()
         parameters = file["parameters"]["POINT"]
         parameters["LABELS"]["value"] = list(labels)
@@ -388,6 +427,11 @@ def c3d(tmp_path):
         points[:3] = np.arange(3 * len(labels) * n).reshape(3, len(labels), n)
         points[:3, -1, 2] = np.nan
         file["data"]["points"] = points
+        if channels:
+            file["parameters"]["ANALOG"]["RATE"]["value"] = [200.0]
+            names = [f"force {number}" for number in range(channels)]
+            file["parameters"]["ANALOG"]["LABELS"]["value"] = names
+            file["data"]["analogs"] = np.full((1, channels, 2 * n), 700.0)
         path = tmp_path / "walk.c3d"
         file.write(str(path))
         return path, points[:3].transpose(2, 0, 1)
@@ -445,6 +489,124 @@ def test_damaged_c3d_is_refused(c3d):
         path.write_bytes(data)
         with pytest.raises(InputError, match=r"walk\.c3d: (is cut|has|cannot be read)"):
             load_shapes(path)
+
+
+CONTRADICTED = "read by its header, which its parameters contradict"
+
+USED = b"USED\x07\x00\x02\x00"
+"""What stands before how many points, or analog channels, a group of C3D has."""
+
+
+def changed(path, offset: int, *numbers: int) -> None:
+    """Write whole numbers of two bytes into a file."""
+    data = bytearray(path.read_bytes())
+    struct.pack_into(f"<{len(numbers)}H", data, offset, *numbers)
+    path.write_bytes(data)
+
+
+def place_of(path, *words: bytes) -> int:
+    """Return what follows these words, one after the other, in a file."""
+    data, place = path.read_bytes(), 0
+    for word in words:
+        place = data.index(word, place) + len(word)
+    return place
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_analog_values_that_only_the_header_counts_are_no_points(c3d, channels):
+    path, points = c3d(n=60, channels=channels)
+    whole, _ = load_shapes(path)
+    changed(path, place_of(path, b"ANALOG", USED), 0)
+    shapes, notes = load_shapes(path)
+    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    np.testing.assert_array_equal(shapes.shapes, whole.shapes)
+    assert any(CONTRADICTED in note for note in notes)
+
+
+def test_frames_are_as_many_as_the_file_has(c3d):
+    """Not those of a longer recording, that the header names, and the parameters."""
+    path, points = c3d(n=29)
+    changed(path, 6, 1, 1149)
+    shapes, notes = load_shapes(path)
+    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    assert notes == ()
+    changed(path, place_of(path, b"FRAMES") + 4, 1149)
+    path.write_bytes(path.read_bytes()[: 1536 + 29 * 2 * 16])  # without padding
+    shapes, notes = load_shapes(path)
+    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    assert any("1120 frames are announced in the header" in note for note in notes)
+
+
+def test_a_header_whose_frames_and_parameters_whose_channels_are_wrong(c3d):
+    path, points = c3d(n=60, channels=2)
+    changed(path, 6, 1, 1149)
+    changed(path, place_of(path, b"ANALOG", USED), 0)
+    shapes, _ = load_shapes(path)
+    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+
+
+def test_points_without_parameters_are_read_by_the_header(c3d):
+    path, points = c3d(n=30)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"POINT", b"PXINT"))
+    shapes, notes = load_shapes(path)
+    np.testing.assert_allclose(shapes.shapes, points, rtol=1e-6)
+    assert (shapes.unit, shapes.landmark_names) == ("unknown", ("*0", "*1"))
+    assert any(CONTRADICTED in note for note in notes)
+
+
+def write_whole_numbers(path, processor):
+    """Write points (20, 4, 3) without parameters, to be times 0.5, the processor that
+    writes them so named; returns them.
+    """
+    points = np.arange(12 * 20).reshape(20, 4, 3)
+    words = np.zeros((20, 4, 4), "<i2")
+    words[..., :3] = points
+    words[3, 1, 3] = -1
+    header = struct.pack("<HHHHHfHHf", 4, 0, 1, 20, 0, 0.5, 3, 0, 50.0)
+    parts = [b"\x02\x50" + header, bytes((1, 80, 1, processor)), words.tobytes()]
+    path.write_bytes(
+        b"".join(part.ljust(-(-len(part) // 512) * 512, b"\0") for part in parts)
+    )
+    expected = 0.5 * points
+    expected[3, 1] = np.nan
+    return expected
+
+
+def test_points_in_whole_numbers_are_read_by_the_header(tmp_path):
+    pytest.importorskip("ezc3d", reason="ezc3d is the extra `c3d`")
+    path = tmp_path / "walk.c3d"
+    expected = write_whole_numbers(path, 84)
+    shapes, _ = load_shapes(path)
+    np.testing.assert_array_equal(shapes.shapes.swapaxes(1, 2), expected)
+    assert shapes.frame_rate == 50
+    write_whole_numbers(path, 86)
+    with pytest.raises(
+        InputError, match=r"of a MIPS processor.; save it in the order of"
+    ):
+        load_shapes(path)
+
+
+@pytest.mark.parametrize("size", [-500, -300, 512, 5000])
+def test_a_data_section_that_no_count_fills_is_refused(c3d, size):
+    path, _ = c3d(n=200)
+    data = path.read_bytes()
+    path.write_bytes(data[:size] if size < 0 else data + bytes(size))
+    with pytest.raises(InputError, match=r"its data section has .* bytes, and 200 fra"):
+        load_shapes(path)
+
+
+@pytest.mark.parametrize(
+    ("axes", "problem"), [(200, "of no known kind"), (7, "USED does not fit in its")]
+)
+def test_parameters_beyond_their_records_are_refused(c3d, axes, problem):
+    """ezc3d would crash on them."""
+    path, _ = c3d()
+    data = bytearray(path.read_bytes())
+    data[place_of(path, b"USED") + 3] = axes
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=problem):
+        load_shapes(path)
 
 
 def test_labels_that_are_not_utf8_are_latin1(c3d):

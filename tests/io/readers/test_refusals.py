@@ -21,6 +21,9 @@ WIDE = "frame,nose_x,nose_y,tail_x,tail_y\n7,1,2,30,40\n8,5,6,70,80\n"
 YOLO = "0 .5 .5 .1 .1 .2 .5 2"
 
 
+RAT = {"id": 2, "name": "rat", "keypoints": ["nose", "paw"]}
+
+
 def annotated(*keypoints, image=0, category=1, **further):
     entry = {
         "id": 0,
@@ -43,19 +46,45 @@ REFUSED = [
         '{"people": [{"pose_keypoints_2d": [1, 2',
         "0.json:1: is not whole JSON",
     ),
-    ("0.json", {"people": [3]}, "0.json: cannot be read as a file of people"),
+    ("0.json", {"people": [3]}, r"0.json: .*no known kind, with people \(a set of Op"),
+    (
+        "0.json",
+        {"people": [{PERSON: [1, 2, 1]}, 3]},
+        r"0.json: cannot be read as a file of people \(\[1\] is 3, not an object\)",
+    ),
     ("0.json", {"people": [{PERSON: 3}]}, "a person without a list of keypoints"),
     ("0.json", {"people": [{PERSON: [1, 2]}]}, "a person of 2 numbers, not 3"),
     (
         "0.json",
         {"people": [{PERSON: [1, "a", 2]}]},
-        "string to float: 'a'.*; export it again",
+        r"keypoints of a person are not all numbers.*; remove it from the folder",
     ),
     # COCO
-    ("a.json", annotated(1, 2, 2), "cannot reshape array of size 3"),
-    ("a.json", annotated(1, 2, 2, category=7), "a.json: cannot be read as .* has no 7"),
-    ("a.json", annotated(1, 2, 2, image=[0]), "a.json: cannot be read .*unhashable"),
-    ("a.json", {"images": 3}, "a.json: cannot be read as a file of COCO annotations"),
+    (
+        "a.json",
+        annotated(1, 2, 2),
+        "annotation 0 has 1 landmark, and category mouse names 2.; correct `keypoints`",
+    ),
+    (
+        "a.json",
+        annotated(1, 2, 2, category=7, categories=[MOUSE, {**MOUSE, **RAT}]),
+        "annotation 0 is of category 7, which is not among the categories",
+    ),
+    (
+        "a.json",
+        annotated(1, 2, 2, image=[0]),
+        r"annotations\[0\].image_id is a list, not a whole number or a text",
+    ),
+    (
+        "a.json",
+        annotated(*[[1, 2]] * 2),
+        "keypoints of annotation 0 are pairs, not x, y",
+    ),
+    ("a.json", annotated(1, 2, 2, 3), "annotation 0 are 4 numbers, not 3 a landmark"),
+    ("a.json", annotated(1, 2, {}, 3), "keypoints of annotation 0 are not all numbers"),
+    ("a.json", {"images": 3}, "no known kind, with images .a file of COCO annotations"),
+    ("a.json", {"images": 3, "annotations": []}, "images is 3, not a list"),
+    ("a.json", {"images": [], "annotations": [{}]}, "no 'image_id' in annotations.0."),
     (
         "a.json",
         annotated(categories=[{**MOUSE, "keypoints": ["a", "a"]}]),
@@ -64,7 +93,7 @@ REFUSED = [
     (
         "r.json",
         [result(1, 1, 2, 3), 4],
-        "r.json: cannot be read as a file of COCO results",
+        r"r.json: cannot be read as a file of COCO results \(\[1\] is 4, not an object",
     ),
     ("r.json", [result(1, 1, 2)], "a person of 2 numbers"),
     (
@@ -73,19 +102,29 @@ REFUSED = [
         "several skeletons: 1 det",
     ),
     # MMPose
-    ("v.json", [{"frame_id": 0, "instances": 3}], "v.json: .*no list of people"),
+    ("v.json", [{"frame_id": 0, "instances": 3}], r"\[0\].instances is 3, not a list"),
+    (
+        "v.json",
+        [{"frame_id": n % 2, "instances": []} for n in range(3)],
+        "v.json: .*frame 0 twice",
+    ),
     ("v.json", [{"instances": [{}]}], "v.json: .*a person without a list"),
     (
         "v.json",
         [{"instances": [{"keypoints": [[1, 2, 3]]}]}],
-        "v.json: cannot be read as an MMP",
+        r"keypoints are \[x, y, z\], so points in 3D\); give landmarks in 2D",
     ),
     (
         "v.json",
         [{"instances": [{"keypoints": [[1, 2]], "keypoint_scores": []}]}],
-        "v.json: cannot be read as an MMPose",
+        "1 landmarks of a person, and 0 confidences",
     ),
-    ("v.json", {"meta_info": {}}, "v.json: .*it has no 'instance_info'"),
+    ("v.json", {"meta_info": {}}, "no known kind, with meta_info .an MMPose file has"),
+    (
+        "v.json",
+        {"meta_info": {"keypoint_id2name": {"1": "a"}}, "instance_info": []},
+        "keypoint_id2name does not number the landmarks from 0 on",
+    ),
     # caliscope
     ("xy.csv", CALISCOPE + "0,0,0,0,0,1\n", "xy.csv:2: has 6 cells"),
     ("xy.csv", CALISCOPE + "0,0,0,0,0,a,1\n", "xy.csv:2: 'a' is no number"),
@@ -126,7 +165,7 @@ REFUSED = [
         DLC.replace("x,y,x,y", "l,angle,l,angle"),
         r"no columns x and y \(l, angle\)",
     ),
-    ("t.csv", DLC.replace("coords", "scorer"), "it has no 'coords'"),
+    ("t.csv", DLC.replace("coords", "scorer"), "there is no line coords"),
     ("t.csv", "scorer,n\nbodyparts,\ncoords,\n", "no columns of coordinates"),
     (
         "t.csv",
@@ -144,7 +183,12 @@ REFUSED = [
         "frame;a_x;a_y;b_x;b_y\n0;1,234;2;3;4\n1;5.5;6;7;8\n",
         "csv:2: '1,234' is no numb",
     ),
-    ("t.csv", "joint,x,y\na,1,2\nb,3,4\n", "t.csv:1: the header is 'joint,x,y'"),
+    ("t.csv", "joint,x\na,1\nb,3\n", "t.csv:1: the header is 'joint,x'"),
+    (
+        "t.csv",
+        "joint,x,y\na,1,2\na,3,4\n",
+        "t.csv:3: 'a' is also in line 2; tell the images apart by a column `item`",
+    ),
     (
         "t.csv",
         "frame,joint,x,y\n0,a,1,2\n0,a,3,4\n",

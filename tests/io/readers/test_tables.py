@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import shapefit
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
 from shapefit.io.detect import detect_format
@@ -60,8 +61,6 @@ WIDE = "frame,nose_x,nose_y,tail_x,tail_y\n7,1,2,30,40\n8,5,6,70,80\n"
     "text",
     [
         WIDE,
-        WIDE.replace("frame", ""),
-        WIDE.replace("frame,", "").replace("7,1", "1").replace("8,5", "5"),
         WIDE.replace(",", "\t").upper(),
         WIDE.replace("_", "."),
         "frame,x_nose,y_nose,x_tail,y_tail\n" + WIDE.partition("\n")[2],
@@ -255,14 +254,185 @@ def test_of_two_columns_of_one_meaning_the_first_counts(tmp_path):
     assert notes[0].endswith("columns left out: frame_no")
 
 
-def test_numbers_that_do_not_begin_at_0_or_1_are_names(tmp_path):
-    text = "frame,x5,y5,x6,y6\n0,10,20,30,40\n"
-    images, _ = read(table(tmp_path / "t.csv", text), keypoints="numbered")
-    assert images.landmark_names == ("5", "6")
-    images, _ = read(
-        table(tmp_path / "u.csv", text.replace("5", "1").replace("6", "2"))
+@pytest.mark.parametrize("numbers", [("5", "6"), ("0", "1"), ("1", "2"), ("01", "02")])
+@pytest.mark.parametrize("keypoints", [None, "numbered"])
+def test_numbers_of_landmarks_are_names(tmp_path, numbers, keypoints):
+    one, two = numbers
+    text = f"frame,x{one},y{one},x{two},y{two}\n0,10,20,30,40\n"
+    images, _ = read(table(tmp_path / "t.csv", text), keypoints=keypoints)
+    assert images.landmark_names == numbers
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.tsv", "t.h5"])
+@pytest.mark.parametrize(
+    ("numbers", "first", "told"),
+    [
+        (range(17), "nose", ""),
+        (range(1, 18), "nose", "1 to 17 counted from 1: 1 is nose of coco_17"),
+        (range(1, 12), "left_eye", "1 to 11 counted from 0: 1 is left_eye of coco_17"),
+        (range(2, 18), "left_eye", "2 to 17 counted from 1: 2 is left_eye of coco_17"),
+    ],
+)
+def test_numbers_of_a_skeleton(tmp_path, name, numbers, first, told):
+    """What is counted from 0 and from 1 is said wherever 0 is not among the numbers."""
+    path = tmp_path / name
+    names = tuple(map(str, numbers))
+    points = np.arange(2.0 * len(names)).reshape(1, -1, 2) + 100
+    if name.endswith(".h5"):
+        shapefit.write_landmarks(path, shapefit.Landmarks(points, names))
+    else:
+        rows = [f"0,{n},{x},{y}" for n, (x, y) in zip(names, points[0], strict=True)]
+        text = "\n".join(["item,landmark,x,y", *rows])
+        table(path, text.replace(",", "\t" if name.endswith("tsv") else ","))
+    assert read(path)[0].landmark_names == names
+    images, notes = read(path, keypoints="coco_17")
+    assert images.landmark_names[0] == first
+    assert [told in note for note in notes] == ([True] if told else [])
+
+
+def test_numbers_that_a_skeleton_has_not(tmp_path):
+    text = "item,landmark,x,y\n0,0,10,20\n0,17,30,40\n"
+    with pytest.raises(InputError, match=r"0 to 17; give another .* coco_17 has 17"):
+        read(table(tmp_path / "t.csv", text), keypoints="coco_17")
+
+
+SPECIMENS = "{},a_x,a_y,b_x,b_y\n{},1,2,30,40\n{},5,6,70,80\n"
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize(
+    ("column", "cells", "items"),
+    [
+        ("", ("MVZ_1", "MVZ_2"), ("MVZ_1", "MVZ_2")),
+        ("Taxon", ("Mus", "Rattus"), ("Mus", "Rattus")),
+        ("subject", ("s1", "s2"), ("s1", "s2")),
+        ("ID", ("17", "12"), ("17", "12")),
+        ("", ("7", "8"), ("7", "8")),
+        ("Number", ("7", "8"), ("7", "8")),
+        ("species", ("Mus", "Mus"), ("t/0", "t/1")),
+    ],
+)
+def test_rows_without_number_or_time_are_single_images(
+    tmp_path, delimiter, column, cells, items
+):
+    text = SPECIMENS.format(column, *cells).replace(",", delimiter)
+    images, notes = read(table(tmp_path / "t.csv", text))
+    assert images.items == items
+    assert images.sequences is None
+    named = f"column '{column}'" if column else "column without a name"
+    told = (
+        f"items are named by the {named}" if items[0] == cells[0] else "single images"
     )
-    assert images.landmark_names == ("0", "1")
+    assert told in notes[0]
+    assert "call it `frame`" in notes[0] or "call a column `frame`" in notes[0]
+
+
+def test_rows_without_anything_beside_are_single_images(tmp_path):
+    text = "a_x,a_y,b_x,b_y\n1,2,30,40\n5,6,70,80\n"
+    images, (note,) = read(table(tmp_path / "t.csv", text))
+    assert images.items == ("t/0", "t/1")
+    assert images.sequences is None
+    assert "rows are taken for single images" in note
+
+
+@pytest.mark.parametrize("column", ["time", "Timestamp", "time (s)", "TIME"])
+def test_rows_with_times_are_frames(tmp_path, column):
+    text = f"{column},a_x,a_y,b_x,b_y\n0.5,1,2,3,4\n0.54,5,6,7,8\n0.66,9,8,7,6\n"
+    images, notes = read(table(tmp_path / "t.csv", text))
+    assert images.columns["frame"].tolist() == [0, 1, 4]
+    assert images.frame_rate == 25
+    assert images.items == ("t/0.5", "t/0.54", "t/0.66")
+    assert len({*images.sequences}) == 1
+    assert notes == ()
+
+
+def test_pixels_and_millimetres_of_one_table(tmp_path):
+    """As OpenFace writes them: x, y in the image, X, Y, Z before the camera."""
+    names = [f"{axis}_{n}" for axis in "xyXYZ" for n in range(3)]
+    names += [f"gaze_{n}_{axis}" for n in range(2) for axis in "xyz"]
+    cells = ",".join(map(str, range(10, 10 + len(names))))
+    path = table(tmp_path / "t.csv", f"frame,{','.join(names)}\n0,{cells}\n")
+    images, notes = read(path)
+    assert images.landmarks[0].tolist() == [[10, 11, 12], [13, 14, 15]]
+    assert "x_0, y_0 ... are read, as 2D" in notes[0]
+    assert "X_0, Y_0, Z_0 ..." in notes[0]
+    with open_shapes([path]) as source:
+        shapes = source.whole()
+    assert shapes.shapes[0].tolist() == [[16, 17, 18], [19, 20, 21], [22, 23, 24]]
+
+
+@pytest.mark.parametrize(
+    ("column", "seen", "unseen"),
+    [
+        ("visible", "1", "0"),
+        ("Visible", "TRUE", "FALSE"),
+        ("is_visible", "yes", "no"),
+        ("vis", "2", "0"),
+        ("visibility", "1", "0"),
+        ("occluded", "0", "1"),
+        ("Occluded", "False", "True"),
+        ("hidden", "n", "y"),
+    ],
+)
+@pytest.mark.parametrize("layout", ["long", "wide", "image"])
+@pytest.mark.parametrize("delimiter", [",", "\t"])
+def test_columns_that_hide_landmarks(tmp_path, column, seen, unseen, layout, delimiter):
+    if layout == "long":
+        text = f"item,landmark,x,y,{column}\n"
+        text += f"i,a,10,20,{seen}\ni,b,30,40,{unseen}\n"
+        weights = [[1.0, 0.0]]
+    elif layout == "wide":
+        text = f"item,a_x,a_y,a_{column},b_x,b_y,b_{column}\n"
+        text += f"i,10,20,{seen},30,40,{unseen}\n"
+        weights = [[1.0, 0.0]]
+        if column.startswith("is_"):
+            pytest.skip("a landmark called a_is")
+    else:
+        text = f"item,{column},a_x,a_y,b_x,b_y\n"
+        text += f"i,{seen},10,20,30,40\nj,{unseen},1,2,3,4\n"
+        weights = [[1.0, 1.0], [0.0, 0.0]]
+    path = table(tmp_path / "t.csv", text.replace(",", delimiter))
+    images, _ = read(path)
+    np.testing.assert_array_equal(images.confidence, weights)
+
+
+@pytest.mark.parametrize(
+    ("column", "cell"), [("occluded", "3"), ("visible", "5"), ("visible", "-1")]
+)
+def test_columns_that_hide_landmarks_are_refused_by_name(tmp_path, column, cell):
+    text = f"item,landmark,x,y,{column}\ni,a,10,20,{cell}\ni,b,30,40,1\n"
+    with pytest.raises(
+        InputError, match=f"{cell} in the column {column}; write 0 or 1"
+    ):
+        read(table(tmp_path / "t.csv", text))
+
+
+def test_a_confidence_of_each_image(tmp_path):
+    text = "frame,confidence,a_x,a_y,b_x,b_y\n0,0.98,1,2,30,40\n1,0.02,5,6,70,80\n"
+    images, (note,) = read(table(tmp_path / "t.csv", text))
+    assert images.confidence.tolist() == [[0.98, 0.98], [0.02, 0.02]]
+    assert "column 'confidence' weights all landmarks of its image" in note
+    own = (
+        text.replace("a_y", "a_y,a_score")
+        .replace(",2,", ",2,1,")
+        .replace("6,", "6,.5,")
+    )
+    images, (note,) = read(table(tmp_path / "t.csv", own))
+    assert images.confidence.tolist() == [[1, 1], [0.5, 1]]
+    assert "columns left out: confidence" in note
+
+
+def test_columns_that_are_not_used_are_listed(tmp_path):
+    text = ",item,landmark,x,y,confidense,note\n0,i,a,10,20,1,q\n1,i,b,30,40,1,r\n"
+    _, (note,) = read(table(tmp_path / "t.csv", text))
+    assert "left out: column 1 without a name, confidense (confidence?), note" in note
+
+
+def test_cells_in_quotes_may_hold_the_delimiter(tmp_path):
+    text = '"item","landmark","x","y","remark"\n'
+    text += '"Smith, J. 1","a","10","20","q"\n"Smith, J. 1","b","3","4","r, s"\n'
+    images, _ = read(table(tmp_path / "t.csv", text))
+    assert images.items == ("Smith, J. 1",)
 
 
 def test_a_landmark_whose_confidence_is_left_empty_has_1(tmp_path):

@@ -56,7 +56,9 @@ def by_animal(landmarks, many: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("many", [1, 2])
-@pytest.mark.parametrize("name", [name for name in TRACKERS if name not in JABS])
+@pytest.mark.parametrize(
+    "name", [name for name in TRACKERS if "_pose_est_" not in name]
+)
 def test_points_confidence_and_names(tmp_path, points, confidence, read, name, many):
     path = tmp_path / name
     points, confidence = points[:, :many], confidence[:, :many]
@@ -89,9 +91,7 @@ def test_three_dimensions_are_shapes(tmp_path, rng, confidence, name, problem):
 
 
 def test_jabs(tmp_path, rng, read, problem):
-    """Version 2, of one mouse, whose y comes first; later ones, of several mice, are
-    refused.
-    """
+    """Version 2, of one mouse, whose y comes first."""
     points = rng.integers(1, 600, (7, 1, 12, 2)).astype(float)
     points[3, 0, 2] = np.nan
     made.write_jabs(tmp_path / JABS, points, np.full((7, 1, 12), 0.5))
@@ -106,8 +106,102 @@ def test_jabs(tmp_path, rng, read, problem):
     with h5py.File(tmp_path / JABS, "a") as file:
         values = file["poseest/points"][:]
         del file["poseest/points"]
-        file["poseest/points"] = values[:, None]
-    assert "later versions, of several mice, are not read" in problem(tmp_path / JABS)
+        file["poseest/points"] = values[:, :9]
+    assert "points of the shape (7, 9, 2), not of 12 land" in problem(tmp_path / JABS)
+
+
+@pytest.mark.parametrize("version", [3, 4, 5])
+def test_jabs_of_several_mice(tmp_path, rng, read, problem, version):
+    """Their identities are kept where they change places, and where one is absent."""
+    points = rng.integers(1, 600, (7, 2, 12, 2)).astype(float)
+    points[3, 1] = np.nan
+    path = tmp_path / f"mice_pose_est_v{version}.h5"
+    made.write_jabs_of_several(path, points, np.full((7, 2, 12), 0.5), version=version)
+    found = read(path)
+    first = 0 if version == 3 else 1
+    assert {*found.sequences} == {f"mice/{first}", f"mice/{first + 1}"}
+    for who in range(2):
+        rows = [one == f"mice/{first + who}" for one in found.sequences]
+        present = [frame for frame in range(7) if (frame, who) != (3, 1)]
+        assert found.columns["frame"][rows].tolist() == present
+        np.testing.assert_array_equal(
+            found.landmarks[rows].swapaxes(1, 2), points[present, who]
+        )
+    with h5py.File(path, "a") as file:
+        name = "instance_embed_id" if version > 3 else "instance_track_id"
+        for one in {name, "instance_track_id"}:
+            del file[f"poseest/{one}"]
+    assert "several mice without identities" in problem(path)
+
+
+def test_a_mouse_without_an_identity_or_beyond_the_count_is_left_out(tmp_path, read):
+    points = np.full((2, 2, 12, 2), 7.0)
+    for version, name, values in (
+        (4, "instance_embed_id", [[1, 2], [0, 1]]),
+        (3, "instance_count", [2, 1]),
+    ):
+        path = tmp_path / f"m{version}.h5"
+        made.write_jabs_of_several(path, points, points[..., 0], version=version)
+        with h5py.File(path, "a") as file:
+            file[f"poseest/{name}"][...] = values
+        assert len(read(path)) == 3
+
+
+def with_skeletons(path, change) -> None:
+    """Change what the metadata of a .slp file say of its skeletons."""
+    with h5py.File(path, "a") as file:
+        attributes = file["metadata"].attrs
+        about = json.loads(attributes["json"])
+        change(about)
+        attributes["json"] = json.dumps(about)
+
+
+def test_a_skeleton_of_a_preset(tmp_path, points, confidence, read, problem):
+    """SLEAP keeps its graph beside a description and a picture."""
+    path = tmp_path / "labels.slp"
+    made.write_slp(path, points, confidence)
+    plain = read(path)
+
+    def as_preset(about):
+        (graph,) = about["skeletons"]
+        preset = {"nx_graph": graph, "description": None, "preview_image": None}
+        about["skeletons"] = [preset]
+
+    with_skeletons(path, as_preset)
+    found = read(path)
+    assert found.landmark_names == plain.landmark_names
+    assert found.lines.tolist() == plain.lines.tolist() == [[0, 1]]
+    np.testing.assert_array_equal(found.landmarks, plain.landmarks)
+    with_skeletons(path, lambda about: about["skeletons"][0].update(nx_graph={}))
+    assert "a skeleton without nodes" in problem(path)
+
+
+def test_two_skeletons_are_one_of_all_their_nodes(tmp_path, points, confidence, read):
+    """The second animal has another skeleton, of which two nodes are of the first."""
+    path = tmp_path / "labels.slp"
+    made.write_slp(path, points, confidence)
+
+    def add(about):
+        about["nodes"] += [{"name": "horn"}, {"name": "hoof"}]
+        ids = [{"id": number} for number in (4, 1, 5, 0)]
+        links = [{"source": 4, "target": 5, "type": {"py/id": 1}}]
+        about["skeletons"].append({"nodes": ids, "links": links})
+
+    with_skeletons(path, add)
+    with h5py.File(path, "a") as file:
+        rows = file["instances"][()]
+        rows["skeleton"] = rows["track"]
+        file["instances"][...] = rows
+    found = read(path)
+    names = ("point0", "point1", "point2", "point3", "horn", "hoof")
+    assert found.landmark_names == names
+    assert found.lines.tolist() == [[0, 1], [4, 5]]
+    first = found.landmarks[[who.endswith("animal0") for who in found.sequences]]
+    second = found.landmarks[[who.endswith("animal1") for who in found.sequences]]
+    np.testing.assert_array_equal(first[:, :, :4].swapaxes(1, 2), points[:, 0])
+    assert np.isnan(first[:, :, 4:]).all()
+    columns = [4, 1, 5, 0]
+    np.testing.assert_array_equal(second[:, :, columns].swapaxes(1, 2), points[:, 1])
 
 
 def test_movement_of_newer_versions(tmp_path, points, confidence, read):
@@ -222,9 +316,13 @@ def test_labels_of_images(tmp_path, points, confidence, read):
             :7
         ]
         del file["df_with_missing/axis1"]
-        folders[-1] = "labeled/b/img0.png"
+        folders[-1] = "labeled/b/img4.png"
         file["df_with_missing/axis1"] = np.array(folders, "S")
-    assert read(path).items[6] == "labels/animal0/labeled/b/img0"
+    found = read(path)  # a folder is a video
+    assert [item for item in found.items if item.startswith("labels/b")] == [
+        "labels/b/animal0/img4",
+        "labels/b/animal1/img4",
+    ]
 
 
 CSV = """scorer,,,me,me,me,me
@@ -392,7 +490,7 @@ def test_a_filter_that_is_not_there(write, problem):
     assert text.endswith("write it again with gzip or without compression")
 
 
-LOST = "instances of tracks, skeletons, videos or points"
+LOST = "instances of "
 
 
 def two_tables(file):

@@ -37,4 +37,9 @@ def test_covariances_are_added(rng):
 def test_an_image_that_says_nothing_has_the_bars_of_its_neighbour():
     known = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1], dtype=bool)
     clips = (slice(0, 5), slice(5, 7), slice(7, 9))
-    assert nearest_informative(known, clips).tolist() == [0, 0, 0, 4, 4, 5, 6, 8, 8]
+    frames = np.arange(9.0)
+    found = nearest_informative(known, clips, frames)
+    assert found.tolist() == [0, 0, 0, 4, 4, 5, 6, 8, 8]
+    frames[1:] += 3  # the second image is nearer to the last of its clip
+    found = nearest_informative(known, clips, frames)
+    assert found.tolist() == [0, 4, 4, 4, 4, 5, 6, 8, 8]

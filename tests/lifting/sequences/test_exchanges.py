@@ -8,11 +8,13 @@ from shapefit.lifting.sequences.exchanges import (
     find_exchanges,
     likeliest_states,
 )
+from shapefit.timeline import Timeline
 
 P = 13
 PAIRS = np.arange(12).reshape(6, 2)
 OTHER = [*PAIRS[:, ::-1].ravel(), 12]
-T, RATE = 72, 24.0
+T = 72
+TIMELINE = Timeline.of_frames(T, 24.0)
 
 
 def walk(rng, noise=0.03):
@@ -51,7 +53,7 @@ def exchanged(landmarks, rows):
 )
 def test_exchanged_frames_are_found(rng, rows, continuous):
     rows = np.array([*rows], dtype=int)
-    found = find_exchanges(exchanged(walk(rng), rows), PAIRS, RATE)
+    found = find_exchanges(exchanged(walk(rng), rows), PAIRS, TIMELINE)
     assert found.continuous == continuous
     expected = rows if continuous else np.array([], dtype=int)
     np.testing.assert_array_equal(np.flatnonzero(found.exchanged), expected)
@@ -59,9 +61,9 @@ def test_exchanged_frames_are_found(rng, rows, continuous):
 
 def test_nothing_is_found_where_little_is_seen(rng):
     hidden = np.full((T, 2, P), np.nan)
-    assert not find_exchanges(hidden, PAIRS, RATE).exchanged.any()
-    assert not find_exchanges(walk(rng)[:1], PAIRS, RATE).exchanged.any()
-    assert not find_exchanges(walk(rng), PAIRS[:0], RATE).exchanged.any()
+    assert not find_exchanges(hidden, PAIRS, TIMELINE).exchanged.any()
+    assert not find_exchanges(walk(rng)[:1], PAIRS, TIMELINE).exchanged.any()
+    assert not find_exchanges(walk(rng), PAIRS[:0], TIMELINE).exchanged.any()
 
 
 def test_the_log_likelihood_of_an_exchange_is_that_of_student():
@@ -70,7 +72,9 @@ def test_the_log_likelihood_of_an_exchange_is_that_of_student():
     S = 2.5 * np.log(
         (3 + 4 * 20**2) / 3
     )  # at rest steps are a twentieth of the distance
-    np.testing.assert_allclose(find_changes(landmarks, PAIRS[:1]), [0, S, -S])
+    np.testing.assert_allclose(
+        find_changes(landmarks, PAIRS[:1], np.arange(3.0)), [0, S, -S]
+    )
 
 
 @pytest.mark.parametrize(("likelihood", "changed"), [(7.9, False), (8.1, True)])
@@ -84,4 +88,4 @@ def test_bodies_that_are_seen_from_the_side_exchange_nothing(seed):
     rng = np.random.default_rng(seed)
     landmarks = walk(rng)
     landmarks[:, 0] *= 0.1
-    assert not find_exchanges(landmarks, PAIRS, RATE).exchanged.any()
+    assert not find_exchanges(landmarks, PAIRS, TIMELINE).exchanged.any()

@@ -26,6 +26,8 @@ from shapefit.lifting.sequences.smoothing import (
     observe,
     smooth,
 )
+from shapefit.timeline import Timeline
+from tests.lifting.sequences.conftest import BONES
 
 
 @pytest.mark.parametrize("p", [1, 3, 5])
@@ -47,7 +49,7 @@ def test_precisions_are_inverses(rng, p):
     np.testing.assert_array_equal(found[~there], others)
 
 
-@pytest.mark.parametrize("case", ["free", "known lengths", "far"])
+@pytest.mark.parametrize("case", ["free", "known lengths", "far", "gaps"])
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 9])
 def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
     """The first step, damped, half a unit at most."""
@@ -56,6 +58,8 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
         longer = smoothing.mean_lengths(body, model.bones) * [1.3, 1, 0.8, np.nan]
         known = np.diag([1.0, 1, 1, 0]) - 0.2 * np.outer([1, 1, 1, 0], [1, 1, 1, 0])
         model = replace(model, usual=Lengths(longer, known / 0.002**2))
+    if case == "gaps":
+        model = with_gaps(model, frames)
     if case == "far":
         visible = replace(visible, start=visible.start + 2)
     found = smooth(visible, model, 0.1, max_rounds=1)
@@ -114,13 +118,15 @@ def only_mode(visible):
     )
 
 
+@pytest.mark.parametrize("gaps", [False, True])
 @pytest.mark.parametrize("frames", [1, 2, 5])
-def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames):
+def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames, gaps):
     """Of the whole energy, by differences of its gradient: bones that are too short
     count, too.
     """
     visible = only_mode(images(body[:frames], noise=0.02))
     model = replace(model, bone_tolerance=np.full(4, 0.1))
+    model = with_gaps(model, frames) if gaps else model
     found = smooth(visible, model, 0.03, max_rounds=100)
     y = found.points.reshape(frames, -1)
     judge = Objective(visible, model, 0.03)
@@ -253,18 +259,18 @@ def test_growth_is_a_line_through_what_is_near(rng, width):
     mean.
     """
     level, there = rng.standard_normal(20), np.ones(20, dtype=bool)
-    t = np.arange(20)
+    t, timeline = np.arange(20), Timeline.of_frames(20)
     expected = [
         np.polyfit(t - k, level, 1, w=np.exp(-0.25 * ((t - k) / width) ** 2))[1]
         for k in t
     ]
-    found = np.log(find_growth(np.exp(level), there, width))
+    found = np.log(find_growth(np.exp(level), there, width, timeline))
     np.testing.assert_allclose(found, expected - np.mean(expected), atol=2e-3)
     there[[0, 7, 8]] = False
     nearer = np.where(there, np.exp(0.1 * t), np.nan)
     line = 0.1 * (t - t[there].mean())
     np.testing.assert_allclose(
-        np.log(find_growth(nearer, there, width))[1:], line[1:], atol=1e-4
+        np.log(find_growth(nearer, there, width, timeline))[1:], line[1:], atol=1e-4
     )
 
 
@@ -308,11 +314,61 @@ def test_errors_that_images_share_do_not_outweigh_known_lengths(
     assert off[200, True] == pytest.approx(off[20, True], rel=0.1)
 
 
-def second_difference(t):
+def with_gaps(model, frames):
+    """The model of frames of which some are missing, after the fourth for a second."""
+    position = np.cumsum([0.0, 1, 3, 1, 24, 2, 1, 1, 5])[:frames]
+    return replace(model, timeline=Timeline(position, 24.0))
+
+
+def second_difference(timeline, t):
     D = np.zeros((max(t - 2, 0), t))
     for row in range(t - 2):
         D[row, row : row + 3] = (1, -2, 1)
+    if timeline is None:
+        return D
+    for row, place in enumerate(timeline.position[:-2]):
+        h, k = np.diff(timeline.position[row : row + 3])
+        together = timeline.position[row + 2] < 8 or place > 8
+        slopes = np.array([1 / h, -1 / h - 1 / k, 1 / k])
+        D[row, row : row + 3] = together * slopes / np.sqrt((h + k) / 2)
     return D
+
+
+def test_stretches_on_both_sides_of_a_long_gap_move_by_themselves(images, body, model):
+    """But have bones of one length: without bones they are those of two sequences."""
+    free = replace(model, bones=BONES[:0], bone_tolerance=model.bone_tolerance[:0])
+    seen = images(body, noise=0.05)
+    apart = [smooth(part(seen, rows), free, 0.1) for rows in (slice(9), slice(9, None))]
+    position = np.arange(len(body)) + np.where(np.arange(len(body)) < 9, 0.0, 30.0)
+    gap = replace(free, timeline=Timeline(position, 24.0))
+    found = smooth(seen, gap, 0.1).points
+    np.testing.assert_allclose(
+        found, np.concatenate([one.points for one in apart]), atol=2e-3
+    )
+    joined = smooth(seen, free, 0.1).points
+    assert np.abs(joined[7:11] - found[7:11]).max() > 0.02
+
+
+def part(visible, rows):
+    names = ("landmarks", "trust", "start", "log_share", "mean", "precision", "log_det")
+    return replace(visible, **{name: getattr(visible, name)[rows] for name in names})
+
+
+def test_motion_over_missing_frames_is_better_than_without(images, body, model):
+    """And better than to take what is left for neighbours."""
+    errors = {"gaps": [], "joined": [], "cut": []}
+    for seed in range(8):
+        rows = np.flatnonzero(np.random.default_rng(seed).random(len(body)) > 0.4)
+        seen = images(body[rows], noise=0.05)
+        whole = 100.0 * np.cumsum(np.diff(rows, prepend=rows[0]) > 1) + rows
+        places = {"gaps": 1.0 * rows, "joined": np.arange(len(rows)), "cut": whole}
+        for name, position in places.items():
+            timed = replace(model, timeline=Timeline(1.0 * position, 24.0))
+            found = smooth(seen, timed, 0.1).points
+            errors[name].append(np.abs(found - body[rows]).mean())
+    gaps, joined, cut = (np.mean(errors[name]) for name in ("gaps", "joined", "cut"))
+    assert gaps < 0.98 * joined
+    assert gaps < 0.95 * cut
 
 
 class Objective:
@@ -324,7 +380,7 @@ class Objective:
         self.visible, self.model = visible, model
         self.weight = further_weight(visible, noise)
         self.w = np.nan_to_num(visible.landmarks).reshape(len(visible), -1)
-        D = second_difference(len(visible))
+        D = second_difference(model.timeline, len(visible))
         self.hold, self.known = fixed_lengths(
             model, mean_lengths(visible.start, model.bones)
         )

@@ -241,6 +241,99 @@ def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
     assert find_usual_lengths(replace(dictionary, edge_covariance=None)) is None
 
 
+@pytest.fixture(scope="module")
+def walk(people):
+    """Images of one sequence of 36 frames at 24 Hz, and the truth that they show."""
+    images = load(people / "all.h5")
+    first = np.flatnonzero(np.array(images.sequences) == images.sequences[0])[:36]
+    return images.take(first).replaced(frame_rate=24.0)
+
+
+def at_frames(images, frames):
+    return images.with_columns({"frame": np.asarray(frames)})
+
+
+def lifted(people, folder, images, name="clip.h5", **keys):
+    return fitted(people, written(folder / name, images), **keys)[0]
+
+
+@pytest.mark.parametrize(("gap", "rate"), [(8, 24), (60, 24), (20, 60)])
+def test_stretches_on_both_sides_of_a_long_gap_are_lifted_apart(
+    people, walk, tmp_path, gap, rate
+):
+    """But for lengths and size, which they have together."""
+    given = walk.replaced(frame_rate=float(rate))
+    frames = np.arange(36) + np.where(np.arange(36) < 16, 0, gap - 1)
+    together = lifted(people, tmp_path, at_frames(given, frames))
+    joined = lifted(people, tmp_path, given)
+    parts = [given.take(slice(0, 16)), given.take(slice(16, 36))]
+    alone = [lifted(people, tmp_path, part).shapes for part in parts]
+    unit = np.median(together.scale)
+    away = np.abs(np.concatenate(alone) - together.shapes) / unit
+    assert away.mean() < 0.006
+    assert away.max() < 0.1
+    over_gap = np.abs(np.concatenate(alone) - joined.shapes) / unit
+    assert over_gap[14:18].mean() > 1.5 * away[14:18].mean()
+
+
+def test_frames_without_a_gap_change_no_bit(people, walk, tmp_path):
+    plain = lifted(people, tmp_path, walk)
+    numbered = lifted(people, tmp_path, at_frames(walk, 100 + np.arange(36)))
+    timed = walk.with_columns({"time": np.round(7 + np.arange(36) / 24, 2)})
+    timed = lifted(people, tmp_path, at_frames(timed, np.arange(36)))
+    for found in (numbered, timed):
+        np.testing.assert_array_equal(found.shapes, plain.shapes)
+        np.testing.assert_array_equal(found.shape_sd, plain.shape_sd)
+    assert numbered.frame.tolist() == [*range(100, 136)]
+    assert timed.time[1] == 7.04
+    assert plain.frame is None
+
+
+def test_images_are_lifted_in_order_of_their_frames(people, walk, tmp_path, rng):
+    order = rng.permutation(36)
+    frames = np.arange(36) * 3 // 2
+    plain = lifted(people, tmp_path, at_frames(walk, frames))
+    mixed = lifted(people, tmp_path, at_frames(walk, frames).take(order))
+    assert mixed.items == plain.items
+    np.testing.assert_array_equal(mixed.shapes, plain.shapes)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.4])
+def test_every_frame_is_refined_though_neighbours_are_missing(
+    people, walk, tmp_path, share
+):
+    rows = np.flatnonzero(np.random.default_rng(1).random(36) >= share)
+    found = lifted(people, tmp_path, at_frames(walk.take(rows), rows))
+    assert np.isfinite(found.columns["sequence_noise"]).all()
+
+
+def test_frames_alone_between_long_gaps_have_the_lengths_of_the_sequence(
+    people, walk, tmp_path
+):
+    rows = np.r_[0:16, 26, 36 - 1]
+    found = lifted(people, tmp_path, at_frames(walk.take(rows), rows))
+    assert np.isfinite(found.columns["sequence_noise"]).all()
+    i, j = read_dictionary(people / "dictionary.h5").edges.T
+    single = lifted(people, tmp_path, walk.take(rows), method="posterior")
+    spread = []
+    for result in (found, single):
+        bones = result.shapes[:, :, i] - result.shapes[:, :, j]
+        share = np.linalg.norm(bones, axis=1)
+        share /= share.sum(axis=1, keepdims=True)
+        spread.append(np.abs(share[16:] - np.median(share[:16], axis=0)).mean())
+    assert spread[0] < 0.3 * spread[1]
+
+
+@pytest.mark.parametrize(("one", "other"), [(7, 7), (9, 4)])
+def test_two_images_of_one_frame_are_refused(people, walk, one, other):
+    images = at_frames(walk.take([0, 1]), [one, other])
+    fault = f"is of the frame {one}, and then '{images.items[1]}' of {other}"
+    with pytest.raises(InputError, match=fault):
+        list(whole_sequences([images]))
+    apart = images.replaced(sequences=("a", "b"))
+    assert sum(map(len, whole_sequences([apart]))) == 2
+
+
 def frames_of(names):
     n = len(names)
     return LandmarkSet(

@@ -239,7 +239,7 @@ def test_individuals_and_their_frames_are_counted(desk):
     assert [fact["text"] for fact in page["facts"]] == [
         "3 individuals",
         "20 frames",
-        "25 Hz assumed",
+        "24 Hz assumed",
         "21 of 41 trusted",
     ]
 
@@ -383,7 +383,7 @@ def test_frame_rates_come_from_the_config_the_result_or_the_truth(desk):
     assert desk.view(result).data["frame_rate"] == 30
     assert desk.view(result, frame_rate=12.5).data["frame_rate"] == 12.5
     plain = desk.view(desk.result(sequences=("s",) * 6)).data
-    assert (plain["frame_rate"], plain["rate_known"]) == (25, False)
+    assert (plain["frame_rate"], plain["rate_known"]) == (24, False)
 
 
 def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(desk):

@@ -92,6 +92,28 @@ def test_files_of_one_individual_each_are_seen_at_once(files, recordings, times)
     assert (found[0], found[1].tolist()) == (recordings, times)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "step", "times"),
+    [
+        ([4, 5, 9, 10], 1, [0, 1, 5, 6]),
+        ([4, 6, 8, 14], 2, [0, 1, 2, 5]),
+        ([4, 7, 8, 13], 2, [0, 1, 2, 4]),  # every second of those that are there
+        ([0, 1, 2, 10**9], 1, [0, 1, 2, 3]),  # no numbers of frames
+        (None, 1, [0, 1, 2, 3]),
+    ],
+)
+def test_missing_frames_are_gaps_on_the_page(numbers, step, times):
+    frames = frames_of(numbers, walk="abcd")._replace(step=step)
+    assert find_recordings([], frames)[1].tolist() == times
+
+
+def test_a_page_plays_at_the_true_times(desk):
+    extras = {"frame": np.array([0, 1, 2, 60, 61, 62])}
+    page = desk.scene(desk.result(sequences=("v",) * 6, extras=extras), frame_rate=30.0)
+    assert page["times"].tolist() == [0, 1, 2, 60, 61, 62]
+    assert [fact["text"] for fact in page["facts"]][:2] == ["6 frames", "30 Hz"]
+
+
 def test_a_result_with_all_it_needs_says_nothing(desk):
     edges = np.array([[0, 1], [1, 2]])
     made = desk.view(desk.result(), truth=(desk.truth(edges=edges),))

@@ -1,0 +1,129 @@
+"""Arrays of landmarks or shapes without names: NumPy's, and lists of JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats
+from shapefit.errors import abbreviate, printable
+from shapefit.io.checks import warn_of_zeros
+from shapefit.io.formats import Head
+from shapefit.io.readers.poses import (
+    Poses,
+    as_numbers,
+    library_reads,
+    of_frames,
+    parsing,
+    require,
+    unit_of,
+)
+from shapefit.io.readers.text import read_json
+
+POINTS = ("landmarks", "keypoints", "points", "poses", "shapes")
+SCORES = ("confidence", "scores", "keypoint_scores", "likelihood", "visibility")
+
+WANTED = (
+    "give (images, landmarks, 2), or 3 with a confidence of 0 to 1; points in 3D are"
+    " for learn-dict, project and --truth"
+)
+SAVED_ANEW = "save it again with numpy.save, without objects"
+OR_DEPTH = "; or `format=arrays-3d` if the third number is z, not a confidence"
+
+
+def is_array(head: Head) -> bool:
+    """Whether the file is NumPy's, or JSON of lists in a list."""
+    first = head.json[0] if isinstance(head.json, list) and head.json else None
+    numbers = isinstance(first, list) and not any(isinstance(x, dict) for x in first)
+    archive = head.bytes.startswith(b"PK\x03\x04") and head.named(".npz")
+    return archive or numbers or head.bytes.startswith(b"\x93NUMPY")
+
+
+def read_shapes(paths: tuple[Path, ...]) -> Poses:
+    """Return the shapes of an array (n, p, 3)."""
+    return read_array(paths, 3)
+
+
+def read_array(paths: tuple[Path, ...], dimensions: int | None = None) -> Poses:
+    """Return the images or shapes of an array of NumPy, in .npz beside its confidences
+    (n, p), or of JSON; of three numbers a landmark those of the wanted `dimensions`.
+    """
+    path = paths[0]
+    if path.name.lower().endswith((".json", ".json.gz")):
+        array = as_numbers(read_json(path), "the lists")
+        return of_array(path, array, dimensions=dimensions)
+    damage, saved_anew = "it is damaged, or holds objects", f"{WANTED}; {SAVED_ANEW}"
+    with library_reads(damage, saved_anew):
+        arrays = np.load(path, mmap_mode="r", allow_pickle=False)
+    if not isinstance(arrays, np.lib.npyio.NpzFile):
+        return of_array(path, arrays, dimensions=dimensions)
+    scores = [name for name in arrays if name.lower() in SCORES]
+    points = [name for name in arrays if name.lower() in POINTS]
+    points = points or [name for name in arrays if name not in scores]
+    names = abbreviate([*map(printable, arrays)]) or "nothing"
+    require(len(points) == 1, f"it holds {names}; call the landmarks `landmarks`")
+    with library_reads(damage, saved_anew):
+        landmarks = arrays[points[0]]
+        confidence = arrays[scores[0]] if scores else None
+    return of_array(path, landmarks, confidence, dimensions=dimensions)
+
+
+def of_array(
+    path: Path,
+    points: NDArray[Any],
+    scores: NDArray[Any] | None = None,
+    dimensions: int | None = 2,
+    **fields: Any,
+) -> Poses:
+    """Return the images or shapes of an array (n, p, 2 or 3) or (p, 2 or 3); `path`
+    names it in messages.
+
+    A third number is z where shapes are wanted (`dimensions` 3), a confidence where
+    images are (2), and without a wish (None) a confidence where all are in 0 to 1.
+    Raises InputError for arrays of other shapes, and for a third number that is no
+    confidence.
+    """
+    if points.ndim == 2:
+        points, scores = points[None], None if scores is None else scores[None]
+    with parsing(path, "an array of landmarks", WANTED):
+        numeric = (
+            points.dtype.kind in "biuf"
+            and points.ndim == 3
+            and points.shape[2] in (2, 3)
+        )
+        require(numeric, f"{points.dtype} of the shape {points.shape}")
+        points = points.astype(np.float64)
+        if points.shape[2] == 3:
+            least = np.nanmin(points[..., 2], initial=np.inf)
+            most = np.nanmax(points[..., 2], initial=-np.inf)
+            as_confidence = not (least < 0 or most > 1) and scores is None
+            if dimensions == 3 or (dimensions is None and not as_confidence):
+                return of_bodies(path, points, None, **fields)
+            twice = "three numbers of each landmark beside its confidence"
+            require(scores is None, twice)
+            range_found = f"third numbers run from {least:g} to {most:g}"
+            require(as_confidence, f"{range_found}, are they confidences?")
+            points, scores = points[..., :2], points[..., 2]
+            fields = {"or_else": OR_DEPTH, **fields}
+        if scores is not None:
+            fits = scores.dtype.kind in "biuf" and scores.shape == points.shape[:2]
+            require(fits, f"confidences are {scores.dtype} of the shape {scores.shape}")
+            scores = np.nan_to_num(scores.astype(np.float64))
+        return of_bodies(path, points, scores, **fields)
+
+
+def of_bodies(
+    path: Path, points: Floats, confidence: Floats | None, **fields: Any
+) -> Poses:
+    """Return the poses of points (n, p, 2 or 3), one body per image.
+
+    `fields` are those of `of_frames`. Raises FormatError for confidences below 0.
+    """
+    require(confidence is None or not (confidence < 0).any(), "a confidence below 0")
+    points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
+    if points.shape[2] == 2 and confidence is None:
+        fields["notes"] = (*fields.get("notes", ()), *warn_of_zeros(points))
+    return of_frames(path, points, confidence, **unit_of(points) | fields)

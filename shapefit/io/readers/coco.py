@@ -1,0 +1,341 @@
+"""COCO: annotations (COCO, COCO-WholeBody, CVAT, PoseTrack, AP-10K), and results of
+detectors (COCO, MMDet, AlphaPose).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Required
+
+import numpy as np
+from typing_extensions import TypedDict
+
+from shapefit.arrays import Floats
+from shapefit.errors import counted, printable
+from shapefit.io.formats import Head
+from shapefit.io.readers.declared import Identity, checked
+from shapefit.io.readers.detections import Detection, as_poses, person_points, who_of
+from shapefit.io.readers.poses import (
+    SPARSEST,
+    FormatError,
+    Poses,
+    as_numbers,
+    check_names,
+    edges_of,
+    place_images,
+    require,
+)
+from shapefit.io.readers.text import read_json
+from shapefit.io.skeletons import edges_of as bones_of
+from shapefit.io.skeletons import installed_skeletons
+
+
+class _Category(TypedDict, total=False):
+    id: Required[Identity]
+    name: Identity | None
+    keypoints: list[str] | None
+    skeleton: Any
+
+
+class _Image(TypedDict, total=False):
+    id: Required[Identity]
+    file_name: Identity | None
+    vid_id: Identity | None
+    video_id: Identity | None
+
+
+class _Annotation(TypedDict, total=False):
+    id: Identity | None
+    image_id: Required[Identity]
+    category_id: Identity | None
+    keypoints: Any
+    foot_kpts: Any
+    face_kpts: Any
+    lefthand_kpts: Any
+    righthand_kpts: Any
+    track_id: Any
+    person_id: Any
+    attributes: Any
+
+
+class _Annotations(TypedDict, total=False):
+    images: list[_Image] | None
+    annotations: Required[list[_Annotation]]
+    categories: list[_Category] | None
+
+
+def is_coco_annotations(head: Head) -> bool:
+    """Whether JSON has annotations beside images or categories."""
+    beside = head.keys & {"images", "categories"}
+    return isinstance(head.json, dict) and "annotations" in head.keys and bool(beside)
+
+
+BODY, WHOLE_BODY = "coco_17", "coco_133"
+"""Skeletons of COCO, and of COCO-WholeBody, which begins with it."""
+
+PARTS = (
+    ("foot_kpts", 6),
+    ("face_kpts", 68),
+    ("lefthand_kpts", 21),
+    ("righthand_kpts", 21),
+)
+"""The lists of COCO-WholeBody beside `keypoints`, in the order of its skeleton."""
+
+
+def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
+    """Read what people annotated: images, annotations, and categories with names.
+
+    keypoints are [x, y, v, ...]; v = 0 is missing, 1 hidden and 2 visible; where one is
+    a fraction, all are confidences. Categories may have different landmarks: then all
+    names together, in their order. Feet, face and hands of COCO-WholeBody are landmarks
+    after those of the body.
+    """
+    content = checked(_Annotations, read_json(paths[0]))
+    annotations = [entry for entry in content["annotations"] if entry.get("keypoints")]
+    whole = any(_has_parts(entry) for entry in annotations)
+    names = _Landmarks()
+    for category in content.get("categories") or ():
+        names.add(category)
+    images = content.get("images") or []
+    file_of = {image["id"]: image.get("file_name") or image["id"] for image in images}
+    order = {image: number for number, image in enumerate(file_of)}
+    detections: list[Detection] = []
+    for entry in annotations:
+        points = _annotated_points(entry)
+        if whole and len(points) == len(installed_skeletons()[BODY].landmark_names):
+            points = np.concatenate([points, _points_of_parts(entry)])
+        if (placed := names.place(entry, points)) is not None:
+            image = order.setdefault(entry["image_id"], len(order))
+            detections.append((placed, image, _identity(entry)))
+    files = [str(file_of.get(image, image)) for image in order]
+    stated = {
+        image["id"]: next(
+            (image[key] for key in ("vid_id", "video_id") if image.get(key)), None
+        )
+        for image in images
+    }
+    videos = [stated.get(image) for image in order]
+    named = [video for video in videos if video is not None]
+    placed_images = place_images(
+        paths[0], files, [str(video) for video in videos] if named else None
+    )
+    marks = [points[:, 2] for points, *_ in detections]
+    scored = any((values % 1 > 0).any() for values in marks)
+    if scored:
+        detections = [
+            (np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)]), *others)
+            for points, *others in detections
+        ]
+    return as_poses(
+        placed_images,
+        detections,
+        scored=scored,
+        landmark_names=names.all,
+        edges=names.edges,
+        notes=names.notes,
+    )
+
+
+def _has_parts(entry: _Annotation) -> bool:
+    """Whether an annotation has one of the lists of COCO-WholeBody."""
+    return any(entry.get(part) for part, _ in PARTS)
+
+
+def _described(entry: _Annotation) -> str:
+    """Return an annotation as messages name it."""
+    return f"annotation {entry.get('id', 'without id')}"
+
+
+def _annotated_points(entry: _Annotation) -> Floats:
+    """Return x, y, v of the keypoints of an annotation (p, 3), in one list or in one
+    for each.
+    """
+    values = as_numbers(entry["keypoints"], f"keypoints of {_described(entry)}")
+    if values.ndim == 2 and values.shape[1] == 3:
+        return values
+    if values.ndim != 1:
+        what = "pairs" if values.shape[-1:] == (2,) else "lists"
+        raise FormatError(f"keypoints of {_described(entry)} are {what}, not x, y, v")
+    fits = len(values) % 3 == 0
+    number = f"{len(values)} numbers, not 3 a landmark"
+    require(fits, f"keypoints of {_described(entry)} are {number}")
+    return values.reshape(-1, 3)
+
+
+def _points_of_parts(entry: _Annotation) -> Floats:
+    """Return x, y, v of feet, face and hands (116, 3), 0 where there is none."""
+    parts = []
+    for part, count in PARTS:
+        given: Any = entry.get(part) or [0.0] * (3 * count)
+        values = as_numbers(given, f"{part} of {_described(entry)}")
+        fits = values.shape == (3 * count,)
+        require(fits, f"{part} of {_described(entry)} are not {count} landmarks")
+        parts.append(values.reshape(count, 3))
+    return np.concatenate(parts)
+
+
+def _identity(entry: _Annotation) -> Any:
+    """Return who an annotation is, as PoseTrack or CVAT states it; None for nobody."""
+    attributes = entry.get("attributes")
+    stated: list[Any] = [entry.get("track_id"), entry.get("person_id")]
+    if isinstance(attributes, dict):
+        stated.append(attributes.get("track_id"))
+    return next((who for who in stated if who is not None), None)
+
+
+@dataclass
+class _Landmarks:
+    """The landmarks of all categories, in their order, and those of each."""
+
+    column_of: dict[str, int] = field(default_factory=dict)
+    columns: dict[Identity, list[int]] = field(default_factory=dict)
+    names: dict[Identity, str] = field(default_factory=dict)
+    pairs: dict[tuple[int, int], None] = field(default_factory=dict)
+    unnamed: Counter[str] = field(default_factory=Counter)
+    unknown: Counter[str] = field(default_factory=Counter)
+    whole_body: bool = False
+
+    def add(self, category: _Category) -> None:
+        """Take the landmarks of a category, and its edges, counted from 1."""
+        given = category.get("keypoints") or []
+        check_names(given, "landmark")
+        here = [self.column_of.setdefault(name, len(self.column_of)) for name in given]
+        self.columns[category["id"]] = here
+        self.names[category["id"]] = str(category.get("name") or category["id"])
+        lines: Any = category.get("skeleton")
+        # COCO counts from 1, some tools from 0
+        zeros = any(0 in line for line in lines or () if isinstance(line, list))
+        for a, b in edges_of(lines, len(given), first=0 if zeros else 1):
+            self.pairs[here[a], here[b]] = None
+
+    def place(self, entry: _Annotation, points: Floats) -> Floats | None:
+        """Return the points of an annotation among those of all categories; None for
+        one that is left out.
+        """
+        if not self.column_of:
+            return points
+        columns = self._columns_of(entry)
+        if columns is None:
+            return None
+        if self._is_whole_body(columns, len(points)):
+            return points
+        known = self.names.get(entry.get("category_id") or 0)
+        owner = "the categories name" if known is None else f"category {known} names"
+        landmarks = counted(len(points), "landmark")
+        require(
+            len(columns) == len(points),
+            f"{_described(entry)} has {landmarks}, and {owner} {len(columns)}",
+            "correct `keypoints` of the category, or of the annotations",
+        )
+        placed = np.zeros((len(self.column_of), 3))
+        placed[columns] = points
+        return placed
+
+    def _columns_of(self, entry: _Annotation) -> Sequence[int] | None:
+        """Return the columns of the category of an annotation; of an unknown one those
+        that all share.
+        """
+        category = entry.get("category_id")
+        columns = self.columns.get(category) if category is not None else None
+        shared = {tuple(some) for some in self.columns.values()}
+        if columns is None and len(shared) == 1:
+            absent = f"of category {category}, which is not among the categories,"
+            self.unknown["without a category" if category is None else absent] += 1
+            return next(iter(self.columns.values()))
+        if columns is None:
+            problem = f"{_described(entry)} is of category {category}"
+            fix = "add the category, with the names of its keypoints"
+            raise FormatError(f"{problem}, which is not among the categories", fix)
+        if not columns:
+            self.unnamed[self.names[category or 0]] += 1
+            return None
+        return columns
+
+    def _is_whole_body(self, columns: Sequence[int], count: int) -> bool:
+        """Whether landmarks are those of COCO-WholeBody, of which a category names
+        those of the body alone.
+        """
+        skeletons = installed_skeletons()
+        body = skeletons[BODY].landmark_names
+        named = tuple(self.column_of) == body and len(columns) == len(body)
+        whole = named and count == len(skeletons[WHOLE_BODY].landmark_names)
+        self.whole_body |= whole
+        return whole
+
+    @property
+    def all(self) -> tuple[str, ...] | None:
+        """The names of the landmarks; None where the file has none."""
+        if self.whole_body:
+            return installed_skeletons()[WHOLE_BODY].landmark_names
+        return tuple(self.column_of) or None
+
+    @property
+    def edges(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of the landmarks."""
+        if self.whole_body:
+            return bones_of(installed_skeletons()[WHOLE_BODY].landmark_names)
+        return tuple(self.pairs)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out or assumed."""
+        left_out = [
+            f"{counted(number, 'annotation')} of category {printable(name)} left out,"
+            " which names no keypoints"
+            for name, number in self.unnamed.items()
+        ]
+        assumed = [
+            f"{counted(number, 'annotation')} {printable(kind)} taken to have the"
+            " landmarks of the others"
+            for kind, number in self.unknown.items()
+        ]
+        return (*left_out, *assumed)
+
+
+class _Result(TypedDict, total=False):
+    image_id: Required[Identity]
+
+
+def is_coco_results(head: Head) -> bool:
+    """Whether a list has keypoints with the image of each."""
+    return isinstance(head.json, list) and {"image_id", "keypoints"} <= head.keys
+
+
+SPARSEST_IDS = 10
+"""How many numbers of images there are at most for each that is there, if they are
+frames; COCO's own are a choice of many images.
+"""
+
+
+def read_coco_results(paths: tuple[Path, ...]) -> Poses:
+    """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose
+    write it.
+
+    A landmark of 0, 0, 0 is missing, others of confidence 0 have no weight. Where the
+    images differ in a number, it is that of the frame; images of numbers that are no
+    frames are in their order.
+    """
+    content: Any = read_json(paths[0])
+    checked(list[_Result], content)
+    number_of: dict[Identity, int] = {}
+    detections: list[Detection] = []
+    for entry in content:
+        image = number_of.setdefault(entry["image_id"], len(number_of))
+        points = person_points(entry, needed=True)
+        detections.append((points, image, who_of(entry)))
+    # Numbers of images alone are those of frames only where few are absent.
+    numbered = all(isinstance(image, int) for image in number_of)
+    if numbered:
+        ranked = {image: rank for rank, image in enumerate(sorted(number_of))}
+        place = [ranked[image] for image in number_of]
+        detections = [(points, place[i], who) for points, i, who in detections]
+        number_of = ranked
+    images = place_images(
+        paths[0],
+        [*map(str, number_of)],
+        sparsest=SPARSEST_IDS if numbered else SPARSEST,
+    )
+    return as_poses(images, detections, hide_unscored=False)

@@ -1,0 +1,114 @@
+"""JSON by declared kinds: what a reader uses of a file is checked once, before it is
+used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from functools import cache
+from typing import Any, TypeVar, cast
+
+import orjson
+from pydantic import TypeAdapter, ValidationError
+
+from shapefit.errors import listed, printable
+from shapefit.io.readers.poses import FormatError
+
+Kind = TypeVar("Kind")
+
+Identity = int | str
+"""What names an image, a category or a track."""
+
+
+NAMES_OF_KINDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "string": "a text",
+    "list": "a list",
+    "dict": "an object",
+    "tuple": "a list",
+}
+"""What a value should be, by how the types of pydantic's errors begin."""
+
+
+def checked(kind: type[Kind], content: object) -> Kind:
+    """Return content whose values are of the declared kinds; keys that are not declared
+    are left out.
+
+    Raises FormatError that names the place of the first value of another kind.
+    """
+    try:
+        values: Kind = _adapter(cast(Hashable, kind)).validate_python(content)
+    except ValidationError as error:
+        first, *others = error.errors(include_url=False, include_context=False)
+        path = _existing_path(content, first["loc"])
+        place = _as_text(path)
+        if first["type"] == "missing":
+            within = f" in {place}" if place else ""
+            problem = f"there is no {printable(first['loc'][-1])!r}{within}"
+            raise FormatError(problem) from error
+        # One error for each of the kinds that are allowed in this place.
+        alike = [one for one in others if _existing_path(content, one["loc"]) == path]
+        kinds = [one["type"].partition("_")[0] for one in (first, *alike)]
+        expected = dict.fromkeys(NAMES_OF_KINDS.get(one, "another") for one in kinds)
+        found = _described(_value_at(content, path))
+        problem = f"{place or 'it'} is {found}, not {listed(expected)}"
+        raise FormatError(problem) from error
+    return values
+
+
+def parsed(kind: type[Kind], text: str, what: str) -> Kind:
+    """Return the content of JSON in a field of a file, `what`, as `checked` does."""
+    try:
+        content = orjson.loads(text)
+    except ValueError as error:
+        raise FormatError(f"{what} is not whole JSON") from error
+    return checked(kind, content)
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    """Return what checks a kind; it is made once."""
+    return TypeAdapter(kind)
+
+
+Path = tuple[int | str, ...]
+
+
+def _existing_path(content: Any, location: Sequence[int | str]) -> Path:
+    """Return the keys and numbers that lead to a value; pydantic adds names of its
+    own.
+    """
+    path: list[int | str] = []
+    for step in location:
+        inside = isinstance(content, Mapping) and step in content
+        if not inside and not (isinstance(content, list) and isinstance(step, int)):
+            break
+        content = content[step]
+        path.append(step)
+    return tuple(path)
+
+
+def _value_at(content: Any, path: Path) -> Any:
+    """Return the value to which keys and numbers lead."""
+    for step in path:
+        content = content[step]
+    return content
+
+
+def _as_text(path: Path) -> str:
+    """Return keys and numbers as `annotations[3].keypoints`."""
+    steps = (
+        f"[{step}]" if isinstance(step, int) else f".{printable(step)[:40]}"
+        for step in path
+    )
+    return "".join(steps).removeprefix(".")
+
+
+def _described(value: Any) -> str:
+    """Return a value of JSON as a person would say it."""
+    if isinstance(value, dict):
+        return "an object"
+    if isinstance(value, list):
+        return "a list"
+    return printable(orjson.dumps(value, option=orjson.OPT_NON_STR_KEYS).decode())[:40]

@@ -1,0 +1,125 @@
+"""Landmarks as lists of {x, y, ...}: those of MediaPipe, and of TensorFlow.js."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shapefit.io.formats import FIRST, Head
+from shapefit.io.readers.detections import Detection, as_poses
+from shapefit.io.readers.poses import (
+    Images,
+    Poses,
+    as_numbers,
+    require,
+    video_name,
+)
+from shapefit.io.readers.text import read_json
+
+BODIES = (
+    "pose_landmarks",
+    "poseLandmarks",
+    "landmarks",
+    "landmark",
+    "keypoints",
+    "hand_landmarks",
+)
+"""Where the bodies of a frame stand."""
+
+SCORES = ("visibility", "score", "confidence", "presence")
+"""Where the confidence of a landmark stands."""
+
+NUMBERS = ("frame", "frame_id", "frame_index", "frame_idx", "frame_number")
+"""Where the number of a frame stands."""
+
+NESTED = 4
+"""Lists in lists that are looked into for bodies."""
+
+
+def is_landmark_lists(head: Head) -> bool:
+    """Whether the reader below finds a body in one of the first frames."""
+    frames = _frames(head.json)[1][:FIRST]
+    return any(True for frame in frames for _ in _bodies(frame))
+
+
+def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
+    """Read landmarks as MediaPipe gives them: lists of {x, y, z, visibility}.
+
+    Each body is such a list. A frame has one, or a list of them, or an object with them
+    under `pose_landmarks` or the like. A file has one frame, a list of them, an object
+    with `frames`, or one whose keys are the numbers of frames.
+    """
+    stated, frames = _frames(read_json(paths[0]))
+    bodies = [
+        (body, number) for number, frame in enumerate(frames) for body in _bodies(frame)
+    ]
+    require(bodies, "no list of landmarks")
+    names = tuple(str(point.get("name") or "") for point in bodies[0][0])
+    detections: list[Detection] = []
+    for body, number in bodies:
+        rows = [
+            (point.get("x"), point.get("y"), _first(point, SCORES, 1.0))
+            for point in body
+        ]
+        values = as_numbers(rows, f"x, y and confidence of landmarks of frame {number}")
+        require(values.ndim == 2, f"landmarks of frame {number} are not x, y")
+        detections.append((np.asarray(values), number, None))
+    whole = len(stated) == len(frames) == len({*stated})
+    numbers = [*stated] if whole else [*range(len(frames))]
+    require(not stated or whole, "a frame without a number, or twice")
+    first = min(numbers, default=0)
+    images = Images(
+        str(paths[0]),
+        [video_name(paths[0])] * len(frames),
+        [number - first for number in numbers],
+        [*map(str, numbers)],
+    )
+    return as_poses(
+        images,
+        detections,
+        hide_unscored=False,
+        unit=None,
+        landmark_names=names if all(names) else None,
+    )
+
+
+def _frames(content: Any) -> tuple[list[int], Sequence[Any]]:
+    """Return the frames of a file, and their numbers as far as they are stated."""
+    if isinstance(content, dict):
+        numbered = [key for key in content if key.isdecimal() and key.isascii()]
+        if content and len(numbered) == len(content):
+            return [int(key[:18]) for key in numbered], [*content.values()]
+        content = content.get("frames", [content])
+    elif _is_body(content):
+        content = [content]
+    frames = content if isinstance(content, list) else []
+    stated = [
+        _first(frame, NUMBERS, None) for frame in frames if isinstance(frame, dict)
+    ]
+    return [number for number in stated if isinstance(number, int)], frames
+
+
+def _is_body(content: object) -> bool:
+    """Whether a list holds a landmark."""
+    return isinstance(content, list) and any(
+        isinstance(point, dict) and {"x", "y"} <= point.keys() for point in content
+    )
+
+
+def _bodies(frame: Any, nested: int = NESTED) -> Iterator[list[dict[str, Any]]]:
+    """Yield the bodies of a frame; there may be none."""
+    if isinstance(frame, dict):
+        frame = _first(frame, BODIES, ())
+    if _is_body(frame):
+        yield [point if isinstance(point, dict) else {} for point in frame]
+    elif isinstance(frame, list) and nested:
+        for one in frame:
+            yield from _bodies(one, nested - 1)
+
+
+def _first(content: Mapping[str, Any], keys: Sequence[str], default: Any) -> Any:
+    """Return the value of the first key that an object has."""
+    return next((content[key] for key in keys if content.get(key) is not None), default)
