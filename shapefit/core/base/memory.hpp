@@ -70,6 +70,11 @@ constexpr long IMAGES_PER_BLOCK = 64;
 // From outside the code of any instruction set.
 [[noreturn]] void raise_out_of_memory(long bytes);
 
+// Ends the call of the kernel where the program has been asked to end, by throwing.
+// Every loop that may take long asks once a step; it costs as much as a look at the
+// clock.
+void check_interrupt();
+
 // Of a clock that is never set.
 double monotonic_seconds();
 

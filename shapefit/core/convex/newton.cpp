@@ -87,6 +87,7 @@ class Lagrangian {
 
     Inner minimise() {
         for (long inner = 0;; ++inner, ++steps_) {
+            check_interrupt();
             const ProximalPoint point = find_proximal_point();
             if (point.gap <= program_.tolerance || steps_ >= program_.most_steps ||
                 !is_finite(point.gap))
@@ -306,6 +307,7 @@ PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
     memcpy(work.start_y, iterate.y, sizeof(double) * n);
     long steps = 0;
     while (steps < MOST_ROUNDS && steps < program.most_steps) {
+        check_interrupt();
         const long rows = build_system(program, iterate, sigma, work);
         work.gram.solve(rows, 1, true, work.gradient, work.direction);
         for (long j = 0; j < n; ++j) iterate.y[j] += work.direction[j];

@@ -497,8 +497,10 @@ void solve_convex(const ConvexTask& task, Range range) {
 void certify_images(const CertificateTask& task, Range range) {
     Workspace workspace;
     Certifier certifier(task.program, workspace);
-    for (long image = range.first; image < range.last; ++image)
+    for (long image = range.first; image < range.last; ++image) {
+        check_interrupt();
         certifier.certify(image, task.transforms[image], task.point, task.proof);
+    }
 }
 
 const Exported<solve_convex> solve_convex_exported{"solve_convex"};
