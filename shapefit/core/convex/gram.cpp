@@ -245,6 +245,15 @@ void ShiftedGram::solve(long rows, const double* C, const double* r, double* x) 
     for (long j = 0; j < n_; ++j) x[j] = small_[j];
 }
 
+void ShiftedGram::begin(long rows, double shift, const double* s) {
+    begin_with_shift(system(F_, 0, blocks_of(rows), false), shift, s, rows);
+}
+
+void ShiftedGram::finish(long rows, double shift, double* s) {
+    solve_system(system(F_, 0, blocks_of(rows), shift < 1), small_);
+    for (long f = 0; f < rows; ++f) s[f] = small_[f];
+}
+
 // x = (r - F^T s) / shift with (shift I + F F^T) s = F r - shift f.
 void ShiftedGram::solve_by_rows(long rows, double shift, const double* r, double* x) {
     const long columns = blocks_of(rows);

@@ -278,7 +278,7 @@ class BlockSolver {
         const double largest = atoms_.reduce(rho_.data, reduction_);
         units_.atoms = largest > 0 ? largest : 1;
         atoms_.scale(1 / units_.atoms);
-        work_.gram.set_unknowns(2 * q());
+        work_.begin_atoms(q());
         return false;
     }
 

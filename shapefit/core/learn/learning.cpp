@@ -1,4 +1,6 @@
 // Codes of shapes for given atoms, and factors of many small precisions.
+#include <string.h>
+
 #include "../base/registry.hpp"
 #include "../base/active_set.hpp"
 #include "../base/small_matrices.hpp"
