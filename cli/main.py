@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from types import FrameType
 from typing import NoReturn
 
 import click
@@ -18,6 +17,7 @@ from shapefit.errors import InputError
 
 from .commands import COMMANDS, TRACEBACK_VARIABLE, config_command, make_command
 from .report import tell
+from .signals import Stopped, catch_signals, end_reminders, get_signal, keep_signals
 
 COMPLETION_VARIABLE = "_SHAPEFIT_COMPLETE"
 
@@ -68,7 +68,7 @@ def run(arguments: Sequence[str]) -> int:
             sys.stdout.flush()
         return code
     except KeyboardInterrupt:
-        return _stopped(signal.SIGINT)
+        return _stopped(get_signal() or signal.SIGINT)
     except OSError as error:
         if error.errno not in (errno.EPIPE, errno.ENOSPC):
             return _internal_error(error)
@@ -93,7 +93,10 @@ def _run(arguments: Sequence[str]) -> int:
             commands, {}, "shapefit", COMPLETION_VARIABLE, instruction
         )
     try:
-        with commands.make_context("shapefit", list(arguments)) as context:
+        with (
+            keep_signals(),
+            commands.make_context("shapefit", list(arguments)) as context,
+        ):
             return int(commands.invoke(context))
     except click.exceptions.Exit as exit_:
         return exit_.exit_code
@@ -125,6 +128,7 @@ def _internal_error(error: Exception) -> int:
 
 def _stopped(number: int) -> int:
     """Say that a signal ended the run; return the exit code."""
+    end_reminders()
     word = (
         "Interrupted"
         if number == signal.SIGINT
@@ -132,10 +136,6 @@ def _stopped(number: int) -> int:
     )
     tell(f"{word}; no file is left half written.")
     return 128 + number
-
-
-def _unwind(number: int, _frame: FrameType | None) -> NoReturn:
-    raise SystemExit(128 + number)
 
 
 def main() -> NoReturn:
@@ -146,11 +146,9 @@ def main() -> NoReturn:
     # fit of sequences took 9 times as long with two of them as with one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()  # `run_command` enables it: what is imported until then stays
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup sets it
-            signal.signal(number, _unwind)
+    catch_signals()
     try:
         code = run(sys.argv[1:])
-    except SystemExit as ended:
-        code = _stopped(int(ended.code or 128) - 128)
+    except Stopped:  # after the command
+        code = _stopped(get_signal() or signal.SIGINT)
     sys.exit(code)

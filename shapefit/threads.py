@@ -3,15 +3,62 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from concurrent.futures import Future
+    from concurrent.futures import Future, ThreadPoolExecutor
+
+    import numpy as np
+    from numpy.typing import NDArray
 
 Part = TypeVar("Part")
 Done = TypeVar("Done")
+
+
+class _Obeyed(threading.local):
+    """The flag (1,) that ends the kernels of this thread, once it is set."""
+
+    stop: NDArray[np.bool_] | None = None
+
+
+_obeyed = _Obeyed()
+
+
+@contextmanager
+def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield a pool of threads. An exception that leaves the block, such as that of a
+    signal, ends the kernels that run there; those of a pool within a pool end with the
+    outer one.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    import numpy as np
+
+    from shapefit import core
+
+    outer = _obeyed.stop
+    stop = np.zeros(1, bool) if outer is None else outer
+
+    def begin() -> None:
+        if hasattr(signal, "pthread_sigmask"):
+            # The first thread waits here, and only it wakes for a signal.
+            signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+        _obeyed.stop = stop
+        core.obey(stop=stop)
+
+    with ThreadPoolExecutor(workers, initializer=begin) as pool:
+        try:
+            yield pool
+        except BaseException:
+            if outer is None:
+                stop[0] = True
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def on_threads(
@@ -26,9 +73,7 @@ def on_threads(
     workers = min(threads or os.cpu_count() or 1, len(tasks))
     if workers <= 1:
         return [work(part) for part in tasks]
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(workers) as pool:
+    with make_pool(workers) as pool:
         return list(pool.map(work, tasks))
 
 
@@ -43,12 +88,8 @@ def side_by_side(
     if not workers:
         yield from map(work, items)
         return
-    from concurrent.futures import (
-        ThreadPoolExecutor,
-    )  # where there is more than one item
-
     waiting: deque[Future[Done]] = deque()
-    with ThreadPoolExecutor(workers) as pool:
+    with make_pool(workers) as pool:
         for item in items:
             waiting.append(pool.submit(work, item))
             if len(waiting) > workers:

@@ -19,9 +19,9 @@ ROOMS = [
         *(
             "errors",
             "arrays",
-            "threads",
             "timeline",
             "core",
+            "threads",
             "geometry",
             "convex",
             "dictionary",

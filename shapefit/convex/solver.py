@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
-from shapefit.convex.span import is_worth_reducing, reduce_images
+from shapefit.convex.span import find_span, reduce_images
 from shapefit.convex.transforms import Transforms
 
 
@@ -82,11 +82,10 @@ def solve_newton(
         max_iterations=max_iterations,
         threads=threads,
     )
-    return (
-        solve_in_span(problem, solve, threads)
-        if is_worth_reducing(problem)
-        else solve(problem)
-    )
+    span = find_span(problem)
+    if span is None:
+        return solve(problem)
+    return solve_in_span(problem, span, solve, threads)
 
 
 def solve_directly(
@@ -133,10 +132,13 @@ def solve_directly(
 
 
 def solve_in_span(
-    problem: Problem, solve: Callable[[Problem], Solution], threads: int
+    problem: Problem,
+    span: Floats,
+    solve: Callable[[Problem], Solution],
+    threads: int,
 ) -> Solution:
-    """Solve the images reduced to the span, and certify their solutions as those of the
-    problem.
+    """Solve the images reduced to the span (p, r) of the atoms, and certify their
+    solutions as those of the problem.
 
     The part of the landmarks that the atoms do not span joins the objective, never the
     gap's numerator: a reduction that is solved to the tolerance solves the problem to
@@ -144,7 +146,7 @@ def solve_in_span(
     """
     n, _, p = problem.landmarks.shape
     dual, order, solved = np.zeros((n, 2, p)), [], []
-    for part in reduce_images(problem):
+    for part in reduce_images(problem, span):
         solution = solve(part.problem)
         dual[part.rows] = part.expand(solution.dual, problem)
         order.append(part.rows)

@@ -4,14 +4,18 @@ disks.
 
 import os
 import pty
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import termios
 import textwrap
+import time
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 COMMAND = Path(sys.executable).with_name("shapefit")
@@ -105,6 +109,99 @@ def test_a_signal_unwinds_the_pipeline(folder, number, told):
     assert process.stderr.read() == f"{told}; no file is left half written.\n"
     process.stderr.close()
     assert process.wait() == 128 + number
+
+
+LOSES = {
+    "a callback of a weak reference": """
+        import weakref
+        class Thing: pass
+        thing = Thing()
+        def late(_reference):
+            print("ready", flush=True)
+            time.sleep(1)
+        reference = weakref.ref(thing, late)
+        del thing
+        time.sleep(60)
+        yield Result(done=1)
+    """,
+    "a library that makes it a fault of a file": """
+        for number in range(2):
+            try:
+                try:
+                    print("ready", flush=True)
+                    time.sleep(60)
+                except BaseException as error:
+                    raise OSError("the file is damaged") from None
+            except OSError:
+                yield Result(done=1)
+    """,
+    "a library that makes it an error of its own": """
+        try:
+            print("ready", flush=True)
+            time.sleep(60)
+        except BaseException:
+            raise RuntimeError("unspecified error in the library")
+        yield Result(done=1)
+    """,
+    "a destructor": """
+        class Thing:
+            def __del__(self):
+                print("ready", flush=True)
+                time.sleep(1)
+        thing = Thing()
+        del thing
+        time.sleep(60)
+        yield Result(done=1)
+    """,
+    "slow cleaning up": """
+        try:
+            print("ready", flush=True)
+            time.sleep(60)
+        finally:
+            time.sleep(0.5)
+            print("unwound", flush=True)
+        yield Result(done=1)
+    """,
+}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("body", LOSES.values(), ids=LOSES)
+def test_no_signal_is_lost(folder, body, number):
+    process = subprocess.Popen(
+        driver(folder, body),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    )
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    written, told = process.communicate(timeout=20)
+    assert process.returncode == 128 + number
+    word = "Interrupted" if number == signal.SIGINT else "Ended by SIGTERM"
+    assert told.splitlines()[-1] == f"{word}; no file is left half written."
+    assert "rror" not in told
+    assert "ignored" not in told
+    assert ("unwound" in written) == ("unwound" in body)
+
+
+def test_a_signal_that_comes_twice_ends_a_command_once(folder):
+    process = subprocess.Popen(
+        driver(folder, LOSES["slow cleaning up"]),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGINT)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGTERM)
+    written, told = process.communicate(timeout=20)
+    assert process.returncode == 128 + signal.SIGINT
+    assert told == "Interrupted; no file is left half written.\n"
+    assert written == "unwound\n"
 
 
 BAR_BODY = """
@@ -205,3 +302,36 @@ def test_sources_that_hide_the_installed_package_say_what_to_do(project: Path):
     assert f"InputError: {project / 'shapefit'}: " in done.stderr
     assert "pip install -e '.[plots]'" in done.stderr
     assert "another folder" in done.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
+@pytest.mark.parametrize("megabytes", [450, 700])
+def test_a_fit_goes_on_with_the_threads_that_memory_allows(tmp_path, rng, megabytes):
+    for name, shape in (("shapes", (40, 8, 3)), ("views", (2048, 8, 2))):
+        rows = [
+            ",".join((f"i{item}", f"l{landmark}", *map(repr, point)))
+            for item, points in enumerate(rng.normal(size=shape).tolist())
+            for landmark, point in enumerate(points)
+        ]
+        header = "item,landmark,x,y,z" if name == "shapes" else "item,landmark,x,y"
+        (tmp_path / f"{name}.csv").write_text("\n".join([header, *rows]))
+    limit = megabytes * 2**20
+    options = ["views.csv", "-d", "d.h5", "--method", "convex", "-q"]
+    learn = ["learn-dict", "shapes.csv", "-o", "d.h5", "--method", "exemplars", "-q"]
+    subprocess.run([COMMAND, *learn], cwd=tmp_path, check=True)
+    for threads in (1, 64):
+        subprocess.run(
+            [
+                COMMAND,
+                "fit",
+                *options,
+                "-o",
+                f"{threads}.h5",
+                f"--set=threads={threads}",
+            ],
+            cwd=tmp_path,
+            check=True,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+        )
+    with h5py.File(tmp_path / "1.h5") as one, h5py.File(tmp_path / "64.h5") as many:
+        np.testing.assert_array_equal(one["shapes"][:], many["shapes"][:])

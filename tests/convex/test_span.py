@@ -33,7 +33,9 @@ def planted(rng, rank: int | None = None, masks: int = 1):
 def test_the_optimum_is_that_of_all_landmarks(rng, monkeypatch, rank, masks):
     problem = planted(rng, rank, masks)
     found = solve_newton(problem, tolerance=1e-8)
-    parts = list(span.reduce_images(problem))
+    rows = span.find_span(problem)
+    assert rows is not None
+    parts = list(span.reduce_images(problem, rows))
     assert len(parts) == masks
     assert {part.basis.shape[1] for part in parts} == {(rank or 3 * K) + 1}
     monkeypatch.setattr(span, "LARGE", P + 1)
@@ -47,13 +49,48 @@ def test_the_optimum_is_that_of_all_landmarks(rng, monkeypatch, rank, masks):
 
 def test_only_what_is_exact_and_pays(rng):
     problem = planted(rng)
-    assert span.is_worth_reducing(problem)
-    assert not span.is_worth_reducing(replace(problem, loss=Loss.SPARSE_ERROR))
+    rows = span.find_span(problem)
+    assert rows is not None
+    assert span.find_span(replace(problem, loss=Loss.SPARSE_ERROR)) is None
     each_its_own = replace(problem, weights=rng.random((N, P)))
-    (part,) = span.reduce_images(each_its_own)
+    (part,) = span.reduce_images(each_its_own, rows)
     assert part.basis is None
     assert set(solve_newton(each_its_own).status) == {Status.OPTIMAL}
-    assert not span.is_worth_reducing(problem.take(np.arange(0)))
+    assert span.find_span(problem.take(np.arange(0))) is None
+
+
+@pytest.mark.parametrize("rank", [3, 63, 64, 65, 150, 178])
+def test_many_atoms_of_a_low_rank_are_reduced_to_it(rng, rank):
+    """k = 100 atoms have 300 rows, more than the 240 landmarks."""
+    rows = rng.normal(size=(300, rank)) @ rng.normal(size=(rank, P))
+    found = span.find_row_space(rows, 179)
+    assert found.shape == (P, rank)
+    np.testing.assert_allclose(found.T @ found, np.eye(rank), atol=1e-12)
+    np.testing.assert_allclose(rows @ found @ found.T, rows, atol=1e-10)
+
+
+@pytest.mark.parametrize(("count", "rank"), [(300, 240), (300, 180), (150, 150)])
+def test_no_span_is_returned_that_is_no_smaller(rng, count, rank):
+    rows = rng.normal(size=(count, rank)) @ rng.normal(size=(rank, P))
+    assert span.find_row_space(rows, rank - 1) is None
+
+
+def test_a_row_that_is_small_is_not_lost(rng):
+    rows = rng.normal(size=(300, 20)) @ rng.normal(size=(20, P))
+    rows[7] += 1e-7 * rng.normal(size=P)
+    found = span.find_row_space(rows, 100)
+    assert found.shape == (P, 21)
+    np.testing.assert_allclose(rows @ found @ found.T, rows, atol=1e-11)
+
+
+@pytest.mark.parametrize("size", [1e-160, 1e160])
+def test_the_span_does_not_depend_on_the_size_of_atoms(rng, size):
+    rows = rng.normal(size=(300, 20)) @ rng.normal(size=(20, P))
+    assert span.find_row_space(size * rows, 100).shape == (P, 20)
+
+
+def test_atoms_that_are_zero_span_nothing():
+    assert span.find_row_space(np.zeros((300, P)), 100).shape == (P, 0)
 
 
 def test_no_bit_depends_on_how_images_are_batched(rng):

@@ -351,6 +351,8 @@ bool minimise_used(const Terms& terms, ActiveSet& set, double dependent, bool ne
     return false;
 }
 
+constexpr long ROUNDS_BETWEEN_LOOKS = 16;  // most minimisations take fewer
+
 // Minimise from the coefficients in the set on, each in use with its sign. `dependent`
 // is the share of a vector's square outside the span of the others at which it depends
 // on them.
@@ -358,7 +360,8 @@ template <class Terms>
 Ending minimise(Terms& terms, ActiveSet& set, double dependent, long most_rounds) {
     set.factor.clear();
     bool newest = false;
-    for (long round = 0; round < most_rounds; ++round) {
+    for (long round = 1; round <= most_rounds; ++round) {
+        if (round % ROUNDS_BETWEEN_LOOKS == 0) check_interrupt();
         const bool rejected = minimise_used(terms, set, dependent, newest);
         long next = -1;
         double sign = 1;

@@ -2,9 +2,9 @@
 // kernel.
 #pragma once
 
-#include <string.h>
+#include <stdint.h>
+#include <stdlib.h>
 
-#include <new>
 #include <type_traits>
 
 namespace shapefit {
@@ -70,6 +70,11 @@ constexpr long IMAGES_PER_BLOCK = 64;
 // From outside the code of any instruction set.
 [[noreturn]] void raise_out_of_memory(long bytes);
 
+// Ends the call of the kernel where the program has been asked to end, by throwing.
+// Every loop that may take long asks once a step; it costs as much as a look at the
+// clock.
+void check_interrupt();
+
 // Of a clock that is never set.
 double monotonic_seconds();
 
@@ -82,7 +87,7 @@ class Workspace {
     ~Workspace() {
         while (last_) {
             Block* before = last_->before;
-            ::operator delete(last_, std::align_val_t{64});
+            ::free(last_->memory);
             last_ = before;
         }
     }
@@ -92,12 +97,14 @@ class Workspace {
     T* zeros(long count) {
         const size_t bytes =
             (static_cast<size_t>(count) * sizeof(T) + 63) / 64 * 64 + 64;
-        Block* block = static_cast<Block*>(
-            ::operator new(sizeof(Block) + bytes, std::align_val_t{64}, std::nothrow));
-        if (!block) raise_out_of_memory(static_cast<long>(bytes));
+        // calloc: pages that nobody touches cost nothing
+        void* memory = ::calloc(1, sizeof(Block) + bytes + 64);
+        if (!memory) raise_out_of_memory(static_cast<long>(bytes));
+        const uintptr_t address = reinterpret_cast<uintptr_t>(memory);
+        Block* block = reinterpret_cast<Block*>((address + 63) / 64 * 64);
         block->before = last_;
+        block->memory = memory;
         last_ = block;
-        ::memset(block + 1, 0, bytes);
         return reinterpret_cast<T*>(block + 1);
     }
 
@@ -117,6 +124,7 @@ class Workspace {
   private:
     struct alignas(64) Block {
         Block* before;
+        void* memory;  // as it was given, not aligned
     };
     Block* last_ = nullptr;
 };

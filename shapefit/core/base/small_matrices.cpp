@@ -5,6 +5,8 @@
 namespace shapefit {
 namespace {
 
+constexpr long LARGE = 256;  // rows from which on a factorisation takes long
+
 // row -= share other, from the vector of column j on.
 void subtract(double* __restrict row, double share, const double* other, long j,
               long end) {
@@ -47,6 +49,7 @@ void invert_rows(const double* U, double* V, long i, long stride) {
 double cholesky_inverse(double* S, double* V, long n, long stride) {
     double log_det = 0;
     for (long i = 0; i < n; i += TILE_ROWS) {
+        if (n >= LARGE) check_interrupt();
         const long from = i / PADDING * PADDING;
         add_product(-1, transposed(S + i, stride), S + from, S + i * stride + from,
                     TILE_ROWS, stride - from, stride, stride, every(i));
@@ -54,6 +57,7 @@ double cholesky_inverse(double* S, double* V, long n, long stride) {
     }
     for (long e = 0; e < n * stride; ++e) V[e] = 0;
     for (long i = 0; i < n; i += TILE_ROWS) {
+        if (n >= LARGE) check_interrupt();
         add_product(-1, transposed(S + i, stride), V, V + i * stride, TILE_ROWS,
                     padded(i), stride, stride, from_column(i));
         invert_rows(S, V, i, stride);

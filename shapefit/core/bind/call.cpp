@@ -1,46 +1,11 @@
 #include "call.hpp"
 
 #include <algorithm>
-#include <atomic>
-#include <exception>
-#include <mutex>
-#include <thread>
+
+#include "threads.hpp"
 
 namespace shapefit {
 namespace {
-
-// At most so many blocks at a time: what a kernel sets up is spent on more images.
-constexpr long MAX_BLOCKS = 8;
-
-// Call work(range) on whole blocks that cover 0..count; `threads` = 0 means one per
-// core. The first exception of a thread is raised again, after all have ended.
-template <class Work>
-void run_blocks(long count, int threads, const Work& work) {
-    const long blocks = (count + IMAGES_PER_BLOCK - 1) / IMAGES_PER_BLOCK;
-    const long cores = std::max(1u, std::thread::hardware_concurrency());
-    const long wanted = std::min<long>(threads > 0 ? threads : cores, blocks);
-    const long step = std::clamp(blocks / std::max(1L, 8 * wanted), 1L, MAX_BLOCKS) *
-                      IMAGES_PER_BLOCK;
-    std::atomic<long> next{0};
-    std::exception_ptr failure;
-    std::mutex guard;
-    const auto take_blocks = [&] {
-        try {
-            for (long first = next.fetch_add(step); first < count;
-                 first = next.fetch_add(step))
-                work(Range{first, std::min(first + step, count)});
-        } catch (...) {
-            const std::lock_guard<std::mutex> lock(guard);
-            if (!failure) failure = std::current_exception();
-            next = count;
-        }
-    };
-    std::vector<std::thread> others;
-    for (long t = 1; t < wanted; ++t) others.emplace_back(take_blocks);
-    take_blocks();
-    for (std::thread& other : others) other.join();
-    if (failure) std::rethrow_exception(failure);
-}
 
 struct Type {
     const char *in_python, *in_numpy;
@@ -151,7 +116,7 @@ bool Call::take_flag(const Argument& argument) {
 
 bool Call::begin() {
     end();
-    released_.emplace();
+    running_.emplace();
     return true;
 }
 
@@ -159,11 +124,11 @@ void Call::run(void (*kernel)(const void* data, Range), const void* data) {
     const int threads = static_cast<int>(take_count({*this, "threads", ""}));
     end();
     const nb::gil_scoped_release released;
-    run_blocks(size("n"), threads, [&](Range range) { kernel(data, range); });
+    run_blocks({kernel, data}, size("n"), threads);
 }
 
 nb::object Call::result() {
-    released_.reset();
+    running_.reset();
     return count_ ? nb::int_(*count_) : nb::object(nb::none());
 }
 

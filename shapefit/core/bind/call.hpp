@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "../base/registry.hpp"
+#include "interrupt.hpp"
 
 namespace shapefit {
 
@@ -35,6 +36,12 @@ class Call : public Arguments {
     nb::object result();
 
   private:
+    // A function that is called once: others may use Python meanwhile.
+    struct Running {
+        KernelCall call;
+        Watch watch{call, true};
+        nb::gil_scoped_release released;
+    };
     struct Size {
         std::string_view name;
         long value;
@@ -56,7 +63,7 @@ class Call : public Arguments {
     std::vector<Size> sizes_;
     std::vector<nb::ndarray<>> retained_;
     std::optional<long> count_;
-    std::optional<nb::gil_scoped_release> released_;  // while the function runs
+    std::optional<Running> running_;  // while the function runs
 };
 
 // The list of arguments as Python writes it.

@@ -19,6 +19,13 @@ double monotonic_seconds() {
 
 namespace {
 
+nb::object call_function(const Function& function, nb::args values,
+                         nb::kwargs keywords) {
+    Call call(function.name, std::move(values), std::move(keywords));
+    function.call(call);
+    return call.result();
+}
+
 void bind_function(nb::module_& module, const Function& function) {
     static std::deque<std::string> signatures;  // Python keeps the pointers
     Signature list;
@@ -29,9 +36,12 @@ void bind_function(nb::module_& module, const Function& function) {
     module.def(
         function.name,
         [&function](nb::args values, nb::kwargs keywords) {
-            Call call(function.name, std::move(values), std::move(keywords));
-            function.call(call);
-            return call.result();
+            try {
+                return call_function(function, std::move(values), std::move(keywords));
+            } catch (const Interrupted&) {
+                PyErr_SetNone(PyExc_KeyboardInterrupt);
+                throw nb::python_error();
+            }
         },
         nb::sig(signatures.back().c_str()));
 }

@@ -236,24 +236,21 @@ template <int directions>
         }
 }
 
-long ActiveBlocks::write_rows(double sigma, ReducedAtoms& atoms, const double* moved,
-                              ShiftedGram& gram) {
+long ActiveBlocks::write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const {
     const long unknowns = gram.unknowns(), q = unknowns / 2, right = gram.right_side();
-    lay_directions(sigma, moved);
     long rows = 0;
     for (long c = 0; c < count; ++c) {
         const double *B = atoms[index[c]], *number = row_ + c;
-        const int directions =
-            weight[4 * capacity + c] == 0 ? 4 : 6;  // four where f1 = f2
+        const int count = directions(c);
         double* row = gram.row(rows);
-        if (directions == 4)
+        if (count == 4)
             write_block<4>(number, capacity, B, atoms.row, q, row, gram.stride());
         else write_block<6>(number, capacity, B, atoms.row, q, row, gram.stride());
-        for (int r = 0; r < directions; ++r, row += gram.stride()) {
+        for (int r = 0; r < count; ++r, row += gram.stride()) {
             for (long j = unknowns; j < right; ++j) row[j] = 0;
             row[right] = number[(7 * r + 6) * capacity];
         }
-        rows += directions;
+        rows += count;
     }
     return rows;
 }

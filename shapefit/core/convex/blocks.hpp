@@ -115,12 +115,20 @@ struct ActiveBlocks {
     // Weights of the directions; after `find`, with the same t.
     void weigh(double t, Weighing weighing);
 
-    // Write the rows f with sum f^T f = sigma B_i^T W B_i, W the weights; returns their
-    // number. In the column of the right-hand side: 0, or, where `moved` (6, capacity)
-    // is given,
-    // - sqrt(weight / sigma) <direction, moved>.
-    long write_rows(double sigma, ReducedAtoms& atoms, const double* moved,
-                    ShiftedGram& gram);
+    // The directions T (2, 3) with sum_T (T B_i)^T (T B_i) = sigma B_i^T W B_i, W the
+    // weights, and a right-hand side for each: 0, or, where `moved` (6, capacity) is
+    // given, -sqrt(weight / sigma) <direction, moved>.
+    void lay_directions(double sigma, const double* moved);
+
+    // Of block c: four where f1 = f2.
+    int directions(long c) const { return weight[4 * capacity + c] == 0 ? 4 : 6; }
+    // Entry e of a direction of all blocks, and its right-hand side as entry 6.
+    const double* number(int direction, int e) const {
+        return row_ + (7 * direction + e) * capacity;
+    }
+
+    // Write the rows T B_i of all directions; returns their number.
+    long write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const;
 
     // out = W X for X and out (6, capacity): the part of X in each direction, times its
     // weight.
@@ -131,7 +139,6 @@ struct ActiveBlocks {
 
   private:
     void svd_and_prox(long c, double t);
-    void lay_directions(double sigma, const double* moved);
 
     double* row_;  // (7, 6, capacity): the six numbers of each direction, and the
                    // right-hand side

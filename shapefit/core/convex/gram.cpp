@@ -18,6 +18,10 @@ constexpr long grid_at(long i) { return i / GRID * GRID; }
 // diagonal: the step stays a descent direction.
 constexpr double LEAST_PIVOT = 1e-14;
 
+// Columns from which on a factorisation takes long, and each block of rows so much that
+// a look at the clock beside it is nothing.
+constexpr long LARGE = 256;
+
 constexpr long blocks_of(long n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
 
 // sums += sign * share^T row for one row of F or of the factor.
@@ -165,7 +169,10 @@ void find_least_pivots(const GramSystem& s) {
 
 void solve_system(const GramSystem& s, double* x) {
     if (s.least) find_least_pivots(s);
-    for (long i = 0; i < s.columns; i += BLOCK) cholesky_inverse(s, i);
+    for (long i = 0; i < s.columns; i += BLOCK) {
+        if (s.columns >= LARGE) check_interrupt();
+        cholesky_inverse(s, i);
+    }
     substitute_back(s, x);
 }
 
@@ -236,6 +243,15 @@ void ShiftedGram::solve(long rows, const double* C, const double* r, double* x) 
     begin_with_matrix(s, C, r, n_);
     solve_system(s, small_);
     for (long j = 0; j < n_; ++j) x[j] = small_[j];
+}
+
+void ShiftedGram::begin(long rows, double shift, const double* s) {
+    begin_with_shift(system(F_, 0, blocks_of(rows), false), shift, s, rows);
+}
+
+void ShiftedGram::finish(long rows, double shift, double* s) {
+    solve_system(system(F_, 0, blocks_of(rows), shift < 1), small_);
+    for (long f = 0; f < rows; ++f) s[f] = small_[f];
 }
 
 // x = (r - F^T s) / shift with (shift I + F F^T) s = F r - shift f.

@@ -39,6 +39,12 @@ class ShiftedGram {
     // C (n, n), row-major, positive definite together with F^T F.
     void solve(long rows, const double* C, const double* r, double* x);
 
+    // (shift I + G) s = s, for G (rows, rows) that the caller adds to `factor_row` from
+    // the diagonal on, between the two.
+    void begin(long rows, double shift, const double* s);
+    double* factor_row(long i) { return factor_ + i * stride_; }
+    void finish(long rows, double shift, double* s);
+
   private:
     GramSystem system(const double* F, long rows, long columns, bool lift) const;
     void solve_by_rows(long rows, double shift, const double* r, double* x);

@@ -8,6 +8,7 @@ NewtonWorkspace::NewtonWorkspace(Workspace& workspace, long padded_atoms, long q
                                  long further_rows)
     : active(workspace, padded_atoms),
       gram(workspace, 6 * padded_atoms + further_rows, 2 * q),
+      row_system(workspace, padded_atoms),
       N(workspace.zeros<double>(6 * padded_atoms)),
       change(workspace.zeros<double>(6 * padded_atoms)),
       total(workspace.zeros<double>(padded_atoms)),
@@ -19,7 +20,22 @@ NewtonWorkspace::NewtonWorkspace(Workspace& workspace, long padded_atoms, long q
       start_y(workspace.zeros<double>(2 * q)),
       matrix(further_rows > 0 ? workspace.zeros<double>(4 * q * q) : nullptr) {}
 
+void NewtonWorkspace::begin_atoms(long q) {
+    gram.set_unknowns(2 * q);
+    row_system.clear();
+}
+
 namespace {
+
+// direction = (shift I + sigma sum_i B_i^T W_i B_i)^-1 (gradient + what the directions
+// have as right-hand side).
+void solve_system(const ReducedProgram& program, double shift, NewtonWorkspace& work) {
+    if (work.row_system.solve(work.active, shift, work.gradient, work.direction,
+                              program.atoms, work.gram))
+        return;
+    const long rows = work.active.write_rows(program.atoms, work.gram);
+    work.gram.solve(rows, shift, true, work.gradient, work.direction);
+}
 
 // sigma starts at START / lambda, the step on which M can move by its own size where
 // ||w|| = 1 and
@@ -87,6 +103,7 @@ class Lagrangian {
 
     Inner minimise() {
         for (long inner = 0;; ++inner, ++steps_) {
+            check_interrupt();
             const ProximalPoint point = find_proximal_point();
             if (point.gap <= program_.tolerance || steps_ >= program_.most_steps ||
                 !is_finite(point.gap))
@@ -193,9 +210,14 @@ class Lagrangian {
         ShiftedGram& gram = work_.gram;
         const bool quadratic = program_.delta > 0;
         active.weigh(threshold(), Weighing::derivative);
-        long rows = active.write_rows(sigma_, program_.atoms, nullptr, gram);
+        active.lay_directions(sigma_, nullptr);
         const double shift =
             quadratic ? program_.delta : sigma_ * (1e-13 + 1e-7 * smaller(1, gradient));
+        if (quadratic && !Errors::robust) {
+            solve_system(program_, shift, work_);
+            return turn_round();
+        }
+        const long rows = active.write_rows(program_.atoms, gram);
         const long curved = errors_.count_curved();
         if (curved > 0 && !(quadratic && rows + curved < n_)) {
             errors_.write_matrix(shift, work_.matrix);
@@ -205,6 +227,10 @@ class Lagrangian {
             gram.solve(rows + curved, shift, quadratic, work_.gradient,
                        work_.direction);
         }
+        turn_round();
+    }
+
+    void turn_round() {
         for (long j = 0; j < n_; ++j) work_.direction[j] = -work_.direction[j];
     }
 
@@ -251,8 +277,8 @@ constexpr long MOST_ROUNDS = 8;
 // speed: the certificate judges either solver.
 constexpr double HOPELESS = 0.95;
 
-// The right-hand side w - y - sum P_i B_i, and the rest of it in the rows of F.
-long build_system(const ReducedProgram& program, const Iterate& iterate, double sigma,
+// The right-hand side w - y - sum P_i B_i, and the rest of it in the directions.
+void build_system(const ReducedProgram& program, const Iterate& iterate, double sigma,
                   NewtonWorkspace& work) {
     const long k = program.padded_atoms(), n = program.unknowns();
     ActiveBlocks& active = work.active;
@@ -266,7 +292,7 @@ long build_system(const ReducedProgram& program, const Iterate& iterate, double 
     for (long j = 0; j < n; ++j) work.gradient[j] = program.w[j] - iterate.y[j];
     active.subtract_fit(program.atoms, work.gradient, work.gradient + program.q(),
                         program.q());
-    return active.write_rows(sigma, program.atoms, work.moved, work.gram);
+    active.lay_directions(sigma, work.moved);
 }
 
 // M_i <- P_i + W_i (sigma dN_i + P_i - M_i); returns sum ||M_i||_2.
@@ -306,8 +332,9 @@ PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
     memcpy(work.start_y, iterate.y, sizeof(double) * n);
     long steps = 0;
     while (steps < MOST_ROUNDS && steps < program.most_steps) {
-        const long rows = build_system(program, iterate, sigma, work);
-        work.gram.solve(rows, 1, true, work.gradient, work.direction);
+        check_interrupt();
+        build_system(program, iterate, sigma, work);
+        solve_system(program, 1, work);
         for (long j = 0; j < n; ++j) iterate.y[j] += work.direction[j];
         correlate(program.atoms.planes, iterate.y, iterate.y + q, work.change);
         const double norms =

@@ -33,6 +33,7 @@
 #pragma once
 
 #include "errors.hpp"
+#include "row_system.hpp"
 
 namespace shapefit {
 
@@ -59,6 +60,7 @@ struct Iterate {
 struct NewtonWorkspace {
     ActiveBlocks active;
     ShiftedGram gram;
+    RowSystem row_system;
     double *N, *change, *total;    // (6, padded), (6, padded), (padded,)
     double *gradient, *direction;  // (2 q)
     double *moved, *weighted;      // (6, padded), by active block
@@ -66,6 +68,9 @@ struct NewtonWorkspace {
     double* matrix;  // (2 q, 2 q), where there are further rows
 
     NewtonWorkspace(Workspace& workspace, long padded_atoms, long q, long further_rows);
+
+    // The atoms have changed, and are seen by q coordinates.
+    void begin_atoms(long q);
 };
 
 // Solve from the iterate, which is overwritten, within most_steps - taken; returns

@@ -278,7 +278,7 @@ class BlockSolver {
         const double largest = atoms_.reduce(rho_.data, reduction_);
         units_.atoms = largest > 0 ? largest : 1;
         atoms_.scale(1 / units_.atoms);
-        work_.gram.set_unknowns(2 * q());
+        work_.begin_atoms(q());
         return false;
     }
 
@@ -497,8 +497,10 @@ void solve_convex(const ConvexTask& task, Range range) {
 void certify_images(const CertificateTask& task, Range range) {
     Workspace workspace;
     Certifier certifier(task.program, workspace);
-    for (long image = range.first; image < range.last; ++image)
+    for (long image = range.first; image < range.last; ++image) {
+        check_interrupt();
         certifier.certify(image, task.transforms[image], task.point, task.proof);
+    }
 }
 
 const Exported<solve_convex> solve_convex_exported{"solve_convex"};

@@ -55,6 +55,7 @@ bool RotationObjective::aim(long at) {
 }
 
 double RotationObjective::value(const Rotation& R) {
+    check_interrupt();
     R_ = R;
     return step_.minimise_at(R_);
 }

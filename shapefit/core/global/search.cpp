@@ -457,6 +457,7 @@ double CellSearch::inner_along(const Cell& cell, int edge) {
 }
 
 Verdict CellSearch::evaluate(const Cell& cell) {
+    check_interrupt();
     const Vertex* corner[4];
     for (int a = 0; a < 4; ++a) corner[a] = &vertices[cell.vertex[a]];
     return judge_cell(objective_, corner);

@@ -1,4 +1,6 @@
 // Codes of shapes for given atoms, and factors of many small precisions.
+#include <string.h>
+
 #include "../base/registry.hpp"
 #include "../base/active_set.hpp"
 #include "../base/small_matrices.hpp"
@@ -39,6 +41,7 @@ void code(const CodingData& data, Range range) {
         weight[i] = square > 0 ? 1 / root(square) : 0;
     }
     for (long shape = range.first; shape < range.last; ++shape) {
+        check_interrupt();
         const Vector<double> c = data.coefficients[shape];
         set.clear();
         for (long i = 0; i < k; ++i)
@@ -69,6 +72,7 @@ void invert_factors(const FactorData& data, Range range) {
     Workspace workspace;
     double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
     for (long image = range.first; image < range.last; ++image) {
+        check_interrupt();
         for (long i = 0; i < D; ++i)
             for (long j = 0; j < D; ++j)
                 S[i * D + j] = i < d && j < d ? data.matrices[image][i][j] : i == j;

@@ -424,6 +424,7 @@ class Refinement {
         Position& there = positions_[1 - current_];
         equations_.linearise(observations_, here(), soft);
         for (; damping <= MOST_DAMPING; damping *= HARDEN) {
+            check_interrupt();
             equations_.step(damping, here().at, there.at);
             project(shapes_, observations_, there);
             const double trial = evaluate(shapes_, observations_, there, soft);

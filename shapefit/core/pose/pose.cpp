@@ -17,6 +17,7 @@ struct PoseData {
 
 void find_pose(const PoseData& data, Range range) {
     for (long image = range.first; image < range.last; ++image) {
+        check_interrupt();
         const ShapeMoments moments{data.shape_moments[image].data,
                                    data.landmarks_by_shape[image].data, true};
         double least = INFINITE;

@@ -228,6 +228,7 @@ void synchronise(const SynchronisationData& data, Range range) {
         if (data.transforms.count[image] > most) most = data.transforms.count[image];
     double* norms = workspace.zeros<double>(most);
     for (long image = range.first; image < range.last; ++image) {
+        check_interrupt();
         const ImageTransforms M = data.transforms[image];
         Rotation R = Rotation::from(data.rotation[image].data);
         synchronise_image({M.blocks, {M.count, 2, 3}}, norms, R);
@@ -237,8 +238,10 @@ void synchronise(const SynchronisationData& data, Range range) {
 
 // R_i completes M_i / c_i by the cross product of its rows.
 void reconstruct(const ReconstructionData& data, Range range) {
-    for (long image = range.first; image < range.last; ++image)
+    for (long image = range.first; image < range.last; ++image) {
+        check_interrupt();
         reconstruct_image(data, image);
+    }
 }
 
 const Exported<synchronise> synchronise_exported{"synchronise"};

@@ -194,6 +194,7 @@ void ascent(const PosteriorData& data, const Observed<Lanes>& observed, long rou
     const Lanes enough = all<Lanes>(data.tolerance);
     const Wanted wanted = data.chance > 0 ? Wanted::CURVATURE : Wanted::GRADIENT;
     for (long round = 0; round < rounds && largest(at.moving) > 0; ++round) {
+        check_interrupt();
         Lanes step[VIEW], change[VIEW], mended[VIEW * VIEW];
         propose(at, step);
         move(at.view, step, space.view);

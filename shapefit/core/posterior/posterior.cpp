@@ -222,6 +222,7 @@ void share_out(const PosteriorData& data, const Group& group, const Modes& modes
 void describe_modes(const PosteriorData& data, const Group& group, const Modes& modes,
                     long first, bool whole, Side<Doubles>& side,
                     Description& description) {
+    check_interrupt();
     LaneView<Doubles> view;
     Doubles root_of[VIEW * VIEW];
     Origin origin[WIDTH];

@@ -292,6 +292,7 @@ void run_ascents(const PosteriorData& data, long rounds, double margin,
     Ascents<Lanes>& ascents = going.ascents;
     ascents.pad();
     for (long b = 0; b < ascents.blocks(); ++b) {
+        check_interrupt();
         fetch(data, search.group, ascents.origin + b * width<Lanes>, going);
         begin(data, going.observed, going.space, ascents.block(b));
     }
@@ -326,6 +327,7 @@ inline void finish_all(const PosteriorData& data, double margin, Search& search)
             arrived.append(arrived, i);
     arrived.pad();
     for (long b = 0; b < arrived.blocks(); ++b) {
+        check_interrupt();
         Ascent<Doubles>& at = arrived.block(b);
         at.before = at.found.value;
         fetch(data, group, arrived.origin + b * WIDTH, late);

@@ -399,6 +399,7 @@ void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
     Best best;
     Triple triples[WIDTH] = {};
     for (long drawn = 0; drawn < data.draws; drawn += WIDTH) {
+        if (drawn % CHECKED == 0) check_interrupt();
         // Stop by the inlier ratio: triples of inliers have been drawn often enough.
         const double good =
             drawn % CHECKED ? 0 : share_of_triples(best.inliers, visible.count);

@@ -30,6 +30,7 @@ bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones,
     double* tied = work_;
     clear(products_, E_ * E_);
     for (long f = 0; f < t_; ++f) {
+        check_interrupt();
         double *V = V_ + f * DD, *N = N_ + f * DD, *F = F_ + f * DE;
         double* W = W_ + f % 3 * DD;
         const double *W1 = W_ + (f + 2) % 3 * DD,
@@ -105,6 +106,7 @@ void Banded::write_covariances(const SequenceData& data, const Place& at,
     clear(last, DD);
     clear(between, DD);
     for (long f = t_ - 1; f >= 0; --f) {
+        check_interrupt();
         const double *V = V_ + f * DD, *N = N_ + f * DD;
         multiply_out(V, here, D, D);
         mirror(here, D, D);

@@ -84,6 +84,7 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
     double energy = 0;
     for (long b = 0; b < data.lengths.size[0]; ++b) at.too_long[b] = 0;
     for (long f = 0; f < t; ++f) {
+        check_interrupt();
         const double before = energy;
         const double *y = at.y[f].data, *w = data.landmarks[f].data,
                      *weight = data.weight[f].data;

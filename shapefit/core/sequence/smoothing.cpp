@@ -21,6 +21,7 @@ void find_precisions(const PrecisionData& data, Range range) {
     double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
     for (long image = range.first; image < range.last; ++image)
         for (long k = 0; k < K; ++k) {
+            check_interrupt();
             if (!data.there[image][k]) continue;
             double *C = data.matrices[image][k].data, factor = data.factor[image][k];
             for (long i = 0; i < D; ++i)

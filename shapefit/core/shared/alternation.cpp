@@ -60,6 +60,7 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& work
     work.step.set.clear();
     work.step.aim(w, lam, data.is_signed);
     for (long round = 0; round < data.most_rounds; ++round) {
+        check_interrupt();
         now = work.step.minimise_at(R);
         const double penalty = work.step.mix(work.shape);
         if (penalty > 0) {

@@ -1,0 +1,36 @@
+// Products of the atoms of one image after another.
+#pragma once
+
+#include "reduced_atoms.hpp"
+
+namespace shapefit {
+
+// B_i B_j^T (3, 3) for pairs of the atoms that are used; each is made once for a set of
+// weights. An atom has a place here: where all places are taken, all are given up.
+class AtomProducts {
+  public:
+    AtomProducts(Workspace& workspace, long k);
+
+    // The atoms have changed.
+    void clear() { ++generation_, taken_ = 0; }
+
+    // Make the products among some atoms; false where there are more atoms than places.
+    bool make(ReducedAtoms& atoms, const long* used, long count);
+
+    long place(long i) const { return place_[i]; }
+
+    // Entry (b, c) of B_i B_j^T is in row 3 b + c, column `place(j)` of (9, places).
+    const double* with(long i) const { return products_ + 9 * place_[i] * places_; }
+    long places() const { return places_; }
+
+  private:
+    bool has(long i) const { return made_for_[i] == generation_; }
+    void add(ReducedAtoms& atoms, long i);
+
+    long places_, taken_ = 0, generation_ = 1;
+    long *place_, *made_for_;  // (k,)
+    long* atom_;               // (places,) the atom of each place
+    double* products_;         // (places, 9, places)
+};
+
+}  // namespace shapefit

@@ -1,0 +1,56 @@
+#include "interrupt.hpp"
+
+#include <nanobind/nanobind.h>
+
+#include "../base/registry.hpp"
+
+namespace shapefit {
+namespace {
+
+thread_local const bool* obeyed = nullptr;
+thread_local const Watch* watch = nullptr;
+
+}  // namespace
+
+KernelCall::KernelCall() : stop_(obeyed) {}
+
+void KernelCall::check_ended() const {
+    if (ended_.load(std::memory_order_relaxed)) throw Interrupted();
+    if (stop_ && __atomic_load_n(stop_, __ATOMIC_RELAXED)) throw Interrupted();
+}
+
+void KernelCall::check_signals() {
+    check_ended();
+    if (stop_) return;
+    const Clock::time_point now = Clock::now();
+    if (now - looked_ < BETWEEN_LOOKS) return;
+    looked_ = now;
+    const nanobind::gil_scoped_acquire acquired;
+    if (PyErr_CheckSignals() != 0) throw nanobind::python_error();
+}
+
+Watch::Watch(KernelCall& call, bool called_by_python)
+    : before_(watch), call_(call), called_by_python_(called_by_python) {
+    watch = this;
+}
+
+Watch::~Watch() { watch = before_; }
+
+void check_interrupt() {
+    if (!watch) return;
+    if (watch->called_by_python_) watch->call_.check_signals();
+    else watch->call_.check_ended();
+}
+
+// A flag that the calling thread obeys from now on: kernels that it calls end early
+// once the flag is set. The flag outlives the thread.
+struct ObeyData {
+    Arguments& from;
+    Vector<const bool> stop = from("stop", "1");
+};
+
+void obey(const ObeyData& data) { obeyed = data.stop.data; }
+
+const Exported<obey> obey_exported{"obey"};
+
+}  // namespace shapefit

@@ -1,0 +1,62 @@
+// The images of a call, shared out among threads.
+#pragma once
+
+#include <condition_variable>
+#include <exception>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "interrupt.hpp"
+
+namespace shapefit {
+
+// A kernel with its data.
+struct Work {
+    void (*kernel)(const void* data, Range);
+    const void* data;
+
+    void operator()(Range range) const { kernel(data, range); }
+};
+
+// The calling thread and its helpers take ranges in turn until none is left. A helper
+// that finds no memory gives its range back and leaves: a kernel that does a range
+// again writes all of it again.
+class Team {
+  public:
+    // Ranges of `step` images that cover 0..count.
+    Team(const Work& work, long count, long step)
+        : work_(work), count_(count), step_(step) {}
+
+    // Work on as many threads, or as many as there can be. The first exception of a
+    // thread is raised again, after all have ended.
+    void run(long threads);
+
+  private:
+    void hire(long helpers);
+    void lead();
+    void help();
+    void begin();
+    bool take(Range& range);
+    bool await_helpers();
+    void give_back(Range range);
+    void fail();
+    void leave();
+
+    const Work& work_;
+    const long count_, step_;
+    KernelCall call_;
+    std::mutex guard_;  // of all that follows
+    std::condition_variable changed_;
+    long next_ = 0, helpers_ = 0;
+    long begun_ = 0;  // helpers that have all that libc and C++ need of memory
+    std::vector<Range> returned_;
+    std::vector<std::thread> threads_;
+    std::exception_ptr failure_;
+};
+
+// Call the kernel on whole blocks that cover 0..count; `threads` = 0 means one per
+// core.
+void run_blocks(const Work& work, long count, int threads);
+
+}  // namespace shapefit

@@ -1,0 +1,60 @@
+// The Newton system of few rows and many unknowns, without its rows.
+//
+//     (shift I + F^T F) x = r + F^T f
+//
+// is, in the space of the rows (Woodbury),
+//
+//     x = (r - F^T s) / shift,    (shift I + F F^T) s = F r - shift f.
+//
+// A row of F is a direction T (2, 3) of a block, times its atom: row (t, d) is T_td
+// B_d. So all that is needed of F is in products of atoms, whatever the unknowns are:
+//
+//     (F F^T)_(t c)(u d) = <T_tc, T_ud (B_d B_c^T)>,    (F r)_(t d) = <T_td, r B_d^T>,
+//     F^T s = sum_d (sum_t s_td T_td) B_d.
+#pragma once
+
+#include "../atoms/atom_products.hpp"
+#include "blocks.hpp"
+#include "gram.hpp"
+
+namespace shapefit {
+
+class RowSystem {
+  public:
+    RowSystem(Workspace& workspace, long padded_atoms);
+
+    // The atoms have changed.
+    void clear() { products_.clear(); }
+
+    // x from r (2, q), for the directions that the blocks have laid. False, and nothing
+    // done, where the system is better solved with the rows written.
+    bool solve(const ActiveBlocks& active, double shift, const double* r, double* x,
+               ReducedAtoms& atoms, ShiftedGram& gram);
+
+  private:
+    long rows() const { return 4 * blocks_ + 2 * wide_; }
+    long blocks_with(int direction) const { return direction < 4 ? blocks_ : wide_; }
+    double* number(int direction, int e) const {
+        return directions_ + (7 * direction + e) * capacity_;
+    }
+
+    void sort_blocks(const ActiveBlocks& active);
+    void copy_directions(const ActiveBlocks& active);
+    void find_right_side(double shift, const double* r, ReducedAtoms& atoms);
+    void add_products_of(long c, ShiftedGram& gram);
+    void turn_products(int direction, long c);
+    void expand(double shift, const double* r, double* x, ReducedAtoms& atoms) const;
+
+    const long capacity_;
+    AtomProducts products_;
+    long blocks_ = 0, wide_ = 0;
+    long *order_,
+        *atom_;           // the blocks as rows have them: those of six directions first
+    long first_[6] = {};  // row of each direction
+    double* directions_;  // (6, 7, capacity): T and f
+    double* product_;     // (9, capacity): B_c B_d^T of a block c with all d
+    double* turned_;      // (6, capacity): T_tc B_c B_d^T
+    double* s_;           // (6 capacity,)
+};
+
+}  // namespace shapefit

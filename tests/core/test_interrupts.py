@@ -1,0 +1,252 @@
+"""Every kernel ends soon after a signal, on the thread that Python calls first or on
+one of a pool.
+"""
+
+import signal
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+
+from shapefit import core, threads
+from shapefit.convex.problem import Loss, build_problem
+from shapefit.convex.solver import solve_newton
+from shapefit.dictionary.coding import sparse_code
+from shapefit.dictionary.mixture import Mixture
+from shapefit.geometry.pinhole import Camera
+from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting.consensus import find_consensus
+from shapefit.lifting.global_optimum import find_optimum
+from shapefit.lifting.perspective import refine_perspective
+from shapefit.lifting.posterior.posterior import find_posterior
+from shapefit.lifting.shared_rotation import alternate
+
+MOMENT = 0.2
+"""CPU seconds after which the signal comes; each kernel below takes many times that."""
+
+SOON = 0.5
+"""CPU seconds from the signal to the end of the kernel."""
+
+
+class Ended(BaseException):
+    pass
+
+
+def make_problem(rng, n, k, p, loss=Loss.SQUARED):
+    atoms = rng.normal(size=(k, 3, p))
+    return build_problem(rng.normal(size=(n, 2, p)), atoms, 0.5, loss=loss)
+
+
+def convex(rng, loss=Loss.SQUARED):
+    problem = make_problem(rng, 4, 2000, 1000, loss)
+    return partial(solve_newton, problem, tolerance=1e-8, threads=2)
+
+
+def global_optimum(rng):
+    problem = make_problem(rng, 128, 64, 15)
+    return partial(find_optimum, problem, tolerance=1e-9, threads=2)
+
+
+def alternation(rng):
+    problem = make_problem(rng, 64, 2000, 200)
+    starts = random_rotations(64 * 4, rng).reshape(64, 4, 3, 3)
+    return partial(alternate, problem, starts, tolerance=0.0, threads=2)
+
+
+def posterior(rng, n=64, p=120, components=16):
+    means = rng.normal(size=(components, 3, p))
+    covariances = np.tile(0.1 * np.eye(3 * p), (components, 1, 1))
+    prior = Mixture(np.full(components, 1 / components), means, covariances)
+    starts = random_rotations(4 * n, rng).reshape(n, 4, 3, 3)
+    return partial(
+        find_posterior,
+        rng.normal(size=(n, 2, p)),
+        np.full((n, p), 0.02),
+        np.zeros((n, p, 2, 2)),
+        prior,
+        starts,
+        threads=2,
+    )
+
+
+def coding(rng):
+    shapes, atoms = rng.normal(size=(64, 3, 700)), rng.normal(size=(2000, 3, 700))
+    return partial(sparse_code, shapes, atoms, 0.01, threads=2)
+
+
+def consensus(rng):
+    seeds = np.arange(64, dtype=np.uint64)
+    landmarks, weights = rng.normal(size=(64, 2, 50)), np.ones((64, 50))
+    return partial(
+        find_consensus,
+        landmarks,
+        weights,
+        rng.normal(size=(3, 50)),
+        seeds,
+        threshold=0.01,
+        draws=10_000_000,
+        max_rounds=10,
+        threads=2,
+    )
+
+
+def perspective(rng):
+    n, p = 2000, 60
+    camera = Camera(np.full((n, 2), 2.0), np.zeros((n, 2)), 1.0)
+    atoms = rng.normal(size=(100, 3, p))
+    prior = np.full(100, 0.01)
+    return partial(
+        refine_perspective,
+        rng.normal(size=(n, 2, p)),
+        np.ones((n, p)),
+        atoms,
+        camera,
+        np.ascontiguousarray(random_rotations(n, rng)),
+        prior,
+        max_rounds=10_000,
+        threads=2,
+    )
+
+
+def sequence(rng, t=1000, p=15, components=2, bones=14):
+    d = 3 * p
+    start = rng.normal(size=(t, d))
+    return partial(
+        core.smooth_sequence,
+        landmarks=start[:, : 2 * p],
+        weight=np.ones((t, 2 * p)),
+        log_share=np.log(np.full((t, components), 1 / components)),
+        means=rng.normal(size=(t, components, d)),
+        precisions=np.tile(np.eye(d), (t, components, 1, 1)),
+        log_det=np.zeros((t, components)),
+        stiffness=np.full(p, 3.0),
+        differences=np.tile([1.0, -2.0, 1.0], (t, 1)),
+        bones=np.stack([np.arange(bones), np.arange(bones) + 1], axis=1),
+        rigidity=np.full(bones, 10.0),
+        hold=np.eye(bones),
+        known=np.ones(bones),
+        most_rounds=10_000,
+        tolerance=0.0,
+        points=start.copy(),
+        lengths=np.ones(bones),
+        deviation=np.empty((t, d)),
+        correlation=np.empty((t, d)),
+        covariance=np.empty((t, d, d)),
+        energies=np.empty(t),
+        end=np.empty(2),
+    )
+
+
+def factors(rng):
+    matrices = np.tile(np.eye(600), (80, 1, 1))
+    return partial(core.invert_factors, matrices=matrices, threads=2)
+
+
+def pose(rng):
+    n = 100_000
+    S, w = rng.normal(size=(n, 3, 6)), rng.normal(size=(n, 2, 6))
+    return partial(
+        core.find_pose,
+        shape_moments=S @ S.swapaxes(1, 2),
+        landmarks_by_shape=w @ S.swapaxes(1, 2),
+        starts=random_rotations(16 * n, rng).reshape(n, 16, 3, 3),
+        rotation=np.empty((n, 3, 3)),
+        size=np.empty(n),
+        threads=2,
+    )
+
+
+KERNELS = {
+    "convex": convex,
+    "convex, robust": partial(convex, loss=Loss.SPARSE_ERROR),
+    "global": global_optimum,
+    "alternate": alternation,
+    "posterior": posterior,
+    "coding": coding,
+    "consensus": consensus,
+    "perspective": perspective,
+    "sequence": sequence,
+    "factors": factors,
+    "pose": pose,
+}
+
+
+@pytest.fixture
+def ends_soon():
+    """Run work that a signal is to end, and see that it does, soon."""
+
+    def stop(_number, _frame):
+        raise Ended
+
+    def ends_soon(work):
+        begin = time.process_time()
+        signal.setitimer(signal.ITIMER_PROF, MOMENT)
+        with pytest.raises(Ended):
+            work()
+        assert time.process_time() - begin < MOMENT + SOON
+
+    before = signal.signal(signal.SIGPROF, stop)
+    yield ends_soon
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    signal.signal(signal.SIGPROF, before)
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_a_signal_ends_a_kernel(name, rng, ends_soon):
+    ends_soon(KERNELS[name](rng))
+
+
+@pytest.mark.parametrize("name", ["convex", "posterior", "sequence"])
+def test_a_signal_ends_kernels_on_threads_of_a_pool(name, rng, ends_soon):
+    work = [KERNELS[name](rng) for _ in range(3)]
+    ends_soon(lambda: threads.on_threads(lambda each: each(), work, 2))
+    work = [KERNELS[name](rng)]
+    ends_soon(lambda: list(threads.side_by_side(lambda each: each(), work, 1)))
+
+
+def test_a_signal_ends_kernels_of_a_pool_within_a_pool(rng, ends_soon):
+    kernels = [coding(rng), global_optimum(rng)]
+
+    def inner(_item):
+        return threads.on_threads(lambda each: each(), kernels, 2)
+
+    ends_soon(lambda: list(threads.side_by_side(inner, [1], 1)))
+
+
+def test_a_fault_beside_it_ends_a_kernel(rng):
+    kernel = global_optimum(rng)
+
+    def work(number):
+        if number == 0:
+            time.sleep(0.1)
+            raise OSError("the disk is gone")
+        return kernel()
+
+    begin = time.process_time()
+    with pytest.raises(OSError, match="disk is gone"):
+        threads.on_threads(work, range(3), 2)
+    assert time.process_time() - begin < SOON
+
+
+def test_kernels_go_on_after_another_pool_has_ended(rng):
+    problem = make_problem(rng, 4, 20, 15)
+    with pytest.raises(ZeroDivisionError):
+        threads.on_threads(lambda number: 1 / number, [0, 1], 2)
+    (one, other) = threads.on_threads(
+        lambda _number: solve_newton(problem, threads=1), range(2), 2
+    )
+    np.testing.assert_array_equal(one.objective, other.objective)
+
+
+def test_a_kernel_goes_on_after_a_handler_that_returns(rng):
+    seen = []
+    before = signal.signal(signal.SIGPROF, lambda *_: seen.append(1))
+    try:
+        signal.setitimer(signal.ITIMER_PROF, 0.05, 0.05)
+        found = find_optimum(make_problem(rng, 8, 64, 15), threads=2)
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+    assert seen
+    assert np.isfinite(found.objective).all()
