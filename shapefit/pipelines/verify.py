@@ -452,6 +452,7 @@ def check_chunk(
     claims = Claims(
         np.isfinite(columns["scale"]) & np.isfinite(columns["shapes"]).all(axis=(1, 2))
     )
+    check_confidence(columns, claims)
     bounded, gaps = np.zeros_like(claims.fitted), np.zeros(len(result))
     with np.errstate(all="ignore"):  # what is not finite holds for nothing
         certificate.check_ranges(columns, claims)
@@ -462,6 +463,19 @@ def check_chunk(
             check_landmarks(columns, result, given, claims)
     holds = np.asarray(bounded & ~claims.missed)
     return Checked(result, claims, holds, float(np.max(gaps[holds], initial=0.0)))
+
+
+def check_confidence(columns: dict[str, Any], claims: Claims) -> None:
+    """Claim that there is a number for each landmark, where confidences are stored;
+    others are taken out.
+    """
+    confidence, (n, _, p) = columns.get("confidence"), columns["landmarks"].shape
+    if confidence is None:
+        return
+    if confidence.shape != (n, p) or confidence.dtype.kind not in "biuf":
+        del columns["confidence"]
+        nobody = np.zeros(n, bool)
+        claims.hold("each landmark has a confidence", nobody, of=~nobody)
 
 
 def check_landmarks(

@@ -46,6 +46,20 @@ def edits_of(path: Path) -> Iterator[tuple[str, Edit]]:
     for name, values in datasets.items():
         yield f"{name} deleted", lambda file, name=name: file.__delitem__(name)
         yield (
+            f"{name} with an axis",
+            lambda file, name=name, values=values: put(file, name, values[..., None]),
+        )
+        yield (
+            f"{name} narrower",
+            lambda file, name=name, values=values: put(file, name, values[..., :-1]),
+        )
+        yield (
+            f"{name} as text",
+            lambda file, name=name, values=values: put(
+                file, name, np.full(values.shape, b"text")
+            ),
+        )
+        yield (
             f"{name} shorter",
             lambda file, name=name, values=values: put(file, name, values[:-1]),
         )
