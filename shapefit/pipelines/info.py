@@ -149,8 +149,8 @@ def describe(
             items.append(("y axis", f"{head.y_axis}{stated}"))
         if file_format is FORMATS["table"]:
             items += understand(paths[0], 3 if kind == "shapes" else 2).lines
-            if not is_of_people(head.landmark_names):
-                items.append(("dictionary", LEARN))
+        if kind == "landmarks" and not is_of_people(head.landmark_names):
+            items.append(("dictionary", LEARN))
         following = next_command(kind, paths, head.landmark_names, options.keypoints)
         return [*title, *items, ("next", following)], source.notes
 

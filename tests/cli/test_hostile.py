@@ -24,7 +24,7 @@ from shapefit.io.layout import SHAPES
 from shapefit.io.records import ShapeSet
 
 MEGABYTE = 1 << 20
-MOST_MEMORY = 300 * MEGABYTE
+MOST_MEMORY = 400 * MEGABYTE
 """Of a run that refuses a file of a few megabytes."""
 
 NASTY = "\x1b]0;title\x07\x9b31m\u202eevil\n"

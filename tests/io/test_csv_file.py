@@ -526,10 +526,10 @@ class TestLargeTables:
 
     def test_memory_that_does_not_hold_them_is_stated(self, csv, problems, monkeypatch):
         path = self.table(csv, self.ORDERS["melted"])
-        monkeypatch.setattr(inputs, "MEMORY", 1000)
+        monkeypatch.setattr(inputs, "free_memory", lambda: 1000)
         monkeypatch.setattr(inputs, "ALWAYS_FITS", 1000)
         (line,) = problems(open_landmarks, [path])
-        assert "of memory, and this machine has 1 kB; divide the file" in line
+        assert "of memory, and 1 kB are free; divide the file" in line
 
     def test_of_standard_input_their_rows_must_stand_together(
         self, csv, standard_input, problems
