@@ -82,6 +82,11 @@ FINITE_OR_EMPTY = "write a finite number, or leave the cell empty where it is un
 MISSED = -1.0
 """Both coordinates of a landmark without confidence that was not found."""
 
+MOST_EMPTY = 1 << 15
+"""Bytes of empty lines from which they are passed over: a file can be full of them, but
+no name is.
+"""
+
 MAX_IN_MEMORY = 1 << 19
 """Rows of a table that are held; more go to a temporary file, item by item, if the rows
 of items stand together.
@@ -468,7 +473,7 @@ def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
         if len(rest) > csv.field_size_limit():
             fix = "check the quotes around it, and the ends of lines"
             raise input_error(f"{name}:{line}", "a bad cell (it has no end)", fix)
-        if end and line > 1 and not data[:end].strip():  # a file can be full of them
+        if end > MOST_EMPTY and line > 1 and not data[:end].strip():
             line += data.count(b"\n", 0, end)
         elif end:
             try:
