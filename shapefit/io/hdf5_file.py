@@ -518,10 +518,6 @@ class Hdf5Reader(Hdf5File):
         else:
             with self.damage(name):
                 per_item = bool(dataset.attrs.get(PER_ITEM, False))
-            if per_item and dataset.shape[:1] != (self.count,):
-                fault = f"holds {dataset.dtype} {dataset.shape}"
-                fix = f"store a row for each of the {self.count} items"
-                raise self.fault(name, fault, fix)
         return per_item and (
             name in self.form.all or dataset.shape[:1] == (self.count,)
         )
