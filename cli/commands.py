@@ -469,7 +469,7 @@ def run_pipeline(command: str, config: Any) -> Iterator[Result]:
         case "fit" if hasattr(config.output, "manifest"):
             from shapefit.pipelines.partition.run import run
         case "fit":
-            from shapefit.pipelines.fit.run import run
+            from shapefit.pipelines.fit.fit import fit as run
         case "eval":
             from shapefit.pipelines.evaluate.run import run
         case "convert":

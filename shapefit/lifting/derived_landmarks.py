@@ -32,7 +32,7 @@ import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.geometry.pinhole import project
-from shapefit.lifting.estimate import CORRELATION, PAIRS
+from shapefit.lifting.estimate import PAIRS, PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 
 UNSEEN = 1e9
@@ -50,12 +50,12 @@ class Points(NamedTuple):
 
 
 def place_dependents(
-    lifting: Lifting,
+    lifting: Lifting[PosteriorEstimate],
     landmarks: Floats,
     shown: Flags,
     depends_on: Integers,
     residual_variance: float,
-) -> Lifting:
+) -> Lifting[PosteriorEstimate]:
     """Return a lifting with covariances whose dependent landmarks are where images say.
 
     landmarks (n, 2, p) as observed, which of them (n, p) are; depends_on (p,), the
@@ -139,7 +139,9 @@ def see_rows(
     return Points(points, deviation, np.nan_to_num(correlation))
 
 
-def as_joints(lifting: Lifting, A: Floats) -> Lifting:
+def as_joints(
+    lifting: Lifting[PosteriorEstimate], A: Floats
+) -> Lifting[PosteriorEstimate]:
     """Return a lifting of landmarks y = A x with the joints x as its shapes, and their
     error bars.
 
@@ -149,19 +151,15 @@ def as_joints(lifting: Lifting, A: Floats) -> Lifting:
     back = np.asarray(np.linalg.inv(A), dtype=np.float64)
     estimate = lifting.estimate
     joints = see_rows(back, estimate.shapes, estimate.covariance)
-    covariance, further = None, dict(estimate.further)
+    estimate = replace(estimate, shapes=joints.points)
+    if joints.deviation is not None and joints.correlation is not None:
+        estimate = replace(
+            estimate,
+            deviation=joints.deviation,
+            correlation=joints.correlation.astype(np.float32),
+        )
     if estimate.covariance is not None:
         every = np.kron(np.eye(3), back)
         covariance = every @ estimate.covariance @ every.T
-    if joints.correlation is not None:
-        further[CORRELATION] = joints.correlation.swapaxes(1, 2).astype(np.float32)
-    estimate = replace(
-        estimate,
-        shapes=joints.points,
-        deviation=(
-            joints.deviation if joints.deviation is not None else estimate.deviation
-        ),
-        covariance=covariance,
-        further=further,
-    )
+        estimate = replace(estimate, covariance=covariance)
     return replace(lifting, shapes=lifting.shapes @ back.T, estimate=estimate)

@@ -15,8 +15,8 @@ from shapefit import core
 from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status, read_statuses
-from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.methods import Settings
+from shapefit.lifting.estimate import AtomEstimate, Solve
+from shapefit.lifting.methods import STARTS
 from shapefit.lifting.shared_rotation import (
     alternate_from_mean,
     describe,
@@ -27,19 +27,31 @@ MAX_CELLS, MAX_SECONDS = 200_000, 10.0
 """The search of an image gives up after so many cells, or so many seconds."""
 
 
-def find_global(problem: Problem, settings: Settings) -> Estimate:
+def find_global(
+    problem: Problem,
+    *,
+    solve: Solve,
+    mean_shape: Floats,
+    starts: int = STARTS,
+    tolerance: float = 1e-2,
+    threads: int = 0,
+) -> AtomEstimate:
     """Search all rotations, from the results of convex+refine and alternate on.
 
     So it is never above either of them. The iterations are cells; the gap is that to
     the bound.
     """
-    local = replace(settings, signed=False)
-    ends = [refine_convex(problem, local), alternate_from_mean(problem, local)]
+    refined = refine_convex(
+        problem, solve=solve, mean_shape=mean_shape, threads=threads
+    )
+    alternated = alternate_from_mean(
+        problem, mean_shape=mean_shape, starts=starts, threads=threads
+    )
     optimum = find_optimum(
         problem,
-        np.stack([end.rotation for end in ends], axis=1),
-        tolerance=settings.tolerance,
-        threads=settings.threads,
+        np.stack([refined.rotation, alternated.rotation], axis=1),
+        tolerance=tolerance,
+        threads=threads,
     )
     coefficients, rotation = optimum.coefficients, optimum.rotation
     estimate = describe(problem, coefficients, rotation, optimum.cells, optimum.status)

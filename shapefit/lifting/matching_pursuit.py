@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status
 from shapefit.convex.span import weighted
 from shapefit.geometry.rotations import complete_rotation, nearest_rows
-from shapefit.lifting.estimate import Estimate, fit_translation
-from shapefit.lifting.methods import Settings
+from shapefit.lifting.estimate import AtomEstimate, fit_translation
 from shapefit.lifting.reconstruction import combine
 
 # The published rules are in pixels: 500 px^2 for the squared reprojection error of all
@@ -41,15 +40,16 @@ ROUNDING = 64 * np.finfo(np.float64).eps
 MOST_STEPS = 100
 
 
-def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
+def lift_by_pursuit(
+    problem: Problem, *, mean_shape: Floats, edges: Integers
+) -> AtomEstimate:
     """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012).
 
     The coefficients take up the mean of the two scales of the camera. The objective is
     the squared error with both scales; the residual belongs to the rotated shape, as
     with every method.
     """
-    mean_shape = settings.mean_shape
-    pursuit = pursue(problem, mean_shape, settings.needs["edges"])
+    pursuit = pursue(problem, mean_shape, edges)
     solved = np.asarray(np.isfinite(pursuit.scale).all(axis=1))
     rotation = np.where(solved[:, None, None], pursuit.rotation, np.eye(3))
     scale = np.where(solved, pursuit.scale.mean(axis=1), 0.0)[:, None]
@@ -57,7 +57,7 @@ def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
     mean_part = (scale * pursuit.mean_coefficient[:, None])[..., None] * mean_shape
     shapes = rotation @ (combine(c, problem.atoms) + mean_part)
     placement = fit_translation(problem, shapes)
-    return Estimate(
+    return AtomEstimate(
         shapes=shapes,
         translation=placement.translation,
         rotation=pursuit.rotation,

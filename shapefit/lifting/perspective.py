@@ -19,7 +19,7 @@ from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
-from shapefit.lifting.estimate import fit_translation
+from shapefit.lifting.estimate import AtomEstimate, fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation import find_pose
@@ -57,12 +57,12 @@ class Refined:
 
 
 def refine_view(
-    lifting: Lifting,
+    lifting: Lifting[AtomEstimate],
     landmarks: Floats,
     camera: Camera,
     dictionary: Dictionary,
     threads: int = 0,
-) -> Lifting:
+) -> Lifting[AtomEstimate]:
     """Refine rotation, translation and coefficients of n images under the full
     projection.
 

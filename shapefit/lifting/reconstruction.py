@@ -14,22 +14,19 @@ from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import find_outliers
 from shapefit.convex.transforms import Transforms
-from shapefit.lifting.estimate import ConvexProof, Estimate
-from shapefit.lifting.methods import Settings
+from shapefit.lifting.estimate import AtomEstimate, ConvexProof, Solve
 
 # An atom is active where its coefficient is more than this share of the largest one.
 ACTIVE = 1e-6
 
 
-def lift_convex(problem: Problem, settings: Settings) -> Estimate:
+def lift_convex(problem: Problem, *, solve: Solve, threads: int = 0) -> AtomEstimate:
     """Solve the convex program and complete each transform (paper, section
     Reconstruction).
     """
-    solution = settings.solve(problem)
-    reconstruction = reconstruct(
-        solution.transforms, problem.atoms, threads=settings.threads
-    )
-    return Estimate(
+    solution = solve(problem)
+    reconstruction = reconstruct(solution.transforms, problem.atoms, threads=threads)
+    return AtomEstimate(
         shapes=reconstruction.shapes,
         translation=solution.translation,
         rotation=reconstruction.rotation,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,18 +17,30 @@ from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import (
+    AtomEstimate,
     ConvexProof,
-    Estimate,
+    Solve,
     fit_translation,
     join_images,
 )
-from shapefit.lifting.methods import STARTS, Settings
+from shapefit.lifting.methods import STARTS
 from shapefit.lifting.reconstruction import combine, is_active
 
+FAILURES = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
+"""Ends of the convex program after which there is nothing to refine."""
+
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+"""Radians between neighbours on a spiral that covers a sphere evenly."""
 
 
-def refine_convex(problem: Problem, settings: Settings) -> Estimate:
+def refine_convex(
+    problem: Problem,
+    *,
+    solve: Solve,
+    mean_shape: Floats,
+    signed: bool = False,
+    threads: int = 0,
+) -> AtomEstimate:
     """Synchronise the convex solution to one rotation and alternate from there.
 
     Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). The
@@ -36,63 +49,80 @@ def refine_convex(problem: Problem, settings: Settings) -> Estimate:
     program finds the outliers, and the squared residuals of the other landmarks are
     refined, which it does not bound.
     """
-    solution = settings.solve(problem)
-    starts = synchronise(solution.transforms, threads=settings.threads)[:, None]
+    solution = solve(problem)
+    starts = synchronise(solution.transforms, threads=threads)[:, None]
+    alternate_from = partial(
+        _alternate_or_restart,
+        starts=starts,
+        mean_shape=mean_shape,
+        signed=signed,
+        threads=threads,
+    )
     outliers = find_outliers(problem, solution)
     if outliers is None:
-        refined = _alternate_or_restart(problem, settings, starts)
-        objective = refined.objective
-        bound, gap = (
-            solution.objective * (1 - solution.relative_gap),
-            np.zeros_like(objective),
-        )
-        np.divide(objective - bound, objective, out=gap, where=objective != 0)
-        refined = replace(refined, relative_gap=gap)
+        refined = alternate_from(problem)
+        bound = solution.objective * (1 - solution.relative_gap)
+        refined = replace(refined, relative_gap=gap_to(bound, refined.objective))
     else:
         weights = np.where(outliers, 0.0, problem.weights)
-        lost = list(
-            find_degenerate(problem.landmarks, weights)
-        )  # not to be lifted without them
-        outliers[lost], weights[lost] = False, problem.weights[lost]
+        # Images that are not to be lifted without their outliers keep them.
+        lost = list(find_degenerate(problem.landmarks, weights))
+        outliers[lost] = False
+        weights[lost] = problem.weights[lost]
         inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
-        refined = replace(
-            _alternate_or_restart(inliers, settings, starts), outliers=outliers
-        )
-    failed, status = (Status.DEGENERATE, Status.NUMERICAL_FAILURE), refined.status
-    if any(
-        end in solution.status for end in failed
-    ):  # rare, and slow to ask of every image
-        both = zip(solution.status, status, strict=True)
-        status = tuple(first if first in failed else second for first, second in both)
+        refined = replace(alternate_from(inliers), outliers=outliers)
     return replace(
         refined,
-        status=status,
+        status=first_failure(solution.status, refined.status),
         iterations=solution.iterations + refined.iterations,
         convex_proof=ConvexProof.of(solution),
     )
 
 
-def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
+def gap_to(bound: Floats, objective: Floats) -> Floats:
+    """(objective - bound) / objective (n,), 0 where the objective is 0."""
+    gap = np.zeros_like(objective)
+    np.divide(objective - bound, objective, out=gap, where=objective != 0)
+    return gap
+
+
+def first_failure(
+    convex: tuple[Status, ...], refined: tuple[Status, ...]
+) -> tuple[Status, ...]:
+    """Return how images ended: as the convex program, where that failed."""
+    # Failures are rare, and it is slow to ask every image.
+    if not any(failure in convex for failure in FAILURES):
+        return refined
+    both = zip(convex, refined, strict=True)
+    return tuple(first if first in FAILURES else second for first, second in both)
+
+
+def alternate_from_mean(
+    problem: Problem,
+    *,
+    mean_shape: Floats,
+    starts: int = STARTS,
+    signed: bool = False,
+    threads: int = 0,
+) -> AtomEstimate:
     """Alternate from the pose of the mean shape (paper, Experiments, "Alternate").
 
     The paper has one start; with more, the pose that fits best is the one to begin at.
     """
-    pose = find_pose(
-        problem, settings.mean_shape, settings.starts, threads=settings.threads
-    )
-    return _alternate(problem, settings, pose.rotation[:, None])
+    pose = find_pose(problem, mean_shape, starts, threads=threads)
+    return _alternate(problem, pose.rotation[:, None], signed=signed, threads=threads)
 
 
-def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
+def pose_mean_shape(
+    problem: Problem, *, mean_shape: Floats, starts: int = STARTS, threads: int = 0
+) -> AtomEstimate:
     """Pose the mean shape: rotation, scale and translation and nothing else."""
-    pose = find_pose(
-        problem, settings.mean_shape, settings.starts, threads=settings.threads
-    )
+    pose = find_pose(problem, mean_shape, starts, threads=threads)
     posed = pose.size > 0
     R = np.where(posed[:, None, None], pose.rotation, 0.0)
-    shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
+    shapes = pose.size[:, None, None] * (R @ mean_shape)
     placement = fit_translation(problem, shapes)
-    return Estimate(
+    return AtomEstimate(
         shapes=shapes,
         translation=placement.translation,
         rotation=pose.rotation,
@@ -106,32 +136,41 @@ def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
 
 
 def _alternate_or_restart(
-    problem: Problem, settings: Settings, starts: Floats
-) -> Estimate:
+    problem: Problem,
+    starts: Floats,
+    mean_shape: Floats,
+    *,
+    signed: bool,
+    threads: int,
+) -> AtomEstimate:
     """Alternate; where no atom fits at the synchronised rotation, from the mean shape's
     pose too.
 
     Without coefficients there is no rotation to go on from, though another one may fit.
     """
-    first = _alternate(problem, settings, starts)
+    first = _alternate(problem, starts, signed=signed, threads=threads)
     assert first.coefficients is not None
     empty = np.flatnonzero(~first.coefficients.any(axis=1))
     if not len(empty):
         return first
     part = problem.take(empty)
-    pose = find_pose(part, settings.mean_shape, threads=settings.threads)
+    pose = find_pose(part, mean_shape, threads=threads)
     posed = pose.size > 0  # degenerate images have none
-    again = _alternate(part.take(posed), settings, pose.rotation[posed, None])
-    rows, order = empty[posed], np.arange(len(problem.lam))
+    rotation = pose.rotation[posed, None]
+    again = _alternate(part.take(posed), rotation, signed=signed, threads=threads)
+    rows = empty[posed]
     again = replace(again, iterations=first.iterations[rows] + again.iterations)
+    order = np.arange(len(problem.lam))
     order[rows] = len(order) + np.arange(len(rows))
-    joined: Estimate = join_images([first, again], order)
+    joined: AtomEstimate = join_images([first, again], order)
     return joined
 
 
-def _alternate(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
+def _alternate(
+    problem: Problem, starts: Floats, *, signed: bool, threads: int
+) -> AtomEstimate:
     """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
-    end = alternate(problem, starts, signed=settings.signed, threads=settings.threads)
+    end = alternate(problem, starts, signed=signed, threads=threads)
     return describe(problem, end.coefficients, end.rotation, end.rounds, end.status)
 
 
@@ -141,7 +180,7 @@ def describe(
     rotation: Floats,
     iterations: Integers,
     status: tuple[Status, ...],
-) -> Estimate:
+) -> AtomEstimate:
     """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3), nan where it is
     unknown.
     """
@@ -149,7 +188,7 @@ def describe(
     shapes = combine(coefficients, problem.atoms, R)
     placement = fit_translation(problem, shapes)
     penalty = problem.lam * np.abs(coefficients).sum(axis=1)
-    return Estimate(
+    return AtomEstimate(
         shapes=shapes,
         translation=placement.translation,
         rotation=rotation,

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats, median
 from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import std
-from shapefit.lifting.estimate import CORRELATION, Estimate
+from shapefit.lifting.estimate import PosteriorEstimate
 
 VIEWED = 6
 """Numbers of a view: rotation, scale, translation; they take up as many of the 2 m
@@ -192,7 +192,7 @@ def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> flo
     return median(distances) if len(distances) >= LIMITS.fewest_images else float("nan")
 
 
-def cover_mirror_image(estimate: Estimate) -> Estimate:
+def cover_mirror_image(estimate: PosteriorEstimate) -> PosteriorEstimate:
     """Widen error bars to those of a shape and its mirror image in depth, both as
     likely.
 
@@ -202,8 +202,6 @@ def cover_mirror_image(estimate: Estimate) -> Estimate:
 
     and depth is not correlated with x and y, as its sign is open.
     """
-    if estimate.deviation is None:
-        return estimate
     z = estimate.shapes[:, 2] - estimate.shapes[:, 2].mean(axis=1, keepdims=True)
     deviation = estimate.deviation.copy()
     deviation[:, 2] = np.sqrt(deviation[:, 2] ** 2 + 2 * z**2)
@@ -212,11 +210,10 @@ def cover_mirror_image(estimate: Estimate) -> Estimate:
         covariance = covariance.copy()
         covariance[:, : 2 * p, 2 * p :] = covariance[:, 2 * p :, : 2 * p] = 0.0
         covariance[:, 2 * p :, 2 * p :] += 2 * z[:, :, None] * z[:, None]
-    further = dict(estimate.further)
-    if CORRELATION in further:  # of x with y, x with z, y with z
-        further[CORRELATION] = further[CORRELATION] * np.array([1, 0, 0], np.float32)
+    only_x_with_y = np.array([1, 0, 0], np.float32)[:, None]
+    correlation = estimate.correlation * only_x_with_y
     return replace(
-        estimate, deviation=deviation, covariance=covariance, further=further
+        estimate, deviation=deviation, covariance=covariance, correlation=correlation
     )
 
 

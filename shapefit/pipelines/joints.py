@@ -22,6 +22,7 @@ from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_S
 from shapefit.io.names import check_numbering, numbers_of, renamed
 from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
+from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 
 MEANS: Mapping[str, float] = {name: parameter.mean for name, parameter in THETA.items()}
@@ -41,6 +42,7 @@ def match_names(
     """Match the landmarks of files to those of a dictionary; at least three must be in
     both.
     """
+    whole = dictionary
     doubts = check_numbering(names, dictionary.landmark_names, place, "the dictionary")
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
@@ -62,20 +64,22 @@ def match_names(
         if numbers_of(names):
             fix += ", or numbered ones by `--keypoints`"
         raise input_error(place, f"{fault}{abbreviate(listed, 10)})", fix)
-    return Matched(dictionary, joints, unknown, in_place, doubts)
+    return Matched(dictionary, joints, unknown, in_place, whole, doubts)
 
 
 class Matched(NamedTuple):
     """Landmarks of files beside a dictionary without what these do not mark.
 
     unknown landmarks are left out. in_place: they lie where A says, else at their
-    joints. doubts are warnings about their numbers.
+    joints. whole is the dictionary as it was read. doubts are warnings about their
+    numbers.
     """
 
     dictionary: Dictionary
     joints: Joints
     unknown: Sequence[str]
     in_place: bool
+    whole: Dictionary
     doubts: tuple[str, ...] = ()
 
     @property
@@ -118,12 +122,12 @@ class Matched(NamedTuple):
 
     def to_joints(
         self,
-        lifting: Lifting,
+        lifting: Lifting[PosteriorEstimate],
         theta: Mapping[str, float],
         landmarks: Floats,
         visible: Flags,
         residual_variance: float,
-    ) -> tuple[Lifting, dict[str, NDArray[Any]]]:
+    ) -> tuple[Lifting[PosteriorEstimate], dict[str, NDArray[Any]]]:
         """Return the lifting of the joints, and all landmarks of the files in 3D as
         datasets.
         """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -18,12 +19,13 @@ from shapefit.config.paths import (
     OutputOrFolder,
     find_dictionaries,
 )
+from shapefit.errors import listed
 from shapefit.lifting.methods import (
     AUTO,
     METHODS,
+    ROBUST,
     STARTS,
-    PosteriorOptions,
-    find_conflict,
+    Method,
     summarise,
 )
 
@@ -83,7 +85,7 @@ class PriorConfig(ConfigModel):
     """
     calibration: OptionalInputPath = None
     """error_bars.json of a report of eval, whose factors scale the error bars."""
-    bar_scale: Positive = PosteriorOptions.bar_scale
+    bar_scale: Positive = 1.0
     """Factor on all covariances of error bars, for bodies and motions that the prior
     lacks.
     """
@@ -181,3 +183,54 @@ class FitConfig(MetresConfig):
         if (conflict := find_conflict(self)) is not None:
             raise ValueError(conflict)
         return self
+
+
+def find_conflict(fit: FitConfig) -> str | None:
+    """Return which key of a config its method cannot use, and the fix; None where there
+    is none.
+    """
+    if fit.method == AUTO:
+        return None
+    for fault, fix in list_conflicts(fit, METHODS[fit.method]):
+        return f"the method {fit.method} {fault}; {fix}"
+    return None
+
+
+def list_conflicts(fit: FitConfig, method: Method) -> Iterator[tuple[str, str]]:
+    """Yield what a method cannot do that a config asks for, and the fix."""
+    given = fit.model_fields_set
+    if fit.outliers in ROBUST and fit.outliers not in method.losses:
+        yield f"does not support `outliers: {fit.outliers}`", "use `method: convex`"
+    if fit.leave_one_out and method.has_prior:
+        yield (
+            "has a prior that was learned from all shapes; `leave_one_out` needs"
+            " another",
+            "use another method, or a dictionary learned without the shapes",
+        )
+    if fit.camera.focal not in ("auto", "none") and method.perspective == "none":
+        yield "has no perspective camera", "leave out `camera.focal`"
+    keys = keys_of_priors(fit)
+    if keys and not method.has_prior:
+        priors = name_methods(lambda row: row.has_prior)
+        yield (
+            f"has no prior; `{keys[0]}` needs one",
+            f"use {priors}, or leave it out",
+        )
+    if "starts" in given and not method.has_starts:
+        starts = name_methods(lambda row: row.has_starts)
+        yield "does not support `starts`", f"use {starts}, or leave it out"
+
+
+def keys_of_priors(fit: FitConfig) -> list[str]:
+    """Return the keys of a config that only methods with a prior have."""
+    keys = [f"prior.{key}" for key in sorted(fit.prior.model_fields_set)]
+    if "skeleton" in fit.model_fields_set and fit.skeleton is not None:
+        keys.append("skeleton")
+    if fit.save.covariance:
+        keys.append("save.covariance")
+    return keys
+
+
+def name_methods(suits: Callable[[Method], bool]) -> str:
+    """Return the methods whose row suits, as a message names them."""
+    return listed(f"`method: {name}`" for name, row in METHODS.items() if suits(row))

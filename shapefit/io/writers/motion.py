@@ -43,7 +43,6 @@ from shapefit.io.writers.metres import (
     flip,
     in_metres,
 )
-from shapefit.lifting.estimate import CORRELATION
 from shapefit.lifting.trust import REASONS
 from shapefit.timeline import ASSUMED_RATE, JITTER, LONGEST_GAP, find_rate
 
@@ -358,7 +357,7 @@ def _covariance(record: ResultSet) -> Floats | None:
         return whole
     sd = record.shape_sd.swapaxes(1, 2)
     covariance = np.eye(3) * sd[..., None] ** 2
-    correlation = record.columns.get(CORRELATION)
+    correlation = record.columns.get("shape_correlation")
     if correlation is not None:
         for number, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
             product = correlation[..., number] * sd[..., i] * sd[..., j]

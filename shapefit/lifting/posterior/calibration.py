@@ -23,7 +23,6 @@ import numpy as np
 
 from shapefit.arrays import Flags, Floats
 from shapefit.convex.problem import Problem
-from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.method import (
     MOSTLY,
     find_from,
@@ -31,6 +30,7 @@ from shapefit.lifting.posterior.method import (
     find_rays,
     noise_of_rays,
 )
+from shapefit.lifting.posterior.model import PosteriorModel
 
 QUANTILE = 4.605170185988092
 """90% quantile of chi^2 with 2 degrees of freedom."""
@@ -75,7 +75,12 @@ class Calibration:
 
 
 def calibrate(
-    problem: Problem, rotation: Floats, inliers: Floats, settings: Settings
+    problem: Problem,
+    rotation: Floats,
+    inliers: Floats,
+    model: PosteriorModel,
+    *,
+    threads: int = 0,
 ) -> Calibration:
     """Hide each landmark of n images in turn and compare it with what the others
     predict.
@@ -85,8 +90,7 @@ def calibrate(
     landmark that is mostly an outlier, in most images, has no part in the kappa of the
     file.
     """
-    square = predict_hidden(problem, rotation, settings)
-    bar_scale = settings.posterior.bar_scale
+    square = predict_hidden(problem, rotation, model, threads=threads)
     with np.errstate(invalid="ignore"):
         outliers = (inliers < MOSTLY).sum(axis=0) > MOSTLY * np.isfinite(inliers).sum(
             axis=0
@@ -104,12 +108,14 @@ def calibrate(
     return Calibration(
         kappa=float(np.quantile(pooled, LEVEL)) / QUANTILE,
         by_landmark=np.where(outliers, np.nan, by_landmark),
-        inside=float((pooled <= bar_scale * QUANTILE).mean()),
+        inside=float((pooled <= model.bar_scale * QUANTILE).mean()),
         predictions=len(pooled),
     )
 
 
-def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Floats:
+def predict_hidden(
+    problem: Problem, rotation: Floats, model: PosteriorModel, *, threads: int = 0
+) -> Floats:
     """d^2 (n, p) of seen landmarks from what the others predict, nan where that is
     nothing.
     """
@@ -124,7 +130,7 @@ def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Fl
     rows = np.arange(len(image))
     others = problem.take(image)
     others.weights[rows, hidden] = 0.0
-    posterior = find_from(others, rotation[image][:, None], settings)
+    posterior = find_from(others, rotation[image][:, None], model, threads=threads)
     noise, w, slope = find_noise(problem), problem.landmarks, np.zeros((len(image), 2))
     if problem.camera is not None:
         rays = find_rays(w, problem.camera)
@@ -141,7 +147,7 @@ def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Fl
     P[:, :, 2] = -slope
     C = np.array([[x * x, xy, xz], [xy, y * y, yz], [xz, yz, z * z]]).transpose(2, 0, 1)
     omega = problem.weights[image, hidden]
-    of_landmark = posterior.scale**2 * settings.posterior.residual_variance / omega**2
+    of_landmark = posterior.scale**2 * model.residual_variance / omega**2
     S = P @ C @ P.swapaxes(1, 2) + noise[image, hidden]
     S += of_landmark[:, None, None] * np.eye(2)
     away = w[image, :, hidden] - (P @ mean[..., None])[..., 0]

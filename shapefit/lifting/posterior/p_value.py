@@ -21,8 +21,7 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.mixture import Mixture, widen
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.methods import PosteriorOptions
-from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
+from shapefit.lifting.posterior.posterior import OUTLIERS, Posterior, find_posterior
 from shapefit.lifting.trust import VIEWED
 
 FEWEST_INLIERS, LEAST_INLIER_SHARE = 3.0, 2 / 3
@@ -178,9 +177,7 @@ def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
             noise=np.zeros((len(k[rows]), p, 2, 2)),
             prior=prior,
             starts=R[rows, None],
-            outliers=Outliers(
-                PosteriorOptions.outlier_rate, PosteriorOptions.outlier_density
-            ),
+            outliers=OUTLIERS,
         )
 
     parts = [find(slice(PILOT))]

@@ -38,6 +38,10 @@ class Outliers(NamedTuple):
     density: float = 0.05
 
 
+OUTLIERS = Outliers(chance=0.02, density=0.05)
+"""Of detectors: the chance of theirs on film, and any place within the body's size."""
+
+
 class Modes(NamedTuple):
     """The M most likely modes of n images, the most likely first: a component and a
     view each.

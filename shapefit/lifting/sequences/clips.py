@@ -31,12 +31,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, finite_median, median
-from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status
-from shapefit.lifting.estimate import CORRELATION, PAIRS, Estimate
+from shapefit.lifting.estimate import PAIRS, PosteriorEstimate
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.methods import Settings
-from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.posterior.posterior import Modes
 from shapefit.lifting.sequences.smoothing import (
     CONSTANTS,
@@ -48,14 +45,9 @@ from shapefit.lifting.sequences.smoothing import (
     observe,
     smooth,
 )
-from shapefit.lifting.trust import IMAGE_ERROR, expected_error
+from shapefit.lifting.trust import expected_error
 from shapefit.threads import on_threads
 from shapefit.timeline import ASSUMED_RATE, Timeline
-
-NOISE = "sequence_noise"
-"""Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence
-were taken, nan for images that are not refined.
-"""
 
 LONGEST = 4096
 """Frames that are refined together; longer sequences are cut into parts of about one
@@ -130,17 +122,8 @@ class Refined(NamedTuple):
     converged: Flags
 
 
-def lift_frames(problem: Problem, settings: Settings) -> Estimate:
-    """Return the posterior of each image, with the modes from which sequences are
-    inferred.
-    """
-    posterior = lift_to_posterior(problem, settings, modes=CONSTANTS.modes)
-    unknown = np.full(len(problem.landmarks), np.nan)
-    return replace(posterior, further={**posterior.further, NOISE: unknown})
-
-
 def refine_lifting(
-    lifting: Lifting,
+    lifting: Lifting[PosteriorEstimate],
     landmarks: Floats,
     sequences: Sequence[str],
     motion: Motion,
@@ -150,7 +133,7 @@ def refine_lifting(
     shown: Flags | None = None,
     position: Floats | None = None,
     threads: int = 0,
-) -> Lifting:
+) -> Lifting[PosteriorEstimate]:
     """Infer the shapes of whole sequences from the modes of their images.
 
     landmarks (n, 2, p) as observed; residual_variance and noise as in `Clips`;
@@ -160,28 +143,23 @@ def refine_lifting(
     and what is known of them stays that of the images.
     """
     estimate = lifting.estimate
-    modes = estimate.posterior_modes
+    modes = estimate.modes
+    of_images = estimate.covariance
+    assert modes is not None, "the images were lifted with their modes"
+    assert of_images is not None, "and with covariances"
     weights = lifting.problem.weights
     visible = (weights > 0)[:, None]
-    image_sd, image_mixed, of_images = (
-        estimate.deviation,
-        estimate.further[CORRELATION],
-        estimate.covariance,
-    )
-    assert modes is not None  # as lift_frames returns them, with covariances
-    assert image_sd is not None
-    assert of_images is not None
     centre = lifting.translation - lifting.scale[:, None] * estimate.translation
     clips = Clips(
         landmarks=np.where(visible, landmarks, np.nan),
-        trust=np.nan_to_num(estimate.further["inlier_probability"]) * weights**2,
+        trust=np.nan_to_num(estimate.inlier_probability) * weights**2,
         points=lifting.shapes,
         scale=lifting.scale,
         centre=centre,
         modes=modes,
         residual_variance=residual_variance,
         noise=noise,
-        deviation=lifting.scale[:, None, None] * image_sd / bar_scale,
+        deviation=lifting.scale[:, None, None] * estimate.deviation / bar_scale,
         position=(
             np.arange(len(landmarks), dtype=np.float64)
             if position is None
@@ -194,11 +172,10 @@ def refine_lifting(
         bar_scale / lifting.scale[:, None]
     )  # (n, p), of what is in the unit of the landmarks
     rows = nearest_informative(is_informative(clips), split(sequences), clips.position)
-    images = (image_sd[rows], image_mixed[rows].swapaxes(1, 2).astype(np.float64))
+    images = (estimate.deviation[rows], estimate.correlation[rows].astype(np.float64))
     smoothed = (refined.deviation * grow[:, None], refined.correlation)
     constant = refined.noise[:, None] * grow
     bars, correlation = add_common_error(smoothed, images, constant)
-    mixed = correlation.swapaxes(1, 2).astype(np.float32)
     covariance = refined.covariance  # written over, as these take most of the memory
     factor, axes = np.tile(grow, 3), range(covariance.shape[1])
     covariance *= factor[:, :, None]
@@ -221,17 +198,16 @@ def refine_lifting(
         estimate=replace(
             estimate,
             status=status,
-            deviation=np.where(single, image_sd, bars),
+            deviation=np.where(single, estimate.deviation, bars),
+            correlation=np.where(
+                single, estimate.correlation, correlation.astype(np.float32)
+            ),
             covariance=covariance,
-            posterior_modes=None,
-            further={
-                **estimate.further,
-                CORRELATION: np.where(single, image_mixed, mixed),
-                NOISE: refined.noise,
-                IMAGE_ERROR: (
-                    lifting.scale * expected_error(lifting.shapes, of_images, shown)
-                ),
-            },
+            modes=None,
+            sequence_noise=refined.noise,
+            image_error=(
+                lifting.scale * expected_error(lifting.shapes, of_images, shown)
+            ),
         ),
     )
 

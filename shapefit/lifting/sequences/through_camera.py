@@ -18,15 +18,18 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.geometry.pinhole import project
+from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.posterior.method import find_rays
 
-Refine = Callable[[Lifting, Floats], Lifting]
+PosteriorLifting = Lifting[PosteriorEstimate]
+
+Refine = Callable[[PosteriorLifting, Floats], PosteriorLifting]
 
 
 def refine_through_camera(
-    lifting: Lifting, landmarks: Floats, refine: Refine
-) -> Lifting:
+    lifting: PosteriorLifting, landmarks: Floats, refine: Refine
+) -> PosteriorLifting:
     """Refine a lifting of n images whose landmarks (n, 2, p) a camera may have seen.
 
     `refine` takes a lifting by weak perspective and its landmarks, and the memory of
@@ -65,12 +68,12 @@ def refine_through_camera(
 
 
 def place_before_camera(
-    lifting: Lifting,
+    lifting: PosteriorLifting,
     view: PerspectiveView,
-    refined: Lifting,
+    refined: PosteriorLifting,
     focal: Floats,
     grow: Floats,
-) -> Lifting:
+) -> PosteriorLifting:
     """Put the refined shapes (n, 3, p) before the camera, in the place of those of the
     images.
     """

@@ -22,7 +22,7 @@ import numpy as np
 
 from shapefit.arrays import Floats, median
 from shapefit.io import LandmarkSet
-from shapefit.pipelines.fit.lift import Lifter, lift_images
+from shapefit.pipelines.fit.image_posterior import ImagePosterior
 
 FACTORS = (0.5, 0.62, 1.6, 2.0)
 """Stretches of x that are looked for. Smaller ones are taken for people of another
@@ -41,21 +41,21 @@ MIN_LANDMARKS = 10
 """Median number of landmarks of an image: half bodies fit a stretched picture, too."""
 
 
-def find_stretch(sample: LandmarkSet, lifter: Lifter) -> float:
+def find_stretch(sample: LandmarkSet, posterior: ImagePosterior) -> float:
     """Return the factor of FACTORS by which x of a sample is too wide, else 1.
 
-    People alone: the lifter must know the usual lengths of their limbs.
+    People alone: the posterior must know the usual lengths of their limbs.
     """
     seen = sample.visible().sum(axis=1)
-    if lifter.posterior.limbs is None or len(sample) < MIN_IMAGES:
+    if posterior.limbs is None or len(sample) < MIN_IMAGES:
         return 1.0
     if median(seen) < MIN_LANDMARKS:
         return 1.0
-    lifter = replace(lifter, camera=None)
-    before = log_density(sample, lifter)
+    posterior = replace(posterior, camera=None)
+    before = log_density(sample, posterior)
     gains = {}
     for factor in FACTORS:
-        after = log_density(narrow(sample, factor), lifter)
+        after = log_density(narrow(sample, factor), posterior)
         gain = after - before - (seen - 1) * np.log(factor)
         gains[factor] = lower_quartile(gain)
     best = max(gains, key=lambda factor: gains[factor])
@@ -78,11 +78,11 @@ def narrow(images: LandmarkSet, factor: float) -> LandmarkSet:
     return images.replaced(landmarks=images.landmarks / scale)
 
 
-def log_density(images: LandmarkSet, lifter: Lifter) -> Floats:
+def log_density(images: LandmarkSet, posterior: ImagePosterior) -> Floats:
     """Return log p(w) (n,) of images per square unit of their landmarks."""
-    lifting = lift_images(images, lifter)
+    lifting = posterior.lift(images)
     seen = (lifting.problem.weights > 0).sum(axis=1)
-    evidence = lifting.estimate.further["log_evidence"]
+    evidence = lifting.estimate.log_evidence
     density: Floats = evidence - 2 * (seen - 1) * np.log(lifting.scale)
     return density
 

@@ -160,7 +160,16 @@ def find_extent(images: LandmarkSet) -> float:
     return median(np.hypot(*extent.T)) if len(w) else np.inf
 
 
-def camera_of(config: CameraConfig) -> Callable[[LandmarkSet], Camera] | None:
+def read_lens(config: FitConfig) -> CalibratedCamera | None:
+    """Return the camera of the calibration that a config names, None without one."""
+    if config.camera.calibration is None:
+        return None
+    from shapefit.io.readers.calibration import read_camera
+
+    return read_camera(config.camera.calibration, config.camera.name)
+
+
+def camera_factory(config: CameraConfig) -> Callable[[LandmarkSet], Camera] | None:
     """Return what gives the cameras of images by a config, None for weak
     perspective.
     """

@@ -37,10 +37,13 @@ from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests
 from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
-from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.camera import find_camera, read_intrinsics
-from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_images
-from shapefit.pipelines.fit.prepare import mean_gain
+from shapefit.pipelines.fit.choices import check_needs
+from shapefit.pipelines.fit.evidence import mean_gain
+from shapefit.pipelines.fit.image_posterior import (
+    ImagePosterior,
+    PosteriorLifting,
+)
 from shapefit.pipelines.learn_dict.from_3d import (
     Learning,
     learn_from_shapes,
@@ -220,7 +223,6 @@ def learn_mixtures(
         frame_rate=given.frame_rate,
         edges=given.columns.get(EDGES),
     )
-    method = "posterior" if images.sequences is None else "sequences"
     prior = config.prior if config.prior.components else PriorConfig(components="auto")
     number = number_of_components(len(images), prior)
     made = yield from learned(shapes, 0, QUICK, varied=False)
@@ -234,7 +236,7 @@ def learn_mixtures(
             # no mixture after such a one was ever better, and some were read wrongly
             break
         best, best_shapes, least = mixed, shapes, error
-        lifted = lift_by(images, mixed, method).shapes
+        lifted = lift_images(images, mixed).shapes
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(
             shapes.shapes, axis=(1, 2)
         )
@@ -308,9 +310,7 @@ def evidence_of_mirror(
     w = sample.landmarks.copy()
     w[:, 0] = 2 * middle - w[:, 0]
     unchanged, mirrored = (
-        lift_by(records, dictionary, "posterior", CAMERA_MATRIX).estimate.further[
-            "log_evidence"
-        ]
+        lift_images(records, dictionary, perspective=True).estimate.log_evidence
         for records in (sample, sample.replaced(landmarks=w))
     )
     return mean_gain(unchanged, mirrored)
@@ -327,22 +327,20 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
     others = sample.replaced(
         landmarks=np.where(hidden[:, None], np.nan, sample.landmarks)
     )
-    predicted = lift_by(others, dictionary, "posterior").shapes[:, :2]
+    predicted = lift_images(others, dictionary).shapes[:, :2]
     size = std(sample.landmarks, sample.visible())[:, None]
     residual = np.linalg.norm(predicted - sample.landmarks, axis=1) / size
     return float(np.nanmedian(residual[hidden]))
 
 
-def lift_by(
-    images: LandmarkSet, dictionary: Dictionary, method: str, camera: str | None = None
-) -> Lifting:
-    """Lift images as `fit` does with its defaults, without p-values, which nobody would
-    read.
-
-    camera names the dataset of their camera matrices, None for weak perspective.
+def lift_images(
+    images: LandmarkSet, dictionary: Dictionary, *, perspective: bool = False
+) -> PosteriorLifting:
+    """Lift images one by one with what was learned so far, by weak perspective or as
+    the cameras of the file see them.
     """
-    check_needs(method, dictionary, "dictionary")
-    intrinsics = None if camera is None else find_camera
-    return lift_images(
-        images, Lifter(method=method, dictionary=dictionary, camera=intrinsics)
+    check_needs("posterior", dictionary, "dictionary")
+    posterior = ImagePosterior(
+        dictionary=dictionary, camera=find_camera if perspective else None
     )
+    return posterior.lift(images)
