@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from shapefit.arrays import Flags, Floats
-from shapefit.geometry.normalisation import LARGEST, SMALLEST, Normalised, normalise
+from shapefit.geometry.normalisation import (
+    LARGEST,
+    SMALLEST,
+    Normalised,
+    normalise,
+)
 
 FEWEST = 3
 BEYOND_CHANCE = FEWEST + 1
@@ -73,7 +78,10 @@ def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
         (count < FEWEST, "only {count} visible landmarks, {fewest} are needed"),
         (s[:, 0] <= FLAT, "all visible landmarks are at one point"),
         (s[:, 1] <= FLAT * s[:, 0], "all visible landmarks lie on one line"),
-        (size > LARGEST, "coordinates too large, up to {size:.2g}: use a larger unit"),
+        (
+            size > LARGEST,
+            "coordinates too large, up to {size:.2g}: use a larger unit",
+        ),
         (
             extent < SMALLEST,
             "landmarks too close together, within {extent:.2g}: use a smaller unit",

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from shapefit.geometry import pinhole
-from shapefit.geometry.cameras import TO_Y_UP, nearest_axis_up, project, turntable
+from shapefit.geometry.cameras import (
+    TO_Y_UP,
+    nearest_axis_up,
+    project,
+    turntable,
+)
 from shapefit.geometry.pinhole import Camera, complete, distort, undistort
 
 # One point on each axis of the object, and one off all of them.

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from shapefit.geometry.joint_angles import ANGLES, measurable_angles, measure_angles
+from shapefit.geometry.joint_angles import (
+    ANGLES,
+    measurable_angles,
+    measure_angles,
+)
 from shapefit.geometry.joint_rotations import (
     find_bones,
     find_rig,

@@ -275,7 +275,8 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
         found.scale, np.sqrt(900 * 910) / visible.translation[:, 2]
     )
     np.testing.assert_allclose(
-        found.translation, project(camera, visible.translation[..., None])[..., 0]
+        found.translation,
+        project(camera, visible.translation[..., None])[..., 0],
     )
     np.testing.assert_allclose(
         e.transforms.dense(), e.coefficients[..., None, None] * e.rotation[:, None, :2]

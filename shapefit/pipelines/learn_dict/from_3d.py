@@ -376,7 +376,8 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     # differently.
     everything = range(points)
     turn = rotation_onto(
-        choose(varied, everything), choose(training.alignment.mean, everything)
+        choose(varied, everything),
+        choose(training.alignment.mean, everything),
     )
     turned: Floats = turn @ varied
     return turned
