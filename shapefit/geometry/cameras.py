@@ -49,7 +49,7 @@ def nearest_axis_up(rotation: Floats) -> Up:
 Axis = Literal["x", "y", "z"]
 
 
-def project(shapes: Floats, rotations: Floats, scale: float = 1.0) -> Floats:
+def project_from_afar(shapes: Floats, rotations: Floats, scale: float = 1.0) -> Floats:
     """W = s [1 0 0; 0 1 0] R S: what a camera far from the shapes sees.
 
     shapes (..., 3, p), rotations (..., 3, 3) -> (..., 2, p). s = 1 is the orthographic

@@ -98,7 +98,7 @@ ROBUST_STEPS = 10
 """Of least squares with weights 1 / (1 + u^2 / 4) of residuals u in deviations."""
 
 
-class Body(NamedTuple):
+class FilmedBody(NamedTuple):
     """A body before the camera, and what is known of it.
 
     points and their deviations (n, 3, p) in metres, nan in gaps; joints, the column of
@@ -157,7 +157,7 @@ class Evidence(NamedTuple):
     variances: Floats
 
 
-def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
+def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None:
     """Return the floor; None where no foot rests, or they leave it unsure.
 
     distance_sd: standard deviation of the logarithm of the distance, the same for all
@@ -199,7 +199,7 @@ def _read_floor(abg: Floats, covariance: Floats) -> Floor:
     )
 
 
-def _find_evidence(body: Body) -> Evidence:
+def _find_evidence(body: FilmedBody) -> Evidence:
     """Return where the feet of one body rest, and how it leans above them."""
     X = {joint: body.points[..., column] for joint, column in body.joints.items()}
     centre = _centre_of_mass(X)
@@ -244,7 +244,7 @@ def _bearing_offset(X: Mapping[str, Floats], stature: float) -> Floats:
 
 
 def _find_rests(
-    body: Body,
+    body: FilmedBody,
     X: Mapping[str, Floats],
     feet: Floats,
     under: Floats,
@@ -264,7 +264,7 @@ def _find_rests(
 
 
 def _bears(
-    body: Body, X: Mapping[str, Floats], side: str, foot: Floats
+    body: FilmedBody, X: Mapping[str, Floats], side: str, foot: Floats
 ) -> NDArray[np.bool_]:
     """Whether a foot (n, 3) is slow and below a leg that is straight."""
     hip, knee, ankle = (X[f"{side}{joint}"] for joint in ("hip", "knee", "ankle"))
@@ -285,7 +285,7 @@ def _bears(
 
 
 def _find_leaning(
-    body: Body, rests: NDArray[np.bool_], under: Floats, centre: Floats
+    body: FilmedBody, rests: NDArray[np.bool_], under: Floats, centre: Floats
 ) -> tuple[list[Floats], list[Floats]]:
     """Return how a body leans, a and b, at moments, and the variances of that.
 
@@ -307,7 +307,7 @@ def _find_leaning(
     return leaning, variances
 
 
-def _min_rest_frames(body: Body) -> float:
+def _min_rest_frames(body: FilmedBody) -> float:
     return max(MIN_REST_SECONDS * body.rate, 2)
 
 

@@ -77,7 +77,7 @@ def measure_angles(
 def measurable_angles(joints: Iterable[str]) -> tuple[JointAngle, ...]:
     """Return the angles whose joints are all among these."""
     known = {*joints}
-    return tuple(angle for angle in ANGLES if {*angle.joints} <= known)
+    return tuple(angle for angle in JOINT_ANGLES if {*angle.joints} <= known)
 
 
 def _slope(angle: JointAngle, points: Floats, up: Floats) -> Floats:
@@ -177,7 +177,7 @@ def _angles_of_side(side: str) -> tuple[JointAngle, ...]:
     )
 
 
-ANGLES = (
+JOINT_ANGLES = (
     *_angles_of_side("r"),
     *_angles_of_side("l"),
     JointAngle("trunk_tilt", (*_HIPS, *_SHOULDERS), _tilt),

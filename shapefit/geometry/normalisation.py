@@ -13,10 +13,10 @@ from shapefit.arrays import Floats
 # Coordinates and their distances are squared and summed, which must neither overflow
 # nor vanish.
 
-LARGEST = 1e150
+MAX_COORDINATE = 1e150
 """Largest coordinate that is taken."""
 
-SMALLEST = 1e-150
+MIN_EXTENT = 1e-150
 """Smallest extent of points that is taken."""
 
 _UNIT_NAMES = {

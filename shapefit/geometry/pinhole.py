@@ -72,7 +72,7 @@ class Camera:
         return replace(self, focal=self.focal / size, centre=centre)
 
 
-def project(camera: Camera, points: Floats) -> Floats:
+def project_pinhole(camera: Camera, points: Floats) -> Floats:
     """u = centre + focal X_xy / (sign X_z).
 
     points (n, 3, p) in the camera's frame -> (n, 2, p); nan for a point that is not in
@@ -88,7 +88,7 @@ def depth_sign(y_axis: Literal["up", "down"] | None) -> float:
     return -1.0 if y_axis == "up" else 1.0
 
 
-def complete(coefficients: Sequence[float] | Floats) -> Floats:
+def complete_coefficients(coefficients: Sequence[float] | Floats) -> Floats:
     """Return coefficients (..., m), m = 4, 5 or 8, with 0 for the others (..., 8)."""
     given = np.asarray(coefficients, dtype=np.float64)
     if given.shape[-1] not in (4, 5, COEFFICIENTS):  # more are a thin prism and tilt

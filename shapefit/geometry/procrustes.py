@@ -152,7 +152,7 @@ def generalised_procrustes(
     most `tolerance` of its norm. The first mean is the first shape, and the answer is
     given in its frame (rotations[0] = I). Source: Gower 1975.
     """
-    chosen = choose(shapes, landmarks)
+    chosen = choose_landmarks(shapes, landmarks)
     mean = chosen[0]
     converged = False
     rounds = 0
@@ -169,7 +169,7 @@ def generalised_procrustes(
     return Alignment(aligned, aligned.mean(axis=0), R, rounds, converged)
 
 
-def choose(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:
+def choose_landmarks(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:
     """Return these landmarks (None: all) of shapes (..., 3, p), centred."""
     chosen = shapes if landmarks is None else shapes[..., list(landmarks)]
     return chosen - chosen.mean(axis=-1, keepdims=True)

@@ -29,10 +29,10 @@ from shapefit.dictionary.learning import learn, principal_components, scale_of_a
 from shapefit.dictionary.mixture import Mixture, learn_mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
-from shapefit.geometry.normalisation import SMALLEST, normalise
+from shapefit.geometry.normalisation import MIN_EXTENT, normalise
 from shapefit.geometry.procrustes import (
     Alignment,
-    choose,
+    choose_landmarks,
     coincide,
     generalised_procrustes,
     lateral_axis,
@@ -165,7 +165,7 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
 def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
     """Return the shapes that can be normalised, and the others as failures."""
     extent = np.ptp(shapes.shapes, axis=-1).max(axis=-1, initial=0.0)
-    usable = ~coincide(shapes.shapes) & np.isfinite(extent) & (extent >= SMALLEST)
+    usable = ~coincide(shapes.shapes) & np.isfinite(extent) & (extent >= MIN_EXTENT)
     reason = "all its landmarks are at one point, or not finite"
     items = (shapes.items[row] for row in np.flatnonzero(~usable))
     return shapes.take(usable), tuple(Failure(item, reason) for item in items)
@@ -376,8 +376,8 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     # differently.
     everything = range(points)
     turn = rotation_onto(
-        choose(varied, everything),
-        choose(training.alignment.mean, everything),
+        choose_landmarks(varied, everything),
+        choose_landmarks(training.alignment.mean, everything),
     )
     turned: Floats = turn @ varied
     return turned
