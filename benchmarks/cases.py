@@ -24,7 +24,7 @@ import numpy as np
 
 from shapefit import read_landmarks
 from shapefit.arrays import Floats
-from shapefit.dictionary.learning import learn
+from shapefit.dictionary.learning import learn_atoms
 from shapefit.geometry.cameras import project_from_afar, turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
@@ -286,7 +286,7 @@ def mocap_case(folder: Path) -> Arrays:
     training = read_shapes([folder / "subject86_24fps.h5"])
     retained = training.shapes[every_nth(training.sequences or (), 3)]
     aligned = generalised_procrustes(normalise(retained).points).shapes
-    *_, learned = learn(aligned, 64, 0.1, iterations=15)
+    *_, learned = learn_atoms(aligned, 64, 0.1, iterations=15)
     return program(views, learned.atoms)
 
 

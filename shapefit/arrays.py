@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 Numbers = NDArray[np.floating] | NDArray[np.integer]
 """Real numbers of any type."""
