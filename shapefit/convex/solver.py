@@ -1,6 +1,4 @@
-"""Solve the convex program for many images: one status, certificate and set of
-transforms each.
-"""
+"""Solve the convex program for many images, each with its status and certificate."""
 
 from __future__ import annotations
 
@@ -43,10 +41,9 @@ class Solution(NamedTuple):
 
     transforms M; translation T (n, 2); dual Y (n, 2, p), feasible up to scaling; errors
     E (n, 2, p), the sparse errors of a robust loss in the units of the landmarks, else
-    zero; objective and relative_gap (n,), computed from scratch at the end; residual
-    (n,),
-    ||Omega o (W - sum M_i B_i - T 1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,);
-    status, a Status per image.
+    zero; objective and relative_gap (n,), computed from scratch at the end; iterations
+    (n,); status, a Status per image. The residual (n,) is ||Omega o (W - sum M_i B_i -
+    T 1^T)||_F / ||Omega o (W - mean)||_F.
     """
 
     transforms: Transforms
@@ -67,14 +64,13 @@ def solve_newton(
     max_iterations: int = 1000,
     threads: int = 0,
 ) -> Solution:
-    """Solve every image to a relative duality gap <= tolerance by semismooth Newton
-    steps.
+    """Solve every image to a relative duality gap <= tolerance by Newton's method.
 
-    `threads` = 0 means all cores. For the EXACT loss the relative residual
-    ||W - sum M_i B_i|| / ||W|| must fall below the tolerance too, and the gap is nan
-    where it does not. An image with fewer than two visible landmarks is DEGENERATE. The
-    method is written down in shapefit/core/convex/newton.hpp. Large shapes are solved
-    in the span of the atoms, see `span`.
+    `threads` = 0 means all cores. For the EXACT loss the relative residual ||W - sum
+    M_i B_i|| / ||W|| must fall below the tolerance too, and the gap is nan where it
+    does not. An image with fewer than two visible landmarks is DEGENERATE. The method,
+    of semismooth Newton steps, is written down in shapefit/core/convex/newton.hpp.
+    Large shapes are solved in the span of the atoms, see `span`.
     """
     solve = partial(
         solve_directly,
@@ -95,8 +91,10 @@ def solve_directly(
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)
     first, count, steps, codes = np.zeros((4, n), np.int64)
-    atom, blocks = np.empty(n * k, np.int64), np.empty((n * k, 2, 3))
-    translation, dual = np.zeros((n, 2)), np.zeros((n, 2, p))
+    atom = np.empty(n * k, np.int64)
+    blocks = np.empty((n * k, 2, 3))
+    translation = np.zeros((n, 2))
+    dual = np.zeros((n, 2, p))
     errors = np.zeros((n, 2, 0 if problem.loss is Loss.SQUARED else p))
     objective, gap, residual = np.zeros((3, n))
     core.solve_convex(
@@ -137,25 +135,27 @@ def solve_in_span(
     solve: Callable[[Problem], Solution],
     threads: int,
 ) -> Solution:
-    """Solve the images reduced to the span (p, r) of the atoms, and certify their
-    solutions as those of the problem.
+    """Solve images reduced to the span (p, r) of the atoms, and certify what is found.
 
     The part of the landmarks that the atoms do not span joins the objective, never the
     gap's numerator: a reduction that is solved to the tolerance solves the problem to
     it.
     """
     n, _, p = problem.landmarks.shape
-    dual, order, solved = np.zeros((n, 2, p)), [], []
+    dual = np.zeros((n, 2, p))
+    rows, transforms_of_parts, steps_of_parts = [], [], []
+    statuses: list[Status] = []
     for part in reduce_images(problem, span):
         solution = solve(part.problem)
         dual[part.rows] = part.expand(solution.dual, problem)
-        order.append(part.rows)
-        solved.append(solution)
-    back = np.argsort(np.concatenate(order))
-    transforms = Transforms.joined([solution.transforms for solution in solved]).take(
-        back
-    )
-    status = np.array([value for solution in solved for value in solution.status])[back]
+        rows.append(part.rows)
+        transforms_of_parts.append(solution.transforms)
+        statuses.extend(solution.status)
+        steps_of_parts.append(solution.iterations)
+    in_order = np.argsort(np.concatenate(rows))
+    transforms = Transforms.joined(transforms_of_parts).take(in_order)
+    status = np.array(statuses)[in_order]
+    steps = np.concatenate(steps_of_parts)[in_order]
     translation = np.zeros((n, 2))
     objective, gap, residual = np.full((3, n), np.nan)
     core.certify(
@@ -171,15 +171,13 @@ def solve_in_span(
         residual=residual,
         threads=threads,
     )
-    degenerate = status == Status.DEGENERATE
-    objective[degenerate] = gap[degenerate] = residual[degenerate] = np.nan
-    steps = np.concatenate([solution.iterations for solution in solved])[back]
-    errors = np.broadcast_to(0.0, dual.shape)
+    for measure in (objective, gap, residual):
+        measure[status == Status.DEGENERATE] = np.nan
     return Solution(
         transforms,
         translation,
         dual,
-        errors,
+        np.broadcast_to(0.0, dual.shape),
         objective,
         gap,
         residual,
@@ -189,15 +187,14 @@ def solve_in_span(
 
 
 def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:
-    """Landmarks (n, p) with a weighted residual beyond beta in a coordinate; None if
-    not robust.
+    """Landmarks (n, p) whose weighted residual is beyond beta in a coordinate.
 
-    For the sparse-error loss these are the ones with an error E that is not 0.
+    For the sparse-error loss these are the ones with an error E that is not 0. None of
+    a loss that is not robust.
     """
     if problem.loss is Loss.ABSOLUTE:
-        return np.any(
-            np.abs(solution.errors) * problem.weights[:, None, :] > problem.beta, axis=1
-        )
+        residuals = np.abs(solution.errors) * problem.weights[:, None, :]
+        return np.any(residuals > problem.beta, axis=1)
     if problem.loss is Loss.SPARSE_ERROR:
         return np.any(solution.errors != 0, axis=1)
     return None

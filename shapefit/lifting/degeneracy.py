@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from shapefit.arrays import Flags, Floats
-from shapefit.geometry.normalisation import LARGEST, SMALLEST, Normalised, normalise
+from shapefit.geometry.normalisation import (
+    MAX_COORDINATE,
+    MIN_EXTENT,
+    Normalised,
+    normalise,
+)
 
 FEWEST = 3
 BEYOND_CHANCE = FEWEST + 1
@@ -66,16 +71,21 @@ def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
     points = points / np.where(size > 0, size, 1.0)[:, None, None]
     mean = points.sum(axis=2) / np.maximum(count, 1)[:, None]
     centred = np.where(visible[:, None, :], points - mean[..., None], 0.0)
-    extent = np.minimum(size, LARGEST) * np.abs(centred).max(axis=(1, 2), initial=0.0)
+    extent = np.minimum(size, MAX_COORDINATE) * np.abs(centred).max(
+        axis=(1, 2), initial=0.0
+    )
     s = np.linalg.svd(centred, compute_uv=False)
     rules = (
         (count == 0, "all landmarks are hidden"),
         (count < FEWEST, "only {count} visible landmarks, {fewest} are needed"),
         (s[:, 0] <= FLAT, "all visible landmarks are at one point"),
         (s[:, 1] <= FLAT * s[:, 0], "all visible landmarks lie on one line"),
-        (size > LARGEST, "coordinates too large, up to {size:.2g}: use a larger unit"),
         (
-            extent < SMALLEST,
+            size > MAX_COORDINATE,
+            "coordinates too large, up to {size:.2g}: use a larger unit",
+        ),
+        (
+            extent < MIN_EXTENT,
             "landmarks too close together, within {extent:.2g}: use a smaller unit",
         ),
     )

@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.geometry.pinhole import project
+from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.estimate import PAIRS, PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 
@@ -101,7 +101,9 @@ def place_dependents(
     if view is not None:
         about = shapes.copy()
         about[:, :2] -= lifting.translation[..., None]
-        fitted = project(view.camera, about / scale + view.translation[..., None])
+        fitted = project_pinhole(
+            view.camera, about / scale + view.translation[..., None]
+        )
     estimate = replace(
         lifting.estimate, shapes=lifting.estimate.shapes + step, covariance=C
     )

@@ -14,7 +14,7 @@ from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status
 from shapefit.convex.transforms import Transforms, nuclear_norm
-from shapefit.geometry.pinhole import project
+from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.degeneracy import normalise_visible
 from shapefit.lifting.estimate import AtomEstimate, E, Estimator, join_images
 
@@ -146,7 +146,9 @@ def lift(
     shapes[:, :2] += translation[:, :, None]
     fitted = shapes[:, :2]
     if view is not None:
-        fitted = project(view.camera, estimate.shapes + view.translation[..., None])
+        fitted = project_pinhole(
+            view.camera, estimate.shapes + view.translation[..., None]
+        )
     return Lifting(
         shapes, fitted, translation, scale, problem, estimate, failures, view
     )

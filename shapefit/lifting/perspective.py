@@ -18,7 +18,7 @@ from shapefit.convex.solver import Status, read_statuses
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.lifting.estimate import AtomEstimate, fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.reconstruction import combine, is_active
@@ -92,7 +92,7 @@ def refine_view(
     origin = in_unit.centre + in_unit.focal * t[:, :2] / depth[:, None]
     shapes = scale[:, None, None] * S
     shapes[:, :2] += origin[..., None]
-    projected = project(nearby, S + t[..., None])
+    projected = project_pinhole(nearby, S + t[..., None])
     # what is hidden may lie behind the camera, and counts for nothing
     shown = np.where(part.weights[:, None] > 0, projected, 0.0)
 

@@ -106,7 +106,7 @@ def project(
     else:
         rotations = np.broadcast_to(np.array(camera.view, dtype=np.float64), (n, 3, 3))
     scale = 1.0 if camera.scale is None else camera.scale
-    landmarks = cameras.project(shapes.shapes, rotations, scale)
+    landmarks = cameras.project_from_afar(shapes.shapes, rotations, scale)
     if config.noise > 0:
         landmarks = add_noise(
             landmarks, config.noise, stream(config.seed, NOISE, batch)

@@ -26,7 +26,7 @@ from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Solution, Status
 from shapefit.convex.transforms import Transforms
-from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.procrustes import similarity_errors
 from shapefit.geometry.rotations import shortest_rotations
 from shapefit.lifting.degeneracy import normalise_visible
@@ -318,7 +318,7 @@ def look_through(
     t /= posterior.scale[:, None]
     shapes = posterior.mean / size
     shapes[:, :2] -= t[:, :2, None]
-    projected = project(camera, shapes + t[..., None])
+    projected = project_pinhole(camera, shapes + t[..., None])
     # what is hidden may lie behind the camera, and counts for nothing
     shown = np.where(problem.weights[:, None] > 0, projected, 0.0)
     origin = camera.centre + camera.focal * middle / focal[:, None]

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.geometry.pinhole import project
+from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.posterior.method import find_rays
@@ -86,7 +86,9 @@ def place_before_camera(
         np.concatenate([middle, camera.sign * focal[:, None]], axis=1)
         / lifting.scale[:, None]
     )
-    fitted = project(camera, shapes / lifting.scale[:, None, None] + t[..., None])
+    fitted = project_pinhole(
+        camera, shapes / lifting.scale[:, None, None] + t[..., None]
+    )
     shapes[:, :2] += translation[..., None]
     return replace(
         lifting,

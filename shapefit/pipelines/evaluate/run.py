@@ -21,7 +21,7 @@ from shapefit.evaluation import report
 from shapefit.evaluation.calibration import WIDTH_OF, bar_scale_factors, cover
 from shapefit.evaluation.metrics import METRICS, SHARE
 from shapefit.evaluation.plots import draw_errors
-from shapefit.geometry.normalisation import LARGEST
+from shapefit.geometry.normalisation import MAX_COORDINATE
 from shapefit.io import open_shapes
 from shapefit.io.atomic import check_folder, digests, staged_files, storage_errors
 from shapefit.io.detect import detect_format
@@ -158,7 +158,7 @@ def sum_up(
     summaries, coverage = list[report.Summary](), list[Any]()
     for name, measured in methods.items():
         objective = np.array([] if measured.objective is None else measured.objective)
-        finite = objective[np.abs(objective) <= LARGEST]
+        finite = objective[np.abs(objective) <= MAX_COORDINATE]
         failures = [
             {"item": item, "reason": why} for item, why in measured.failures.items()
         ]

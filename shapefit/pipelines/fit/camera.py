@@ -262,7 +262,9 @@ def undistorted(
         )
     if DISTORTION not in images.columns or CAMERA_MATRIX not in images.columns:
         return images
-    coefficients = pinhole.complete(read_dataset(images, DISTORTION, (4,), (5,), (8,)))
+    coefficients = pinhole.complete_coefficients(
+        read_dataset(images, DISTORTION, (4,), (5,), (8,))
+    )
     if not coefficients.any():
         return images
     if images.y_axis == "up":

@@ -15,13 +15,13 @@ from shapefit.arrays import Floats, evenly
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.others import PriorConfig
 from shapefit.dictionary.from_2d.judgement import (
-    ALIKE,
-    DOUBTFUL,
-    UNLIKE,
+    DOUBTFUL_DEPTH,
+    NOTHING_IN_COMMON,
+    VIEWS_ALIKE,
     evaluate_class,
 )
-from shapefit.dictionary.from_2d.learning import State, learn
-from shapefit.dictionary.from_2d.model import Images, hide
+from shapefit.dictionary.from_2d.learning import ClassState, learn_class
+from shapefit.dictionary.from_2d.model import Images, hide_some
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import (
     DEPTH_AMBIGUITY,
@@ -84,10 +84,10 @@ SURE = 5.0
 """Standard errors of the evidence beyond which perspective decides what is near."""
 
 FIXES = {
-    ALIKE: (
+    VIEWS_ALIKE: (
         "give images from more sides: the camera or the body must turn, and not be flat"
     ),
-    UNLIKE: (
+    NOTHING_IN_COMMON: (
         "give images of one class, whose landmarks are in the same order in all of them"
     ),
 }
@@ -111,7 +111,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     place = place_of(config)
     given = usable_images(source, place)
     images = normalised_images(given)
-    for state in learn(images):
+    for state in learn_class(images):
         density = state.objective / (2 * int((images.weights > 0).sum()))
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
@@ -128,7 +128,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         f"{counted(len(given), 'image')}: {judgement.verdict}; {evidence}; {outliers}"
     )
     yield Result(line=line)
-    verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
+    verdict = "doubtful" if judgement.verdict == DOUBTFUL_DEPTH else "learned"
     made = yield from learn_mixtures(given, images, state, config)
     made, decided_by = resolve_depth(given, made, config.flip)
     if decided_by == OPEN:
@@ -192,7 +192,7 @@ def normalised_images(given: LandmarkSet) -> Images:
 
 
 def learn_mixtures(
-    given: LandmarkSet, normalised: Images, state: State, config: LearnDictConfig
+    given: LandmarkSet, normalised: Images, state: ClassState, config: LearnDictConfig
 ) -> Learning:
     """Learn mixtures over the shapes that the prior before lifted, while they predict
     better.
@@ -250,7 +250,7 @@ def learn_mixtures(
     return replace(made, prior=best.prior, residual_variance=best.residual_variance)
 
 
-def gaussian_prior(state: State, mean: Floats) -> dict[str, Any]:
+def gaussian_prior(state: ClassState, mean: Floats) -> dict[str, Any]:
     """Return what was learned as `prior` of normalised shapes, turned onto their mean
     (3, p).
 
@@ -323,7 +323,7 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
     Returns the median distance from where they are, in the size of their image.
     """
     sample = images.take(evenly(len(images), SAMPLE))
-    hidden = hide(sample.visible())
+    hidden = hide_some(sample.visible())
     others = sample.replaced(
         landmarks=np.where(hidden[:, None], np.nan, sample.landmarks)
     )

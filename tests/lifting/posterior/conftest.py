@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
-from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.methods import PosteriorOptions, Settings
@@ -303,7 +303,7 @@ class Scene:
         )
         noisy = self.shapes + self.translation[..., None]
         noisy[:, :2] += np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=(n, 2, P))
-        self.landmarks = project(self.camera, noisy)
+        self.landmarks = project_pinhole(self.camera, noisy)
         self.visible = np.ones((n, P), dtype=bool)
 
     def starts(self):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.mixture import Mixture
-from shapefit.geometry.pinhole import project
+from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.sequences import clips
 from shapefit.lifting.sequences.clips import Motion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
@@ -67,7 +67,7 @@ def test_landmarks_of_true_depths_are_those_of_weak_perspective(scene, lifting):
     view = replace(lifting.perspective, translation=t)
     true = replace(lifting, scale=scale, estimate=replace(lifting.estimate, shapes=S),
                    perspective=view)  # fmt: skip
-    exact = project(scene.camera, S + t[..., None])
+    exact = project_pinhole(scene.camera, S + t[..., None])
     visible = []
 
     def look(weak, landmarks):

@@ -8,7 +8,7 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.convex.solver import Status
 from shapefit.errors import InputError
-from shapefit.geometry.pinhole import ASSUMED_FOCAL, complete, distort
+from shapefit.geometry.pinhole import ASSUMED_FOCAL, complete_coefficients, distort
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import LandmarkSet, read_shapes, write_dictionary
 from shapefit.pipelines.fit.camera import (
@@ -266,7 +266,9 @@ class TestLens:
                 columns={"camera_matrix": MATRIX, **datasets},
             )
 
-        return images(plane), images(distort(plane, complete(LENS))[0], distortion=LENS)
+        return images(plane), images(
+            distort(plane, complete_coefficients(LENS))[0], distortion=LENS
+        )
 
     @pytest.fixture
     def fit(self, fit, tmp_path, made_cars):

@@ -11,7 +11,7 @@ import pytest
 import shapefit
 from shapefit.config import EvalConfig, LearnDictConfig, ProjectConfig
 from shapefit.config.paths import find_dictionaries
-from shapefit.dictionary.bodies import LIMBS
+from shapefit.dictionary.bodies import LIMB_ENDS
 from shapefit.errors import InputError
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import rotation_about
@@ -234,7 +234,7 @@ def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
         [dictionary.landmark_names[end][1:] for end in edge]
         for edge in dictionary.edges
     ]
-    limbs = [set(joints) in LIMBS for joints in names]
+    limbs = [set(joints) in LIMB_ENDS for joints in names]
     assert 2 < sum(limbs) < e
     np.testing.assert_allclose(known.precision @ np.ones(e), 0, atol=1e-12)
     np.testing.assert_array_equal(known.precision[~np.array(limbs)], 0)
