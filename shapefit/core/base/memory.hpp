@@ -75,9 +75,6 @@ constexpr long IMAGES_PER_BLOCK = 64;
 // clock.
 void check_interrupt();
 
-// Of a clock that is never set.
-double monotonic_seconds();
-
 // Blocks of zeros that live as long as the workspace.
 class Workspace {
   public:
