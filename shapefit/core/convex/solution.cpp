@@ -22,6 +22,17 @@ constexpr double EXPLAINED = 0.1;
 // The start goes on from the last two solutions by this share of their difference.
 constexpr double AHEAD = 0.5;
 
+// Nuclear norms are roots of products of four entries of Y B^T, which are of the size
+// of lambda where they count. Below this lambda they underflow, and what is not
+// feasible would pass.
+constexpr double LEAST_LAMBDA = 1e-72;
+
+// (P - D) / P, 0 where both are 0, and nan where D is no bound.
+double relative_gap(double primal, double dual, double lam) {
+    if (lam < LEAST_LAMBDA) return NOT_A_NUMBER;
+    return primal == 0 ? 0 : (primal - dual) / primal;
+}
+
 // The certificate from scratch: original data in, objective and gap out.
 struct Certifier {
     const ConvexProgram& program;
@@ -172,8 +183,7 @@ void Certifier::certify(long image, const ImageTransforms& M, const ConvexPoint&
     const double dual =
         find_bound(program, omega, program.lam[image], *this, point.dual[image]);
     proof.objective[image] = sums.primal;
-    proof.relative_gap[image] =
-        sums.primal == 0 ? 0 : (sums.primal - dual) / sums.primal;
+    proof.relative_gap[image] = relative_gap(sums.primal, dual, program.lam[image]);
     proof.residual[image] = sums.scale > 0 ? root(sums.residual / sums.scale) : 0;
 }
 
