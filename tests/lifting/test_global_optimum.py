@@ -204,6 +204,12 @@ def test_one_landmark_is_degenerate_and_other_losses_are_refused(make_scene):
         find_optimum(problem, np.zeros((2, 3, 3)))
 
 
+def test_an_image_whose_atoms_underflow_is_a_failure(make_scene):
+    problem = make_scene(n=2).problem(0.2)
+    tiny = replace(problem, atoms=1e-165 * problem.atoms, lam=1e-165 * problem.lam)
+    assert set(find_optimum(tiny).status) == {Status.NUMERICAL_FAILURE}
+
+
 def best_at(problem: Problem, image: int, rows: np.ndarray) -> tuple[float, np.ndarray]:
     """Return v at a rotation and the multiplier Y (2, p) there, from scipy's nnls.
 

@@ -6,6 +6,9 @@
 
 namespace shapefit {
 
+// Below this lambda the squares of atoms of which a coefficient is not 0 underflow.
+constexpr double LEAST_LAMBDA = 1e-140;
+
 // argmin_c 1/2 ||w - sum_i c_i Rbar B_i||_F^2 + lam ||c||_1, over c >= 0 unless signed.
 //
 // At the end used atoms have correlation sign(c_i) lam with the residual, others at

@@ -157,8 +157,11 @@ void find_optimum(const GlobalData& data, Range range) {
             continue;
         }
         Best best;
-        cells.begin_image();
-        find_upper_bound(data, image, objective, cells.vertices, best);
+        const bool is_solvable = data.problem.lam[image] >= LEAST_LAMBDA;
+        if (is_solvable) {
+            cells.begin_image();
+            find_upper_bound(data, image, objective, cells.vertices, best);
+        }
         if (!is_finite(best.objective)) {
             data.status[image] = Status::NUMERICAL_FAILURE;
             continue;

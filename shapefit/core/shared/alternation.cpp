@@ -79,6 +79,7 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& work
 void alternate_starts(const AlternationData& data, long image, Alternation& work) {
     double least = INFINITE;
     data.status[image] = Status::NUMERICAL_FAILURE;
+    if (data.lam[image] < LEAST_LAMBDA) return;
     for (long start = 0; start < data.starts.size[1]; ++start) {
         Rotation R = Rotation::from(data.starts[image][start].data);
         const Ended ended = alternate_image(data, data.lam[image], work, R);
