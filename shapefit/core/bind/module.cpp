@@ -9,7 +9,7 @@
 
 namespace shapefit {
 
-void raise_out_of_memory(long) { throw std::bad_alloc(); }
+void raise_out_of_memory(Index) { throw std::bad_alloc(); }
 
 namespace {
 

@@ -23,8 +23,8 @@ struct GlobalData {
     SearchProblem problem{from};
     // proper rotations; nan where there is none
     Blocks<const double> starts = from("starts", "n s 3 3");
-    double tolerance = from("tolerance");  // relative gap at which the search ends
-    long most_cells = from("most_cells");  // tests after which a search gives up
+    double tolerance = from("tolerance");   // relative gap at which the search ends
+    Index most_cells = from("most_cells");  // tests after which a search gives up
     Matrix<double> coefficients = from("coefficients", "n k");
     Tensor<double> rotation = from("rotation", "n 3 3");
     Vector<double> objective = from("objective", "n");  // U
@@ -89,7 +89,7 @@ class RotationObjective {
     RotationObjective(Workspace& workspace, const SearchProblem& problem);
 
     // Turn to an image; false where it shows fewer than two landmarks.
-    bool aim(long image);
+    bool aim(Index image);
 
     // v at R (3, 3), with `coefficients()` as the start and the end of their
     // minimisation.

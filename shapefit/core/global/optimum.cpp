@@ -27,15 +27,15 @@ struct Best {
 };
 
 // Descents from the given starts and from the best root vertices.
-void find_upper_bound(const GlobalData& data, long image, RotationObjective& objective,
+void find_upper_bound(const GlobalData& data, Index image, RotationObjective& objective,
                       Vertices& vertices, Best& best) {
-    const long given = data.starts.size[1];
+    const Index given = data.starts.size[1];
     double q[DESCENTS + 1][4], value[DESCENTS + 1];
     bool used[ROOT_VERTICES] = {};
     const auto start_from = [&](const Vertex& vertex) {
         ActiveSet& set = objective.coefficients();
         set.clear();
-        for (long e = 0; e < vertex.count; ++e)
+        for (Index e = 0; e < vertex.count; ++e)
             set.use(vertex.index[e], vertex.x[e], sign_of(vertex.x[e]));
     };
     for (int d = 0; d < DESCENTS; ++d) {
@@ -50,7 +50,7 @@ void find_upper_bound(const GlobalData& data, long image, RotationObjective& obj
         value[d] = descend(objective, q[d], ROUGH);
         best.offer(q[d], value[d]);
     }
-    for (long s = 0; s < given; ++s) {
+    for (Index s = 0; s < given; ++s) {
         const double* R = data.starts[image][s].data;
         bool known = true;
         for (int e = 0; e < 9; ++e) known &= is_finite(R[e]);
@@ -71,7 +71,7 @@ struct Ended {
 // The cells that a search drops, as the caller is given them.
 class DroppedCells {
   public:
-    DroppedCells(const GlobalData& data, long image)
+    DroppedCells(const GlobalData& data, Index image)
         : count_(data.dropped[image]),
           corners_(data.corners[image]),
           cuts_(data.cuts[image]) {}
@@ -93,7 +93,7 @@ class DroppedCells {
 };
 
 // Search with the cut (1 - gap) U until all cells are dropped, or so many were tested.
-Ended search(double gap, long most_cells, RotationObjective& objective,
+Ended search(double gap, Index most_cells, RotationObjective& objective,
              CellSearch& cells, Best& best, DroppedCells& dropped) {
     const auto lower = [&] { cells.vertices.set_cut((1 - gap) * best.objective); };
     Cell cell;
@@ -131,9 +131,9 @@ Ended search_within_limits(const GlobalData& data, RotationObjective& objective,
         search(data.tolerance, data.most_cells, objective, cells, best, dropped);
     if (first.complete) return first;
     double bound = first.bound;
-    long remaining = data.most_cells;
+    Index remaining = data.most_cells;
     for (double gap = LOOSER * data.tolerance; gap < 1; gap *= LOOSER) {
-        const long before = cells.tested;
+        const Index before = cells.tested;
         const Ended ended =
             search(gap, before + remaining / 2, objective, cells, best, dropped);
         bound = larger(ended.bound, bound);
@@ -151,7 +151,7 @@ void find_optimum(const GlobalData& data, Range range) {
     const RootCells roots;
     RotationObjective objective(workspace, data.problem);
     CellSearch cells(workspace, objective, roots, 2 * data.most_cells);
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         if (!objective.aim(image)) {
             data.status[image] = Status::DEGENERATE;
             continue;

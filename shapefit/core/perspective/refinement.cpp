@@ -33,7 +33,7 @@ struct PerspectiveData {
         from("sign");  // of the depth: 1 where z points away from the camera, else -1
     double ridge = from("ridge");
     double softness = from("softness");  // s at the end
-    long most_rounds = from("max_rounds");
+    Index most_rounds = from("max_rounds");
     Tensor<double> rotation = from("rotation", "n 3 3");  // R, the start, overwritten
     Matrix<double> translation = from("translation", "n 3");    // t, likewise
     Matrix<double> coefficients = from("coefficients", "n k");  // c, likewise
@@ -69,16 +69,16 @@ struct Shapes {
           prior(workspace.vector<double>(filled)),
           gauge(workspace.vector<double>(filled)) {
         const double square = dot(data.prior.data, data.prior.data, k);
-        for (long i = 0; i < k; ++i) {
+        for (Index i = 0; i < k; ++i) {
             prior[i] = data.prior[i];
             gauge[i] = data.prior[i] / square;
             for (int b = 0; b < 3; ++b)
-                for (long j = 0; j < p; ++j)
+                for (Index j = 0; j < p; ++j)
                     by_landmark[j][b][i] = rows[i][b * p + j] = data.atoms[i][b][j];
         }
     }
 
-    const long k, p, filled;  // filled: k', a multiple of 8
+    const Index k, p, filled;  // filled: k', a multiple of 8
     const double ridge;
     Matrix<double> rows;          // (k', 3 p)
     Tensor<double> by_landmark;   // (p, 3, k')
@@ -88,18 +88,18 @@ struct Shapes {
 // The visible landmarks of one image. The first one again, with weight 0, fills up
 // vectors.
 struct Observations {
-    Observations(Workspace& workspace, long p)
+    Observations(Workspace& workspace, Index p)
         : w{workspace.zeros<double>(padded(p)), workspace.zeros<double>(padded(p))},
           omega(workspace.zeros<double>(padded(p))),
           index(workspace.zeros<int64_t>(padded(p))) {}
 
-    void take(const PerspectiveData& data, long image) {
+    void take(const PerspectiveData& data, Index image) {
         const Vector<const double> weight = data.weights[image];
         count = 0;
-        for (long j = 0; j < weight.size[0]; ++j)
+        for (Index j = 0; j < weight.size[0]; ++j)
             if (weight[j] > 0) index[count++] = j;
         filled = padded(count);
-        for (long e = 0; e < filled; ++e) {
+        for (Index e = 0; e < filled; ++e) {
             if (e >= count) index[e] = index[0];
             omega[e] = e < count ? weight[index[e]] : 0;
             for (int a = 0; a < 2; ++a) w[a][e] = data.landmarks[image][a][index[e]];
@@ -111,7 +111,7 @@ struct Observations {
         sign = data.sign;
     }
 
-    long count = 0, filled = 0;
+    Index count = 0, filled = 0;
     double focal[2] = {}, centre[2] = {}, sign = 1;
     double *w[2], *omega;  // (filled,)
     int64_t* index;        // (filled,)
@@ -141,10 +141,10 @@ struct Position {
 };
 
 void project(const Shapes& shapes, const Observations& observations, Position& here) {
-    const long p = shapes.p, filled = observations.filled, length = padded(3 * p);
+    const Index p = shapes.p, filled = observations.filled, length = padded(3 * p);
     mix_rows(here.at.c, shapes.k, shapes.rows.data, length, length, here.S);
     for (int b = 0; b < 3; ++b)  // gathered where X will be
-        for (long j = 0; j < filled; ++j)
+        for (Index j = 0; j < filled; ++j)
             here.X[b][j] = here.S[b * p + observations.index[j]];
     // Named pointers: an array of them hides from the compiler that they are apart.
     double* __restrict x = here.X[0];
@@ -158,7 +158,7 @@ void project(const Shapes& shapes, const Observations& observations, Position& h
                  *omega = observations.omega;
     const double *R = here.at.R, *t = here.at.t;
     double behind = 0;
-    for (long j = 0; j < filled; ++j) {
+    for (Index j = 0; j < filled; ++j) {
         const double S_x = x[j], S_y = y[j], S_z = z[j];
         turned_x[j] = R[0] * S_x + R[1] * S_y + R[2] * S_z;
         turned_y[j] = R[3] * S_x + R[4] * S_y + R[5] * S_z;
@@ -184,10 +184,10 @@ double evaluate(const Shapes& shapes, const Observations& observations,
     if (!here.in_front) return INFINITE;
     const double square_of = square(softness), inverse = 1 / square_of;
     double loss = 0, distance = 0;
-    for (long j = 0; j < observations.filled; ++j)
+    for (Index j = 0; j < observations.filled; ++j)
         loss +=
             log_of_one_plus((square(here.r[0][j]) + square(here.r[1][j])) * inverse);
-    for (long i = 0; i < shapes.filled; ++i)
+    for (Index i = 0; i < shapes.filled; ++i)
         distance += square(here.at.c[i] - shapes.prior[i]);
     return 0.5 * (square_of * loss + shapes.ridge * distance);
 }
@@ -208,7 +208,7 @@ class NormalEquations {
           ones_(workspace.zeros<double>(shapes.filled)),
           change_(workspace.zeros<double>(shapes.filled)),
           set_(workspace, shapes.filled) {
-        for (long i = 0; i < shapes.filled; ++i) ones_[i] = 1;
+        for (Index i = 0; i < shapes.filled; ++i) ones_[i] = 1;
     }
 
     // H = J^T J at a position, its upper triangle by blocks of 8.
@@ -217,24 +217,24 @@ class NormalEquations {
         const double inverse = 1 / square(softness);
         double* __restrict root_of_weight = root_of_weight_;
         double* __restrict inverse_depth = inverse_depth_;
-        for (long j = 0; j < observations.filled; ++j) {
+        for (Index j = 0; j < observations.filled; ++j) {
             const double size = square(here.r[0][j]) + square(here.r[1][j]);
             root_of_weight[j] = 1 / root(1 + size * inverse);
             inverse_depth[j] = 1 / (observations.sign * here.X[2][j]);
         }
-        for (long j = 0; j < observations.count; ++j)
+        for (Index j = 0; j < observations.count; ++j)
             for (int a = 0; a < 2; ++a)
                 fill_row(observations, here, j, a, J_[2 * j + a].data);
         sum_squares(2 * observations.count);
     }
 
     void step(double damping, const Unknowns& at, Unknowns& next) {
-        const long filled = shapes_.filled;
+        const Index filled = shapes_.filled;
         eliminate_pose(damping);
         reduce_to_coefficients(damping, at.c);
-        for (long i = 0; i < filled; ++i) next.c[i] = at.c[i];
+        for (Index i = 0; i < filled; ++i) next.c[i] = at.c[i];
         minimise_scaled(next.c);
-        for (long i = 0; i < filled; ++i) change_[i] = next.c[i] - at.c[i];
+        for (Index i = 0; i < filled; ++i) change_[i] = next.c[i] - at.c[i];
         double pose[POSE];
         for (int e = POSE - 1; e >= 0; --e) {
             double value = linear_term_[e] - dot(C_[e].data, change_, filled);
@@ -247,8 +247,8 @@ class NormalEquations {
 
   private:
     // Row a of landmark j.
-    void fill_row(const Observations& observations, const Position& here, long j, int a,
-                  double* __restrict row) const {
+    void fill_row(const Observations& observations, const Position& here, Index j,
+                  int a, double* __restrict row) const {
         const double root_of_weight = root_of_weight_[j],
                      inverse_depth = inverse_depth_[j];
         const double along = root_of_weight * observations.omega[j] *
@@ -264,20 +264,20 @@ class NormalEquations {
         const double* R = here.at.R;
         for (int b = 0; b < 3; ++b)
             u[b] = v[0] * R[b] + v[1] * R[3 + b] + v[2] * R[6 + b];
-        const long filled = shapes_.filled;
+        const Index filled = shapes_.filled;
         const double* atoms = shapes_.by_landmark[observations.index[j]].data;
-        for (long i = 0; i < filled; ++i)
+        for (Index i = 0; i < filled; ++i)
             row[FIRST + i] = u[0] * atoms[i] + u[1] * atoms[filled + i] +
                              u[2] * atoms[2 * filled + i];
     }
 
     // H in blocks of 8 x WIDTH that are summed in registers: as many sums as hide the
     // latency of one.
-    void sum_squares(long rows) {
-        for (long i = 0; i < width_; i += 8)
-            for (long j = i; j < width_; j += WIDTH) {
+    void sum_squares(Index rows) {
+        for (Index i = 0; i < width_; i += 8)
+            for (Index j = i; j < width_; j += WIDTH) {
                 Doubles total[8] = {};
-                for (long row = 0; row < rows; ++row) {
+                for (Index row = 0; row < rows; ++row) {
                     const double* left = J_.data + row * width_ + i;
                     const Doubles right = load(J_.data + row * width_ + j);
                     for (int e = 0; e < 8; ++e) total[e] += left[e] * right;
@@ -289,10 +289,10 @@ class NormalEquations {
     // With L L^T the pose's part of the damped matrix: C = L^-1 H_pose,c and pull =
     // -L^-1 J_pose^T r.
     void eliminate_pose(double damping) {
-        const long filled = shapes_.filled;
+        const Index filled = shapes_.filled;
         for (int e = 0; e < POSE; ++e) {
             double* __restrict row = C_[e].data;
-            for (long i = 0; i < filled; ++i) row[i] = H_[e][FIRST + i];
+            for (Index i = 0; i < filled; ++i) row[i] = H_[e][FIRST + i];
             linear_term_[e] = -H_[e][RESIDUAL];
             double pivot = H_[e][e] * (1 + damping);
             for (int f = 0; f < e; ++f) {
@@ -306,28 +306,28 @@ class NormalEquations {
             L_[e][e] = root(larger(pivot, TINY));
             const double inverse = 1 / L_[e][e];
             linear_term_[e] *= inverse;
-            for (long i = 0; i < filled; ++i) row[i] *= inverse;
+            for (Index i = 0; i < filled; ++i) row[i] *= inverse;
         }
     }
 
     // Q and h of the quadratic program that is left over c + d_c.
     void reduce_to_coefficients(double damping, const double* c) {
-        const long filled = shapes_.filled;
+        const Index filled = shapes_.filled;
         const double* C[POSE];
         for (int e = 0; e < POSE; ++e) C[e] = C_[e].data;
-        for (long i = 0; i < filled; ++i) {
+        for (Index i = 0; i < filled; ++i) {
             double* __restrict Q = Q_[i].data;
             const double* row = H_[FIRST + i].data + FIRST;
             const double c0 = C[0][i], c1 = C[1][i], c2 = C[2][i], c3 = C[3][i],
                          c4 = C[4][i], c5 = C[5][i];
-            const long from = i / 8 * 8;  // blocks below the diagonal are not in H
-            for (long j = from; j < filled; ++j)
+            const Index from = i / 8 * 8;  // blocks below the diagonal are not in H
+            for (Index j = from; j < filled; ++j)
                 Q[j] = row[j] - c0 * C[0][j] - c1 * C[1][j] - c2 * C[2][j] -
                        c3 * C[3][j] - c4 * C[4][j] - c5 * C[5][j];
             Q[i] += damping * row[i] + shapes_.ridge;
-            for (long j = 0; j < from; ++j) Q[j] = Q_[j][i];
+            for (Index j = 0; j < from; ++j) Q[j] = Q_[j][i];
         }
-        for (long i = 0; i < filled; ++i) {
+        for (Index i = 0; i < filled; ++i) {
             double h =
                 shapes_.ridge * (shapes_.prior[i] - c[i]) - H_[RESIDUAL][FIRST + i];
             for (int e = 0; e < POSE; ++e) h -= C[e][i] * linear_term_[e];
@@ -338,10 +338,10 @@ class NormalEquations {
     // Overwrite x, feasible, with argmin 1/2 x^T Q x - h^T x over x >= 0, gauge^T x
     // = 1.
     void minimise_scaled(double* x) {
-        const long filled = shapes_.filled;
+        const Index filled = shapes_.filled;
         double largest = 0;
         set_.clear();
-        for (long i = 0; i < filled; ++i) {
+        for (Index i = 0; i < filled; ++i) {
             largest = larger(magnitude(h_[i]), largest);
             if (x[i] > 0) set_.use(i, x[i], 1);
         }
@@ -352,7 +352,7 @@ class NormalEquations {
     }
 
     const Shapes& shapes_;
-    const long width_;
+    const Index width_;
     Matrix<double> J_, H_;                     // (2 p, 8 + k'), (8 + k', 8 + k')
     double *root_of_weight_, *inverse_depth_;  // (p,)
     double L_[POSE][POSE], linear_term_[POSE];
@@ -363,7 +363,7 @@ class NormalEquations {
 
 struct Refined {
     double objective;
-    long rounds;
+    Index rounds;
     int64_t status;
 };
 
@@ -379,17 +379,17 @@ class Refinement {
     // The softness halves from 1 to its last value, so that many landmarks pull while
     // the pose is still coarse. DEGENERATE where a landmark begins behind the camera:
     // no step is taken from there.
-    void refine(long image) {
+    void refine(Index image) {
         observations_.take(data_, image);
         Unknowns& start = here().at;
         start.R = Rotation::from(data_.rotation[image].data);
         for (int a = 0; a < 3; ++a) start.t[a] = data_.translation[image][a];
-        for (long i = 0; i < shapes_.k; ++i) start.c[i] = data_.coefficients[image][i];
+        for (Index i = 0; i < shapes_.k; ++i) start.c[i] = data_.coefficients[image][i];
         const Refined refined = go_on();
         const Unknowns& at = here().at;
         at.R.write(data_.rotation[image].data);
         for (int a = 0; a < 3; ++a) data_.translation[image][a] = at.t[a];
-        for (long i = 0; i < shapes_.k; ++i) data_.coefficients[image][i] = at.c[i];
+        for (Index i = 0; i < shapes_.k; ++i) data_.coefficients[image][i] = at.c[i];
         data_.objective[image] = refined.objective;
         data_.rounds[image] = refined.rounds;
         data_.status[image] = refined.status;
@@ -405,7 +405,7 @@ class Refinement {
         double F = value(soft);
         if (!here().in_front) return {NOT_A_NUMBER, 0, Status::DEGENERATE};
         if (!is_finite(F)) return {NOT_A_NUMBER, 0, Status::NUMERICAL_FAILURE};
-        for (long round = 1; round <= data_.most_rounds; ++round) {
+        for (Index round = 1; round <= data_.most_rounds; ++round) {
             const double fall = improve(soft, damping, F);
             if (soft <= data_.softness && fall <= SETTLED)
                 return {F, round, Status::CONVERGED};
@@ -451,7 +451,7 @@ class Refinement {
 void refine_perspective(const PerspectiveData& data, Range range) {
     Workspace workspace;
     Refinement refinement(workspace, data);
-    for (long image = range.first; image < range.last; ++image)
+    for (Index image = range.first; image < range.last; ++image)
         refinement.refine(image);
 }
 
