@@ -23,8 +23,13 @@ from shapefit.lifting.shared_rotation import (
     refine_convex,
 )
 
-MAX_CELLS, MAX_SECONDS = 200_000, 10.0
-"""The search of an image gives up after so many cells, or so many seconds."""
+MAX_CELLS = 200_000
+"""The search of an image gives up after so many tests of cells."""
+MAX_NUMBERS = 2**27
+"""It gives up earlier where k and p are large: what it keeps of a rotation are
+8 k + 2 p numbers, of which a thread keeps at most so many, 1 GiB. There is no limit of
+time: results must not depend on what else the machine does.
+"""
 
 
 def find_global(
@@ -76,14 +81,38 @@ class GlobalOptimum(NamedTuple):
     status: tuple[Status, ...]
 
 
+class DroppedCells(NamedTuple):
+    """The first cells that the search of n images drops, by which the bound is checked.
+
+    number (n,); corners (n, d, 4, 4), unit quaternions (w, x, y, z); cuts (n, d): no
+    rotation of the cell has an objective below.
+    """
+
+    number: Integers
+    corners: Floats
+    cuts: Floats
+
+    @classmethod
+    def room(cls, n: int, d: int) -> DroppedCells:
+        """Return room for d cells of each of n images."""
+        return cls(np.zeros(n, np.int64), np.zeros((n, d, 4, 4)), np.zeros((n, d)))
+
+
+def limit_cells(k: int, p: int) -> int:
+    """Return after how many tests of cells a search with k atoms of p landmarks gives
+    up.
+    """
+    return min(MAX_CELLS, MAX_NUMBERS // (8 * k + 2 * p))
+
+
 def find_optimum(
     problem: Problem,
     starts: Floats | None = None,
     *,
     tolerance: float = 1e-2,
-    max_cells: int = MAX_CELLS,
-    max_seconds: float = MAX_SECONDS,
+    max_cells: int | None = None,
     threads: int = 0,
+    dropped: DroppedCells | None = None,
 ) -> GlobalOptimum:
     """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over
     all R.
@@ -91,11 +120,15 @@ def find_optimum(
     (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0 and Rbar
     Rbar^T = I. The optimum found is never above v at one of starts (n, s, 3, 3); a
     start that is nan counts for nothing. Fewer than two visible landmarks are
-    DEGENERATE. Bound and search: docs/global.md. Raises ValueError for a loss other
-    than the squared one.
+    DEGENERATE. A search that has not ended after max_cells tests of cells, by default
+    `limit_cells`, goes on with looser gaps for as many again, and is an
+    ITERATION_LIMIT. The cells that it drops are written to `dropped`. Bound and search:
+    docs/global.md. Raises ValueError for a loss other than the squared one.
     """
     problem.require_squared("the search")
     n, k = len(problem.landmarks), len(problem.atoms)
+    if dropped is None:
+        dropped = DroppedCells.room(n, 0)
     coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
     objective, bound = np.full((2, n), np.nan)
     cells, vertices, codes = np.zeros((3, n), np.int64)
@@ -107,8 +140,9 @@ def find_optimum(
             else np.ascontiguousarray(starts, float)
         ),
         tolerance=tolerance,
-        most_cells=max_cells,
-        most_seconds=max_seconds,
+        most_cells=(
+            limit_cells(k, problem.atoms.shape[2]) if max_cells is None else max_cells
+        ),
         coefficients=coefficients,
         rotation=rotation,
         objective=objective,
@@ -116,6 +150,9 @@ def find_optimum(
         cells=cells,
         vertices=vertices,
         status=codes,
+        dropped=dropped.number,
+        corners=dropped.corners,
+        cuts=dropped.cuts,
         threads=threads,
     )
     rotation[~coefficients.any(axis=1)] = np.nan

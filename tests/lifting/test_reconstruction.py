@@ -116,6 +116,18 @@ def test_all_of_it_is_what_singular_value_decompositions_say(planted, rng):
     )
 
 
+@pytest.mark.parametrize(("off", "tight"), [(0.9e-3, True), (1.1e-3, False)])
+def test_transforms_are_tight_where_rows_are_orthogonal_to_a_thousandth(
+    rng, off, tight
+):
+    """||M M^T / c^2 - I||_F = off for the second of two transforms."""
+    R = random_rotations(2, rng)
+    M = R[:, :2].copy()
+    M[1] = 3 * np.diag([1, np.sqrt(1 - off)]) @ R[1, :2]
+    found = reconstruct(Transforms.of(M[None]), rng.standard_normal((2, 3, 7)))
+    assert found.tight[0] == tight
+
+
 def test_without_coefficients_there_is_no_rotation(planted):
     c, R, atoms = planted
     M = transforms(c, R)

@@ -126,6 +126,13 @@ def shape(rng):
     return rng.standard_normal((3, 10))
 
 
+def test_an_image_whose_atoms_underflow_is_a_failure(make_scene, rng):
+    problem = make_scene(n=2).problem(0.2)
+    tiny = replace(problem, atoms=1e-165 * problem.atoms, lam=1e-165 * problem.lam)
+    found = alternate(tiny, random_rotations(4, rng).reshape(2, 2, 3, 3))
+    assert set(found.status) == {Status.NUMERICAL_FAILURE}
+
+
 def posed(shape, R, size, T, noise=0.0, rng=None):
     landmarks = size[:, None, None] * R[:, :2] @ shape + T[..., None]
     return landmarks + (noise * rng.standard_normal(landmarks.shape) if noise else 0.0)

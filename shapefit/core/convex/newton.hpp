@@ -43,11 +43,11 @@ struct ReducedProgram {
     double lam;
     double delta;
     double tolerance;
-    long most_steps;
+    Index most_steps;
 
-    long q() const { return atoms.q(); }
-    long unknowns() const { return 2 * atoms.q(); }
-    long padded_atoms() const { return atoms.planes.padded_atoms; }
+    Index q() const { return atoms.q(); }
+    Index unknowns() const { return 2 * atoms.q(); }
+    Index padded_atoms() const { return atoms.planes.padded_atoms; }
 };
 
 // The start, and where a solver leaves it: M (6, padded), y (2, q).
@@ -67,21 +67,22 @@ struct NewtonWorkspace {
     double *start_M, *start_y;
     double* matrix;  // (2 q, 2 q), where there are further rows
 
-    NewtonWorkspace(Workspace& workspace, long padded_atoms, long q, long further_rows);
+    NewtonWorkspace(Workspace& workspace, Index padded_atoms, Index q,
+                    Index further_rows);
 
     // The atoms have changed, and are seen by q coordinates.
-    void begin_atoms(long q);
+    void begin_atoms(Index q);
 };
 
 // Solve from the iterate, which is overwritten, within most_steps - taken; returns
 // Newton steps.
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
-                      NewtonWorkspace& work, long taken);
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
-                      SparseErrors& errors, NewtonWorkspace& work, long taken);
+Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
+                       NewtonWorkspace& work, Index taken);
+Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
+                       SparseErrors& errors, NewtonWorkspace& work, Index taken);
 
 struct PrimalDualEnd {
-    long steps;
+    Index steps;
     bool solved;
 };
 

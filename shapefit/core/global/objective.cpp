@@ -45,7 +45,7 @@ RotationObjective::RotationObjective(Workspace& workspace, const SearchProblem& 
       step_(workspace, image.atoms, problem.atoms.size[2]),
       shape_(workspace.zeros<double>(3 * padded(problem.atoms.size[2]))) {}
 
-bool RotationObjective::aim(long at) {
+bool RotationObjective::aim(Index at) {
     if (!image.take(problem.landmarks[at], problem.weights[at])) return false;
     square = dot_padded(image.w, image.w, 2 * atoms.row);
     lam = problem.lam[at];
@@ -63,7 +63,7 @@ double RotationObjective::value(const Rotation& R) {
 // With X = R S and y = (Y, 0): d/dturn of <-Y, turn x X> is -sum_j X_j x y_j.
 void RotationObjective::derivatives(double* gradient, double* curvature) {
     step_.mix(shape_);
-    const long row = atoms.row;
+    const Index row = atoms.row;
     const double *u = step_.residual(), *v = u + row;
     double P[9], turned[9], moment[6];
     find_gram(shape_, row, P);

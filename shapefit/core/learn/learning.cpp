@@ -21,7 +21,7 @@ struct CodingData {
         from("unsettled", "n");  // where the moves did not become smaller
 };
 
-constexpr long MOST_ROUNDS = 10000;
+constexpr Index MOST_ROUNDS = 10000;
 constexpr double DEPENDENT =
     1e-12;  // share of an atom's square outside the span of the others
 
@@ -31,20 +31,20 @@ constexpr double DEPENDENT =
 // The next atom is the one that a coordinate descent step would move the shape by most
 // with.
 void code(const CodingData& data, Range range) {
-    const long k = data.gram.size[0];
+    const Index k = data.gram.size[0];
     Workspace workspace;
     ActiveSet set(workspace, k);
     double* weight = workspace.zeros<double>(k);
     double* score = workspace.zeros<double>(k);
-    for (long i = 0; i < k; ++i) {
+    for (Index i = 0; i < k; ++i) {
         const double square = data.gram[i][i];
         weight[i] = square > 0 ? 1 / root(square) : 0;
     }
-    for (long shape = range.first; shape < range.last; ++shape) {
+    for (Index shape = range.first; shape < range.last; ++shape) {
         check_interrupt();
         const Vector<double> c = data.coefficients[shape];
         set.clear();
-        for (long i = 0; i < k; ++i)
+        for (Index i = 0; i < k; ++i)
             if (c[i] > 0) set.use(i, c[i], 1);
         DenseTerms<false> terms{.Q = data.gram.data,
                                 .h = data.linear_terms[shape].data,
@@ -68,16 +68,16 @@ struct FactorData {
 };
 
 void invert_factors(const FactorData& data, Range range) {
-    const long d = data.matrices.size[1], D = padded(d);
+    const Index d = data.matrices.size[1], D = padded(d);
     Workspace workspace;
     double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();
-        for (long i = 0; i < D; ++i)
-            for (long j = 0; j < D; ++j)
+        for (Index i = 0; i < D; ++i)
+            for (Index j = 0; j < D; ++j)
                 S[i * D + j] = i < d && j < d ? data.matrices[image][i][j] : i == j;
         cholesky_inverse(S, V, D, D);
-        for (long i = 0; i < d; ++i)
+        for (Index i = 0; i < d; ++i)
             memcpy(data.matrices[image][i].data, V + i * D, d * sizeof(double));
     }
 }

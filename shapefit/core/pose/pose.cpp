@@ -16,12 +16,12 @@ struct PoseData {
 };
 
 void find_pose(const PoseData& data, Range range) {
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();
         const ShapeMoments moments{data.shape_moments[image].data,
                                    data.landmarks_by_shape[image].data, true};
         double least = INFINITE;
-        for (long start = 0; start < data.starts.size[1]; ++start) {
+        for (Index start = 0; start < data.starts.size[1]; ++start) {
             Rotation R = Rotation::from(data.starts[image][start].data);
             const SquaredResidual residual = rotation_step(moments, R);
             if (!(residual.value < least)) continue;

@@ -47,14 +47,14 @@ class Marginal {
 
     // Deviations, correlations and covariance of frame f to `data`; Sigma (D, D) is its
     // block of A^-1.
-    void write(const SequenceData& data, const Place& at, long f, const double* Sigma);
+    void write(const SequenceData& data, const Place& at, Index f, const double* Sigma);
 
   private:
     // The mixture's covariance in `whole_`; false where Sigma is as good.
-    bool mix(const SequenceData& data, const Place& at, long f, const double* Sigma);
-    double weigh(const SequenceData& data, const Place& at, long f, long k);
+    bool mix(const SequenceData& data, const Place& at, Index f, const double* Sigma);
+    double weigh(const SequenceData& data, const Place& at, Index f, Index k);
 
-    long D_;
+    Index D_;
     double *rest_, *whole_, *V_;           // Lambda, the covariance, of one mode (D, D)
     double* each_;                         // Q_k^-1 (K, D, D)
     double* weight_;                       // (K,)
@@ -85,7 +85,7 @@ class Banded {
 
     // Sums of products of the right sides, R^T A^-1 R (E, E).
     const double* products() const { return products_; }
-    long columns() const { return E_; }
+    Index columns() const { return E_; }
 
     // out (t, D) = A^-1 (R_0 + sum_b R_(1 + b) x_b)
     void solve(const SequenceData& data, const double* x, Matrix<double> out) const;
@@ -98,9 +98,9 @@ class Banded {
 
   private:
     // Column scales of W_f = V_f diag(scales).
-    void scales(const SequenceData& data, long f, long lag, double* out) const;
+    void scales(const SequenceData& data, Index f, Index lag, double* out) const;
 
-    long t_, D_, E_;
+    Index t_, D_, E_;
     double *V_, *N_, *F_;  // (t, D, D), (t, D, D), V (R - ...) (t, D, E)
     double *S_, *R_, *W_;  // of the frame at work; W of this frame and the two before
     double *products_, *work_;

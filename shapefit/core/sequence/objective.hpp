@@ -34,7 +34,7 @@ struct SequenceData {
     Matrix<const double> hold =
         from("hold", "e e");  // H of (l - known)^T H (l - known)
     Vector<const double> known = from("known", "e");
-    long most_rounds = from("most_rounds");
+    Index most_rounds = from("most_rounds");
     double tolerance =
         from("tolerance");  // rounds end when the energy per frame falls by less
     Matrix<double> points =
@@ -44,7 +44,7 @@ struct SequenceData {
     // of x with y, x with z and y with z of a landmark
     Matrix<double> correlation = from("correlation", "t 3p");
     Tensor<double> covariance =
-        from("covariance", "t 3p 3p?");     // of each frame, where wanted
+        from("covariance", "t 3p 3p?");  // of each frame, where wanted
     // of each frame, with the second difference that begins there
     Vector<double> energies = from("energies", "t");
     Vector<double> end = from("end", "2");  // energy at the minimum, rounds
@@ -82,22 +82,22 @@ enum class Bones { HELD, WHOLE };
 // motion, D = at.y.size[1], the shares of the modes held, ones on the diagonal of the
 // padding; and R (D, E), the gradient and then the second derivatives with the lengths,
 // one per column.
-void derive(const SequenceData& data, const Place& at, long f, Bones bones, double* S,
-            double* R, long E);
+void derive(const SequenceData& data, const Place& at, Index f, Bones bones, double* S,
+            double* R, Index E);
 
 // S (D, D) += sign sum_k share_k P_k of frame f, its upper triangle: how the mixture
 // bends at y.
-void add_precision(const SequenceData& data, const Place& at, long f, double sign,
+void add_precision(const SequenceData& data, const Place& at, Index f, double sign,
                    double* S);
 
 // Element b of H (l - known): how lengths are held to those that are known.
-double held_back(const SequenceData& data, const Place& at, long b);
+double held_back(const SequenceData& data, const Place& at, Index b);
 
 // out = P x of a symmetric P (d, d), read above the diagonal; returns <x, P x>.
-double multiply_symmetric(const double* P, const double* x, long d,
+double multiply_symmetric(const double* P, const double* x, Index d,
                           double* __restrict out);
 
 // How frame f is tied to frame f + lag by D^T D of the second differences D.
-double tie(const SequenceData& data, long f, long lag);
+double tie(const SequenceData& data, Index f, Index lag);
 
 }  // namespace shapefit

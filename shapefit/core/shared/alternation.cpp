@@ -23,7 +23,7 @@ struct AlternationData {
     bool is_signed = from("is_signed");  // c of either sign, or c >= 0
     // relative fall of the objective in a round at which it ends
     double tolerance = from("tolerance");
-    long most_rounds = from("most_rounds");
+    Index most_rounds = from("most_rounds");
     // of the best start; so are rotation and status
     Matrix<double> coefficients = from("coefficients", "n k");
     Tensor<double> rotation = from("rotation", "n 3 3");
@@ -46,20 +46,20 @@ struct Alternation {
 
 struct Ended {
     double objective;
-    long rounds;
+    Index rounds;
     bool converged;
 };
 
 // Alternate from R and c = 0.
 Ended alternate_image(const AlternationData& data, double lam, Alternation& work,
                       Rotation& R) {
-    const long row = work.image.atoms.row;
+    const Index row = work.image.atoms.row;
     const double *w = work.image.w, *S = work.shape;
     const double energy = 0.5 * dot_padded(w, w, 2 * row);
     double P[9], D[6], before = INFINITE, now = INFINITE;
     work.step.set.clear();
     work.step.aim(w, lam, data.is_signed);
-    for (long round = 0; round < data.most_rounds; ++round) {
+    for (Index round = 0; round < data.most_rounds; ++round) {
         check_interrupt();
         now = work.step.minimise_at(R);
         const double penalty = work.step.mix(work.shape);
@@ -76,10 +76,11 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& work
     return {now, data.most_rounds, false};
 }
 
-void alternate_starts(const AlternationData& data, long image, Alternation& work) {
+void alternate_starts(const AlternationData& data, Index image, Alternation& work) {
     double least = INFINITE;
     data.status[image] = Status::NUMERICAL_FAILURE;
-    for (long start = 0; start < data.starts.size[1]; ++start) {
+    if (data.lam[image] < LEAST_LAMBDA) return;
+    for (Index start = 0; start < data.starts.size[1]; ++start) {
         Rotation R = Rotation::from(data.starts[image][start].data);
         const Ended ended = alternate_image(data, data.lam[image], work, R);
         data.rounds[image] += ended.rounds;
@@ -97,7 +98,7 @@ void alternate_starts(const AlternationData& data, long image, Alternation& work
 void alternate(const AlternationData& data, Range range) {
     Workspace workspace;
     Alternation work(workspace, data.atoms);
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         if (work.image.take(data.landmarks[image], data.weights[image]))
             alternate_starts(data, image, work);
         else data.status[image] = Status::DEGENERATE;

@@ -314,6 +314,22 @@ def test_errors_that_images_share_do_not_outweigh_known_lengths(
     assert off[200, True] == pytest.approx(off[20, True], rel=0.1)
 
 
+@pytest.mark.parametrize("frames", [1, 20, 400])
+def test_images_and_known_lengths_are_weighed_by_their_variances(rng, frames):
+    """Of lengths l that t images give with variance P (1 / t + r^2), and usual ones
+    with Q^-1.
+    """
+    P, Q = (np.cov(rng.standard_normal((4, 20))) for _ in range(2))
+    measured, usual = rng.standard_normal((2, 4))
+    exact = np.linalg.inv(P * (1 / frames + CONSTANTS.shared**2))
+    expected = np.linalg.solve(exact + Q, exact @ measured + Q @ usual)
+
+    taken_for = frames * np.linalg.inv(P)
+    weighed = weigh_lengths(Lengths(usual, Q), frames).precision
+    found = np.linalg.solve(taken_for + weighed, taken_for @ measured + weighed @ usual)
+    np.testing.assert_allclose(found, expected)
+
+
 def with_gaps(model, frames):
     """The model of frames of which some are missing, after the fourth for a second."""
     position = np.cumsum([0.0, 1, 3, 1, 24, 2, 1, 1, 5])[:frames]
