@@ -23,9 +23,9 @@ from shapefit.lifting.global_optimum import (
     find_optimum,
     limit_cells,
 )
-from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.reconstruction import combine
 from shapefit.lifting.shared_rotation import alternate
+from tests.lifting.estimators import make_estimator
 
 
 def objective_of(problem, starts):
@@ -65,16 +65,16 @@ def test_it_is_never_above_other_methods_and_the_bound_never_above_any_rotation(
     scene = make_scene(n=12, k=12, noise=0.4, weighted=bool(hidden), hidden=hidden)
     problem = scene.problem(0.2)
     solve = partial(solve_newton, tolerance=1e-8)
-    settings = Settings(solve=solve, mean_shape=scene.mean_shape, tolerance=0.01)
+    settings = {"solve": solve, "mean_shape": scene.mean_shape, "tolerance": 0.01}
     begun = Mock(wraps=find_optimum)
     monkeypatch.setattr(global_optimum, "find_optimum", begun)
-    found = choose_method("global", settings)(problem)
+    found = make_estimator("global", **settings)(problem)
     assert set(found.status) == {Status.OPTIMAL}
     assert (found.relative_gap <= 0.01 + 1e-10).all()
     bound = found.objective * (1 - found.relative_gap)
     starts = begun.call_args.args[1].swapaxes(0, 1)
     for name, start in zip(("convex+refine", "alternate"), starts, strict=True):
-        end = choose_method(name, settings)(problem)
+        end = make_estimator(name, **settings)(problem)
         np.testing.assert_array_equal(start, end.rotation)
         other = end.objective
         assert (found.objective <= other * (1 + 1e-9)).all()

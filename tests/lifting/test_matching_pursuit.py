@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.problem import build_problem
-from shapefit.convex.solver import Status, solve_newton
+from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import random_rotations
@@ -24,7 +24,6 @@ from shapefit.lifting.matching_pursuit import (
     minimise_on_sphere,
     pursue,
 )
-from shapefit.lifting.methods import Settings
 
 P, RADIUS = 12, 1.7
 
@@ -58,8 +57,7 @@ class Scene:
 
 
 def method(mean, edges):
-    settings = Settings(solve=solve_newton, mean_shape=mean, needs={"edges": edges})
-    return partial(lift_by_pursuit, settings=settings)
+    return partial(lift_by_pursuit, mean_shape=mean, edges=edges)
 
 
 @pytest.fixture

@@ -7,19 +7,19 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from shapefit.convex.solver import Status, solve_newton
+from shapefit.convex.solver import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.perspective import (
     mean_coefficients,
     place_in_depth,
     refine_perspective,
     refine_view,
 )
+from tests.lifting.estimators import make_estimator
 
 K, P = 6, 16
 FLIP = np.diag([1.0, -1.0, -1.0])  # y down and z forward <-> y up and z to the viewer
@@ -244,8 +244,7 @@ def landmarks(dictionary, rotations, camera, rng):
 
 
 def view(landmarks, weights, dictionary, camera, method="convex+refine"):
-    settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
-    estimator = choose_method(method, settings)
+    estimator = make_estimator(method, mean_shape=dictionary.mean_shape)
     first = lift(landmarks, weights, dictionary.atoms, Program(lam=0.3), estimator)
     return first, refine_view(first, landmarks, camera, dictionary)
 

@@ -3,6 +3,7 @@ cameras.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,9 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.lift import Lifting, Program, lift
-from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior import posterior
 from shapefit.lifting.posterior.method import face, lift_to_posterior
+from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.posterior import Modes, Posterior, find_posterior
 
 
@@ -313,17 +314,12 @@ class Scene:
 
     def lift(self, prior, weights, modes: int = 0) -> Lifting:
         """Lift the landmarks through the camera, from many views."""
-        settings = Settings(
-            solve=solve_newton,
-            mean_shape=prior.means[0],
-            needs={"prior": prior},
-            posterior=PosteriorOptions(covariance=True),
-        )
+        model = PosteriorModel(prior=prior, mean_shape=prior.means[0], covariance=True)
         return lift(
             self.landmarks,
             weights,
             prior.means,
             Program(lam=0.3),
-            lambda problem: lift_to_posterior(problem, settings, modes),
+            partial(lift_to_posterior, model=model, solve=solve_newton, modes=modes),
             camera=self.camera,
         )

@@ -89,7 +89,7 @@ def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
     depth = sign * t[:, 2]
     assert found.scale == pytest.approx(np.sqrt(1000 * 1100) / depth)
     np.testing.assert_array_equal(
-        found.estimate.objective, -found.estimate.further["log_evidence"]
+        found.estimate.objective, -found.estimate.log_evidence
     )
     at = scene.camera.centre + scene.camera.focal * t[:, :2] / depth[:, None]
     assert found.translation == pytest.approx(at)

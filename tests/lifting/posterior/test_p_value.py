@@ -14,9 +14,9 @@ from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
-from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior import p_value
 from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
+from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.p_value import (
     draw_table,
     exceeds,
@@ -76,15 +76,15 @@ def find(make: Callable[[int], Mixture], count: int, hidden: int = 0):
     order = np.random.default_rng(8).random((IMAGES, p)).argsort(axis=1)
     weights = (order >= hidden).astype(float)
     problem = build_problem(w, prior.means, np.full(IMAGES, 0.1), weights=weights)
-    settings = Settings(
-        solve=solve_newton,
+    model = PosteriorModel(
+        prior=prior,
         mean_shape=np.tensordot(prior.weights, prior.means, 1),
-        needs={"prior": prior, "p_value_table": table_of(make, count)},
-        posterior=PosteriorOptions(residual_variance=RESIDUAL_VARIANCE),
+        p_value_table=table_of(make, count),
+        residual_variance=RESIDUAL_VARIANCE,
     )
-    found = lift_to_posterior(problem, settings)
+    found = lift_to_posterior(problem, model, solve=solve_newton)
     assert found.covariance is None  # for which nobody asked
-    return with_p_value(found, problem, settings).further["p_value"]
+    return with_p_value(found, problem, model, solve=solve_newton).p_value
 
 
 def assert_uniform(p):

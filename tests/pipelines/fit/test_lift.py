@@ -16,7 +16,7 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.lifting import trust
 from shapefit.lifting.posterior.p_value import with_p_value_table
-from shapefit.pipelines.fit.lift import Lifter, at_border, weigh
+from shapefit.pipelines.fit.image_posterior import ImagePosterior, find_at_border
 from tests.io.files import load
 from tests.pipelines.fitted import done, failures, warnings
 
@@ -222,8 +222,8 @@ class TestLeaveOneOut:
         assert list(whole.columns["omitted"]) == [
             "" if name == "beetle" else name for name in shown
         ]
-        monkeypatch.setattr("shapefit.pipelines.fit.run.IMAGES_PER_BLOCK", 1)
-        monkeypatch.setattr("shapefit.pipelines.fit.run.CHUNK", 2)
+        monkeypatch.setattr("shapefit.pipelines.fit.family.IMAGES_PER_BLOCK", 1)
+        monkeypatch.setattr("shapefit.pipelines.fit.fit.BATCH", 2)
         parts, outcomes = run(views=odd, method="mean-shape")
         assert done(outcomes) == 9
         check_same(whole, parts)
@@ -290,9 +290,7 @@ def test_neighbours_at_one_border_are_not_seen(points, hidden):
             np.array(points, float).T[None], names, ("a",), columns=columns
         )
         dictionary = SimpleNamespace(edges=edges, landmark_names=names_of_edges)
-        return at_border(
-            images, SimpleNamespace(dictionary=dictionary, image_size=size)
-        )[0]
+        return find_at_border(images, dictionary, size)[0]
 
     for result in (marked((W, H)), marked(image_size=np.array([W, H]))):
         assert [
@@ -306,8 +304,8 @@ def test_a_confidence_of_the_least_that_counts_is_seen():
     scores = np.array([[0.0, 0.29, 0.3, 0.31, 7.0]])
     images = LandmarkSet(np.ones((1, 2, 5)), tuple("abcde"), ("0",), confidence=scores)
     people = read_dictionary(find_dictionary("people"))
-    lifter = Lifter(method="posterior", dictionary=people, min_confidence=0.3)
-    assert weigh(images, lifter).tolist() == [[0, 0, 1, 1, 1]]
+    posterior = ImagePosterior(dictionary=people, min_confidence=0.3)
+    assert posterior.weigh(images).tolist() == [[0, 0, 1, 1, 1]]
 
 
 @pytest.fixture

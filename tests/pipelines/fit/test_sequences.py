@@ -400,15 +400,13 @@ def test_exchanged_frames_are_put_back_with_their_scores(rng):
     score = np.tile(np.linspace(0.2, 0.9, 8), (t, 1))
     items = tuple(map(str, range(t)))
     clean = LandmarkSet(w, tuple("abcdefgh"), items, ("walk",) * t, confidence=score)
-    lifter = SimpleNamespace(
-        dictionary=SimpleNamespace(mirror_index=partner), frame_rate=None
-    )
+    dictionary = SimpleNamespace(mirror_index=partner)
 
     def restore(wrong):
         landmarks = np.where(wrong[:, None, None], w[..., partner], w)
         confidence = np.where(wrong[:, None], score[:, partner], score)
         images = clean.replaced(landmarks=landmarks, confidence=confidence)
-        return restore_sides(images, np.ones((t, 8), bool), lifter)
+        return restore_sides(images, np.ones((t, 8), bool), dictionary, None)
 
     wrong = np.isin(np.arange(t), range(20, 28))
     images, exchanged = restore(wrong)

@@ -14,7 +14,7 @@ from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
-from shapefit.pipelines.fit.run import run as fit_whole
+from shapefit.pipelines.fit.fit import fit as fit_whole
 from shapefit.pipelines.partition import run as parting
 from shapefit.pipelines.partition.run import find_parts, run
 from tests.pipelines.fitted import done, failures
