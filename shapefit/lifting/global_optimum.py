@@ -19,12 +19,15 @@ from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.shared_rotation import (
     alternate_from_mean,
-    describe,
+    describe_shapes,
     refine_convex,
 )
 
-MAX_CELLS, MAX_SECONDS = 200_000, 10.0
-"""The search of an image gives up after so many cells, or so many seconds."""
+MAX_SEARCH_CELLS = 200_000
+"""After which the search of an image gives up."""
+
+MAX_SEARCH_SECONDS = 10.0
+"""After which the search of an image gives up."""
 
 
 def find_global(problem: Problem, settings: Settings) -> Estimate:
@@ -41,8 +44,13 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
         tolerance=settings.tolerance,
         threads=settings.threads,
     )
-    coefficients, rotation = optimum.coefficients, optimum.rotation
-    estimate = describe(problem, coefficients, rotation, optimum.cells, optimum.status)
+    estimate = describe_shapes(
+        problem,
+        optimum.coefficients,
+        optimum.rotation,
+        iterations=optimum.cells,
+        status=optimum.status,
+    )
     return replace(estimate, relative_gap=optimum.relative_gap)
 
 
@@ -69,31 +77,29 @@ def find_optimum(
     starts: Floats | None = None,
     *,
     tolerance: float = 1e-2,
-    max_cells: int = MAX_CELLS,
-    max_seconds: float = MAX_SECONDS,
+    max_cells: int = MAX_SEARCH_CELLS,
+    max_seconds: float = MAX_SEARCH_SECONDS,
     threads: int = 0,
 ) -> GlobalOptimum:
-    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over
-    all R.
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1.
 
-    (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0 and Rbar
-    Rbar^T = I. The optimum found is never above v at one of starts (n, s, 3, 3); a
-    start that is nan counts for nothing. Fewer than two visible landmarks are
+    (Paper, eq. originalnoisy, with weights and translation.) Over all R, with Rbar
+    Rbar^T = I, and c >= 0. The optimum found is never above v at one of starts (n, s,
+    3, 3); a start that is nan counts for nothing. Fewer than two visible landmarks are
     DEGENERATE. Bound and search: docs/global.md. Raises ValueError for a loss other
     than the squared one.
     """
     problem.require_squared("the search")
-    n, k = len(problem.landmarks), len(problem.atoms)
-    coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
+    n = len(problem.landmarks)
+    if starts is None:
+        starts = np.zeros((n, 0, 3, 3))
+    coefficients = np.zeros((n, len(problem.atoms)))
+    rotation = np.full((n, 3, 3), np.nan)
     objective, bound = np.full((2, n), np.nan)
     cells, vertices, codes = np.zeros((3, n), np.int64)
     core.find_optimum(
         **problem.arrays,
-        starts=(
-            np.zeros((n, 0, 3, 3))
-            if starts is None
-            else np.ascontiguousarray(starts, float)
-        ),
+        starts=np.ascontiguousarray(starts, float),
         tolerance=tolerance,
         most_cells=max_cells,
         most_seconds=max_seconds,
@@ -107,6 +113,14 @@ def find_optimum(
         threads=threads,
     )
     rotation[~coefficients.any(axis=1)] = np.nan
-    gap = np.divide(objective - bound, objective, out=np.zeros(n), where=objective > 0)
-    status = read_statuses(codes)
-    return GlobalOptimum(coefficients, rotation, objective, bound, gap, cells, status)
+    gap = np.zeros(n)
+    np.divide(objective - bound, objective, out=gap, where=objective > 0)
+    return GlobalOptimum(
+        coefficients=coefficients,
+        rotation=rotation,
+        objective=objective,
+        bound=bound,
+        relative_gap=gap,
+        cells=cells,
+        status=read_statuses(codes),
+    )

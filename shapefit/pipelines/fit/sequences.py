@@ -22,7 +22,12 @@ from shapefit.io import LandmarkSet
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.posterior.method import scale_of_bars
-from shapefit.lifting.sequences.clips import LONGEST, Motion, refine_lifting, split
+from shapefit.lifting.sequences.clips import (
+    LONGEST,
+    Motion,
+    refine_lifting,
+    split,
+)
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera

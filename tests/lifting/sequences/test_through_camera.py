@@ -102,7 +102,7 @@ def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
     bar_scale = np.linspace(1, 2, P)
     found = refine_through_camera(lifting, scene.landmarks, refine)
     np.testing.assert_allclose(found.estimate.further[IMAGE_ERROR], expected)
-    assert np.isfinite(found.estimate.further[clips.NOISE]).all()
+    assert np.isfinite(found.estimate.further[clips.SEQUENCE_NOISE]).all()
     C = found.estimate.covariance
     np.testing.assert_allclose(C, C.swapaxes(1, 2), atol=1e-9 * C.max())
     variance = np.diagonal(C, axis1=1, axis2=2).reshape(N, 3, P)
