@@ -136,7 +136,7 @@ LIMITS = Limits()
 NO_SHAPE = "no shape"
 TOO_FEW = "too few landmarks seen"
 IMPLAUSIBLE = "implausible landmarks"
-FAR = "far from any training shape"
+FAR_FROM_TRAINING = "far from any training shape"
 DEPTH_OPEN = "near and far not told apart"
 LARGE_ERROR = "large expected error"
 UNSURE_SIDES = "left and right change places"
@@ -177,7 +177,7 @@ def find_reasons(
             (np.asarray(~has_shape), NO_SHAPE),
             (2 * visible <= VIEW_NUMBERS, TOO_FEW),
             (p_value < LIMITS.min_p_value, IMPLAUSIBLE),
-            (is_far, FAR),
+            (is_far, FAR_FROM_TRAINING),
             (np.full(n, depth_ambiguity), DEPTH_OPEN),
             (expected > LIMITS.max_error * std(of_shown), LARGE_ERROR),
             (np.isnan(sides), UNSURE_SIDES),
@@ -254,7 +254,7 @@ IMAGE_ERROR = "image_error"
 shapes.
 """
 
-GAIN = 0.86
+SEQUENCE_ERROR_SHARE = 0.86
 """Errors of sequences beside those of their images, on film. The error bars of a
 sequence do not know of errors that last as long as it does, so that less than this
 share is not expected of it.

@@ -42,7 +42,7 @@ NOMINAL_SHARE = 0.9
 MIN_PREDICTIONS = 20
 """Of a landmark, from which on its own kappa is taken."""
 
-MOST_HIDDEN = 2400
+MAX_HIDDEN = 2400
 """Landmarks that are hidden in all, of 60 images each of 40: of larger shapes every
 second one or fewer, others in every image.
 """
@@ -156,7 +156,7 @@ def _choose_hidden(is_visible: Flags) -> tuple[Indices, Indices]:
     """Return the images and the landmarks that are hidden, one at a time."""
     # by landmark: neighbours have the same landmarks in sight
     landmark, image = np.nonzero(is_visible.T)
-    every = max(1, ceil(len(image) / MOST_HIDDEN))
+    every = max(1, ceil(len(image) / MAX_HIDDEN))
     is_chosen = (landmark + image) % every == 0
     return image[is_chosen], landmark[is_chosen]
 

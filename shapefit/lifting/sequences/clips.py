@@ -55,7 +55,7 @@ SEQUENCE_NOISE = "sequence_noise"
 were taken, nan for images that are not refined.
 """
 
-LONGEST = 4096
+MAX_CLIP_FRAMES = 4096
 """Frames that are refined together; longer sequences are cut into parts of about one
 length, for memory.
 """
@@ -172,7 +172,9 @@ def refine_lifting(
     is_single = np.isnan(refined.noise)
     # (n, p), of what is in the unit of the landmarks
     grow = bar_scale / lifting.scale[:, None]
-    rows = nearest_informative(is_informative(clips), split(sequences), clips.position)
+    rows = nearest_informative(
+        is_informative(clips), split_into_clips(sequences), clips.position
+    )
     constant = refined.noise[:, None] * grow
     bars, correlation = add_common_error(
         smoothed=(refined.deviation * grow[:, None], refined.correlation),
@@ -296,7 +298,9 @@ def refine_clips(
         points=np.where(informative[:, None, None], clips.points, np.nan),
     )
     long = [
-        clip for clip in split(sequences) if informative[clip].sum() >= MIN_CLIP_FRAMES
+        clip
+        for clip in split_into_clips(sequences)
+        if informative[clip].sum() >= MIN_CLIP_FRAMES
     ]
 
     def refine(clip: slice) -> None:
@@ -314,14 +318,14 @@ def is_informative(clips: Clips) -> Flags:
     return informative
 
 
-def split(sequences: Sequence[str]) -> list[slice]:
-    """Slices of equal neighbours in `sequences` (n,), of LONGEST at most."""
+def split_into_clips(sequences: Sequence[str]) -> list[slice]:
+    """Slices of equal neighbours in `sequences` (n,), of MAX_CLIP_FRAMES at most."""
     values = np.array(sequences, dtype=object)
     changes = np.flatnonzero(values[1:] != values[:-1]) + 1
     slices = []
     for start, stop in pairwise([0, *changes.tolist(), len(values)]):
         frames = stop - start
-        pieces = ceil(frames / LONGEST)
+        pieces = ceil(frames / MAX_CLIP_FRAMES)
         for piece in range(pieces):
             begin = start + frames * piece // pieces
             end = start + frames * (piece + 1) // pieces

@@ -250,9 +250,9 @@ def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
         )
         per_image = POSTERIOR * p**3.5 * (10 + len(prior)) / min(cores, max(total, 1))
         if total >= FEWEST:
-            from shapefit.lifting.posterior.calibration import MOST_HIDDEN
+            from shapefit.lifting.posterior.calibration import MAX_HIDDEN
 
-            hidden = min(min(total, CALIBRATED) * p, MOST_HIDDEN)
+            hidden = min(min(total, CALIBRATED) * p, MAX_HIDDEN)
             liftings += min(total, LARGEST) * len(FACTORS) ** 2 + hidden
     elif total > 1:
         for number in (1, TIMED):  # the first call also imports
@@ -726,7 +726,7 @@ def trust_in_sample(
     reasons = trust.find_reasons(
         shapes, expected, visible, *numbers, estimate.status, shown=shown
     )
-    doubtful = np.isin(reasons, (trust.IMPLAUSIBLE, trust.FAR))
+    doubtful = np.isin(reasons, (trust.IMPLAUSIBLE, trust.FAR_FROM_TRAINING))
     return float((reasons == "").mean()), float(doubtful.mean())
 
 

@@ -329,7 +329,7 @@ def trusted(lifting: Lifting, setup: Setup) -> Datasets:
         expected = trust.expected_error(lifting.shapes, estimate.covariance, shown)
         expected *= lifting.scale
         of_image = further.get(trust.IMAGE_ERROR, np.nan)
-        expected = np.fmax(expected, trust.GAIN * of_image)
+        expected = np.fmax(expected, trust.SEQUENCE_ERROR_SHARE * of_image)
     reasons = trust.find_reasons(
         lifting.shapes,
         expected,
