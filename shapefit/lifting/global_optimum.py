@@ -19,13 +19,14 @@ from shapefit.lifting.estimate import AtomEstimate, Solve
 from shapefit.lifting.methods import STARTS
 from shapefit.lifting.shared_rotation import (
     alternate_from_mean,
-    describe,
+    describe_shapes,
     refine_convex,
 )
 
-MAX_CELLS = 200_000
-"""The search of an image gives up after so many tests of cells."""
-MAX_NUMBERS = 2**27
+MAX_SEARCH_CELLS = 200_000
+"""Tests of cells after which the search of an image gives up."""
+
+MAX_KEPT_NUMBERS = 2**27
 """It gives up earlier where k and p are large: what it keeps of a rotation are
 8 k + 2 p numbers, of which a thread keeps at most so many, 1 GiB. There is no limit of
 time: results must not depend on what else the machine does.
@@ -58,8 +59,13 @@ def find_global(
         tolerance=tolerance,
         threads=threads,
     )
-    coefficients, rotation = optimum.coefficients, optimum.rotation
-    estimate = describe(problem, coefficients, rotation, optimum.cells, optimum.status)
+    estimate = describe_shapes(
+        problem,
+        optimum.coefficients,
+        optimum.rotation,
+        iterations=optimum.cells,
+        status=optimum.status,
+    )
     return replace(estimate, relative_gap=optimum.relative_gap)
 
 
@@ -102,7 +108,7 @@ def limit_cells(k: int, p: int) -> int:
     """Return after how many tests of cells a search with k atoms of p landmarks gives
     up.
     """
-    return min(MAX_CELLS, MAX_NUMBERS // (8 * k + 2 * p))
+    return min(MAX_SEARCH_CELLS, MAX_KEPT_NUMBERS // (8 * k + 2 * p))
 
 
 def find_optimum(
@@ -114,35 +120,34 @@ def find_optimum(
     threads: int = 0,
     dropped: DroppedCells | None = None,
 ) -> GlobalOptimum:
-    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over
-    all R.
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1.
 
-    (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0 and Rbar
-    Rbar^T = I. The optimum found is never above v at one of starts (n, s, 3, 3); a
-    start that is nan counts for nothing. Fewer than two visible landmarks are
+    (Paper, eq. originalnoisy, with weights and translation.) Over all R, with Rbar
+    Rbar^T = I, and c >= 0. The optimum found is never above v at one of starts (n, s,
+    3, 3); a start that is nan counts for nothing. Fewer than two visible landmarks are
     DEGENERATE. A search that has not ended after max_cells tests of cells, by default
     `limit_cells`, goes on with looser gaps for as many again, and is an
     ITERATION_LIMIT. The cells that it drops are written to `dropped`. Bound and search:
     docs/global.md. Raises ValueError for a loss other than the squared one.
     """
     problem.require_squared("the search")
-    n, k = len(problem.landmarks), len(problem.atoms)
+    n, _, p = problem.landmarks.shape
+    k = len(problem.atoms)
+    if starts is None:
+        starts = np.zeros((n, 0, 3, 3))
+    if max_cells is None:
+        max_cells = limit_cells(k, p)
     if dropped is None:
         dropped = DroppedCells.room(n, 0)
-    coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
+    coefficients = np.zeros((n, k))
+    rotation = np.full((n, 3, 3), np.nan)
     objective, bound = np.full((2, n), np.nan)
     cells, vertices, codes = np.zeros((3, n), np.int64)
     core.find_optimum(
         **problem.arrays,
-        starts=(
-            np.zeros((n, 0, 3, 3))
-            if starts is None
-            else np.ascontiguousarray(starts, float)
-        ),
+        starts=np.ascontiguousarray(starts, float),
         tolerance=tolerance,
-        most_cells=(
-            limit_cells(k, problem.atoms.shape[2]) if max_cells is None else max_cells
-        ),
+        most_cells=max_cells,
         coefficients=coefficients,
         rotation=rotation,
         objective=objective,
@@ -156,6 +161,14 @@ def find_optimum(
         threads=threads,
     )
     rotation[~coefficients.any(axis=1)] = np.nan
-    gap = np.divide(objective - bound, objective, out=np.zeros(n), where=objective > 0)
-    status = read_statuses(codes)
-    return GlobalOptimum(coefficients, rotation, objective, bound, gap, cells, status)
+    gap = np.zeros(n)
+    np.divide(objective - bound, objective, out=gap, where=objective > 0)
+    return GlobalOptimum(
+        coefficients=coefficients,
+        rotation=rotation,
+        objective=objective,
+        bound=bound,
+        relative_gap=gap,
+        cells=cells,
+        status=read_statuses(codes),
+    )

@@ -78,7 +78,7 @@ class Case:
 @pytest.fixture(autouse=True)
 def to_the_end(monkeypatch):
     """Go on until nothing more is gained, as far as numbers can tell."""
-    monkeypatch.setattr(posterior, "TOLERANCE", 1e-12)
+    monkeypatch.setattr(posterior, "MIN_LIKELIHOOD_GAIN", 1e-12)
     fine = partial(shared_rotation.alternate, tolerance=1e-14, max_rounds=5000)
     monkeypatch.setattr(shared_rotation, "alternate", fine)
 

@@ -9,7 +9,7 @@ import pytest
 
 from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import normalise
-from shapefit.lifting.degeneracy import FLAT, find_degenerate
+from shapefit.lifting.degeneracy import MIN_SINGULAR_VALUE, find_degenerate
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import (
     LEAST,
@@ -262,7 +262,10 @@ def test_how_thin_a_line_is_counts_beside_its_length():
     across = (-1.0) ** np.arange(20)
     across -= x * (x @ across) / (x @ x)
     wide, long = np.linalg.norm(across), np.linalg.norm(x)
-    thin = [np.stack([x, share * FLAT * long / wide * across]) for share in (0.7, 1.4)]
+    thin = [
+        np.stack([x, share * MIN_SINGULAR_VALUE * long / wide * across])
+        for share in (0.7, 1.4)
+    ]
     found = find_degenerate(np.array(thin), np.ones((2, 20)))
     assert found == {0: "all visible landmarks lie on one line"}
 

@@ -215,7 +215,7 @@ class TestPursuit:
     ):
         scene = make_scene(n=40, noise=0.3)
         together = scene.pursue(most_atoms=4)
-        monkeypatch.setattr(matching_pursuit, "TOGETHER", 7)
+        monkeypatch.setattr(matching_pursuit, "IMAGES_PURSUED_AT_ONCE", 7)
         apart = scene.pursue(most_atoms=4)
         for one, other in zip(together, apart, strict=True):
             np.testing.assert_array_equal(one, other)

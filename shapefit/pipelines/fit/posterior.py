@@ -20,7 +20,7 @@ from shapefit.lifting import trust
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite
 from shapefit.lifting.methods import METHODS, MIN_CONFIDENCE
-from shapefit.lifting.posterior.calibration import MOST_HIDDEN
+from shapefit.lifting.posterior.calibration import MAX_HIDDEN
 from shapefit.pipelines.fit.camera import camera_factory
 from shapefit.pipelines.fit.columns import Columns, certificate_columns
 from shapefit.pipelines.fit.evidence import FACTORS
@@ -142,7 +142,7 @@ class PosteriorFamily:
         per_image /= min(cores, max(total, 1))
         liftings = total
         if total >= MIN_SAMPLE:
-            hidden = min(min(total, MAX_HIDDEN_IN_TURN) * p, MOST_HIDDEN)
+            hidden = min(min(total, MAX_HIDDEN_IN_TURN) * p, MAX_HIDDEN)
             liftings += min(total, MAX_SAMPLE) * len(FACTORS) ** 2 + hidden
         return Cost(per_image, liftings)
 
@@ -214,7 +214,9 @@ class PosteriorFamily:
         expected = trust.expected_error(lifting.shapes, estimate.covariance, shown)
         expected *= lifting.scale
         if estimate.image_error is not None:
-            expected = np.fmax(expected, trust.GAIN * estimate.image_error)
+            expected = np.fmax(
+                expected, trust.SEQUENCE_ERROR_SHARE * estimate.image_error
+            )
         reasons = trust.find_reasons(
             lifting.shapes,
             expected,

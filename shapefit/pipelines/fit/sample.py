@@ -450,5 +450,5 @@ def judge_shares(
         estimate.status,
         shown=shown,
     )
-    doubtful = np.isin(reasons, (trust.IMPLAUSIBLE, trust.FAR))
+    doubtful = np.isin(reasons, (trust.IMPLAUSIBLE, trust.FAR_FROM_TRAINING))
     return Shares(float((reasons == "").mean()), float(doubtful.mean()))

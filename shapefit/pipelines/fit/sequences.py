@@ -25,7 +25,12 @@ from shapefit.lifting import trust
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.posterior.method import scale_of_bars
-from shapefit.lifting.sequences.clips import LONGEST, Motion, refine_lifting, split
+from shapefit.lifting.sequences.clips import (
+    MAX_CLIP_FRAMES,
+    Motion,
+    refine_lifting,
+    split_into_clips,
+)
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
@@ -208,8 +213,8 @@ def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
     memory.
     """
     start = stop = 0
-    for clip in split(images.sequences or ()):
-        if clip.stop - start > LONGEST and stop > start:
+    for clip in split_into_clips(images.sequences or ()):
+        if clip.stop - start > MAX_CLIP_FRAMES and stop > start:
             yield images.take(slice(start, stop))
             start = stop
         stop = clip.stop
@@ -235,7 +240,7 @@ def restore_sides(
     w = np.where(visible[:, None], images.landmarks, np.nan)
     wrong = np.zeros(len(images), dtype=bool)
     position = place_images(images, rate)
-    for clip in split(images.sequences):
+    for clip in split_into_clips(images.sequences):
         exchanges = find_exchanges(w[clip], pairs, Timeline(position[clip], rate))
         wrong[clip] = exchanges.exchanged
         exchanged[clip] = exchanges.exchanged if exchanges.continuous else np.nan
@@ -277,7 +282,7 @@ def shows_half_a_body(dictionary: Dictionary, shown: Flags | None) -> bool:
 def place_images(images: LandmarkSet, rate: float) -> Floats:
     """Return the places (n,) of images in their sequences, in frames."""
     places = np.empty(len(images))
-    for clip in split(images.sequences or ()):
+    for clip in split_into_clips(images.sequences or ()):
         frames = None if images.frame is None else images.frame[clip]
         times = None if images.time is None else images.time[clip]
         places[clip] = place_in_time(frames, times, rate, clip.stop - clip.start)

@@ -82,7 +82,7 @@ def draw_mixture():
 @pytest.fixture
 def to_the_end(monkeypatch):
     """Climb until nothing more is gained, as far as numbers can tell."""
-    monkeypatch.setattr(posterior, "TOLERANCE", 1e-12)
+    monkeypatch.setattr(posterior, "MIN_LIKELIHOOD_GAIN", 1e-12)
 
 
 TAU_SQUARE = 900.0

@@ -46,9 +46,7 @@ def calibrated(scene, weights=None, off=None, narrower=1.0):
 
 
 def test_true_bars_hold_the_hidden_landmarks(scene, monkeypatch):
-    monkeypatch.setattr(
-        "shapefit.lifting.posterior.calibration.MOST_HIDDEN", N * P // 3
-    )
+    monkeypatch.setattr("shapefit.lifting.posterior.calibration.MAX_HIDDEN", N * P // 3)
     assert calibrated(scene).predictions == pytest.approx(N * P / 3, abs=P)
     monkeypatch.undo()
     found = calibrated(scene)

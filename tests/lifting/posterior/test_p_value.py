@@ -151,7 +151,7 @@ def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_sca
     monkeypatch.setattr(p_value, "find_posterior", counted)
     between = moments_at(draw_table(prior, (2.0,)), 2.0)
     assert (
-        sum(images) < 0.85 * 4 * p_value.DRAWS
+        sum(images) < 0.85 * 4 * p_value.DRAWN_IMAGES
     )  # the control variate saves some of each count
     assert moments_at(table, 2.0)[:, 1] == pytest.approx(between[:, 1], abs=0.25)
     assert moments_at(table, 2.0)[:, 2] == pytest.approx(between[:, 2], rel=0.2)
@@ -160,9 +160,9 @@ def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_sca
 def test_distances_at_the_true_view_have_2p_less_2_degrees_of_freedom():
     prior = Mixture(np.ones(1), planted(5).means[:1], planted(5).covariances[:1])
     w, R, _ = draw(prior)
-    y = p_value.true_distances(
-        prior, np.zeros(IMAGES, int), R, w, np.ones((IMAGES, 5), bool)
-    )
+    shown = np.ones((IMAGES, 5), bool)
+    drawn = p_value.Drawn(np.zeros(IMAGES, int), R, w, shown)
+    y = p_value.true_distances(prior, drawn)
     assert y.mean() == pytest.approx(2 * 5 - 2, abs=0.5)
 
 

@@ -92,7 +92,7 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
 
 
 def test_the_end_is_a_minimum_of_the_dense_objective(images, body, model, monkeypatch):
-    monkeypatch.setattr(smoothing, "TOLERANCE", 1e-9)
+    monkeypatch.setattr(smoothing, "MIN_FRAME_GAIN", 1e-9)
     visible = images(body, noise=0.02)
     found = smooth(visible, model, 0.02, max_rounds=200)
     judge = Objective(visible, model, 0.02)
@@ -296,7 +296,7 @@ def test_errors_that_images_share_do_not_outweigh_known_lengths(
     """A bone too short alike in all frames: many copies say no more of it than some
     do.
     """
-    monkeypatch.setattr(smoothing, "TOLERANCE", 1e-9)
+    monkeypatch.setattr(smoothing, "MIN_FRAME_GAIN", 1e-9)
     i, j = model.bones.T
     true = np.linalg.norm(body[0, :, i] - body[0, :, j], axis=1)
     usual = Lengths(true, np.eye(4) / 0.03**2)

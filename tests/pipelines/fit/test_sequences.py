@@ -381,12 +381,14 @@ def test_ended_sequences_are_given_out_before_the_stream_ends():
 )
 def test_long_sequences_are_lifted_in_the_pieces_that_are_refined(names, monkeypatch):
     for module in (clips, fit_sequences):
-        monkeypatch.setattr(module, "LONGEST", 4)
+        monkeypatch.setattr(module, "MAX_CLIP_FRAMES", 4)
     whole = frames_of(names)
     pieces = list(whole_sequences([whole]))
     assert [item for piece in pieces for item in piece.items] == list(whole.items)
     ends = np.cumsum([len(piece) for piece in pieces])
-    assert set(ends) <= {clip.stop for clip in clips.split(tuple(names))} | {0}
+    assert set(ends) <= {clip.stop for clip in clips.split_into_clips(tuple(names))} | {
+        0
+    }
     sizes = [len(piece) for piece in pieces]
     assert all(a + b > 4 for a, b in pairwise(sizes[:-1]))
     assert max(sizes) <= 4
