@@ -74,10 +74,6 @@ Rotation rotation_of(const double* q);
 // The unit quaternion of R (3, 3), one of the two.
 void quaternion_of(const double* R, double* q);
 
-// q <- exp(turn) q: the rotation goes on by |turn| radians about the axis `turn` of the
-// camera frame.
-void turn_by(const double* turn, double* q);
-
 // v(R) = min_{c, T} 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda
 // ||c||_1, at one rotation of one image after another.
 
