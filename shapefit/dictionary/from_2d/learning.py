@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +39,7 @@ from shapefit.dictionary.from_2d.model import (
     split_ppca,
 )
 from shapefit.geometry.rotations import complete_rotation
+from shapefit.threads import on_threads
 
 RANKS = (5, 9, 13)
 """Factors from which views are found; evidence chooses among them."""
@@ -204,50 +206,35 @@ def first_state(images: Images, W: Floats, views: Views) -> State:
 def learn_round(images: Images, state: State, *, hold: bool) -> State:
     """Take one round: a step of each view unless `hold`, expectation, and
     maximisation.
+
+    Blocks of images are taken side by side on all cores, and what adds up over them
+    is added in their order.
     """
     n, p = images.weights.shape
-    model, damping, doubting = (
-        state.model,
-        state.damping.copy(),
-        images.outliers is not None,
+    model = state.model
+    blocks = on_threads(
+        lambda rows: advance(images, state, rows, hold=hold),
+        [slice(at, at + BLOCK) for at in range(0, n, BLOCK)],
+        0,
     )
-    rotation, log_scale = state.views.rotation.copy(), state.views.log_scale.copy()
-    shapes, outliers, density = np.empty((n, 3, p)), state.outliers.copy(), 0.0
-    covariance, residual_variance = np.zeros((3 * p, 3 * p)), 0.0
-    for at in range(0, n, BLOCK):
-        rows = slice(at, at + BLOCK)
-        block, views = replace(images[rows], outliers=outliers[rows]), state.views[rows]
-        expected = posterior_mean(block, views, model, slopes=not hold)
-        if doubting or not hold:
-            doubted = (
-                change_inliers(block, expected.flip_gain)
-                if doubting
-                else outliers[rows]
-            )
-            moved = views if hold else ascent(views, expected, damping[rows])
-            then = posterior_mean(replace(block, outliers=doubted), moved, model)
-            better = then.log_density > expected.log_density
-            expected, views = (
-                choose(better, then, expected),
-                choose(better, moved, views),
-            )
-            outliers[rows] = np.where(better[:, None], doubted, outliers[rows])
-        if not hold:
-            damping[rows] = np.clip(
-                np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3
-            )
-        rotation[rows], log_scale[rows] = views.rotation, views.log_scale
-        shapes[rows] = expected.shapes
-        density += float(expected.log_density.sum())
-        covariance += scatter(expected, views, model)
-        residual_variance += float(expected.residual_variance.sum())
+    views = Views(
+        np.concatenate([block.views.rotation for block in blocks]),
+        np.concatenate([block.views.log_scale for block in blocks]),
+    )
+    damping = np.concatenate([block.damping for block in blocks])
+    outliers = np.concatenate([block.outliers for block in blocks])
+    shapes = np.concatenate([block.shapes for block in blocks])
+    covariance = np.zeros((3 * p, 3 * p))
+    for block in blocks:
+        covariance += block.scatter
+    density = sum(block.log_density for block in blocks)
+    residual_variance = sum(block.residual_variance for block in blocks)
     mean = shapes.mean(axis=0)
     centred = (shapes - mean).reshape(n, 3 * p)
     noise = residual_variance / (2 * int(((images.weights > 0) & ~outliers).sum()))
-    size = sequence_means(log_scale, images.sequence)
-    size_variance = float(
-        (((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2
-    )
+    size = sequence_means(views.log_scale, images.sequence)
+    off_size = views.log_scale - size[images.sequence]
+    size_variance = float(((off_size**2).mean() + SCALE**2) / 2)
     most = min(MOST_MODES, max(n // IMAGES_PER_MODE, 1))
     following = replace(
         split_ppca(mean, (covariance + centred.T @ centred) / n, most=most),
@@ -256,8 +243,51 @@ def learn_round(images: Images, state: State, *, hold: bool) -> State:
         size_variance=size_variance,
     )
     prior = -0.5 * n * (np.log(model.size_variance) + SCALE**2 / model.size_variance)
-    views = Views(rotation, log_scale)
     return State(views, following, damping, shapes, outliers, density + prior)
+
+
+class Block(NamedTuple):
+    """Some images after a step: views, damping (m,), outliers (m, p) and shapes
+    (m, 3, p); sums over the images of the log density, of the covariances of shapes
+    (3p, 3p) and of residual variances.
+    """
+
+    views: Views
+    damping: Floats
+    outliers: Mask
+    shapes: Floats
+    log_density: float
+    scatter: Floats
+    residual_variance: float
+
+
+def advance(images: Images, state: State, rows: slice, *, hold: bool) -> Block:
+    """Take a step with some images: of their views unless `hold`, and of what counts as
+    an outlier where that is open. Each image takes the steps that raise its density.
+    """
+    model, views, damping = state.model, state.views[rows], state.damping[rows]
+    outliers, doubting = state.outliers[rows], images.outliers is not None
+    block = replace(images[rows], outliers=outliers)
+    expected = posterior_mean(block, views, model, slopes=not hold)
+    if doubting or not hold:
+        doubted = change_inliers(block, expected.flip_gain) if doubting else outliers
+        moved = views if hold else ascent(views, expected, damping)
+        then = posterior_mean(replace(block, outliers=doubted), moved, model)
+        better = then.log_density > expected.log_density
+        expected = choose(better, then, expected)
+        views = choose(better, moved, views)
+        outliers = np.where(better[:, None], doubted, outliers)
+    if not hold:
+        damping = np.clip(np.where(better, 0.3, 10.0) * damping, 1e-3, 1e3)
+    return Block(
+        views,
+        damping,
+        outliers,
+        expected.shapes,
+        float(expected.log_density.sum()),
+        scatter(expected, views, model),
+        float(expected.residual_variance.sum()),
+    )
 
 
 def sequence_means(values: Floats, sequence: Indices) -> Floats:
