@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
+from shapefit.threads import on_threads
 
 MAX_KMEANS_ROUNDS = 20
 """Of Lloyd's method, which finds the start."""
@@ -66,18 +67,23 @@ class Mixture:
         return self.of_landmarks(self.weights, means, C)
 
     def log_density(self, shapes: Floats) -> Floats:
-        """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K)."""
+        """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K).
+
+        Components are taken side by side on all cores.
+        """
         x = np.ascontiguousarray(shapes.reshape(len(shapes), -1).T)
         density = np.empty((x.shape[1], len(self)))
-        z = np.empty_like(x)
-        for k in range(len(self)):
+
+        def fill(k: int) -> None:
             L = np.linalg.cholesky(self.covariances[k])
             whiten = np.linalg.inv(L)
-            np.matmul(whiten, x, out=z)
+            z = whiten @ x
             z -= (whiten @ self.means[k].ravel())[:, None]
-            log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
             np.square(z, out=z)
+            log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
             density[:, k] = np.log(self.weights[k]) - 0.5 * z.sum(axis=0) - log_size
+
+        on_threads(fill, range(len(self)), 0)
         return density
 
 
@@ -147,10 +153,13 @@ def maximise(
     count = np.maximum(share.sum(axis=0), 1e-300)
     means = (share.T @ X) / count[:, None]
     prior = floor * np.eye(X.shape[1])
-    covariances = [
-        (_scatter(X, w, mean) + total * prior + kappa * G) / (total + kappa)
-        for w, mean, total in zip(share.T, means, count, strict=True)
-    ]
+
+    def covariance_of(k: int) -> Floats:
+        scatter = _scatter(X, share[:, k], means[k])
+        pulled = scatter + count[k] * prior + kappa * G
+        return np.asarray(pulled / (count[k] + kappa))
+
+    covariances = on_threads(covariance_of, range(len(count)), 0)
     weights = count / count.sum()
     return Mixture(weights, means.reshape(len(count), 3, -1), np.stack(covariances))
 

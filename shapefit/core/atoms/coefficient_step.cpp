@@ -3,10 +3,10 @@
 namespace shapefit {
 namespace {
 
-constexpr double SLACK =
-    1e-9;  // by which an unused correlation may exceed lambda, as a share of it
-constexpr double DEPENDENT =
-    1e-11;  // share of an atom's square outside the span of the others
+// By which an unused correlation may exceed lambda, as a share of it.
+constexpr double SLACK = 1e-9;
+// Share of an atom's square outside the span of the others.
+constexpr double DEPENDENT = 1e-11;
 
 }  // namespace
 

@@ -119,8 +119,9 @@ inline Index place_of(double value, const double* x, Index n) {
 
 // Products of small dense matrices with sums in registers.
 //
-//   C_ij += sign sum_k A_ki B_kj      for first <= k < last, which may depend on the
-//   tile
+//     C_ij += sign sum_k A_ki B_kj
+//
+// over first <= k < last, which may depend on the tile.
 //
 // Rows of B and C are padded and their strides multiples of PADDING; A is read number
 // by number, in either order. A tile is 4 rows and up to 3 vectors wide.

@@ -10,18 +10,18 @@ namespace shapefit {
 
 struct CsvRowsData {
     Arguments& from;
-    Vector<const uint64_t> letters =
-        from("letters", "w");  // of the texts, one after another
-    Vector<const int64_t> starts =
-        from("starts", "1+t");  // of each text, and the end of the last
-    Matrix<const int64_t> texts =
-        from("texts", "n c");  // of each row, by their numbers
+    // of the texts, one after another
+    Vector<const uint64_t> letters = from("letters", "w");
+    // of each text, and the end of the last
+    Vector<const int64_t> starts = from("starts", "1+t");
+    // of each row, by their numbers
+    Matrix<const int64_t> texts = from("texts", "n c");
     Matrix<const double> numbers = from("numbers", "n d");  // nan is an empty cell
-    Index leading =
-        from("leading");  // texts of a row before its numbers; the others follow them
+    // texts of a row before its numbers; the others follow them
+    Index leading = from("leading");
     bool as_python = from("as_python");  // as `repr` has numbers; else as orjson
-    Vector<uint64_t> rows =
-        from("rows", "s");  // room for all texts, commas, 25 bytes a number
+    // room for all texts, commas, 25 bytes a number
+    Vector<uint64_t> rows = from("rows", "s");
 };
 
 namespace {

@@ -44,8 +44,8 @@ double largest_nuclear_norm(const double* N, Index k) {
 
 namespace {
 
-constexpr double RANK_ONE =
-    1e-14;  // s2 / s1, below which any direction orthogonal to v serves
+// s2 / s1, below which any direction orthogonal to v serves.
+constexpr double RANK_ONE = 1e-14;
 constexpr double HALF_ROOT = 0.70710678118654752440;
 
 struct Vector3 {

@@ -78,10 +78,14 @@ double largest_nuclear_norm(const double* N, Index k);
 //
 // With Q = U diag(s) V^T and prox_t(Q) = U diag(f) V^T the derivative D acts on X = U^T
 // dQ V: it scales the six unit directions
-//     (X11 + X22) / sqrt 2   by 1,                    (X12 - X21) / sqrt 2   by (f1 +
-//     f2) / (s1 + s2), X13                    by f1 / s1,              X23 by f2 / s2,
-//     (X11 - X22) / sqrt 2   by 0 where f1 = f2, else 1,
-//     (X12 + X21) / sqrt 2   by (f1 - f2) / (s1 - s2),
+//
+//     (X11 + X22) / sqrt 2   by 1
+//     (X12 - X21) / sqrt 2   by (f1 + f2) / (s1 + s2)
+//     X13                    by f1 / s1
+//     X23                    by f2 / s2
+//     (X11 - X22) / sqrt 2   by 0 where f1 = f2, else 1
+//     (X12 + X21) / sqrt 2   by (f1 - f2) / (s1 - s2)
+//
 // so that a block whose singular values have become equal moves in four directions
 // only.
 

@@ -1,7 +1,10 @@
 // The sparse errors E of the robust losses, as a part of the augmented Lagrangian.
 //
-//     |Y| <= bound   becomes   sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j
-//     Y_j)||^2
+//     |Y| <= bound
+//
+// becomes
+//
+//     sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j Y_j)||^2
 //
 // for columns E_j and Y_j. rho_j bound_j is the same for all j, so that the steps of E
 // and M fit the sizes of both, whatever the bounds and lambda. NoErrors is the same

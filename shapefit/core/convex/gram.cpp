@@ -34,10 +34,9 @@ template <int count>
     }
 }
 
-// Rows i .. i + 3 and `count` vectors of columns from j on: what `factor` holds there,
-// + F^T F,
-// - what the rows above have taken. Narrow tiles take turns between several sums, or
-// each addition would wait for the one before.
+// Rows i .. i + 3 and `count` vectors of columns from j on: what `factor` holds there
+// and F^T F, less what the rows above have taken. Narrow tiles take turns between
+// several sums, or each addition would wait for the one before.
 template <int count>
 [[gnu::always_inline]] inline void sum_tile(const GramSystem& s, Index i, Index j,
                                             Doubles (&sums)[BLOCK][count]) {

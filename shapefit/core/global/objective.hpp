@@ -28,11 +28,11 @@ struct GlobalData {
     Matrix<double> coefficients = from("coefficients", "n k");
     Tensor<double> rotation = from("rotation", "n 3 3");
     Vector<double> objective = from("objective", "n");  // U
-    Vector<double> bound =
-        from("bound", "n");  // L: no rotation has an objective below it
+    // L: no rotation has an objective below it
+    Vector<double> bound = from("bound", "n");
     Vector<int64_t> cells = from("cells", "n");  // tests
-    Vector<int64_t> vertices =
-        from("vertices", "n");  // rotations whose coefficients were found
+    // rotations whose coefficients were found
+    Vector<int64_t> vertices = from("vertices", "n");
     Vector<int64_t> status = from("status", "n");  // a Status
     // The first d cells that the last search has dropped: their corners, unit
     // quaternions, and the cut that no rotation within is below; for those who check
@@ -73,10 +73,6 @@ Rotation rotation_of(const double* q);
 
 // The unit quaternion of R (3, 3), one of the two.
 void quaternion_of(const double* R, double* q);
-
-// q <- exp(turn) q: the rotation goes on by |turn| radians about the axis `turn` of the
-// camera frame.
-void turn_by(const double* turn, double* q);
 
 // v(R) = min_{c, T} 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda
 // ||c||_1, at one rotation of one image after another.

@@ -343,8 +343,8 @@ Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corn
 namespace {
 
 constexpr Index DEEPEST = 700;  // cells that wait, beside those of the 600-cell
-constexpr double SHORTEST_SHARE =
-    0.25;  // of the longest edge's 1 - q_a.q_b; shorter ones stay whole
+// Of the longest edge's 1 - q_a.q_b; shorter ones stay whole.
+constexpr double SHORTEST_SHARE = 0.25;
 constexpr int MOST_PASSED = 6;  // splits in a row that may spare the longest edge
 constexpr int HALVINGS = 40;
 

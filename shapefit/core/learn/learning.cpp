@@ -11,19 +11,19 @@ namespace shapefit {
 struct CodingData {
     Arguments& from;
     Matrix<const double> gram = from("gram", "k k");  // G = B B^T
-    Matrix<const double> linear_terms =
-        from("linear_terms", "n k");  // h = S B^T - beta
+    // h = S B^T - beta
+    Matrix<const double> linear_terms = from("linear_terms", "n k");
     // by which a coefficient still has to move the shape
     Vector<const double> smallest_moves = from("smallest_moves", "n");
-    Matrix<double> coefficients =
-        from("coefficients", "n k");  // c >= 0, the start, overwritten
-    Vector<bool> unsettled =
-        from("unsettled", "n");  // where the moves did not become smaller
+    // c >= 0, the start, overwritten
+    Matrix<double> coefficients = from("coefficients", "n k");
+    // where the moves did not become smaller
+    Vector<bool> unsettled = from("unsettled", "n");
 };
 
 constexpr Index MOST_ROUNDS = 10000;
-constexpr double DEPENDENT =
-    1e-12;  // share of an atom's square outside the span of the others
+// Share of an atom's square outside the span of the others.
+constexpr double DEPENDENT = 1e-12;
 
 // min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0, for the shapes of
 // the range.
@@ -63,8 +63,8 @@ const Exported<code> code_exported{"code"};
 
 struct FactorData {
     Arguments& from;
-    Tensor<double> matrices =
-        from("matrices", "n d d");  // M = L L^T, L^-1 in its place
+    // M = L L^T, L^-1 in its place
+    Tensor<double> matrices = from("matrices", "n d d");
 };
 
 void invert_factors(const FactorData& data, Range range) {

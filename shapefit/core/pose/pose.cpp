@@ -8,8 +8,8 @@ namespace shapefit {
 struct PoseData {
     Arguments& from;
     Tensor<const double> shape_moments = from("shape_moments", "n 3 3");  // P = S S^T
-    Tensor<const double> landmarks_by_shape =
-        from("landmarks_by_shape", "n 2 3");  // D = w S^T
+    // D = w S^T
+    Tensor<const double> landmarks_by_shape = from("landmarks_by_shape", "n 2 3");
     Blocks<const double> starts = from("starts", "n v 3 3");
     Tensor<double> rotation = from("rotation", "n 3 3");
     Vector<double> size = from("size", "n");  // s

@@ -11,8 +11,8 @@ namespace shapefit {
 struct SynchronisationData {
     Arguments& from;
     GivenTransforms transforms{from};  // M
-    Tensor<double> rotation =
-        from("rotation", "n 3 3");  // R, left alone where all M_i are 0
+    // R, left alone where all M_i are 0
+    Tensor<double> rotation = from("rotation", "n 3 3");
 };
 
 // S = sum_i c_i R_i B_i and its parts, for each image.
@@ -22,23 +22,23 @@ struct ReconstructionData {
     Tensor<const double> atoms = from("atoms", "k 3 p");  // B
     Vector<double> sizes = from("sizes", "a");  // c_i = ||M_i||_2 of each transform
     Tensor<double> shapes = from("shapes", "n 3 p");  // S
-    Tensor<double> rotation =
-        from("rotation", "n 3 3");  // left alone where none is known
-    Vector<int64_t> active =
-        from("active", "n");  // number of atoms that are not negligible
-    Vector<bool> tight =
-        from("tight", "n");  // whether their transforms are all orthogonal
+    // left alone where none is known
+    Tensor<double> rotation = from("rotation", "n 3 3");
+    // number of atoms that are not negligible
+    Vector<int64_t> active = from("active", "n");
+    // whether their transforms are all orthogonal
+    Vector<bool> tight = from("tight", "n");
 };
 
 namespace {
 
 constexpr int STARTS = 4;        // the sum of all transforms, and the largest ones
 constexpr double STILL = 1e-13;  // largest entry of the last change of Rbar
-constexpr double SAME =
-    1e-6;  // and of the difference to a maximum that another start has found
+// And of the difference to a maximum that another start has found.
+constexpr double SAME = 1e-6;
 constexpr int MOST_ROUNDS = 2000;
-constexpr double RANK_ONE =
-    1e-8;  // s1 s2 / (s1^2 + s2^2) below which rounding hides the second
+// S1 s2 / (s1^2 + s2^2) below which rounding hides the second.
+constexpr double RANK_ONE = 1e-8;
 // An atom is active where its coefficient is more than this share of the largest one.
 constexpr double ACTIVE = 1e-6;
 // A transform is orthogonal where ||M M^T / c^2 - I||_F is at most this.

@@ -8,8 +8,8 @@ namespace shapefit {
 
 constexpr double LONGEST = 0.5;  // step, in radians and log s
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
-constexpr Index EARLY =
-    3;  // times that inlier probabilities come from the other landmarks, at the start
+// Times that inlier probabilities come from the other landmarks, at the start.
+constexpr Index EARLY = 3;
 // Of a value.
 template <class Lanes>
 constexpr double ROUNDING = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-9;

@@ -3,8 +3,8 @@
 //
 // In the unit of shapes the landmarks y = w / s are jointly Gaussian,
 //
-//     y ~ N(A mu, S),   S = S_0 + TAU^2 1 1^T,   S_0 = A C A^T + N / q,   N_j = v_j +
-//     V_j / s^2,
+//     y ~ N(A mu, S),         S = S_0 + TAU^2 1 1^T,
+//     S_0 = A C A^T + N / q,  N_j = v_j + V_j / s^2,
 //
 // where A_j = P_j R projects landmark j along its own ray, P_j = [I | -slope_j] (weak
 // perspective: A_j = R_2), and the translation is integrated out under a wide prior.
@@ -16,8 +16,8 @@
 // density u per area of landmarks, u s^2 in the unit of shapes. With the prior
 // probability g of an outlier the value is the variational bound, u for u s^2,
 //
-//     log N(y; A mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 -
-//     g)
+//     log N(y; A mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u)
+//                         + q_j log(1 - g)
 //                         - (1 + q_j) log q_j - (1 - q_j) log(1 - q_j),
 //
 // and a landmark is an inlier by the odds of its expected Gaussian density beside g u.
@@ -43,36 +43,36 @@ struct PosteriorData {
     Vector<const double> log_weights = from("log_weights", "K");        // log pi
     Tensor<const double> means = from("means", "K 3 p");                // mu
     Tensor<const double> covariances = from("covariances", "K 3p 3p");  // C
-    Blocks<const double> starts =
-        from("starts", "n S 3 3");  // nan where there are fewer
+    // nan where there are fewer
+    Blocks<const double> starts = from("starts", "n S 3 3");
     // Landmarks at both ends of each limb whose usual length is known, log k and Q.
     Matrix<const int64_t> limbs = from("limbs", "e 2");
     Vector<const double> limb_log_length = from("limb_log_length", "e");
     Matrix<const double> limb_precision = from("limb_precision", "e e");
     double chance = from("chance");    // that a landmark is an outlier
     double density = from("density");  // of outliers, per area in their unit
-    double tolerance =
-        from("tolerance");  // an ascent ends when the log likelihood gains less
+    // an ascent ends when the log likelihood gains less
+    double tolerance = from("tolerance");
     Tensor<double> mean = from("mean", "n 3 p");  // of y = s (R x + t), mean depth 0
     Tensor<double> deviation = from("deviation", "n 3 p");  // its standard deviations
     // of x with y, x with z and y with z of a landmark
     Tensor<double> correlation = from("correlation", "n 3 p");
     Tensor<double> covariance = from("covariance", "n 3p 3p?");  // where it is wanted
-    Matrix<double> inlier_probability =
-        from("inlier_probability", "n p");  // that a landmark is an inlier
+    // that a landmark is an inlier
+    Matrix<double> inlier_probability = from("inlier_probability", "n p");
     Tensor<double> rotation = from("rotation", "n 3 3");      // of the most likely mode
     Vector<double> scale = from("scale", "n");                // likewise
     Vector<double> log_evidence = from("log_evidence", "n");  // of the image
     // squared Mahalanobis distance of the landmarks, noise of landmark j over its
     // inlier probability
     Vector<double> squared_mahalanobis = from("squared_mahalanobis", "n");
-    Vector<bool> stationary =
-        from("stationary", "n");  // whether an ascent ended on a maximum
-    Vector<int64_t> rounds =
-        from("rounds", "n");  // steps taken by all ascents together
+    // whether an ascent ended on a maximum
+    Vector<bool> stationary = from("stationary", "n");
+    // steps taken by all ascents together
+    Vector<int64_t> rounds = from("rounds", "n");
     // The M most likely modes, where they are wanted.
-    Matrix<int64_t> mode_component =
-        from("mode_component", "n M?");  // -1 where there are fewer
+    // -1 where there are fewer
+    Matrix<int64_t> mode_component = from("mode_component", "n M?");
     Blocks<double> mode_rotation = from("mode_rotation", "n M 3 3?");
     Matrix<double> mode_scale = from("mode_scale", "n M?");
     // -inf where there are fewer
@@ -88,8 +88,8 @@ enum class Wanted { INLIERS, GRADIENT, CURVATURE };
 
 constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr int VIEW = 4;  // numbers of theta
-constexpr double TAU_SQUARE =
-    900;  // variance of the translation in the unit of shapes: wide
+// Variance of the translation in the unit of shapes: wide.
+constexpr double TAU_SQUARE = 900;
 // Curvature that a prior adds to that of the view, in any direction: none is less
 // certain than a radian.
 constexpr double CURVATURE_OF_PRIOR = 1;

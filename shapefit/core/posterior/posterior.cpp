@@ -8,12 +8,12 @@ namespace shapefit {
 namespace {
 
 constexpr double SAME_VIEW = 1e-2;  // rotations as close are one mode (Frobenius norm)
-constexpr double NO_MAXIMUM =
-    50;  // subtracted from the log evidence of a point that is no maximum
-constexpr double NEGLIGIBLE =
-    6;  // modes this far below the best in log evidence are left out
-constexpr double LAPLACE =
-    1;  // by which integrating over the view may change their order
+// Subtracted from the log evidence of a point that is no maximum.
+constexpr double NO_MAXIMUM = 50;
+// Modes this far below the best in log evidence are left out.
+constexpr double NEGLIGIBLE = 6;
+// By which integrating over the view may change their order.
+constexpr double LAPLACE = 1;
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
 struct Mode {

@@ -8,14 +8,14 @@ namespace shapefit {
 
 constexpr Index MOST_ASCENTS = 512;  // of a group of more than one image
 constexpr Index ROUNDS = 2;          // after which finished ascents are dropped
-constexpr Index QUICK =
-    16;  // rounds in single precision; what takes longer starts again in double
+// Rounds in single precision; what takes longer starts again in double.
+constexpr Index QUICK = 16;
 constexpr Index MOST_ROUNDS = 200;  // in double
-constexpr double AGREEMENT =
-    1;  // of single and double precision at the end, in log likelihood
+// Of single and double precision at the end, in log likelihood.
+constexpr double AGREEMENT = 1;
 constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
-constexpr double GAIN_FACTOR =
-    2;  // an ascent may still gain this many times the predicted gain
+// An ascent may still gain this many times the predicted gain.
+constexpr double GAIN_FACTOR = 2;
 
 constexpr Index ascents_per_image(const PosteriorData& data) {
     return data.starts.size[1] * data.means.size[0];

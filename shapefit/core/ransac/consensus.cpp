@@ -9,15 +9,14 @@
 //
 // How much a pose s, Rbar, T explains beyond its own triple:
 //
-//     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3),   tol =
-//     (threshold s)^2,
+//     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3)
 //
-// with residuals r_j = ||w_j - s Rbar S_j - T||, visible landmarks spread over an area
-// A, and omega^2 of mean 1. The sum is the truncated one of MSAC; residuals count in
-// units of the size of the shape. The logarithm is the log-probability of a landmark
-// that keeps to its place, where a wrong one could be anywhere in A: without it a shape
-// blown up far beyond the image finds some landmarks in its wide tolerance always.
-// Three landmarks fit whatever they are.
+// with tol = (threshold s)^2, residuals r_j = ||w_j - s Rbar S_j - T||, visible
+// landmarks spread over an area A, and omega^2 of mean 1. The sum is the truncated one
+// of MSAC; residuals count in units of the size of the shape. The logarithm is the
+// log-probability of a landmark that keeps to its place, where a wrong one could be
+// anywhere in A: without it a shape blown up far beyond the image finds some landmarks
+// in its wide tolerance always. Three landmarks fit whatever they are.
 //
 // Each draw that gains more than all draws before is fitted to its inliers, and these
 // are judged again; the better of the drawn and the fitted poses counts. Draws stop
@@ -37,8 +36,8 @@ struct ConsensusData {
     Matrix<const double> squares = from("squares", "n p");
     Matrix<const double> shape = from("shape", "3 p");  // S
     Vector<const uint64_t> seeds = from("seeds", "n");  // of the draws
-    double threshold =
-        from("threshold");  // of a residual, in units of the size of the shape
+    // of a residual, in units of the size of the shape
+    double threshold = from("threshold");
     Index draws = from("draws");
     Index most_rounds = from("max_rounds");  // of fits of a pose to its inliers
     Matrix<bool> inliers = from("inliers", "n p");
@@ -55,8 +54,8 @@ constexpr double PI = 0x1.921fb54442d18p1;
 // 500 draws (to three digits, for 0 to 70% wrong landmarks) and 5 lose it in one of a
 // hundred with 60% wrong.
 constexpr double ENOUGH = 20;
-constexpr Index CHECKED =
-    8;  // draws from one check to the next, a multiple of every WIDTH
+// Draws from one check to the next, a multiple of every WIDTH.
+constexpr Index CHECKED = 8;
 
 // The visible landmarks of one image beside those of the shape, without the hidden
 // ones.

@@ -1,10 +1,10 @@
 // The objective of a sequence, and its derivatives frame by frame.
 //
-//   sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)  +  1/2 sum_(f,j) weight_fj ||w_fj
-//   - y_fj||^2
+//     sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)
+//     + 1/2 sum_(f,j) weight_fj ||w_fj - y_fj||^2
 //     + 1/2 sum_(f,j) ||c_f0 y_fj + c_f1 y_(f+1)j + c_f2 y_(f+2)j||^2 / a_j^2
-//     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2  +  1/2 (l - known)^T
-//     H (l - known)
+//     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2
+//     + 1/2 (l - known)^T H (l - known)
 //
 // over frames and lengths l together.
 #pragma once
@@ -17,10 +17,10 @@ namespace shapefit {
 // One sequence of t frames y_t (3p,) and its bones, of lengths l (e,).
 struct SequenceData {
     Arguments& from;
-    Matrix<const double> landmarks =
-        from("landmarks", "t 2p");  // w, any number where hidden
-    Matrix<const double> weight =
-        from("weight", "t 2p");  // of their squares, 0 where hidden
+    // w, any number where hidden
+    Matrix<const double> landmarks = from("landmarks", "t 2p");
+    // of their squares, 0 where hidden
+    Matrix<const double> weight = from("weight", "t 2p");
     // of the modes, -inf where there are fewer
     Matrix<const double> log_share = from("log_share", "t K");
     Tensor<const double> means = from("means", "t K 3p");               // m
@@ -31,20 +31,20 @@ struct SequenceData {
     Matrix<const double> differences = from("differences", "t 3");
     Matrix<const int64_t> bones = from("bones", "e 2");
     Vector<const double> rigidity = from("rigidity", "e");  // 1/b^2
-    Matrix<const double> hold =
-        from("hold", "e e");  // H of (l - known)^T H (l - known)
+    // H of (l - known)^T H (l - known)
+    Matrix<const double> hold = from("hold", "e e");
     Vector<const double> known = from("known", "e");
     Index most_rounds = from("most_rounds");
-    double tolerance =
-        from("tolerance");  // rounds end when the energy per frame falls by less
-    Matrix<double> points =
-        from("points", "t 3p");  // y: the start, and then the minimum
+    // rounds end when the energy per frame falls by less
+    double tolerance = from("tolerance");
+    // y: the start, and then the minimum
+    Matrix<double> points = from("points", "t 3p");
     Vector<double> lengths = from("lengths", "e");         // l, likewise
     Matrix<double> deviation = from("deviation", "t 3p");  // of the points
     // of x with y, x with z and y with z of a landmark
     Matrix<double> correlation = from("correlation", "t 3p");
-    Tensor<double> covariance =
-        from("covariance", "t 3p 3p?");  // of each frame, where wanted
+    // of each frame, where wanted
+    Tensor<double> covariance = from("covariance", "t 3p 3p?");
     // of each frame, with the second difference that begins there
     Vector<double> energies = from("energies", "t");
     Vector<double> end = from("end", "2");  // energy at the minimum, rounds

@@ -42,8 +42,8 @@ const Exported<find_precisions> find_precisions_exported{"find_precisions"};
 
 namespace {
 
-constexpr double LONGEST_STEP =
-    0.5;  // of a coordinate, in units of the size of the landmarks
+// Of a coordinate, in units of the size of the landmarks.
+constexpr double LONGEST_STEP = 0.5;
 constexpr double FIRST_DAMPING = 1e-1, LEAST_DAMPING = 1e-2, MOST_DAMPING = 1e8;
 constexpr double DAMPED_MORE = 6, DAMPED_LESS = 5;
 

@@ -1,8 +1,8 @@
 // Alternation of the model with one rotation shared by all atoms, from one start or
 // several.
 //
-//     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar
-//     Rbar^T = I,
+//     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1
+//     over Rbar Rbar^T = I,
 //
 // in turn over c and over R, until a round lowers the objective by little.
 #include "../atoms/coefficient_step.hpp"
@@ -11,8 +11,7 @@
 
 namespace shapefit {
 
-// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar
-// Rbar^T = I.
+// The program of n images, and its local minima.
 struct AlternationData {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W

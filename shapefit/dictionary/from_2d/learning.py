@@ -16,8 +16,9 @@ and Marquardt's method.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from shapefit.dictionary.from_2d.model import (
     split_ppca,
 )
 from shapefit.geometry.rotations import complete_rotation
+from shapefit.threads import on_threads
 
 START_RANKS = (5, 9, 13)
 """Factors from which views are found; evidence chooses among them."""
@@ -223,24 +225,24 @@ def first_state(images: Images, W: Floats, views: Views) -> ClassState:
 
 
 def learn_round(images: Images, state: ClassState, *, hold: bool) -> ClassState:
-    """Take one round: a step of views that do not hold, expectation, maximisation."""
-    n, p = images.weights.shape
-    model = state.model
-    expectation = Expectation(
-        views=Views(state.views.rotation.copy(), state.views.log_scale.copy()),
-        damping=state.damping.copy(),
-        shapes=np.empty((n, 3, p)),
-        outliers=state.outliers.copy(),
-        covariance=np.zeros((3 * p, 3 * p)),
+    """Take one round: a step of views that do not hold, expectation, maximisation.
+
+    Blocks of images are taken side by side on all cores, and what adds up over them is
+    added in their order.
+    """
+    n = len(images.weights)
+    starts = range(0, n, IMAGES_AT_A_TIME)
+    blocks = on_threads(
+        lambda rows: expect(images, state, rows, hold=hold),
+        [slice(start, start + IMAGES_AT_A_TIME) for start in starts],
+        0,
     )
-    for start in range(0, n, IMAGES_AT_A_TIME):
-        rows = slice(start, start + IMAGES_AT_A_TIME)
-        _expect(images, model, expectation, rows, hold=hold)
-    variance = model.size_variance
+    expectation = join_blocks(blocks)
+    variance = state.model.size_variance
     prior = -0.5 * n * (np.log(variance) + PRIOR_SIZE_SD**2 / variance)
     return ClassState(
         views=expectation.views,
-        model=_maximise(images, model, expectation),
+        model=maximise_class(images, state.model, expectation),
         damping=expectation.damping,
         shapes=expectation.shapes,
         outliers=expectation.outliers,
@@ -248,11 +250,11 @@ def learn_round(images: Images, state: ClassState, *, hold: bool) -> ClassState:
     )
 
 
-@dataclass
-class Expectation:
-    """What a round expects of the images, filled in block by block.
+class Expectation(NamedTuple):
+    """What a round expects of m images.
 
-    covariance (3p, 3p), log_density and residual_variance are sums over images.
+    damping (m,), outliers (m, p), shapes (m, 3, p); covariance (3p, 3p), log_density
+    and residual_variance are sums over the images.
     """
 
     views: Views
@@ -260,47 +262,72 @@ class Expectation:
     shapes: Floats
     outliers: Flags
     covariance: Floats
-    log_density: float = 0.0
-    residual_variance: float = 0.0
+    log_density: float
+    residual_variance: float
 
 
-def _expect(
-    images: Images, model: Gaussian, into: Expectation, rows: slice, *, hold: bool
-) -> None:
-    """Step the views of some rows, unless they hold, and add what is expected of them.
+def expect(
+    images: Images, state: ClassState, rows: slice, *, hold: bool
+) -> Expectation:
+    """Step the views of some rows, unless they hold, and expect their shapes.
 
     A step, and a change of outliers, is taken where it raises the log density.
     """
+    model = state.model
+    views = state.views[rows]
+    damping = state.damping[rows]
+    outliers = state.outliers[rows]
     is_doubting = images.outliers is not None
-    block = replace(images[rows], outliers=into.outliers[rows])
-    views = into.views[rows]
+    block = replace(images[rows], outliers=outliers)
     expected = posterior_mean(block, views, model, slopes=not hold)
     if is_doubting or not hold:
-        outliers = into.outliers[rows]
+        doubted = outliers
         if is_doubting:
-            outliers = change_inliers(block, expected.flip_gain)
+            doubted = change_inliers(block, expected.flip_gain)
         moved = views
         if not hold:
-            moved = ascent(views, expected, into.damping[rows])
-        then = posterior_mean(replace(block, outliers=outliers), moved, model)
+            moved = ascent(views, expected, damping)
+        then = posterior_mean(replace(block, outliers=doubted), moved, model)
         is_better = then.log_density > expected.log_density
         expected = choose_rows(is_better, then, expected)
         views = choose_rows(is_better, moved, views)
-        into.outliers[rows] = np.where(
-            is_better[:, None], outliers, into.outliers[rows]
-        )
+        outliers = np.where(is_better[:, None], doubted, outliers)
         if not hold:
-            damping = np.where(is_better, 0.3, 10.0) * into.damping[rows]
-            into.damping[rows] = np.clip(damping, 1e-3, 1e3)
-    into.views.rotation[rows] = views.rotation
-    into.views.log_scale[rows] = views.log_scale
-    into.shapes[rows] = expected.shapes
-    into.log_density += float(expected.log_density.sum())
-    into.covariance += scatter(expected, views, model)
-    into.residual_variance += float(expected.residual_variance.sum())
+            factor = np.where(is_better, 0.3, 10.0)
+            damping = np.clip(factor * damping, 1e-3, 1e3)
+    return Expectation(
+        views=views,
+        damping=damping,
+        shapes=expected.shapes,
+        outliers=outliers,
+        covariance=scatter(expected, views, model),
+        log_density=float(expected.log_density.sum()),
+        residual_variance=float(expected.residual_variance.sum()),
+    )
 
 
-def _maximise(images: Images, model: Gaussian, expectation: Expectation) -> Gaussian:
+def join_blocks(blocks: Sequence[Expectation]) -> Expectation:
+    """Return what is expected of all images; sums are taken in the order of blocks."""
+    covariance = np.zeros_like(blocks[0].covariance)
+    for block in blocks:
+        covariance += block.covariance
+    return Expectation(
+        views=Views(
+            np.concatenate([block.views.rotation for block in blocks]),
+            np.concatenate([block.views.log_scale for block in blocks]),
+        ),
+        damping=np.concatenate([block.damping for block in blocks]),
+        shapes=np.concatenate([block.shapes for block in blocks]),
+        outliers=np.concatenate([block.outliers for block in blocks]),
+        covariance=covariance,
+        log_density=sum(block.log_density for block in blocks),
+        residual_variance=sum(block.residual_variance for block in blocks),
+    )
+
+
+def maximise_class(
+    images: Images, model: Gaussian, expectation: Expectation
+) -> Gaussian:
     """Return the best model of what is expected of the images."""
     n, p = images.weights.shape
     shapes = expectation.shapes

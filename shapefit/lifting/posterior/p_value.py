@@ -21,7 +21,7 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.mixture import Mixture, widen
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.posterior.posterior import Posterior, find_posterior
+from shapefit.lifting.posterior.posterior import OUTLIERS, Posterior, find_posterior
 from shapefit.lifting.trust import VIEW_NUMBERS
 
 MIN_INLIERS = 3.0

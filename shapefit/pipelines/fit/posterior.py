@@ -214,9 +214,8 @@ class PosteriorFamily:
         expected = trust.expected_error(lifting.shapes, estimate.covariance, shown)
         expected *= lifting.scale
         if estimate.image_error is not None:
-            expected = np.fmax(
-                expected, trust.SEQUENCE_ERROR_SHARE * estimate.image_error
-            )
+            least = trust.SEQUENCE_ERROR_SHARE * estimate.image_error
+            expected = np.fmax(expected, least)
         reasons = trust.find_reasons(
             lifting.shapes,
             expected,
