@@ -10,11 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
+from shapefit import core, log
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.span import find_span, reduce_images
 from shapefit.convex.transforms import Transforms
+
+
+LOGGER = "convex.solver"
+"""What is logged of the solver, below `shapefit`."""
 
 
 class Status(Enum):
@@ -80,8 +84,49 @@ def solve_newton(
     )
     span = find_span(problem)
     if span is None:
-        return solve(problem)
-    return solve_in_span(problem, span, solve, threads)
+        solution = solve(problem)
+    else:
+        solution = solve_in_span(problem, span, solve, threads)
+    log_solution(solution)
+    if log.is_heard(LOGGER, log.TRACE):
+        log_trace(problem, tolerance, int(solution.iterations.max(initial=0)))
+    return solution
+
+
+def log_solution(solution: Solution) -> None:
+    """Log how many iterations images took, and the largest gap."""
+    if not log.is_heard(LOGGER) or not len(solution.iterations):
+        return
+    log.debug(
+        LOGGER,
+        "%d images, %.1f iterations each, at most %d; largest relative gap %.1e",
+        len(solution.iterations),
+        solution.iterations.mean(),
+        solution.iterations.max(),
+        np.nanmax(solution.relative_gap, initial=0.0),
+    )
+
+
+def log_trace(problem: Problem, tolerance: float, iterations: int) -> None:
+    """Log objective and relative gap after each iteration of each image.
+
+    The program is solved again with one iteration, with two, and so on: the solver is
+    deterministic, and pays nothing for a trace that nobody asks for.
+    """
+    for limit in range(1, iterations + 1):
+        stopped = solve_directly(
+            problem, tolerance=tolerance, max_iterations=limit, threads=1
+        )
+        both = zip(stopped.objective, stopped.relative_gap, strict=True)
+        for image, (objective, gap) in enumerate(both):
+            log.trace(
+                LOGGER,
+                "image %d, iteration %d: objective %.9g, relative gap %.1e",
+                image,
+                limit,
+                objective,
+                gap,
+            )
 
 
 def solve_directly(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 
+from shapefit import log
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import LEARNED_FROM
 from shapefit.errors import counted
@@ -48,6 +49,8 @@ def calibrate(
     outside = say_outside(config, images)
     config = config.changed(camera=camera)
     settled = choose_family(config, match).calibrate(images)
+    log.debug("fit", "camera: %s; %s", line, "; ".join(settled.lines))
+    log.debug("fit", "settled by a sample: %s", settled)
     return settled._replace(
         camera=camera,
         lines=(f"camera: {line}", *settled.lines),

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from shapefit import log
 from shapefit.arrays import Floats, evenly
 from shapefit.io import LandmarkSet
 from shapefit.io.skeletons import THETA
@@ -119,6 +120,8 @@ def choose_factors(
         return first
     pairs = [Factors(*pair) for pair in product(scales, variances)]
     tried = {pair: evidence(pair, images) for pair in pairs}
+    for pair, values in tried.items():
+        log.debug("fit", "mean log evidence %.4g with %s", np.nanmean(values), pair)
     best = max(pairs, key=lambda pair: float(np.nanmean(tried[pair])))
     likely = [pair for pair in pairs if as_likely(tried[pair], tried[best])]
     return max(likely, key=lambda pair: (pair.prior, -pair.variance))

@@ -29,7 +29,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, TypeAdapter
 
-from shapefit import __version__
+from shapefit import __version__, log
 from shapefit.config import FitConfig
 from shapefit.config.manifest import (
     DONE,
@@ -534,7 +534,11 @@ def failed(job: Job, error: str) -> Done:
 
 def fit_part(job: Job) -> Done:
     """Lift the images of a part and write its result, whole or not at all."""
-    began, part, target = time.perf_counter(), job.part, job.folder / job.part.file
+    log.follow_environment()  # of a worker
+    began = time.perf_counter()
+    part = job.part
+    target = job.folder / part.file
+    log.debug("parts", "%s begins: %s", part.file, part)
     config = job.config.changed(landmarks=part.inputs, output=target)
     dictionary = once(read_dictionary, config.dictionary, find_state(config.dictionary))
     inputs = once(digests, part.inputs, part.states)
@@ -560,6 +564,14 @@ def fit_part(job: Job) -> Done:
         bytes=target.stat().st_size,
         digest=stated_digest(target),
         seconds=round(time.perf_counter() - began, 3),
+    )
+    log.debug(
+        "parts",
+        "%s ends after %.3f s: %d images, %d failed",
+        part.file,
+        line.seconds,
+        images,
+        len(failures),
     )
     return line, total
 
