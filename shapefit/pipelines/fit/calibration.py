@@ -15,7 +15,7 @@ from shapefit.pipelines.fit.camera import (
     say_outside,
     undistorted,
 )
-from shapefit.pipelines.fit.choices import choose_family
+from shapefit.pipelines.fit.choices import choose_family, place_of_names
 from shapefit.pipelines.fit.family import Calibration, Cost
 from shapefit.pipelines.joints import Matched
 from shapefit.pipelines.result import Result
@@ -40,7 +40,8 @@ def calibrate(
     images = undistorted(images, read_lens(config))
     family = choose_family(config, match)
     family.check(images)
-    text = announce_time(family.predict_cost(images, total), total)
+    named = match.arrange(images, place_of_names(config))
+    text = announce_time(family.predict_cost(named, total), total)
     if text:
         yield Result(line=text)
 

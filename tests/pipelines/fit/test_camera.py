@@ -12,7 +12,7 @@ from shapefit.geometry.pinhole import ASSUMED_FOCAL, complete_coefficients, dist
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import LandmarkSet, read_shapes, write_dictionary
 from shapefit.pipelines.fit.camera import (
-    camera_of,
+    camera_factory,
     choose_camera,
     find_camera,
     undistorted,
@@ -50,7 +50,7 @@ def choose(images, method="posterior", image_size=None, from_landmarks=False, **
     keys = {"method": method, "camera": camera, "image_size": image_size}
     config = FitConfig(landmarks=[__file__], output="b.h5", **keys)
     chosen, line = choose_camera(config, images, from_landmarks=from_landmarks)
-    cameras = camera_of(config.changed(camera=chosen).camera)
+    cameras = camera_factory(config.changed(camera=chosen).camera)
     return None if cameras is None else cameras(images), line
 
 

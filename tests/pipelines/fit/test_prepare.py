@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 import pytest
 from shapefit.cli.main import run as shapefit
-from shapefit.pipelines.fit.run import run
 
 from shapefit.config import FitConfig, load_config
 from shapefit.config.paths import ResultFolder, find_dictionaries
@@ -34,6 +33,7 @@ from shapefit.pipelines.fit.choices import (
     warn_of_dictionary,
 )
 from shapefit.pipelines.fit.evidence import choose_factors, maximise_theta, mean_gain
+from shapefit.pipelines.fit.fit import fit as run
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
 from shapefit.pipelines.fit.sample import MAX_SAMPLE, Shares, draw_sample
 from shapefit.pipelines.partition.run import run as run_parts
