@@ -243,7 +243,7 @@ def _aligned(layer: Layer, target: Floats) -> Layer:
     masks, which = np.unique(both, axis=0, return_inverse=True)
     for number, mask in enumerate(masks):
         rows = np.flatnonzero((which.ravel() == number) & has_target)
-        if mask.sum() < metrics.FEWEST_LANDMARKS:
+        if mask.sum() < metrics.MIN_COMMON_LANDMARKS:
             continue
         source = layer["points"][rows]
         move = similarity_transform(source[:, :, mask], target[rows][:, :, mask])
