@@ -29,7 +29,7 @@ from shapefit.api.records import (
 from shapefit.config import FitConfig, load_config
 from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
-from shapefit.evaluation.report import Summary, group_sequences, summarise
+from shapefit.evaluation.report import ErrorSummary, group_sequences, summarise_errors
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.options import input_options
@@ -258,7 +258,7 @@ class Evaluation:
     items: tuple[str, ...]
     sequences: tuple[str, ...]
     errors: Mapping[tuple[str, str], NDArray[np.float64]]
-    summaries: tuple[Summary, ...]
+    summaries: tuple[ErrorSummary, ...]
     failures: Mapping[str, str]
 
     def mean(self, metric: str, unit: str | None = None) -> float:
@@ -318,7 +318,7 @@ def evaluate(
         sequences=measured.sequences,
         errors=measured.errors,
         summaries=tuple(
-            summarise("result", measured.sequences, measured.errors, grouping)
+            summarise_errors("result", measured.sequences, measured.errors, grouping)
         ),
         failures=measured.failures,
     )

@@ -41,7 +41,7 @@ from shapefit.pipelines.joints import find_joints, named_as_joints
 from shapefit.pipelines.result import Failure, Result, unread
 from shapefit.threads import side_by_side
 from shapefit.verification import certificate
-from shapefit.verification.certificate import Claims, Program
+from shapefit.verification.certificate import CertifiedProgram, Claims
 
 if TYPE_CHECKING:  # pydantic takes long to import, and only folders need it
     from shapefit.config.manifest import PartLine
@@ -369,7 +369,7 @@ def match_files(
 
 def read_program(
     head: ResultSet, file: Path, path: Path, dictionary: Dictionary, fit: Statement
-) -> Program:
+) -> CertifiedProgram:
     """Return the convex program of a fit. Raises InputError for another dictionary."""
     names = f"{path}: landmark names"
     columns = match_landmarks(dictionary.landmark_names, head.landmark_names, names)
@@ -381,7 +381,7 @@ def read_program(
             path, fault, "give the dictionary of the fit, whose atoms have items"
         )
     outliers, perspective = fit.config["outliers"], "focal" in head.columns
-    return Program(
+    return CertifiedProgram(
         atoms=np.ascontiguousarray(dictionary.atoms[:, :, columns]),
         atom_items=dictionary.atom_items if omits else None,
         refined=perspective or fit.config["method"] != "convex",
@@ -443,7 +443,10 @@ def open_images(
 
 
 def check_chunk(
-    result: ResultSet, given: LandmarkSet | None, program: Program, certified: bool
+    result: ResultSet,
+    given: LandmarkSet | None,
+    program: CertifiedProgram,
+    certified: bool,
 ) -> Checked:
     """Check the claims of some images."""
     columns = result.columns

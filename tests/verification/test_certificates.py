@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from shapefit.verification.certificate import (
+    CertifiedProgram,
     Claims,
-    Program,
     check_certificate,
     check_dual,
     check_ranges,
@@ -85,7 +85,7 @@ def planted():
 
 def missed(columns):
     """Return the first false claim of each way that leads to one."""
-    program = Program(B, None, False, True, False, "squared", 0.1, 1e-6)
+    program = CertifiedProgram(B, None, False, True, False, "squared", 0.1, 1e-6)
     claims = Claims(np.ones(1, dtype=bool))
     with np.errstate(all="ignore"):
         assert check_certificate(columns, program, claims).tolist() == [True]
