@@ -109,10 +109,10 @@ class TestResuming:
     def test_a_failing_part_stops_no_other(self, monkeypatch):
         real = parting.fit
 
-        def broken(config, rows, *given):
-            if rows and rows.start == 256:
+        def broken(config, part):
+            if part.rows and part.rows.start == 256:
                 raise OSError("the disk is full")
-            return real(config, rows, *given)
+            return real(config, part)
 
         monkeypatch.setattr(parting, "fit", broken)
         (reason,) = failures(fit()).values()
