@@ -20,8 +20,8 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.csv_file import read_numbers
 from shapefit.io.inputs import BYTE_ORDER_MARK, UTF16_MARKS, read_whole
-from shapefit.io.names import as_composed
 from shapefit.io.readers.poses import library_reads, require
+from shapefit.records.names import as_composed
 
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 

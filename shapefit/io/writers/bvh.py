@@ -50,7 +50,7 @@ def write_bvh(path: Path, motion: Motion) -> str:
         points[:, :, placed],
         np.array(motion.landmark_names, dtype=object)[placed],
     )
-    parts = _parts(motion.landmark_names)
+    parts = _parts(tuple(motion.landmark_names))
     rows = [parts.get(name, {}) for name in landmarks]
     hips = [j for j, row in enumerate(rows) if row.get("joint") == "Hips"]
     pose = {j: row["rest"] for j, row in enumerate(rows) if "rest" in row}

@@ -21,7 +21,6 @@ from shapefit.dictionary.mixture import widen
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import Camera
-from shapefit.io import LandmarkSet
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
 from shapefit.lifting.lift import BETA, Group, Lifting, Program, lift, merge
 from shapefit.lifting.methods import (
@@ -36,6 +35,7 @@ from shapefit.lifting.methods import (
 )
 from shapefit.pipelines.fit.camera import IMAGE_SIZE, camera_of
 from shapefit.pipelines.items import named_items
+from shapefit.records import Landmarks
 from shapefit.threads import on_threads
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class Lifter:
 
     method: str
     dictionary: Dictionary
-    camera: Callable[[LandmarkSet], Camera] | None = None
+    camera: Callable[[Landmarks], Camera] | None = None
     program: Program = field(default_factory=lambda: Program(0.1))
     noise: float | None = None
     tolerance: float | None = None
@@ -160,7 +160,7 @@ def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
             raise input_error(place, f"{fault}: {need.what}", need.fix)
 
 
-def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
+def lift_images(images: Landmarks, lifter: Lifter) -> Lifting:
     """Lift images one by one; with a prior, landmarks that depend on another one do not
     count.
     """
@@ -173,8 +173,9 @@ def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
         inliers, lost = find_inliers(images, weights, lifter)
         weights = np.where(inliers, weights, 0.0)
     camera = None if lifter.camera is None else lifter.camera(images)
+    w = images.as_columns()
     lifting = lift(
-        images.landmarks,
+        w,
         weights,
         dictionary.atoms,
         lifter.program,
@@ -189,9 +190,7 @@ def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
     if camera is not None and method.perspective == "refined":
         from shapefit.lifting.perspective import refine_view
 
-        lifting = refine_view(
-            lifting, images.landmarks, camera, dictionary, lifter.threads
-        )
+        lifting = refine_view(lifting, w, camera, dictionary, lifter.threads)
     return lifting
 
 
@@ -203,7 +202,7 @@ def with_p_values(lifting: Lifting, lifter: Lifter) -> Lifting:
     return replace(lifting, estimate=estimate)
 
 
-def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
+def weigh(images: Landmarks, lifter: Lifter) -> Floats:
     """Weights (n, p): the confidence; with a prior, that does not count, 1 from a least
     one on.
     """
@@ -215,21 +214,24 @@ def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
     return visible.astype(np.float64)
 
 
-def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
+def at_border(images: Landmarks, lifter: Lifter) -> Flags:
     """Which landmarks (n, p) lie within 1% of a side of the image, with a neighbour
     there, too.
     """
     edges, n, p = lifter.dictionary.edges, len(images), len(images.landmark_names)
     given = lifter.image_size
-    size = np.asarray(
-        images.columns.get(IMAGE_SIZE, 0.0) if given is None else given, float
-    )
+    if given is None:
+        stated = images.column(IMAGE_SIZE)
+        size = np.asarray(0.0 if stated is None else stated, float)
+    else:
+        size = np.asarray(given, float)
     marked = np.zeros((n, p), dtype=bool)
-    same_names = images.landmark_names == lifter.dictionary.landmark_names
+    same_names = tuple(images.landmark_names) == lifter.dictionary.landmark_names
     if edges is None or not same_names or size.shape not in ((2,), (n, 2)):
         return marked
     far = np.broadcast_to(size, (n, 2))[..., None]
-    distance = np.stack([abs(images.landmarks), abs(images.landmarks - far)], axis=1)
+    w = images.as_columns()
+    distance = np.stack([abs(w), abs(w - far)], axis=1)
     near = (distance <= BORDER * far[:, None]).reshape(n, 4, p)
     for edge in edges:
         marked[:, edge] |= np.any(np.all(near[..., edge], axis=2), axis=1)[:, None]
@@ -237,7 +239,7 @@ def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
 
 
 def find_inliers(
-    images: LandmarkSet, weights: Floats, lifter: Lifter
+    images: Landmarks, weights: Floats, lifter: Lifter
 ) -> tuple[Flags, dict[int, str]]:
     """Find the inliers (n, p), by draws that depend on the name of an item; and images
     without.
@@ -253,9 +255,10 @@ def find_inliers(
     ]
     visible = weights > 0
     searched = visible.sum(axis=1) >= BEYOND_CHANCE
-    searched[list(find_degenerate(images.landmarks, weights))] = False
+    w = images.as_columns()
+    searched[list(find_degenerate(w, weights))] = False
     inliers = find_consensus(
-        images.landmarks,
+        w,
         np.where(searched[:, None], weights, 0.0),
         lifter.dictionary.mean_shape,
         np.frombuffer(b"".join(seeds), dtype="<u8").astype(np.uint64),
@@ -266,15 +269,13 @@ def find_inliers(
     )
     inliers = np.where(searched[:, None], inliers, True) & visible
     enough = np.where((inliers.sum(axis=1) < BEYOND_CHANCE)[:, None], 0.0, inliers)
-    lost = [
-        image for image in find_degenerate(images.landmarks, enough) if searched[image]
-    ]
+    lost = [image for image in find_degenerate(w, enough) if searched[image]]
     inliers[lost] = False
     reason = f"fewer than {BEYOND_CHANCE} visible landmarks, not all on one line, agree"
     return inliers, dict.fromkeys(lost, reason)
 
 
-def lift_omitting(images: LandmarkSet, lifter: Lifter) -> Lifting:
+def lift_omitting(images: Landmarks, lifter: Lifter) -> Lifting:
     """Lift each image without the atoms of its item, whose coefficients are 0."""
     dictionary, items = lifter.dictionary, find_omitted(images, lifter)
 
@@ -291,7 +292,7 @@ def lift_omitting(images: LandmarkSet, lifter: Lifter) -> Lifting:
     return merge(groups, dictionary.atoms) if groups else lift_images(images, lifter)
 
 
-def find_omitted(images: LandmarkSet, lifter: Lifter) -> NDArray[np.str_]:
+def find_omitted(images: Landmarks, lifter: Lifter) -> NDArray[np.str_]:
     """Return the item (n,) whose atoms the fit of each image does without, '' for
     none.
     """
@@ -300,7 +301,7 @@ def find_omitted(images: LandmarkSet, lifter: Lifter) -> NDArray[np.str_]:
     return np.where(np.isin(items, lifter.dictionary.atom_items or ()), items, "")
 
 
-def check_omitted(images: LandmarkSet, lifter: Lifter) -> None:
+def check_omitted(images: Landmarks, lifter: Lifter) -> None:
     """Raise InputError where no image shows an item of the dictionary, or it has but
     one.
     """

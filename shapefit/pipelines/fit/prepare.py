@@ -29,7 +29,7 @@ from shapefit.config import FitConfig
 from shapefit.config.paths import STANDARD_STREAM, ResultFolder
 from shapefit.dictionary.model import LEARNED_FROM, Dictionary, describe_learning
 from shapefit.errors import InputError, counted, input_error, parse_json
-from shapefit.io import LandmarkSet, open_landmarks
+from shapefit.io import open_landmarks
 from shapefit.io.formats import find_target_format
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import THETA, installed_skeletons
@@ -50,6 +50,7 @@ from shapefit.pipelines.fit.lift import (
 )
 from shapefit.pipelines.joints import MEANS, Matched, match_names
 from shapefit.pipelines.result import Result
+from shapefit.records import Landmarks
 from shapefit.timeline import ASSUMED_RATE
 
 if TYPE_CHECKING:
@@ -169,7 +170,7 @@ class Setup(NamedTuple):
         """The dictionary as the files need it."""
         return self.matched.dictionary
 
-    def arrange(self, images: LandmarkSet) -> LandmarkSet:
+    def arrange(self, images: Landmarks) -> Landmarks:
         """Return images of the files without distortion, with the landmarks of the
         dictionary.
         """
@@ -185,7 +186,7 @@ def prepare(
     config: FitConfig,
     dictionary: Dictionary,
     landmark_names: Sequence[str],
-    first: Callable[[], LandmarkSet],
+    first: Callable[[], Landmarks],
     total: int,
     estimates: Estimates | None = None,
 ) -> Preparing:
@@ -235,7 +236,7 @@ def limbs_of(dictionary: Dictionary) -> LimbLengths | None:
     return find_limb_lengths(dictionary)
 
 
-def announce_time(images: LandmarkSet, lifter: Lifter, total: int) -> str:
+def announce_time(images: Landmarks, lifter: Lifter, total: int) -> str:
     """Return how long all images may take, "" below LONG.
 
     With a prior that follows from sizes, and a sample is lifted as often as there are
@@ -387,7 +388,7 @@ def is_flat(atoms: Floats) -> bool:
 
 
 def estimate(
-    config: FitConfig, dictionary: Dictionary, matched: Matched, images: LandmarkSet
+    config: FitConfig, dictionary: Dictionary, matched: Matched, images: Landmarks
 ) -> Estimates:
     """Estimate the camera and, for methods with a prior, skeleton, prior scale and
     error bars.
@@ -476,7 +477,7 @@ def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
     return values, f"error bars x {factor:.2f} ({path.name})"
 
 
-def draw_sample(images: LandmarkSet) -> LandmarkSet:
+def draw_sample(images: Landmarks) -> Landmarks:
     """Draw images that are spread over all; of long sequences pairs that are a step
     apart.
     """
@@ -490,7 +491,7 @@ def draw_sample(images: LandmarkSet) -> LandmarkSet:
     return images.take(rows)
 
 
-def lift_sample(sample: LandmarkSet, lifter: Lifter) -> Lifting:
+def lift_sample(sample: Landmarks, lifter: Lifter) -> Lifting:
     """Lift a sample by the posterior, with p-values and covariances."""
     lifter = with_limbs(lifter)
     options = replace(lifter.posterior, covariance=True)
@@ -504,7 +505,7 @@ def with_limbs(lifter: Lifter) -> Lifter:
     return replace(lifter, posterior=replace(lifter.posterior, limbs=limbs))
 
 
-def stretch_of_people(sample: LandmarkSet, lifter: Lifter) -> float:
+def stretch_of_people(sample: Landmarks, lifter: Lifter) -> float:
     """Return how many times too wide a sample is, 1 where nothing is gained by that.
 
     Wrong names may look like a stretch, too; but they are doubtful at any width.
@@ -519,7 +520,7 @@ def stretch_of_people(sample: LandmarkSet, lifter: Lifter) -> float:
     return stretch if doubtful <= DOUBTFUL else 1.0
 
 
-def find_shown(sample: LandmarkSet, lifter: Lifter) -> Flags | None:
+def find_shown(sample: Landmarks, lifter: Lifter) -> Flags | None:
     """Return which landmarks (p,) most images of a sample show, None where none is.
 
     What few images show is guessed in the others, and what depends on other landmarks
@@ -532,7 +533,7 @@ def find_shown(sample: LandmarkSet, lifter: Lifter) -> Flags | None:
     return shown if shown.any() else None
 
 
-def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:
+def log_evidence(images: Landmarks, lifter: Lifter) -> Floats:
     """Return log p(w) (n,) of images."""
     evidence: Floats = lift_images(images, lifter).estimate.further["log_evidence"]
     return evidence
@@ -541,7 +542,7 @@ def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:
 def choose_skeleton(
     given: Mapping[str, float] | None,
     matched: Matched,
-    sample: LandmarkSet,
+    sample: Landmarks,
     lifter: Lifter,
 ) -> tuple[dict[str, float] | None, str]:
     """Return the parameters of the skeleton, as given, else estimated, else usual; and
@@ -594,7 +595,7 @@ def maximise_theta(
 
 
 def choose_scale(
-    keys: Sequence[str], sample: LandmarkSet, lifting: Lifting, lifter: Lifter
+    keys: Sequence[str], sample: Landmarks, lifting: Lifting, lifter: Lifter
 ) -> tuple[Lifter, str]:
     """Return the lifter with those keys of SCALES chosen by evidence, and a line about
     changes.
@@ -616,7 +617,8 @@ def choose_scale(
     if (
         0 < hidden.sum() <= len(hidden) / 3
     ):  # with more, the prior is wrong, not the landmarks
-        sample = sample.replaced(landmarks=np.where(hidden, np.nan, sample.landmarks))
+        seen = np.where(hidden[:, None], np.nan, sample.landmarks)
+        sample = replace(sample, landmarks=seen)
     factors = (FACTORS if key in keys else FACTORS[:1] for key in SCALES)
     pair = find_scale(
         lambda pair, images: log_evidence(images, scaled(pair)), sample, *factors
@@ -634,8 +636,8 @@ def choose_scale(
 
 
 def find_scale(
-    evidence: Callable[[Pair, LandmarkSet], Floats],
-    images: LandmarkSet,
+    evidence: Callable[[Pair, Landmarks], Floats],
+    images: Landmarks,
     scales: tuple[float, ...] = FACTORS,
     variances: tuple[float, ...] = FACTORS,
 ) -> Pair:
@@ -675,7 +677,7 @@ def mean_gain(before: Floats, after: Floats) -> tuple[float, float]:
 
 
 def calibrate_bars(
-    sample: LandmarkSet, lifting: Lifting, lifter: Lifter, bar_scale: float
+    sample: Landmarks, lifting: Lifting, lifter: Lifter, bar_scale: float
 ) -> tuple[tuple[float, ...], dict[str, float], str]:
     """Return factors (p,) on the covariances of landmarks, numbers to be stored, and a
     line.
@@ -731,7 +733,7 @@ def trust_in_sample(
 
 
 def check_names(
-    in_file: LandmarkSet,
+    in_file: Landmarks,
     lifting: Lifting,
     lifter: Lifter,
     dictionary: Dictionary,
@@ -750,7 +752,7 @@ def check_names(
             matched = match_names(other.landmark_names, dictionary, other.name)
         except InputError:  # it has too few landmarks of the dictionary
             continue
-        renamed = in_file.replaced(landmark_names=other.landmark_names)
+        renamed = replace(in_file, landmark_names=other.landmark_names)
         images = matched.arrange(renamed, other.name)
         if images.visible().any(axis=0).sum() >= FEWEST_NAMES:
             as_other = replace(lifter, dictionary=matched.observed(theta))

@@ -26,26 +26,14 @@ from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import abbreviate, as_typed, counted, input_error
 from shapefit.io import (
-    LandmarkSet,
     LandmarkSource,
-    ResultSet,
     digests,
     open_landmarks,
     read_dictionary,
 )
 from shapefit.io.formats import HDF5, find_target_format, result_writer
 from shapefit.io.inputs import State, check_unchanged, find_state
-from shapefit.io.layout import (
-    FRAME,
-    INPUT_ROWS,
-    LANDMARKS,
-    METRES_FROM,
-    METRES_PER_UNIT,
-    RESULTS,
-    STATED_HEIGHT,
-    TIME,
-    free_names,
-)
+from shapefit.io.layout import INPUT_ROWS, METRES_FROM, free_names
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.skeletons import joint_columns
 from shapefit.io.writers.metres import with_stated_height
@@ -70,8 +58,10 @@ from shapefit.pipelines.fit.prepare import (
     prepare,
     warn_of_dictionary,
 )
-from shapefit.pipelines.joints import is_of_people
+from shapefit.pipelines.joints import Detected, is_of_people
 from shapefit.pipelines.result import Counted, Failure, Result, nothing_in
+from shapefit.records import Fit, Landmarks
+from shapefit.records.columns import columns_of, fields_from
 from shapefit.threads import side_by_side
 
 CHUNK = 4096
@@ -97,7 +87,7 @@ MOST_VIEWED = 4
 
 
 Datasets = Mapping[str, NDArray[Any] | None]
-Lifted = tuple[Result, ResultSet]
+Lifted = tuple[Result, Fit]
 
 
 def run(
@@ -203,7 +193,7 @@ def whole_blocks(images: int) -> int:
     return math.ceil(images / IMAGES_PER_BLOCK) * IMAGES_PER_BLOCK
 
 
-def lift_batch(images: LandmarkSet, setup: Setup) -> Lifted:
+def lift_batch(images: Landmarks, setup: Setup) -> Lifted:
     """Lift images that have the landmarks of the dictionary; return the result and the
     record.
     """
@@ -227,22 +217,22 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> Lifted:
     if setup.dictionary.depth_ambiguity:
         estimate = trust.cover_mirror_image(estimate)
     visible, lifting = weigh(lifted, lifter) > 0, replace(lifting, estimate=estimate)
-    lifting, input_shapes = setup.matched.to_joints(
-        lifting, setup.theta, lifted.landmarks, visible, lifter.variance
+    lifting, detected = setup.matched.to_joints(
+        lifting, setup.theta, lifted.as_columns(), visible, lifter.variance
     )
-    record = as_result(images, lifting, setup, input_shapes)
+    record = as_result(images, lifting, setup, detected)
     return result_of(lifting, record), record
 
 
 def as_result(
-    images: LandmarkSet,
+    images: Landmarks,
     lifting: Lifting,
     setup: Setup,
-    inputs: Mapping[str, NDArray[Any]],
-) -> ResultSet:
+    detected: Detected | None,
+) -> Fit:
     """Lay out a batch as it is stored, with what came with its landmarks.
 
-    inputs are the landmarks of the files in 3D, where they are not those of the
+    detected are the landmarks of the files in 3D, where they are not those of the
     dictionary.
     """
     estimate, dictionary, config = lifting.estimate, setup.dictionary, setup.config
@@ -253,60 +243,66 @@ def as_result(
     )
     projected = lifting.perspective is not None or setup.matched.moves
     datasets: Datasets = {
-        "landmarks": (
-            np.where(images.visible()[:, None], images.landmarks, np.nan).swapaxes(1, 2)
-        ),
-        "landmarks_fitted": lifting.landmarks_fitted if projected else None,
-        "confidence": images.confidence,
-        FRAME: images.frame,
-        TIME: images.time,
-        "lambda": lifting.problem.lam,
-        "coefficients": blank(estimate.coefficients, failed),
-        "rotation": blank(estimate.rotation, failed),
-        "objective": blank(estimate.objective, failed),
-        "relative_gap": blank(estimate.relative_gap, failed),
-        "residual": estimate.residual,
-        "active_atoms": estimate.active_atoms,
-        "tight": estimate.tight,
-        "outliers": estimate.outliers,
-        METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
-        STATED_HEIGHT: (
-            None if config.height is None else np.full(len(images), config.height)
-        ),
         **estimate.further,
         **trusted(lifting, setup),
         **of_camera(lifting, setup),
         **(proof(lifting, config.method, failed) if config.save.proof else {}),
         "shape_covariance": by_landmark(scaled.covariance),
     }
-    columns = {name: values for name, values in datasets.items() if values is not None}
+    fields = fields_from(Fit, datasets)
     if config.leave_one_out is not None:
-        columns["omitted"] = find_omitted(images, setup.lifter).astype(object)
-    others = [name for name in images.further if name not in LANDMARKS.further]
-    free = free_names(others, RESULTS.all.keys())
-    carried = {free[name]: v for name, v in images.per_item.items() if name in free}
-    whole = {
-        free[name]: values for name, values in images.whole.items() if name in free
-    }
-    whole |= {} if dictionary.edges is None else {"edges": dictionary.edges}
+        fields["omitted"] = find_omitted(images, setup.lifter)
+    if detected is not None:
+        fields["input_landmark_names"] = detected.names
+        fields["input_shapes"] = detected.shapes
+        fields["input_shape_sd"] = detected.sd
+        fields["input_shape_correlation"] = detected.correlation
+    taken = {column.name for column in columns_of(Fit)}
+    free = free_names([*images.extras, *images.file_extras], taken)
+    carried = {free[name]: values for name, values in images.extras.items()}
+    fields["extras"] = {**carried, **fields["extras"]}
     sizes = {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}
-    return ResultSet(
-        shapes=lifting.shapes,
-        shape_sd=scaled.deviation,
-        translation=lifting.translation,
-        scale=lifting.scale,
-        iterations=estimate.iterations,
-        status=estimate.status_words(),
+    return Fit(
+        lifting.shapes.swapaxes(1, 2),
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
+        frames=images.frames,
+        times=images.times,
+        edges=images.edges if dictionary.edges is None else dictionary.edges,
         unit=images.unit,
         y_axis=images.y_axis,
         frame_rate=config.frame_rate or images.frame_rate,
+        landmarks=np.where(images.visible()[..., None], images.landmarks, np.nan),
+        confidence=images.confidence,
+        landmarks_fitted=as_rows(lifting.landmarks_fitted) if projected else None,
+        lam=lifting.problem.lam,
+        coefficients=blank(estimate.coefficients, failed),
+        rotation=blank(estimate.rotation, failed),
+        translation=lifting.translation,
+        scale=lifting.scale,
+        objective=blank(estimate.objective, failed),
+        relative_gap=blank(estimate.relative_gap, failed),
+        residual=estimate.residual,
+        iterations=estimate.iterations,
+        status=np.array(estimate.status_words(), object),
+        active_atoms=estimate.active_atoms,
+        tight=estimate.tight,
+        outliers=estimate.outliers,
+        shape_sd=as_rows(scaled.deviation),
+        metres_per_unit=metres_per_unit(lifting.shapes, dictionary),
+        stated_height=(
+            None if config.height is None else np.full(len(images), config.height)
+        ),
         attributes=sizes if knows_size(dictionary) else {},
-        columns={**carried, **columns, **inputs},
-        whole=whole,
+        file_extras={free[name]: v for name, v in images.file_extras.items()},
+        **fields,
     )
+
+
+def as_rows(points: Floats | None) -> Floats | None:
+    """Return points (n, d, p) with one landmark a row, as records have them."""
+    return None if points is None else points.swapaxes(1, 2)
 
 
 def blank(values: Floats | None, failed: Flags) -> Floats | None:
@@ -383,12 +379,13 @@ def proof(lifting: Lifting, method: str, failed: Flags) -> Datasets:
     certificate = lifting.estimate.convex_proof
     if certificate is None:
         return {}
+    dual = blank(certificate.dual, failed)
     M = certificate.transforms
     if failed.any():
         retained, count = ~failed[M.image], np.where(failed, 0, M.count)
         M = replace(M, count=count, atom=M.atom[retained], blocks=M.blocks[retained])
     datasets = {
-        "dual": blank(certificate.dual, failed),
+        "dual": as_rows(dual),
         "convex_translation": blank(certificate.translation, failed),
         "transform_count": M.count,
         "transform_atom": M.atom,
@@ -429,10 +426,11 @@ def shown_landmarks(setup: Setup) -> dict[str, str]:
     return {"shown_landmarks": " ".join(shown)} if shown else {}
 
 
-def result_of(lifting: Lifting, record: ResultSet) -> Result:
+def result_of(lifting: Lifting, record: Fit) -> Result:
     """Return the result of a batch: failures, and whom not to trust."""
     items, by_reason = record.items, dict[str, list[str]]()
-    for item, reason in zip(items, record.columns.get(trust.REASONS, ()), strict=False):
+    reasons = () if record.reasons is None else record.reasons.tolist()
+    for item, reason in zip(items, reasons, strict=False):
         if reason not in ("", trust.NO_SHAPE):  # which has failed
             by_reason.setdefault(reason, []).append(item)
     limited = lifting.estimate.status.count(Status.ITERATION_LIMIT)
@@ -479,19 +477,21 @@ class Counts:
     optimal: int = 0
     largest_gap: float | None = None
 
-    def add(self, record: ResultSet) -> None:
+    def add(self, record: Fit) -> None:
         """Count a batch."""
-        columns, names = record.columns, record.landmark_names
+        names = record.landmark_names
         self.images += len(record)
         self.sequences.update(record.sequences or ())
-        if trust.TRUSTED in columns:
-            trusted = columns[trust.TRUSTED].astype(bool)
+        if record.trusted is not None and record.expected_error is not None:
             self.evaluated += len(record)
-            self.trusted += int(trusted.sum())
-            sized = with_stated_height(record, "fit").columns
-            errors = columns[trust.EXPECTED_ERROR] * sized.get(METRES_PER_UNIT, np.nan)
-            self.errors += errors[trusted & np.isfinite(errors)].tolist()
-            probability = columns["inlier_probability"]
+            self.trusted += int(record.trusted.sum())
+            metres = with_stated_height(record, "fit").metres_per_unit
+            if metres is not None:
+                errors = record.expected_error * metres
+                shown = record.trusted & np.isfinite(errors)
+                self.errors += errors[shown].tolist()
+            probability = record.inlier_probability
+            assert probability is not None, "it comes with every verdict"
             self.outliers = self.outliers + (probability < OUTLIER).sum(axis=0)
             self.visible = self.visible + np.isfinite(probability).sum(axis=0)
         if record.relative_gap is not None:
@@ -504,7 +504,7 @@ class Counts:
         joints = joint_columns(names) if is_of_people(names) else {}
         ends = [[joints[joint] for joint in end if joint in joints][:2] for end in ENDS]
         if all(ends):
-            top, bottom = (record.shapes[:, :, end].mean(axis=2) for end in ends)
+            top, bottom = (record.shapes[:, end].mean(axis=1) for end in ends)
             body = (top - bottom)[np.isfinite(top - bottom).all(axis=1)]
             down = body[:, 1] * (-1 if record.y_axis == "up" else 1)
             self.bodies += len(body)
@@ -534,7 +534,7 @@ def summary_of(
 
 
 def warn_of_all(
-    counts: Counts, setup: Setup, head: LandmarkSet
+    counts: Counts, setup: Setup, head: Landmarks
 ) -> Iterator[str | Counted]:
     """Yield what is known at the end only, by shares of all images; head, as the files
     state it.

@@ -18,8 +18,6 @@ from shapefit.dictionary.bodies import (
 )
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
-from shapefit.io import LandmarkSet
-from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.posterior.method import scale_of_bars
 from shapefit.lifting.sequences.clips import LONGEST, Motion, refine_lifting, split
@@ -27,6 +25,7 @@ from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.pipelines.fit.lift import Lifter
+from shapefit.records import Landmarks, concatenate
 from shapefit.timeline import ASSUMED_RATE, Timeline, place_in_time
 
 USUAL = 0.02
@@ -45,14 +44,14 @@ units.
 """
 
 
-def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
+def whole_sequences(chunks: Iterable[Landmarks]) -> Iterator[Landmarks]:
     """Yield images whose sequences are whole, in their order; a long one in pieces.
 
     Raises InputError for images without sequences, for those of a sequence that are
     apart, and for two of one frame.
     """
     begun: set[str] = set()
-    rest: list[LandmarkSet] = []
+    rest: list[Landmarks] = []
     for chunk in chunks:
         images = concatenate([*rest, chunk])
         first, last, names = len(images) - len(chunk), 0, images.sequences
@@ -79,9 +78,9 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
     yield from pieces(concatenate(rest))
 
 
-def _check_order(images: LandmarkSet, row: int) -> None:
+def _check_order(images: Landmarks, row: int) -> None:
     """Raise InputError where an image is not of a later frame than that before it."""
-    frames, names = images.frame, images.sequences
+    frames, names = images.frames, images.sequences
     if frames is None or not (names and names[row]) or frames[row] > frames[row - 1]:
         return
     fault = (
@@ -92,7 +91,7 @@ def _check_order(images: LandmarkSet, row: int) -> None:
     raise input_error("frame", fault, fix)
 
 
-def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
+def pieces(images: Landmarks) -> Iterator[Landmarks]:
     """Divide whole sequences into batches: pieces are refined by themselves, in less
     memory.
     """
@@ -106,8 +105,8 @@ def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
 
 
 def restore_sides(
-    images: LandmarkSet, visible: Flags, lifter: Lifter
-) -> tuple[LandmarkSet, Floats]:
+    images: Landmarks, visible: Flags, lifter: Lifter
+) -> tuple[Landmarks, Floats]:
     """Undo exchanges of left and right for some frames, by continuity in the image.
 
     visible (n, p), which landmarks count. Returns with the images 1 (n,) where they are
@@ -121,7 +120,7 @@ def restore_sides(
         return images, exchanged
     left = np.flatnonzero(partner > np.arange(len(partner)))
     pairs = np.stack([left, partner[left]], axis=1)
-    w = np.where(visible[:, None], images.landmarks, np.nan)
+    w = np.where(visible[:, None], images.as_columns(), np.nan)
     wrong = np.zeros(len(images), dtype=bool)
     position = place_images(images, rate)
     for clip in split(images.sequences):
@@ -131,18 +130,18 @@ def restore_sides(
     return exchange_sides(images, partner, wrong), exchanged
 
 
-def exchange_sides(images: LandmarkSet, partner: Integers, rows: Flags) -> LandmarkSet:
+def exchange_sides(images: Landmarks, partner: Integers, rows: Flags) -> Landmarks:
     """Exchange left and right of some images (n,), landmarks and confidences."""
     if not rows.any():
         return images
     w, confidence = images.landmarks, images.confidence
-    landmarks = np.where(rows[:, None, None], w[..., partner], w)
+    landmarks = np.where(rows[:, None, None], w[:, partner], w)
     if confidence is not None:
         confidence = np.where(rows[:, None], confidence[:, partner], confidence)
-    return images.replaced(landmarks=landmarks, confidence=confidence)
+    return replace(images, landmarks=landmarks, confidence=confidence)
 
 
-def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> Lifting:
+def refine_sequences(lifting: Lifting, images: Landmarks, lifter: Lifter) -> Lifting:
     """Infer whole sequences from the liftings of their images.
 
     People whose hips the files do not show keep the shapes of their single images.
@@ -168,7 +167,7 @@ def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> L
         position=place_images(images, motion.rate),
         threads=lifter.threads,
     )
-    return refine_through_camera(lifting, images.landmarks, refine)
+    return refine_through_camera(lifting, images.as_columns(), refine)
 
 
 def hides_the_hips(dictionary: Dictionary, shown: Flags | None) -> bool:
@@ -191,12 +190,12 @@ def shows_half_a_body(dictionary: Dictionary, shown: Flags | None) -> bool:
     return shown is not None and shown.sum() < WHOLE * independent.sum()
 
 
-def place_images(images: LandmarkSet, rate: float) -> Floats:
+def place_images(images: Landmarks, rate: float) -> Floats:
     """Return the places (n,) of images in their sequences, in frames."""
     places = np.empty(len(images))
     for clip in split(images.sequences or ()):
-        frames = None if images.frame is None else images.frame[clip]
-        times = None if images.time is None else images.time[clip]
+        frames = None if images.frames is None else images.frames[clip]
+        times = None if images.times is None else images.times[clip]
         places[clip] = place_in_time(frames, times, rate, clip.stop - clip.start)
     return places
 

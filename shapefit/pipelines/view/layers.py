@@ -15,11 +15,13 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import metrics
 from shapefit.geometry.normalisation import as_metres
 from shapefit.geometry.procrustes import similarity_transform
-from shapefit.io.layout import METRES_PER_UNIT
 from shapefit.io.writers.motion import ANGLE_SD, ANGLES, angle_names
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.trust import REASONS
 from shapefit.pipelines.view.reading import POSE, Content
+from shapefit.records.columns import in_columns
+from shapefit.records.items import Items
+from shapefit.records.shapes import Shapes
 from shapefit.viewer.page import blend, encode_texts
 
 CAMERA = ("camera_translation", "focal", "principal_point")
@@ -68,12 +70,14 @@ def make_layers(
         layer = {"name": content.name, "role": content.role, "points": content.points}
         angles = [] if content.role == "truth" else [*_angles(content)]
         layer |= {"measures": angles, "pose": None, "perspective": False}
-        vertices, rows = content.records.mesh_vertices, content.rows
-        if vertices is not None and len(vertices) <= MOST_MESHES:
-            weights = np.eye(len(vertices))[rows] * (rows >= 0)[:, None]
+        records, rows = content.records, content.rows
+        own = mesh_vertices(records)
+        if own is not None and len(own) <= MOST_MESHES:
+            weights = np.eye(len(own))[rows] * (rows >= 0)[:, None]
             in_place = np.tile([*np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0], (len(rows), 1))
             layer |= {"pose": in_place, "blend": blend(len(meshes), weights)}
-            meshes.append({"vertices": vertices, "faces": content.records.mesh_faces})
+            of_shapes = records.mesh_faces if isinstance(records, Shapes) else None
+            meshes.append({"vertices": own, "faces": of_shapes})
         layers.append(layer)
     if not results:
         return layers, meshes, contents[0].records.unit
@@ -94,6 +98,13 @@ def make_layers(
     return shown, meshes, "m" if in_metres else "" if in_camera else guide.records.unit
 
 
+def mesh_vertices(records: Items) -> Floats | None:
+    """Return the vertices (n, 3, q) of the meshes of shapes, None without any."""
+    if not isinstance(records, Shapes) or records.mesh_vertices is None:
+        return None
+    return in_columns(records.mesh_vertices)
+
+
 def first_finite(arrays: Sequence[Floats]) -> Floats:
     """Return points (n, d, p): of each frame those of the first array that has any."""
     points = arrays[0]
@@ -110,7 +121,7 @@ def has_camera(content: Content) -> bool:
 
 def _space(content: Content) -> tuple[bool, bool]:
     """Whether shapes are where a camera has them, and whether they are in metres."""
-    metres = content.values.get(METRES_PER_UNIT)
+    metres = content.values.get("metres_per_unit")
     return has_camera(content), metres is not None and bool(np.isfinite(metres).any())
 
 
@@ -123,12 +134,14 @@ def _result_layer(
     in_camera, in_metres = _space(content)
     start = end = np.zeros((n, 3))
     if in_camera:
-        factor = values[METRES_PER_UNIT] if in_metres else 1 / values["scale"]
+        factor = values["metres_per_unit"] if in_metres else 1 / values["scale"]
         start = np.pad(values["translation"], ((0, 0), (0, 1)))
         end = (factor * values["scale"])[:, None] * values["camera_translation"]
         camera = np.hstack([values[name] for name in CAMERA[1:]])
     else:  # depths are unknown, and all frames have one scale
-        factor = np.full(n, np.nanmedian(values[METRES_PER_UNIT]) if in_metres else 1.0)
+        factor = np.full(
+            n, np.nanmedian(values["metres_per_unit"]) if in_metres else 1.0
+        )
         camera = np.pad(np.repeat(1 / factor[:, None], 2, axis=1), ((0, 0), (0, 2)))
     sd, status, pose = values.get("shape_sd"), values.get("status"), None
     if status is not None:
@@ -180,7 +193,7 @@ def _errors(
         error = metrics.similarity(content.points, truth.points)
         yield _measure(AGAINST_TRUTH, factor * error, length)
     if _space(content)[1] and (truth is None or length == "m"):
-        factor, length = values[METRES_PER_UNIT], "m"
+        factor, length = values["metres_per_unit"], "m"
     elif truth is not None and expected is not None:
         expected = metrics.expected(content.points, truth.points, expected)
     if expected is not None:

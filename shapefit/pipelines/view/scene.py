@@ -8,6 +8,7 @@ import re
 from base64 import b64encode
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -22,7 +23,6 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
 from shapefit.io import read_dictionary
-from shapefit.io.layout import METRES_PER_UNIT
 from shapefit.io.names import pairs_of_sides
 from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import edges_of
@@ -44,6 +44,7 @@ from shapefit.pipelines.view.reading import (
     columns_of,
     read_inputs,
 )
+from shapefit.records import Fit
 from shapefit.timeline import ASSUMED_RATE
 
 MIDDLE, LEFT, RIGHT = 0, 1, 2
@@ -281,11 +282,13 @@ def _floors(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]
     """Return the floor of each video of a result, by the frames of the page, where it
     is known.
     """
-    if not has_camera(result) or METRES_PER_UNIT not in result.values:
+    if not has_camera(result) or "metres_per_unit" not in result.values:
         return {}
     records = result.records
-    if frames.step > 1 and records.frame is None:
-        records = records.replaced(frame_rate=rate)
+    if not isinstance(records, Fit):
+        return {}
+    if frames.step > 1 and records.frames is None:
+        records = replace(records, frame_rate=rate)
     return find_floors(records, BY_DEFAULT, result.name)
 
 
@@ -329,7 +332,7 @@ def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None
     """
     for content in contents:
         size, centre = (
-            content.records.columns.get("image_size"),
+            content.records.column("image_size"),
             content.values.get("principal_point"),
         )
         if size is not None and size.shape[-1:] == (2,) and np.isfinite(size).all():
