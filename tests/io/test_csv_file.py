@@ -25,7 +25,7 @@ from shapefit.io import (
 )
 from shapefit.io.csv_file import read_csv, read_numbers, read_rows, split_columns
 from shapefit.io.options import InputOptions
-from shapefit.io.records import LandmarkSet, concatenate
+from shapefit.records import Landmarks, concatenate
 from tests.io.files import load, save
 
 VIEWS = """\
@@ -397,8 +397,8 @@ def test_results_as_csv(tmp_path, results):
 
 
 def test_items_without_landmarks_write_a_header(tmp_path):
-    none = LandmarkSet(
-        landmarks=np.empty((2, 2, 0)), landmark_names=(), items=("a", "b")
+    none = Landmarks(
+        np.empty((2, 2, 0)).swapaxes(1, 2), landmark_names=(), items=("a", "b")
     )
     save(tmp_path / "none.csv", none)
     assert (tmp_path / "none.csv").read_text() == "item,landmark,x,y\n"
@@ -411,14 +411,20 @@ def test_items_without_landmarks_write_a_header(tmp_path):
 def test_numbers_come_back_to_the_last_bit(values):
     data: list[bytes] = []
     csv_file.CsvWriter(data.append).append(
-        LandmarkSet(np.array([values])[..., None], "a", "b")
+        Landmarks(
+            np.array([values])[..., None].swapaxes(1, 2), landmark_names="a", items="b"
+        )
     )
     cells = bytes(data[-1]).decode().removesuffix("\n").split(",")[2:]
     assert read_numbers(cells)[0].tobytes() == np.array(values).tobytes()
 
 
 def test_one_landmark_has_one_row_an_item(tmp_path, same):
-    images = LandmarkSet(np.arange(10.0, 16).reshape(3, 2, 1), ("a",), ("i", "j", "k"))
+    images = Landmarks(
+        np.arange(10.0, 16).reshape(3, 2, 1).swapaxes(1, 2),
+        landmark_names=("a",),
+        items=("i", "j", "k"),
+    )
     save(tmp_path / "one.csv", images)
     same(load(tmp_path / "one.csv"), images)
 
@@ -433,7 +439,11 @@ def test_minus_one_without_a_confidence_is_unseen(csv):
 
 @pytest.mark.parametrize("suffix", ["h5", "csv"])
 def test_fractions_of_the_image_are_refused_in_every_format(tmp_path, suffix, problems):
-    images = LandmarkSet(np.linspace(0.1, 0.9, 12).reshape(2, 2, 3), "abc", ("i", "j"))
+    images = Landmarks(
+        np.linspace(0.1, 0.9, 12).reshape(2, 2, 3).swapaxes(1, 2),
+        landmark_names="abc",
+        items=("i", "j"),
+    )
     path = tmp_path / f"views.{suffix}"
     save(path, images)
     assert "fractions of the width and height of the image" in problems(load, path)[0]

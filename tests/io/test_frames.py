@@ -9,7 +9,7 @@ import pytest
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import items as reading
 from shapefit.io.readers.poses import Poses
-from shapefit.io.records import LandmarkSet, ShapeSet, order_by_frame
+from shapefit.records import Landmarks, Shapes, order_by_frame
 from tests.io.files import load, load_shapes, save
 
 FRAMES = [4, 5, 12, 2, 3]
@@ -18,12 +18,12 @@ TIMES = [0.1, np.nan, 0.4, 1.25, 1 / 3]
 
 @pytest.fixture
 def images(rng):
-    return LandmarkSet(
-        rng.normal(size=(5, 2, 2)) * 100,
-        ("head", "foot"),
-        ("a/4", "a/5", "a/12", "b/2", "b/3"),
-        ("a", "a", "a", "b", "b"),
-        columns={"frame": np.array(FRAMES), "time": np.array(TIMES)},
+    return Landmarks(
+        (rng.normal(size=(5, 2, 2)) * 100).swapaxes(1, 2),
+        landmark_names=("head", "foot"),
+        items=("a/4", "a/5", "a/12", "b/2", "b/3"),
+        sequences=("a", "a", "a", "b", "b"),
+        extras={"frame": np.array(FRAMES), "time": np.array(TIMES)},
     )
 
 
@@ -52,13 +52,13 @@ def test_they_stand_behind_the_sequence_in_csv(tmp_path, images):
 
 @pytest.mark.parametrize("name", ["shapes.h5", "shapes.csv"])
 def test_shapes_have_them_too(tmp_path, rng, name):
-    shapes = ShapeSet(
-        rng.normal(size=(3, 3, 2)),
-        ("head", "foot"),
-        "abc",
-        "sss",
-        frame=np.array([1, 5, 6]),
-        time=np.array([0.5, 1.0, 1.5]),
+    shapes = Shapes(
+        rng.normal(size=(3, 3, 2)).swapaxes(1, 2),
+        landmark_names=("head", "foot"),
+        items="abc",
+        sequences="sss",
+        frames=np.array([1, 5, 6]),
+        times=np.array([0.5, 1.0, 1.5]),
     )
     save(tmp_path / name, shapes)
     read, _ = load_shapes(tmp_path / name)

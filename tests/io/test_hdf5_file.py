@@ -18,9 +18,6 @@ from shapefit.cli.main import run
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import (
-    LandmarkSet,
-    ResultSet,
-    ShapeSet,
     inputs,
     open_landmarks,
     read_dictionary,
@@ -31,7 +28,7 @@ from shapefit.io import (
 )
 from shapefit.io.hdf5_file import Hdf5File
 from shapefit.io.layout import PER_ITEM, RENAMED
-from shapefit.io.records import Records
+from shapefit.records import Fit, Landmarks, Shapes
 from tests.io.files import load, save
 
 READERS = {
@@ -97,7 +94,13 @@ def test_a_matrix_of_the_file_is_not_cut_where_there_are_as_many_items(tmp_path,
     )
     save(
         tmp_path / "views.h5",
-        LandmarkSet(points, "abc", items, columns=columns, whole=whole),
+        Landmarks(
+            points.swapaxes(1, 2),
+            landmark_names="abc",
+            items=items,
+            extras=columns,
+            file_extras=whole,
+        ),
     )
     with h5py.File(tmp_path / "views.h5", "a") as file:
         file["L"], file["mass"] = np.eye(3), np.ones(n + 1)
@@ -501,9 +504,12 @@ def files(tmp_path_factory) -> Path:
     shapes, views = rng.normal(size=(N, 3, 4)), rng.normal(size=(N, 2, 4))
     save(
         folder / "landmarks.h5",
-        LandmarkSet(landmarks=views, landmark_names=NAMES, items=items, unit="px"),
+        Landmarks(views.swapaxes(1, 2), landmark_names=NAMES, items=items, unit="px"),
     )
-    write_shapes(folder / "shapes.h5", ShapeSet(shapes, NAMES, items, unit="m"))
+    write_shapes(
+        folder / "shapes.h5",
+        Shapes(shapes.swapaxes(1, 2), landmark_names=NAMES, items=items, unit="m"),
+    )
     write_dictionary(
         folder / "dictionary.h5",
         Dictionary(atoms=shapes, landmark_names=NAMES, mean_shape=shapes[0], unit="m"),
@@ -517,7 +523,7 @@ def files(tmp_path_factory) -> Path:
     with h5py.File(folder / "other.h5", "w") as file:
         file["values"] = np.ones((N, 4, 3))
     names = {"landmark_names": NAMES, "items": items}
-    save(folder / "result.h5", ResultSet(shapes, **names))
+    save(folder / "result.h5", Fit(shapes.swapaxes(1, 2), **names))
     return folder
 
 
@@ -676,7 +682,7 @@ from shapefit.errors import InputError
 from shapefit.io import *
 
 def views(start, size):
-    return LandmarkSet(
+    return Landmarks(
         landmarks=np.random.default_rng(start).normal(size=(size, 2, 15)),
         landmark_names=[f"landmark {i}" for i in range(15)],
         items=[f"sequence/{i:09}" for i in range(start, start + size)],
@@ -685,7 +691,7 @@ def views(start, size):
 
 def results(chunk):
     n = len(chunk)
-    return ResultSet(
+    return Fit(
         shapes=np.ones((n, 3, 15)),
         landmarks_fitted=chunk.landmarks,
         coefficients=np.ones((n, 64)),

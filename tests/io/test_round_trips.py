@@ -26,8 +26,8 @@ from shapefit.io import (
 )
 from shapefit.io.layout import PROOF
 from shapefit.io.names import as_composed
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 from shapefit.io.source import open_results
+from shapefit.records import Fit, Landmarks, Shapes, concatenate
 
 finite = st.floats(-LARGEST, LARGEST)
 positive = st.floats(0, exclude_min=True, allow_infinity=False)
@@ -82,10 +82,10 @@ def sizes(draw):
 def shape_sets(draw):
     n, p, common = draw(sizes())
     q = draw(st.integers(1, 4))
-    return ShapeSet(
-        shapes=draw(numbers((n, 3, p))),
+    return Shapes(
+        draw(numbers((n, 3, p))).swapaxes(1, 2),
         edges=draw(optional(indices(2, p))),
-        mesh_vertices=draw(numbers((n, 3, q))),
+        mesh_vertices=draw(numbers((n, 3, q))).swapaxes(1, 2),
         mesh_faces=draw(optional(indices(3, q))),
         **common,
     )
@@ -96,8 +96,8 @@ def landmark_sets(draw):
     n, p, common = draw(sizes())
     points = draw(numbers((n, 2, p)))
     hidden = draw(arrays(np.bool_, (n, 1, p)))
-    return LandmarkSet(
-        landmarks=np.where(hidden, np.nan, points),
+    return Landmarks(
+        np.where(hidden, np.nan, points).swapaxes(1, 2),
         confidence=draw(optional(numbers((n, p), st.floats(0, allow_infinity=False)))),
         y_axis=draw(st.sampled_from(["up", "down"])),
         **common,
@@ -121,9 +121,9 @@ def result_sets(draw):
         "transform_atom": draw(arrays(np.int64, total, elements=st.integers(0, k))),
         "active_transforms": draw(numbers((total, 2, 3))),
     }
-    return ResultSet(
-        shapes=np.where(failed, np.nan, shapes),
-        landmarks_fitted=draw(optional(numbers((n, 2, p), anything))),
+    return Fit(
+        np.where(failed, np.nan, shapes).swapaxes(1, 2),
+        landmarks_fitted=draw(optional(numbers((n, 2, p), anything))).swapaxes(1, 2),
         coefficients=draw(optional(numbers((n, k), anything))),
         rotation=draw(optional(numbers((n, 3, 3), anything))),
         translation=draw(optional(numbers((n, 2), anything))),
@@ -133,11 +133,11 @@ def result_sets(draw):
         iterations=draw(optional(arrays(np.int64, n))),
         status=draw(optional(status)),
         transforms=draw(optional(numbers((n, k, 2, 3), anything))),
-        mesh_vertices=draw(optional(numbers((n, 3, 2), anything))),
+        mesh_vertices=draw(optional(numbers((n, 3, 2), anything))).swapaxes(1, 2),
         y_axis=draw(st.sampled_from(["up", "down"])),
         attributes=draw(attributes(st.integers(-9, 9) | finite | texts)),
         **common,
-        **(proof if draw(st.booleans()) else {}),
+        **proof if draw(st.booleans()) else {},
     )
 
 

@@ -12,8 +12,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shapefit.io import (
-    LandmarkSet,
-    ResultSet,
     open_landmarks,
     open_shapes,
     read_results,
@@ -24,6 +22,7 @@ from shapefit.io.checks import LIMIT, input_problems
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.items import keep_landmarks
 from shapefit.io.source import open_results
+from shapefit.records import Fit, Landmarks
 from tests.cli.conftest import run_in
 from tests.io.files import save
 
@@ -245,7 +244,15 @@ def test_what_each_camera_says_is_of_its_images(tmp_path):
             "camera_matrix": np.eye(3) * (number + 1),
             "image_size": np.array([640, 480]),
         }
-        save(path, LandmarkSet(np.zeros((2, 2, 3)), "abc", ("i", "j"), columns=camera))
+        save(
+            path,
+            Landmarks(
+                np.zeros((2, 2, 3)).swapaxes(1, 2),
+                landmark_names="abc",
+                items=("i", "j"),
+                extras=camera,
+            ),
+        )
     with open_landmarks(paths) as source:
         whole = source.whole()
     np.testing.assert_array_equal(whole.columns["camera_matrix"][:, 0, 0], [1, 1, 2, 2])
@@ -309,7 +316,15 @@ def test_one_individual_of_a_file(shapefit, tmp_path):
     names = [f"cam/person {n}/{frame}" for n in (1, 7) for frame in range(3)]
     sequences = [name.rpartition("/")[0] for name in names]
     shapes = np.arange(6 * 9.0).reshape(6, 3, 3)
-    save(tmp_path / "r.h5", ResultSet(shapes, "abc", names, sequences))
+    save(
+        tmp_path / "r.h5",
+        Fit(
+            shapes.swapaxes(1, 2),
+            landmark_names="abc",
+            items=names,
+            sequences=sequences,
+        ),
+    )
     assert shapefit("convert r.h5 -o one.h5 --set individual='person 7'").code == 0
     one = read_results(tmp_path / "one.h5")
     assert one.items == tuple(names[3:])
@@ -323,7 +338,15 @@ def test_one_individual_of_a_file(shapefit, tmp_path):
     ):
         refused = shapefit(f"convert r.h5 -o no.h5 --set {key}")
         assert (refused.code, found in refused.text) == (2, True)
-    save(tmp_path / "l.h5", LandmarkSet(shapes[:, :2], "abc", names, sequences))
+    save(
+        tmp_path / "l.h5",
+        Landmarks(
+            shapes[:, :2].swapaxes(1, 2),
+            landmark_names="abc",
+            items=names,
+            sequences=sequences,
+        ),
+    )
     refused = shapefit("fit l.h5 -d people -o no.h5 --set individual='person 7'")
     assert (
         refused.code,

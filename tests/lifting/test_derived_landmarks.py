@@ -7,10 +7,11 @@ import pytest
 
 from shapefit.config.paths import find_dictionary
 from shapefit.convex.solver import Status
-from shapefit.io import LandmarkSet, read_dictionary
+from shapefit.io import read_dictionary
 from shapefit.lifting.derived_landmarks import PAIRS, place_dependents, see_rows
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting
+from shapefit.records import Landmarks
 from tests.pipelines.fitted import fit_images
 
 FEET = slice(15, 21)
@@ -35,8 +36,8 @@ def images(people, rng):
     )
     turn = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
     turn[:, :, 0] *= np.linalg.det(turn)[:, None]
-    return LandmarkSet(
-        landmarks=100 * (turn @ drawn)[:, :2],
+    return Landmarks(
+        (100 * (turn @ drawn)[:, :2]).swapaxes(1, 2),
         landmark_names=people.landmark_names,
         items=tuple(f"image{i}" for i in range(n)),
     )

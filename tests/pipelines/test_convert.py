@@ -9,9 +9,14 @@ from shapefit.cli.main import run as shapefit
 from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.io import read_results, read_shapes, write_dictionary, write_shapes
-from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io import (
+    read_results,
+    read_shapes,
+    write_dictionary,
+    write_shapes,
+)
 from shapefit.pipelines.convert import run
+from shapefit.records import Landmarks, Shapes
 from tests.io.files import load, save
 from tests.pipelines.fitted import warnings
 
@@ -27,11 +32,11 @@ def convert(*files: Path, output: Path, **more: object) -> list[str | object]:
 
 
 @pytest.fixture
-def landmarks(tmp_path, rng) -> LandmarkSet:
+def landmarks(tmp_path, rng) -> Landmarks:
     points = rng.normal(size=(9000, 2, 4))
     points[3, :, 1] = np.nan
-    images = LandmarkSet(
-        landmarks=points,
+    images = Landmarks(
+        points.swapaxes(1, 2),
         confidence=rng.uniform(size=(9000, 4)),
         landmark_names=NAMES,
         items=tuple(f"i{n}" for n in range(9000)),
@@ -39,7 +44,7 @@ def landmarks(tmp_path, rng) -> LandmarkSet:
         unit="px",
         y_axis="down",
         frame_rate=50.0,
-        columns={"age": np.arange(9000)},
+        extras={"age": np.arange(9000)},
     )
     save(tmp_path / "views.h5", images)
     return images
@@ -93,14 +98,14 @@ def test_thinned_frames_keep_their_times(tmp_path, rng, every, first):
     frames = np.r_[
         np.arange(first, first + 43), np.delete(np.arange(first, first + 43), [4, 5, 9])
     ]
-    shapes = ShapeSet(
-        rng.normal(size=(len(frames), 3, 4)),
-        NAMES,
-        tuple(f"i{n}" for n in range(len(frames))),
-        ("walk/a",) * 43 + ("walk/b",) * 40,
+    shapes = Shapes(
+        rng.normal(size=(len(frames), 3, 4)).swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=tuple(f"i{n}" for n in range(len(frames))),
+        sequences=("walk/a",) * 43 + ("walk/b",) * 40,
         unit="m",
         frame_rate=30.0,
-        columns={"frame": frames},
+        extras={"frame": frames},
     )
     write_shapes(tmp_path / "walk.h5", shapes)
     convert(tmp_path / "walk.h5", output=tmp_path / "thin.h5", every=every)

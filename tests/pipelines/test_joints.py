@@ -9,7 +9,6 @@ from shapefit.config.paths import find_dictionary
 from shapefit.dictionary.model import Dictionary, mapped
 from shapefit.errors import InputError
 from shapefit.io import (
-    LandmarkSet,
     read_dictionary,
     write_dictionary,
 )
@@ -20,6 +19,7 @@ from shapefit.pipelines.joints import (
     match_names,
     named_as_joints,
 )
+from shapefit.records import Landmarks
 from tests.pipelines.fitted import fit_images
 
 BODY = installed_skeletons()["body_25b"]
@@ -36,8 +36,8 @@ def images(people, rng):
     n = 24
     turn = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
     turn[:, :, 0] *= np.linalg.det(turn)[:, None]
-    return LandmarkSet(
-        landmarks=100 * (turn @ people.prior.means[:n])[:, :2],
+    return Landmarks(
+        (100 * (turn @ people.prior.means[:n])[:, :2]).swapaxes(1, 2),
         landmark_names=people.landmark_names,
         items=tuple(f"image{i}" for i in range(n)),
     )
@@ -52,8 +52,10 @@ def as_detected(images, skeleton, theta=MEANS):
     names = list(joints.parts)
     columns = [skeleton.landmark_names.index(name) for name in names]
     points[..., columns] = images.landmarks @ joints.rows(names, theta).T
-    return LandmarkSet(
-        landmarks=points, landmark_names=skeleton.landmark_names, items=images.items
+    return Landmarks(
+        points.swapaxes(1, 2),
+        landmark_names=skeleton.landmark_names,
+        items=images.items,
     )
 
 
@@ -231,8 +233,8 @@ def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
     assert joints.markers["head"] == ("left_ear", "right_ear")
     confidence = np.full((3, 8), 0.7)
     confidence[:, 6:] = [[0.9, 0.5], [0.0, 0.6], [0.0, 0.0]]
-    images = LandmarkSet(
-        landmarks=np.arange(48.0).reshape(3, 2, 8),
+    images = Landmarks(
+        np.arange(48.0).reshape(3, 2, 8).swapaxes(1, 2),
         landmark_names=own,
         items=tuple("abc"),
         confidence=confidence,

@@ -7,8 +7,10 @@ import pytest
 
 from shapefit.config import ProjectConfig
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import open_landmarks, write_shapes
-from shapefit.io.records import ShapeSet
+from shapefit.io import (
+    open_landmarks,
+    write_shapes,
+)
 from shapefit.pipelines.projection import (
     BATCH,
     HIDDEN,
@@ -19,6 +21,7 @@ from shapefit.pipelines.projection import (
     run,
     stream,
 )
+from shapefit.records import Shapes
 from tests.io.files import load
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -29,13 +32,13 @@ LENGTHS = {"walk": 5, "run": 3}
 def shapes(rng):
     """Sequences of 5 and 3 frames, the second begun before the first one ends."""
     sequences = ("walk", "walk", "run", "walk", "run", "walk", "walk", "run")
-    return ShapeSet(
-        shapes=rng.standard_normal((8, 3, 5)),
+    return Shapes(
+        rng.standard_normal((8, 3, 5)).swapaxes(1, 2),
         landmark_names=NAMES,
         items=tuple(f"item{i}" for i in range(8)),
         sequences=sequences,
         unit="m",
-        columns={
+        extras={
             "subject": np.array([f"subject of {name}" for name in sequences], object),
             "mirror_index": np.array([0, 2, 1, 3, 4]),
             "true_rotation": np.tile(2 * np.eye(3), (8, 1, 1)),  # of another view
@@ -48,7 +51,11 @@ def shapes(rng):
 def many(rng):
     """More shapes than fit into two blocks."""
     n = 2 * BATCH + 100
-    return ShapeSet(rng.standard_normal((n, 3, 5)), NAMES, tuple(map(str, range(n))))
+    return Shapes(
+        rng.standard_normal((n, 3, 5)).swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=tuple(map(str, range(n))),
+    )
 
 
 def view(folder, *parts, **keys):

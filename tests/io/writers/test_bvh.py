@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import read_shapes
-from shapefit.io.records import ShapeSet
 from shapefit.io.skeletons import PEOPLE
 from shapefit.io.writers.bvh import find_angles
+from shapefit.records import Shapes
 from tests.io.files import save
 
 MILLIMETRE = 1e-3
@@ -113,13 +113,19 @@ def test_gaps_are_bridged_and_what_has_no_place_is_left_out(tmp_path, shapes):
 
 
 @pytest.fixture
-def animal(rng) -> ShapeSet:
+def animal(rng) -> Shapes:
     body = np.array([[0, 0, 0.0], [-1, 0, 0], [1, 0.2, 0], [1, -0.2, 0]]).T / 10
     edges = np.array([[0, 1], [0, 2], [0, 3]])
     names, sequences = ("the back", "tail", "left {ear}", "nose{}"), ("rat",) * 6
     moved = random_rotations(6, rng) @ body
-    return ShapeSet(
-        moved, names, tuple("012345"), sequences, edges=edges, unit="m", frame_rate=30.0
+    return Shapes(
+        moved.swapaxes(1, 2),
+        landmark_names=names,
+        items=tuple("012345"),
+        sequences=sequences,
+        edges=edges,
+        unit="m",
+        frame_rate=30.0,
     )
 
 

@@ -23,10 +23,10 @@ from shapefit.io.layout import (
     RESULTS,
 )
 from shapefit.io.options import BY_DEFAULT, OutputOptions
-from shapefit.io.records import ResultSet, concatenate
 from shapefit.io.writers import tables
 from shapefit.io.writers.metres import find_stature, in_metres
 from shapefit.io.writers.motion import find_floors
+from shapefit.records import Fit, concatenate
 from tests.geometry import test_floor as planted
 from tests.io.files import load_shapes, save
 from tests.io.writers.conftest import parse_trc, trc_points, visible
@@ -196,7 +196,7 @@ def test_a_world_in_millimetres_is_suspected(scene):
 
 
 @pytest.fixture
-def several(scene) -> ResultSet:
+def several(scene) -> Fit:
     """A result of two individuals, two frames each."""
     return scene.result.replaced(
         items=("a/0", "a/1", "b/0", "b/1"),
@@ -293,7 +293,7 @@ SOLE = ABOVE_FLOOR["ankle"] * planted.TALL
 ANKLES = [planted.JOINTS["lankle"], planted.JOINTS["rankle"]]
 
 
-def seen(points, name="film/anna", **camera) -> ResultSet:
+def seen(points, name="film/anna", **camera) -> Fit:
     """Return what a fit of these bodies finds through a tilted camera."""
     points, _ = planted.visible(points, **camera)
     turned = np.diag([1.0, -1.0, -1.0]) @ points
@@ -309,7 +309,7 @@ def seen(points, name="film/anna", **camera) -> ResultSet:
 
 
 @pytest.fixture
-def walk() -> ResultSet:
+def walk() -> Fit:
     return seen(planted.walk())
 
 
@@ -415,7 +415,7 @@ def test_an_assumed_focal_length_widens_the_bars(walk):
 
 
 @pytest.fixture
-def lifted(walk) -> ResultSet:
+def lifted(walk) -> Fit:
     """Return the walk with four landmarks of a detector, 1 cm above joints."""
     columns = [planted.JOINTS[joint] for joint in ("rhip", "lhip", "rhip", "rshoulder")]
     points = walk.shapes[..., columns].swapaxes(1, 2).copy()

@@ -11,8 +11,8 @@ from scipy.linalg import block_diag
 from shapefit.errors import InputError
 from shapefit.io import read_shapes
 from shapefit.io.layout import METRES_PER_UNIT
-from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.writers.tables import MAX_FRAMES
+from shapefit.records import Fit, Shapes
 from tests.io.files import save
 from tests.io.writers.conftest import parse_trc, trc_points
 
@@ -120,21 +120,21 @@ def test_shapes_keep_their_axes_and_promise_none(tmp_path, scene, shapes):
     assert file["parameters"]["SHAPEFIT"]["AXES"]["value"] == ["axes as in the shapes"]
 
 
-def still(names, first=0, frames=2) -> ShapeSet:
+def still(names, first=0, frames=2) -> Shapes:
     """Frames of points at the origin."""
     items, columns = (
         tuple(map(str, range(frames))),
         {"frame": first + np.arange(frames)},
     )
     points = np.zeros((frames, 3, len(names)))
-    return ShapeSet(
-        points,
-        names,
-        items,
-        ("a",) * frames,
+    return Shapes(
+        points.swapaxes(1, 2),
+        landmark_names=names,
+        items=items,
+        sequences=("a",) * frames,
         unit="m",
         frame_rate=30.0,
-        columns=columns,
+        extras=columns,
     )
 
 
@@ -191,7 +191,7 @@ BENT = np.array([[0.0, 0.0, 0.3], [0.0, 4.0, 8.0], [0.0, 0.0, 0.0]])
 
 
 @pytest.fixture
-def leg() -> ResultSet:
+def leg() -> Fit:
     """Three items in frames 3, 4 and 6 of 50 a second, 100 px in a metre."""
     columns = {
         METRES_PER_UNIT: np.full(3, 0.01),
@@ -199,16 +199,16 @@ def leg() -> ResultSet:
         "reasons": np.array(["", "wide error bars", ""], dtype=object),
         "trusted": np.array([True, False, True]),
     }
-    return ResultSet(
-        shapes=np.stack([BENT, BENT, np.full((3, 3), np.nan)]),
-        shape_sd=np.full((3, 3, 3), 0.1),
+    return Fit(
+        np.stack([BENT, BENT, np.full((3, 3), np.nan)]).swapaxes(1, 2),
+        shape_sd=np.full((3, 3, 3), 0.1).swapaxes(1, 2),
         landmark_names=JOINTS,
         items=("3", "4", "6"),
         sequences=("a", "a", "a"),
         frame_rate=50.0,
         unit="px",
         attributes={"metres_from": "edges"},
-        columns=columns,
+        extras=columns,
     )
 
 

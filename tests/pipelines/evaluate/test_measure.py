@@ -10,8 +10,8 @@ from shapefit.errors import InputError
 from shapefit.evaluation import metrics
 from shapefit.evaluation.calibration import find_squares
 from shapefit.geometry.rotations import rotation_about
-from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.measure import measure
+from shapefit.records import Fit, Shapes
 
 from .conftest import ITEMS, NAMES, N
 
@@ -85,7 +85,9 @@ def test_items_and_landmarks_are_matched_by_name(results, truth):
         [np.full((N, 3, 1), 1e6), truth.shapes[:, :, order]], axis=-1
     )
     names = ("tail", *(NAMES[i] for i in order))
-    true = ShapeSet(shapes, names, ITEMS, unit="m").take([3, 1, 5, 0, 4, 2, 6])
+    true = Shapes(
+        shapes.swapaxes(1, 2), landmark_names=names, items=ITEMS, unit="m"
+    ).take([3, 1, 5, 0, 4, 2, 6])
     found = measured(results, true)
     expected = metrics.similarity(
         results.shapes[:, :, order], truth.shapes[:, :, order]
@@ -247,12 +249,8 @@ def test_one_individual_is_measured_against_one_truth(truth, rng, who, match):
         "bystander": rng.standard_normal(truth.shapes.shape),
     }
     counts = dict.fromkeys(who, N)
-    results = ResultSet(
-        **walk_of(np.concatenate([shapes[name] for name in who]), **counts)
-    )
-    found = measured(
-        results, ShapeSet(**walk_of(truth.shapes, subject=N)), match, SHAPES
-    )
+    results = Fit(**walk_of(np.concatenate([shapes[name] for name in who]), **counts))
+    found = measured(results, Shapes(**walk_of(truth.shapes, subject=N)), match, SHAPES)
     assert set(found.sequences) == {"man"}
     assert found.failures == {}
     expected = metrics.similarity(shapes["man"], truth.shapes)
@@ -262,7 +260,7 @@ def test_one_individual_is_measured_against_one_truth(truth, rng, who, match):
         in found.warnings[0]
     )
     # Two people of the truth by the same names are both measured.
-    two = ShapeSet(**walk_of(np.concatenate([truth.shapes] * 2), **counts))
+    two = Shapes(**walk_of(np.concatenate([truth.shapes] * 2), **counts))
     assert len(measured(results, two, match, SHAPES).items) == 2 * N
 
 

@@ -10,7 +10,10 @@ from shapefit.convex.solver import Status
 from shapefit.errors import InputError
 from shapefit.geometry.pinhole import ASSUMED_FOCAL, complete, distort
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io import LandmarkSet, read_shapes, write_dictionary
+from shapefit.io import (
+    read_shapes,
+    write_dictionary,
+)
 from shapefit.pipelines.fit.camera import (
     camera_of,
     choose_camera,
@@ -19,6 +22,7 @@ from shapefit.pipelines.fit.camera import (
 )
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
+from shapefit.records import Landmarks
 from tests.io.files import load, save
 from tests.pipelines.fitted import failures
 
@@ -40,7 +44,14 @@ def images(points=None, unit="px", per_item=None, **whole):
     points = box() if points is None else points
     items = tuple(f"{i:03}" for i in range(len(points)))
     names = tuple("abcd")
-    return LandmarkSet(points, names, items, unit=unit, columns=per_item, whole=whole)
+    return Landmarks(
+        points.swapaxes(1, 2),
+        landmark_names=names,
+        items=items,
+        unit=unit,
+        extras=per_item,
+        file_extras=whole,
+    )
 
 
 def choose(images, method="posterior", image_size=None, from_landmarks=False, **camera):
@@ -257,13 +268,15 @@ class TestLens:
         plane = shapes[:, :2] / shapes[:, 2:]
 
         def images(points, **datasets):
-            return LandmarkSet(
-                landmarks=MATRIX[:2, 2, None] + np.diag(MATRIX)[:2, None] * points,
+            return Landmarks(
+                (MATRIX[:2, 2, None] + np.diag(MATRIX)[:2, None] * points).swapaxes(
+                    1, 2
+                ),
                 landmark_names=made_cars.landmark_names,
                 items=tuple("abcd"),
                 unit="px",
                 y_axis="down",
-                columns={"camera_matrix": MATRIX, **datasets},
+                extras={"camera_matrix": MATRIX, **datasets},
             )
 
         return images(plane), images(distort(plane, complete(LENS))[0], distortion=LENS)

@@ -13,10 +13,14 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import (
+    read_dictionary,
+    write_dictionary,
+)
 from shapefit.lifting import trust
 from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines.fit.lift import Lifter, at_border, weigh
+from shapefit.records import Landmarks
 from tests.io.files import load
 from tests.pipelines.fitted import done, failures, warnings
 
@@ -169,12 +173,12 @@ class TestLeaveOneOut:
         landmarks = 20 * (random_rotations(9, rng) @ shapes)[:, :2] + 100
         landmarks += 0.5 * rng.standard_normal(landmarks.shape)
         landmarks[5, :, 2:] = np.nan
-        return LandmarkSet(
-            landmarks=landmarks,
+        return Landmarks(
+            landmarks.swapaxes(1, 2),
             landmark_names=NAMES,
             items=tuple(f"image{i}" for i in range(9)),
             unit="px",
-            columns={
+            extras={
                 "true_model": np.array(SHOWN, dtype=object),
                 "box": np.ones((9, 4)),
             },
@@ -286,8 +290,11 @@ def test_neighbours_at_one_border_are_not_seen(points, hidden):
     names, edges = ("hip", "knee", "ankle", "head"), np.array([[0, 1], [1, 2], [0, 3]])
 
     def marked(size=None, names_of_edges=names, **columns):
-        images = LandmarkSet(
-            np.array(points, float).T[None], names, ("a",), columns=columns
+        images = Landmarks(
+            np.array(points, float).T[None].swapaxes(1, 2),
+            landmark_names=names,
+            items=("a",),
+            extras=columns,
         )
         dictionary = SimpleNamespace(edges=edges, landmark_names=names_of_edges)
         return at_border(
@@ -304,7 +311,12 @@ def test_neighbours_at_one_border_are_not_seen(points, hidden):
 
 def test_a_confidence_of_the_least_that_counts_is_seen():
     scores = np.array([[0.0, 0.29, 0.3, 0.31, 7.0]])
-    images = LandmarkSet(np.ones((1, 2, 5)), tuple("abcde"), ("0",), confidence=scores)
+    images = Landmarks(
+        np.ones((1, 2, 5)).swapaxes(1, 2),
+        landmark_names=tuple("abcde"),
+        items=("0",),
+        confidence=scores,
+    )
     people = read_dictionary(find_dictionary("people"))
     lifter = Lifter(method="posterior", dictionary=people, min_confidence=0.3)
     assert weigh(images, lifter).tolist() == [[0, 0, 1, 1, 1]]

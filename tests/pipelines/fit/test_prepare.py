@@ -17,7 +17,10 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import (
+    read_dictionary,
+    write_dictionary,
+)
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
 from shapefit.lifting import trust
 from shapefit.lifting.methods import METHODS
@@ -39,6 +42,7 @@ from shapefit.pipelines.fit.prepare import (
 )
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.partition.run import run as run_parts
+from shapefit.records import Landmarks
 from tests.io.files import save
 from tests.pipelines.fitted import fit_images, texts
 
@@ -51,8 +55,8 @@ def chosen(tmp_path):
 
     def find(sequences, dictionary="people", overrides=()):
         n = len(sequences or "12")
-        images = LandmarkSet(
-            landmarks=np.zeros((n, 2, 4)),
+        images = Landmarks(
+            np.zeros((n, 2, 4)).swapaxes(1, 2),
             landmark_names=tuple("abcd"),
             items=tuple(map(str, range(n))),
             sequences=sequences,
@@ -220,8 +224,11 @@ def halves(tmp_path_factory):
     points[:, 0] += np.linspace(-300, 300, 40)[:, None]
     sides = {"l": "left", "r": "right"}
     detected = tuple(f"{sides[name[0]]}_{name[1:]}" for name in names)
-    images = LandmarkSet(
-        points, detected, tuple(f"{i:03}" for i in range(40)), unit="px"
+    images = Landmarks(
+        points.swapaxes(1, 2),
+        landmark_names=detected,
+        items=tuple(f"{i:03}" for i in range(40)),
+        unit="px",
     )
     folder = tmp_path_factory.mktemp("halves")
     for name, rows in (("a", slice(17)), ("b", slice(17, None))):
@@ -311,7 +318,7 @@ def planted(tmp_path_factory):
         if wrong is not None:
             w[:, :, wrong] += error * rng.normal(size=(IMAGES, 2))
         items = tuple(f"image{i}" for i in range(IMAGES))
-        images = LandmarkSet(landmarks=100 * w, landmark_names=NAMES, items=items)
+        images = Landmarks((100 * w).swapaxes(1, 2), landmark_names=NAMES, items=items)
         return images, 100 * shapes
 
     return path, made, draw
@@ -395,7 +402,11 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
         (2.0, 2.0): -5 + noise[2],
         (1.0, 2.0): -7 + noise[3],
     }
-    images = LandmarkSet(np.zeros((100, 2, P)), NAMES, tuple(map(str, range(100))))
+    images = Landmarks(
+        np.zeros((100, 2, P)).swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=tuple(map(str, range(100))),
+    )
     found = find_scale(
         lambda pair, some: of[pair][: len(some)], images, (1.0, 2.0), (1.0, 2.0)
     )
@@ -404,7 +415,11 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
 
 @pytest.mark.parametrize("best", [(1.0, 1.0), (2.0, 1.0), (1.0, 2.0), (8.0, 2.0)])
 def test_a_wider_prior_or_a_larger_variance_alone_makes_all_pairs_be_tried(best):
-    images = LandmarkSet(np.zeros((30, 2, P)), NAMES, tuple(map(str, range(30))))
+    images = Landmarks(
+        np.zeros((30, 2, P)).swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=tuple(map(str, range(30))),
+    )
 
     def evidence(pair, some):
         return np.full(len(some), -np.abs(np.log2(pair) - np.log2(best)).sum())
@@ -443,7 +458,13 @@ def test_a_sample_is_bounded_and_of_sequences_has_pairs_that_are_a_step_apart(
         np.random.default_rng(1).random((n, 2, P)),
         tuple(map(str, range(n))),
     )
-    images = LandmarkSet(points, NAMES, items, sequences=("walk",) * n, frame_rate=rate)
+    images = Landmarks(
+        points.swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=items,
+        sequences=("walk",) * n,
+        frame_rate=rate,
+    )
     rows = np.array(draw_sample(images).items, int)
     assert LARGEST // 2 <= len(rows) <= LARGEST
     assert len(np.intersect1d(rows + apart, rows)) >= 40
@@ -561,13 +582,13 @@ def film(poses, skeleton):
     visible = np.diag([1.0, -1.0, -1.0]) @ turns @ shapes @ rows.T
     visible[:, 2] += BODIES * 4.7
     pixels = FOCAL * visible[:, :2] / visible[:, 2:] + np.array(SIZE)[:, None] / 2
-    return LandmarkSet(
-        landmarks=pixels + rng.standard_normal(pixels.shape),
+    return Landmarks(
+        (pixels + rng.standard_normal(pixels.shape)).swapaxes(1, 2),
         landmark_names=installed_skeletons()[skeleton].landmark_names,
         items=tuple(f"image{i}" for i in range(N)),
         unit="px",
         y_axis="down",
-        columns={"image_size": np.array(SIZE)},
+        extras={"image_size": np.array(SIZE)},
     )
 
 
@@ -674,11 +695,11 @@ def test_landmarks_outside_the_stated_image_are_said(tmp_path, poses):
 
 def replace_columns(images, columns):
     """The same images with other datasets."""
-    return LandmarkSet(
-        landmarks=images.landmarks,
+    return Landmarks(
+        images.landmarks.swapaxes(1, 2),
         landmark_names=images.landmark_names,
         items=images.items,
         unit=images.unit,
         y_axis=images.y_axis,
-        columns=columns,
+        extras=columns,
     )

@@ -16,9 +16,13 @@ from shapefit.convex.solver import Status, solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import (
+    read_dictionary,
+    write_dictionary,
+)
 from shapefit.lifting.lift import lift
 from shapefit.lifting.methods import METHODS
+from shapefit.records import Landmarks
 from tests.pipelines.fitted import failures, texts
 
 PRIORLESS = [
@@ -80,8 +84,8 @@ class TestShapes:
         write_dictionary(
             dictionary, Dictionary(atoms, NAMES, atoms[0], edges=edges, prior=prior)
         )
-        empty = LandmarkSet(
-            landmarks=np.empty((0, 2, 10)), landmark_names=NAMES, items=()
+        empty = Landmarks(
+            np.empty((0, 2, 10)).swapaxes(1, 2), landmark_names=NAMES, items=()
         )
         result, outcomes = fit(dictionary, empty, method=method)
         assert result.shapes.shape == (0, 3, 10)

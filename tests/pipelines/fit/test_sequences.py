@@ -16,7 +16,6 @@ from shapefit.errors import InputError
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import (
-    LandmarkSet,
     read_dictionary,
     read_shapes,
     write_dictionary,
@@ -33,6 +32,7 @@ from shapefit.pipelines.fit.sequences import (
     whole_sequences,
 )
 from shapefit.pipelines.learn_dict import run as learning
+from shapefit.records import Landmarks
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file, warnings
 
@@ -147,8 +147,8 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     turn = rotation_about(np.array([0.0, 1.0, 0.0]), np.linspace(0, 3, len(truth)))
     X = turn @ (truth.shapes - truth.shapes.mean(axis=2, keepdims=True))
     X[:, 2] -= 2.5 * np.ptp(X, axis=2).max()
-    visible = LandmarkSet(
-        landmarks=-900 * X[:, :2] / X[:, 2:] + 500,
+    visible = Landmarks(
+        (-900 * X[:, :2] / X[:, 2:] + 500).swapaxes(1, 2),
         landmark_names=truth.landmark_names,
         items=truth.items,
         sequences=truth.sequences,
@@ -340,8 +340,8 @@ def test_two_images_of_one_frame_are_refused(people, walk, one, other):
 
 def frames_of(names):
     n = len(names)
-    return LandmarkSet(
-        landmarks=np.arange(6.0 * n).reshape(n, 2, 3),
+    return Landmarks(
+        np.arange(6.0 * n).reshape(n, 2, 3).swapaxes(1, 2),
         landmark_names=("a", "b", "c"),
         items=tuple(f"image{i}" for i in range(n)),
         sequences=tuple(names),
@@ -399,7 +399,13 @@ def test_exchanged_frames_are_put_back_with_their_scores(rng):
     w = w + 0.1 * np.sin(np.arange(t) / 5)[:, None, None]
     score = np.tile(np.linspace(0.2, 0.9, 8), (t, 1))
     items = tuple(map(str, range(t)))
-    clean = LandmarkSet(w, tuple("abcdefgh"), items, ("walk",) * t, confidence=score)
+    clean = Landmarks(
+        w.swapaxes(1, 2),
+        landmark_names=tuple("abcdefgh"),
+        items=items,
+        sequences=("walk",) * t,
+        confidence=score,
+    )
     lifter = SimpleNamespace(
         dictionary=SimpleNamespace(mirror_index=partner), frame_rate=None
     )

@@ -14,10 +14,14 @@ from shapefit.dictionary.model import Dictionary, describe_learning
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import (
+    read_dictionary,
+    write_dictionary,
+)
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict.from_2d import describe_prediction, predict_hidden
+from shapefit.records import Landmarks
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 
@@ -37,8 +41,8 @@ def class_of_shapes():
 
 def learn_in(folder, landmarks, further=None, **changes):
     """Write landmarks (n, 2, p), learn from them, and return outcomes."""
-    images = LandmarkSet(
-        landmarks=100.0 * landmarks + 300.0,
+    images = Landmarks(
+        (100.0 * landmarks + 300.0).swapaxes(1, 2),
         landmark_names=tuple(f"p{j}" for j in range(landmarks.shape[2])),
         items=tuple(f"image{i}" for i in range(len(landmarks))),
     )

@@ -14,10 +14,15 @@ from shapefit.dictionary.learning import learn, principal_components
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.procrustes import generalised_procrustes, mirror, rotation_onto
-from shapefit.io import digest, read_dictionary, read_shapes, write_shapes
-from shapefit.io.records import ShapeSet
+from shapefit.io import (
+    digest,
+    read_dictionary,
+    read_shapes,
+    write_shapes,
+)
 from shapefit.pipelines.learn_dict.from_3d import every_nth
 from shapefit.pipelines.learn_dict.run import run
+from shapefit.records import Shapes
 from tests.pipelines.fitted import failures, warnings
 from tests.pipelines.learn_dict.conftest import EDGES, FACES
 
@@ -158,8 +163,10 @@ class TestPrior:
     @pytest.mark.parametrize(("number", "components"), [(20, 1), (300, 2)])
     def test_a_component_for_every_150_shapes(self, make, rng, number, components):
         points = rng.normal(size=(number, 3, 5))
-        many = ShapeSet(
-            points, tuple("abcde"), tuple(f"pose {i}" for i in range(number))
+        many = Shapes(
+            points.swapaxes(1, 2),
+            landmark_names=tuple("abcde"),
+            items=tuple(f"pose {i}" for i in range(number)),
         )
         made, outcomes = make(many, prior={"components": "auto"}, k=4, iterations=2)
         assert len(made.prior) == components
@@ -222,11 +229,11 @@ def faces(rng):
     points = np.concatenate([half, half * [[1], [1], [-1]], middle], axis=1)[
         :, [0, 2, 1, 3, 4]
     ]
-    return ShapeSet(
-        shapes=points + 0.1 * rng.standard_normal((6, 3, 5)),
+    return Shapes(
+        (points + 0.1 * rng.standard_normal((6, 3, 5))).swapaxes(1, 2),
         landmark_names=("left eye", "right eye", "left ear", "right ear", "nose"),
         items=tuple(f"face{i}" for i in range(6)),
-        columns={"mirror_index": PARTNERS},
+        extras={"mirror_index": PARTNERS},
     )
 
 

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from shapefit.config import ViewConfig
-from shapefit.io import LandmarkSet, ResultSet, ShapeSet, result_writer, write_shapes
+from shapefit.io import (
+    result_writer,
+    write_shapes,
+)
 from shapefit.pipelines.view.run import run
 from shapefit.pipelines.view.scene import make_scene
+from shapefit.records import Fit, Landmarks, Shapes
 from tests.io.files import save
 
 NAMES = ("a", "b", "c", "d", "e")
@@ -32,18 +36,18 @@ def write_result(path, shapes, extras=None, attributes=None, **fields):
     extras = {"landmarks": shapes[:, :2].swapaxes(1, 2)} if extras is None else extras
     fields = {"unit": "px", "status": np.array(["optimal"] * n, dtype=object)} | fields
     with result_writer(path) as writer:
-        writer.append(ResultSet(shapes=shapes, columns=extras, **settings(n, fields)))
+        writer.append(Fit(shapes.swapaxes(1, 2), extras=extras, **settings(n, fields)))
         writer.attributes.update(attributes or {})
     return path
 
 
 def write_truth(path, shapes, **fields):
-    write_shapes(path, ShapeSet(shapes, **settings(len(shapes), fields)))
+    write_shapes(path, Shapes(shapes.swapaxes(1, 2), **settings(len(shapes), fields)))
     return path
 
 
 def write_landmarks(path, landmarks, **fields):
-    save(path, LandmarkSet(landmarks=landmarks, **settings(len(landmarks), fields)))
+    save(path, Landmarks(landmarks.swapaxes(1, 2), **settings(len(landmarks), fields)))
     return path
 
 

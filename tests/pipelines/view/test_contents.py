@@ -11,7 +11,6 @@ from shapefit.evaluation import metrics
 from shapefit.geometry.floor import Floor
 from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import (
-    ShapeSet,
     read_results,
     read_shapes,
     write_dictionary,
@@ -19,6 +18,7 @@ from shapefit.io import (
 )
 from shapefit.pipelines.view.layers import in_usual_units
 from shapefit.pipelines.view.run import fitted_image
+from shapefit.records import Shapes
 from shapefit.viewer.page import as_json, block_of_points, viewer_page
 
 
@@ -401,7 +401,11 @@ def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(de
     truth = desk.folder / "of_names.h5"
     write_shapes(
         truth,
-        ShapeSet(desk.shapes(6, 4), tuple(names), tuple(f"i{i}" for i in range(6))),
+        Shapes(
+            desk.shapes(6, 4).swapaxes(1, 2),
+            landmark_names=tuple(names),
+            items=tuple(f"i{i}" for i in range(6)),
+        ),
     )
     page = desk.scene(result, truth=(truth,))
     assert page["landmarks"] == tuple(names)
