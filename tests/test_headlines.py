@@ -466,10 +466,12 @@ def error(tmp_path):
     def error(images, truth, names, **keys):
         found = with_shapes_of(fit_images(tmp_path, images, "people", **keys)[0], names)
         rows = [truth.items.index(item) for item in found.items]
-        true = truth.shapes[rows][
+        true = truth.as_columns()[rows][
             ..., [truth.landmark_names.index(name) for name in names]
         ]
-        own = found.shapes[..., [found.landmark_names.index(name) for name in names]]
+        own = found.as_columns()[
+            ..., [found.landmark_names.index(name) for name in names]
+        ]
         return float(similarity(own, normalise(true).points).mean())
 
     return error

@@ -183,7 +183,7 @@ def _each(value: object) -> Sequence[object]:
     if isinstance(value, np.ndarray):
         values: list[object] = value.tolist()
         return values
-    if isinstance(value, str) or not isinstance(value, Sequence):
+    if not isinstance(value, Sequence):
         raise TypeError(f"{value!r} is no sequence of names")
     return value
 

@@ -104,7 +104,7 @@ class Items:
     def take(self, rows: Rows) -> Self:
         """Return some items, in the order of `rows`; a slice copies nothing."""
         if not isinstance(rows, slice):
-            rows = np.arange(len(self))[np.asarray(rows)]
+            rows = np.arange(len(self))[rows]
         return replace(self, **take_rows(self, rows))  # type: ignore[arg-type]
 
     def replaced(self, **changes: object) -> Self:

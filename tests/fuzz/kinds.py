@@ -72,13 +72,13 @@ def make_base_files(folder: Path) -> None:
     rng = np.random.default_rng(0)
     few = people.take(np.linspace(0, len(people) - 1, ITEMS).astype(int))
     meshed = Shapes(
-        few.shapes.swapaxes(1, 2),
+        few.as_columns().swapaxes(1, 2),
         landmark_names=few.landmark_names,
         items=few.items,
         sequences=tuple("ab"[number % 2] for number in range(ITEMS)),
         edges=few.edges,
         mesh_vertices=(
-            few.shapes[:, :, :6] + 0.1 * rng.standard_normal((ITEMS, 3, 6))
+            few.as_columns()[:, :, :6] + 0.1 * rng.standard_normal((ITEMS, 3, 6))
         ).swapaxes(1, 2),
         mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
         unit="m",

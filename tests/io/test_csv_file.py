@@ -40,8 +40,8 @@ def check_views(views):
     assert views.items == ("a", "b")
     assert views.landmark_names == ("head", "foot")
     assert views.sequences == ("s", "t")
-    np.testing.assert_array_equal(views.landmarks[0], [[1, 3.5], [2, -0.4]])
-    assert np.isnan(views.landmarks[1]).all()
+    np.testing.assert_array_equal(views.as_columns()[0], [[1, 3.5], [2, -0.4]])
+    assert np.isnan(views.as_columns()[1]).all()
     np.testing.assert_array_equal(views.confidence, [[0.5, 1], [0, 0]])
 
 
@@ -117,8 +117,8 @@ def test_neither_order_nor_quotes_nor_blocks_count(
     assert views.items == tuple(dict.fromkeys(items[i] for i, _ in rows))
     assert views.landmark_names == tuple(dict.fromkeys(landmarks[j] for _, j in rows))
     found = {
-        (views.items[i], views.landmark_names[j]): tuple(views.landmarks[i, :, j])
-        for i, j in np.argwhere(np.isfinite(views.landmarks[:, 0])).tolist()
+        (views.items[i], views.landmark_names[j]): tuple(views.as_columns()[i, :, j])
+        for i, j in np.argwhere(np.isfinite(views.as_columns()[:, 0])).tolist()
     }
     assert found == {(items[i], landmarks[j]): (i + 0.5, float(-j)) for i, j in rows}
 
@@ -126,7 +126,7 @@ def test_neither_order_nor_quotes_nor_blocks_count(
 @pytest.mark.parametrize("cells", ["1,", ",2", "nan,2", "1,NaN"])
 def test_a_landmark_with_half_a_position_is_unseen(csv, cells, read_views):
     views = read_views(csv(f"item,landmark,x,y\na,head,{cells}\na,foot,1,2\n"))
-    np.testing.assert_array_equal(views.landmarks, [[[np.nan, 1], [np.nan, 2]]])
+    np.testing.assert_array_equal(views.as_columns(), [[[np.nan, 1], [np.nan, 2]]])
     assert views.confidence is views.sequences is None
 
 
@@ -314,7 +314,7 @@ def test_shapes_that_lack_a_landmark_are_left_out(csv, row):
         shapes = source.whole()
         (note,) = source.notes
     assert shapes.items == tuple(map(str, range(40)))
-    assert shapes.shapes[:, 1, 0].tolist() == [*range(40)]
+    assert shapes.as_columns()[:, 1, 0].tolist() == [*range(40)]
     assert note.endswith(": 1 shape left out, in which a landmark is unknown")
 
 
@@ -382,18 +382,18 @@ def test_what_does_not_come_as_a_stream(
 
 def test_results_as_csv(tmp_path, results):
     path = tmp_path / "result.csv"
-    shapes = results.shapes.copy()
+    shapes = results.as_columns().copy()
     shapes[1] = np.nan
     shapes[0, :, 0] = (0.1, 1e-7, -123456789.123456789)
     with result_writer(path) as writer:
-        writer.append(results.replaced(shapes=shapes).take([0, 1]))
-        writer.append(results.replaced(shapes=shapes).take([2, 3, 4]))
+        writer.append(results.replaced(shapes=shapes.swapaxes(1, 2)).take([0, 1]))
+        writer.append(results.replaced(shapes=shapes.swapaxes(1, 2)).take([2, 3, 4]))
     lines = path.read_text().splitlines()
     assert lines[0] == "item,landmark,x,y,z,sequence"
     assert lines[1] == "image 0,head,0.1,1e-7,-123456789.12345679,a"
     assert lines[5] == "image 1,head,,,,a"
     assert len(lines) == 1 + 5 * 4
-    np.testing.assert_array_equal(read_results(path).shapes, shapes)
+    np.testing.assert_array_equal(read_results(path).as_columns(), shapes)
 
 
 def test_items_without_landmarks_write_a_header(tmp_path):
@@ -450,9 +450,11 @@ def test_fractions_of_the_image_are_refused_in_every_format(tmp_path, suffix, pr
     with open_landmarks([path], InputOptions(image_size=(100.0, 200.0))) as source:
         scaled = source.whole()
     assert scaled.unit == "px"
-    np.testing.assert_allclose(scaled.landmarks[:, 1], 200 * images.landmarks[:, 1])
-    save(path, images.replaced(landmarks=images.landmarks - 0.5))
-    assert load(path).landmarks.min() == pytest.approx(
+    np.testing.assert_allclose(
+        scaled.as_columns()[:, 1], 200 * images.as_columns()[:, 1]
+    )
+    save(path, images.replaced(landmarks=(images.as_columns() - 0.5).swapaxes(1, 2)))
+    assert load(path).as_columns().min() == pytest.approx(
         -0.4
     )  # about a centre: no fractions
 

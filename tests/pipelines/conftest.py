@@ -14,7 +14,7 @@ def exemplars():
     """
 
     def make(shapes):
-        normalised = normalise(shapes.shapes)
+        normalised = normalise(shapes.as_columns())
         mesh = shapes.mesh_vertices
         if mesh is not None:
             mesh = (mesh - normalised.centroid[..., None]) / normalised.scale[

@@ -53,9 +53,9 @@ def landmarks(tmp_path, rng) -> Landmarks:
 def test_landmarks_keep_everything_in_hdf5(tmp_path, landmarks):
     assert convert(tmp_path / "views.h5", output=tmp_path / "same.h5") == []
     same = load(tmp_path / "same.h5")
-    np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
+    np.testing.assert_array_equal(same.as_columns(), landmarks.as_columns())
     np.testing.assert_array_equal(same.confidence, landmarks.confidence)
-    np.testing.assert_array_equal(same.columns["age"], landmarks.columns["age"])
+    np.testing.assert_array_equal(same.column("age"), landmarks.column("age"))
     retained = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate")
     assert all(getattr(same, name) == getattr(landmarks, name) for name in retained)
 
@@ -64,7 +64,7 @@ def test_landmarks_to_csv_and_back(tmp_path, landmarks):
     convert(tmp_path / "views.h5", output=tmp_path / "views.csv")
     convert(tmp_path / "views.csv", output=tmp_path / "back.h5")
     same = load(tmp_path / "back.h5")
-    np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
+    np.testing.assert_array_equal(same.as_columns(), landmarks.as_columns())
     assert same.sequences == landmarks.sequences
 
 
@@ -72,9 +72,9 @@ def test_doubtful_landmarks_are_hidden(tmp_path, landmarks):
     convert(tmp_path / "views.h5", output=tmp_path / "sure.h5", min_confidence=0.5)
     sure = load(tmp_path / "sure.h5")
     doubtful = landmarks.confidence < 0.5
-    assert np.isnan(sure.landmarks[:, 0][doubtful]).all()
+    assert np.isnan(sure.as_columns()[:, 0][doubtful]).all()
     np.testing.assert_array_equal(
-        np.isnan(sure.landmarks[:, 0]).sum(), doubtful.sum() + 1 - (doubtful[3, 1])
+        np.isnan(sure.as_columns()[:, 0]).sum(), doubtful.sum() + 1 - (doubtful[3, 1])
     )
 
 
@@ -85,7 +85,8 @@ def test_a_result_keeps_its_proof(world, tmp_path):
     assert shapefit(["verify", str(tmp_path / "again.h5"), "-d", str(dictionary)]) == 0
     convert(result, output=tmp_path / "result.csv")
     np.testing.assert_array_equal(
-        read_results(tmp_path / "result.csv").shapes, read_results(result).shapes
+        read_results(tmp_path / "result.csv").as_columns(),
+        read_results(result).as_columns(),
     )
 
 
@@ -112,7 +113,7 @@ def test_thinned_frames_keep_their_times(tmp_path, rng, every, first):
     thin = read_shapes([tmp_path / "thin.h5"])
     start = first % every / 30
     rows = [int(item[1:]) for item in thin.items]
-    times = thin.columns["frame"] / thin.frame_rate + start
+    times = thin.column("frame") / thin.frame_rate + start
     np.testing.assert_allclose(times, frames[rows] / 30, atol=1e-12)
     assert {*frames[rows]} == {*range(first, first + 43, every)}
     convert(tmp_path / "thin.h5", output=tmp_path / "thin.trc", up="y")
@@ -160,7 +161,7 @@ def test_atoms_of_a_dictionary_are_a_table_of_shapes(tmp_path, rng):
     shapes = read_shapes([target])
     assert shapes.items[:2] == ("atom 00", "atom 01")
     assert shapes.landmark_names == names
-    np.testing.assert_array_equal(shapes.shapes, atoms * sizes[:, None, None])
+    np.testing.assert_array_equal(shapes.as_columns(), atoms * sizes[:, None, None])
 
 
 @pytest.mark.parametrize("name", ["atoms.trc", "atoms.metres.csv"])

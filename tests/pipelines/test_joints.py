@@ -51,7 +51,7 @@ def as_detected(images, skeleton, theta=MEANS):
     points = np.full((len(images), 2, len(skeleton.landmark_names)), np.nan)
     names = list(joints.parts)
     columns = [skeleton.landmark_names.index(name) for name in names]
-    points[..., columns] = images.landmarks @ joints.rows(names, theta).T
+    points[..., columns] = images.as_columns() @ joints.rows(names, theta).T
     return Landmarks(
         points.swapaxes(1, 2),
         landmark_names=skeleton.landmark_names,
@@ -82,11 +82,11 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     found, last = lift(as_detected(images, skeleton), skeleton=MEANS)
     visible = named_as_joints(as_detected(images, skeleton), joints, "here")
     visible = visible.arrange(names, "here", omit=True)
-    points = images.arrange(names, "here", omit=True).landmarks @ A.T
+    points = images.arrange(names, "here", omit=True).as_columns() @ A.T
     points[..., [j for j, name in enumerate(names) if name not in joints.markers]] = (
         np.nan
     )
-    np.testing.assert_allclose(visible.landmarks, points, atol=1e-9)
+    np.testing.assert_allclose(visible.as_columns(), points, atol=1e-9)
     write_dictionary(tmp_path / "seen.h5", mapped(people, A, joints.deviations()))
     direct, _ = lift(
         visible,
@@ -95,8 +95,10 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     )
     back = np.linalg.inv(A)
     assert found.landmark_names == names
-    np.testing.assert_allclose(found.shapes, direct.shapes @ back.T, atol=1e-5)
-    covariance = direct.columns["shape_covariance"].reshape(len(images), p, 3, p, 3)
+    np.testing.assert_allclose(
+        found.as_columns(), direct.as_columns() @ back.T, atol=1e-5
+    )
+    covariance = direct.column("shape_covariance").reshape(len(images), p, 3, p, 3)
     expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
     np.testing.assert_allclose(
         found.shape_sd.swapaxes(1, 2), np.sqrt(expected), rtol=1e-4
@@ -109,12 +111,12 @@ def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
     them.
     """
     found, _ = lift(as_detected(images, BODY), skeleton=MEANS)
-    names = tuple(map(str, found.columns["input_landmark_names"]))
+    names = tuple(map(str, found.column("input_landmark_names")))
     points = dict(
-        zip(names, found.columns["input_shapes"].transpose(1, 0, 2), strict=True)
+        zip(names, found.column("input_shapes").transpose(1, 0, 2), strict=True)
     )
     joint = dict(
-        zip(found.landmark_names, found.shapes.transpose(2, 0, 1), strict=True)
+        zip(found.landmark_names, found.as_columns().transpose(2, 0, 1), strict=True)
     )
     np.testing.assert_allclose(points["LKnee"], joint["lknee"], atol=1e-9)
     middle = (joint["lshoulder"] + joint["rshoulder"]) / 2
@@ -136,7 +138,7 @@ def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
         )
     )
     np.testing.assert_allclose(points["Head"][:, :2], fitted["head"], atol=1e-6)
-    sd = found.columns["input_shape_sd"]
+    sd = found.column("input_shape_sd")
     assert sd.shape == (24, len(names), 3)
     assert (sd > 0).all()
     np.testing.assert_allclose(
@@ -197,7 +199,7 @@ def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
     expected, _ = lift(part, method="convex")
     named = part.replaced(landmark_names=tuple(shared))
     found, _ = lift(named, method="convex")
-    np.testing.assert_allclose(found.shapes, expected.shapes, atol=1e-6)
+    np.testing.assert_allclose(found.as_columns(), expected.shapes, atol=1e-6)
     assert "input_shapes" not in found.columns
 
 
@@ -243,9 +245,11 @@ def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
     column = named.landmark_names.index("head")
     np.testing.assert_allclose(named.confidence[:, column], [0.7, 0.6, 0.0])
     np.testing.assert_allclose(
-        named.landmarks[0, :, column], images.landmarks[0, :, 6:].mean(1)
+        named.as_columns()[0, :, column], images.as_columns()[0, :, 6:].mean(1)
     )
-    np.testing.assert_allclose(named.landmarks[1, :, column], images.landmarks[1, :, 7])
+    np.testing.assert_allclose(
+        named.as_columns()[1, :, column], images.as_columns()[1, :, 7]
+    )
 
 
 @pytest.mark.parametrize("in_place", [True, False])

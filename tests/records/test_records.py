@@ -203,7 +203,7 @@ def test_what_has_no_names_gets_some():
     assert (bare.landmark_names, bare.items) == ((), ())
     assert bare.take([1]).items == ()
     assert bare.named().landmark_names == ("0", "1", "2")
-    assert bare.named([*"abc"]).landmark_names == ("a", "b", "c")
+    assert bare.named("abc").landmark_names == ("a", "b", "c")
     assert bare.named().items == ("0", "1")
 
 

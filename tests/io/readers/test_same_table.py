@@ -199,12 +199,12 @@ def test_hdf5_and_python_say_the_same(tmp_path, points, called, kind):
     points = points[..., : 2 if kind == "landmarks" else 3]
     path = tmp_path / "images.h5"
     if kind == "landmarks":
-        given = shapefit.Landmarks(points, names, items=ITEMS)
+        given = shapefit.Landmarks(points, landmark_names=names, items=ITEMS)
         shapefit.write_landmarks(path, given)
         check(read(path, kind), names, points)
         check(given.record(), names, points)
     else:
-        given = shapefit.Shapes(points, names, items=ITEMS)
+        given = shapefit.Shapes(points, landmark_names=names, items=ITEMS)
         shapefit.write_shapes(path, given)
         check(read(path, kind), names, points)
         check(given.record(), names, points)

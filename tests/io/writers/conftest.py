@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.cameras import TO_Y_UP
-from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT
+from shapefit.io.layout import METRES_FROM
 from shapefit.io.skeletons import PEOPLE
 from shapefit.records import Fit, Shapes
 
@@ -73,13 +73,10 @@ def visible(
         landmark_names=names,
         items=tuple(f"film/anna/{i}" for i in range(n)),
         sequences=("film/anna",) * n,
-        extras={
-            METRES_PER_UNIT: 0.4 / scale,
-            "camera_translation": origin,
-            "frame": np.arange(7, 7 + n),
-            "extrinsic_rotation": R,
-            "extrinsic_translation": t,
-        },
+        metres_per_unit=0.4 / scale,
+        camera_translation=origin,
+        frames=np.arange(7, 7 + n),
+        file_extras={"extrinsic_rotation": R, "extrinsic_translation": t},
         unit="px",
         y_axis="down",
         frame_rate=25.0,

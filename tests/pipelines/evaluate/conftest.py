@@ -39,7 +39,9 @@ def results(truth, rng):
     bars.
     """
     R = random_rotations(N, rng)
-    shapes = R @ truth.shapes + 0.2 * rng.standard_normal(truth.shapes.shape)
+    shapes = R @ truth.as_columns() + 0.2 * rng.standard_normal(
+        truth.as_columns().shape
+    )
     return Fit(
         shapes.swapaxes(1, 2),
         landmarks_fitted=shapes[:, :2].swapaxes(1, 2),
@@ -50,7 +52,7 @@ def results(truth, rng):
         unit="px",
         extras={
             "true_rotation": R,
-            "landmarks": (R @ truth.shapes)[:, :2].swapaxes(-1, -2),
+            "landmarks": (R @ truth.as_columns())[:, :2].swapaxes(-1, -2),
         },
     )
 
@@ -58,7 +60,7 @@ def results(truth, rng):
 @pytest.fixture
 def with_bars(results, rng):
     return results.replaced(
-        shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)),
+        shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)).swapaxes(1, 2),
         further=results.further
         | {"shape_correlation": rng.uniform(-0.3, 0.3, (N, 5, 3))},
     )

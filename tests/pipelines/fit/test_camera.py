@@ -225,22 +225,24 @@ class TestPerspective:
         """
         views = load(project / "sample_data" / "cars_views.h5")
         cars = read_shapes([project / "sample_data" / "cars.h5"])
-        R = np.asarray(views.columns["true_rotation"], float)
+        R = np.asarray(views.column("true_rotation"), float)
         weak, full = fit(), fit(focal="files")
         errors = [
             np.median(rotation_angle(result.rotation, R)) for result in (weak, full)
         ]
         assert errors[1] < 0.5 * errors[0]
         residuals = [
-            np.median(np.sqrt(np.nanmean((fitted - views.landmarks) ** 2, axis=(1, 2))))
-            for fitted in (weak.shapes[:, :2], full.landmarks_fitted)
+            np.median(
+                np.sqrt(np.nanmean((fitted - views.as_columns()) ** 2, axis=(1, 2)))
+            )
+            for fitted in (weak.as_columns()[:, :2], full.landmarks_fitted)
         ]
         assert residuals[1] < 0.5 * residuals[0]
         assert set(full.status) == {Status.CONVERGED.value}
-        shown = [cars.items.index(name) for name in views.columns["true_model"]]
-        truth = np.einsum("nij,nj->ni", R, cars.shapes.mean(axis=2)[shown])
-        truth += views.columns["true_translation"]
-        error = np.linalg.norm(full.columns["position"] - truth, axis=1)
+        shown = [cars.items.index(name) for name in views.column("true_model")]
+        truth = np.einsum("nij,nj->ni", R, cars.as_columns().mean(axis=2)[shown])
+        truth += views.column("true_translation")
+        error = np.linalg.norm(full.column("position") - truth, axis=1)
         assert np.median(error / truth[:, 2]) < 0.05
 
 
@@ -294,13 +296,15 @@ class TestLens:
     def test_a_distorted_image_fits_like_a_straight_one(self, views, fit, tmp_path):
         straight, bent = views
         expected, result = fit(straight), fit(bent)
-        np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
-        landmarks = result.columns["landmarks"].swapaxes(1, 2)
-        np.testing.assert_allclose(landmarks, straight.landmarks, atol=1e-8)
-        np.testing.assert_array_equal(result.columns["removed_distortion"], LENS)
+        np.testing.assert_allclose(result.as_columns(), expected.shapes, atol=1e-4)
+        landmarks = result.column("landmarks").swapaxes(1, 2)
+        np.testing.assert_allclose(landmarks, straight.as_columns(), atol=1e-8)
+        np.testing.assert_array_equal(result.column("removed_distortion"), LENS)
         assert "distortion" not in result.columns
         once = undistorted(bent, None)
-        np.testing.assert_array_equal(undistorted(once, None).landmarks, once.landmarks)
+        np.testing.assert_array_equal(
+            undistorted(once, None).as_columns(), once.as_columns()
+        )
 
         def verify(images):
             save(tmp_path / "given.h5", images)
@@ -310,8 +314,8 @@ class TestLens:
             return failures(run_verify(request))
 
         assert "c" not in verify(bent)
-        shifted = bent.landmarks + 1e-3 * (np.arange(4) == 2)[:, None, None]
-        assert "c" in verify(bent.replaced(landmarks=shifted))
+        shifted = bent.as_columns() + 1e-3 * (np.arange(4) == 2)[:, None, None]
+        assert "c" in verify(bent.replaced(landmarks=shifted.swapaxes(1, 2)))
 
     def test_a_calibration_gives_camera_lens_and_place(self, views, fit, tmp_path):
         straight, bent = views
@@ -319,13 +323,11 @@ class TestLens:
         camera = {"calibration": tmp_path / "calibration.toml", "name": "left"}
         expected = fit(straight, camera={"focal": "files"}, method="convex+refine")
         result = fit(bent.replaced(further={}), camera=camera, method="convex+refine")
-        np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
-        np.testing.assert_array_equal(
-            result.columns["extrinsic_translation"], [1, 2, 3]
-        )
-        assert result.columns["extrinsic_rotation"].shape == (3, 3)
-        np.testing.assert_array_equal(result.columns["image_size"], SIZE)
-        np.testing.assert_allclose(result.columns["focal"], np.tile([800, 820], (4, 1)))
+        np.testing.assert_allclose(result.as_columns(), expected.shapes, atol=1e-4)
+        np.testing.assert_array_equal(result.column("extrinsic_translation"), [1, 2, 3])
+        assert result.column("extrinsic_rotation").shape == (3, 3)
+        np.testing.assert_array_equal(result.column("image_size"), SIZE)
+        np.testing.assert_allclose(result.column("focal"), np.tile([800, 820], (4, 1)))
         written = (tmp_path / f"{name}.h5" for name in ("result", "cars", "views"))
         path, dictionary, landmarks = written
         assert not failures(run_verify(Request(path, dictionary, (landmarks,))))
@@ -339,10 +341,12 @@ class TestLens:
             "distortion": np.tile(LENS, (4, 1)),
         }
         up = bent.replaced(
-            landmarks=bent.landmarks * flip, y_axis="up", further=further
+            landmarks=(bent.as_columns() * flip).swapaxes(1, 2),
+            y_axis="up",
+            further=further,
         )
         result = undistorted(up, None)
         np.testing.assert_allclose(
-            result.landmarks * flip, straight.landmarks, atol=1e-8
+            result.as_columns() * flip, straight.as_columns(), atol=1e-8
         )
-        assert result.columns["removed_distortion"].shape == (4, 5)
+        assert result.column("removed_distortion").shape == (4, 5)

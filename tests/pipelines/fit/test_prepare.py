@@ -472,7 +472,9 @@ def test_a_sample_is_bounded_and_of_sequences_has_pairs_that_are_a_step_apart(
     assert len(single) == LARGEST
     assert len(np.unique(np.diff(single))) <= 2
     points[0, :, 5:] = points[1, :, 4:] = np.nan  # four landmarks fit almost any shape
-    assert draw_sample(images.replaced(landmarks=points).take([0, 1])).items == ("0",)
+    assert draw_sample(
+        images.replaced(landmarks=points.swapaxes(1, 2)).take([0, 1])
+    ).items == ("0",)
 
 
 def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
@@ -601,7 +603,7 @@ def warnings_of(tmp_path):
     def warn(images):
         result, outcomes = fit_images(tmp_path, images, "people", method="posterior")
         warnings = texts(outcomes)
-        assert result.columns["trusted"].any() != any(
+        assert result.column("trusted").any() != any(
             "is it " in text for text in warnings
         )
         return warnings
@@ -638,10 +640,11 @@ def test_images_that_pass_by_chance_are_not_trusted(tmp_path, poses, monkeypatch
     images = film(poses, "body_25")
     # As many landmarks as no other skeleton has.
     wrong = images.replaced(
-        landmarks=images.landmarks[..., :19], landmark_names=images.landmark_names[1:20]
+        landmarks=images.as_columns()[..., :19].swapaxes(1, 2),
+        landmark_names=images.landmark_names[1:20],
     )
     result, outcomes = fit_images(tmp_path, wrong, "people", method="posterior")
-    assert not result.columns["trusted"].any()
+    assert not result.column("trusted").any()
     assert any(
         "% of a sample would be; are the names" in text for text in texts(outcomes)
     )
@@ -651,10 +654,10 @@ def test_images_that_pass_by_chance_are_not_trusted(tmp_path, poses, monkeypatch
 def test_people_on_their_heads_are_counted(warnings_of, poses, angle):
     images, centre = film(poses, "body_25"), np.array(SIZE)[:, None] / 2
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    turned = np.array([[c, -s], [s, c]]) @ (images.landmarks - centre) + centre
+    turned = np.array([[c, -s], [s, c]]) @ (images.as_columns() - centre) + centre
     warnings = [
         text
-        for text in warnings_of(images.replaced(landmarks=turned))
+        for text in warnings_of(images.replaced(landmarks=turned.swapaxes(1, 2)))
         if "heads" in text
     ]
     assert len(warnings) == (angle == 180)
@@ -673,12 +676,12 @@ def test_people_on_their_heads_are_counted(warnings_of, poses, angle):
 )
 def test_scales_of_x_and_y_that_differ_are_named(tmp_path, poses, factors, stretched):
     images = film(poses, "body_25")
-    landmarks = images.landmarks * np.array(factors)[:, None]
-    other = replace_columns(images.replaced(landmarks=landmarks), {})
+    landmarks = images.as_columns() * np.array(factors)[:, None]
+    other = replace_columns(images.replaced(landmarks=landmarks.swapaxes(1, 2)), {})
     result, outcomes = fit_images(tmp_path, other, "people", method="posterior")
     named = [text for text in texts(outcomes) if "x and y have different" in text]
     assert bool(named) == stretched
-    assert result.columns["trusted"].any() != stretched
+    assert result.column("trusted").any() != stretched
     if stretched:
         assert named[0].startswith("no shape of this file is to be trusted: people")
         assert "are these percent of the image" in named[0]
@@ -696,7 +699,7 @@ def test_landmarks_outside_the_stated_image_are_said(tmp_path, poses):
 def replace_columns(images, columns):
     """The same images with other datasets."""
     return Landmarks(
-        images.landmarks.swapaxes(1, 2),
+        images.as_columns().swapaxes(1, 2),
         landmark_names=images.landmark_names,
         items=images.items,
         unit=images.unit,

@@ -64,7 +64,7 @@ def test_shapes_of_one_side_are_not_warned_of(shapes, rng):
     "name", ["people_train", "people_test", "animal_train", "cars"]
 )
 def test_people_bend_both_ways(name):
-    shapes = shapefit.read_shapes(f"sample_data/{name}.h5").shapes
+    shapes = shapefit.read_shapes(f"sample_data/{name}.h5").as_columns()
     assert not find_mirrored(shapes.swapaxes(1, 2)).any()
 
 

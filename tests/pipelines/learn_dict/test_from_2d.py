@@ -88,7 +88,9 @@ def learned(class_of_shapes, tmp_path_factory):
 
 def error(result, truth, sign):
     """Mean of ||X - X^|| / ||X||, in the unit of the truth."""
-    found = (result.shapes - result.shapes.mean(axis=2, keepdims=True)) / 100.0
+    found = (
+        result.as_columns() - result.as_columns().mean(axis=2, keepdims=True)
+    ) / 100.0
     apart = np.linalg.norm(found * [[1], [1], [sign]] - truth, axis=(1, 2))
     return float(np.mean(apart / np.linalg.norm(truth, axis=(1, 2))))
 
@@ -131,16 +133,16 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
         learned(None).of_fit,
     )
     files = [folder / name for name in ("images.h5", "dict.h5", "result.h5")]
-    assert not result.columns["trusted"].any()
-    assert not result.columns["shape_correlation"][..., 1:].any()  # z is as likely -z
-    assert (result.columns["reasons"] == "near and far not told apart").mean() > 0.9
+    assert not result.column("trusted").any()
+    assert not result.column("shape_correlation")[..., 1:].any()  # z is as likely -z
+    assert (result.column("reasons") == "near and far not told apart").mean() > 0.9
     texts = [str(text) for each in outcomes for text in each.warnings]
     (warning,) = [text for text in texts if "learned from 2D" in text]
     assert "learned from 2D landmarks: learned; near and far open" in warning
     assert "near and far open" in description(folder)
     request = verify.Request(files[2], files[1], (files[0],))
     assert not [each.failures for each in verify.run(request) if each.failures]
-    found = result.shapes - result.shapes.mean(axis=2, keepdims=True)
+    found = result.as_columns() - result.as_columns().mean(axis=2, keepdims=True)
     stated = learned(False).result.shape_sd[
         :, 2
     ]  # with z and -z as likely, 2 z^2 is added
@@ -151,7 +153,7 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
 @pytest.mark.parametrize("flip", [True, False])
 def test_who_states_what_is_near_has_images_trusted(learned, flip):
     made = learned(flip)
-    assert made.result.columns["trusted"].mean() > 0.9
+    assert made.result.column("trusted").mean() > 0.9
     assert "learned; near and far stated by `flip`" in description(made.folder)
 
 
@@ -179,7 +181,7 @@ def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, s
     learn(visible, {"further": {"camera_matrix": camera}})
     assert "near and far told by perspective" in description(tmp_path)
     found, _ = lift(tmp_path)
-    assert found.columns["trusted"].any()
+    assert found.column("trusted").any()
     assert error(found, shapes, 1) < 0.3 < error(found, shapes, -1)
 
 

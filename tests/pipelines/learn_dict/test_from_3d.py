@@ -34,8 +34,8 @@ FEW = {"k": 6, "iterations": 2}
 class TestSparseCoding:
     def test_atoms_are_learned_from_normalised_aligned_shapes(self, make, shapes):
         dictionary, _ = make(shapes, k=6, iterations=4)
-        aligned = generalised_procrustes(normalise(shapes.shapes).points)
-        *_, expected = learn(aligned.shapes, 6, 0.1, iterations=4)
+        aligned = generalised_procrustes(normalise(shapes.as_columns()).points)
+        *_, expected = learn(aligned.as_columns(), 6, 0.1, iterations=4)
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
         np.testing.assert_array_equal(dictionary.objective_trace, expected.trace)
         np.testing.assert_array_equal(
@@ -43,7 +43,7 @@ class TestSparseCoding:
         )
         i, j = EDGES.T
         lengths = np.linalg.norm(
-            shapes.shapes[:, :, i] - shapes.shapes[:, :, j], axis=1
+            shapes.as_columns()[:, :, i] - shapes.as_columns()[:, :, j], axis=1
         )
         np.testing.assert_allclose(dictionary.edge_length, lengths.mean(axis=0))
 
@@ -72,7 +72,7 @@ class TestSparseCoding:
     def test_sizes_are_in_the_unit_of_the_shapes(self, make, models):
         dictionary, _ = make(models, **LEARNED)
         assert (dictionary.unit, dictionary.atom_items) == ("m", None)
-        normalised = normalise(models.shapes)
+        normalised = normalise(models.as_columns())
         *_, learned = learn(
             generalised_procrustes(normalised.points).shapes, 4, 0.1, iterations=5
         )
@@ -84,7 +84,7 @@ class TestSparseCoding:
 class TestExemplars:
     def test_every_normalised_model_is_an_atom(self, make, models):
         dictionary, outcomes = make(models, align="none", **EXEMPLARS)
-        normalised = normalise(models.shapes)
+        normalised = normalise(models.as_columns())
         np.testing.assert_array_equal(dictionary.atoms, normalised.points)
         np.testing.assert_array_equal(dictionary.atom_scale, normalised.scale)
         mean = normalise(normalised.points.mean(axis=0)).points
@@ -97,9 +97,9 @@ class TestExemplars:
 
     def test_models_are_turned_onto_each_other_with_their_meshes(self, make, models):
         dictionary, _ = make(models, align="all", **EXEMPLARS)
-        alignment = generalised_procrustes(normalise(models.shapes).points)
+        alignment = generalised_procrustes(normalise(models.as_columns()).points)
         np.testing.assert_array_equal(dictionary.atoms, alignment.shapes)
-        middle = models.shapes.mean(axis=2, keepdims=True)
+        middle = models.as_columns().mean(axis=2, keepdims=True)
         turned = alignment.rotations @ (models.mesh_vertices - middle)
         metric = dictionary.atom_scale[:, None, None] * dictionary.mesh_vertices
         np.testing.assert_allclose(metric, turned, atol=1e-12)
@@ -110,8 +110,8 @@ class TestPcaBases:
 
     def test_are_those_of_each_aligned_sequence(self, make, shapes):
         dictionary, _ = make(shapes, method="pca-bases")
-        aligned = generalised_procrustes(normalise(shapes.shapes).points)
-        parts = aligned.shapes[:10], aligned.shapes[10:]
+        aligned = generalised_procrustes(normalise(shapes.as_columns()).points)
+        parts = aligned.as_columns()[:10], aligned.as_columns()[10:]
         expected = np.concatenate([principal_components(part) for part in parts])
         np.testing.assert_array_equal(dictionary.atoms, expected)
         np.testing.assert_array_equal(
@@ -123,11 +123,11 @@ class TestPcaBases:
         of_sequence = np.array(
             [shapes.sequences.index(name) for name in shapes.sequences]
         )
-        still = shapes.shapes[of_sequence].astype(np.float32).astype(np.float64)
+        still = shapes.as_columns()[of_sequence].astype(np.float32).astype(np.float64)
         with pytest.raises(
             InputError, match=r"shapes: .* all alike; give sequences that move"
         ):
-            make(shapes.replaced(shapes=still), method="pca-bases")
+            make(shapes.replaced(shapes=still.swapaxes(1, 2)), method="pca-bases")
 
 
 class TestPrior:
@@ -198,23 +198,25 @@ class TestNumber:
             make(shapes, k=64)
 
     def test_shapes_of_one_point_are_left_out(self, make, shapes):
-        points = shapes.shapes.copy()
+        points = shapes.as_columns().copy()
         points[4] = points[4, :, :1]
-        dictionary, outcomes = make(shapes.replaced(shapes=points), **FEW)
+        dictionary, outcomes = make(
+            shapes.replaced(shapes=points.swapaxes(1, 2)), **FEW
+        )
         assert failures(outcomes) == {
             "item4": "all its landmarks are at one point, or not finite"
         }
         expected, _ = make(shapes.take(np.arange(30) != 4), **FEW)
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
         with pytest.raises(InputError, match="29 shapes"):
-            make(shapes.replaced(shapes=points), k=30)
+            make(shapes.replaced(shapes=points.swapaxes(1, 2)), k=30)
 
     def test_no_shape_that_can_be_used(self, make, shapes):
-        points = np.repeat(shapes.shapes[:, :, :1], 5, axis=2)
+        points = np.repeat(shapes.as_columns()[:, :, :1], 5, axis=2)
         with pytest.raises(
             InputError, match=r"0 shapes.*; item0, for one: all its landmarks are"
         ):
-            make(shapes.replaced(shapes=points), k=1)
+            make(shapes.replaced(shapes=points.swapaxes(1, 2)), k=1)
 
 
 PARTNERS = np.array([1, 0, 3, 2, 4])
@@ -240,7 +242,7 @@ def faces(rng):
 class TestMirror:
     def test_atoms_are_the_shapes_and_their_mirror_images(self, make, faces):
         dictionary, outcomes = make(faces, mirror=True, **PLAIN)
-        plain = normalise(faces.shapes).points
+        plain = normalise(faces.as_columns()).points
         np.testing.assert_array_equal(dictionary.atoms[:6], plain)
         np.testing.assert_allclose(
             dictionary.atoms[6:], mirror(plain, PARTNERS, 2), atol=1e-14
@@ -259,7 +261,7 @@ class TestMirror:
 
     def test_meshes_are_left_out(self, make, faces, rng):
         meshed = faces.replaced(
-            mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=FACES
+            mesh_vertices=rng.normal(size=(6, 3, 4)).swapaxes(1, 2), mesh_faces=FACES
         )
         dictionary, _ = make(meshed, mirror=True, **PLAIN)
         assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
@@ -300,7 +302,7 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     assert len(dictionary.objective_trace) == 31
     assert "reconstruction error 2." in outcomes[-2].rows[0][1]
     # The mean stands as the first shape does: no turn brings one nearer to the other.
-    first = normalise(read_shapes(config.shapes).shapes[0]).points
+    first = normalise(read_shapes(config.shapes).as_columns()[0]).points
     np.testing.assert_allclose(
         rotation_onto(first, dictionary.mean_shape), np.eye(3), atol=1e-6
     )

@@ -69,7 +69,7 @@ def test_many_frames_are_thinned_by_sequence_and_the_page_says_so(desk, monkeypa
     assert scene["frame_rate"] == 60 / step
     assert scene["items"][:2] == ("i0", f"i{step}")
     assert len(scene["sequences"]) == 21
-    expected = read_results(result).shapes[2 * step]
+    expected = read_results(result).as_columns()[2 * step]
     np.testing.assert_allclose(scene["layers"][0]["points"][2], expected)
     few = desk.scene(result, items=("i19???",))
     assert (len(few["items"]), few["frame_rate"]) == (1000, 60)
@@ -107,15 +107,17 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
     layer = made.data["layers"][0]
     measures = {measure["name"]: measure for measure in layer["measures"]}
     found, truth = read_results(result), read_shapes([desk.folder / "truth.h5"])
-    error = metrics.similarity(found.shapes, truth.shapes)
-    in_mm = metrics.expected(found.shapes, truth.shapes, extras["expected_error"])
+    error = metrics.similarity(found.as_columns(), truth.as_columns())
+    in_mm = metrics.expected(
+        found.as_columns(), truth.as_columns(), extras["expected_error"]
+    )
     expected = {
         "error against the truth": ("mm", error),
         "expected error": ("mm", in_mm),  # in px in the file: units never mix
         "p-value": ("", extras["p_value"]),
         "distance in the image": (
             "px",
-            metrics.reprojection(found.shapes[:, :2], landmarks),
+            metrics.reprojection(found.as_columns()[:, :2], landmarks),
         ),
     }
     assert list(measures) == list(expected)
