@@ -89,7 +89,7 @@ def views(sample, tmp_path_factory) -> Path:
     images = shapefit.Landmarks(
         points,
         landmark_names=truth.landmark_names,
-        items=confidence,
+        confidence=confidence,
         items=[truth.items[row] for row in rows],
         sequences=[truth.sequences[row] for row in rows],
         unit="px",

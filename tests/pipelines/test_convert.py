@@ -106,7 +106,7 @@ def test_thinned_frames_keep_their_times(tmp_path, rng, every, first):
         sequences=("walk/a",) * 43 + ("walk/b",) * 40,
         unit="m",
         frame_rate=30.0,
-        extras={"frame": frames},
+        frames=frames,
     )
     write_shapes(tmp_path / "walk.h5", shapes)
     convert(tmp_path / "walk.h5", output=tmp_path / "thin.h5", every=every)

@@ -40,10 +40,10 @@ def shapes(rng):
         unit="m",
         extras={
             "subject": np.array([f"subject of {name}" for name in sequences], object),
-            "mirror_index": np.array([0, 2, 1, 3, 4]),
             "true_rotation": np.tile(2 * np.eye(3), (8, 1, 1)),  # of another view
             "corrupted": np.arange(8),
         },
+        mirror_index=np.array([0, 2, 1, 3, 4]),
     )
 
 
@@ -121,7 +121,7 @@ def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes)
     assert (images.unit, images.y_axis, images.confidence) == ("m", "down", None)
     assert list(images.column("subject")) == list(shapes.column("subject"))
     assert list(images.column("mirror_index")) == [0, 2, 1, 3, 4]
-    assert "corrupted" not in images.columns
+    assert images.column("corrupted") is None
 
 
 def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(
@@ -130,7 +130,7 @@ def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(
     plain, _ = view(tmp_path, many, noise=0.1)
     scaled, _ = view(tmp_path, many, noise=20.0, camera={"scale": 200.0})
     np.testing.assert_allclose(
-        scaled.as_columns(), 200 * plain.landmarks, rtol=1e-9, atol=1e-9
+        scaled.landmarks, 200 * plain.landmarks, rtol=1e-9, atol=1e-9
     )
     assert (plain.unit, scaled.unit) == ("unknown", "px")
 

@@ -73,7 +73,7 @@ def poses(entry, path, options) -> Poses:
 
 @pytest.fixture
 def records(entry, path, options) -> Any:
-    """The items of a file; `points` (n, d, p)."""
+    """The items of a file."""
     if entry["kind"] == "shapes":
         return read_shapes([path], options, gaps=True)
     with open_landmarks([path], options) as source:
@@ -82,7 +82,7 @@ def records(entry, path, options) -> Any:
 
 
 def coordinates(records: Any) -> np.ndarray:
-    return records.as_columns() if hasattr(records, "shapes") else records.as_columns()
+    return records.as_columns()
 
 
 def readings(entry: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:

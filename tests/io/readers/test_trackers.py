@@ -171,7 +171,7 @@ def test_a_skeleton_of_a_preset(tmp_path, points, confidence, read, problem):
     found = read(path)
     assert found.landmark_names == plain.landmark_names
     assert found.lines.tolist() == plain.lines.tolist() == [[0, 1]]
-    np.testing.assert_array_equal(found.as_columns(), plain.landmarks)
+    np.testing.assert_array_equal(found.landmarks, plain.landmarks)
     with_skeletons(path, lambda about: about["skeletons"][0].update(nx_graph={}))
     assert "a skeleton without nodes" in problem(path)
 

@@ -50,10 +50,8 @@ def results(truth, rng):
         items=ITEMS,
         sequences=SEQUENCES,
         unit="px",
-        extras={
-            "true_rotation": R,
-            "landmarks": (R @ truth.as_columns())[:, :2].swapaxes(-1, -2),
-        },
+        landmarks=(R @ truth.as_columns())[:, :2].swapaxes(1, 2),
+        extras={"true_rotation": R},
     )
 
 
@@ -61,8 +59,7 @@ def results(truth, rng):
 def with_bars(results, rng):
     return results.replaced(
         shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)).swapaxes(1, 2),
-        further=results.further
-        | {"shape_correlation": rng.uniform(-0.3, 0.3, (N, 5, 3))},
+        shape_correlation=rng.uniform(-0.3, 0.3, (N, 5, 3)),
     )
 
 

@@ -12,6 +12,7 @@ from shapefit.evaluation.calibration import find_squares
 from shapefit.geometry.rotations import rotation_about
 from shapefit.pipelines.evaluate.measure import measure
 from shapefit.records import Fit, Shapes
+from shapefit.records.columns import in_columns
 from tests.columns import put
 
 from .conftest import ITEMS, NAMES, N
@@ -36,11 +37,7 @@ def changed(results, name, row, value):
 def with_column(results, name, values):
     if values is None:
         return results.without([name])
-    return (
-        results.replaced(shapes=values.swapaxes(1, 2))
-        if name == "shapes"
-        else put(results, {name: values})
-    )
+    return put(results, {name: values})
 
 
 def test_every_metric_in_its_units(results, truth):
@@ -53,7 +50,7 @@ def test_every_metric_in_its_units(results, truth):
     )
     scale = truth.as_columns().std(axis=-1).mean(axis=-1)
     observed = results.column("landmarks").swapaxes(1, 2)
-    reprojection = metrics.reprojection(results.landmarks_fitted, observed)
+    reprojection = metrics.reprojection(in_columns(results.landmarks_fitted), observed)
     expected = {
         ("similarity", "normalised"): similarity / scale,
         ("similarity", "m"): similarity,
@@ -123,7 +120,7 @@ FAILURES = {
         "the results hold no shape (status degenerate input)",
     ),
     "landmarks": (
-        {"shapes": [[1, 2, *[np.nan] * 3]] * 3},
+        {"shapes": [[1], [2], *[[np.nan]] * 3]},
         "2 landmarks are on both sides",
     ),
     "nan box": (
@@ -135,7 +132,7 @@ FAILURES = {
         "5 landmarks are on both sides, and no reprojection (px), reproject",
     ),
     "empty": (
-        {"shapes": [[9.0] * 5] * 3, "rotation": np.nan},
+        {"shapes": 9.0, "rotation": np.nan},
         "5 landmarks are on both sides, and no rotation (deg)",
     ),
 }
@@ -211,7 +208,7 @@ def test_inputs_that_cannot_be_compared_are_errors(results, truth):
     with pytest.raises(InputError, match=r"has 2 of its landmarks.*at least 3"):
         measured(results.replaced(landmark_names=names), truth)
     boxed = with_column(results, "bounding_box", np.ones((N, 4)))
-    for name in ("true_rotation", "landmarks", "bounding_box"):
+    for name in ("true_rotation", "bounding_box"):
         wrong = with_column(boxed, name, boxed.column(name)[:, :2])
         with pytest.raises(InputError, match=f"convex.h5:/{name}: has the shape"):
             measured(wrong, truth)
@@ -238,8 +235,8 @@ def walk_of(shapes, **sequences):
         "items": items,
         "sequences": tuple(order),
         "unit": "m",
-        "columns": {"frame": frames},
-        "shapes": shapes,
+        "frames": frames,
+        "shapes": shapes.swapaxes(1, 2),
     }
 
 
@@ -276,7 +273,7 @@ def test_a_mirrored_truth_is_named(results, truth):
     mirrored = truth.replaced(
         shapes=(truth.as_columns() * [[-1.0], [1.0], [1.0]]).swapaxes(1, 2)
     )
-    mirrored.shapes[0, :, 2:] = np.nan
+    mirrored.shapes[0, 2:] = np.nan
     (warning,) = measured(results, mirrored, metrics=SHAPES).warnings
     assert "fit the truth better when it is mirrored" in warning
     assert "left-handed" in warning
@@ -371,7 +368,11 @@ def test_error_bars_are_those_of_the_frame_of_the_camera(with_bars, truth):
     R = with_bars.column("true_rotation")
     correlation = with_bars.column("shape_correlation").swapaxes(1, 2)
     square, width = find_squares(
-        with_bars.as_columns(), truth.as_columns(), R, with_bars.shape_sd, correlation
+        with_bars.as_columns(),
+        truth.as_columns(),
+        R,
+        in_columns(with_bars.shape_sd),
+        correlation,
     )
     without = with_column(with_bars, "true_rotation", None)
     turned = truth.replaced(shapes=(R @ truth.as_columns()).swapaxes(1, 2))

@@ -46,7 +46,8 @@ def images(atoms, rotations):
         sequences=("a",) * 4 + ("b",) * 4,
         unit="px",
         y_axis="down",
-        extras={"true_rotation": rotations, "camera_matrix": np.eye(3)},
+        extras={"true_rotation": rotations},
+        file_extras={"camera_matrix": np.eye(3)},
     )
 
 

@@ -79,7 +79,7 @@ class TestOutliers:
         without, _ = run(hidden, method=method)
         np.testing.assert_array_equal(result.as_columns(), without.as_columns())
         np.testing.assert_array_equal(result.scale, without.scale)
-        assert "outliers" not in without.columns
+        assert without.outliers is None
 
     def test_what_is_drawn_belongs_to_the_name_of_an_image(self, run, views, rng):
         spoilt, _ = spoil(views.take(slice(8)), 0.3, rng)
@@ -296,7 +296,7 @@ def test_neighbours_at_one_border_are_not_seen(points, hidden):
             np.array(points, float).T[None].swapaxes(1, 2),
             landmark_names=names,
             items=("a",),
-            extras=columns,
+            file_extras=columns,
         )
         dictionary = SimpleNamespace(edges=edges, landmark_names=names_of_edges)
         return at_border(

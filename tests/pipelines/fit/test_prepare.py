@@ -590,7 +590,7 @@ def film(poses, skeleton):
         items=tuple(f"image{i}" for i in range(N)),
         unit="px",
         y_axis="down",
-        extras={"image_size": np.array(SIZE)},
+        file_extras={"image_size": np.array(SIZE)},
     )
 
 
@@ -704,5 +704,5 @@ def replace_columns(images, columns):
         items=images.items,
         unit=images.unit,
         y_axis=images.y_axis,
-        extras=columns,
+        file_extras=columns,
     )

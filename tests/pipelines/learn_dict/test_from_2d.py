@@ -39,14 +39,14 @@ def class_of_shapes():
     return shapes - shapes.mean(axis=2, keepdims=True)
 
 
-def learn_in(folder, landmarks, further=None, **changes):
+def learn_in(folder, landmarks, fields=None, **changes):
     """Write landmarks (n, 2, p), learn from them, and return outcomes."""
     images = Landmarks(
         (100.0 * landmarks + 300.0).swapaxes(1, 2),
         landmark_names=tuple(f"p{j}" for j in range(landmarks.shape[2])),
         items=tuple(f"image{i}" for i in range(len(landmarks))),
     )
-    save(folder / "images.h5", images.replaced(**further or {}))
+    save(folder / "images.h5", images.replaced(**fields or {}))
     given = {"shapes": folder / "images.h5", "output": folder / "dict.h5", "k": 5}
     return list(learn_dict.run(LearnDictConfig(**given | changes)))
 
@@ -113,7 +113,7 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
     errors = [error(made.result, class_of_shapes, sign) for sign in (1, -1)]
     assert min(errors) < 0.1
     # landmarks that might be pixels: what was learned is seen as it was learned
-    assert "focal" not in made.result.columns
+    assert made.result.focal is None
     flipped = [error(learned(True).result, class_of_shapes, sign) for sign in (1, -1)]
     assert int(np.argmin(flipped)) != int(np.argmin(errors))
     assert min(flipped) < 0.1
@@ -143,10 +143,9 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
     request = verify.Request(files[2], files[1], (files[0],))
     assert not [each.failures for each in verify.run(request) if each.failures]
     found = result.as_columns() - result.as_columns().mean(axis=2, keepdims=True)
-    stated = learned(False).result.shape_sd[
-        :, 2
-    ]  # with z and -z as likely, 2 z^2 is added
-    added = result.shape_sd[:, 2] ** 2 - stated**2
+    stated = learned(False).result.shape_sd[..., 2]
+    # with z and -z as likely, 2 z^2 is added
+    added = result.shape_sd[..., 2] ** 2 - stated**2
     np.testing.assert_allclose(added, 2 * found[:, 2] ** 2, rtol=1e-3, atol=1e-3)
 
 
@@ -178,7 +177,7 @@ def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, s
     size = np.linalg.norm(shapes, axis=(1, 2)).mean() / np.sqrt(P)
     visible = shapes[:, :2] / (1 + shapes[:, 2:] / (4 * size))
     camera = np.array([[400 * size, 0, 300], [0, 400 * size, 300], [0, 0, 1.0]])
-    learn(visible, {"further": {"camera_matrix": camera}})
+    learn(visible, {"file_extras": {"camera_matrix": camera}})
     assert "near and far told by perspective" in description(tmp_path)
     found, _ = lift(tmp_path)
     assert found.column("trusted").any()
@@ -224,11 +223,11 @@ def test_missing_landmarks_and_confidences_and_sequences_are_taken(
     landmarks = class_of_shapes[:, :2].copy()
     hidden = rng.random((N, P)) < 0.1
     landmarks[np.repeat(hidden[:, None], 2, axis=1)] = np.nan
-    further = {
+    fields = {
         "confidence": np.where(hidden, 0.0, 0.9),
         "sequences": ("a",) * (N // 2) + ("b",) * (N - N // 2),
     }
-    learn(landmarks, further)
+    learn(landmarks, fields)
     found, _ = lift(tmp_path)
     assert min(error(found, class_of_shapes, sign) for sign in (1, -1)) < 0.2
 
@@ -237,10 +236,10 @@ def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes
     edges = np.column_stack([np.arange(P - 1), np.arange(1, P)])
     freedom = []
     for stretch in (0.0, 0.3):
-        further = {"further": {"edges": edges}}
+        fields = {"edges": edges}
         learn(
             class_of_shapes[:, :2],
-            further,
+            fields,
             prior={"components": 1, "bone_scale": stretch},
         )
         made = read_dictionary(tmp_path / "dict.h5")

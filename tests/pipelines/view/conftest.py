@@ -15,6 +15,7 @@ from shapefit.io import (
 from shapefit.pipelines.view.run import run
 from shapefit.pipelines.view.scene import make_scene
 from shapefit.records import Fit, Landmarks, Shapes
+from tests.columns import put
 from tests.io.files import save
 
 NAMES = ("a", "b", "c", "d", "e")
@@ -35,8 +36,13 @@ def write_result(path, shapes, extras=None, attributes=None, **fields):
     n = len(shapes)
     extras = {"landmarks": shapes[:, :2].swapaxes(1, 2)} if extras is None else extras
     fields = {"unit": "px", "status": np.array(["optimal"] * n, dtype=object)} | fields
+    for name in {"shape_sd", "landmarks_fitted"} & fields.keys():
+        fields[name] = fields[name].swapaxes(1, 2)
+    whole = {name: v for name, v in extras.items() if name.startswith("extrinsic_")}
+    extras = {name: v for name, v in extras.items() if name not in whole}
+    fit = Fit(shapes.swapaxes(1, 2), **settings(n, fields))
     with result_writer(path) as writer:
-        writer.append(Fit(shapes.swapaxes(1, 2), extras=extras, **settings(n, fields)))
+        writer.append(put(fit, extras, whole))
         writer.attributes.update(attributes or {})
     return path
 

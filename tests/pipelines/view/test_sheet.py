@@ -52,7 +52,7 @@ def test_the_mesh_lies_under_the_landmarks(world, camera):
     seen = (
         fit.as_columns()[:, :2]
         if fit.landmarks_fitted is None
-        else fit.landmarks_fitted
+        else fit.landmarks_fitted.swapaxes(1, 2)
     )
     for row in range(0, len(fit), 30):
         image = fitted_image(scene, row)
