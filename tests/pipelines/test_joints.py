@@ -145,7 +145,7 @@ def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
     )
     # What stands for a joint has its error bars: how far apart they may be is in the
     # prior already.
-    toe = found.shape_sd[..., found.landmark_names.index("rtoe")]
+    toe = found.shape_sd[:, found.landmark_names.index("rtoe")]
     np.testing.assert_allclose(sd[:, names.index("RBigToe")], toe, rtol=1e-9)
 
 

@@ -233,9 +233,9 @@ class TestPerspective:
         assert errors[1] < 0.5 * errors[0]
         residuals = [
             np.median(
-                np.sqrt(np.nanmean((fitted - views.as_columns()) ** 2, axis=(1, 2)))
+                np.sqrt(np.nanmean((fitted - views.landmarks) ** 2, axis=(1, 2)))
             )
-            for fitted in (weak.as_columns()[:, :2], full.landmarks_fitted)
+            for fitted in (weak.shapes[..., :2], full.landmarks_fitted)
         ]
         assert residuals[1] < 0.5 * residuals[0]
         assert set(full.status) == {Status.CONVERGED.value}
@@ -296,7 +296,7 @@ class TestLens:
     def test_a_distorted_image_fits_like_a_straight_one(self, views, fit, tmp_path):
         straight, bent = views
         expected, result = fit(straight), fit(bent)
-        np.testing.assert_allclose(result.as_columns(), expected.shapes, atol=1e-4)
+        np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
         landmarks = result.column("landmarks").swapaxes(1, 2)
         np.testing.assert_allclose(landmarks, straight.as_columns(), atol=1e-8)
         np.testing.assert_array_equal(result.column("removed_distortion"), LENS)
@@ -322,8 +322,8 @@ class TestLens:
         (tmp_path / "calibration.toml").write_text(CALIBRATION)
         camera = {"calibration": tmp_path / "calibration.toml", "name": "left"}
         expected = fit(straight, camera={"focal": "files"}, method="convex+refine")
-        result = fit(bent.replaced(further={}), camera=camera, method="convex+refine")
-        np.testing.assert_allclose(result.as_columns(), expected.shapes, atol=1e-4)
+        result = fit(bent.replaced(file_extras={}), camera=camera, method="convex+refine")
+        np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
         np.testing.assert_array_equal(result.column("extrinsic_translation"), [1, 2, 3])
         assert result.column("extrinsic_rotation").shape == (3, 3)
         np.testing.assert_array_equal(result.column("image_size"), SIZE)
@@ -343,7 +343,8 @@ class TestLens:
         up = bent.replaced(
             landmarks=(bent.as_columns() * flip).swapaxes(1, 2),
             y_axis="up",
-            further=further,
+            extras=further,
+            file_extras={},
         )
         result = undistorted(up, None)
         np.testing.assert_allclose(

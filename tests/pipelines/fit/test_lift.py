@@ -223,7 +223,7 @@ class TestLeaveOneOut:
         shown = np.array(
             ["beetle" if name == "up" else name for name in SHOWN], dtype=object
         )
-        odd = images.replaced(further={"true_model": shown})
+        odd = images.replaced(extras={"true_model": shown})
         whole, _ = run(views=odd, method="mean-shape")
         assert list(whole.column("omitted")) == [
             "" if name == "beetle" else name for name in shown
@@ -343,9 +343,9 @@ def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, with_prior, i
     covariance = found.column("shape_covariance")
     assert covariance.shape == (8, 30, 30)
     variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(8, 10, 3)
-    assert found.shape_sd.swapaxes(1, 2) ** 2 == pytest.approx(variance)
+    assert found.shape_sd**2 == pytest.approx(variance)
     blocks = covariance.reshape(8, 10, 3, 10, 3)
-    sd, correlation = found.shape_sd.swapaxes(1, 2), found.column("shape_correlation")
+    sd, correlation = found.shape_sd, found.column("shape_correlation")
     for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
         own = np.einsum("npp->np", blocks[:, :, a, :, b]) / (sd[..., a] * sd[..., b])
         assert correlation[..., row] == pytest.approx(own, abs=1e-6)
@@ -387,7 +387,7 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     found, outcomes = fit(with_prior, images, camera=camera, **keys)
     assert found.as_columns() == pytest.approx(weak.as_columns(), abs=1e-3)
     assert found.shape_sd == pytest.approx(weak.shape_sd, rel=1e-3, abs=1e-4)
-    assert found.landmarks_fitted == pytest.approx(weak.as_columns()[:, :2], abs=1e-3)
+    assert found.landmarks_fitted == pytest.approx(weak.shapes[..., :2], abs=1e-3)
     assert found.column("camera_translation")[:, 2] == pytest.approx(
         1e7 / found.scale, rel=1e-6
     )
@@ -398,6 +398,6 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     assert not failures(outcomes)
     near = {"focal": 60.0, "principal_point": [80.0, 50.0]}
     other, _ = fit(with_prior, images, camera=near, **keys)
-    assert np.abs(other.landmarks_fitted - other.as_columns()[:, :2]).max() > 0.1
+    assert np.abs(other.landmarks_fitted - other.shapes[..., :2]).max() > 0.1
     names = ("shape_covariance", "camera_translation", "focal", "principal_point")
     assert all(np.isfinite(other.column(name)).all() for name in names)

@@ -56,8 +56,8 @@ class TestShapes:
         self, fit, dictionary, images, atoms, rotations
     ):
         visible = images.as_columns().copy()
-        images.landmarks[np.arange(8), :, np.arange(8)] = np.nan
-        images.landmarks[np.arange(8), :, np.arange(8) - 1] = np.nan
+        images.landmarks[np.arange(8), np.arange(8)] = np.nan
+        images.landmarks[np.arange(8), np.arange(8) - 1] = np.nan
         result, _ = fit(dictionary, images, **{"lambda": 1e-5})
         np.testing.assert_allclose(result.as_columns()[:, :2], visible, atol=0.02)
         depth = 20 * (rotations @ atoms[np.arange(8) % 6])[:, 2]
@@ -67,7 +67,7 @@ class TestShapes:
         """The wrong landmark 3 is followed where it is sure, and hardly where it is
         not.
         """
-        images.landmarks[:, :, 3] += 6.0
+        images.landmarks[:, 3] += 6.0
         confidence, rest = np.ones((8, 10)), []
         for sure in (0.1, 1.0, 10.0):
             confidence[:, 3] = sure
@@ -260,8 +260,8 @@ class TestRecord:
         self, fit, dictionary, images
     ):
         mine = {name: np.full(8, -7.0) for name in ("status", "lambda", "outliers")}
-        further = {**images.further, **mine, "subject": np.full(8, -7.0)}
-        result, _ = fit(dictionary, images.replaced(further=further))
+        extras = {**mine, "subject": np.full(8, -7.0)}
+        result, _ = fit(dictionary, images.with_extras(extras))
         for name in ("true_rotation", "camera_matrix"):
             np.testing.assert_array_equal(result.column(name), images.column(name))
         assert list(result.status) == ["optimal"] * 8

@@ -290,11 +290,11 @@ def test_frames_without_a_gap_change_no_bit(people, walk, tmp_path):
     timed = put(walk, {"time": np.round(7 + np.arange(36) / 24, 2)})
     timed = lifted(people, tmp_path, at_frames(timed, np.arange(36)))
     for found in (numbered, timed):
-        np.testing.assert_array_equal(found.as_columns(), plain.shapes)
+        np.testing.assert_array_equal(found.shapes, plain.shapes)
         np.testing.assert_array_equal(found.shape_sd, plain.shape_sd)
-    assert numbered.frame.tolist() == [*range(100, 136)]
+    assert numbered.frames.tolist() == [*range(100, 136)]
     assert timed.time[1] == 7.04
-    assert plain.frame is None
+    assert plain.frames is None
 
 
 def test_images_are_lifted_in_order_of_their_frames(people, walk, tmp_path, rng):
@@ -303,7 +303,7 @@ def test_images_are_lifted_in_order_of_their_frames(people, walk, tmp_path, rng)
     plain = lifted(people, tmp_path, at_frames(walk, frames))
     mixed = lifted(people, tmp_path, at_frames(walk, frames).take(order))
     assert mixed.items == plain.items
-    np.testing.assert_array_equal(mixed.as_columns(), plain.shapes)
+    np.testing.assert_array_equal(mixed.shapes, plain.shapes)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.4])
@@ -364,7 +364,7 @@ def test_no_run_is_divided_and_nothing_lost(names, size):
     parts = list(whole_sequences(chunks))
     assert [item for part in parts for item in part.items] == list(whole.items)
     np.testing.assert_array_equal(
-        np.concatenate([p.landmarks for p in parts]), whole.as_columns()
+        np.concatenate([p.landmarks for p in parts]), whole.landmarks
     )
     for before, after in pairwise(parts):
         assert before.sequences[-1] != after.sequences[0]
