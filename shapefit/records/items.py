@@ -33,15 +33,18 @@ Direction = Literal["up", "down"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Items:
-    """n items of p landmarks. A slice or a mask gives some of them, a number one."""
+    """n items of p landmarks. A slice or a mask gives some of them, a number one.
+
+    Landmarks and items without names have (): `named` gives them some.
+    """
 
     POINTS: ClassVar[str] = ""
     """The field that every record of a class has."""
 
     landmark_names: Annotated[Texts, "p"] = ()
-    """Names of the landmarks; () where they have none."""
+    """Names of the landmarks, all different."""
     items: Annotated[Texts, "n", Named("item")] = ()
-    """Unique names of the items; () where they have none."""
+    """Names of the items, all different."""
     sequences: Annotated[Texts | None, "n", Named("sequence")] = None
     """Video of each item."""
     frames: Annotated[Integers | None, "n", Named("frame")] = None

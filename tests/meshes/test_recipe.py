@@ -42,4 +42,4 @@ def test_landmarks_are_the_vertices_of_the_file(tmp_path, monkeypatch, rng, corn
     exec(recipe, {})
     shapes = shapefit.read_shapes("models.h5")
     assert shapes.items == ("m0", "m1", "m2")
-    np.testing.assert_allclose(shapes.as_columns(), vertices, atol=1e-6)
+    np.testing.assert_allclose(shapes.shapes, vertices, atol=1e-6)

@@ -293,7 +293,7 @@ def test_frames_without_a_gap_change_no_bit(people, walk, tmp_path):
         np.testing.assert_array_equal(found.shapes, plain.shapes)
         np.testing.assert_array_equal(found.shape_sd, plain.shape_sd)
     assert numbered.frames.tolist() == [*range(100, 136)]
-    assert timed.time[1] == 7.04
+    assert timed.times[1] == 7.04
     assert plain.frames is None
 
 
