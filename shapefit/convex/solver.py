@@ -194,10 +194,13 @@ def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | N
 
     For the sparse-error loss these are the ones with an error E that is not 0.
     """
+    outliers: NDArray[np.bool_]
     if problem.loss is Loss.ABSOLUTE:
-        return np.any(
+        outliers = np.any(
             np.abs(solution.errors) * problem.weights[:, None, :] > problem.beta, axis=1
         )
+        return outliers
     if problem.loss is Loss.SPARSE_ERROR:
-        return np.any(solution.errors != 0, axis=1)
+        outliers = np.any(solution.errors != 0, axis=1)
+        return outliers
     return None

@@ -116,4 +116,5 @@ def starts_of(count: Indices) -> Indices:
 def nuclear_norm(Q: Floats) -> Floats:
     """||Q||_* = s1 + s2, the dual norm of the spectral norm, of blocks (..., 2, 3)."""
     product = np.linalg.norm(np.cross(Q[..., 0, :], Q[..., 1, :]), axis=-1)
-    return np.sqrt((Q**2).sum(axis=(-2, -1)) + 2 * product)
+    norm: Floats = np.sqrt((Q**2).sum(axis=(-2, -1)) + 2 * product)
+    return norm

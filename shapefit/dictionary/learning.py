@@ -137,7 +137,10 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> F
 
 def of_norm_one(shapes: Floats) -> Floats:
     """Return shapes (..., 3, p), none of them 0, scaled to the bound of atoms."""
-    return shapes * (BOUND / np.linalg.norm(shapes, axis=(-2, -1), keepdims=True))
+    scaled: Floats = shapes * (
+        BOUND / np.linalg.norm(shapes, axis=(-2, -1), keepdims=True)
+    )
+    return scaled
 
 
 def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats:
@@ -185,4 +188,5 @@ def principal_components(shapes: Floats, bases: float = 0.99) -> Floats:
     largest = np.take_along_axis(
         retained, np.abs(retained).argmax(axis=1)[:, None], axis=1
     )
-    return (retained * np.sign(largest)).reshape(-1, *shapes.shape[1:])
+    components: Floats = (retained * np.sign(largest)).reshape(-1, *shapes.shape[1:])
+    return components

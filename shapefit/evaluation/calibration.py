@@ -45,7 +45,8 @@ class ErrorBars(NamedTuple):
             (self.square <= QUANTILE).sum(axis=1),
             np.full(len(count), np.nan),
         )
-        return np.divide(inside, count, out=none, where=count > 0)
+        share: Floats = np.divide(inside, count, out=none, where=count > 0)
+        return share
 
 
 def find_squares(

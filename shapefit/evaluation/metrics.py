@@ -62,7 +62,8 @@ def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
         np.sqrt((centred(points, visible) ** 2).sum(axis=(1, 2)))
         for points in (estimate, truth)
     )
-    return error * np.divide(x, e, out=np.full_like(e, np.nan), where=e > 0)
+    scaled: Floats = error * np.divide(x, e, out=np.full_like(e, np.nan), where=e > 0)
+    return scaled
 
 
 def reprojection(fitted: Floats, observed: Floats) -> Floats:
@@ -80,7 +81,10 @@ def precision(labelled: NDArray[Any], corrupted: NDArray[Any]) -> Floats:
     """
     count = (labelled != 0).sum(axis=-1)
     both = ((labelled != 0) & (corrupted != 0)).sum(axis=-1)
-    return np.divide(both, count, out=np.full(len(count), np.nan), where=count > 0)
+    share: Floats = np.divide(
+        both, count, out=np.full(len(count), np.nan), where=count > 0
+    )
+    return share
 
 
 def recall(labelled: NDArray[Any], corrupted: NDArray[Any]) -> Floats:
@@ -139,9 +143,10 @@ def _mean_over_visible(values: Floats, visible: Flags, fewest: int) -> Floats:
     """
     count = visible.sum(axis=-1)
     total = np.where(visible, values, 0.0).sum(axis=-1)
-    return np.divide(
+    mean: Floats = np.divide(
         total, count, out=np.full(len(values), np.nan), where=count >= fewest
     )
+    return mean
 
 
 def in_blocks(measure: Callable[..., Any], *arrays: NDArray[Any] | None) -> Any:

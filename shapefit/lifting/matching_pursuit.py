@@ -338,4 +338,5 @@ def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> F
         np.sqrt(np.maximum(radius**2 - reached[hard], 0.0)), part[hard]
     )
     scale = radius / np.linalg.norm(z, axis=1)
-    return np.einsum("nij,nj->ni", V, scale[:, None] * z)
+    minimum: Floats = np.einsum("nij,nj->ni", V, scale[:, None] * z)
+    return minimum

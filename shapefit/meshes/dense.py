@@ -37,4 +37,7 @@ def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Flo
     length = np.linalg.norm(np.tensordot(coefficients, atoms, axes=1), axis=(1, 2))
     total = share.sum(axis=1) * length
     unknown = np.full_like(total, np.nan)
-    return np.divide(share @ (atom_scale * size), total, out=unknown, where=total > 0)
+    scale: Floats = np.divide(
+        share @ (atom_scale * size), total, out=unknown, where=total > 0
+    )
+    return scale

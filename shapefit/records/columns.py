@@ -265,7 +265,8 @@ def _take_counted(
     ends = np.cumsum(count)
     taken = np.arange(len(count))[rows]
     ranges = [np.arange(ends[row] - count[row], ends[row]) for row in taken]
-    return value[np.concatenate([np.empty(0, np.intp), *ranges])]
+    taken_rows: Array = value[np.concatenate([np.empty(0, np.intp), *ranges])]
+    return taken_rows
 
 
 def fields_from(cls: type, columns: Mapping[str, object]) -> dict[str, Any]:

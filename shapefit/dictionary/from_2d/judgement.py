@@ -151,6 +151,7 @@ def roll_angles(W: Floats) -> Floats:
     """
     z = W[:, 0] + 1j * W[:, 1]
     mean = z[0]
+    angle: Floats = np.zeros(len(W))
     for _ in range(MEANS):
         angle = np.angle(z @ mean.conj())
         mean = (z * np.exp(-1j * angle)[:, None]).mean(axis=0)

@@ -357,7 +357,8 @@ def choose(mask: Mask, yes: Record, no: Record) -> Record:
         )
         for a, b in pairs
     )
-    return type(yes)(*rows)
+    chosen: Record = type(yes)(*rows)
+    return chosen
 
 
 def hide(visible: Mask) -> Mask:

@@ -85,7 +85,7 @@ def floats(words: Sequence[str], count: int | None = None) -> list[float]:
     none.
     """
     require(len(words) == (count or len(words)), f"{len(words)} numbers, not {count}")
-    values = read_numbers(words)[0].tolist()
+    values: list[float] = read_numbers(words)[0].tolist()
     wrong = [
         word
         for word, value in zip(words, values, strict=True)

@@ -129,7 +129,8 @@ def find_angles(rotations: Floats) -> Floats:
 
     def change(start: Floats, end: Floats) -> Floats:
         turn = (end - start + np.pi) % (2 * np.pi) - np.pi
-        return np.abs(turn).sum(axis=-1)
+        turned: Floats = np.abs(turn).sum(axis=-1)
+        return turned
 
     nearer = change(one[:, :-1], other[:, 1:]) < change(one[:, :-1], one[:, 1:])
     changed = np.cumsum(nearer, axis=1) % 2 == 1

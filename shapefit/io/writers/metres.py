@@ -214,7 +214,7 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
     if not len(placed):
         return upright
-    points = factor[:, None, None] * (upright - middle)
+    points: Floats = factor[:, None, None] * (upright - middle)
     points += finite_median(factor) * (middle - middle[placed[0]])
     points[:, 1] -= np.nanmin(points[:, 1])
     return points

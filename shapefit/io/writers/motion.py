@@ -506,7 +506,8 @@ def find_times(
     off = stated[known] - frames[known] / rate
     if not known.any() or np.abs(off).max() * rate <= JITTER:
         return times
-    return times + np.interp(every, frames[known], off)
+    stated_times: Floats = times + np.interp(every, frames[known], off)
+    return stated_times
 
 
 def _as_markers(records: Fit) -> Fit:

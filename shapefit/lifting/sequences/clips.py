@@ -351,7 +351,8 @@ def refine_clip(
 
     def rows_in(stretch: slice) -> NDArray[np.intp]:
         """The finite frames of a stretch, by their rows in the sequence."""
-        return stretch.start + np.flatnonzero(finite[stretch])
+        rows: NDArray[np.intp] = stretch.start + np.flatnonzero(finite[stretch])
+        return rows
 
     def store(smoothed: Smoothed, unit: Floats, stretch: slice) -> None:
         """Write a stretch down in the unit (t,) of the landmarks."""
@@ -471,7 +472,8 @@ def smooth_scale(
     S0, S1, S2 = (total(weight, power) for power in range(3))
     T0, T1 = (total(weight * level, power) for power in range(2))
     line: Floats = (S2 * T0 - S1 * T1) / (S0 * S2 - S1**2)
-    return line[place]
+    smooth: Floats = line[place]
+    return smooth
 
 
 def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:

@@ -96,7 +96,7 @@ def _same_side(one: Floats, other: Floats) -> Floats:
     both = s[..., 0] + s[..., 1]
     as_is = np.sqrt(np.maximum(size - 2 * (both + sign * s[..., 2]), 0))
     turned = np.sqrt(np.maximum(size - 2 * (both - sign * s[..., 2]), 0))
-    sides = (as_is < MIRRORED * turned) * 1.0
+    sides: Floats = (as_is < MIRRORED * turned) * 1.0
     sides[turned < MIRRORED * as_is] = -1.0
     return sides
 

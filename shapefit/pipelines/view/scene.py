@@ -322,7 +322,8 @@ def _edges(
             np.zeros((0, 2), int) if edges is None else edges
         ]
         if (ends >= 0).all(axis=1).any():
-            return ends[(ends >= 0).all(axis=1)].tolist()
+            pairs: list[list[int]] = ends[(ends >= 0).all(axis=1)].tolist()
+            return pairs
     return [list(pair) for pair in edges_of(landmarks)]
 
 
@@ -336,7 +337,10 @@ def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None
             content.values.get("principal_point"),
         )
         if size is not None and size.shape[-1:] == (2,) and np.isfinite(size).all():
-            return np.reshape(size, (-1, 2))[0].astype(float).tolist()
+            width_and_height: list[float] = (
+                np.reshape(size, (-1, 2))[0].astype(float).tolist()
+            )
+            return width_and_height
         if centre is not None and np.isfinite(centre).any() and y_down:
             middle: Floats = np.nanmedian(centre, axis=0)
             return (2 * middle).tolist() if middle.all() else None
