@@ -13,9 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.evaluation.report import markdown_table
-from shapefit.io import landmark_writer, open_landmarks, read_shapes
+from shapefit.io import (
+    landmark_writer,
+    open_landmarks,
+    read_shapes,
+)
 from shapefit.io.atomic import atomic_path
-from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.records import Landmarks, Shapes
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 DATA = Path("../shared/data")
@@ -39,11 +43,11 @@ def settings(values: Sequence[str]) -> list[str]:
 
 def read_bodies(
     data: Path, files: Sequence[str], wanted: Sequence[str] = ()
-) -> dict[str, ShapeSet]:
+) -> dict[str, Shapes]:
     """Return the shapes of each body, by the number that its sequences begin with; all
     or some.
     """
-    bodies: dict[str, ShapeSet] = {}
+    bodies: dict[str, Shapes] = {}
     for name in files:
         shapes = read_shapes([data / f"{name}_24fps.h5"])
         numbers = np.array(
@@ -55,13 +59,13 @@ def read_bodies(
     return bodies
 
 
-def read_images(path: Path) -> LandmarkSet:
+def read_images(path: Path) -> Landmarks:
     """Read all images of a file."""
     with open_landmarks([path]) as source:
         return source.whole()
 
 
-def write_images(path: Path, images: LandmarkSet) -> Path:
+def write_images(path: Path, images: Landmarks) -> Path:
     """Write images to a file, in its folder; return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with landmark_writer(path) as writer:

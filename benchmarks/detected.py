@@ -33,8 +33,11 @@ from benchmarks.coverage import (
     write_page,
 )
 from shapefit.evaluation.report import markdown_table
-from shapefit.io import read_shapes, write_shapes
-from shapefit.io.records import ShapeSet
+from shapefit.io import (
+    read_shapes,
+    write_shapes,
+)
+from shapefit.records import Shapes
 
 FOLDER = Path("results/detected")
 METHODS = ("convex", "alternate", "posterior", "sequences")
@@ -160,21 +163,21 @@ def split(case: Case, data: Path, folder: Path) -> tuple[Path, Path, Path]:
 
 
 def of_landmarks(
-    shapes: ShapeSet, columns: np.ndarray[tuple[int], np.dtype[np.intp]]
-) -> ShapeSet:
+    shapes: Shapes, columns: np.ndarray[tuple[int], np.dtype[np.intp]]
+) -> Shapes:
     """Return shapes with some of their landmarks, and the edges between these."""
     place = {int(old): new for new, old in enumerate(columns)}
     edges = [] if shapes.edges is None else shapes.edges.tolist()
     retained = [(place[a], place[b]) for a, b in edges if a in place and b in place]
-    return ShapeSet(
-        shapes=shapes.shapes[..., columns],
+    return Shapes(
+        shapes.shapes[..., columns].swapaxes(1, 2),
         landmark_names=tuple(shapes.landmark_names[j] for j in columns),
         items=shapes.items,
         sequences=shapes.sequences,
         edges=np.array(retained, dtype=np.int64).reshape(-1, 2),
         unit=shapes.unit,
         frame_rate=shapes.frame_rate,
-        columns={},
+        extras={},
     )
 
 

@@ -45,7 +45,6 @@ from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import write_shapes
 from shapefit.io.atomic import atomic_path
 from shapefit.io.options import BY_DEFAULT
-from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import (
     PEOPLE,
     THETA,
@@ -56,6 +55,7 @@ from shapefit.io.skeletons import (
 )
 from shapefit.io.writers.motion import find_floors
 from shapefit.pipelines.evaluate.measure import measure as measure_file
+from shapefit.records import Landmarks, Shapes
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -170,7 +170,7 @@ CELLS = (
 
 
 def choose_clips(
-    shapes: ShapeSet, count: int, longest: float, rng: np.random.Generator
+    shapes: Shapes, count: int, longest: float, rng: np.random.Generator
 ) -> list[Rows]:
     """Return the rows of clips of random sequences, from a random frame on."""
     names, rate = np.array(shapes.sequences), shapes.frame_rate or 24.0
@@ -277,8 +277,8 @@ def landmark_rows(
 
 
 def film(
-    shapes: ShapeSet, clips: Sequence[Rows], rng: np.random.Generator, cell: Cell = BASE
-) -> tuple[LandmarkSet, ShapeSet]:
+    shapes: Shapes, clips: Sequence[Rows], rng: np.random.Generator, cell: Cell = BASE
+) -> tuple[Landmarks, Shapes]:
     """Return what a detector finds in clips of a body, and the truth as the camera has
     it.
     """
@@ -317,18 +317,18 @@ def film(
         truth.append(visible if aim is None else visible[..., aim])
         sequences += [f"clip{number}"] * t
     items = tuple(map(str, range(len(sequences))))
-    images = LandmarkSet(
-        landmarks=np.concatenate(found),
+    images = Landmarks(
+        np.concatenate(found).swapaxes(1, 2),
         landmark_names=names,
         items=items,
         sequences=tuple(sequences),
         unit="px",
         y_axis="down",
         frame_rate=rate,
-        columns={"image_size": np.array(SIZE)},
+        extras={"image_size": np.array(SIZE)},
     )
-    known = ShapeSet(
-        shapes=np.concatenate(truth),
+    known = Shapes(
+        np.concatenate(truth).swapaxes(1, 2),
         landmark_names=joints if aim is None else tuple(joints[j] for j in aim),
         items=items,
         sequences=tuple(sequences),
@@ -340,7 +340,7 @@ def film(
 
 def measure(
     cell: Cell,
-    shapes: ShapeSet,
+    shapes: Shapes,
     dictionary: shapefit.Dictionary,
     count: int,
     longest: float,
@@ -399,7 +399,7 @@ def measure(
 
 def measure_floor(
     cell: Cell,
-    shapes: ShapeSet,
+    shapes: Shapes,
     dictionary: shapefit.Dictionary,
     count: int,
     longest: float,

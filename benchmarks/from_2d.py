@@ -28,8 +28,11 @@ from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.normalisation import std
 from shapefit.geometry.rotations import rotation_about_axis
-from shapefit.io import LandmarkSet, read_results, read_shapes
-from shapefit.io.records import concatenate
+from shapefit.io import (
+    read_results,
+    read_shapes,
+)
+from shapefit.records import Landmarks, concatenate
 
 Floats = NDArray[np.float64]
 FOLDER = Path("results/from_2d")
@@ -64,8 +67,8 @@ class Case:
     published: str
     goal: float
     judged: Callable[[Floats, Floats], Floats]
-    learned: Callable[[Path], LandmarkSet]
-    lifted: Callable[[Path], tuple[LandmarkSet, Floats]]
+    learned: Callable[[Path], Landmarks]
+    lifted: Callable[[Path], tuple[Landmarks, Floats]]
     method: str = "sequences"
     source: str = ""
     options: tuple[str, ...] = ()
@@ -93,7 +96,7 @@ def millimetres(found: Floats, truth: Floats) -> Floats:
     return 1000 * similarity(found, truth)
 
 
-def read(paths: list[Path]) -> LandmarkSet:
+def read(paths: list[Path]) -> Landmarks:
     """Read all images of some files, their items and sequences kept apart."""
     parts = []
     for path in paths:
@@ -108,12 +111,12 @@ def read(paths: list[Path]) -> LandmarkSet:
 
 def published_sequence(
     name: str, damaged: bool
-) -> Callable[[Path], tuple[LandmarkSet, Floats]]:
+) -> Callable[[Path], tuple[Landmarks, Floats]]:
     """Return a reader of a sequence in `nrsfm`, with hidden landmarks and noise where
     damaged.
     """
 
-    def given(data: Path) -> tuple[LandmarkSet, Floats]:
+    def given(data: Path) -> tuple[Landmarks, Floats]:
         images = read([data / f"nrsfm/{name}.h5"])
         if damaged:
             rng = np.random.default_rng(1)
@@ -129,14 +132,14 @@ def published_sequence(
 
 def turntable(
     subject: int, every: int = 1, frames: int | None = FRAMES, *, edges: bool = False
-) -> Callable[[Path], tuple[LandmarkSet, Floats]]:
+) -> Callable[[Path], tuple[Landmarks, Floats]]:
     """Return a reader of the first frames of each sequence, seen by a camera that turns
     once.
 
     The landmarks have edges, the bones, where asked for.
     """
 
-    def given(data: Path) -> tuple[LandmarkSet, Floats]:
+    def given(data: Path) -> tuple[Landmarks, Floats]:
         shapes = read_shapes([data / f"mocap/subject{subject}_24fps.h5"])
         names = np.array(shapes.sequences)
         rank = np.concatenate(
@@ -149,23 +152,23 @@ def turntable(
             np.linspace(0, 2 * np.pi, length, endpoint=False) for length in lengths
         ]
         X = rotation_about_axis(1, np.concatenate(turns)) @ shapes.shapes
-        images = LandmarkSet(
-            landmarks=X[:, :2],
+        images = Landmarks(
+            X[:, :2].swapaxes(1, 2),
             landmark_names=shapes.landmark_names,
             items=shapes.items,
             sequences=shapes.sequences,
             frame_rate=shapes.frame_rate,
             y_axis="up",
-            columns=(
-                {"edges": shapes.edges} if edges and shapes.edges is not None else {}
-            ),
+            extras={"edges": shapes.edges}
+            if edges and shapes.edges is not None
+            else {},
         )
         return images.take(slice(None, None, every)), X[::every]
 
     return given
 
 
-def rat(data: Path) -> tuple[LandmarkSet, Floats]:
+def rat(data: Path) -> tuple[Landmarks, Floats]:
     """Return the detections of three cameras, and the truth with its gaps."""
     folder = data / "detected/rat7m"
     cameras = [folder / f"camera{n}" for n in (1, 3, 5)]
@@ -181,8 +184,8 @@ def rat(data: Path) -> tuple[LandmarkSet, Floats]:
 
 
 def first(
-    given: Callable[[Path], tuple[LandmarkSet, Floats]],
-) -> Callable[[Path], LandmarkSet]:
+    given: Callable[[Path], tuple[Landmarks, Floats]],
+) -> Callable[[Path], Landmarks]:
     """Return a reader of the images without their truth."""
     return lambda data: given(data)[0]
 

@@ -26,8 +26,8 @@ from benchmarks.footage import (
     film,
 )
 from benchmarks.verdicts import FOLDER, LONGEST_SECONDS, learn_without
-from shapefit.io.records import LandmarkSet
 from shapefit.lifting.trust import STRETCHED
+from shapefit.records import Landmarks
 
 CLIPS = 6
 """Clips of each body in each cell; not those on which the limits were chosen."""
@@ -44,7 +44,7 @@ STRETCHES = {
 }
 
 
-def is_named(images: LandmarkSet, dictionary: shapefit.Dictionary) -> bool:
+def is_named(images: Landmarks, dictionary: shapefit.Dictionary) -> bool:
     """Whether a warning says that x and y have different scales."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -52,20 +52,20 @@ def is_named(images: LandmarkSet, dictionary: shapefit.Dictionary) -> bool:
     return any(STRETCHED in str(warning.message) for warning in caught)
 
 
-def stretch(images: LandmarkSet, factors: tuple[float, float]) -> LandmarkSet:
+def stretch(images: Landmarks, factors: tuple[float, float]) -> Landmarks:
     """Return images with x and y multiplied by factors, of no known size."""
     columns = dict(images.columns)
     if factors != (1.0, 1.0):
         columns.pop("image_size")
-    return LandmarkSet(
-        landmarks=images.landmarks * np.array(factors)[:, None],
+    return Landmarks(
+        (images.landmarks * np.array(factors)[:, None]).swapaxes(1, 2),
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
         unit=images.unit,
         y_axis=images.y_axis,
         frame_rate=images.frame_rate,
-        columns=columns,
+        extras=columns,
     )
 
 

@@ -38,8 +38,8 @@ from shapefit.evaluation.calibration import WIDTH_SQUARED_RADIUS
 from shapefit.evaluation.report import markdown_table
 from shapefit.io import write_shapes
 from shapefit.io.atomic import atomic_path
-from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.evaluate.measure import measure as measure_file
+from shapefit.records import Landmarks, Shapes
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -98,8 +98,8 @@ def judge(
     method: str,
     cell: Cell,
     body: str,
-    images: LandmarkSet,
-    truth: ShapeSet,
+    images: Landmarks,
+    truth: Shapes,
     dictionary: shapefit.Dictionary,
 ) -> Judged:
     """Lift images of a body and compare them with the truth."""

@@ -13,6 +13,7 @@ TYPE_CHECKING = (
 if TYPE_CHECKING:
     from typing import Any
 
+    from shapefit.api.dictionary import Dictionary
     from shapefit.api.files import (
         read_dictionary,
         read_landmarks,
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     )
     from shapefit.api.functions import Evaluation, evaluate, fit, learn
     from shapefit.api.program import Optimum, solve
-    from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes
     from shapefit.errors import InputError
+    from shapefit.records import Fit, Landmarks, Shapes
 
 __version__ = "0.2.0"
 
@@ -55,12 +56,13 @@ __all__ = [
 
 _PLACES = {
     "errors": ("InputError",),
+    "records": ("Fit", "Landmarks", "Shapes"),
+    "api.dictionary": ("Dictionary",),
     "api.files": tuple(
         name for name in __all__ if name.startswith(("read_", "write_"))
     ),
     "api.functions": ("Evaluation", "evaluate", "fit", "learn"),
     "api.program": ("Optimum", "solve"),
-    "api.records": ("Dictionary", "Fit", "Landmarks", "Shapes"),
 }
 
 

@@ -117,11 +117,13 @@ def test_your_animal(folder, capsys):
     run_page("docs/your-animal.md", capsys)
     result = read_results(folder / "dog.h5")
     truth = read_shapes([folder / "sample_data/animal_truth.h5"])
-    error = 1000 * similarity(result.shapes, truth.shapes).mean()
+    error = 1000 * similarity(result.as_columns(), truth.as_columns()).mean()
     text = (PROJECT / "docs/your-animal.md").read_text(encoding="utf-8")
     (stated,) = re.findall(r"an error of (\d+) mm", text)
     assert error == pytest.approx(float(stated), abs=0.5)
-    length = np.linalg.norm(truth.shapes[:, :, 3] - truth.shapes[:, :, 7], axis=1)
+    length = np.linalg.norm(
+        truth.as_columns()[:, :, 3] - truth.as_columns()[:, :, 7], axis=1
+    )
     assert length.mean() == pytest.approx(
         1.0, abs=0.25
     )  # from the nose to the tip of the tail

@@ -35,8 +35,8 @@ from experiments.car_bodies import measure_bodies
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import read_shapes
-from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.evaluate.measure import with_shapes_of
+from shapefit.records import Landmarks
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_images
 
@@ -145,7 +145,7 @@ def test_cars_of_the_sample_data(project, tmp_path):
     )
 
 
-def keep_images(path: Path, which: Callable[[LandmarkSet], np.ndarray]) -> int:
+def keep_images(path: Path, which: Callable[[Landmarks], np.ndarray]) -> int:
     """Keep of a file the images that `which` finds, by number; return how many."""
     images = load(path)
     few = which(images)
@@ -348,7 +348,7 @@ def test_the_posterior_and_sequences_on_motion_capture(
     (tmp_path / "results/people/dictionary.h5").symlink_to(people_of_86)
     views = tmp_path / "results/mocap/landmarks.h5"
 
-    def whole_sequences(images: LandmarkSet) -> np.ndarray:
+    def whole_sequences(images: Landmarks) -> np.ndarray:
         return np.flatnonzero(
             np.isin(np.array(images.sequences, dtype=str), WHOLE_SEQUENCES)
         )
@@ -466,10 +466,12 @@ def error(tmp_path):
     def error(images, truth, names, **keys):
         found = with_shapes_of(fit_images(tmp_path, images, "people", **keys)[0], names)
         rows = [truth.items.index(item) for item in found.items]
-        true = truth.shapes[rows][
+        true = truth.as_columns()[rows][
             ..., [truth.landmark_names.index(name) for name in names]
         ]
-        own = found.shapes[..., [found.landmark_names.index(name) for name in names]]
+        own = found.as_columns()[
+            ..., [found.landmark_names.index(name) for name in names]
+        ]
         return float(similarity(own, normalise(true).points).mean())
 
     return error

@@ -167,12 +167,12 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(samples, cars)
     assert views.landmark_names == cars.landmark_names
     centre = np.append(PRINCIPAL_POINT, 1)
     expected = np.diag([FOCAL_LENGTH, FOCAL_LENGTH, 0]) + np.outer(centre, [0, 0, 1])
-    np.testing.assert_allclose(views.columns["camera_matrix"], expected)
-    R = views.columns["true_rotation"].astype(float)
+    np.testing.assert_allclose(views.column("camera_matrix"), expected)
+    R = views.column("true_rotation").astype(float)
     np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-5)
-    for view, model in enumerate(views.columns["true_model"]):
-        x, y, z = R[view] @ cars.shapes[cars.items.index(model)]
-        u, v = (views.landmarks[view] - PRINCIPAL_POINT[:, None]) / FOCAL_LENGTH
+    for view, model in enumerate(views.column("true_model")):
+        x, y, z = R[view] @ cars.as_columns()[cars.items.index(model)]
+        u, v = (views.as_columns()[view] - PRINCIPAL_POINT[:, None]) / FOCAL_LENGTH
         visible = np.isfinite(u)
         # u (z + tz) = x + tx and v (z + tz) = y + ty, linear in the translation (tx,
         # ty, tz).
@@ -186,7 +186,7 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(samples, cars)
         b = np.concatenate([(u * z - x)[visible], (v * z - y)[visible]])
         translation = np.linalg.lstsq(A, b, rcond=None)[0]
         assert 8.5 < translation[2] < 15.5
-        told = views.columns["true_translation"][view]
+        told = views.column("true_translation")[view]
         np.testing.assert_allclose(translation, told, atol=0.01 * translation[2])
         pixels = FOCAL_LENGTH * (A @ translation - b) / translation[2]
         assert np.sqrt((pixels**2).mean()) < 1

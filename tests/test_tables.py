@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import landmark_writer, write_dictionary
-from shapefit.io.records import LandmarkSet
+from shapefit.io import (
+    landmark_writer,
+    write_dictionary,
+)
+from shapefit.records import Landmarks
 
 PROJECT = Path(__file__).resolve().parents[1]
 NAMES = tuple("abcdef")
@@ -26,7 +29,9 @@ def folder(tmp_path, rng) -> Path:
     with landmark_writer(tmp_path / "views.h5") as writer:
         landmarks = rng.normal(size=(5, 2, 6))
         writer.append(
-            LandmarkSet(landmarks=landmarks, landmark_names=NAMES, items=tuple("12345"))
+            Landmarks(
+                landmarks.swapaxes(1, 2), landmark_names=NAMES, items=tuple("12345")
+            )
         )
     return tmp_path
 

@@ -37,7 +37,6 @@ from shapefit.dictionary.model import WHERE_MARKED, Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import lateral_axis, mirror, rotation_onto
 from shapefit.io import (
-    ShapeSet,
     digests,
     read_dictionary,
     read_shapes,
@@ -46,6 +45,7 @@ from shapefit.io import (
 from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of
 from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines.learn_dict.from_3d import FEWEST_COPIES, every_nth
+from shapefit.records import Shapes
 
 JOINTS = (*PEOPLE, *FURTHER)
 GROUPS = (
@@ -141,7 +141,7 @@ def mirrored(names: list[str]) -> list[int]:
     ]
 
 
-def training_shapes(given: ShapeSet, dictionary: Dictionary) -> Floats:
+def training_shapes(given: Shapes, dictionary: Dictionary) -> Floats:
     """Return shapes (n, 3, p) of all joints, as those were prepared that the prior is
     of.
     """
@@ -209,7 +209,7 @@ def extend_prior(
     return Mixture(prior.weights, np.concatenate([prior.means, further], axis=2), C)
 
 
-def extend(dictionary: Dictionary, given: ShapeSet) -> Dictionary:
+def extend(dictionary: Dictionary, given: Shapes) -> Dictionary:
     """Return the dictionary with the further joints that the shapes have."""
     d, config = (
         len(dictionary.landmark_names),

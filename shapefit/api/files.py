@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import io
-from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes, warn
+from shapefit.api.dictionary import Dictionary
+from shapefit.api.messages import warn
 from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error, listed
 from shapefit.io.options import InputOptions
+from shapefit.records import Fit, Landmarks, Shapes
 
 File = str | PathLike[str]
 
@@ -24,7 +26,7 @@ def read_shapes(*paths: File, **options: Any) -> Shapes:
     """
     with io.open_shapes([Path(path) for path in paths], _input(options)) as source:
         warn(source.notes)
-        return Shapes.of(source.whole())
+        return source.whole()
 
 
 def read_landmarks(*paths: File, **options: Any) -> Landmarks:
@@ -36,7 +38,7 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
     """
     with io.open_landmarks([Path(path) for path in paths], _input(options)) as source:
         warn(source.notes)
-        return Landmarks.of(source.whole())
+        return source.whole()
 
 
 def read_dictionary(path: File) -> Dictionary:
@@ -51,18 +53,18 @@ def read_dictionary(path: File) -> Dictionary:
 
 def read_results(path: File) -> Fit:
     """Read a result; the certificate stays in the file, for `shapefit verify`."""
-    return Fit.of(io.read_results(Path(path)))
+    return io.read_results(Path(path))
 
 
 def write_shapes(path: File, shapes: Shapes) -> None:
     """Write shapes to HDF5, or to CSV where the name ends in .csv."""
-    io.write_shapes(Path(path), shapes.record())
+    io.write_shapes(Path(path), shapes.named())
 
 
 def write_landmarks(path: File, landmarks: Landmarks) -> None:
     """Write landmarks to HDF5, or to CSV where the name ends in .csv."""
     with io.landmark_writer(Path(path)) as writer:
-        writer.append(landmarks.record().with_whole_points())
+        writer.append(landmarks.named().with_whole_points())
 
 
 def write_dictionary(path: File, dictionary: Dictionary) -> None:
@@ -75,8 +77,7 @@ def write_results(path: File, result: Fit) -> None:
     .trc.
     """
     with io.result_writer(Path(path)) as writer:
-        writer.append(result.record())
-        writer.attributes.update(result.attributes)
+        writer.append(result.named())
 
 
 def _input(options: Mapping[str, Any]) -> InputOptions:

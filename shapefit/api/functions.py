@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -16,16 +16,9 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shapefit.api.dictionary import Dictionary
 from shapefit.api.files import read_dictionary
-from shapefit.api.records import (
-    Dictionary,
-    Fit,
-    Landmarks,
-    Names,
-    Shapes,
-    unnamed,
-    warn,
-)
+from shapefit.api.messages import unnamed, warn, with_names
 from shapefit.config import FitConfig, load_config
 from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
@@ -35,7 +28,6 @@ from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.options import input_options
 from shapefit.io.readers.arrays import of_array
 from shapefit.io.readers.items import landmarks_of
-from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.measure import measure
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
@@ -50,6 +42,7 @@ from shapefit.pipelines.fit.record import provenance
 from shapefit.pipelines.fit.summary import Tally, warn_of_all
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.result import Counted, Result, add_up
+from shapefit.records import Fit, Landmarks, Shapes, concatenate
 
 Made = TypeVar("Made")
 
@@ -71,17 +64,6 @@ messages.
 """
 
 FUNCTIONS = {"fit": "fit", "learn-dict": "learn", "eval": "evaluate"}
-
-IN_BOTH = (
-    "shapes",
-    "landmark_names",
-    "items",
-    "sequences",
-    "unit",
-    "frame_rate",
-    "extras",
-)
-"""Fields of Shapes that a Fit has, too."""
 
 BARS = ("shape_sd", "shape_correlation", "shape_covariance", "p_value")
 """What the calibration of a report judges beside the errors."""
@@ -129,9 +111,9 @@ def fit(
     atoms = _dictionary(dictionary)
     images = _images(landmarks, read, atoms.marked(()).landmark_names)
     if weights is not None:
-        images = Landmarks.of(images).replaced(confidence=weights).record()
+        images = replace(images, confidence=np.asarray(weights))
     if matrices is not None:
-        images = images.with_columns({CAMERA_MATRIX: np.asarray(matrices)})
+        images = _with_matrices(images, np.asarray(matrices))
     wanted, _ = choose_method(read, atoms, lambda: are_long(images.sequences))
     records = []
     failures: dict[str, str] = {}
@@ -156,7 +138,14 @@ def fit(
     warn((*messages.values(), *match.warnings(), *of_all))
     whole = concatenate(records)
     attributes = {**whole.attributes, **provenance(plan, {})}
-    return Fit.of(whole.replaced(attributes=attributes), failures=failures)
+    return replace(whole, attributes=attributes, failures=failures)
+
+
+def _with_matrices(images: Landmarks, matrices: NDArray[Any]) -> Landmarks:
+    """Return images with a camera matrix (3, 3) of all, or one of each (n, 3, 3)."""
+    if matrices.ndim == 2:
+        return images.with_file_extras({CAMERA_MATRIX: matrices})
+    return images.with_extras({CAMERA_MATRIX: matrices})
 
 
 def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
@@ -174,7 +163,9 @@ def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
     return atoms
 
 
-def _images(landmarks: Any, section: FitConfig, names: Names) -> LandmarkSet:
+def _images(
+    landmarks: Landmarks | ArrayLike, section: FitConfig, names: Sequence[str]
+) -> Landmarks:
     """Return landmarks as the package has them, with these names (p) where they have
     none.
 
@@ -197,8 +188,7 @@ def _images(landmarks: Any, section: FitConfig, names: Names) -> LandmarkSet:
             poses = of_array(Path("landmarks"), points, **named)
             return landmarks_of(poses, input_options(section))[0]
         landmarks = Landmarks(points)
-    whole: LandmarkSet = landmarks.record(names).with_whole_points()
-    return whole
+    return with_names(landmarks, names).with_whole_points()
 
 
 def learn(
@@ -219,8 +209,7 @@ def learn(
         key: value for key, value in {"k": k, "beta": beta}.items() if value is not None
     }
     config = config_of("learn-dict", coding | options)
-    given = shapes if isinstance(shapes, Shapes | Fit) else Shapes(shapes)
-    source = source_of(given.record(), "shapes", config.rename)
+    source = source_of(_shapes(shapes).named(), "shapes", config.rename)
     warn(source.notes)
     training = source.whole()
     made, results = _ended(learn_from_shapes(training, config, {}))
@@ -233,6 +222,27 @@ def learn(
         warn([f"{counted(len(failures), 'shape')} cannot be used; {unused}"])
     warn(message for result in results for message in result.warnings)
     return Dictionary.of(dictionary)
+
+
+def _shapes(given: Shapes | Fit | ArrayLike) -> Shapes:
+    """Return arrays as shapes, and the shapes of a fit without what is known of
+    them.
+    """
+    if isinstance(given, Shapes):
+        return given
+    if not isinstance(given, Fit):
+        return Shapes(np.asarray(given))
+    return Shapes(
+        given.shapes,
+        landmark_names=given.landmark_names,
+        items=given.items,
+        sequences=given.sequences,
+        frames=given.frames,
+        times=given.times,
+        edges=given.edges,
+        unit=given.unit,
+        frame_rate=given.frame_rate,
+    )
 
 
 def _ended(steps: Generator[Result, None, Made]) -> tuple[Made, list[Result]]:
@@ -295,21 +305,20 @@ def evaluate(
         fix = "use `groups`, `least_visible` or `rename`, or the command line"
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
     config = config_of("eval", {"metrics": metrics, "match": match} | options)
-    estimated, true = (
-        one if isinstance(one, Fit | Shapes) else Shapes(one) for one in (result, truth)
-    )
-    names = estimated.landmark_names
-    shapes = source_of(true.record(names), "truth", config.rename, gaps=True).whole()
-    if not isinstance(estimated, Fit):
-        estimated = Fit(**{name: getattr(estimated, name) for name in IN_BOTH})
-    record = estimated.record(shapes.landmark_names).without(BARS)
-    if true.items is None:
+    estimated = result if isinstance(result, Fit) else _as_fit(_shapes(result))
+    true = _shapes(truth)
+    numbered = true.landmark_names or estimated.landmark_names
+    if numbered:
+        true = with_names(true, numbered)
+    shapes = source_of(true.named(), "truth", config.rename, gaps=True).whole()
+    record = with_names(estimated, shapes.landmark_names).without(BARS)
+    if not _shapes(truth).items:
         if len(true) != len(record):
             fault = f"has {len(true)} shapes for {len(record)} images"
             raise input_error(
                 "truth", fault, "give one for each, or name them: Shapes(..., items)"
             )
-        shapes = shapes.replaced(items=record.items)
+        shapes = replace(shapes, items=record.items)
     measured = measure(Path("result"), record, shapes, config)
     grouping = group_sequences(config.groups, measured.sequences)
     warn(measured.warnings)
@@ -321,6 +330,20 @@ def evaluate(
             summarise_errors("result", measured.sequences, measured.errors, grouping)
         ),
         failures=measured.failures,
+    )
+
+
+def _as_fit(shapes: Shapes) -> Fit:
+    """Return shapes from elsewhere as a fit of which nothing else is known."""
+    return Fit(
+        shapes.shapes,
+        landmark_names=shapes.landmark_names,
+        items=shapes.items,
+        sequences=shapes.sequences,
+        frames=shapes.frames,
+        unit=shapes.unit,
+        frame_rate=shapes.frame_rate,
+        extras=shapes.extras,
     )
 
 

@@ -16,7 +16,6 @@ from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.span import find_span, reduce_images
 from shapefit.convex.transforms import Transforms
 
-
 LOGGER = "convex.solver"
 """What is logged of the solver, below `shapefit`."""
 
@@ -237,9 +236,12 @@ def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | N
     For the sparse-error loss these are the ones with an error E that is not 0. None of
     a loss that is not robust.
     """
+    outliers: NDArray[np.bool_]
     if problem.loss is Loss.ABSOLUTE:
         residuals = np.abs(solution.errors) * problem.weights[:, None, :]
-        return np.any(residuals > problem.beta, axis=1)
+        beyond: NDArray[np.bool_] = np.any(residuals > problem.beta, axis=1)
+        return beyond
     if problem.loss is Loss.SPARSE_ERROR:
-        return np.any(solution.errors != 0, axis=1)
+        outliers = np.any(solution.errors != 0, axis=1)
+        return outliers
     return None

@@ -120,4 +120,5 @@ def nuclear_norm(Q: Floats) -> Floats:
     cross = np.cross(Q[..., 0, :], Q[..., 1, :])
     product = np.linalg.norm(cross, axis=-1)
     squares = (Q**2).sum(axis=(-2, -1))
-    return np.sqrt(squares + 2 * product)
+    norm: Floats = np.sqrt(squares + 2 * product)
+    return norm

@@ -190,7 +190,10 @@ def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
         extent = std(shapes)
         size = float((dictionary.atom_scale * std(dictionary.atoms)).mean())
     unknown = np.full(len(shapes), np.nan)
-    return np.divide(metres * size, extent, out=unknown, where=np.asarray(extent > 0))
+    metres_each: Floats = np.divide(
+        metres * size, extent, out=unknown, where=np.asarray(extent > 0)
+    )
+    return metres_each
 
 
 def knows_size(dictionary: Dictionary) -> bool:

@@ -138,7 +138,8 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> F
 def of_norm_one(shapes: Floats) -> Floats:
     """Return shapes (..., 3, p), none of them 0, scaled to the bound of atoms."""
     norm = np.linalg.norm(shapes, axis=(-2, -1), keepdims=True)
-    return shapes * (MAX_ATOM_NORM / norm)
+    bounded: Floats = shapes * (MAX_ATOM_NORM / norm)
+    return bounded
 
 
 def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats:
@@ -183,4 +184,5 @@ def principal_components(shapes: Floats, bases: float = 0.99) -> Floats:
     retained = directions[: min(number, rank)]
     place = np.abs(retained).argmax(axis=1)[:, None]
     largest = np.take_along_axis(retained, place, axis=1)
-    return (retained * np.sign(largest)).reshape(-1, *shapes.shape[1:])
+    components: Floats = retained * np.sign(largest)
+    return components.reshape(-1, *shapes.shape[1:])

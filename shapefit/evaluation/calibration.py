@@ -45,8 +45,9 @@ class ErrorBars(NamedTuple):
         """
         count = (~np.isnan(self.square)).sum(axis=1)
         inside = (self.square <= WIDTH_SQUARED_RADIUS).sum(axis=1)
-        unknown = np.full(len(count), np.nan)
-        return np.divide(inside, count, out=unknown, where=count > 0)
+        share = np.full(len(count), np.nan)
+        np.divide(inside, count, out=share, where=count > 0)
+        return share
 
 
 class Coverage(TypedDict):
@@ -111,7 +112,8 @@ def find_squares(
 def _floored(sd: Floats) -> Floats:
     """Return deviations (n, 3, p), none of them next to nothing beside the largest."""
     largest = np.where(np.isfinite(sd), sd, 0.0).max(axis=(1, 2), keepdims=True)
-    return np.maximum(sd, MIN_VARIANCE_SHARE * largest)
+    floored: Floats = np.maximum(sd, MIN_VARIANCE_SHARE * largest)
+    return floored
 
 
 def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:

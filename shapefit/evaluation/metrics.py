@@ -60,7 +60,8 @@ def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
     true_size = np.sqrt((centred(truth, visible) ** 2).sum(axis=(1, 2)))
     ratio = np.full_like(size, np.nan)
     np.divide(true_size, size, out=ratio, where=size > 0)
-    return error * ratio
+    scaled: Floats = error * ratio
+    return scaled
 
 
 def reprojection(fitted: Floats, observed: Floats) -> Floats:
@@ -74,7 +75,10 @@ def precision(labelled: Numbers, corrupted: Numbers) -> Floats:
     """|labelled and corrupted| / |labelled| of each image (n,); nan where that is 0."""
     count = (labelled != 0).sum(axis=-1)
     both = ((labelled != 0) & (corrupted != 0)).sum(axis=-1)
-    return np.divide(both, count, out=np.full(len(count), np.nan), where=count > 0)
+    share: Floats = np.divide(
+        both, count, out=np.full(len(count), np.nan), where=count > 0
+    )
+    return share
 
 
 def recall(labelled: Numbers, corrupted: Numbers) -> Floats:
@@ -128,7 +132,8 @@ def _mean_over_visible(values: Floats, visible: Flags, min_visible: int) -> Floa
     count = visible.sum(axis=-1)
     total = np.where(visible, values, 0.0).sum(axis=-1)
     mean = np.full(len(values), np.nan)
-    return np.divide(total, count, out=mean, where=count >= min_visible)
+    np.divide(total, count, out=mean, where=count >= min_visible)
+    return mean
 
 
 def in_blocks(measure: Callable[..., Any], *arrays: NDArray[Any] | None) -> Any:

@@ -131,7 +131,8 @@ class Floor(NamedTuple):
     def stand(self, points: Floats) -> Floats:
         """R x + (0, height, 0) with the shortest rotation R up = y: (..., 3, p)."""
         turn = shortest_rotations(self.up, np.array([[0.0, 1.0, 0.0]]))[0]
-        return turn @ points + np.array([[0.0], [self.height], [0.0]])
+        standing: Floats = turn @ points + np.array([[0.0], [self.height], [0.0]])
+        return standing
 
     def __str__(self) -> str:
         high = f"camera {self.height:.2f} m (+- {self.height_sd:.2f}) above the floor"

@@ -271,4 +271,5 @@ def _unit(vectors: Floats) -> Floats:
     """Return vectors (..., 3) of length 1; y where there is none."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     up = np.broadcast_to(np.array([0.0, 1.0, 0.0]), vectors.shape).copy()
-    return np.divide(vectors, length, out=up, where=length > 0)
+    unit: Floats = np.divide(vectors, length, out=up, where=length > 0)
+    return unit

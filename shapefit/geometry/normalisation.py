@@ -48,12 +48,15 @@ class Normalised(NamedTuple):
 
 def centroid(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
     """Mean of the visible points, shape (..., d); nan where none is visible."""
+    middle: Floats
     if visible is None:
-        return points.mean(axis=-1)
+        middle = points.mean(axis=-1)
+        return middle
     count = visible.sum(axis=-1)[..., None]
     total = np.where(visible[..., None, :], points, 0.0).sum(axis=-1)
-    none = np.full(total.shape, np.nan)
-    return np.divide(total, count, out=none, where=count > 0)
+    mean = np.full(total.shape, np.nan)
+    np.divide(total, count, out=mean, where=count > 0)
+    return mean
 
 
 def std(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
@@ -97,9 +100,12 @@ def as_metres(unit: str) -> tuple[float, str]:
 
 
 def _std(centred: Floats, visible: NDArray[np.bool_] | None) -> Floats:
+    deviation: Floats
     with np.errstate(over="ignore"):
         if visible is None:
-            return np.sqrt((centred**2).mean(axis=-1)).mean(axis=-1)
+            deviation = np.sqrt((centred**2).mean(axis=-1)).mean(axis=-1)
+            return deviation
         count = np.maximum(visible.sum(axis=-1), 1)[..., None]
         squares = np.where(visible[..., None, :], centred, 0.0) ** 2
-        return np.sqrt(squares.sum(axis=-1) / count).mean(axis=-1)
+        deviation = np.sqrt(squares.sum(axis=-1) / count).mean(axis=-1)
+        return deviation

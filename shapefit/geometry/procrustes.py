@@ -172,7 +172,8 @@ def generalised_procrustes(
 def choose_landmarks(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:
     """Return these landmarks (None: all) of shapes (..., 3, p), centred."""
     chosen = shapes if landmarks is None else shapes[..., list(landmarks)]
-    return chosen - chosen.mean(axis=-1, keepdims=True)
+    centred: Floats = chosen - chosen.mean(axis=-1, keepdims=True)
+    return centred
 
 
 def mirror(shapes: Floats, mirror_index: MirrorIndex, lateral: int = 0) -> Floats:

@@ -15,7 +15,8 @@ def nearest_rotation(A: Floats) -> Floats:
     U, _, Vt = np.linalg.svd(A)
     flip = np.ones(A.shape[:-1])
     flip[..., 2] = np.sign(np.linalg.det(U @ Vt))
-    return (U * flip[..., None, :]) @ Vt
+    nearest: Floats = (U * flip[..., None, :]) @ Vt
+    return nearest
 
 
 def complete_rotation(rows: Floats) -> Floats:
@@ -56,7 +57,8 @@ def rotation_about(axis: Floats, angles: Floats) -> Floats:
     x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     a = np.asarray(angles, dtype=float)[..., None, None]
-    return np.eye(3) + np.sin(a) * K + (1 - np.cos(a)) * (K @ K)
+    R: Floats = np.eye(3) + np.sin(a) * K + (1 - np.cos(a)) * (K @ K)
+    return R
 
 
 def rotation_about_axis(axis: int, angles: Floats) -> Floats:
@@ -71,7 +73,8 @@ def exponential(turns: Floats) -> Floats:
     # np.sinc(x) = sin(pi x) / (pi x), finite at 0
     first = np.sinc(angle / np.pi)
     half_second = np.sinc(angle / (2 * np.pi))
-    return np.eye(3) + first * K + 0.5 * half_second**2 * K @ K
+    R: Floats = np.eye(3) + first * K + 0.5 * half_second**2 * K @ K
+    return R
 
 
 def _cross_matrix(vectors: Floats) -> Floats:
@@ -104,4 +107,5 @@ def rotation_angle(first: Floats, second: Floats) -> Floats:
     """
     distance = np.linalg.norm(first - second, axis=(-2, -1))
     sine_of_half = np.clip(distance / np.sqrt(8), 0, 1)
-    return np.degrees(2 * np.arcsin(sine_of_half))
+    angle: Floats = np.degrees(2 * np.arcsin(sine_of_half))
+    return angle

@@ -4,7 +4,6 @@ from shapefit.io.atomic import atomic_path, check_output, digest, digests
 from shapefit.io.dictionaries import read_dictionary, write_dictionary
 from shapefit.io.formats import landmark_writer, result_writer
 from shapefit.io.names import match_landmarks
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import (
     LandmarkSource,
     ShapeSource,
@@ -16,10 +15,7 @@ from shapefit.io.source import (
 )
 
 __all__ = [
-    "LandmarkSet",
     "LandmarkSource",
-    "ResultSet",
-    "ShapeSet",
     "ShapeSource",
     "atomic_path",
     "check_output",

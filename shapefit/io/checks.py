@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import MAX_COORDINATE
-from shapefit.io.layout import LANDMARKS, SHAPES, Layout
+from shapefit.records.items import Items
+from shapefit.records.landmarks import Landmarks
+from shapefit.records.shapes import Shapes
 
 LIMIT = 10
 """Problems of an input that are listed."""
@@ -28,32 +29,29 @@ Place = Callable[..., str]
 """Names a dataset, or a row of it, in messages: place(name), place(name, row)."""
 
 
-def check_values(
-    columns: Mapping[str, Any],
-    form: Layout,
-    place: Place,
-    names: Sequence[str],
-    gaps: bool = False,
-) -> None:
+def check_values(record: Items, place: Place, *, gaps: bool = False) -> None:
     """Raise InputError for values of items that cannot be computed with.
 
-    `columns` are those of records, `names` their landmarks. With `gaps` a landmark of a
-    shape may be unknown; in results it may always, as items can have failed.
+    With `gaps` a landmark of a shape may be unknown; in results it may always, as items
+    can have failed.
     """
-    if form is LANDMARKS:
-        points, weights = columns["landmarks"], columns.get("confidence")
+    names = record.landmark_names
+    if isinstance(record, Landmarks):
         fix = "write NaN where the landmark is unseen"
-        _refuse(place, "landmarks", points, np.isinf(points), names, fix)
+        infinite = np.isinf(record.landmarks)
+        _refuse(place, "landmarks", record.landmarks, infinite, names, fix)
+        weights = record.confidence
         if weights is not None:
             bad = ~((weights >= 0) & (weights < np.inf))
             fix = "write 0 (hidden) or a positive number"
-            _refuse(place, "confidence", weights[:, None], bad[:, None], names, fix)
+            _refuse(place, "confidence", weights[..., None], bad[..., None], names, fix)
         return
-    check_finite(
-        place, "shapes", columns["shapes"], names, gaps=gaps or form is not SHAPES
-    )
-    if form is SHAPES:
-        check_mesh(place, columns, len(names))
+    whole = isinstance(record, Shapes) and not gaps
+    check_finite(place, "shapes", record.points, names, gaps=not whole)
+    if isinstance(record, Shapes):
+        check_mesh(
+            place, len(names), record.edges, record.mesh_vertices, record.mesh_faces
+        )
 
 
 def check_finite(
@@ -64,7 +62,7 @@ def check_finite(
     *,
     gaps: bool = False,
 ) -> None:
-    """Raise InputError where a coordinate of the points (n, d, p) is no number to
+    """Raise InputError where a coordinate of the points (n, p, d) is no number to
     compute with.
 
     That is NaN, infinite, or so large that its square is. With `gaps` NaN is an unknown
@@ -78,37 +76,46 @@ def check_finite(
 def _refuse(
     place: Place, name: str, points: Floats, bad: Flags, names: Sequence[str], fix: str
 ) -> None:
-    """Raise InputError for points (n, d, p) of which a coordinate is `bad`."""
-    wrong = np.argwhere(bad.any(axis=1))
+    """Raise InputError for points (n, p, d) of which a coordinate is `bad`."""
+    wrong = np.argwhere(bad.any(axis=2))
     problems = []
     for row, point in wrong[:LIMIT].tolist():
         what = f"landmark '{names[point]}'" if names else f"vertex {point}"
-        values = ", ".join(map(str, points[row, :, point].tolist()))
+        values = ", ".join(map(str, points[row, point].tolist()))
         problems.append(f"{place(name, row)}: {what} is ({values}); {fix}")
     if problems:
         raise input_problems(problems, len(wrong))
 
 
-def check_mesh(place: Place, columns: Mapping[str, Any], p: int) -> None:
-    """Raise InputError for vertices that are no numbers, and for indices of what is not
-    there.
+def check_mesh(
+    place: Place,
+    p: int,
+    edges: Integers | None,
+    vertices: Floats | None,
+    faces: Integers | None,
+) -> None:
+    """Raise InputError for vertices (n, q, 3) that are no numbers, and for indices of
+    what is not there: edges of p landmarks, faces of vertices.
     """
-    vertices = columns.get("mesh_vertices")
+    q = 0
     if vertices is not None:
         check_finite(place, "mesh_vertices", vertices)
-    for name, size in (
-        ("edges", p),
-        ("mesh_faces", 0 if vertices is None else vertices.shape[-1]),
-    ):
-        indices = columns.get(name)
-        if indices is not None and len(
-            wrong := np.argwhere((indices < 0) | (indices >= size))
-        ):
-            row = int(wrong[0, 0])
-            fault = f"holds the indices {tuple(indices[row].tolist())}"
-            raise input_error(
-                place(name, row), fault, f"indices run from 0 to {size - 1}"
-            )
+        q = vertices.shape[1]
+    _check_indices(place, "edges", edges, p)
+    _check_indices(place, "mesh_faces", faces, q)
+
+
+def _check_indices(
+    place: Place, name: str, indices: Integers | None, size: int
+) -> None:
+    """Raise InputError for indices of what is not there."""
+    if indices is None:
+        return
+    wrong = np.argwhere((indices < 0) | (indices >= size))
+    if len(wrong):
+        row = int(wrong[0, 0])
+        fault = f"holds the indices {tuple(indices[row].tolist())}"
+        raise input_error(place(name, row), fault, f"indices run from 0 to {size - 1}")
 
 
 def warn_of_zeros(points: Floats) -> tuple[str, ...]:
@@ -131,14 +138,14 @@ def warn_of_zeros(points: Floats) -> tuple[str, ...]:
 
 
 def warn_of_codes(points: Floats, weights: Floats | None = None) -> tuple[str, ...]:
-    """Warn of a number such as -999 that stands for all coordinates of points (n, d, p)
+    """Warn of a number such as -999 that stands for all coordinates of points (n, p, d)
     outside all others: a code of points that are missing. Hidden points, of weight 0,
     do not count.
     """
-    placed: Flags = np.asarray(np.isfinite(points).all(axis=1))
+    placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
     if weights is not None:
         placed &= weights > 0
-    found = points.swapaxes(1, 2)[placed]
+    found = points[placed]
     alike = found[(found == found[:, :1]).all(axis=1) & (found[:, 0] != 0)]
     values, counts = np.unique(alike[:, 0], return_counts=True)
     warnings = []
@@ -152,7 +159,7 @@ def warn_of_codes(points: Floats, weights: Floats | None = None) -> tuple[str, .
         )
         certain = CODE_BEYOND if count == 1 else 0.0
         if value.is_integer() and (beyond > certain).all():
-            code = ", ".join([f"{value:g}"] * points.shape[1])
+            code = ", ".join([f"{value:g}"] * points.shape[2])
             fault = f"{counted(count, 'landmark')} at ({code}), far from all others"
             fix = f"if {value:g} stands for missing, leave them empty, or NaN"
             warnings.append(f"{fault}: {fix}")

@@ -14,9 +14,11 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from io import SEEK_END, StringIO
 from itertools import chain, count, islice
+from math import isnan
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -28,6 +30,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error
+from shapefit.io.arrange import arrange
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
 from shapefit.io.checks import LIMIT, input_problems
 from shapefit.io.inputs import (
@@ -38,17 +41,13 @@ from shapefit.io.inputs import (
     source_name,
 )
 from shapefit.io.layout import FRAME, TIME
-from shapefit.io.names import as_composed
 from shapefit.io.options import RecordWriter, Summary
-from shapefit.io.records import (
-    KINDS,
-    LandmarkSet,
-    Records,
-    ResultSet,
-    check_frames,
-    concatenate,
-    order_by_frame,
-)
+from shapefit.records.fit import Fit
+from shapefit.records.frames import check_frames, order_by_frame
+from shapefit.records.items import Items, concatenate
+from shapefit.records.landmarks import Landmarks
+from shapefit.records.names import as_composed
+from shapefit.records.shapes import Shapes
 from shapefit.timeline import find_rate
 
 ROWS = 1 << 12
@@ -110,7 +109,7 @@ def csv_kind(path: Path) -> str:
     return "shapes" if "z" in columns else "landmarks"
 
 
-def read_csv(path: Path, kind: str) -> Any:
+def read_csv(path: Path, kind: str) -> Items | Spool:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with
     `[,sequence][,frame][,time]`.
 
@@ -147,20 +146,22 @@ def read_csv(path: Path, kind: str) -> Any:
     return _read_unordered(path, kind)
 
 
-def _in_time(records: Any, numbered: bool, name: str) -> Any:
+def _in_time(records: Items, numbered: bool, name: str) -> Items:
     """Return records in order of their frames, with the frame rate of their times; of
     those that are not `numbered`, whose column of frames is empty, without frames.
     Raises InputError where a sequence has two items in one frame.
     """
     if not numbered and len(records):
-        records = records.without([FRAME])
-    check_frames(records.sequences, records.frame, records.items, name)
-    order = order_by_frame(records.sequences, records.frame)
-    records = records if order is None else records.take(order)
-    return records.replaced(frame_rate=find_rate(records.frame, records.time))
+        records = replace(records, frames=None)
+    check_frames(records.sequences, records.frames, records.items, name)
+    order = order_by_frame(records.sequences, records.frames)
+    if order is not None:
+        records = records.take(order)
+    rate = find_rate(records.frames, records.times)
+    return replace(records, frame_rate=rate)
 
 
-def _read_unordered(path: Path, kind: str) -> Any:
+def _read_unordered(path: Path, kind: str) -> Items:
     """Read a large table once more, in which rows of an item do not stand together, as
     pandas' `melt` leaves them, or frames are not in order: into memory. Raises
     InputError where that is too little.
@@ -172,7 +173,7 @@ def _read_unordered(path: Path, kind: str) -> Any:
     return _in_time(table.records(), table.numbered, table.name)
 
 
-def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
+def read_csv_head(path: Path, kind: str) -> tuple[Items, float]:
     """Read the first rows of a table, and return them with their share of all rows."""
     table, share = _Table(path, kind), 1.0
     for lines, cells in table.blocks:
@@ -290,7 +291,7 @@ class _Table:
             (lines.astype(np.int32), item, landmark, *points, confidence)
         )
 
-    def records(self) -> Any:
+    def records(self) -> Items:
         """Return what was taken. Raises InputError for double rows."""
         items, names = tuple(self._items), tuple(self._landmarks)
         n, p, d = len(items), len(names), len(self._axes)
@@ -314,25 +315,37 @@ class _Table:
                 raise input_problems(problems, len(again))
             for plane, column in zip(planes, values, strict=True):
                 plane[place] = column
-        points = np.ascontiguousarray(planes[:d].reshape(d, n, p).swapaxes(0, 1))
+        points = np.ascontiguousarray(planes[:d].reshape(d, n, p).transpose(1, 2, 0))
         cells = {
             column: [of_item[name] for name in items]
             for column, of_item in self._of_items.items()
         }
-        sequences = cells.get("sequence")
-        further: dict[str, Any] = {}
-        if self._scored:
-            further["confidence"] = np.nan_to_num(planes[d]).reshape(n, p)
+        frames = None
         if FRAME in cells:
-            frames, _ = read_numbers(cells[FRAME])
-            further[FRAME] = np.nan_to_num(frames).astype(np.int64)
+            numbers, _ = read_numbers(cells[FRAME])
+            frames = np.nan_to_num(numbers).astype(np.int64)
+        times = None
         if TIME in cells:
-            further[TIME], _ = read_numbers(cells[TIME])
-        return KINDS[self._kind](points, names, items, sequences, **further)
+            times, _ = read_numbers(cells[TIME])
+        of_items: dict[str, Any] = {
+            "landmark_names": names,
+            "items": items,
+            "sequences": cells.get("sequence"),
+            "frames": frames,
+            "times": times,
+        }
+        if self._kind == "shapes":
+            return Shapes(points, **of_items)
+        if self._kind == "result":
+            return Fit(points, **of_items)
+        confidence = None
+        if self._scored:
+            confidence = np.nan_to_num(planes[d]).reshape(n, p)
+        return Landmarks(points, confidence=confidence, **of_items)
 
-    def pop_complete(self) -> LandmarkSet:
+    def pop_complete(self) -> Items:
         """Take out all items but the last one, of which more rows may come."""
-        images: LandmarkSet = self.records()
+        images = self.records()
         last = len(images) - 1
         item, (lines, items, *values) = images.items[last], self._parts[0]
         rows = np.flatnonzero(items == last)
@@ -361,7 +374,7 @@ class Spool:
     """
 
     def __init__(self) -> None:
-        self._names: tuple[str, ...] = ()
+        self._names: Sequence[str] = ()
         self._file = TemporaryFile()  # noqa: SIM115 gone with the source
         self._starts, self._offsets = [0], list[int]()
         self.hashes: list[NDArray[np.int64]] = []
@@ -372,14 +385,14 @@ class Spool:
     def __len__(self) -> int:
         return self._starts[-1]
 
-    def append(self, images: LandmarkSet) -> None:
+    def append(self, images: Items) -> None:
         """Write images after those that are there."""
         self._names = images.landmark_names
         self._offsets.append(self._file.seek(0, SEEK_END))
         self._starts.append(len(self) + len(images))
         self.hashes.append(np.fromiter(map(hash, images.items), np.int64, len(images)))
-        if images.sequences is not None and images.frame is not None:
-            frames = zip(images.sequences, images.frame.tolist(), strict=True)
+        if images.sequences is not None and images.frames is not None:
+            frames = zip(images.sequences, images.frames.tolist(), strict=True)
             for sequence, frame in frames:
                 before = self._last_frame.get(sequence, frame)
                 rises = sequence not in self._last_frame or before < frame
@@ -387,7 +400,7 @@ class Spool:
                 self._last_frame[sequence] = frame
         pickle.dump(images, self._file, pickle.HIGHEST_PROTOCOL)
 
-    def take(self, rows: slice) -> LandmarkSet:
+    def take(self, rows: slice) -> Items:
         """Return the images of these rows."""
         parts = []
         for number, start in enumerate(self._starts[:-1]):
@@ -398,10 +411,11 @@ class Spool:
                 parts.append(self._part(number).take(inner))
         return concatenate(parts)
 
-    def _read(self, number: int) -> Any:
+    def _read(self, number: int) -> Items:
         """Read the images of a part; landmarks that came later are unseen in it."""
         self._file.seek(self._offsets[number])
-        return pickle.load(self._file).arrange(self._names)
+        images: Items = pickle.load(self._file)
+        return arrange(images, self._names)
 
 
 def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
@@ -582,7 +596,7 @@ def csv_output(target: Path) -> Iterator[CsvWriter]:
         writer.check_begun()
 
 
-class CsvWriter(RecordWriter[Records]):
+class CsvWriter(RecordWriter[Items]):
     """Appends records as rows
     `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence][,frame][,time]`.
 
@@ -596,7 +610,7 @@ class CsvWriter(RecordWriter[Records]):
         self._write = write
         self._header = b""
 
-    def append(self, record: Records) -> None:
+    def append(self, record: Items) -> None:
         """Write one row for each landmark of each item.
 
         Raises ValueError where the columns are not those of the first record.
@@ -615,33 +629,32 @@ class CsvWriter(RecordWriter[Records]):
             self._write(_lines(record.take(slice(start, start + items))))
 
 
-def _columns(record: Records) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
+def _columns(record: Items) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
     """Return the columns beside `item` and `landmark`: numbers (n, p) each, and texts
     (n,) each.
     """
-    numbers = {
-        "xyz"[axis]: values for axis, values in enumerate(record.points.swapaxes(0, 1))
-    }
+    d = record.points.shape[2]
+    numbers = {"xyz"[axis]: record.points[..., axis] for axis in range(d)}
     texts: dict[str, Sequence[str]] = {}
-    if isinstance(record, LandmarkSet) and record.confidence is not None:
+    if isinstance(record, Landmarks) and record.confidence is not None:
         numbers["confidence"] = record.confidence
     if record.sequences is not None:
         texts["sequence"] = record.sequences
-    if record.frame is not None:
-        texts[FRAME] = [*map(str, record.frame.tolist())]
-    if record.time is not None:
-        texts[TIME] = ["" if t != t else repr(t) for t in record.time.tolist()]
-    if isinstance(record, ResultSet):
-        if (sd := record.shape_sd) is not None:
-            numbers |= {f"sd_{'xyz'[axis]}": sd[:, axis] for axis in range(3)}
-        if (trusted := record.trusted) is not None:
-            texts["trusted"] = [
-                "true" if value else "false" for value in trusted.tolist()
-            ]
+    if record.frames is not None:
+        texts[FRAME] = [*map(str, record.frames.tolist())]
+    if record.times is not None:
+        times = record.times.tolist()
+        texts[TIME] = ["" if isnan(time) else repr(time) for time in times]
+    if isinstance(record, Fit) and record.shape_sd is not None:
+        for axis in range(d):
+            numbers[f"sd_{'xyz'[axis]}"] = record.shape_sd[..., axis]
+    if isinstance(record, Fit) and record.trusted is not None:
+        answers = record.trusted.tolist()
+        texts["trusted"] = ["true" if answer else "false" for answer in answers]
     return numbers, texts
 
 
-def _lines(record: Records) -> memoryview:
+def _lines(record: Items) -> memoryview:
     """Return the lines of some items."""
     n, p, (numbers, texts) = len(record), len(record.landmark_names), _columns(record)
     item, landmark = np.divmod(np.arange(n * p), max(p, 1))

@@ -15,8 +15,8 @@ from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory
 from shapefit.io.formats import HDF5, check_holds, our_format, record_writer
-from shapefit.io.layout import DICTIONARY, FIELDS, UNKNOWN_UNIT
-from shapefit.io.records import ShapeSet
+from shapefit.io.layout import DICTIONARY, UNKNOWN_UNIT
+from shapefit.records.shapes import Shapes
 
 AGAIN = "make the dictionary again"
 TINY = np.nextafter(0, 1)
@@ -40,7 +40,7 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
     from shapefit.io.hdf5_file import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY, old=old) as reader:
-        fields, stated = reader.fields(), reader.stated
+        fields = reader.dictionary_fields()
         check_dictionary(fields, reader.place)
         fields["prior"] = _take_prior(fields, reader.place)
         if fields["objective_trace"] is None:
@@ -48,13 +48,13 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
         provenance = {name: str(value) for name, value in reader.attributes.items()}
         return Dictionary(
             **fields,
-            unit=stated["unit"],
-            frame_rate=stated["frame_rate"],
+            unit=reader.unit,
+            frame_rate=reader.frame_rate,
             provenance=provenance,
         )
 
 
-def atoms_of(dictionary: Dictionary) -> ShapeSet:
+def atoms_of(dictionary: Dictionary) -> Shapes:
     """Return the atoms as shapes: in the unit of the training shapes where their sizes
     are known, else as they are, about 1 in size.
     """
@@ -64,14 +64,14 @@ def atoms_of(dictionary: Dictionary) -> ShapeSet:
     if sizes is not None:
         atoms = atoms * sizes[:, None, None]
         vertices = None if vertices is None else vertices * sizes[:, None, None]
-    return ShapeSet(
-        atoms,
-        dictionary.landmark_names,
-        dictionary.atom_items or tuple(numbers),
+    return Shapes(
+        atoms.swapaxes(1, 2),
+        landmark_names=dictionary.landmark_names,
+        items=dictionary.atom_items or tuple(numbers),
         unit=UNKNOWN_UNIT if sizes is None else dictionary.unit,
         edges=dictionary.edges,
         mirror_index=dictionary.mirror_index,
-        mesh_vertices=vertices,
+        mesh_vertices=None if vertices is None else vertices.swapaxes(1, 2),
         mesh_faces=None if vertices is None else dictionary.mesh_faces,
     )
 
@@ -84,9 +84,12 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
         raise input_error(
             place("atoms", None), fault, "a dictionary needs atoms and landmarks"
         )
-    check_finite(place, "atoms", atoms, names)
-    check_finite(place, "mean_shape", mean[None], names)
-    check_mesh(place, fields, len(names))
+    check_finite(place, "atoms", atoms.swapaxes(1, 2), names)
+    check_finite(place, "mean_shape", mean.T[None], names)
+    vertices = fields.get("mesh_vertices")
+    if vertices is not None:
+        vertices = vertices.swapaxes(1, 2)
+    check_mesh(place, len(names), fields["edges"], vertices, fields["mesh_faces"])
     if coincide(mean):
         raise input_error(
             place("mean_shape", None), "all its landmarks are at one point", AGAIN
@@ -135,8 +138,8 @@ def _is_covariance(C: Floats) -> bool:
 
 def check_given_dictionary(dictionary: Dictionary, name: str) -> None:
     """Raise InputError for what `read_dictionary` would not read from a file."""
-    names = [FIELDS.get(name, name) for name in DICTIONARY.datasets]
-    fields = {name: getattr(dictionary, name, None) for name in names}
+    columns = DICTIONARY.columns.values()
+    fields = {one.field: getattr(dictionary, one.field, None) for one in columns}
     check_dictionary(fields, place_in_memory(name))
 
 

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple, Self
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Integers
 from shapefit.errors import InputError, input_error, listed, printable
@@ -33,22 +32,29 @@ from shapefit.io.layout import (
     CONTENTS,
     COUNTS,
     DICTIONARY,
-    FIELDS,
+    DICTIONARY_POINTS,
+    EDGES,
     INPUT_ROWS,
     LAYOUTS,
     PER_ITEM,
     RENAMED,
     RESULTS,
+    SHAPES,
     UNKNOWN_UNIT,
     VERSION,
     Layout,
-    fit_axes,
 )
-from shapefit.io.names import as_composed
 from shapefit.io.options import RecordWriter
-from shapefit.io.records import KINDS, Attribute
-
-Array = NDArray[Any]
+from shapefit.records.columns import (
+    Array,
+    Column,
+    Texts,
+    as_kind,
+    fit_axes,
+    held_columns,
+)
+from shapefit.records.items import Attribute, Direction, Items
+from shapefit.records.names import as_composed
 
 CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
 
@@ -69,14 +75,8 @@ PLAIN_ATTRIBUTES = (
 PREFIX = "shapefit_"
 """Before the names of other attributes of these names."""
 
-STORED = {
-    **dict.fromkeys(("number", "points"), ("biuf", "numbers")),
-    "index": ("iu", "integers"),
-    "text": ("O", "UTF-8 text"),
-}
-"""Types of NumPy that the kinds of datasets can have in files, O for text, and what
-they hold.
-"""
+NUMBERS, INTEGERS, TEXT = ("biuf", "numbers"), ("iu", "integers"), ("O", "UTF-8 text")
+"""Types of NumPy that datasets can have in files, O for text, and what they hold."""
 
 DAMAGED = "the file may be cut off or damaged: copy or make it again"
 
@@ -340,10 +340,13 @@ class Hdf5Reader(Hdf5File):
     def __init__(self, path: Path, form: Layout, *, old: bool = False) -> None:
         super().__init__(path)
         self.form = form
+        self.columns = dict(form.columns)
         self._sizes: dict[str, int] = {}
         try:
             self._attributes = self._read_attributes(old)
             self._open_datasets()
+            if not self._has_edges():
+                self.columns.pop(EDGES, None)
             if problems := list(self._problems()):
                 raise input_problems(problems)
             self.count = self._sizes.get("n", 0)
@@ -367,78 +370,103 @@ class Hdf5Reader(Hdf5File):
         }
 
     @property
-    def stated(self) -> dict[str, Any]:
-        """unit, y_axis and frame_rate, None where the file does not say it, checked."""
-        y_axis, rate = (
-            self._attributes.get("y_axis"),
-            self._attributes.get("frame_rate"),
-        )
-        positive = rate is None or (
-            isinstance(rate, int | float) and 0 < rate < math.inf
-        )
-        if not positive or y_axis not in (None, "up", "down"):
-            fault = f"has the root attributes y_axis {y_axis!r} and frame_rate {rate!r}"
-            fix = (
-                "set y_axis to up or down, and frame_rate to frames per second, a"
-                " number > 0"
-            )
-            raise input_error(self.path, fault, fix)
-        unit = str(self._attributes.get("unit", UNKNOWN_UNIT))
-        return {"unit": unit, "y_axis": y_axis, "frame_rate": rate and float(rate)}
+    def unit(self) -> str:
+        """The unit of lengths."""
+        return str(self._attributes.get("unit", UNKNOWN_UNIT))
 
-    def records(self, rows: slice, without: Collection[str] = ()) -> Any:
-        """Return the items in these rows, without some datasets."""
-        names = sorted(self._datasets.keys() - {*without})
-        columns = {name: self.read(name, rows) for name in names}
-        whole = {
-            name: columns.pop(name)
-            for name in [*columns]
-            if not self._is_per_item(name)
-        }
-        return KINDS[self.form.kind](
-            landmark_names=whole.pop("landmark_names"),
-            items=columns.pop("item"),
-            sequences=columns.pop("sequence", None),
-            columns=columns,
-            whole=whole,
-            attributes=self.attributes if self.form is RESULTS else None,
-            **self.stated,
-        )
-
-    def fields(self) -> dict[str, Any]:
-        """Return all datasets of the layout by their fields, None for those that are
-        absent.
+    @property
+    def y_axis(self) -> Direction | None:
+        """Where y points, None where the file does not say it. Raises InputError for
+        other texts.
         """
-        return {
-            FIELDS.get(name, name): self.read(name) if name in self._datasets else None
-            for name in self.form.datasets
-        }
+        y_axis = self._attributes.get("y_axis")
+        if y_axis == "up":
+            return "up"
+        if y_axis == "down":
+            return "down"
+        if y_axis is None:
+            return None
+        raise self._misstated()
+
+    @property
+    def frame_rate(self) -> float | None:
+        """Frames per second, None where the file does not say it. Raises InputError for
+        what is no such number.
+        """
+        rate = self._attributes.get("frame_rate")
+        if rate is None:
+            return None
+        if isinstance(rate, int | float) and 0 < rate < math.inf:
+            return float(rate)
+        raise self._misstated()
+
+    def _misstated(self) -> InputError:
+        """Return the error of attributes that cannot be."""
+        y_axis = self._attributes.get("y_axis")
+        rate = self._attributes.get("frame_rate")
+        fault = f"has the root attributes y_axis {y_axis!r} and frame_rate {rate!r}"
+        fix = "set y_axis to up or down, and frame_rate to frames per second, a"
+        return input_error(self.path, fault, f"{fix} number > 0")
+
+    def records(self, rows: slice, without: Collection[str] = ()) -> Items:
+        """Return the items in these rows, without some datasets."""
+        assert self.form.record is not None, "a dictionary has no items"
+        fields: dict[str, Any] = {}
+        extras: dict[str, Array] = {}
+        file_extras: dict[str, Array] = {}
+        for name in sorted(self._datasets.keys() - {*without}):
+            values = self.read(name, rows)
+            if name in self.columns:
+                fields[self.columns[name].field] = values
+            elif self._is_per_item(name):
+                extras[self._free_name(name)] = values
+            else:
+                file_extras[self._free_name(name)] = values
+        if self.form is RESULTS:
+            fields["attributes"] = self.attributes
+        if self.form is not SHAPES:
+            fields["y_axis"] = self.y_axis or "down"
+        return self.form.record(
+            **fields,
+            unit=self.unit,
+            frame_rate=self.frame_rate,
+            extras=extras,
+            file_extras=file_extras,
+        )
+
+    def _free_name(self, name: str) -> str:
+        """Return the name of a further dataset in memory: those of fields are taken."""
+        return f"input_{name}" if name in self.form.columns else name
+
+    def dictionary_fields(self) -> dict[str, Any]:
+        """Return the datasets of a dictionary by their fields, in the orientation of
+        the mathematics; None for those that are absent.
+        """
+        fields: dict[str, Any] = {}
+        for name, column in self.columns.items():
+            values = self.read(name) if name in self._datasets else None
+            if values is not None and name in DICTIONARY_POINTS:
+                values = np.ascontiguousarray(values.swapaxes(-1, -2))
+            fields[column.field] = values
+        return fields
 
     def read(self, name: str, rows: slice = slice(None)) -> Any:
-        """Return a dataset in the orientation of memory; of what grows with the items,
-        some rows.
+        """Return a dataset; of what grows with the items, some rows.
 
-        Of `datasets` of the layout, numbers come as float64, indices as int64, texts as
-        a tuple of str; others as they are.
+        What the layout lists has the type of its field, all else is as it stands in
+        the file.
         """
-        column = self.form.datasets.get(name)
-        kind = column.kind if column else None
+        column = self.columns.get(name)
         if column and column.axes[0] == "a":
             start, stop, _ = rows.indices(self.count)
             rows = slice(int(self._ends[start]), int(self._ends[max(start, stop)]))
         per_item = self._is_per_item(name)
         values = np.asarray(self.rows(name, rows if per_item else ()))
-        if kind == "text":
-            return tuple(map(as_composed, values))
-        if kind is None:
+        if column is None:
             return values
-        with np.errstate(
-            invalid="ignore", over="ignore"
-        ):  # nan and inf are found by the checks
-            array = np.asarray(values, np.int64 if kind == "index" else np.float64)
-        return (
-            np.ascontiguousarray(array.swapaxes(-1, -2)) if kind == "points" else array
-        )
+        if column.kind == Texts:
+            return tuple(map(as_composed, values))
+        return as_kind(column, values)
 
     @cached_property
     def _ends(self) -> Integers:
@@ -479,7 +507,7 @@ class Hdf5Reader(Hdf5File):
                 lambda name, node: nodes.update({name: node})
             )  # no soft links
             nodes |= {
-                name: self.root[name] for name in self.form.all if name in self.root
+                name: self.root[name] for name in self.columns if name in self.root
             }
             if not all(isinstance(name, str) for name in nodes):
                 raise ValueError("a name is not UTF-8")
@@ -488,10 +516,19 @@ class Hdf5Reader(Hdf5File):
             if isinstance(node, h5py.Dataset):
                 self._datasets[renamed.get(name, name)] = node
 
+    def _has_edges(self) -> bool:
+        """Whether the edges are such, or must be: landmarks and results of other tools
+        may carry something else under this name.
+        """
+        if self.form in (SHAPES, DICTIONARY) or EDGES not in self._datasets:
+            return True
+        edges = self._datasets[EDGES]
+        return (edges.shape or ())[1:] == (2,) and edges.dtype.kind in "iu"
+
     def _problems(self) -> Iterator[str]:
         """Yield what is wrong with the kind or shape of each dataset."""
-        for name, column in self.form.all.items():
-            letters, values = STORED[column.kind]
+        for name, column in self.columns.items():
+            letters, values = _stored_as(column)
             fault = "there is no such dataset" if column.required else ""
             if name in self._datasets:
                 dataset = self._datasets[name]
@@ -512,15 +549,22 @@ class Hdf5Reader(Hdf5File):
         """Whether a dataset has rows for items, by its layout, or by its attribute in
         version 2.
         """
+        if name in self.columns:
+            return self.columns[name].per_item
         dataset = self._datasets[name]
-        if name in self.form.all or self._attributes["version"] == 1:
+        if self._attributes["version"] == 1:
             per_item = self.form.is_per_item(name, dataset.ndim)
         else:
             with self.damage(name):
                 per_item = bool(dataset.attrs.get(PER_ITEM, False))
-        return per_item and (
-            name in self.form.all or dataset.shape[:1] == (self.count,)
-        )
+        return per_item and bool(dataset.shape[:1] == (self.count,))
+
+
+def _stored_as(column: Column) -> tuple[str, str]:
+    """Return the types of NumPy that a column can have in files, and what it holds."""
+    if column.is_text:
+        return TEXT
+    return INTEGERS if column.is_index else NUMBERS
 
 
 @contextmanager
@@ -623,7 +667,7 @@ class Hdf5Writer(RecordWriter[Any]):
             self._open[name] = self._file.create_dataset(
                 name, data=stored, fletcher32=checked
             )
-        for name in self._shapes.keys() - self._form.datasets.keys():
+        for name in self._shapes.keys() - self._form.unmarked:
             self._open[name].attrs[PER_ITEM] = True
         stated: dict[str, Any] = {"format": self._form.name, "version": VERSION}
         stated |= {
@@ -685,14 +729,29 @@ def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, A
     """Return what a record, or a dictionary, holds as it stands in a file: per item,
     and whole.
     """
-    rows = dict(getattr(record, "per_item", {}))
-    whole = dict(getattr(record, "whole", {}))
-    for name, column in form.datasets.items():
-        if (value := getattr(record, FIELDS.get(name, name), None)) is not None:
-            array = np.asarray(value, object if column.kind == "text" else None)
-            array = array.swapaxes(-1, -2) if column.kind == "points" else array
-            (rows if column.per_item else whole)[name] = array
+    if form is DICTIONARY:
+        return {}, _dictionary_as_stored(record)
+    rows = dict(record.extras)
+    whole = dict(record.file_extras)
+    for column, value in held_columns(record):
+        stored = np.asarray(value, object) if column.is_text else np.asarray(value)
+        if column.per_item:
+            rows[column.name] = stored
+        else:
+            whole[column.name] = stored
     return rows, whole
+
+
+def _dictionary_as_stored(dictionary: Any) -> dict[str, Array]:
+    """Return the datasets of a dictionary."""
+    whole: dict[str, Array] = {}
+    for name, column in DICTIONARY.columns.items():
+        value = getattr(dictionary, column.field, None)
+        if value is None:
+            continue
+        stored = np.asarray(value, object) if column.is_text else np.asarray(value)
+        whole[name] = stored.swapaxes(-1, -2) if name in DICTIONARY_POINTS else stored
+    return whole
 
 
 def _encoded(texts: Array) -> Array:

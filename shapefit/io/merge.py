@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any
+from dataclasses import replace
+from itertools import chain
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from shapefit.errors import abbreviate, counted, input_error
+from shapefit.io.arrange import arrange
 from shapefit.io.layout import EDGES, FRAME, TIME, UNKNOWN_UNIT
 from shapefit.io.names import check_numbering, numbers_of
-from shapefit.io.options import Direction
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.records.columns import Array, held_columns
+from shapefit.records.fit import Fit
+from shapefit.records.items import Direction, Items, Record
+from shapefit.records.landmarks import Landmarks
+from shapefit.records.shapes import Shapes
+
+if TYPE_CHECKING:
+    from shapefit.io.source import SourceFile
 
 SEPARATELY = "use files that agree, or process them separately"
-CONFIDENCE = "confidence"
 
-IN_SOME_FILES = (CONFIDENCE, TIME)
+IN_SOME_FILES = ("confidence", TIME, EDGES)
 """Columns that files of one source need not all have."""
 
 
-def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
+def merge_heads(
+    files: Sequence[SourceFile[Record]], y_axis: Direction | None
+) -> Record:
     """Return what all items of files have in common: one head for all.
 
     The landmarks of images are those of all files in order of appearance, those of
@@ -31,59 +41,74 @@ def merge_heads(files: Sequence[Any], y_axis: Direction | None) -> Any:
     together, or state another direction than `y_axis`.
     """
     heads = [file.head for file in files]
-    names, differing = heads[0].landmark_names, set[str]()
+    first = heads[0]
     places = [file.name for file in files]
-    if isinstance(heads[0], ResultSet):
-        _agreed(
-            "list of landmarks",
-            places,
-            [", ".join(head.landmark_names) for head in heads],
-        )
-    if isinstance(heads[0], ShapeSet):
+    names = first.landmark_names
+    differing: set[str] = set()
+    if isinstance(first, Fit):
+        lists = [", ".join(head.landmark_names) for head in heads]
+        _agreed("list of landmarks", places, lists)
+    if isinstance(first, Shapes):
         for place, head in zip(places[1:], heads[1:], strict=True):
             _check_same_landmarks((places[0], names), (place, head.landmark_names))
-    if isinstance(heads[0], LandmarkSet):
+    if isinstance(first, Landmarks):
         for place, head in zip(places[1:], heads[1:], strict=True):
             check_numbering(head.landmark_names, names, place, places[0])
-        names = tuple(
-            dict.fromkeys(name for head in heads for name in head.landmark_names)
-        )
+        every = chain.from_iterable(head.landmark_names for head in heads)
+        names = tuple(dict.fromkeys(every))
         differing = {
-            n for n in heads[0].whole if not all(_agree(heads[0], h, n) for h in heads)
+            name
+            for name in first.file_extras
+            if not all(_agree(first, head, name) for head in heads)
         }
     heads = [
-        _per_item(head, differing - {EDGES}).arrange(names, file.name)
+        arrange(_per_item(head, differing), names, file.name)
         for file, head in zip(files, heads, strict=True)
     ]
-    optional = {*IN_SOME_FILES, EDGES}
-    without_frames = [head for head in heads if FRAME not in head.per_item]
-    if all(head.sequences is None for head in without_frames):
-        optional.add(FRAME)
-    for file, head in zip(files, heads, strict=True):
-        for name in sorted((head.columns.keys() | heads[0].columns.keys()) - optional):
-            if not _agree(heads[0], head, name):
-                fault = f"its dataset {name} is not that of {files[0].name}"
-                raise input_error(file.name, fault, SEPARATELY)
+    _check_columns(places, heads)
     units = [None if head.unit == UNKNOWN_UNIT else head.unit for head in heads]
     stated = [*(file.y_axis for file in files), y_axis]
-    columns = {name: values for head in heads for name, values in head.per_item.items()}
-    whole = {
-        name: values for head in reversed(heads) for name, values in head.whole.items()
-    }
-    return (
-        heads[0]
-        .with_columns(columns, whole)
-        .replaced(
-            unit=_agreed("unit", places, units) or UNKNOWN_UNIT,
-            frame_rate=_agreed(
-                "frame_rate", places, [head.frame_rate for head in heads]
-            ),
-            y_axis=_agreed("y_axis", [*places, "y_axis"], stated) or "down",
-            sequences=next(
-                (head.sequences for head in heads if head.sequences is not None), None
-            ),
-        )
-    )
+    changes = _join_columns(heads)
+    changes["unit"] = _agreed("unit", places, units) or UNKNOWN_UNIT
+    rates = [head.frame_rate for head in heads]
+    changes["frame_rate"] = _agreed("frame_rate", places, rates)
+    direction = _agreed("y_axis", [*places, "y_axis"], stated)
+    if not isinstance(first, Shapes):
+        changes["y_axis"] = direction or "down"
+    return replace(heads[0], **changes)
+
+
+def _check_columns(places: Sequence[str], heads: Sequence[Items]) -> None:
+    """Raise InputError for a column that a file has alone and must not, or that differs
+    from that of the first.
+    """
+    optional = {*IN_SOME_FILES, "landmark_names", "item", "sequence"}
+    without_frames = [head for head in heads if head.frames is None]
+    if all(head.sequences is None for head in without_frames):
+        optional.add(FRAME)
+    for place, head in zip(places, heads, strict=True):
+        for name in sorted((head.column_names() | heads[0].column_names()) - optional):
+            if not _agree(heads[0], head, name):
+                fault = f"its dataset {name} is not that of {places[0]}"
+                raise input_error(place, fault, SEPARATELY)
+
+
+def _join_columns(heads: Sequence[Items]) -> dict[str, Any]:
+    """Return the fields and extras that any head has; what is of the file, of the first
+    that has it.
+    """
+    changes: dict[str, Any] = {}
+    extras: dict[str, Array] = {}
+    file_extras: dict[str, Array] = {}
+    for head in reversed(heads):
+        for column, value in held_columns(head):
+            changes[column.field] = value
+        file_extras |= head.file_extras
+    for head in heads:
+        extras |= head.extras
+    changes["extras"] = extras
+    changes["file_extras"] = file_extras
+    return changes
 
 
 def _check_same_landmarks(*files: tuple[str, Sequence[str]]) -> None:
@@ -107,52 +132,63 @@ def _check_same_landmarks(*files: tuple[str, Sequence[str]]) -> None:
         raise input_error(place, fault, fix)
 
 
-def align_to(part: Any, head: Any, file: str) -> Any:
+def align_to(part: Record, head: Record, file: str) -> Record:
     """Return a part of one file with the landmarks and columns of the whole source."""
-    part = _per_item(part, head.per_item)
-    if CONFIDENCE in head.per_item and CONFIDENCE not in part.per_item:
-        part = part.with_columns(
-            {CONFIDENCE: np.ones((len(part), len(part.landmark_names)))}
-        )
-    if TIME in head.per_item and TIME not in part.per_item:
-        part = part.with_columns({TIME: np.full(len(part), np.nan)})
-    if FRAME in head.per_item and FRAME not in part.per_item:
-        part = part.with_columns({FRAME: np.zeros(len(part), np.int64)})
-    missing = head.sequences is not None and part.sequences is None
-    part = part.arrange(head.landmark_names, file).replaced(
-        sequences=("",) * len(part) if missing else part.sequences,
+    n = len(part)
+    part = _per_item(part, head.extras)
+    changes: dict[str, Any] = {}
+    if _lacks_confidence(part, head):
+        ones = np.ones(part.points.shape[:2])
+        if isinstance(part, Landmarks):
+            changes["confidence"] = ones
+        else:
+            changes["extras"] = {**part.extras, "confidence": ones}
+    if head.times is not None and part.times is None:
+        changes["times"] = np.full(n, np.nan)
+    if head.frames is not None and part.frames is None:
+        changes["frames"] = np.zeros(n, np.int64)
+    if head.sequences is not None and part.sequences is None:
+        changes["sequences"] = ("",) * n
+    if head.y_axis is not None:
+        changes["y_axis"] = head.y_axis
+    part = replace(
+        part,
         unit=head.unit,
         frame_rate=head.frame_rate,
-        y_axis=head.y_axis,
         attributes=head.attributes,
+        **changes,
     )
-    return (
-        part.with_columns(whole={EDGES: head.whole[EDGES]})
-        if EDGES in head.whole
-        else part
-    )
+    part = arrange(part, head.landmark_names, file)
+    return part if head.edges is None else replace(part, edges=head.edges)
 
 
-def _per_item(records: Any, names: Collection[str]) -> Any:
-    """Return records in which these columns of the file are columns of each item."""
-    n, values = len(records), {k: v for k, v in records.whole.items() if k in names}
-    columns = {
-        name: np.broadcast_to(value, (n, *value.shape))
-        for name, value in values.items()
+def _lacks_confidence(part: Items, head: Items) -> bool:
+    """Whether other files of a source have confidences, and this part has none."""
+    wanted = head.column("confidence") is not None
+    return wanted and part.column("confidence") is None
+
+
+def _per_item(record: Record, names: Collection[str]) -> Record:
+    """Return a record in which these datasets of the file are columns of each item."""
+    extras = {
+        name: np.broadcast_to(value, (len(record), *value.shape))
+        for name, value in record.file_extras.items()
+        if name in names
     }
-    return records.with_columns(columns) if columns else records
+    return record.with_extras(extras) if extras else record
 
 
-def _agree(first: Any, head: Any, name: str) -> bool:
+def _agree(first: Items, head: Items, name: str) -> bool:
     """Whether heads, without items, have the same column: of items, rows of one
     shape.
     """
-    one, other = first.columns.get(name), head.columns.get(name)
-    if one is None or other is None or (name in first.whole) != (name in head.whole):
+    one, other = first.column(name), head.column(name)
+    if one is None or other is None:
         return False
-    return np.array_equal(
-        one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f"
-    )
+    if (name in first.file_extras) != (name in head.file_extras):
+        return False
+    both_floats = one.dtype.kind == other.dtype.kind == "f"
+    return np.array_equal(one, other, equal_nan=both_floats)
 
 
 def _agreed(what: str, places: Sequence[str], stated: Sequence[Any]) -> Any:

@@ -5,7 +5,6 @@ its own.
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import chain
@@ -17,14 +16,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
 from shapefit.io.checks import LIMIT, input_problems
-
-
-def as_composed(text: str) -> str:
-    """Return a text in Unicode's composed form: names that look the same are the same.
-
-    Accented letters have two spellings; macOS writes one, keyboards the other.
-    """
-    return text if text.isascii() else unicodedata.normalize("NFC", text)
+from shapefit.records.names import as_composed
 
 
 def numbers_of(names: Sequence[str]) -> list[int] | None:
@@ -92,7 +84,7 @@ def nearest_names(name: str, names: Sequence[str]) -> list[str]:
 
 
 def renamed(
-    names: tuple[str, ...], rename: Mapping[str, str], place: str
+    names: Sequence[str], rename: Mapping[str, str], place: str
 ) -> tuple[str, ...]:
     """Return the names after `rename` (old name -> new).
 

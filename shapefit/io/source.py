@@ -14,6 +14,7 @@ from typing import Any, Generic, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.checks import (
     CENTRED,
@@ -23,12 +24,20 @@ from shapefit.io.checks import (
     warn_of_codes,
     warn_of_zeros,
 )
-from shapefit.io.formats import CSV, HDF5, check_holds, our_format, record_writer
+from shapefit.io.formats import (
+    CSV,
+    HDF5,
+    FileFormat,
+    check_holds,
+    our_format,
+    record_writer,
+)
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import (
     FIELDS,
     FRAME,
     LANDMARKS,
+    LAYOUT_OF,
     PROOF,
     RESULTS,
     SHAPES,
@@ -38,15 +47,11 @@ from shapefit.io.layout import (
 from shapefit.io.merge import align_to, merge_heads
 from shapefit.io.names import make_unique, match_landmarks, renamed
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
-from shapefit.io.records import (
-    LandmarkSet,
-    Record,
-    ResultSet,
-    ShapeSet,
-    check_frames,
-    concatenate,
-    order_by_frame,
-)
+from shapefit.records.fit import Fit
+from shapefit.records.frames import check_frames, order_by_frame
+from shapefit.records.items import Items, Record, concatenate
+from shapefit.records.landmarks import Landmarks
+from shapefit.records.shapes import Shapes
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
@@ -56,10 +61,10 @@ MAX_OPEN = 64
 BLOCK = 1 << 12
 """Items whose names are read together, and images that are looked at."""
 
-OPTIONAL = frozenset(n for n, c in RESULTS.datasets.items() if not c.required) - {
-    "sequence"
-}
-"""Datasets of results that need not be read."""
+OPTIONAL = RESULTS.unmarked - {"item", "sequence", "shapes"}
+"""Datasets of results that a command need not read; the others, and those that no field
+lists, always are.
+"""
 
 
 def open_landmarks(
@@ -140,30 +145,31 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
 
 
 def source_of(
-    records: Record, name: str, rename: Mapping[str, str], *, gaps: bool = False
+    record: Record, name: str, rename: Mapping[str, str], *, gaps: bool = False
 ) -> Source[Record]:
     """Return landmarks or shapes in memory as a source, checked as a file of this name
     is.
     """
-    place, stated = place_in_memory(name), records.y_axis
-    check_frames(records.sequences, records.frame, records.items, name)
-    order = order_by_frame(records.sequences, records.frame)
+    place = place_in_memory(name)
+    check_frames(record.sequences, record.frames, record.items, name)
+    order = order_by_frame(record.sequences, record.frames)
     if order is not None:
-        records = records.take(order)
-    file: SourceFile[Record] = SourceFile.of(name, records, place, y_axis=stated)
+        record = record.take(order)
+    file: SourceFile[Record] = SourceFile.of(name, record, place, y_axis=record.y_axis)
     files = [_with_doubts(file)]
-    return Source(_prepared(files, records.LAYOUT, InputOptions(rename=rename), gaps))
+    form = LAYOUT_OF[type(record)]
+    return Source(_prepared(files, form, InputOptions(rename=rename), gaps))
 
 
 def read_shapes(
     paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, *, gaps: bool = False
-) -> ShapeSet:
+) -> Shapes:
     """Read shapes from files of any format as one set, as `open_shapes` opens them."""
     with open_shapes(paths, options, gaps=gaps) as source:
         return source.whole()
 
 
-def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
+def read_results(path: Path, *, proofs: bool = False) -> Fit:
     """Read a result as one, with what proves the optimum only if `proofs` asks for
     it.
     """
@@ -171,7 +177,7 @@ def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
         return source.whole()
 
 
-def write_shapes(path: Path, shapes: ShapeSet) -> None:
+def write_shapes(path: Path, shapes: Shapes) -> None:
     """Write shapes in the format of the name. Raises InputError where that is not
     possible.
     """
@@ -242,7 +248,7 @@ class SourceFile(Generic[Record]):
         def read(rows: slice) -> Record:
             records = self.read(rows)
             sequences = None if records.sequences is None else longer(records.sequences)
-            return records.replaced(items=longer(records.items), sequences=sequences)
+            return replace(records, items=longer(records.items), sequences=sequences)
 
         return replace(self, read=read, texts=lambda *which: longer(self.texts(*which)))
 
@@ -337,10 +343,10 @@ class Source(Generic[Record]):
             file.close()
 
 
-LandmarkSource = Source[LandmarkSet]
-ShapeSource = Source[ShapeSet]
-ResultSource = Source[ResultSet]
-AnyRecords = ResultSet | ShapeSet | LandmarkSet
+LandmarkSource = Source[Landmarks]
+ShapeSource = Source[Shapes]
+ResultSource = Source[Fit]
+AnyRecord = Fit | Shapes | Landmarks
 
 
 def _open(
@@ -375,12 +381,7 @@ def _open(
     for file_format, group in groups:
         name = source_name(group[0])
         if file_format.read_poses is not None and form is not RESULTS:
-            from shapefit.io.readers import items
-
-            read = items.read_landmarks if form is LANDMARKS else items.read_shapes
-            records, notes = read(file_format, group, options)
-            stated = records.y_axis if file_format.states_y_axis else None
-            files.append(SourceFile.of(name, records, notes=notes, y_axis=stated))
+            files.append(_of_poses(form, file_format, group, options))
             continue
         check_holds(group[0], form.kind, file_format)
         if options.individual is not None:
@@ -392,12 +393,12 @@ def _open(
             from shapefit.io.csv_file import read_csv, read_csv_head
 
             if head:
-                records, share = read_csv_head(group[0], form.kind)
+                first, share = read_csv_head(group[0], form.kind)
+                estimate = round(len(first) / share)
+                files.append(SourceFile.of(name, first, estimate=estimate))
             else:
-                records, share = read_csv(group[0], form.kind), 1.0
-            files.append(
-                SourceFile.of(name, records, estimate=round(len(records) / share))
-            )
+                table = read_csv(group[0], form.kind)
+                files.append(SourceFile.of(name, table, estimate=len(table)))
         if form is not RESULTS and options.keypoints is not None:
             files[-1] = _named_by_skeleton(files[-1], options.keypoints)
         if form is LANDMARKS and not head:
@@ -408,12 +409,40 @@ def _open(
     return Source(prepared, options.y_axis, check=not head)
 
 
+def _of_poses(
+    form: Layout,
+    file_format: FileFormat,
+    group: tuple[Path, ...],
+    options: InputOptions,
+) -> SourceFile[Any]:
+    """Read files of another tool that belong together."""
+    from shapefit.io.readers import items
+
+    record: Landmarks | Shapes
+    if form is LANDMARKS:
+        record, notes = items.read_landmarks(file_format, group, options)
+    else:
+        record, notes = items.read_shapes(file_format, group, options)
+    stated = record.y_axis if file_format.states_y_axis else None
+    return SourceFile.of(source_name(group[0]), record, notes=notes, y_axis=stated)
+
+
 def _with_doubts(file: SourceFile[Any]) -> SourceFile[Any]:
     """Return a file with a warning of numbers that may stand for missing landmarks."""
     first = file.read(slice(0, min(file.count, BLOCK)))
-    codes = warn_of_codes(first.points, first.per_item.get("confidence"))
+    codes = warn_of_codes(first.points, _weights_of(first))
     notes = tuple(f"{file.name}: {text}" for text in codes)
     return replace(file, notes=(*file.notes, *notes)) if notes else file
+
+
+def _weights_of(record: Items) -> Floats | None:
+    """Return the confidence (n, p) of landmarks, and of shapes of tools that have
+    it.
+    """
+    if isinstance(record, Landmarks):
+        return record.confidence
+    confidence = record.extras.get("confidence")
+    return None if confidence is None else np.asarray(confidence, np.float64)
 
 
 def _of_hdf5(
@@ -433,7 +462,7 @@ def _of_hdf5(
             str(path),
             file.records(slice(0, file.count), without).take(part),
             lambda dataset, row: f"{path}:/{dataset}[{part[row]}]",
-            y_axis=file.stated["y_axis"],
+            y_axis=file.y_axis,
         )
 
     def within(part: slice) -> slice:
@@ -446,7 +475,7 @@ def _of_hdf5(
         texts=lambda dataset, part: reader(path).read(dataset, within(part)),
         place=lambda dataset, row: f"{path}:/{dataset}[{start + row}]",
         close=reader.cache_clear,
-        y_axis=file.stated["y_axis"],
+        y_axis=file.y_axis,
     )
 
 
@@ -474,7 +503,7 @@ def _without_gaps(file: SourceFile[Any]) -> SourceFile[Any]:
     """
     starts = range(0, file.count, BLOCK)
     blocks = [slice(start, min(start + BLOCK, file.count)) for start in starts]
-    parts = [np.isnan(file.read(rows).points).any(axis=1) for rows in blocks]
+    parts = [np.isnan(file.read(rows).points).any(axis=2) for rows in blocks]
     if not any(part.any() for part in parts):
         return file
     from shapefit.io.readers.items import with_landmarks
@@ -533,7 +562,7 @@ def _named_by_skeleton(file: SourceFile[Any], skeleton: str) -> SourceFile[Any]:
     def read(rows: slice) -> Any:
         records = file.read(rows)
         called = tuple(renames.get(name, name) for name in records.landmark_names)
-        return records.replaced(landmark_names=called)
+        return replace(records, landmark_names=called)
 
     told = tuple(f"{file.name}: {text}" for text in notes)
     return replace(file, read=read, notes=(*file.notes, *told))
@@ -548,7 +577,7 @@ def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
     """
     images = file.read(slice(0, min(file.count, BLOCK)))
     if images.confidence is None:
-        zeros = warn_of_zeros(images.landmarks.swapaxes(1, 2))
+        zeros = warn_of_zeros(images.landmarks)
         file = replace(
             file, notes=(*file.notes, *(f"{file.name}: {text}" for text in zeros))
         )
@@ -562,11 +591,11 @@ def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
         from shapefit.io.readers.items import FRACTIONS, SIZE_FIX
 
         raise input_error(file.name, FRACTIONS, SIZE_FIX)
-    size = np.array(options.image_size)[:, None]
+    size = np.array(options.image_size)
 
     def read(rows: slice) -> Any:
         records = file.read(rows)
-        return records.replaced(landmarks=records.landmarks * size, unit="px")
+        return replace(records, landmarks=records.landmarks * size, unit="px")
 
     return replace(file, read=read)
 
@@ -596,20 +625,20 @@ def _prepared(
         records = file.read(rows)
         place = lambda dataset, row: file.place(dataset, rows.start + row)  # noqa: E731
         if check:
-            check_values(records.columns, form, place, records.landmark_names, gaps)
+            check_values(records, place, gaps=gaps)
         if form is RESULTS:
             return records
         names = renamed(records.landmark_names, options.rename, file.name)
-        records = records.with_whole_points().replaced(landmark_names=names)
+        records = replace(records.with_whole_points(), landmark_names=names)
         if (
             form is LANDMARKS
             and options.min_confidence
             and records.confidence is not None
         ):
             doubtful = records.confidence < options.min_confidence
-            points = np.where(doubtful[:, None], np.nan, records.landmarks)
+            points = np.where(doubtful[..., None], np.nan, records.landmarks)
             weights = np.where(doubtful, 0, records.confidence)
-            records = records.replaced(landmarks=points, confidence=weights)
+            records = replace(records, landmarks=points, confidence=weights)
         if options.landmarks is None:
             return records
         from shapefit.io.readers.items import keep_landmarks

@@ -176,7 +176,8 @@ def fit_translation(
     with np.errstate(invalid="ignore"):  # where nothing is seen
 
         def centre(points: Floats) -> Floats:
-            return (squares * points).sum(axis=-1) / squares.sum(axis=-1)
+            mean: Floats = (squares * points).sum(axis=-1) / squares.sum(axis=-1)
+            return mean
 
         left, W = problem.landmarks - projected[:, :2], problem.landmarks
         T = centre(left) if translation is None else np.array(translation, np.float64)

@@ -360,4 +360,5 @@ def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> F
     part = np.einsum("nj,nj->n", V[:, :, 0], before)
     z[is_hard, 0] = np.copysign(np.sqrt(missing), part[is_hard])
     scale = radius / np.linalg.norm(z, axis=1)
-    return np.einsum("nij,nj->ni", V, scale[:, None] * z)
+    minimum: Floats = np.einsum("nij,nj->ni", V, scale[:, None] * z)
+    return minimum

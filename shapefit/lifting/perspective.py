@@ -262,4 +262,5 @@ def mean_coefficients(atoms: Floats, mean_shape: Floats) -> Floats:
         unsettled=np.zeros(1, dtype=bool),
         threads=1,
     )
-    return c[0]
+    mean: Floats = c[0]
+    return mean

@@ -35,4 +35,5 @@ def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Flo
     total = share.sum(axis=1) * np.linalg.norm(shapes, axis=(1, 2))
     lengths = share @ (atom_scale * size)
     unknown = np.full_like(total, np.nan)
-    return np.divide(lengths, total, out=unknown, where=total > 0)
+    scale: Floats = np.divide(lengths, total, out=unknown, where=total > 0)
+    return scale

@@ -68,7 +68,7 @@ def run(config: ConvertConfig) -> Iterator[Result]:
         noun = "shape" if kind == "shapes" else "image"
         for batch in batches:
             if rate := config.frame_rate or batch.frame_rate:
-                batch = batch.replaced(frame_rate=rate / config.every)
+                batch = replace(batch, frame_rate=rate / config.every)
             writer.append(batch)
             yield Result(done=len(batch), total=count, unit=noun)
         warnings = source.notes + nothing_in(count, f"{noun}s")
@@ -178,7 +178,7 @@ def select(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
         done = 0
         for records in source.chosen(rows, BATCH):
             frame = None if numbers is None else numbers[done : done + len(records)]
-            yield records if frame is None else records.replaced(frame=frame)
+            yield records if frame is None else replace(records, frames=frame)
             done += len(records)
 
     return batches(), len(rows)

@@ -13,19 +13,23 @@ from shapefit.config import CONFIGS, InfoConfig
 from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning
 from shapefit.errors import InputError, abbreviate, as_typed, counted, listed, printable
-from shapefit.io import open_landmarks, open_shapes, read_dictionary
+from shapefit.io import (
+    open_landmarks,
+    open_shapes,
+    read_dictionary,
+)
 from shapefit.io.detect import FORMATS, detect_format, group_inputs
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.readers.tables import understand
-from shapefit.io.records import Records
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.source import OPTIONAL, Source, find_kind, open_results
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.partition.manifest import Manifest, find_folders, sum_up
 from shapefit.pipelines.result import Result, unread
+from shapefit.records.items import Items
 
 FIRST_ITEMS = 1 << 14
 """Of a file that are looked at."""
@@ -174,30 +178,30 @@ def describe_items(source: Source[Any], noun: str) -> list[Line]:
             ("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{part}")
         )
         lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
-        if sample.frame is None:
+        if sample.frames is None:
             lines.append(("frames", "not numbered, so one follows the other"))
         if gaps := describe_gaps(sample):
             lines.append(("gaps", gaps + part))
-    visible = np.isfinite(sample.points).all(axis=1)
+    visible = np.isfinite(sample.points).all(axis=2)
     if visible.any():
         lines.append(("first", describe_point(sample, visible)))
     missing = 1 - visible.sum() / max(visible.size, 1)
     lines.append(("missing", f"{missing:.1%} of the landmarks{part}"))
     lines.append(("unit", "not stated" if sample.unit == UNKNOWN_UNIT else sample.unit))
-    if camera := [name for name in CAMERA if name in sample.columns]:
+    if camera := [name for name in CAMERA if sample.column(name) is not None]:
         lines.append(("camera", listed(camera, "and")))
     return lines
 
 
-def describe_gaps(sample: Records) -> str:
+def describe_gaps(sample: Items) -> str:
     """Say how many frames of sequences are missing, and where for how long; "" where
     none is, or files number none.
     """
-    if sample.frame is None or sample.sequences is None:
+    if sample.frames is None or sample.sequences is None:
         return ""
     missing, longest, where = 0, 0, ""
     last: dict[str, int] = {}
-    rows = zip(sample.sequences, sample.frame.tolist(), sample.items, strict=True)
+    rows = zip(sample.sequences, sample.frames.tolist(), sample.items, strict=True)
     for sequence, frame, item in rows:
         gap = frame - last.get(sequence, frame - 1) - 1 if sequence else 0
         last[sequence] = frame
@@ -213,10 +217,10 @@ def describe_gaps(sample: Records) -> str:
     )
 
 
-def describe_point(sample: Any, visible: Flags) -> str:
+def describe_point(sample: Items, visible: Flags) -> str:
     """Return the first item with a landmark, and where the first of these is."""
     row, column = np.argwhere(visible)[0].tolist()
-    numbers = ", ".join(f"{value:g}" for value in sample.points[row, :, column])
+    numbers = ", ".join(f"{value:g}" for value in sample.points[row, column])
     item, landmark = sample.items[row], sample.landmark_names[column]
     return f"{printable(item)}, {printable(landmark)} at ({numbers})"
 

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.layout import FRAME
-from shapefit.io.names import as_composed
-from shapefit.io.records import Records
+from shapefit.records.items import Items
+from shapefit.records.names import as_composed
 
 BY_ITEM, BY_FRAME = "item", "frame"
 """Stand for the items of the images themselves, and for their frames."""
@@ -45,15 +44,14 @@ class Keys(NamedTuple):
         return sequences, frames
 
 
-def keys_of(parts: Iterable[Records]) -> Keys:
+def keys_of(parts: Iterable[Items]) -> Keys:
     """Return the keys of records, of one source, that come part by part."""
     items, sequences, frames = list[str](), list[str](), list[int]()
     for part in parts:
         items += part.items
         sequences += part.sequences or ()
-        numbers = part.per_item.get(FRAME)
-        if numbers is not None and numbers.ndim == 1 and numbers.dtype.kind in "iu":
-            frames += numbers.tolist()
+        if part.frames is not None:
+            frames += part.frames.tolist()
     numbered = len(frames) == len(items)
     return Keys(items, sequences or None, frames if numbered else None, part.frame_rate)
 
@@ -114,16 +112,14 @@ def find_frames(images: Keys, truth: Keys) -> NDArray[np.intp]:
 
 
 def named_items(
-    images: Records, dataset: str, place: str | Path, key: str
+    images: Items, dataset: str, place: str | Path, key: str
 ) -> tuple[str, ...]:
     """Return what a dataset, which `key` chose, names for each image; BY_ITEM names the
     items.
     """
     if dataset == BY_ITEM:
-        return images.items
-    named = {
-        n: v for n, v in images.per_item.items() if n in images.further and v.ndim == 1
-    }
+        return tuple(images.items)
+    named = {n: v for n, v in images.item_columns().items() if v.ndim == 1}
     if dataset not in named:
         texts = sorted(
             name for name, values in named.items() if values.dtype.kind in "OSU"

@@ -9,21 +9,22 @@ its result.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary, mapped
 from shapefit.errors import abbreviate, counted, input_error
-from shapefit.io import LandmarkSet
-from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES
+from shapefit.io.arrange import arrange
 from shapefit.io.names import check_numbering, numbers_of, renamed
 from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
+from shapefit.records import Landmarks
+from shapefit.records.columns import Singles
 
 MEANS: Mapping[str, float] = {name: parameter.mean for name, parameter in THETA.items()}
 
@@ -67,6 +68,17 @@ def match_names(
     return Matched(dictionary, joints, unknown, in_place, whole, doubts)
 
 
+class Detected(NamedTuple):
+    """The landmarks of a detector in 3D: names (i,), shapes and sd (n, i, 3) in the
+    unit of the landmarks, correlation (n, i, 3) of x with y, x with z, y with z.
+    """
+
+    names: tuple[str, ...]
+    shapes: Floats
+    sd: Floats | None = None
+    correlation: Singles | None = None
+
+
 class Matched(NamedTuple):
     """Landmarks of files beside a dictionary without what these do not mark.
 
@@ -92,12 +104,11 @@ class Matched(NamedTuple):
         """Whether landmarks depend on others, as heels do on ankles."""
         return self.in_place and bool(self.dictionary.provenance.get(WHERE_MARKED))
 
-    def arrange(self, images: LandmarkSet, place: str) -> LandmarkSet:
+    def arrange(self, images: Landmarks, place: str) -> Landmarks:
         """Return images of these landmarks with those of the dictionary."""
         named = named_as_joints(images, self.joints, place)
-        return named.arrange(
-            self.dictionary.landmark_names, place, omit=bool(self.unknown)
-        )
+        names = self.dictionary.landmark_names
+        return arrange(named, names, place, omit=bool(self.unknown))
 
     def warnings(self) -> tuple[str, ...]:
         """Name landmarks that are left out; the few of a known skeleton that are no
@@ -127,9 +138,9 @@ class Matched(NamedTuple):
         landmarks: Floats,
         visible: Flags,
         residual_variance: float,
-    ) -> tuple[Lifting[PosteriorEstimate], dict[str, NDArray[Any]]]:
-        """Return the lifting of the joints, and all landmarks of the files in 3D as
-        datasets.
+    ) -> tuple[Lifting[PosteriorEstimate], Detected | None]:
+        """Return the lifting of the joints, and all landmarks of the files in 3D, None
+        where these are the joints. landmarks (n, 2, p), visible (n, p).
         """
         if self.has_dependents:
             on = self.dictionary.depends_on
@@ -137,11 +148,11 @@ class Matched(NamedTuple):
                 lifting, landmarks, visible, on, residual_variance
             )
         elif not self.moves:
-            return lifting, {}
+            return lifting, None
         A, names = self.joints.matrix(theta), tuple(self.joints.parts)
         joints = as_joints(lifting, A)
         if not names:
-            return joints, {}
+            return joints, None
         rows = self.joints.rows(names, theta) @ np.linalg.inv(A)
         markers = {name for several in self.joints.markers.values() for name in several}
         std = [
@@ -150,15 +161,12 @@ class Matched(NamedTuple):
         points = see_rows(
             rows, lifting.shapes, lifting.estimate.covariance, np.array(std)
         )
-        datasets = {INPUT_NAMES: np.array(names, dtype=object)}
-        datasets[INPUT_SHAPES] = points.points.swapaxes(1, 2)
+        detected = Detected(names, points.points.swapaxes(1, 2))
         if points.deviation is not None and points.correlation is not None:
             sd = lifting.scale[:, None, None] * points.deviation
-            datasets[INPUT_SD] = sd.swapaxes(1, 2)
-            datasets[INPUT_CORRELATION] = points.correlation.swapaxes(1, 2).astype(
-                np.float32
-            )
-        return joints, datasets
+            correlation = points.correlation.swapaxes(1, 2).astype(np.float32)
+            detected = detected._replace(sd=sd.swapaxes(1, 2), correlation=correlation)
+        return joints, detected
 
 
 class Joints(NamedTuple):
@@ -245,33 +253,29 @@ def find_joints(
     return Joints(tuple(joints), parts, markers)
 
 
-def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> LandmarkSet:
+def named_as_joints(images: Landmarks, joints: Joints, place: str) -> Landmarks:
     """Rename landmarks to the joints that they stand for; several of one joint are
     averaged.
     """
-    landmarks, confidence, weights = (
-        images.landmarks,
-        images.confidence,
-        images.weights(),
-    )
+    landmarks = images.landmarks
+    confidence = images.confidence
+    weights = images.weights()
     for several in (several for several in joints.markers.values() if len(several) > 1):
         columns = [images.landmark_names.index(name) for name in several]
         visible: Flags = np.asarray(weights[:, columns] > 0)
         count = np.maximum(visible.sum(axis=1), 1)
-        mean = (
-            np.where(visible[:, None], landmarks[..., columns], 0.0).sum(axis=2)
-            / count[:, None]
-        )
+        shown = np.where(visible[..., None], landmarks[:, columns], 0.0)
+        mean = shown.sum(axis=1) / count[:, None]
         landmarks = landmarks.copy()
-        landmarks[..., columns[0]] = np.where(
+        landmarks[:, columns[0]] = np.where(
             visible.any(axis=1, keepdims=True), mean, np.nan
         )
         if confidence is not None:
             confidence = confidence.copy()
             confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count
     names = renamed(images.landmark_names, joints.names, place)
-    return images.replaced(
-        landmarks=landmarks, confidence=confidence, landmark_names=names
+    return replace(
+        images, landmarks=landmarks, confidence=confidence, landmark_names=names
     )
 
 

@@ -10,11 +10,12 @@ import numpy as np
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
-from shapefit.io import ResultSet, read_dictionary
+from shapefit.io import read_dictionary
 from shapefit.io.atomic import check_folder, file_stem, staged_files, storage_errors
 from shapefit.io.source import open_results
 from shapefit.meshes.dense import metric_scale
 from shapefit.pipelines.result import Result, nothing_in
+from shapefit.records import Fit
 
 BATCH = 64
 """Images whose vertices are in memory at a time."""
@@ -87,7 +88,7 @@ def check_dictionary(
         raise input_error(place, fault, "fit with `--method convex` or `convex+refine`")
 
 
-def in_object_frame(result: ResultSet, dictionary: Dictionary) -> Floats:
+def in_object_frame(result: Fit, dictionary: Dictionary) -> Floats:
     """size * sum_i c_i V_i: (n, 3, q).
 
     The frame is that of the dictionary, in which objects stand upright. The size is
@@ -96,6 +97,8 @@ def in_object_frame(result: ResultSet, dictionary: Dictionary) -> Floats:
     """
     c, size = result.coefficients, result.scale
     assert dictionary.mesh_vertices is not None
+    assert c is not None, "`check_dictionary` asks for them"
+    assert size is not None, "every fit has it"
     if dictionary.atom_scale is not None:
         size = metric_scale(dictionary.atoms, c, dictionary.atom_scale)
     return np.asarray(
@@ -103,9 +106,9 @@ def in_object_frame(result: ResultSet, dictionary: Dictionary) -> Floats:
     )
 
 
-def has_shape(result: ResultSet) -> Flags:
+def has_shape(result: Fit) -> Flags:
     """Which of n images have a shape with an extent, a place and a rotation."""
-    extent = np.ptp(result.shapes, axis=2).max(axis=1)
+    extent = np.ptp(result.shapes, axis=1).max(axis=1)
     turned = 0.0 if result.rotation is None else result.rotation.sum(axis=(1, 2))
     return np.asarray(np.isfinite(extent + turned) & (extent > 0))
 

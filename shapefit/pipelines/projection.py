@@ -20,8 +20,6 @@ from shapefit.config import ProjectConfig
 from shapefit.geometry import cameras
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import (
-    LandmarkSet,
-    ShapeSet,
     check_output,
     digests,
     landmark_writer,
@@ -30,6 +28,7 @@ from shapefit.io import (
 from shapefit.io.layout import CORRUPTED
 from shapefit.io.options import InputOptions
 from shapefit.pipelines.result import Result, nothing_in
+from shapefit.records import Landmarks, Shapes
 
 BATCH = 1024
 """Images whose random numbers are drawn together."""
@@ -94,8 +93,8 @@ def turns_of(sequences: NDArray[np.str_]) -> Floats:
 
 
 def project(
-    shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int
-) -> LandmarkSet:
+    shapes: Shapes, turns: Floats, config: ProjectConfig, batch: int
+) -> Landmarks:
     """Return the images of a batch of n shapes that have made these turns (n,)."""
     n, camera = len(shapes), config.camera
     if camera.view == "turntable":
@@ -106,25 +105,29 @@ def project(
     else:
         rotations = np.broadcast_to(np.array(camera.view, dtype=np.float64), (n, 3, 3))
     scale = 1.0 if camera.scale is None else camera.scale
-    landmarks = cameras.project_from_afar(shapes.shapes, rotations, scale)
+    landmarks = cameras.project_from_afar(shapes.as_columns(), rotations, scale)
     if config.noise > 0:
         landmarks = add_noise(
             landmarks, config.noise, stream(config.seed, NOISE, batch)
         )
     if config.hidden > 0:
         landmarks = hide(landmarks, config.hidden, stream(config.seed, HIDDEN, batch))
-    carried = shapes.further.keys() - {CORRUPTED}
-    per_item = {name: v for name, v in shapes.per_item.items() if name in carried}
-    return LandmarkSet(
-        landmarks=landmarks,
+    extras = {name: v for name, v in shapes.extras.items() if name != CORRUPTED}
+    file_extras = dict(shapes.file_extras)
+    if shapes.mirror_index is not None:
+        file_extras["mirror_index"] = shapes.mirror_index
+    return Landmarks(
+        landmarks.swapaxes(1, 2),
         landmark_names=shapes.landmark_names,
         items=shapes.items,
         sequences=shapes.sequences,
+        frames=shapes.frames,
+        times=shapes.times,
         unit=shapes.unit if camera.scale is None else "px",
         y_axis=config.y_axis,
         frame_rate=shapes.frame_rate,
-        columns=per_item | {TRUE_ROTATION: rotations},
-        whole={name: v for name, v in shapes.whole.items() if name in carried},
+        extras={**extras, TRUE_ROTATION: rotations},
+        file_extras=file_extras,
     )
 
 

@@ -25,13 +25,12 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted, input_error, parse_json
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io import (
-    LandmarkSet,
-    ResultSet,
     digest,
     match_landmarks,
     open_landmarks,
     read_dictionary,
 )
+from shapefit.io.arrange import arrange
 from shapefit.io.hdf5_file import Seal, read_seal
 from shapefit.io.options import input_options
 from shapefit.io.source import open_results
@@ -39,6 +38,8 @@ from shapefit.lifting.methods import METHODS, ROBUST
 from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
 from shapefit.pipelines.joints import find_joints, named_as_joints
 from shapefit.pipelines.result import Failure, Result, unread
+from shapefit.records import Fit, Landmarks
+from shapefit.records.columns import held_columns, in_columns
 from shapefit.threads import side_by_side
 from shapefit.verification import certificate
 from shapefit.verification.certificate import CertifiedProgram, Claims
@@ -55,9 +56,6 @@ off.
 """
 ALWAYS = "shapes landmarks lambda scale translation rotation status objective"
 ERROR_BARS = " shape_sd shape_correlation p_value inlier_probability trusted reasons"
-POINTS = {"landmarks", "shape_correlation"}
-POINTS |= {f"input_{name}" for name in ("shapes", "shape_sd", "shape_correlation")}
-"""Datasets of a result with one point a row, in the file and maybe in memory, too."""
 CERTIFIED = ("convex", "convex+refine")
 """Methods with a certificate."""
 FIX = "give a result that `shapefit fit` wrote to a name in .h5"
@@ -83,7 +81,7 @@ class Checked(NamedTuple):
     their largest gap.
     """
 
-    result: ResultSet
+    result: Fit
     claims: Claims
     certified: Flags
     gap: float
@@ -216,7 +214,7 @@ def verify_part(
         fit = read_statement(attributes, part.file)
         fits.append(fit)
         seal = read_seal(part.file)
-        missing = sorted(required(fit, head.columns) - head.columns.keys())
+        missing = sorted(required(fit, head) - head.column_names())
         wrong = [
             Failure(name, "is missing, and every such fit writes it")
             for name in missing
@@ -321,9 +319,9 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
         raise input_error(file, fault, FIX) from None
 
 
-def required(fit: Statement, columns: Mapping[str, Any]) -> set[str]:
+def required(fit: Statement, head: Fit) -> set[str]:
     """Return the datasets that every such fit writes."""
-    name, perspective = fit.config["method"], "focal" in columns
+    name, perspective = fit.config["method"], head.focal is not None
     names = ALWAYS + (ERROR_BARS if METHODS[name].has_prior else "")
     names += " coefficients" if METHODS[name].mixes_atoms else ""
     names += " omitted" if fit.config.get("leave_one_out") is not None else ""
@@ -368,7 +366,7 @@ def match_files(
 
 
 def read_program(
-    head: ResultSet, file: Path, path: Path, dictionary: Dictionary, fit: Statement
+    head: Fit, file: Path, path: Path, dictionary: Dictionary, fit: Statement
 ) -> CertifiedProgram:
     """Return the convex program of a fit. Raises InputError for another dictionary."""
     names = f"{path}: landmark names"
@@ -380,7 +378,7 @@ def read_program(
         raise input_error(
             path, fault, "give the dictionary of the fit, whose atoms have items"
         )
-    outliers, perspective = fit.config["outliers"], "focal" in head.columns
+    outliers, perspective = fit.config["outliers"], head.focal is not None
     return CertifiedProgram(
         atoms=np.ascontiguousarray(dictionary.atoms[:, :, columns]),
         atom_items=dictionary.atom_items if omits else None,
@@ -397,11 +395,11 @@ def read_program(
 def open_images(
     file: Path,
     rows: slice | None,
-    head: ResultSet,
+    head: Fit,
     fit: Statement,
     files: Sequence[Path],
     count: int,
-) -> Iterator[Iterator[LandmarkSet | None]]:
+) -> Iterator[Iterator[Landmarks | None]]:
     """Open the landmarks of a file of results as its fit read them; gives None for each
     without files.
     """
@@ -431,27 +429,25 @@ def open_images(
             fault = f"{counted(source.count, 'image')} for {counted(count, 'result')}"
             raise input_error(files[0], fault, f"give the landmarks of {file}")
 
-        def as_fitted(images: LandmarkSet) -> LandmarkSet:
-            if calibrated and REMOVED in head.columns:
-                lens = {CAMERA_MATRIX: head.columns[CAMERA_MATRIX]}
-                lens[DISTORTION] = head.columns[REMOVED]
-                images = images.with_columns(whole=lens)
+        def as_fitted(images: Landmarks) -> Landmarks:
+            matrix, removed = head.column(CAMERA_MATRIX), head.column(REMOVED)
+            if calibrated and matrix is not None and removed is not None:
+                lens = {CAMERA_MATRIX: matrix, DISTORTION: removed}
+                images = images.with_file_extras(lens)
             images = named_as_joints(undistorted(images, None), joints, place)
-            return images.arrange(head.landmark_names, place, omit=True)
+            return arrange(images, head.landmark_names, place, omit=True)
 
         yield map(as_fitted, source.batches(CHUNK))
 
 
 def check_chunk(
-    result: ResultSet,
-    given: LandmarkSet | None,
+    result: Fit,
+    given: Landmarks | None,
     program: CertifiedProgram,
     certified: bool,
 ) -> Checked:
     """Check the claims of some images."""
-    columns = result.columns
-    for name in POINTS & columns.keys() - result.LAYOUT.datasets.keys():
-        columns[name] = np.ascontiguousarray(np.swapaxes(columns[name], 1, 2))
+    columns = claimed_columns(result)
     claims = Claims(
         np.isfinite(columns["scale"]) & np.isfinite(columns["shapes"]).all(axis=(1, 2))
     )
@@ -468,6 +464,15 @@ def check_chunk(
     return Checked(result, claims, holds, float(np.max(gaps[holds], initial=0.0)))
 
 
+def claimed_columns(result: Fit) -> dict[str, Any]:
+    """Return the columns of a result by their names, points one a column."""
+    columns: dict[str, Any] = dict(result.extras)
+    for column, value in held_columns(result):
+        values = np.asarray(value)
+        columns[column.name] = in_columns(values) if column.has_points else values
+    return columns
+
+
 def check_confidence(columns: dict[str, Any], claims: Claims) -> None:
     """Claim that there is a number for each landmark, where confidences are stored;
     others are taken out.
@@ -482,19 +487,19 @@ def check_confidence(columns: dict[str, Any], claims: Claims) -> None:
 
 
 def check_landmarks(
-    columns: Mapping[str, Any], result: ResultSet, given: LandmarkSet, claims: Claims
+    columns: Mapping[str, Any], result: Fit, given: Landmarks, claims: Claims
 ) -> None:
     """Claim that n results have the landmarks and confidences of a file, under their
     names.
     """
     everyone, visible = np.ones_like(claims.fitted), given.visible()
     in_file, stated = (
-        np.where(visible[:, None], given.landmarks, np.nan),
+        np.where(visible[:, None], given.as_columns(), np.nan),
         columns["landmarks"],
     )
     off = np.where(np.isnan(stated) & np.isnan(in_file), 0.0, np.abs(stated - in_file))
     allowed = 0.0
-    if REMOVED in given.columns:
+    if given.column(REMOVED) is not None:
         allowed = UNDISTORTED * np.nanmax(np.abs(in_file), initial=1.0)
     claims.near("landmarks are those of the file", off, allowed, of=everyone)
     confidence = given.weights() if given.confidence is None else given.confidence

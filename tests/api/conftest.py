@@ -85,8 +85,8 @@ def views(sample, tmp_path_factory) -> Path:
     confidence = rng.uniform(0.3, 1, (48, 15)) * (rng.random((48, 15)) > 0.05)
     images = shapefit.Landmarks(
         points,
-        truth.landmark_names,
-        confidence,
+        landmark_names=truth.landmark_names,
+        confidence=confidence,
         items=[truth.items[row] for row in rows],
         sequences=[truth.sequences[row] for row in rows],
         unit="px",

@@ -160,7 +160,10 @@ LANDMARKS = [
         np.full((1, 15, 2), np.inf),
         r"^landmarks\[0\]: landmark 'pelvis' is \(inf, inf\); write",
     ),
-    (shapefit.Landmarks(np.ones((2, 3, 2)), "abc"), "none of the 3 landmarks is in"),
+    (
+        shapefit.Landmarks(np.ones((2, 3, 2)), landmark_names="abc"),
+        "none of the 3 landmarks is in",
+    ),
     (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a", "a"]), "item 'a' is also at"),
 ]
 

@@ -113,7 +113,7 @@ def test_a_fit_is_one_line_and_has_parts(found):
     part = found[4:9]
     assert part.items == found.items[4:9]
     np.testing.assert_array_equal(part.shapes, found.shapes[4:9])
-    np.testing.assert_array_equal(part.extras["frame"], found.extras["frame"][4:9])
+    np.testing.assert_array_equal(part.frames, found.frames[4:9])
     np.testing.assert_array_equal(found[-1].shapes, found.shapes[-1:])
     assert len(found[found.trusted]) == int(found.trusted.sum())
 
@@ -175,7 +175,7 @@ def test_tables_of_other_libraries(found, monkeypatch, pandas):
     assert list(table["frame"]) == np.repeat(np.arange(36), 21).tolist()
     assert list(table["time"]) == list(table["frame"])
     clock = np.where(np.arange(36) < 9, np.nan, 3.0 * np.arange(36))
-    timed = found.replaced(extras={**found.extras, "time": clock}).to_pandas()
+    timed = found.replaced(times=clock).to_pandas()
     expected = np.where(np.isnan(clock), np.arange(36), clock)
     assert list(timed["time"]) == np.repeat(expected, 21).tolist()
     points = np.column_stack([table["x"], table["y"], table["z"]])

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from shapefit.cli.main import run as shapefit
 
-from shapefit.io import LandmarkSet, landmark_writer
+from shapefit.io import landmark_writer
 from shapefit.io.formats import record_writer
 from shapefit.io.inputs import ALWAYS_FITS, free_memory, read_whole
 from shapefit.io.layout import SHAPES
-from shapefit.io.records import ShapeSet
+from shapefit.records import Landmarks, Shapes
 
 MEGABYTE = 1 << 20
 MOST_MEMORY = 300 * MEGABYTE
@@ -81,7 +81,12 @@ def check_refused(name: str, text: str) -> None:
 
 def open_images(name: str) -> h5py.File:
     """Return a file of three images, to be written to."""
-    images = LandmarkSet(np.ones((3, 2, 4)), tuple("abcd"), tuple("xyz"), unit="px")
+    images = Landmarks(
+        np.ones((3, 2, 4)).swapaxes(1, 2),
+        landmark_names=tuple("abcd"),
+        items=tuple("xyz"),
+        unit="px",
+    )
     with landmark_writer(Path(name)) as writer:
         writer.append(images)
     return h5py.File(name, "r+")
@@ -260,16 +265,21 @@ class TestTerminals:
         """Images, shapes and an own folder whose names and unit are nasty."""
         names = (NASTY, "b", "c", "d")
         rng = np.random.default_rng(0)
-        images = LandmarkSet(
-            rng.normal(size=(3, 2, 4)),
-            names,
-            (f"{NASTY}1", "2", "3"),
-            (NASTY, NASTY, "s"),
+        images = Landmarks(
+            rng.normal(size=(3, 2, 4)).swapaxes(1, 2),
+            landmark_names=names,
+            items=(f"{NASTY}1", "2", "3"),
+            sequences=(NASTY, NASTY, "s"),
             unit=NASTY,
         )
         with landmark_writer(Path("images.h5")) as writer:
             writer.append(images)
-        shapes = ShapeSet(rng.normal(size=(3, 3, 4)), names, images.items, unit=NASTY)
+        shapes = Shapes(
+            rng.normal(size=(3, 3, 4)).swapaxes(1, 2),
+            landmark_names=names,
+            items=images.items,
+            unit=NASTY,
+        )
         with record_writer(Path("shapes.h5"), SHAPES) as writer:
             writer.append(shapes)
         assert shapefit(["learn-dict", "shapes.h5", "-o", "d.h5", "-q"]) == 0
@@ -354,7 +364,15 @@ class TestLongNames:
         items = tuple(f"{name}/{n}" for n, name in enumerate(sequences))
         points = rng.normal(size=(4, 3, 4))
         with record_writer(Path("shapes.h5"), SHAPES) as writer:
-            writer.append(ShapeSet(points, names, items, sequences, unit="m"))
+            writer.append(
+                Shapes(
+                    points.swapaxes(1, 2),
+                    landmark_names=names,
+                    items=items,
+                    sequences=sequences,
+                    unit="m",
+                )
+            )
 
     @pytest.mark.parametrize("to", ["trc", "c3d"])
     def test_are_shortened_with_a_number(self, shapes, to):

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import landmark_writer, write_dictionary
-from shapefit.io.records import LandmarkSet
+from shapefit.io import (
+    landmark_writer,
+    write_dictionary,
+)
+from shapefit.records import Landmarks
 
 OF_HELP = "h5py numba numpy orjson pyarrow pydantic ruamel scipy tqdm trimesh"
 OF_OTHER_FITS = """
@@ -55,7 +58,7 @@ def of_a_fit(tmp_path_factory) -> set[str]:
     with landmark_writer(folder / "one.csv") as writer:
         landmarks = rng.normal(size=(1, 2, 6))
         writer.append(
-            LandmarkSet(landmarks=landmarks, landmark_names=names, items=("image",))
+            Landmarks(landmarks.swapaxes(1, 2), landmark_names=names, items=("image",))
         )
     out = folder / "out.csv"
     modules = imported(

@@ -17,8 +17,11 @@ import h5py
 import numpy as np
 from shapefit.cli.main import run
 
-from shapefit.io import read_shapes, write_shapes
-from shapefit.io.records import ShapeSet
+from shapefit.io import (
+    read_shapes,
+    write_shapes,
+)
+from shapefit.records import Shapes
 from tests.io.readers.made import DETECTORS, TRACKERS
 
 from .spoil import (
@@ -68,16 +71,18 @@ def make_base_files(folder: Path) -> None:
     people = read_shapes([SAMPLE])
     rng = np.random.default_rng(0)
     few = people.take(np.linspace(0, len(people) - 1, ITEMS).astype(int))
-    meshed = ShapeSet(
-        few.shapes,
-        few.landmark_names,
-        few.items,
+    meshed = Shapes(
+        few.as_columns().swapaxes(1, 2),
+        landmark_names=few.landmark_names,
+        items=few.items,
         sequences=tuple("ab"[number % 2] for number in range(ITEMS)),
         edges=few.edges,
-        mesh_vertices=few.shapes[:, :, :6] + 0.1 * rng.standard_normal((ITEMS, 3, 6)),
+        mesh_vertices=(
+            few.as_columns()[:, :, :6] + 0.1 * rng.standard_normal((ITEMS, 3, 6))
+        ).swapaxes(1, 2),
         mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
         unit="m",
-        columns={
+        extras={
             "weight": rng.uniform(size=ITEMS),
             "model": np.array(few.items, object),
         },

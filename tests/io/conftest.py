@@ -1,9 +1,10 @@
 """Small records for the tests of files, and a look at what an error says."""
 
+import dataclasses
 import io
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import h5py
@@ -17,42 +18,45 @@ from shapefit.io import (
     write_dictionary,
     write_shapes,
 )
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.records import Fit, Landmarks, Shapes
 from tests.io.files import load, save
 
 NAMES = ("head", "left hand", "right hand", "foot")
 
 
 @pytest.fixture
-def shapes(rng) -> ShapeSet:
-    return ShapeSet(
-        shapes=rng.normal(size=(5, 3, 4)),
+def shapes(rng) -> Shapes:
+    return Shapes(
+        rng.normal(size=(5, 3, 4)).swapaxes(1, 2),
         landmark_names=NAMES,
         items=tuple(f"walk/{i}" for i in range(5)),
         sequences=("walk",) * 3 + ("run",) * 2,
         edges=np.array([[0, 1], [0, 2], [0, 3]]),
-        mesh_vertices=rng.normal(size=(5, 3, 6)),
+        mesh_vertices=rng.normal(size=(5, 3, 6)).swapaxes(1, 2),
         mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
         unit="m",
-        columns={"mirror_index": np.array([0, 2, 1, 3]), "weight": rng.normal(size=5)},
+        mirror_index=np.array([0, 2, 1, 3]),
+        extras={"weight": rng.normal(size=5)},
     )
 
 
 @pytest.fixture
-def landmarks(rng) -> LandmarkSet:
+def landmarks(rng) -> Landmarks:
     points = rng.normal(size=(5, 2, 4))
     points[1, :, 2] = np.nan
-    return LandmarkSet(
-        landmarks=points,
+    return Landmarks(
+        points.swapaxes(1, 2),
         confidence=rng.uniform(size=(5, 4)),
         landmark_names=NAMES,
         items=tuple(f"image {i}" for i in range(5)),
         sequences=("a", "a", "b", "b", "b"),
         unit="px",
         y_axis="down",
-        columns={
+        extras={
             "true_rotation": rng.normal(size=(5, 3, 3)),
-            "true_model": np.array(list("vwxyz")),
+            "true_model": np.array(list("vwxyz"), dtype=object),
+        },
+        file_extras={
             "camera_matrix": np.eye(3),
             "maker": np.array("José", dtype=object),
         },
@@ -60,10 +64,10 @@ def landmarks(rng) -> LandmarkSet:
 
 
 @pytest.fixture
-def results(rng, landmarks) -> ResultSet:
-    return ResultSet(
-        shapes=rng.normal(size=(5, 3, 4)),
-        landmarks_fitted=rng.normal(size=(5, 2, 4)),
+def results(rng, landmarks) -> Fit:
+    return Fit(
+        rng.normal(size=(5, 3, 4)).swapaxes(1, 2),
+        landmarks_fitted=rng.normal(size=(5, 2, 4)).swapaxes(1, 2),
         coefficients=rng.normal(size=(5, 7)),
         rotation=rng.normal(size=(5, 3, 3)),
         translation=rng.normal(size=(5, 2)),
@@ -76,8 +80,9 @@ def results(rng, landmarks) -> ResultSet:
         items=landmarks.items,
         sequences=landmarks.sequences,
         transforms=rng.normal(size=(5, 7, 2, 3)),
-        mesh_vertices=rng.normal(size=(5, 3, 6)),
-        columns=landmarks.further,
+        mesh_vertices=rng.normal(size=(5, 3, 6)).swapaxes(1, 2),
+        extras=landmarks.extras,
+        file_extras=landmarks.file_extras,
         unit="px",
         y_axis="down",
         attributes={
@@ -112,21 +117,21 @@ def same() -> Callable[[object, object], None]:
 
     def check(one, other) -> None:
         assert type(one) is type(other)
-        for name, value in vars(one).items():
-            found = getattr(other, name)
-            if name in ("per_item", "whole"):
-                assert value.keys() == found.keys()
-                for key in value:
-                    kind = value[key].dtype.kind
-                    np.testing.assert_array_equal(
-                        value[key], found[key], strict=kind not in "UO"
-                    )
-            elif isinstance(value, np.ndarray):
-                np.testing.assert_array_equal(
-                    value, found, strict=value.dtype.kind != "U"
-                )
-            else:
-                assert value == found, name
+        for field in dataclasses.fields(one):
+            check_values(getattr(one, field.name), getattr(other, field.name))
+
+    def check_values(value, found) -> None:
+        if isinstance(value, Mapping):
+            assert value.keys() == found.keys()
+            for key in value:
+                check_values(value[key], found[key])
+        elif isinstance(value, np.ndarray):
+            strict = value.dtype.kind not in "UO"
+            np.testing.assert_array_equal(value, found, strict=strict)
+        elif dataclasses.is_dataclass(value):
+            check(value, found)
+        else:
+            assert value == found
 
     return check
 

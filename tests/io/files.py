@@ -4,30 +4,35 @@ import re
 from pathlib import Path
 from typing import Any
 
-from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, open_shapes
+from shapefit.io import (
+    open_landmarks,
+    open_shapes,
+)
 from shapefit.io.formats import record_writer
+from shapefit.io.layout import LAYOUT_OF
 from shapefit.io.options import OutputOptions, Summary
-from shapefit.io.records import Records
 from shapefit.io.skeletons import Skeleton
+from shapefit.records import Items, Landmarks, Shapes
 
 
-def save(path: Path, *records: Records, to: str = "auto", **options: Any) -> Summary:
+def save(path: Path, *records: Items, to: str = "auto", **options: Any) -> Summary:
     """Write records of one kind one after the other; options are those of files in
     metres.
     """
-    with record_writer(path, records[0].LAYOUT, to, OutputOptions(**options)) as writer:
+    form = LAYOUT_OF[type(records[0])]
+    with record_writer(path, form, to, OutputOptions(**options)) as writer:
         for record in records:
             writer.append(record)
     return writer.summary
 
 
-def load(*paths: Path) -> LandmarkSet:
+def load(*paths: Path) -> Landmarks:
     """Return the landmarks in files."""
     with open_landmarks(paths) as source:
         return source.whole()
 
 
-def load_shapes(path: Path) -> tuple[ShapeSet, tuple[str, ...]]:
+def load_shapes(path: Path) -> tuple[Shapes, tuple[str, ...]]:
     """Return the shapes in a file, which may have gaps, and the warnings."""
     with open_shapes([path], gaps=True) as source:
         return source.whole(), source.notes

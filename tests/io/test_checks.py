@@ -13,28 +13,28 @@ from shapefit.io.checks import warn_of_codes
 
 @pytest.fixture
 def points(rng) -> np.ndarray:
-    return np.round(rng.uniform(200, 900, (20, 2, 10)), 2)
+    return np.round(rng.uniform(200, 900, (20, 10, 2)), 2)
 
 
 @pytest.mark.parametrize("code", [-999.0, 9999.0, -100.0, -9.0, 1e6, -1000.0])
 @pytest.mark.parametrize("axes", [2, 3])
 def test_a_code_of_missing_points_is_named(rng, code, axes):
-    points = rng.uniform(200, 900, (20, axes, 10))
-    points[::2, :, 3] = code
+    points = rng.uniform(200, 900, (20, 10, axes))
+    points[::2, 3] = code
     (warning,) = warn_of_codes(points)
     text = ", ".join([f"{code:g}"] * axes)
     assert warning.startswith(f"10 landmarks at ({text}), far from all others")
 
 
 def test_one_point_alone_must_be_far(points):
-    points[4, :, 3] = -999
+    points[4, 3] = -999
     assert "1 landmark at (-999, -999)" in warn_of_codes(points)[0]
-    points[4, :, 3] = 150
+    points[4, 3] = 150
     assert warn_of_codes(points) == ()
 
 
 def test_several_codes(points):
-    points[::2, :, 3], points[1::2, :, 4] = -999, 9999
+    points[::2, 3], points[1::2, 4] = -999, 9999
     assert [text.split(",")[0] for text in warn_of_codes(points)] == [
         "10 landmarks at (-999",
         "10 landmarks at (9999",
@@ -45,9 +45,9 @@ def test_several_codes(points):
     "change",
     [
         lambda points: None,
-        lambda points: points.__setitem__((slice(0, 9), slice(None), 3), 500.0),
-        lambda points: points.__setitem__((slice(0, 9), 0, 3), -999.0),
-        lambda points: points.__setitem__((slice(0, 9), slice(None), 3), np.nan),
+        lambda points: points.__setitem__((slice(0, 9), 3), 500.0),
+        lambda points: points.__setitem__((slice(0, 9), 3, 0), -999.0),
+        lambda points: points.__setitem__((slice(0, 9), 3), np.nan),
     ],
 )
 def test_points_among_others_are_no_codes(points, change):
@@ -56,7 +56,7 @@ def test_points_among_others_are_no_codes(points, change):
 
 
 def test_hidden_points_do_not_count(points):
-    points[::2, :, 3] = -999
+    points[::2, 3] = -999
     weights = np.ones((20, 10))
     weights[::2, 3] = 0
     assert warn_of_codes(points, weights) == ()
@@ -73,7 +73,7 @@ def test_codes_are_named_with_their_file(tmp_path, rng, name, kind):
     write = {"landmarks": shapefit.write_landmarks, "shapes": shapefit.write_shapes}
     write[kind](
         path.with_suffix(".csv" if name == "a.tsv" else path.suffix),
-        made(points, names),
+        made(points, landmark_names=names),
     )
     if name == "a.tsv":
         text = path.with_suffix(".csv").read_text()
@@ -94,7 +94,7 @@ def test_names_that_look_the_same_are_the_same(tmp_path, points, suffix, one, ot
     for number, name in enumerate((one, other)):
         names = [name, *"abcdefghi"]
         own = shapefit.Landmarks(
-            points.transpose(0, 2, 1), names, items=[f"{number}{i}" for i in range(20)]
+            points, landmark_names=names, items=[f"{number}{i}" for i in range(20)]
         )
         path = tmp_path / f"{number}.csv"
         if suffix == ".h5":
@@ -112,7 +112,7 @@ def test_names_that_look_the_same_are_the_same(tmp_path, points, suffix, one, ot
 def test_what_looks_the_same_is_renamed_and_chosen(tmp_path, points):
     path = tmp_path / "a.csv"
     names = [SPELLINGS[0], *"abcdefghi"]
-    shapefit.write_landmarks(path, shapefit.Landmarks(points.transpose(0, 2, 1), names))
+    shapefit.write_landmarks(path, shapefit.Landmarks(points, landmark_names=names))
     read = shapefit.read_landmarks(path, rename={SPELLINGS[1]: "q"})
     assert read.landmark_names[0] == "q"
 
@@ -122,7 +122,7 @@ def test_the_file_that_lacks_a_landmark_is_named(tmp_path, rng, order):
     for name, landmarks in (("a", "pqr"), ("b", "pqrs")):
         shapes = shapefit.Shapes(
             rng.normal(size=(4, len(landmarks), 3)),
-            list(landmarks),
+            landmark_names=list(landmarks),
             items=[f"{name}{i}" for i in range(4)],
         )
         shapefit.write_shapes(tmp_path / f"{name}.h5", shapes)
@@ -143,11 +143,13 @@ def test_numbers_from_0_beside_numbers_from_1_are_refused(tmp_path, rng, kind, c
         names = [str(start + number) for number in range(5)]
         items = [f"{start}_{i}" for i in range(4)]
         if kind == "shapes":
-            records = shapefit.Shapes(rng.normal(size=(4, 5, 3)), names, items=items)
+            records = shapefit.Shapes(
+                rng.normal(size=(4, 5, 3)), landmark_names=names, items=items
+            )
             shapefit.write_shapes(tmp_path / f"{start}.h5", records)
         else:
             points = rng.uniform(100, 900, (4, 5, 2))
-            records = shapefit.Landmarks(points, names, items=items)
+            records = shapefit.Landmarks(points, landmark_names=names, items=items)
             shapefit.write_landmarks(tmp_path / f"{start}.h5", records)
     opened = {"landmarks": open_landmarks, "shapes": open_shapes}[kind]
     with pytest.raises(InputError, match="from 0"):

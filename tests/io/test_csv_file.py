@@ -25,7 +25,7 @@ from shapefit.io import (
 )
 from shapefit.io.csv_file import read_csv, read_numbers, read_rows, split_columns
 from shapefit.io.options import InputOptions
-from shapefit.io.records import LandmarkSet, concatenate
+from shapefit.records import Landmarks, concatenate
 from tests.io.files import load, save
 
 VIEWS = """\
@@ -40,8 +40,8 @@ def check_views(views):
     assert views.items == ("a", "b")
     assert views.landmark_names == ("head", "foot")
     assert views.sequences == ("s", "t")
-    np.testing.assert_array_equal(views.landmarks[0], [[1, 3.5], [2, -0.4]])
-    assert np.isnan(views.landmarks[1]).all()
+    np.testing.assert_array_equal(views.as_columns()[0], [[1, 3.5], [2, -0.4]])
+    assert np.isnan(views.as_columns()[1]).all()
     np.testing.assert_array_equal(views.confidence, [[0.5, 1], [0, 0]])
 
 
@@ -117,8 +117,8 @@ def test_neither_order_nor_quotes_nor_blocks_count(
     assert views.items == tuple(dict.fromkeys(items[i] for i, _ in rows))
     assert views.landmark_names == tuple(dict.fromkeys(landmarks[j] for _, j in rows))
     found = {
-        (views.items[i], views.landmark_names[j]): tuple(views.landmarks[i, :, j])
-        for i, j in np.argwhere(np.isfinite(views.landmarks[:, 0])).tolist()
+        (views.items[i], views.landmark_names[j]): tuple(views.as_columns()[i, :, j])
+        for i, j in np.argwhere(np.isfinite(views.as_columns()[:, 0])).tolist()
     }
     assert found == {(items[i], landmarks[j]): (i + 0.5, float(-j)) for i, j in rows}
 
@@ -126,7 +126,7 @@ def test_neither_order_nor_quotes_nor_blocks_count(
 @pytest.mark.parametrize("cells", ["1,", ",2", "nan,2", "1,NaN"])
 def test_a_landmark_with_half_a_position_is_unseen(csv, cells, read_views):
     views = read_views(csv(f"item,landmark,x,y\na,head,{cells}\na,foot,1,2\n"))
-    np.testing.assert_array_equal(views.landmarks, [[[np.nan, 1], [np.nan, 2]]])
+    np.testing.assert_array_equal(views.as_columns(), [[[np.nan, 1], [np.nan, 2]]])
     assert views.confidence is views.sequences is None
 
 
@@ -314,7 +314,7 @@ def test_shapes_that_lack_a_landmark_are_left_out(csv, row):
         shapes = source.whole()
         (note,) = source.notes
     assert shapes.items == tuple(map(str, range(40)))
-    assert shapes.shapes[:, 1, 0].tolist() == [*range(40)]
+    assert shapes.as_columns()[:, 1, 0].tolist() == [*range(40)]
     assert note.endswith(": 1 shape left out, in which a landmark is unknown")
 
 
@@ -382,23 +382,23 @@ def test_what_does_not_come_as_a_stream(
 
 def test_results_as_csv(tmp_path, results):
     path = tmp_path / "result.csv"
-    shapes = results.shapes.copy()
+    shapes = results.as_columns().copy()
     shapes[1] = np.nan
     shapes[0, :, 0] = (0.1, 1e-7, -123456789.123456789)
     with result_writer(path) as writer:
-        writer.append(results.replaced(shapes=shapes).take([0, 1]))
-        writer.append(results.replaced(shapes=shapes).take([2, 3, 4]))
+        writer.append(results.replaced(shapes=shapes.swapaxes(1, 2)).take([0, 1]))
+        writer.append(results.replaced(shapes=shapes.swapaxes(1, 2)).take([2, 3, 4]))
     lines = path.read_text().splitlines()
     assert lines[0] == "item,landmark,x,y,z,sequence"
     assert lines[1] == "image 0,head,0.1,1e-7,-123456789.12345679,a"
     assert lines[5] == "image 1,head,,,,a"
     assert len(lines) == 1 + 5 * 4
-    np.testing.assert_array_equal(read_results(path).shapes, shapes)
+    np.testing.assert_array_equal(read_results(path).as_columns(), shapes)
 
 
 def test_items_without_landmarks_write_a_header(tmp_path):
-    none = LandmarkSet(
-        landmarks=np.empty((2, 2, 0)), landmark_names=(), items=("a", "b")
+    none = Landmarks(
+        np.empty((2, 2, 0)).swapaxes(1, 2), landmark_names=(), items=("a", "b")
     )
     save(tmp_path / "none.csv", none)
     assert (tmp_path / "none.csv").read_text() == "item,landmark,x,y\n"
@@ -411,14 +411,20 @@ def test_items_without_landmarks_write_a_header(tmp_path):
 def test_numbers_come_back_to_the_last_bit(values):
     data: list[bytes] = []
     csv_file.CsvWriter(data.append).append(
-        LandmarkSet(np.array([values])[..., None], "a", "b")
+        Landmarks(
+            np.array([values])[..., None].swapaxes(1, 2), landmark_names="a", items="b"
+        )
     )
     cells = bytes(data[-1]).decode().removesuffix("\n").split(",")[2:]
     assert read_numbers(cells)[0].tobytes() == np.array(values).tobytes()
 
 
 def test_one_landmark_has_one_row_an_item(tmp_path, same):
-    images = LandmarkSet(np.arange(10.0, 16).reshape(3, 2, 1), ("a",), ("i", "j", "k"))
+    images = Landmarks(
+        np.arange(10.0, 16).reshape(3, 2, 1).swapaxes(1, 2),
+        landmark_names=("a",),
+        items=("i", "j", "k"),
+    )
     save(tmp_path / "one.csv", images)
     same(load(tmp_path / "one.csv"), images)
 
@@ -433,16 +439,22 @@ def test_minus_one_without_a_confidence_is_unseen(csv):
 
 @pytest.mark.parametrize("suffix", ["h5", "csv"])
 def test_fractions_of_the_image_are_refused_in_every_format(tmp_path, suffix, problems):
-    images = LandmarkSet(np.linspace(0.1, 0.9, 12).reshape(2, 2, 3), "abc", ("i", "j"))
+    images = Landmarks(
+        np.linspace(0.1, 0.9, 12).reshape(2, 2, 3).swapaxes(1, 2),
+        landmark_names="abc",
+        items=("i", "j"),
+    )
     path = tmp_path / f"views.{suffix}"
     save(path, images)
     assert "fractions of the width and height of the image" in problems(load, path)[0]
     with open_landmarks([path], InputOptions(image_size=(100.0, 200.0))) as source:
         scaled = source.whole()
     assert scaled.unit == "px"
-    np.testing.assert_allclose(scaled.landmarks[:, 1], 200 * images.landmarks[:, 1])
-    save(path, images.replaced(landmarks=images.landmarks - 0.5))
-    assert load(path).landmarks.min() == pytest.approx(
+    np.testing.assert_allclose(
+        scaled.as_columns()[:, 1], 200 * images.as_columns()[:, 1]
+    )
+    save(path, images.replaced(landmarks=(images.as_columns() - 0.5).swapaxes(1, 2)))
+    assert load(path).as_columns().min() == pytest.approx(
         -0.4
     )  # about a centre: no fractions
 

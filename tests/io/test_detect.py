@@ -272,7 +272,7 @@ def test_labels_of_a_person_who_comes_late(tmp_path, empty):
         (folder / f"clip_{number:06d}.txt").write_text(text)
     for paths in ([folder], sorted(folder.iterdir())):
         with open_landmarks(paths) as source:
-            frames = source.whole().columns["frame"].tolist()
+            frames = source.whole().column("frame").tolist()
         assert frames == [empty, empty + 1, empty + 2]
 
 
@@ -292,7 +292,7 @@ def test_files_of_images_without_people_are_of_their_recording(tmp_path):
     for given in ([tmp_path], paths):
         with open_landmarks(given) as source:
             images = source.whole()
-        assert images.columns["frame"].tolist() == [1, 3]
+        assert images.column("frame").tolist() == [1, 3]
         assert (images.confidence == 0.25).all()
 
 

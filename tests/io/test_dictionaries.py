@@ -36,7 +36,7 @@ def test_numbers_of_no_use_are_refused(tmp_path: Path, name: str, value: float):
 def test_vertices_and_atoms_are_named(
     shape_file, dictionary_file, shapes, dictionary, edit, problems
 ):
-    vertices = shapes.mesh_vertices.swapaxes(1, 2).copy()
+    vertices = shapes.mesh_vertices.copy()
     vertices[2, 4, 0] = 1e151
     (line,) = problems(read_shapes, [edit(shape_file, mesh_vertices=vertices)])
     assert line.startswith(f"{shape_file}:/mesh_vertices[2]: vertex 4 is (1e+151, ")

@@ -2,6 +2,7 @@
 disks do.
 """
 
+import dataclasses
 import errno
 import multiprocessing
 import os
@@ -18,9 +19,6 @@ from shapefit.cli.main import run
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import (
-    LandmarkSet,
-    ResultSet,
-    ShapeSet,
     inputs,
     open_landmarks,
     read_dictionary,
@@ -31,7 +29,8 @@ from shapefit.io import (
 )
 from shapefit.io.hdf5_file import Hdf5File
 from shapefit.io.layout import PER_ITEM, RENAMED
-from shapefit.io.records import Records
+from shapefit.records import Fit, Landmarks, Shapes
+from tests.columns import put
 from tests.io.files import load, save
 
 READERS = {
@@ -81,23 +80,29 @@ def test_files_are_laid_out_as_promised(
 
 def test_one_point_a_row_in_the_file_one_a_column_in_memory(shape_file, shapes):
     with h5py.File(shape_file) as file:
-        np.testing.assert_array_equal(file["shapes"][2, 1], shapes.shapes[2, :, 1])
         np.testing.assert_array_equal(
-            file["mesh_vertices"][4, 5], shapes.mesh_vertices[4, :, 5]
+            file["shapes"][2, 1], shapes.as_columns()[2, :, 1]
         )
-    assert read_shapes([shape_file]).shapes.flags.c_contiguous
+        np.testing.assert_array_equal(
+            file["mesh_vertices"][4, 5], shapes.mesh_vertices[4, 5]
+        )
+    assert read_shapes([shape_file]).as_columns().flags.c_contiguous
 
 
 @pytest.mark.parametrize("n", [2, 3, 4])
 def test_a_matrix_of_the_file_is_not_cut_where_there_are_as_many_items(tmp_path, n):
-    items, columns = tuple(map(str, range(n))), {"time": np.arange(n)}
-    points, whole = (
-        np.full((n, 2, 3), 50.0),
-        {"K": np.eye(3), "camera_matrix": np.eye(3)},
-    )
+    items = tuple(map(str, range(n)))
+    points = np.full((n, 3, 2), 50.0)
+    whole = {"K": np.eye(3), "camera_matrix": np.eye(3)}
     save(
         tmp_path / "views.h5",
-        LandmarkSet(points, "abc", items, columns=columns, whole=whole),
+        Landmarks(
+            points,
+            landmark_names=tuple("abc"),
+            items=items,
+            times=np.arange(n),
+            file_extras=whole,
+        ),
     )
     with h5py.File(tmp_path / "views.h5", "a") as file:
         file["L"], file["mass"] = np.eye(3), np.ones(n + 1)
@@ -106,10 +111,10 @@ def test_a_matrix_of_the_file_is_not_cut_where_there_are_as_many_items(tmp_path,
     with open_landmarks([tmp_path / "views.h5"]) as source:
         first, *_ = source.batches(1)
     assert all(
-        first.whole[name].shape == (3, 3) for name in ("K", "L", "camera_matrix")
+        first.column(name).shape == (3, 3) for name in ("K", "L", "camera_matrix")
     )
-    assert first.whole["mass"].shape == (n + 1,)
-    assert first.per_item["time"].tolist() == [0]
+    assert first.column("mass").shape == (n + 1,)
+    assert first.column("time").tolist() == [0]
 
 
 def test_nested_datasets_are_carried(landmark_file, tmp_path, edit):
@@ -117,23 +122,23 @@ def test_nested_datasets_are_carried(landmark_file, tmp_path, edit):
     with h5py.File(landmark_file, "a") as file:
         file["camera/focal"].attrs[PER_ITEM] = True
     first = load(landmark_file).take([0, 1, 2])
-    assert first.columns["camera/focal"].tolist() == [0, 1, 2]
-    assert first.columns["camera/model"].item() == "pinhole"
+    assert first.column("camera/focal").tolist() == [0, 1, 2]
+    assert first.column("camera/model").item() == "pinhole"
     save(tmp_path / "again.h5", first)
     with h5py.File(tmp_path / "again.h5") as file:
         assert file["camera/model"].asstr()[()] == "pinhole"
 
 
 def test_other_types_of_numbers_and_texts_are_read(landmark_file, landmarks, edit):
-    points = landmarks.landmarks.swapaxes(1, 2).astype("f4")
+    points = landmarks.as_columns().swapaxes(1, 2).astype("f4")
     points[0, 0] = (1.0, np.nan)  # half a position is none
     items = np.array([b"a", b"b", b"c", b"d", b"e"])
     edit(landmark_file, landmarks=points, confidence=np.ones((5, 4), bool), item=items)
     images = load(landmark_file)
     assert images.items == tuple("abcde")
-    assert images.landmarks.dtype == np.float64
-    assert np.isnan(images.landmarks[0, :, 0]).all()
-    np.testing.assert_array_equal(images.landmarks[1], points[1].T)
+    assert images.as_columns().dtype == np.float64
+    assert np.isnan(images.as_columns()[0, :, 0]).all()
+    np.testing.assert_array_equal(images.as_columns()[1], points[1].T)
     assert (images.confidence == 1).all()
 
 
@@ -159,7 +164,7 @@ def test_results_and_dictionaries_of_version_1_are_converted(
         "reasons": np.array([""] * 5, dtype=object),
     }
     result_file, new = tmp_path / "old.h5", tmp_path / "new.h5"
-    save(result_file, results.with_columns(more))
+    save(result_file, put(results, more))
     for path, read in ((dictionary_file, read_dictionary), (result_file, read_results)):
         to_version_1(path)
         with pytest.raises(
@@ -170,10 +175,10 @@ def test_results_and_dictionaries_of_version_1_are_converted(
         assert run(["convert", str(path), "-o", str(new)]) == 0
         again = read(new)
     assert (
-        again.per_item["inlier_probability"].tolist()
+        again.column("inlier_probability").tolist()
         == more["inlier_probability"].tolist()
     )
-    assert again.per_item["reasons"].tolist() == [""] * 5
+    assert again.column("reasons").tolist() == [""] * 5
     old = read_dictionary(dictionary_file, old=True)
     assert len(old.atom_items) == 7
 
@@ -281,8 +286,8 @@ FAULTS = [
         {"shapes": "text", "item": np.arange(5), "edges": np.zeros((1, 2))},
         [
             "item: holds int64 (5,); store UTF-8 text (5,)",
-            "shapes: holds text (); store numbers (5, 4, 3)",
             "edges: holds float64 (1, 2); store integers (1, 2)",
+            "shapes: holds text (); store numbers (5, 4, 3)",
         ],
     ),
     *(
@@ -426,16 +431,12 @@ def spoil(data: bytes, kind: str, rng: np.random.Generator) -> bytes:
 
 def values_of(record) -> str:
     """Return what a record or a dictionary holds in datasets with checksums."""
-    named = {**vars(record), **(record.columns if isinstance(record, Records) else {})}
-    unchecked = (
-        "per_item",
-        "whole",
-        "prior",
-        "maker",
-        "attributes",
-        "provenance",
-        "unit",
-    )
+    named = {
+        field.name: getattr(record, field.name) for field in dataclasses.fields(record)
+    }
+    for name in ("extras", "file_extras"):
+        named |= named.pop(name, {})
+    unchecked = ("prior", "maker", "attributes", "provenance", "unit")
     named = {name: value for name, value in named.items() if name not in unchecked}
     return repr(
         {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in named.items()}
@@ -501,9 +502,12 @@ def files(tmp_path_factory) -> Path:
     shapes, views = rng.normal(size=(N, 3, 4)), rng.normal(size=(N, 2, 4))
     save(
         folder / "landmarks.h5",
-        LandmarkSet(landmarks=views, landmark_names=NAMES, items=items, unit="px"),
+        Landmarks(views.swapaxes(1, 2), landmark_names=NAMES, items=items, unit="px"),
     )
-    write_shapes(folder / "shapes.h5", ShapeSet(shapes, NAMES, items, unit="m"))
+    write_shapes(
+        folder / "shapes.h5",
+        Shapes(shapes.swapaxes(1, 2), landmark_names=NAMES, items=items, unit="m"),
+    )
     write_dictionary(
         folder / "dictionary.h5",
         Dictionary(atoms=shapes, landmark_names=NAMES, mean_shape=shapes[0], unit="m"),
@@ -517,7 +521,7 @@ def files(tmp_path_factory) -> Path:
     with h5py.File(folder / "other.h5", "w") as file:
         file["values"] = np.ones((N, 4, 3))
     names = {"landmark_names": NAMES, "items": items}
-    save(folder / "result.h5", ResultSet(shapes, **names))
+    save(folder / "result.h5", Fit(shapes.swapaxes(1, 2), **names))
     return folder
 
 
@@ -674,25 +678,26 @@ from pathlib import Path
 import numpy as np
 from shapefit.errors import InputError
 from shapefit.io import *
+from shapefit.records import Fit, Landmarks
 
 def views(start, size):
-    return LandmarkSet(
-        landmarks=np.random.default_rng(start).normal(size=(size, 2, 15)),
+    return Landmarks(
+        landmarks=np.random.default_rng(start).normal(size=(size, 15, 2)),
         landmark_names=[f"landmark {i}" for i in range(15)],
         items=[f"sequence/{i:09}" for i in range(start, start + size)],
-        columns={"true_rotation": np.zeros((size, 3, 3))},
+        extras={"true_rotation": np.zeros((size, 3, 3))},
     )
 
 def results(chunk):
     n = len(chunk)
-    return ResultSet(
-        shapes=np.ones((n, 3, 15)),
+    return Fit(
+        np.ones((n, 15, 3)),
         landmarks_fitted=chunk.landmarks,
         coefficients=np.ones((n, 64)),
         status=np.full(n, "solved"),
         landmark_names=chunk.landmark_names,
         items=chunk.items,
-        columns=chunk.further,
+        extras=chunk.extras,
     )
 """
 

@@ -26,8 +26,8 @@ from shapefit.io import (
 )
 from shapefit.io.layout import PROOF
 from shapefit.io.names import as_composed
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 from shapefit.io.source import open_results
+from shapefit.records import Fit, Landmarks, Shapes, concatenate
 
 finite = st.floats(-MAX_COORDINATE, MAX_COORDINATE)
 positive = st.floats(0, exclude_min=True, allow_infinity=False)
@@ -66,12 +66,12 @@ def sizes(draw):
         "items": draw(distinct(n)),
         "sequences": draw(optional(st.lists(texts, min_size=n, max_size=n).map(tuple))),
         "unit": draw(names),
-        "columns": {
+        "extras": {
             **draw(
                 st.fixed_dictionaries({}, optional={"turn": numbers((n, 2), anything)})
             ),
         },
-        "whole": draw(
+        "file_extras": draw(
             st.fixed_dictionaries({}, optional={"matrix": numbers((3, 3), anything)})
         ),
     }
@@ -82,10 +82,10 @@ def sizes(draw):
 def shape_sets(draw):
     n, p, common = draw(sizes())
     q = draw(st.integers(1, 4))
-    return ShapeSet(
-        shapes=draw(numbers((n, 3, p))),
+    return Shapes(
+        draw(numbers((n, p, 3))),
         edges=draw(optional(indices(2, p))),
-        mesh_vertices=draw(numbers((n, 3, q))),
+        mesh_vertices=draw(numbers((n, q, 3))),
         mesh_faces=draw(optional(indices(3, q))),
         **common,
     )
@@ -94,10 +94,10 @@ def shape_sets(draw):
 @st.composite
 def landmark_sets(draw):
     n, p, common = draw(sizes())
-    points = draw(numbers((n, 2, p)))
-    hidden = draw(arrays(np.bool_, (n, 1, p)))
-    return LandmarkSet(
-        landmarks=np.where(hidden, np.nan, points),
+    points = draw(numbers((n, p, 2)))
+    hidden = draw(arrays(np.bool_, (n, p, 1)))
+    return Landmarks(
+        np.where(hidden, np.nan, points),
         confidence=draw(optional(numbers((n, p), st.floats(0, allow_infinity=False)))),
         y_axis=draw(st.sampled_from(["up", "down"])),
         **common,
@@ -108,7 +108,7 @@ def landmark_sets(draw):
 def result_sets(draw):
     n, p, common = draw(sizes())
     k = draw(st.integers(0, 3))
-    shapes = draw(numbers((n, 3, p)))
+    shapes = draw(numbers((n, p, 3)))
     failed = draw(arrays(np.bool_, (n, 1, 1)))
     status = arrays(
         np.dtype("U6"), n, elements=st.sampled_from(["solved", "failed", ""])
@@ -116,14 +116,14 @@ def result_sets(draw):
     counts = draw(arrays(np.int64, n, elements=st.integers(0, k)))
     total = int(counts.sum())
     proof = {
-        "dual": draw(numbers((n, 2, p))),
+        "dual": draw(numbers((n, p, 2))),
         "transform_count": counts,
         "transform_atom": draw(arrays(np.int64, total, elements=st.integers(0, k))),
         "active_transforms": draw(numbers((total, 2, 3))),
     }
-    return ResultSet(
-        shapes=np.where(failed, np.nan, shapes),
-        landmarks_fitted=draw(optional(numbers((n, 2, p), anything))),
+    return Fit(
+        np.where(failed, np.nan, shapes),
+        landmarks_fitted=draw(optional(numbers((n, p, 2), anything))),
         coefficients=draw(optional(numbers((n, k), anything))),
         rotation=draw(optional(numbers((n, 3, 3), anything))),
         translation=draw(optional(numbers((n, 2), anything))),
@@ -133,11 +133,11 @@ def result_sets(draw):
         iterations=draw(optional(arrays(np.int64, n))),
         status=draw(optional(status)),
         transforms=draw(optional(numbers((n, k, 2, 3), anything))),
-        mesh_vertices=draw(optional(numbers((n, 3, 2), anything))),
+        mesh_vertices=draw(optional(numbers((n, 2, 3), anything))),
         y_axis=draw(st.sampled_from(["up", "down"])),
         attributes=draw(attributes(st.integers(-9, 9) | finite | texts)),
         **common,
-        **(proof if draw(st.booleans()) else {}),
+        **proof if draw(st.booleans()) else {},
     )
 
 
@@ -194,9 +194,7 @@ def test_shapes(folder, same, record):
 @given(record=landmark_sets(), size=st.integers(1, 5))
 def test_landmarks(folder, same, record, size):
     retained = {"landmarks", "confidence", "landmark_names", "items", "sequences"}
-    record = record.replaced(
-        landmarks=record.landmarks + 10.0
-    )  # no fractions of an image
+    record = record.with_points(record.landmarks + 10.0)  # no fractions of an image
     for suffix in ("h5", "csv"):
         path = folder / f"views.{suffix}"
         with landmark_writer(path) as writer:
@@ -245,7 +243,7 @@ def test_chunks_of_a_file_must_go_together(tmp_path, landmarks, suffix):
     if suffix == "h5":
         others += [
             landmarks.replaced(landmark_names=tuple("abcd")),
-            landmarks.replaced(further={}),
+            landmarks.replaced(extras={}),
         ]
     for other in others:
         with pytest.raises(ValueError, match="not those of the first"):

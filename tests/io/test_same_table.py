@@ -152,11 +152,9 @@ DRESSES: dict[str, Callable[[Rows], str]] = {
 
 def seen(images) -> Points:
     """What records or arrays hold, of the landmarks that have a place."""
-    points = getattr(images, "points", None)
-    rows = images.landmarks if points is None else points.swapaxes(1, 2)
     return {
         (item, name): (float(x), float(y))
-        for item, own in zip(images.items, rows, strict=True)
+        for item, own in zip(images.items, images.landmarks, strict=True)
         for name, (x, y) in zip(images.landmark_names, own, strict=True)
         if np.isfinite([x, y]).all()
     }

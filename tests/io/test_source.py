@@ -12,8 +12,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shapefit.io import (
-    LandmarkSet,
-    ResultSet,
     open_landmarks,
     open_shapes,
     read_results,
@@ -24,6 +22,7 @@ from shapefit.io.checks import LIMIT, input_problems
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.items import keep_landmarks
 from shapefit.io.source import open_results
+from shapefit.records import Fit, Landmarks
 from tests.cli.conftest import run_in
 from tests.io.files import save
 
@@ -34,13 +33,10 @@ def permuted_shapes(shapes, order):
     """Write down the same shapes with their landmarks in another order."""
     position = np.argsort(order)
     return shapes.replaced(
-        shapes=shapes.shapes[..., order],
+        shapes=shapes.as_columns()[..., order].swapaxes(1, 2),
         landmark_names=tuple(shapes.landmark_names[i] for i in order),
         edges=position[shapes.edges],
-        further={
-            **shapes.further,
-            "mirror_index": position[shapes.columns["mirror_index"][order]],
-        },
+        mirror_index=position[shapes.mirror_index[order]],
     )
 
 
@@ -60,7 +56,7 @@ def test_permuted_landmarks_are_matched_by_name(tmp_path, shapes, same, order, s
     found = read_shapes([one, two])
     if suffix == ".h5":
         same(found, shapes)
-    np.testing.assert_array_equal(found.shapes, shapes.shapes)
+    np.testing.assert_array_equal(found.as_columns(), shapes.as_columns())
     assert (found.landmark_names, found.items) == (shapes.landmark_names, shapes.items)
 
 
@@ -124,11 +120,9 @@ def test_shapes_that_do_not_go_together(tmp_path, shapes, problems, change, foun
     one, two = tmp_path / "a.h5", tmp_path / "b.h5"
     write_shapes(one, shapes.take([0]))
     part = shapes.take([1])
-    further = {
-        name: value for name, value in change.items() if name in (*part.further, "more")
-    }
-    listed = {name: value for name, value in change.items() if name not in further}
-    write_shapes(two, part.replaced(**listed, further={**part.further, **further}))
+    extras = {name: v for name, v in change.items() if name in ("weight", "more")}
+    listed = {name: v for name, v in change.items() if name not in extras}
+    write_shapes(two, part.replaced(**listed).with_extras(extras))
     (line,) = problems(read_shapes, [one, two])
     assert line.startswith(f"{two}: {found.format(one)}")
     assert line.endswith(SEPARATELY)
@@ -139,7 +133,7 @@ def test_files_without_sequences_units_edges_or_shapes_go_with_others(tmp_path, 
     write_shapes(
         one, shapes.take([0]).replaced(sequences=None, unit="unknown", edges=None)
     )
-    write_shapes(two, shapes.take([]).replaced(unit="mm", further={}))
+    write_shapes(two, shapes.take([]).replaced(unit="mm", extras={}, mirror_index=None))
     write_shapes(
         three, permuted_shapes(shapes.take([1]), [2, 0, 3, 1]).replaced(frame_rate=50.0)
     )
@@ -147,7 +141,7 @@ def test_files_without_sequences_units_edges_or_shapes_go_with_others(tmp_path, 
     assert (found.sequences, found.unit, found.frame_rate) == (("", "walk"), "m", 50.0)
     np.testing.assert_array_equal(found.edges, shapes.edges)
     np.testing.assert_array_equal(
-        found.columns["mirror_index"], shapes.columns["mirror_index"]
+        found.column("mirror_index"), shapes.column("mirror_index")
     )
 
 
@@ -185,9 +179,9 @@ def test_batches_run_over_the_ends_of_files_unless_asked(
 def test_wrong_values_of_a_later_batch_are_named_by_their_row(
     tmp_path, landmarks, problems
 ):
-    points = landmarks.landmarks.copy()
+    points = landmarks.as_columns().copy()
     points[3, 0, 3] = np.inf
-    save(tmp_path / "a.h5", landmarks.replaced(landmarks=points))
+    save(tmp_path / "a.h5", landmarks.replaced(landmarks=points.swapaxes(1, 2)))
     for rows in (None, slice(1, None)):
         with open_landmarks([tmp_path / "a.h5"], rows=rows) as source:
             (line,) = problems(list, source.batches(2))
@@ -203,7 +197,7 @@ def test_landmarks_of_low_confidence_are_hidden(tmp_path, landmarks):
     ) as source:
         images = source.whole()
     low = landmarks.confidence < 0.5
-    assert np.isnan(images.landmarks.swapaxes(1, 2)[low]).all()
+    assert np.isnan(images.as_columns().swapaxes(1, 2)[low]).all()
     np.testing.assert_array_equal(
         images.confidence, np.where(low, 0, landmarks.confidence)
     )
@@ -226,13 +220,15 @@ def test_landmarks_of_files_are_united(tmp_path, landmarks):
         "tail",
     )
     assert whole.sequences == ("", "a", "b")
-    np.testing.assert_array_equal(whole.landmarks[0, :, :4], landmarks.landmarks[0])
-    assert np.isnan(whole.landmarks[0, :, 4]).all()
+    np.testing.assert_array_equal(
+        whole.as_columns()[0, :, :4], landmarks.as_columns()[0]
+    )
+    assert np.isnan(whole.as_columns()[0, :, 4]).all()
     np.testing.assert_array_equal(whole.confidence[0], [1, 1, 1, 1, 0])
     np.testing.assert_array_equal(
-        whole.landmarks[1:][..., [3, 4, 0, 2]], other.landmarks
+        whole.as_columns()[1:][..., [3, 4, 0, 2]], other.as_columns()
     )
-    assert np.isnan(whole.landmarks[1:, :, 1]).all()
+    assert np.isnan(whole.as_columns()[1:, :, 1]).all()
     np.testing.assert_array_equal(
         whole.confidence[1:][:, [3, 4, 0, 2]], other.confidence
     )
@@ -245,11 +241,19 @@ def test_what_each_camera_says_is_of_its_images(tmp_path):
             "camera_matrix": np.eye(3) * (number + 1),
             "image_size": np.array([640, 480]),
         }
-        save(path, LandmarkSet(np.zeros((2, 2, 3)), "abc", ("i", "j"), columns=camera))
+        save(
+            path,
+            Landmarks(
+                np.zeros((2, 2, 3)).swapaxes(1, 2),
+                landmark_names="abc",
+                items=("i", "j"),
+                file_extras=camera,
+            ),
+        )
     with open_landmarks(paths) as source:
         whole = source.whole()
-    np.testing.assert_array_equal(whole.columns["camera_matrix"][:, 0, 0], [1, 1, 2, 2])
-    assert whole.columns["image_size"].tolist() == [640, 480]
+    np.testing.assert_array_equal(whole.column("camera_matrix")[:, 0, 0], [1, 1, 2, 2])
+    assert whole.column("image_size").tolist() == [640, 480]
 
 
 @pytest.mark.parametrize(
@@ -279,7 +283,7 @@ def test_results_that_do_not_go_together(tmp_path, results, problems):
         ),
         (part.replaced(rotation=None), "its dataset rotation is not that of {}"),
         (
-            part.replaced(mesh_vertices=np.zeros((1, 3, 2))),
+            part.replaced(mesh_vertices=np.zeros((1, 3, 2)).swapaxes(1, 2)),
             "its dataset mesh_vertices is not",
         ),
     ):
@@ -288,7 +292,9 @@ def test_results_that_do_not_go_together(tmp_path, results, problems):
         assert line.startswith(f"{two}: {found.format(one)}")
     save(two, part)
     with open_results([one, two]) as source:
-        np.testing.assert_array_equal(source.whole().shapes, results.shapes[:2])
+        np.testing.assert_array_equal(
+            source.whole().as_columns(), results.as_columns()[:2]
+        )
 
 
 # Keys of reading, by the command line
@@ -309,11 +315,19 @@ def test_one_individual_of_a_file(shapefit, tmp_path):
     names = [f"cam/person {n}/{frame}" for n in (1, 7) for frame in range(3)]
     sequences = [name.rpartition("/")[0] for name in names]
     shapes = np.arange(6 * 9.0).reshape(6, 3, 3)
-    save(tmp_path / "r.h5", ResultSet(shapes, "abc", names, sequences))
+    save(
+        tmp_path / "r.h5",
+        Fit(
+            shapes.swapaxes(1, 2),
+            landmark_names="abc",
+            items=names,
+            sequences=sequences,
+        ),
+    )
     assert shapefit("convert r.h5 -o one.h5 --set individual='person 7'").code == 0
     one = read_results(tmp_path / "one.h5")
     assert one.items == tuple(names[3:])
-    np.testing.assert_array_equal(one.shapes, shapes[3:])
+    np.testing.assert_array_equal(one.as_columns(), shapes[3:])
     for key, found in (
         (
             "individual='person 2'",
@@ -323,7 +337,15 @@ def test_one_individual_of_a_file(shapefit, tmp_path):
     ):
         refused = shapefit(f"convert r.h5 -o no.h5 --set {key}")
         assert (refused.code, found in refused.text) == (2, True)
-    save(tmp_path / "l.h5", LandmarkSet(shapes[:, :2], "abc", names, sequences))
+    save(
+        tmp_path / "l.h5",
+        Landmarks(
+            shapes[:, :2].swapaxes(1, 2),
+            landmark_names="abc",
+            items=names,
+            sequences=sequences,
+        ),
+    )
     refused = shapefit("fit l.h5 -d people -o no.h5 --set individual='person 7'")
     assert (
         refused.code,
@@ -346,7 +368,7 @@ def test_the_recipe_for_motion_capture_gives_the_training_shapes(
     assert {tuple(pair) for pair in made.edges} == {tuple(pair) for pair in known.edges}
     for trial in ("86_01", "86_09"):
         one, other = (
-            each.shapes[[name == trial for name in each.sequences]]
+            each.as_columns()[[name == trial for name in each.sequences]]
             for each in (made, known)
         )
         np.testing.assert_allclose(

@@ -7,10 +7,11 @@ import pytest
 
 from shapefit.config.paths import find_dictionary
 from shapefit.convex.solver import Status
-from shapefit.io import LandmarkSet, read_dictionary
+from shapefit.io import read_dictionary
 from shapefit.lifting.derived_landmarks import PAIRS, place_dependents, see_rows
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
+from shapefit.records import Landmarks
 from tests.pipelines.fitted import fit_images
 
 FEET = slice(15, 21)
@@ -35,8 +36,8 @@ def images(people, rng):
     )
     turn = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
     turn[:, :, 0] *= np.linalg.det(turn)[:, None]
-    return LandmarkSet(
-        landmarks=100 * (turn @ drawn)[:, :2],
+    return Landmarks(
+        (100 * (turn @ drawn)[:, :2]).swapaxes(1, 2),
         landmark_names=people.landmark_names,
         items=tuple(f"image{i}" for i in range(n)),
     )
@@ -52,13 +53,16 @@ def lift(tmp_path):
 
 
 def test_feet_move_no_other_joint(images, lift):
-    moved = images.landmarks.copy()
+    moved = images.as_columns().copy()
     moved[..., FEET] += 30
-    found, other = lift(images), lift(images.replaced(landmarks=moved))
-    np.testing.assert_array_equal(other.shapes[..., :15], found.shapes[..., :15])
+    found, other = lift(images), lift(images.replaced(landmarks=moved.swapaxes(1, 2)))
+    np.testing.assert_array_equal(
+        other.as_columns()[..., :15], found.as_columns()[..., :15]
+    )
     np.testing.assert_array_equal(other.shape_sd[..., :15], found.shape_sd[..., :15])
     assert (
-        np.abs(found.shapes - other.shapes)[:, :2, FEET].mean(axis=(1, 2)) > 3
+        np.abs(found.as_columns() - other.as_columns())[:, :2, FEET].mean(axis=(1, 2))
+        > 3
     ).all()
 
 
@@ -116,7 +120,7 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
     away = (landmarks - shapes[:, :2])[0]
     visible = (away[:, feet] - away[:, [ankle]]).ravel()
     step = (gain @ visible)[:9].reshape(3, 3)
-    for points in (found.shapes, found.estimate.shapes):
+    for points in (found.as_columns(), found.estimate.shapes):
         np.testing.assert_allclose(
             (points - shapes)[0][:, feet], step, rtol=1e-4, atol=1e-6
         )

@@ -14,12 +14,11 @@ def exemplars():
     """
 
     def make(shapes):
-        normalised = normalise(shapes.shapes)
+        normalised = normalise(shapes.as_columns())
         mesh = shapes.mesh_vertices
         if mesh is not None:
-            mesh = (mesh - normalised.centroid[..., None]) / normalised.scale[
-                :, None, None
-            ]
+            centred = mesh.swapaxes(1, 2) - normalised.centroid[..., None]
+            mesh = centred / normalised.scale[:, None, None]
         return Dictionary(
             atoms=normalised.points,
             landmark_names=shapes.landmark_names,

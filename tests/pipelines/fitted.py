@@ -7,15 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.config import FitConfig
-from shapefit.io import LandmarkSet, ResultSet, read_results
+from shapefit.io import read_results
 from shapefit.pipelines.fit.fit import fit as run
 from shapefit.pipelines.result import Counted, Result
+from shapefit.records import Fit, Landmarks
 from tests.io.files import save
 
 
 def fit_file(
     landmarks: Path, dictionary: Path | str, output: Path, **keys: Any
-) -> tuple[ResultSet, list[Result]]:
+) -> tuple[Fit, list[Result]]:
     """Fit a file of landmarks with keys of the config; return the result and the
     outcomes.
     """
@@ -29,8 +30,8 @@ def fit_file(
 
 
 def fit_images(
-    folder: Path, images: LandmarkSet, dictionary: Path | str, **keys: Any
-) -> tuple[ResultSet, list[Result]]:
+    folder: Path, images: Landmarks, dictionary: Path | str, **keys: Any
+) -> tuple[Fit, list[Result]]:
     """Write images to views.h5 in a folder and fit them there, to result.h5."""
     save(folder / "views.h5", images)
     return fit_file(folder / "views.h5", dictionary, folder / "result.h5", **keys)

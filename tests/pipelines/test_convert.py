@@ -9,9 +9,14 @@ from shapefit.cli.main import run as shapefit
 from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.io import read_results, read_shapes, write_dictionary, write_shapes
-from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io import (
+    read_results,
+    read_shapes,
+    write_dictionary,
+    write_shapes,
+)
 from shapefit.pipelines.convert import run
+from shapefit.records import Landmarks, Shapes
 from tests.io.files import load, save
 from tests.pipelines.fitted import warnings
 
@@ -27,11 +32,11 @@ def convert(*files: Path, output: Path, **more: object) -> list[str | object]:
 
 
 @pytest.fixture
-def landmarks(tmp_path, rng) -> LandmarkSet:
+def landmarks(tmp_path, rng) -> Landmarks:
     points = rng.normal(size=(9000, 2, 4))
     points[3, :, 1] = np.nan
-    images = LandmarkSet(
-        landmarks=points,
+    images = Landmarks(
+        points.swapaxes(1, 2),
         confidence=rng.uniform(size=(9000, 4)),
         landmark_names=NAMES,
         items=tuple(f"i{n}" for n in range(9000)),
@@ -39,7 +44,7 @@ def landmarks(tmp_path, rng) -> LandmarkSet:
         unit="px",
         y_axis="down",
         frame_rate=50.0,
-        columns={"age": np.arange(9000)},
+        extras={"age": np.arange(9000)},
     )
     save(tmp_path / "views.h5", images)
     return images
@@ -48,9 +53,9 @@ def landmarks(tmp_path, rng) -> LandmarkSet:
 def test_landmarks_keep_everything_in_hdf5(tmp_path, landmarks):
     assert convert(tmp_path / "views.h5", output=tmp_path / "same.h5") == []
     same = load(tmp_path / "same.h5")
-    np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
+    np.testing.assert_array_equal(same.as_columns(), landmarks.as_columns())
     np.testing.assert_array_equal(same.confidence, landmarks.confidence)
-    np.testing.assert_array_equal(same.columns["age"], landmarks.columns["age"])
+    np.testing.assert_array_equal(same.column("age"), landmarks.column("age"))
     retained = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate")
     assert all(getattr(same, name) == getattr(landmarks, name) for name in retained)
 
@@ -59,7 +64,7 @@ def test_landmarks_to_csv_and_back(tmp_path, landmarks):
     convert(tmp_path / "views.h5", output=tmp_path / "views.csv")
     convert(tmp_path / "views.csv", output=tmp_path / "back.h5")
     same = load(tmp_path / "back.h5")
-    np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
+    np.testing.assert_array_equal(same.as_columns(), landmarks.as_columns())
     assert same.sequences == landmarks.sequences
 
 
@@ -67,9 +72,9 @@ def test_doubtful_landmarks_are_hidden(tmp_path, landmarks):
     convert(tmp_path / "views.h5", output=tmp_path / "sure.h5", min_confidence=0.5)
     sure = load(tmp_path / "sure.h5")
     doubtful = landmarks.confidence < 0.5
-    assert np.isnan(sure.landmarks[:, 0][doubtful]).all()
+    assert np.isnan(sure.as_columns()[:, 0][doubtful]).all()
     np.testing.assert_array_equal(
-        np.isnan(sure.landmarks[:, 0]).sum(), doubtful.sum() + 1 - (doubtful[3, 1])
+        np.isnan(sure.as_columns()[:, 0]).sum(), doubtful.sum() + 1 - (doubtful[3, 1])
     )
 
 
@@ -80,7 +85,8 @@ def test_a_result_keeps_its_proof(world, tmp_path):
     assert shapefit(["verify", str(tmp_path / "again.h5"), "-d", str(dictionary)]) == 0
     convert(result, output=tmp_path / "result.csv")
     np.testing.assert_array_equal(
-        read_results(tmp_path / "result.csv").shapes, read_results(result).shapes
+        read_results(tmp_path / "result.csv").as_columns(),
+        read_results(result).as_columns(),
     )
 
 
@@ -93,21 +99,21 @@ def test_thinned_frames_keep_their_times(tmp_path, rng, every, first):
     frames = np.r_[
         np.arange(first, first + 43), np.delete(np.arange(first, first + 43), [4, 5, 9])
     ]
-    shapes = ShapeSet(
-        rng.normal(size=(len(frames), 3, 4)),
-        NAMES,
-        tuple(f"i{n}" for n in range(len(frames))),
-        ("walk/a",) * 43 + ("walk/b",) * 40,
+    shapes = Shapes(
+        rng.normal(size=(len(frames), 3, 4)).swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=tuple(f"i{n}" for n in range(len(frames))),
+        sequences=("walk/a",) * 43 + ("walk/b",) * 40,
         unit="m",
         frame_rate=30.0,
-        columns={"frame": frames},
+        frames=frames,
     )
     write_shapes(tmp_path / "walk.h5", shapes)
     convert(tmp_path / "walk.h5", output=tmp_path / "thin.h5", every=every)
     thin = read_shapes([tmp_path / "thin.h5"])
     start = first % every / 30
     rows = [int(item[1:]) for item in thin.items]
-    times = thin.columns["frame"] / thin.frame_rate + start
+    times = thin.column("frame") / thin.frame_rate + start
     np.testing.assert_allclose(times, frames[rows] / 30, atol=1e-12)
     assert {*frames[rows]} == {*range(first, first + 43, every)}
     convert(tmp_path / "thin.h5", output=tmp_path / "thin.trc", up="y")
@@ -155,7 +161,7 @@ def test_atoms_of_a_dictionary_are_a_table_of_shapes(tmp_path, rng):
     shapes = read_shapes([target])
     assert shapes.items[:2] == ("atom 00", "atom 01")
     assert shapes.landmark_names == names
-    np.testing.assert_array_equal(shapes.shapes, atoms * sizes[:, None, None])
+    np.testing.assert_array_equal(shapes.as_columns(), atoms * sizes[:, None, None])
 
 
 @pytest.mark.parametrize("name", ["atoms.trc", "atoms.metres.csv"])

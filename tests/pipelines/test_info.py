@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from shapefit.config import load_config
-from shapefit.io import LandmarkSet, csv_file
+from shapefit.io import csv_file
 from shapefit.io.inputs import in_words
 from shapefit.pipelines.info import next_command, run
 from shapefit.pipelines.partition.run import run as fit
+from shapefit.records import Landmarks
 from tests.io.files import save
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
@@ -52,13 +53,13 @@ def test_landmarks():
 
 def test_missing_frames_are_said(tmp_path):
     names = tuple("abc")
-    images = LandmarkSet(
-        100.0 + np.arange(36).reshape(6, 2, 3),
-        names,
-        tuple("123456"),
-        ("s", "s", "s", "t", "t", "t"),
+    images = Landmarks(
+        (100.0 + np.arange(36).reshape(6, 2, 3)).swapaxes(1, 2),
+        landmark_names=names,
+        items=tuple("123456"),
+        sequences=("s", "s", "s", "t", "t", "t"),
         frame_rate=30.0,
-        frame=np.array([0, 1, 4, 7, 8, 69]),
+        frames=np.array([0, 1, 4, 7, 8, 69]),
     )
     save(tmp_path / "gaps.h5", images)
     row = lines(info(tmp_path / "gaps.h5").note)

@@ -9,10 +9,10 @@ from shapefit.config.paths import find_dictionary
 from shapefit.dictionary.model import Dictionary, mapped
 from shapefit.errors import InputError
 from shapefit.io import (
-    LandmarkSet,
     read_dictionary,
     write_dictionary,
 )
+from shapefit.io.arrange import arrange
 from shapefit.io.skeletons import PEOPLE, installed_skeletons, people_joints
 from shapefit.pipelines.joints import (
     MEANS,
@@ -20,6 +20,7 @@ from shapefit.pipelines.joints import (
     match_names,
     named_as_joints,
 )
+from shapefit.records import Landmarks
 from tests.pipelines.fitted import fit_images
 
 BODY = installed_skeletons()["body_25b"]
@@ -36,8 +37,8 @@ def images(people, rng):
     n = 24
     turn = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
     turn[:, :, 0] *= np.linalg.det(turn)[:, None]
-    return LandmarkSet(
-        landmarks=100 * (turn @ people.prior.means[:n])[:, :2],
+    return Landmarks(
+        (100 * (turn @ people.prior.means[:n])[:, :2]).swapaxes(1, 2),
         landmark_names=people.landmark_names,
         items=tuple(f"image{i}" for i in range(n)),
     )
@@ -51,9 +52,11 @@ def as_detected(images, skeleton, theta=MEANS):
     points = np.full((len(images), 2, len(skeleton.landmark_names)), np.nan)
     names = list(joints.parts)
     columns = [skeleton.landmark_names.index(name) for name in names]
-    points[..., columns] = images.landmarks @ joints.rows(names, theta).T
-    return LandmarkSet(
-        landmarks=points, landmark_names=skeleton.landmark_names, items=images.items
+    points[..., columns] = images.as_columns() @ joints.rows(names, theta).T
+    return Landmarks(
+        points.swapaxes(1, 2),
+        landmark_names=skeleton.landmark_names,
+        items=images.items,
     )
 
 
@@ -79,12 +82,12 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     A = joints.matrix(MEANS)
     found, last = lift(as_detected(images, skeleton), skeleton=MEANS)
     visible = named_as_joints(as_detected(images, skeleton), joints, "here")
-    visible = visible.arrange(names, "here", omit=True)
-    points = images.arrange(names, "here", omit=True).landmarks @ A.T
+    visible = arrange(visible, names, "here", omit=True)
+    points = arrange(images, names, "here", omit=True).as_columns() @ A.T
     points[..., [j for j, name in enumerate(names) if name not in joints.markers]] = (
         np.nan
     )
-    np.testing.assert_allclose(visible.landmarks, points, atol=1e-9)
+    np.testing.assert_allclose(visible.as_columns(), points, atol=1e-9)
     write_dictionary(tmp_path / "seen.h5", mapped(people, A, joints.deviations()))
     direct, _ = lift(
         visible,
@@ -93,12 +96,12 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     )
     back = np.linalg.inv(A)
     assert found.landmark_names == names
-    np.testing.assert_allclose(found.shapes, direct.shapes @ back.T, atol=1e-5)
-    covariance = direct.columns["shape_covariance"].reshape(len(images), p, 3, p, 3)
-    expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
     np.testing.assert_allclose(
-        found.shape_sd.swapaxes(1, 2), np.sqrt(expected), rtol=1e-4
+        found.as_columns(), direct.as_columns() @ back.T, atol=1e-5
     )
+    covariance = direct.column("shape_covariance").reshape(len(images), p, 3, p, 3)
+    expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
+    np.testing.assert_allclose(found.shape_sd, np.sqrt(expected), rtol=1e-4)
     assert "keypoints" in dict(last.rows)["Read"]
 
 
@@ -107,12 +110,12 @@ def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
     them.
     """
     found, _ = lift(as_detected(images, BODY), skeleton=MEANS)
-    names = tuple(map(str, found.columns["input_landmark_names"]))
+    names = tuple(map(str, found.column("input_landmark_names")))
     points = dict(
-        zip(names, found.columns["input_shapes"].transpose(1, 0, 2), strict=True)
+        zip(names, found.column("input_shapes").transpose(1, 0, 2), strict=True)
     )
     joint = dict(
-        zip(found.landmark_names, found.shapes.transpose(2, 0, 1), strict=True)
+        zip(found.landmark_names, found.as_columns().transpose(2, 0, 1), strict=True)
     )
     np.testing.assert_allclose(points["LKnee"], joint["lknee"], atol=1e-9)
     middle = (joint["lshoulder"] + joint["rshoulder"]) / 2
@@ -130,19 +133,19 @@ def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
         )
     fitted = dict(
         zip(
-            found.landmark_names, found.landmarks_fitted.transpose(2, 0, 1), strict=True
+            found.landmark_names, found.landmarks_fitted.transpose(1, 0, 2), strict=True
         )
     )
     np.testing.assert_allclose(points["Head"][:, :2], fitted["head"], atol=1e-6)
-    sd = found.columns["input_shape_sd"]
+    sd = found.column("input_shape_sd")
     assert sd.shape == (24, len(names), 3)
     assert (sd > 0).all()
     np.testing.assert_allclose(
-        sd[:, names.index("LKnee")], found.shape_sd[..., 5], rtol=1e-9
+        sd[:, names.index("LKnee")], found.shape_sd[:, 5], rtol=1e-9
     )
     # What stands for a joint has its error bars: how far apart they may be is in the
     # prior already.
-    toe = found.shape_sd[..., found.landmark_names.index("rtoe")]
+    toe = found.shape_sd[:, found.landmark_names.index("rtoe")]
     np.testing.assert_allclose(sd[:, names.index("RBigToe")], toe, rtol=1e-9)
 
 
@@ -191,12 +194,12 @@ def test_a_map_moves_with_the_body(theta):
 
 def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
     shared = people_joints(BODY.landmark_names)
-    part = images.arrange(tuple(shared.values()), "here", omit=True)
+    part = arrange(images, tuple(shared.values()), "here", omit=True)
     expected, _ = lift(part, method="convex")
     named = part.replaced(landmark_names=tuple(shared))
     found, _ = lift(named, method="convex")
     np.testing.assert_allclose(found.shapes, expected.shapes, atol=1e-6)
-    assert "input_shapes" not in found.columns
+    assert found.input_shapes is None
 
 
 @pytest.mark.parametrize(("own", "known", "expected"), [
@@ -231,8 +234,8 @@ def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
     assert joints.markers["head"] == ("left_ear", "right_ear")
     confidence = np.full((3, 8), 0.7)
     confidence[:, 6:] = [[0.9, 0.5], [0.0, 0.6], [0.0, 0.0]]
-    images = LandmarkSet(
-        landmarks=np.arange(48.0).reshape(3, 2, 8),
+    images = Landmarks(
+        np.arange(48.0).reshape(3, 2, 8).swapaxes(1, 2),
         landmark_names=own,
         items=tuple("abc"),
         confidence=confidence,
@@ -241,9 +244,11 @@ def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
     column = named.landmark_names.index("head")
     np.testing.assert_allclose(named.confidence[:, column], [0.7, 0.6, 0.0])
     np.testing.assert_allclose(
-        named.landmarks[0, :, column], images.landmarks[0, :, 6:].mean(1)
+        named.as_columns()[0, :, column], images.as_columns()[0, :, 6:].mean(1)
     )
-    np.testing.assert_allclose(named.landmarks[1, :, column], images.landmarks[1, :, 7])
+    np.testing.assert_allclose(
+        named.as_columns()[1, :, column], images.as_columns()[1, :, 7]
+    )
 
 
 @pytest.mark.parametrize("in_place", [True, False])

@@ -79,9 +79,11 @@ def test_the_mesh_is_that_of_the_coefficients(tmp_path, cars, to):
 def test_fit_writes_what_convert_writes(tmp_path, cars, world):
     path, _ = cars
     images = load(world.images("cars")).take(slice(0, 108, 40))
-    landmarks = images.landmarks.copy()
+    landmarks = images.as_columns().copy()
     landmarks[1, :, 2:] = np.nan
-    images = images.replaced(landmarks=landmarks, items=("../up", "gone", "a:b/c"))
+    images = images.replaced(
+        landmarks=landmarks.swapaxes(1, 2), items=("../up", "gone", "a:b/c")
+    )
     keys = {"method": "convex+refine", "export": {"folder": str(tmp_path / "of_fit")}}
     _, outcomes = fit_images(tmp_path, images, path, **keys)
     missing = "1 image without a shape and a mesh"
@@ -137,9 +139,13 @@ def test_convert_names_what_is_missing(tmp_path, cars, world):
 
 def test_a_shape_without_extent_has_no_mesh(cars):
     fit = read_results(cars[1]).take(slice(3))
-    shapes = fit.shapes.copy()
+    shapes = fit.as_columns().copy()
     shapes[0], shapes[2] = 1.0, np.nan
-    assert has_shape(fit.replaced(shapes=shapes)).tolist() == [False, True, False]
+    assert has_shape(fit.replaced(shapes=shapes.swapaxes(1, 2))).tolist() == [
+        False,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("to", PRECISION)

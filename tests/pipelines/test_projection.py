@@ -7,8 +7,10 @@ import pytest
 
 from shapefit.config import ProjectConfig
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import open_landmarks, write_shapes
-from shapefit.io.records import ShapeSet
+from shapefit.io import (
+    open_landmarks,
+    write_shapes,
+)
 from shapefit.pipelines.projection import (
     BATCH,
     HIDDEN,
@@ -19,6 +21,7 @@ from shapefit.pipelines.projection import (
     run,
     stream,
 )
+from shapefit.records import Shapes
 from tests.io.files import load
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -29,18 +32,18 @@ LENGTHS = {"walk": 5, "run": 3}
 def shapes(rng):
     """Sequences of 5 and 3 frames, the second begun before the first one ends."""
     sequences = ("walk", "walk", "run", "walk", "run", "walk", "walk", "run")
-    return ShapeSet(
-        shapes=rng.standard_normal((8, 3, 5)),
+    return Shapes(
+        rng.standard_normal((8, 3, 5)).swapaxes(1, 2),
         landmark_names=NAMES,
         items=tuple(f"item{i}" for i in range(8)),
         sequences=sequences,
         unit="m",
-        columns={
+        extras={
             "subject": np.array([f"subject of {name}" for name in sequences], object),
-            "mirror_index": np.array([0, 2, 1, 3, 4]),
             "true_rotation": np.tile(2 * np.eye(3), (8, 1, 1)),  # of another view
             "corrupted": np.arange(8),
         },
+        mirror_index=np.array([0, 2, 1, 3, 4]),
     )
 
 
@@ -48,7 +51,11 @@ def shapes(rng):
 def many(rng):
     """More shapes than fit into two blocks."""
     n = 2 * BATCH + 100
-    return ShapeSet(rng.standard_normal((n, 3, 5)), NAMES, tuple(map(str, range(n))))
+    return Shapes(
+        rng.standard_normal((n, 3, 5)).swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=tuple(map(str, range(n))),
+    )
 
 
 def view(folder, *parts, **keys):
@@ -66,18 +73,20 @@ def view(folder, *parts, **keys):
 
 def test_every_image_is_the_shape_seen_under_its_true_rotation(tmp_path, shapes):
     images, _ = view(tmp_path, shapes, camera={"view": "random"})
-    R = images.columns["true_rotation"]
-    np.testing.assert_allclose(images.landmarks, (R @ shapes.shapes)[:, :2], atol=1e-12)
+    R = images.column("true_rotation")
+    np.testing.assert_allclose(
+        images.as_columns(), (R @ shapes.as_columns())[:, :2], atol=1e-12
+    )
     assert len(np.unique(R.round(6), axis=0)) == 8
 
 
 def test_a_fixed_camera_uses_the_given_rotation(tmp_path, shapes):
     rotation = ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
     images, _ = view(tmp_path, shapes, camera={"view": rotation})
-    np.testing.assert_array_equal(images.landmarks[:, 0], -shapes.shapes[:, 2])
-    np.testing.assert_array_equal(images.landmarks[:, 1], shapes.shapes[:, 1])
+    np.testing.assert_array_equal(images.as_columns()[:, 0], -shapes.as_columns()[:, 2])
+    np.testing.assert_array_equal(images.as_columns()[:, 1], shapes.as_columns()[:, 1])
     np.testing.assert_array_equal(
-        images.columns["true_rotation"], np.tile(rotation, (8, 1, 1))
+        images.column("true_rotation"), np.tile(rotation, (8, 1, 1))
     )
 
 
@@ -89,7 +98,7 @@ def test_each_sequence_turns_once_whatever_stands_between_its_frames(
     assert images.y_axis == y_axis
     for name, length in LENGTHS.items():
         frames = [i for i, sequence in enumerate(shapes.sequences) if sequence == name]
-        R = images.columns["true_rotation"][frames]
+        R = images.column("true_rotation")[frames]
         turned = np.arctan2(R[:, 0, 2], R[:, 0, 0]) / (2 * np.pi) % 1
         np.testing.assert_allclose(turned, np.arange(length) / length, atol=1e-12)
         np.testing.assert_allclose(
@@ -99,7 +108,7 @@ def test_each_sequence_turns_once_whatever_stands_between_its_frames(
 
 
 def test_a_sequence_of_many_batches_turns_once(tmp_path, many):
-    R = view(tmp_path, many)[0].columns["true_rotation"]
+    R = view(tmp_path, many)[0].column("true_rotation")
     turned = np.arctan2(R[:, 0, 2], R[:, 0, 0]) / (2 * np.pi) % 1
     np.testing.assert_allclose(turned, np.arange(len(many)) / len(many), atol=1e-12)
 
@@ -110,9 +119,9 @@ def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes)
     assert images.items == shapes.items
     assert images.sequences == shapes.sequences
     assert (images.unit, images.y_axis, images.confidence) == ("m", "down", None)
-    assert list(images.columns["subject"]) == list(shapes.columns["subject"])
-    assert list(images.columns["mirror_index"]) == [0, 2, 1, 3, 4]
-    assert "corrupted" not in images.columns
+    assert list(images.column("subject")) == list(shapes.column("subject"))
+    assert list(images.column("mirror_index")) == [0, 2, 1, 3, 4]
+    assert images.column("corrupted") is None
 
 
 def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(
@@ -129,14 +138,14 @@ def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(
 def test_the_seed_decides(tmp_path, shapes):
     assert (VIEW, NOISE, HIDDEN) == (0, 1, 2)  # a seed means the same in every version
     R = random_rotations(BATCH, stream(3, VIEW, 0))[:8]
-    noisy = add_noise((R @ shapes.shapes)[:, :2], 0.1, stream(3, NOISE, 0))
+    noisy = add_noise((R @ shapes.as_columns())[:, :2], 0.1, stream(3, NOISE, 0))
     keys = {"noise": 0.1, "hidden": 0.3, "camera": {"view": "random"}}
     first, _ = view(tmp_path, shapes, seed=3, **keys)
     other, _ = view(tmp_path, shapes, seed=2, **keys)
     np.testing.assert_allclose(
-        first.landmarks, hide(noisy, 0.3, stream(3, HIDDEN, 0)), rtol=1e-12
+        first.as_columns(), hide(noisy, 0.3, stream(3, HIDDEN, 0)), rtol=1e-12
     )
-    assert not np.array_equal(first.landmarks, other.landmarks, equal_nan=True)
+    assert not np.array_equal(first.as_columns(), other.as_columns(), equal_nan=True)
 
 
 def test_an_image_depends_on_its_place_alone(tmp_path, many):
@@ -145,7 +154,9 @@ def test_an_image_depends_on_its_place_alone(tmp_path, many):
     batches = [(outcome.done, outcome.total) for outcome in told]
     assert batches == [(n, len(many)) for n in (BATCH, BATCH, 100, 0)]
     part, _ = view(tmp_path, many.take(slice(BATCH + 50)), **keys)
-    assert np.array_equal(whole.landmarks[: BATCH + 50], part.landmarks, equal_nan=True)
+    assert np.array_equal(
+        whole.as_columns()[: BATCH + 50], part.as_columns(), equal_nan=True
+    )
 
 
 def test_no_shapes_give_a_file_without_images(tmp_path, shapes):
@@ -189,9 +200,9 @@ def test_shapes_about_a_landmark_give_images_without_a_warning(
     shapes, tmp_path, origin
 ):
     """Of which one landmark is at exactly (0, 0) in every image, and was found."""
-    about = shapes.shapes - shapes.shapes[:, :, [origin]]
-    view(tmp_path, shapes.replaced(shapes=about))
+    about = shapes.as_columns() - shapes.as_columns()[:, :, [origin]]
+    view(tmp_path, shapes.replaced(shapes=about.swapaxes(1, 2)))
     (path,) = [path for path in tmp_path.iterdir() if "shapes" not in path.name]
     with open_landmarks([path]) as source:
-        assert (source.whole().landmarks[:, :, origin] == 0).all()
+        assert (source.whole().as_columns()[:, :, origin] == 0).all()
         assert source.notes == ()

@@ -123,7 +123,7 @@ def test_a_known_optimum_is_certified_and_nothing_else(planted):
 @pytest.mark.parametrize("over", [-1e-6, 1e-6])
 def test_the_dual_of_a_robust_loss_is_bounded(planted, loss, bound, over):
     """With a lambda so large that nothing else limits it."""
-    program = Program(B, None, False, True, False, loss, 0.1, 1e-6)
+    program = CertifiedProgram(B, None, False, True, False, loss, 0.1, 1e-6)
     images = read_images(planted | {"lambda": np.array([100.0])}, program)
     Y = planted["dual"] * (1 + over) * bound / np.abs(planted["dual"]).max()
     claims = Claims(np.ones(1, dtype=bool))

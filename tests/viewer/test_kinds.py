@@ -12,6 +12,7 @@ from shapefit.cli.main import run
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io import read_results
 from shapefit.pipelines.meshes import write_meshes
+from tests.columns import put
 from tests.pipelines.fitted import fit_file
 
 SMOOTH = 30
@@ -88,7 +89,7 @@ def made(request, view, project, tmp_path_factory):
     kind = KINDS[request.param]
     folder = tmp_path_factory.mktemp("kind")
     places = {"samples": str(project / "sample_data"), "data": ""}
-    if "{data}" in kind.landmarks:
+    if "{data}" in kind.as_columns():
         places["data"] = str(request.getfixturevalue("real_data") / "detected")
     dictionary = "people"
     if kind.learn:
@@ -98,7 +99,7 @@ def made(request, view, project, tmp_path_factory):
     result = folder / kind.output
     line = [
         "fit",
-        kind.landmarks.format(**places),
+        kind.as_columns().format(**places),
         "-d",
         dictionary,
         *kind.fit,
@@ -159,7 +160,7 @@ def test_ten_thousand_frames_play_smoothly(view, project, tmp_path, open_page):
     long = few.take(rows).replaced(
         items=tuple(map(str, range(n))), sequences=("walk",) * n, frame_rate=60.0
     )
-    long = long.with_columns({"frame": np.arange(n)})
+    long = put(long, {"frame": np.arange(n)})
     with result_writer(tmp_path / "long.h5") as writer:
         writer.append(long)
     page = open_page(view({"long": (tmp_path / "long.h5",)}).path)
@@ -215,7 +216,7 @@ def test_a_blended_mesh_is_the_exported_one(cars_page, cars, open_page, method, 
     mesh, points = (
         np.array(page.run(each, method)).reshape(-1, 3).T for each in (MESH, POINTS)
     )
-    shape = results.shapes[row]
+    shape = results.as_columns()[row]
     exported = trimesh.load(cars / method / f"{item}.ply", process=False).vertices.T
     turned = results.rotation[row] @ exported
     for shown, expected in ((points, shape), (mesh, turned)):
@@ -236,7 +237,7 @@ def test_landmarks_are_seen_where_the_camera_sees_them(cars_page, cars, open_pag
     seen = np.array(page.run(IN_IMAGE, "perspective")).reshape(-1, 2)
     size = np.ptp(results.landmarks_fitted[row])
     np.testing.assert_allclose(seen, results.landmarks_fitted[row].T, atol=1e-3 * size)
-    flat = results.shapes[row, :2].T
+    flat = results.as_columns()[row, :2].T
     assert np.abs(flat - results.landmarks_fitted[row].T).max() > 1e-2 * size
 
 

@@ -182,6 +182,7 @@ def roll_angles(W: Floats) -> Floats:
     """Angles (n,) by which images (n, 2, p) are rolled in their plane from the mean."""
     z = W[:, 0] + 1j * W[:, 1]
     mean = z[0]
+    angle: Floats = np.zeros(len(W))
     for _ in range(ROLL_ROUNDS):
         angle = np.angle(z @ mean.conj())
         mean = (z * np.exp(-1j * angle)[:, None]).mean(axis=0)

@@ -16,36 +16,38 @@ import numpy as np
 
 from shapefit.arrays import Flags
 from shapefit.errors import abbreviate, input_error, listed
+from shapefit.io.arrange import arrange
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
-from shapefit.io.layout import EDGES, FRAME, TIME
 from shapefit.io.names import match_landmarks, nearest_names, numbers_of
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.poses import FRACTION, Poses, parsing
-from shapefit.io.records import LandmarkSet, ShapeSet, check_frames, order_by_frame
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
+from shapefit.records.frames import check_frames, order_by_frame
+from shapefit.records.landmarks import Landmarks
+from shapefit.records.shapes import Shapes
 
 Notes = tuple[str, ...]
-R = TypeVar("R", LandmarkSet, ShapeSet)
+R = TypeVar("R", Landmarks, Shapes)
 
 
 def read_landmarks(
     form: FileFormat, paths: tuple[Path, ...], options: InputOptions
-) -> tuple[LandmarkSet, Notes]:
+) -> tuple[Landmarks, Notes]:
     """Return the images of a file of poses, and warnings. Raises InputError."""
     return landmarks_of(_read_kind(form, paths, "landmarks", 2), options)
 
 
 def read_shapes(
     form: FileFormat, paths: tuple[Path, ...], options: InputOptions
-) -> tuple[ShapeSet, Notes]:
+) -> tuple[Shapes, Notes]:
     """Return the shapes of a file of poses, NaN where a landmark is unknown, and
     warnings.
     """
     poses = _read_kind(form, paths, "shapes", 3)
-    fields, notes = _fields(poses, options)
-    edges = np.array(poses.edges, np.int64) if poses.edges else None
-    return ShapeSet(**fields, edges=edges), notes
+    poses, fields, notes = _fields(poses, options)
+    extras = {} if poses.confidence is None else {"confidence": poses.confidence}
+    return Shapes(poses.points, **fields, extras=extras), notes
 
 
 def _read_kind(
@@ -106,7 +108,7 @@ FRACTIONS = "x and y are fractions of the width and height of the image"
 SIZE_FIX = "give the size of the images in pixels: `image_size=[1920,1080]`"
 
 
-def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Notes]:
+def landmarks_of(poses: Poses, options: InputOptions) -> tuple[Landmarks, Notes]:
     """Return 2D poses as images, and notes; fractions of the image times `image_size`.
 
     Raises InputError for fractions that are useless without it.
@@ -120,39 +122,40 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
             f"{FRACTIONS}, so figures are squeezed where it is not square; {SIZE_FIX}"
         )
         poses = replace(poses, notes=(*poses.notes, note))
-    fields, notes = _fields(poses, options)
-    edges = {EDGES: np.array(poses.edges, np.int64)} if poses.edges else {}
-    y_axis = options.y_axis or poses.y_axis
-    return LandmarkSet(**fields, y_axis=y_axis, whole=edges), notes
+    poses, fields, notes = _fields(poses, options)
+    images = Landmarks(
+        poses.points,
+        **fields,
+        confidence=poses.confidence,
+        y_axis=options.y_axis or poses.y_axis or "down",
+    )
+    return images, notes
 
 
-def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]:
-    """Return what landmarks and shapes both have, and notes."""
+def _fields(poses: Poses, options: InputOptions) -> tuple[Poses, dict[str, Any], Notes]:
+    """Return the poses that the options select, what landmarks and shapes both have,
+    and notes.
+    """
     names, assumed = _landmark_names(poses, options)
     poses, items, sequences = select(poses, options)
     fields = {
-        # poses (n, p, d), records (n, d, p)
-        "points": np.ascontiguousarray(poses.points.transpose(0, 2, 1)),
         "landmark_names": names,
         "items": items,
         "sequences": sequences if any(sequences) else None,
+        "frames": None if poses.named and poses.unordered else poses.frame,
+        "times": poses.time,
+        "edges": np.array(poses.edges, np.int64) if poses.edges else None,
         "unit": poses.unit,
         "frame_rate": poses.frame_rate,
-        "columns": {
-            FRAME: None if poses.named and poses.unordered else poses.frame,
-            TIME: poses.time,
-            "confidence": poses.confidence,
-        },
     }
-    return fields, tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
+    notes = tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
+    return poses, fields, notes
 
 
 NUMBERED = "numbered"  # landmarks are called 0, 1 and so on
 
 
-def _landmark_names(
-    poses: Poses, options: InputOptions
-) -> tuple[tuple[str, ...], Notes]:
+def _landmark_names(poses: Poses, options: InputOptions) -> tuple[Sequence[str], Notes]:
     """Return the names of the landmarks, and a note of what was assumed.
 
     They are those of the file, else of the skeleton `keypoints`, else of the usual one,
@@ -192,8 +195,8 @@ def _check_skeleton(wanted: str | None) -> None:
 
 
 def name_numbers(
-    names: tuple[str, ...], wanted: str | None, place: str
-) -> tuple[tuple[str, ...], Notes]:
+    names: Sequence[str], wanted: str | None, place: str
+) -> tuple[Sequence[str], Notes]:
     """Return the names in the skeleton `wanted` of landmarks that are called by
     numbers, and notes; others, and all without a skeleton, keep their names.
 
@@ -360,12 +363,12 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
             "landmarks", "a name is there twice", "name each landmark once"
         )
     match_landmarks(records.landmark_names, names, f"{place}: landmarks")
-    if isinstance(records, LandmarkSet):
-        return records.arrange(names, place, omit=True)
+    if isinstance(records, Landmarks):
+        return arrange(records, names, place, omit=True)
     return with_landmarks(records, names)
 
 
-def with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
+def with_landmarks(shapes: Shapes, names: Sequence[str]) -> Shapes:
     """Return the shapes with some of their landmarks, and the edges between those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the
@@ -384,5 +387,5 @@ def with_landmarks(shapes: ShapeSet, names: Sequence[str]) -> ShapeSet:
                 [above if stay[above] else parents.get(above, above), n]
                 for above, n in edges
             ]
-        shapes = shapes.replaced(edges=np.array(edges, np.int64).reshape(-1, 2))
-    return shapes.without(["mirror_index"]).arrange(names, omit=True)
+        shapes = replace(shapes, edges=np.array(edges, np.int64).reshape(-1, 2))
+    return arrange(replace(shapes, mirror_index=None), names, omit=True)

@@ -25,8 +25,8 @@ from shapefit.io.inputs import (
     check_fits,
     read_whole,
 )
-from shapefit.io.names import as_composed
 from shapefit.io.readers.poses import library_reads, require
+from shapefit.records.names import as_composed
 
 MANY_LINES = 1 << 22
 """From which on the lines of a text hold a letter each in the mean."""
@@ -108,7 +108,7 @@ def floats(words: Sequence[str], count: int | None = None) -> list[float]:
     none.
     """
     require(len(words) == (count or len(words)), f"{len(words)} numbers, not {count}")
-    values = read_numbers(words)[0].tolist()
+    values: list[float] = read_numbers(words)[0].tolist()
     wrong = [
         word
         for word, value in zip(words, values, strict=True)

@@ -50,7 +50,7 @@ def write_bvh(path: Path, motion: Motion) -> str:
         points[:, :, placed],
         np.array(motion.landmark_names, dtype=object)[placed],
     )
-    parts = _parts(motion.landmark_names)
+    parts = _parts(tuple(motion.landmark_names))
     rows = [parts.get(name, {}) for name in landmarks]
     hips = [j for j, row in enumerate(rows) if row.get("joint") == "Hips"]
     pose = {j: row["rest"] for j, row in enumerate(rows) if "rest" in row}
@@ -129,7 +129,8 @@ def find_angles(rotations: Floats) -> Floats:
 
     def change(start: Floats, end: Floats) -> Floats:
         turn = (end - start + np.pi) % (2 * np.pi) - np.pi
-        return np.abs(turn).sum(axis=-1)
+        turned: Floats = np.abs(turn).sum(axis=-1)
+        return turned
 
     nearer = change(one[:, :-1], other[:, 1:]) < change(one[:, :-1], one[:, 1:])
     changed = np.cumsum(nearer, axis=1) % 2 == 1

@@ -5,6 +5,7 @@ for metres.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,19 +15,13 @@ from shapefit.errors import input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
 from shapefit.geometry.floor import Floor
 from shapefit.geometry.normalisation import metres_in
-from shapefit.io.layout import (
-    METRES_FROM,
-    METRES_PER_UNIT,
-    STATED_HEIGHT,
-    UNKNOWN_UNIT,
-)
+from shapefit.io.layout import METRES_FROM, UNKNOWN_UNIT
 from shapefit.io.options import BY_DEFAULT, OutputOptions
-from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.skeletons import joint_columns
+from shapefit.records import Fit, Shapes
 
-Shapes3D = ShapeSet | ResultSet
+Shapes3D = Shapes | Fit
 
-CAMERA_TRANSLATION = "camera_translation"
 EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = (
     "extrinsic_rotation",
     "extrinsic_translation",
@@ -68,16 +63,20 @@ def in_metres(
     is unknown.
     """
     turn, axes = _turn(records, options, place)
-    upright = turn @ records.points
+    upright = turn @ records.as_columns()
     factor, size = _factor(records, upright, options, place)
-    if isinstance(records, ShapeSet):
+    if isinstance(records, Shapes):
         return MetricShapes(factor[:, None, None] * upright, factor, axes, size)
-    if not {CAMERA_TRANSLATION, "translation", "scale"} <= records.columns.keys():
+    t, T, scale = records.camera_translation, records.translation, records.scale
+    if t is None or T is None or scale is None:
         points = _in_the_image(upright, factor)
         return MetricShapes(
             points, factor, f"{axes}; lowest landmark at height 0", size
         )
-    points, far = _from_the_camera(records, factor, place)
+    shapes = records.as_columns().copy()
+    shapes[:, :2] -= T[..., None]
+    points = factor[:, None, None] * (shapes + (scale[:, None] * t)[..., None])
+    points, far = _from_the_origin(records, points, place)
     points = turn @ points
     axes = f"{axes}; position from the camera"
     if floor is not None:
@@ -92,11 +91,11 @@ def in_metres(
     )
 
 
-def with_stated_height(records: ResultSet, place: str) -> ResultSet:
+def with_stated_height(records: Fit, place: str) -> Fit:
     """Return a result whose `metres_per_unit` make the body of each sequence as tall as
     the result states, if it does.
     """
-    if STATED_HEIGHT not in records.columns:
+    if records.stated_height is None:
         return records
     sequences = np.array(records.sequences or ("",) * len(records), dtype=object)
     factors = np.full(len(records), np.nan)
@@ -104,9 +103,9 @@ def with_stated_height(records: ResultSet, place: str) -> ResultSet:
         rows = np.flatnonzero(sequences == name)
         of_sequence = records.take(rows)
         turn, _ = _turn(of_sequence, BY_DEFAULT, place)
-        upright = turn @ of_sequence.points
+        upright = turn @ of_sequence.as_columns()
         factors[rows], _ = _factor(of_sequence, upright, BY_DEFAULT, place)
-    return records.with_columns({METRES_PER_UNIT: factors})
+    return replace(records, metres_per_unit=factors)
 
 
 def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
@@ -144,7 +143,7 @@ def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats
     from.
     """
     up = options.up
-    if isinstance(records, ShapeSet):
+    if isinstance(records, Shapes):
         axes = "axes as in the shapes" if up is None else f"y up, which was {up}"
         return TO_Y_UP[up or "y"], axes
     rotation = _per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
@@ -172,18 +171,19 @@ def _factor(
     unit = options.unit if options.unit and unit == UNKNOWN_UNIT else unit
     metres = metres_in(unit)
     factor, size = (None if metres is None else np.full(n, metres)), "the unit as given"
-    if metres is None and isinstance(records, ResultSet):
-        factor = _per_item(records, METRES_PER_UNIT, (), place)
+    if metres is None and isinstance(records, Fit):
+        factor = records.metres_per_unit
         size = "the size of the training shapes"
         if factor is not None and records.attributes.get(METRES_FROM) != "edges":
             factor = np.full(n, finite_median(factor))
     height = options.height
-    if height is None and STATED_HEIGHT in records.columns:
-        height = finite_median(records.columns[STATED_HEIGHT])
+    stated = records.stated_height if isinstance(records, Fit) else None
+    if height is None and stated is not None:
+        height = finite_median(stated)
     if height is None or not height > 0:
         if factor is None:
             fix = "give it, e.g. `height=1.78`"
-            fix += ", or `unit=m`" if isinstance(records, ShapeSet) else ""
+            fix += ", or `unit=m`" if isinstance(records, Shapes) else ""
             problem = f"the size in metres is not known (the unit is {unit})"
             raise input_error(place, problem, fix)
         return factor, size
@@ -196,7 +196,7 @@ def _factor(
         tall = (
             float(np.percentile(extents, EXTENT_PERCENTILE)) if len(extents) else np.nan
         )
-    elif factor is None and isinstance(records, ResultSet):
+    elif factor is None and isinstance(records, Fit):
         whole, tall = 1 / np.where(stature > 0, stature, np.nan), 1.0
     else:
         tall = finite_median(whole * stature)
@@ -214,39 +214,30 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
     if not len(placed):
         return upright
-    points = factor[:, None, None] * (upright - middle)
+    points: Floats = factor[:, None, None] * (upright - middle)
     points += finite_median(factor) * (middle - middle[placed[0]])
     points[:, 1] -= np.nanmin(points[:, 1])
     return points
 
 
-def _from_the_camera(
-    records: ResultSet, factor: Floats, place: str
-) -> tuple[Floats, float]:
-    """X = factor (shape - its origin in the image + scale t), from the world's origin
-    if known.
-
-    Returns X in the frame of the shapes, and the metres from the camera to the world's
-    origin.
+def _from_the_origin(records: Fit, points: Floats, place: str) -> tuple[Floats, float]:
+    """Return points (n, 3, p) before the camera from the origin of its world, if that
+    is known, and the metres from the camera to it.
     """
-    t = _per_item(records, CAMERA_TRANSLATION, (3,), place)
-    shapes = records.shapes.copy()
-    shapes[:, :2] -= records.translation[..., None]
-    X = factor[:, None, None] * (shapes + (records.scale[:, None] * t)[..., None])
     world = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
-    if world is None or EXTRINSIC_ROTATION not in records.columns:
-        return X, 0.0
+    if world is None or records.column(EXTRINSIC_ROTATION) is None:
+        return points, 0.0
     far = float(np.linalg.norm(world, axis=1).max(initial=0))
-    return X - (world * flip(records))[..., None], far
+    return points - (world * flip(records))[..., None], far
 
 
 def _per_item(
-    records: ResultSet, name: str, shape: tuple[int, ...], place: str
+    records: Fit, name: str, shape: tuple[int, ...], place: str
 ) -> Floats | None:
     """Return a dataset of the file or of each item for each item (n, ...); None without
     it.
     """
-    values = records.columns.get(name)
+    values = records.column(name)
     if values is None:
         return None
     whole = (len(records), *shape)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,22 +20,10 @@ from shapefit.geometry.floor import FilmedBody, Floor, find_floor
 from shapefit.geometry.joint_angles import measurable_angles, measure_angles
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import check_output, file_stem, staged_files
-from shapefit.io.layout import (
-    EDGES,
-    FRAME,
-    INPUT_NAMES,
-    INPUT_SD,
-    INPUT_SHAPES,
-    METRES_PER_UNIT,
-    STATED_HEIGHT,
-    TIME,
-)
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
 from shapefit.io.readers.poses import make_unique
-from shapefit.io.records import Names, ResultSet, concatenate
 from shapefit.io.skeletons import edges_of, joint_columns, model_names
 from shapefit.io.writers.metres import (
-    CAMERA_TRANSLATION,
     EXTRINSIC_ROTATION,
     EXTRINSIC_TRANSLATION,
     Shapes3D,
@@ -43,31 +31,38 @@ from shapefit.io.writers.metres import (
     flip,
     in_metres,
 )
-from shapefit.lifting.trust import REASONS
+from shapefit.records import Fit, Record, concatenate
+from shapefit.records.columns import Array, in_columns
 from shapefit.timeline import ASSUMED_RATE, JITTER, LONGEST_GAP, find_rate
 
 ANGLES, ANGLE_SD = "joint_angles", "joint_angle_sd"
 """Columns (n, a) of records on their way to a file of motion, in degrees."""
 
 RETAINED = {
-    *(
-        "shapes",
-        "translation",
-        "scale",
-        "shape_sd",
-        "focal",
-        "principal_point",
-        "landmarks",
-    ),
-    *(
-        EDGES,
-        METRES_PER_UNIT,
-        STATED_HEIGHT,
-        CAMERA_TRANSLATION,
-        EXTRINSIC_ROTATION,
-        EXTRINSIC_TRANSLATION,
-    ),
-    *(FRAME, TIME, REASONS, ANGLES, ANGLE_SD, INPUT_SHAPES, INPUT_SD, INPUT_NAMES),
+    "landmark_names",
+    "item",
+    "sequence",
+    "frame",
+    "time",
+    "edges",
+    "shapes",
+    "shape_sd",
+    "reasons",
+    "landmarks",
+    "translation",
+    "scale",
+    "focal",
+    "principal_point",
+    "camera_translation",
+    "metres_per_unit",
+    "stated_height",
+    "input_landmark_names",
+    "input_shapes",
+    "input_shape_sd",
+    EXTRINSIC_ROTATION,
+    EXTRINSIC_TRANSLATION,
+    ANGLES,
+    ANGLE_SD,
 }
 """Columns of which files of motion are made."""
 
@@ -76,6 +71,9 @@ FOCAL_SD, SCALE_SD = 0.18, 0.05
 have .8 to
 1.5 widths), and by a known one.
 """
+
+UNKNOWN_SD = 0.1
+"""Standard deviation of a coordinate in the unit of the shapes, where none is known."""
 
 MOST_MISSING = 1000
 """Missing frames for each that is there, up to which they become empty rows."""
@@ -93,7 +91,7 @@ class Motion:
     """
 
     name: str
-    landmark_names: Names
+    landmark_names: Sequence[str]
     points: Floats
     first: int
     rate: float
@@ -104,7 +102,7 @@ class Motion:
     warnings: tuple[str, ...]
     trusted: Sequence[str]
     deviations: Floats
-    angle_names: Names
+    angle_names: Sequence[str]
     angles: Floats
     angle_deviations: Floats
 
@@ -125,9 +123,9 @@ class Motion:
         return f"times are off the steady {self.rate:g} Hz by up to {away:.3g} s"
 
 
-Track = tuple[
-    str, Shapes3D, Integers
-]  # a sequence: its name, and items by their frames (n,)
+Track = tuple[str, Shapes3D, Integers]
+"""A sequence: its name, and items by their frames (n,)."""
+
 Write = Callable[
     [Path, Motion], str | None
 ]  # fills a new file; may return a note for the summary
@@ -149,7 +147,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
 
     def append(self, record: Shapes3D) -> None:
         """Take the items of a record after those that are there."""
-        if self._options.markers == "input" and INPUT_SHAPES not in record.columns:
+        if self._options.markers == "input" and _detected(record) is None:
             problem = (
                 "`--markers input`: there are no landmarks of a detector beside the"
                 " joints"
@@ -158,8 +156,13 @@ class MotionWriter(RecordWriter[Shapes3D]):
             raise input_error("markers", problem, fix)
         self.begun = True
         if self._angles:
-            record = record.with_columns(angle_columns(record, self._options.up))
-        self.parts.append(record.without(record.columns.keys() - RETAINED))
+            record = record.with_extras(angle_columns(record, self._options.up))
+        self.parts.append(record.without(record.column_names() - RETAINED))
+
+
+def _detected(record: Shapes3D) -> Floats | None:
+    """Return the landmarks of a detector in 3D, None where there are none."""
+    return record.input_shapes if isinstance(record, Fit) else None
 
 
 @contextmanager
@@ -185,7 +188,7 @@ def motion_output(
     writer = MotionWriter(options, angles=angles)
     yield writer
     writer.check_begun()
-    records: Shapes3D = concatenate(writer.parts)  # type: ignore[type-var]
+    records: Shapes3D = concatenate(writer.parts)
     writer.parts.clear()
     motions = find_motions(records, options, str(target))
     resolved = Path(os.path.realpath(target))
@@ -262,31 +265,37 @@ def find_floors(
 
     It is that of trusted results under perspective. Raises InputError as `in_metres`.
     """
-    columns, names = records.columns, records.landmark_names
-    sees = CAMERA_TRANSLATION in columns and EXTRINSIC_ROTATION not in columns
-    if not sees or find_stature(records.points[:0], names) is None:
+    names = records.landmark_names
+    if not isinstance(records, Fit) or records.camera_translation is None:
         return {}
-    size = 2 * np.max(columns.get("principal_point", 0.0))
-    assumed = np.isclose(np.max(columns.get("focal", 0.0)), ASSUMED_FOCAL * size)
+    if records.column(EXTRINSIC_ROTATION) is not None:
+        return {}
+    if find_stature(records.as_columns()[:0], names) is None:
+        return {}
+    centre = 0.0 if records.principal_point is None else records.principal_point
+    focal = 0.0 if records.focal is None else records.focal
+    size = 2 * np.max(centre)
+    assumed = np.isclose(np.max(focal), ASSUMED_FOCAL * size)
     bodies: dict[str, list[FilmedBody]] = {}
     for name, track, frames in _tracks(records, place):
         metric = in_metres(track, options, place)
         rate = track.frame_rate or ASSUMED_RATE
         points = metric.points.copy()
-        sd = track.columns.get("shape_sd", np.full(1, 0.1))
-        if (reasons := track.columns.get(REASONS)) is not None:
-            points[reasons != ""] = np.nan
+        if track.reasons is not None:
+            points[track.reasons != ""] = np.nan
         for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
             points[~_visible_around(track, ankle, rate, frames), :, ankle] = np.nan
         stature = find_stature(points, names)
         if stature is not None and np.isfinite(stature).any():
+            sd = np.full(1, UNKNOWN_SD)
+            if track.shape_sd is not None:
+                sd = in_columns(track.shape_sd)
             deviations = metric.factor[:, None, None] * np.broadcast_to(
                 sd, points.shape
             )
             tall = float(np.nanmedian(stature))
-            points, deviations = (
-                bridge_gaps(values, frames, rate) for values in (points, deviations)
-            )
+            points = bridge_gaps(points, frames, rate)
+            deviations = bridge_gaps(deviations, frames, rate)
             body = FilmedBody(points, deviations, joint_columns(names), tall, rate)
             bodies.setdefault(video_of(name), []).append(body)
     floors = {
@@ -318,7 +327,7 @@ def video_of(sequence: str) -> str:
     return sequence.rpartition("/")[0] or sequence
 
 
-def angle_names(names: Sequence[str]) -> Names:
+def angle_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the joint angles that landmarks determine; none unless it is
     a body.
     """
@@ -338,26 +347,26 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
         return {}
     upward: Floats = TO_Y_UP[up or "y"][1]
     covariance = None
-    if isinstance(record, ResultSet):
-        rotation = record.columns.get(EXTRINSIC_ROTATION)
+    if isinstance(record, Fit):
+        rotation = record.column(EXTRINSIC_ROTATION)
         upward = TO_Y_UP[IMAGE_UP][1]
         if rotation is not None:
-            upward = rotation @ TO_Y_UP[up or nearest_axis_up(rotation)][1]
+            turn = np.asarray(rotation, np.float64)
+            upward = turn @ TO_Y_UP[up or nearest_axis_up(turn)][1]
         upward, covariance = upward * flip(record), _covariance(record)
-    values, sd = measure_angles(record.points, upward, joints, covariance)
+    values, sd = measure_angles(record.as_columns(), upward, joints, covariance)
     return {ANGLES: values, ANGLE_SD: sd}
 
 
-def _covariance(record: ResultSet) -> Floats | None:
+def _covariance(record: Fit) -> Floats | None:
     """Return the covariance of the landmarks together, or else that of each (n, p, 3,
     3).
     """
-    whole = record.columns.get("shape_covariance")
-    if whole is not None or record.shape_sd is None:
-        return whole
-    sd = record.shape_sd.swapaxes(1, 2)
+    sd = record.shape_sd
+    if record.shape_covariance is not None or sd is None:
+        return record.shape_covariance
     covariance = np.eye(3) * sd[..., None] ** 2
-    correlation = record.columns.get("shape_correlation")
+    correlation = record.shape_correlation
     if correlation is not None:
         for number, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
             product = correlation[..., number] * sd[..., i] * sd[..., j]
@@ -365,23 +374,18 @@ def _covariance(record: ResultSet) -> Floats | None:
     return covariance
 
 
-def _tracks(records: Shapes3D, place: str) -> list[Track]:
-    """Part records by sequence, with the frames of the dataset `frame` or the order of
-    the items.
+def _tracks(records: Record, place: str) -> list[tuple[str, Record, Integers]]:
+    """Part records by sequence, with their frames or the order of the items.
 
     Raises InputError where two items of a sequence are of one frame, and where so many
     are missing that gaps cannot be filled.
     """
     names = np.array(records.sequences or ("",) * len(records), dtype=object)
-    stated = records.columns.get(FRAME)
-    if stated is not None and (stated.ndim != 1 or stated.dtype.kind not in "iu"):
-        stated = None
+    stated = records.frames
     tracks = []
     for name in dict.fromkeys(names.tolist()) or ("",):
         rows = np.flatnonzero(names == name)
-        frames = (
-            np.arange(len(rows)) if stated is None else stated[rows].astype(np.int64)
-        )
+        frames = np.arange(len(rows)) if stated is None else stated[rows]
         order = np.argsort(frames, kind="stable")
         frames, track = frames[order], records.take(rows[order])
         same = np.flatnonzero(np.diff(frames) == 0)
@@ -400,16 +404,12 @@ def _tracks(records: Shapes3D, place: str) -> list[Track]:
 
 
 def _visible_around(
-    records: Shapes3D, column: int, rate: float, frames: Integers
+    records: Fit, landmark: int, rate: float, frames: Integers
 ) -> NDArray[np.bool_]:
     """Whether a landmark (n,) was seen within a quarter of a second of frames (n,)."""
-    landmarks = records.columns.get("landmarks")
-    if landmarks is None or landmarks.shape[:2] != (
-        len(records),
-        len(records.landmark_names),
-    ):
+    if records.landmarks is None:
         return np.ones(len(records), dtype=np.bool_)
-    visible = np.isfinite(landmarks[:, column]).all(axis=-1)
+    visible = np.isfinite(records.landmarks[:, landmark]).all(axis=-1)
     seen = np.concatenate([[0], np.cumsum(visible)])
     near = round(rate / 4)
     first = np.searchsorted(frames, frames - near, "left")
@@ -422,44 +422,42 @@ def _motion(
 ) -> Motion:
     """Return one sequence in metres, with gaps for the frames that it lacks."""
     name, records, frames = track
-    names, angles = angle_names(records.landmark_names), records.columns.get(ANGLES)
+    names = angle_names(records.landmark_names)
+    none = np.empty((len(records), 0))
+    angles = records.extras.get(ANGLES)
+    angle_sd = records.extras.get(ANGLE_SD, none)
     if (
         floor is not None and angles is not None
     ):  # tilts of trunk and head to the true vertical
         up = floor.up * np.array([1.0, -1.0, -1.0]) * flip(records)
         angles = measure_angles(
-            records.shapes, up, joint_columns(records.landmark_names)
+            records.as_columns(), up, joint_columns(records.landmark_names)
         )[0]
-    if options.markers == "input":
+    if options.markers == "input" and isinstance(records, Fit):
         records = _as_markers(records)
     metric = in_metres(records, options, place, floor)
     n, first = len(frames), int(frames[0]) if len(frames) else 0
     length = int(frames[-1]) - first + 1 if n else 0
     of = f" of {name}" if name else ""
 
-    def by_frame(values: Floats) -> Floats:
+    def by_frame(values: Array) -> Floats:
         per_frame = np.full((length, *values.shape[1:]), np.nan)
         per_frame[frames - first] = values
         return per_frame
 
-    points, reasons, none = (
-        by_frame(metric.points),
-        records.columns.get(REASONS),
-        np.empty((n, 0)),
-    )
+    points = by_frame(metric.points)
     trusted = np.full(length, "", dtype=object)
-    if reasons is not None:
-        trusted[frames - first] = np.where(reasons == "", "true", "false")
+    if isinstance(records, Fit) and records.reasons is not None:
+        trusted[frames - first] = np.where(records.reasons == "", "true", "false")
+    warnings = list(metric.warnings)
     gaps = length - int(np.isfinite(points).any(axis=(1, 2)).sum())
-    warnings = (
-        *metric.warnings,
-        *([f"{counted(gaps, 'frame')} without a shape{of}"] * bool(gaps)),
-    )
-    sd = records.columns.get("shape_sd", np.full_like(records.shapes, np.nan))
-    clock = records.columns.get(TIME)
-    known_rate = records.frame_rate or find_rate(frames, clock)
+    if gaps:
+        warnings.append(f"{counted(gaps, 'frame')} without a shape{of}")
+    known_rate = records.frame_rate or find_rate(frames, records.times)
+    if not known_rate:
+        warnings.append(NO_RATE)
     rate = known_rate or 1.0
-    times = find_times(frames, length, clock, rate)
+    times = find_times(frames, length, records.times, rate)
     stated = records.lines
     edges = edges_of(records.landmark_names) if stated is None else stated
     return Motion(
@@ -472,13 +470,22 @@ def _motion(
         edges=np.asarray(edges, np.int64).reshape(-1, 2),
         axes=metric.axes,
         size=metric.size,
-        warnings=warnings if known_rate else (*warnings, NO_RATE),
+        warnings=tuple(warnings),
         trusted=trusted.tolist(),
-        deviations=by_frame(metric.factor[:, None] * np.sqrt((sd**2).sum(axis=1))),
+        deviations=by_frame(metric.factor[:, None] * _distance_sd(records)),
         angle_names=names,
         angles=by_frame(none if angles is None else angles),
-        angle_deviations=by_frame(records.columns.get(ANGLE_SD, none)),
+        angle_deviations=by_frame(angle_sd),
     )
+
+
+def _distance_sd(records: Shapes3D) -> Floats:
+    """Return sqrt(sd_x^2 + sd_y^2 + sd_z^2) (n, p), NaN where it is not known."""
+    if not isinstance(records, Fit) or records.shape_sd is None:
+        return np.full(records.shapes.shape[:2], np.nan)
+    sd = in_columns(records.shape_sd)
+    distance: Floats = np.sqrt((sd**2).sum(axis=1))
+    return distance
 
 
 def find_times(
@@ -499,22 +506,24 @@ def find_times(
     off = stated[known] - frames[known] / rate
     if not known.any() or np.abs(off).max() * rate <= JITTER:
         return times
-    return times + np.interp(every, frames[known], off)
+    stated_times: Floats = times + np.interp(every, frames[known], off)
+    return stated_times
 
 
-def _as_markers(records: Shapes3D) -> Shapes3D:
+def _as_markers(records: Fit) -> Fit:
     """Return the landmarks of the files, by the names that models know, in place of the
     joints.
     """
-    columns, names = records.columns, tuple(map(str, records.columns[INPUT_NAMES]))
-    sd = columns.get(INPUT_SD)
-    retained = records.without((INPUT_SHAPES, INPUT_SD, INPUT_NAMES))
-    return retained.replaced(
-        shapes=columns[INPUT_SHAPES].swapaxes(1, 2),
-        shape_sd=None if sd is None else sd.swapaxes(1, 2),
+    names = tuple(records.input_landmark_names or ())
+    assert records.input_shapes is not None, "the writer refuses results without"
+    return replace(
+        records,
         landmark_names=model_names(names),
-        further={
-            **retained.further,
-            EDGES: np.array(edges_of(names), np.int64).reshape(-1, 2),
-        },
+        shapes=records.input_shapes,
+        shape_sd=records.input_shape_sd,
+        edges=np.array(edges_of(names), np.int64).reshape(-1, 2),
+        landmarks=None,
+        input_landmark_names=None,
+        input_shapes=None,
+        input_shape_sd=None,
     )

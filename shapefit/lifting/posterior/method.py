@@ -285,7 +285,10 @@ def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
     mean = np.where(finite, shapes, 0.0).sum(axis=2) / count
     away = np.where(finite, shapes - mean[..., None], 0.0)
     size = np.sqrt((away**2).sum(axis=2) / count).mean(axis=1)
-    return np.divide(errors, size, out=np.full_like(errors, np.nan), where=size > 0)
+    distance: Floats = np.divide(
+        errors, size, out=np.full_like(errors, np.nan), where=size > 0
+    )
+    return distance
 
 
 def find_starts(

@@ -451,7 +451,8 @@ class Inference:
 
     def _placed_in(self, stretch: slice) -> Indices:
         """The frames of a stretch that are placed, by their number in the sequence."""
-        return stretch.start + np.flatnonzero(self.is_placed[stretch])
+        rows: Indices = stretch.start + np.flatnonzero(self.is_placed[stretch])
+        return rows
 
     def energies_of(self, smoothed: Smoothed) -> list[float]:
         """The energy of each stretch, but for that of lengths if there are several."""
@@ -539,7 +540,8 @@ def smooth_scale(scale: Floats, there: Flags, width: float, place: Integers) -> 
     T0 = total(weight * level, 0)
     T1 = total(weight * level, 1)
     line: Floats = (S2 * T0 - S1 * T1) / (S0 * S2 - S1**2)
-    return line[place]
+    smooth: Floats = line[place]
+    return smooth
 
 
 def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:

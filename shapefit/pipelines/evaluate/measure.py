@@ -5,6 +5,7 @@ failures.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,17 +27,8 @@ from shapefit.evaluation.metrics import (
 from shapefit.evaluation.report import ALL, NORMALISED, Quantity
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io.layout import (
-    INPUT_CORRELATION,
-    INPUT_NAMES,
-    INPUT_SD,
-    INPUT_SHAPES,
-    METRES_PER_UNIT,
-    RESULTS,
-    UNKNOWN_UNIT,
-)
+from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
 from shapefit.io.names import check_numbering, match_landmarks, pairs_of_sides
-from shapefit.io.records import Records, ResultSet, ShapeSet
 from shapefit.pipelines.items import (
     BY_FRAME,
     BY_ITEM,
@@ -45,6 +37,8 @@ from shapefit.pipelines.items import (
     named_items,
     subsample,
 )
+from shapefit.records import Fit, Items, Shapes
+from shapefit.records.columns import Array, in_columns
 
 FOR_ALL = ("true_rotation", "rotation", "shape_correlation", "bounding_box")
 """Datasets that are taken beside those that metrics need."""
@@ -97,9 +91,7 @@ class Measured(NamedTuple):
     objective: Floats | None
 
 
-def measure(
-    file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig
-) -> Measured:
+def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Measured:
     """Measure every image of results in the metrics that their datasets allow.
 
     Images and true shapes are matched by `match` (by frame where no item is the same),
@@ -127,8 +119,9 @@ def measure(
     columns = match_landmarks(results.landmark_names, names)
     # `take` gives them in the order of the core, an index gives them landmark by
     # landmark.
-    estimate = results.shapes.take(columns, axis=2)
-    true = truth.shapes[rows].take(match_landmarks(truth.landmark_names, names), 2)
+    estimate = results.as_columns().take(columns, axis=2)
+    matching = match_landmarks(truth.landmark_names, names)
+    true = truth.as_columns()[rows].take(matching, 2)
     true[rows < 0] = np.nan
     doubts = check_numbering(
         results.landmark_names, truth.landmark_names, str(file), "the truth"
@@ -158,10 +151,10 @@ def measure(
         errors, lacking = _errors(file, metrics, data, scale, truth.unit, results.unit)
         if results.shape_sd is not None and data["true_rotation"] is not None:
             sides = estimate, true, data["true_rotation"]
-            deviation, correlation = (
-                None if values is None else values.take(columns, axis=2)
-                for values in (results.shape_sd, data["shape_correlation"])
-            )
+            deviation = in_columns(results.shape_sd).take(columns, axis=2)
+            correlation = data["shape_correlation"]
+            if correlation is not None:
+                correlation = correlation.take(columns, axis=2)
             square, width = in_blocks(find_squares, *sides, deviation, correlation)
             bars = ErrorBars(
                 square, {NORMALISED: width / scale[:, None], truth.unit: width}
@@ -186,7 +179,7 @@ def measure(
         outside = "" if truth.sequences else ALL
         sequences = [outside if row < 0 else of_truth[row] for row in rows.tolist()]
     return Measured(
-        items=results.items,
+        items=tuple(results.items),
         sequences=tuple(sequences),
         errors=errors,
         failures=failures,
@@ -197,7 +190,7 @@ def measure(
 
 
 def match_truth(
-    file: Path, results: Records, truth: ShapeSet, match: str
+    file: Path, results: Items, truth: Shapes, match: str
 ) -> tuple[Indices, bool]:
     """Return the true shape (n,) of each image, -1 for none, and whether it is by
     frame.
@@ -212,7 +205,7 @@ def match_truth(
         try:
             return find_truth(file, match, keys, true_keys), False
         except InputError:
-            if match != BY_ITEM or "status" in results.columns:
+            if match != BY_ITEM or results.column("status") is not None:
                 raise
     return find_truth(file, BY_FRAME, keys, true_keys), True
 
@@ -256,18 +249,31 @@ def _one_individual(
     return np.flatnonzero(~omitted), [text] if omitted.any() else []
 
 
-def find_dataset(file: Path, results: ResultSet, name: str) -> Any:
+def find_dataset(file: Path, results: Fit, name: str) -> Any:
     """Return a dataset that a metric takes, in the paper's orientation; None if it is
     absent.
 
     Raises InputError where it has another shape than the metric needs.
     """
-    data = results.columns.get(name)
+    data = results.column(name)
     if data is None and name == "landmarks_fitted" and results.scale is not None:
         # Without a camera the landmarks fitted are x and y of the shapes.
-        return None if "focal" in results.columns else results.shapes[:, :2]
-    if data is None or name in RESULTS.datasets:
-        return data
+        if results.focal is not None:
+            return None
+        return results.as_columns()[:, :2]
+    if data is None:
+        return None
+    if name in m.CARRIED:
+        _check_carried(file, results, name, data)
+        data = np.asarray(data, dtype=np.float64)
+    listed = RESULTS.columns.get(name)
+    if listed is not None and listed.has_points:
+        return in_columns(np.asarray(data, dtype=np.float64))
+    return data
+
+
+def _check_carried(file: Path, results: Fit, name: str, data: Array) -> None:
+    """Raise InputError for a dataset of another shape than a metric needs."""
     p = len(results.landmark_names)
     expected = (len(results), *(p if size == "p" else size for size in m.CARRIED[name]))
     if data.shape != expected or data.dtype.kind not in "biuf":
@@ -275,10 +281,6 @@ def find_dataset(file: Path, results: ResultSet, name: str) -> Any:
         raise input_error(
             f"{file}:/{name}", fault, f"give numbers of the shape {expected}"
         )
-    numbers = np.asarray(data, dtype=np.float64)
-    # Carried datasets come as they are in the file, one landmark per row.
-    is_points = len(expected) == 3 and m.CARRIED[name][0] == "p"
-    return np.swapaxes(numbers, 1, 2) if is_points else numbers
 
 
 def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[str]:
@@ -309,14 +311,14 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
 
 
 def _find_units(
-    results: ResultSet, truth: ShapeSet, estimate: Floats, true: Floats
+    results: Fit, truth: Shapes, estimate: Floats, true: Floats
 ) -> list[str]:
     """Say where shapes in the same unit differ in size by far: one unit is not stated
     right.
 
     estimate and true (n, 3, p). Results in pixels may state how many metres these are.
     """
-    unit, metres = results.unit, results.columns.get(METRES_PER_UNIT)
+    unit, metres = results.unit, results.metres_per_unit
     if metres is not None and truth.unit == "m":
         unit, estimate = "m", estimate * np.reshape(metres, (-1, 1, 1))
     if unit != truth.unit or unit in ("px", UNKNOWN_UNIT, NORMALISED):
@@ -414,7 +416,7 @@ def _errors(
 
 
 def _failures(
-    results: ResultSet, rows: Indices, common: Flags, errors: Mapping[Quantity, Floats]
+    results: Fit, rows: Indices, common: Flags, errors: Mapping[Quantity, Floats]
 ) -> dict[str, str]:
     """Why each image without one or more errors has none; rows (n,) of its true
     shape.
@@ -438,27 +440,22 @@ def _failures(
     return reasons
 
 
-def with_shapes_of(results: ResultSet, names: Sequence[str]) -> ResultSet:
+def with_shapes_of(results: Fit, names: Sequence[str]) -> Fit:
     """Return the result with its joints or with the input's landmarks, whichever fit
     the names.
 
     Where a fit lifted a detector's landmarks with a dictionary of joints, its result
     has both.
     """
-    columns = results.columns
-    if INPUT_NAMES not in columns or INPUT_SHAPES not in columns:
+    if results.input_landmark_names is None or results.input_shapes is None:
         return results
-    detected = tuple(map(str, columns[INPUT_NAMES]))
+    detected = results.input_landmark_names
     if len(set(detected) & set(names)) <= len(set(results.landmark_names) & set(names)):
         return results
-    sd, correlation = columns.get(INPUT_SD), columns.get(INPUT_CORRELATION)
-    shown = results.without(OF_JOINTS).replaced(
-        shapes=np.swapaxes(columns[INPUT_SHAPES], 1, 2),
-        shape_sd=None if sd is None else np.swapaxes(sd, 1, 2),
+    return replace(
+        results.without(OF_JOINTS),
+        shapes=results.input_shapes,
+        shape_sd=results.input_shape_sd,
+        shape_correlation=results.input_shape_correlation,
         landmark_names=detected,
-    )
-    return (
-        shown
-        if correlation is None
-        else shown.with_columns({"shape_correlation": correlation})
     )

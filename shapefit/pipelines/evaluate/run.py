@@ -26,12 +26,12 @@ from shapefit.io import open_shapes
 from shapefit.io.atomic import check_folder, digests, staged_files, storage_errors
 from shapefit.io.detect import detect_format
 from shapefit.io.formats import check_holds
-from shapefit.io.layout import FRAME, OF_FILE
+from shapefit.io.layout import OF_FILE
 from shapefit.io.options import input_options
-from shapefit.io.records import ResultSet
 from shapefit.io.source import OPTIONAL, open_results
 from shapefit.pipelines.evaluate.measure import Measured, measure, with_shapes_of
 from shapefit.pipelines.result import Failure, Result
+from shapefit.records import Fit
 
 ERROR_BARS = "error_bars.json"
 """File of the report that `prior.calibration` of fit takes."""
@@ -91,7 +91,7 @@ def run(config: EvalConfig) -> Iterator[Result]:
     )
 
 
-def read_files(files: Sequence[Path]) -> ResultSet:
+def read_files(files: Sequence[Path]) -> Fit:
     """Read results, or shapes in any format, such as TRC, as results without anything
     beside.
     """
@@ -102,16 +102,14 @@ def read_files(files: Sequence[Path]) -> ResultSet:
             return results.whole()
     with open_shapes(files, gaps=True) as source:
         shapes = source.whole()
-    return ResultSet(
+    return Fit(
         shapes.shapes,
-        shapes.landmark_names,
-        shapes.items,
-        shapes.sequences,
+        landmark_names=shapes.landmark_names,
+        items=shapes.items,
+        sequences=shapes.sequences,
+        frames=shapes.frames,
         unit=shapes.unit,
         frame_rate=shapes.frame_rate,
-        columns={
-            name: values for name, values in shapes.per_item.items() if name == FRAME
-        },
     )
 
 

@@ -21,8 +21,8 @@ from dataclasses import replace
 import numpy as np
 
 from shapefit.arrays import Floats, median
-from shapefit.io import LandmarkSet
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
+from shapefit.records import Landmarks
 
 FACTORS = (0.5, 0.62, 1.6, 2.0)
 """Stretches of x that are looked for. Smaller ones are taken for people of another
@@ -41,7 +41,7 @@ MIN_LANDMARKS = 10
 """Median number of landmarks of an image: half bodies fit a stretched picture, too."""
 
 
-def find_stretch(sample: LandmarkSet, posterior: ImagePosterior) -> float:
+def find_stretch(sample: Landmarks, posterior: ImagePosterior) -> float:
     """Return the factor of FACTORS by which x of a sample is too wide, else 1.
 
     People alone: the posterior must know the usual lengths of their limbs.
@@ -72,13 +72,13 @@ def describe_stretch(factor: float) -> str:
     )
 
 
-def narrow(images: LandmarkSet, factor: float) -> LandmarkSet:
+def narrow(images: Landmarks, factor: float) -> Landmarks:
     """Return images whose x is divided by a factor."""
-    scale = np.array([factor, 1.0])[:, None]
-    return images.replaced(landmarks=images.landmarks / scale)
+    scale = np.array([factor, 1.0])
+    return replace(images, landmarks=images.landmarks / scale)
 
 
-def log_density(images: LandmarkSet, posterior: ImagePosterior) -> Floats:
+def log_density(images: Landmarks, posterior: ImagePosterior) -> Floats:
     """Return log p(w) (n,) of images per square unit of their landmarks."""
     lifting = posterior.lift(images)
     seen = (lifting.problem.weights > 0).sum(axis=1)

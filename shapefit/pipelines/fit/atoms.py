@@ -19,17 +19,18 @@ from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import Camera
-from shapefit.io import LandmarkSet, LandmarkSource
+from shapefit.io import LandmarkSource
 from shapefit.lifting.estimate import AtomEstimate, Estimator, Solve
 from shapefit.lifting.lift import BETA, Group, Lifting, Program, fail_nonfinite, lift
 from shapefit.lifting.lift import merge as merge_groups
 from shapefit.lifting.methods import METHODS, ROBUST, STARTS
 from shapefit.pipelines.fit.camera import camera_factory
-from shapefit.pipelines.fit.columns import Columns, blank, certificate_columns
+from shapefit.pipelines.fit.columns import blank, with_certificate
 from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, read_blocks
 from shapefit.pipelines.fit.outliers import THRESHOLD, find_inliers
 from shapefit.pipelines.items import named_items
 from shapefit.pipelines.joints import Matched
+from shapefit.records import Fit, Landmarks
 from shapefit.threads import on_threads
 
 LEAVE_ONE_OUT = "leave_one_out"
@@ -87,7 +88,7 @@ class AtomFamily:
     dictionary: Dictionary
     program: Program
     tolerance: float
-    camera: Callable[[LandmarkSet], Camera] | None = None
+    camera: Callable[[Landmarks], Camera] | None = None
     signed: bool = False
     starts: int = STARTS
     outlier_threshold: float | None = None
@@ -95,12 +96,12 @@ class AtomFamily:
     proof: bool = False
     threads: int = 0
 
-    def check(self, sample: LandmarkSet) -> None:
+    def check(self, sample: Landmarks) -> None:
         """Raise InputError where atoms are to be left out, and no image names any."""
         if self.leave_one_out is not None:
             check_omitted(sample, self.leave_one_out, self.dictionary)
 
-    def predict_cost(self, sample: LandmarkSet, total: int) -> Cost:
+    def predict_cost(self, sample: Landmarks, total: int) -> Cost:
         """Time one image, and some more where all may take long."""
         per_image = 0.0
         if total <= 1:
@@ -114,43 +115,42 @@ class AtomFamily:
                 break
         return Cost(per_image, total)
 
-    def calibrate(self, sample: LandmarkSet) -> Calibration:
+    def calibrate(self, sample: Landmarks) -> Calibration:
         """Nothing is left open but the camera."""
         return Calibration()
 
-    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[LandmarkSet]:
+    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
         """Images are lifted one by one."""
         return read_blocks(source, size)
 
-    def lift(self, images: LandmarkSet) -> Lifted:
+    def lift(self, images: Landmarks) -> Lifted:
         """Lift images, without some of the atoms where these are to be left out."""
         if self.leave_one_out is None:
             lifting = self.lift_images(images)
         else:
             lifting = self.lift_omitting(images, self.leave_one_out)
-        return Lifted(fail_nonfinite(lifting))
-
-    def columns(self, images: LandmarkSet, lifting: Lifting[AtomEstimate]) -> Columns:
-        """Lay out coefficients, gap and certificate."""
-        estimate = lifting.estimate
-        failed = np.isnan(lifting.scale)
-        columns = {
-            "coefficients": blank(estimate.coefficients, failed),
-            "relative_gap": blank(estimate.relative_gap, failed),
-            "active_atoms": estimate.active_atoms,
-            "tight": estimate.tight,
-        }
-        if self.proof:
-            columns |= certificate_columns(
-                lifting,
-                of_result=METHODS[self.method].proves == "optimum",
-            )
+        omitted = None
         if self.leave_one_out is not None:
             omitted = find_omitted(images, self.leave_one_out, self.dictionary)
-            columns["omitted"] = omitted.astype(object)
-        return columns
+        return Lifted(fail_nonfinite(lifting), omitted=omitted)
 
-    def lift_images(self, images: LandmarkSet) -> Lifting[AtomEstimate]:
+    def columns(self, fit: Fit, lifting: Lifting[AtomEstimate]) -> Fit:
+        """Add coefficients, gap and certificate."""
+        estimate = lifting.estimate
+        failed = np.isnan(lifting.scale)
+        fit = replace(
+            fit,
+            coefficients=blank(estimate.coefficients, failed),
+            relative_gap=blank(estimate.relative_gap, failed),
+            active_atoms=estimate.active_atoms,
+            tight=estimate.tight,
+        )
+        if self.proof:
+            is_of_fit = METHODS[self.method].proves == "optimum"
+            fit = with_certificate(fit, lifting, is_of_fit=is_of_fit)
+        return fit
+
+    def lift_images(self, images: Landmarks) -> Lifting[AtomEstimate]:
         """Solve the program of each image; before a perspective camera, refine it."""
         weights = images.weights()
         visible = weights > 0
@@ -160,8 +160,9 @@ class AtomFamily:
                 images, weights, self.dictionary, self.outlier_threshold, self.threads
             )
             weights = np.where(inliers.flags, weights, 0.0)
+        w = images.as_columns()
         lifting = lift(
-            images.landmarks,
+            w,
             weights,
             self.dictionary.atoms,
             self.program,
@@ -178,12 +179,10 @@ class AtomFamily:
             from shapefit.lifting.perspective import refine_view
 
             camera = self.camera(images)
-            lifting = refine_view(
-                lifting, images.landmarks, camera, self.dictionary, self.threads
-            )
+            lifting = refine_view(lifting, w, camera, self.dictionary, self.threads)
         return lifting
 
-    def lift_omitting(self, images: LandmarkSet, named: str) -> Lifting[AtomEstimate]:
+    def lift_omitting(self, images: Landmarks, named: str) -> Lifting[AtomEstimate]:
         """Lift each image without the atoms of its item, whose coefficients are 0."""
         omitted = find_omitted(images, named, self.dictionary)
 
@@ -290,7 +289,7 @@ ESTIMATORS: dict[str, Callable[[AtomFamily], Estimator[AtomEstimate]]] = {
 
 
 def find_omitted(
-    images: LandmarkSet, named: str, dictionary: Dictionary
+    images: Landmarks, named: str, dictionary: Dictionary
 ) -> NDArray[np.str_]:
     """Return the item (n,) whose atoms the fit of each image does without, '' for
     none.
@@ -299,7 +298,7 @@ def find_omitted(
     return np.where(np.isin(items, dictionary.atom_items or ()), items, "")
 
 
-def check_omitted(images: LandmarkSet, named: str, dictionary: Dictionary) -> None:
+def check_omitted(images: Landmarks, named: str, dictionary: Dictionary) -> None:
     """Raise InputError where no image shows an item of the dictionary, or it has but
     one.
     """

@@ -8,7 +8,6 @@ from shapefit import log
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import LEARNED_FROM
 from shapefit.errors import counted
-from shapefit.io import LandmarkSet
 from shapefit.pipelines.fit.camera import (
     choose_camera,
     read_lens,
@@ -19,6 +18,7 @@ from shapefit.pipelines.fit.choices import choose_family, place_of_names
 from shapefit.pipelines.fit.family import Calibration, Cost
 from shapefit.pipelines.joints import Matched
 from shapefit.pipelines.result import Result
+from shapefit.records import Landmarks
 
 SAMPLE_POOL = 1024
 """Images of which the sample is drawn: the same whatever the batches and parts."""
@@ -31,7 +31,7 @@ Calibrating = Generator[Result, None, Calibration]
 
 
 def calibrate(
-    config: FitConfig, match: Matched, images: LandmarkSet, total: int
+    config: FitConfig, match: Matched, images: Landmarks, total: int
 ) -> Calibrating:
     """Settle from the first of a total of images what the config leaves open.
 

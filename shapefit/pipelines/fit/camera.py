@@ -7,7 +7,8 @@ weak perspective stays, as in the paper's program.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,9 +18,10 @@ from shapefit.arrays import Floats, median
 from shapefit.errors import input_error, listed
 from shapefit.geometry import pinhole
 from shapefit.geometry.pinhole import ASSUMED_FOCAL, CAMERA_MATRIX, Camera
-from shapefit.io import LandmarkSet
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.lifting.methods import METHODS
+from shapefit.records import Landmarks
+from shapefit.records.columns import Array
 
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
@@ -58,7 +60,7 @@ WEAK = {"focal": "none"}
 
 
 def choose_camera(
-    config: FitConfig, images: LandmarkSet, *, from_landmarks: bool
+    config: FitConfig, images: Landmarks, *, from_landmarks: bool
 ) -> tuple[dict[str, Any], str]:
     """Return the keys of `camera` that the config leaves open, and a line about the
     camera.
@@ -77,7 +79,7 @@ def choose_camera(
         return WEAK, "weak perspective"
     if calibrated:
         return {"focal": "files"}, "perspective, of the calibration"
-    in_files = CAMERA_MATRIX in images.columns and not from_landmarks
+    in_files = images.column(CAMERA_MATRIX) is not None and not from_landmarks
     if given.focal == "files" or (given.focal == "auto" and in_files):
         read_intrinsics(images)
         return {"focal": "files"}, f"perspective, `{CAMERA_MATRIX}` of the files"
@@ -119,23 +121,23 @@ def choose_camera(
     return keys, line + "`camera.focal=none` does without"
 
 
-def find_size(config: FitConfig, images: LandmarkSet) -> tuple[float, float]:
+def find_size(config: FitConfig, images: Landmarks) -> tuple[float, float]:
     """Return width and height of the images; nan where they are unknown or several."""
     if config.image_size is not None:
         return config.image_size
-    if IMAGE_SIZE in images.columns:
+    if images.column(IMAGE_SIZE) is not None:
         sizes = np.unique(read_dataset(images, IMAGE_SIZE, (2,)), axis=0)
         if len(sizes) == 1 and (sizes > 0).all():
             return sizes[0, 0], sizes[0, 1]
     return np.nan, np.nan
 
 
-def say_outside(config: FitConfig, images: LandmarkSet) -> str:
+def say_outside(config: FitConfig, images: Landmarks) -> str:
     """Return a warning where many landmarks lie outside the stated image, else ""."""
     size = np.array(find_size(config, images))
     if images.unit not in PIXELS or not np.isfinite(size).all():
         return ""
-    points = images.landmarks.swapaxes(1, 2)[images.visible()]
+    points = images.landmarks[images.visible()]
     beyond = (points < -OUTSIDE * size) | (points > (1 + OUTSIDE) * size)
     if not len(points) or beyond.any(axis=1).mean() < MIN_OUTSIDE_SHARE:
         return ""
@@ -148,15 +150,14 @@ def say_outside(config: FitConfig, images: LandmarkSet) -> str:
     )
 
 
-def find_extent(images: LandmarkSet) -> float:
+def find_extent(images: Landmarks) -> float:
     """Return the median diagonal of the landmarks of an image; inf where none has
     several.
     """
-    w = np.where(images.visible()[:, None], images.landmarks, np.nan)
-    w = w[np.isfinite(w).all(axis=1).sum(axis=1) > 1]
-    extent = np.nanmax(w, axis=2, initial=-np.inf) - np.nanmin(
-        w, axis=2, initial=np.inf
-    )
+    w = np.where(images.visible()[..., None], images.landmarks, np.nan)
+    w = w[np.isfinite(w).all(axis=2).sum(axis=1) > 1]
+    highest = np.nanmax(w, axis=1, initial=-np.inf)
+    extent = highest - np.nanmin(w, axis=1, initial=np.inf)
     return median(np.hypot(*extent.T)) if len(w) else np.inf
 
 
@@ -169,7 +170,7 @@ def read_lens(config: FitConfig) -> CalibratedCamera | None:
     return read_camera(config.camera.calibration, config.camera.name)
 
 
-def camera_factory(config: CameraConfig) -> Callable[[LandmarkSet], Camera] | None:
+def camera_factory(config: CameraConfig) -> Callable[[Landmarks], Camera] | None:
     """Return what gives the cameras of images by a config, None for weak
     perspective.
     """
@@ -177,11 +178,11 @@ def camera_factory(config: CameraConfig) -> Callable[[LandmarkSet], Camera] | No
     return None if assumed else partial(find_camera, config=config)
 
 
-def find_camera(images: LandmarkSet, config: CameraConfig | None = None) -> Camera:
+def find_camera(images: Landmarks, config: CameraConfig | None = None) -> Camera:
     """Return the cameras of n images: as the config states them, else by their
     matrices.
     """
-    n, sign = len(images), pinhole.depth_sign(images.y_axis or "down")
+    n, sign = len(images), pinhole.depth_sign(images.y_axis)
     if config is None or isinstance(config.focal, str):
         focals, centres = read_intrinsics(images)
     else:
@@ -193,11 +194,11 @@ def find_camera(images: LandmarkSet, config: CameraConfig | None = None) -> Came
     return Camera(focals, centres, sign, config.focal_sd)
 
 
-def read_intrinsics(images: LandmarkSet) -> tuple[Floats, Floats]:
+def read_intrinsics(images: Landmarks) -> tuple[Floats, Floats]:
     """Return focal (n, 2) and principal point (n, 2) by the camera matrices, without
     their skew.
     """
-    if CAMERA_MATRIX not in images.columns:
+    if images.column(CAMERA_MATRIX) is None:
         fix = (
             "give `camera.focal`, or landmarks in HDF5 that have it: CSV holds no"
             " datasets"
@@ -225,11 +226,12 @@ def check_intrinsics(place: str, focal: Floats, centre: Floats) -> None:
         raise input_error(place, fault, f"{fix}, a principal point up to {FARTHEST:g}")
 
 
-def read_dataset(images: LandmarkSet, name: str, *shapes: tuple[int, ...]) -> Floats:
-    """Return a dataset (n, *shape) that holds an array of one of these shapes, or one
-    per image.
+def read_dataset(images: Landmarks, name: str, *shapes: tuple[int, ...]) -> Floats:
+    """Return a dataset (n, *shape) that is there and holds an array of one of these
+    shapes, or one per image.
     """
-    values, n = np.asarray(images.columns[name]), len(images)
+    n = len(images)
+    values = np.asarray(images.column(name))
     if values.dtype.kind in "iuf" and np.isfinite(values).all():
         for shape in shapes:
             if values.shape in (shape, (n, *shape)):
@@ -241,9 +243,7 @@ def read_dataset(images: LandmarkSet, name: str, *shapes: tuple[int, ...]) -> Fl
     raise input_error(name, f"has the shape {values.shape}, or is not finite", fix)
 
 
-def undistorted(
-    images: LandmarkSet, calibrated: CalibratedCamera | None
-) -> LandmarkSet:
+def undistorted(images: Landmarks, calibrated: CalibratedCamera | None) -> Landmarks:
     """Return the images as the calibrated camera, or that of the files, sees them
     without a lens.
 
@@ -257,10 +257,9 @@ def undistorted(
             "extrinsic_rotation": calibrated.rotation,
             "extrinsic_translation": calibrated.translation,
         }
-        images = images.with_columns(
-            whole={k: v for k, v in stated.items() if v is not None}
-        )
-    if DISTORTION not in images.columns or CAMERA_MATRIX not in images.columns:
+        known = {name: v for name, v in stated.items() if v is not None}
+        images = images.with_file_extras(known)
+    if images.column(DISTORTION) is None or images.column(CAMERA_MATRIX) is None:
         return images
     coefficients = pinhole.complete_coefficients(
         read_dataset(images, DISTORTION, (4,), (5,), (8,))
@@ -271,9 +270,20 @@ def undistorted(
         coefficients = coefficients * np.where(np.arange(8) == 2, -1.0, 1.0)
     focal, centre = (values[..., None] for values in read_intrinsics(images))
     straight = centre + focal * pinhole.undistort(
-        (images.landmarks - centre) / focal, coefficients
+        (images.as_columns() - centre) / focal, coefficients
     )
-    removed = {REMOVED: images.columns[DISTORTION]}
-    kind = "whole" if DISTORTION in images.whole else "columns"
-    images = images.without([DISTORTION]).with_columns(**{kind: removed})
-    return images.replaced(landmarks=straight).with_whole_points()
+    straightened = replace(
+        images,
+        landmarks=straight.swapaxes(1, 2),
+        extras=_rename_distortion(images.extras),
+        file_extras=_rename_distortion(images.file_extras),
+    )
+    return straightened.with_whole_points()
+
+
+def _rename_distortion(extras: Mapping[str, Array]) -> dict[str, Array]:
+    """Return datasets with the distortion, if it is among them, as removed."""
+    renamed = {name: v for name, v in extras.items() if name != DISTORTION}
+    if DISTORTION in extras:
+        renamed[REMOVED] = extras[DISTORTION]
+    return renamed

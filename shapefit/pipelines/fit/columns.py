@@ -1,49 +1,47 @@
-"""Datasets of a result that families of methods lay out alike."""
+"""Columns of a fit that families of methods lay out alike."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.lifting.estimate import E
 from shapefit.lifting.lift import Lifting
-
-Columns = Mapping[str, NDArray[Any] | None]
-"""Datasets of a result by name; None is absent."""
+from shapefit.records import Fit
 
 
-def certificate_columns(lifting: Lifting[E], *, of_result: bool) -> Columns:
-    """Lay out what proves the optimum of the convex program; images that failed have
-    nan.
+def with_certificate(fit: Fit, lifting: Lifting[E], *, is_of_fit: bool) -> Fit:
+    """Add what proves the optimum of the convex program; images that failed have nan.
 
-    of_result, whether the objective of the program is that of the result, if that was
-    not refined before a camera.
+    is_of_fit, whether the objective of the program is that of the fit, if this was not
+    refined before a camera.
     """
     certificate = lifting.estimate.convex_proof
     if certificate is None:
-        return {}
+        return fit
     failed: Flags = np.asarray(np.isnan(lifting.scale))
     M = certificate.transforms
     if failed.any():
         retained = ~failed[M.image]
         count = np.where(failed, 0, M.count)
         M = replace(M, count=count, atom=M.atom[retained], blocks=M.blocks[retained])
-    columns = {
-        "dual": blank(certificate.dual, failed),
-        "convex_translation": blank(certificate.translation, failed),
-        "transform_count": M.count,
-        "transform_atom": M.atom,
-        "active_transforms": M.blocks,
-    }
-    if not of_result or lifting.perspective is not None:
-        columns["convex_objective"] = blank(certificate.objective, failed)
-        columns["convex_relative_gap"] = blank(certificate.relative_gap, failed)
-    return columns
+    fit = replace(
+        fit,
+        dual=as_rows(blank(certificate.dual, failed)),
+        convex_translation=blank(certificate.translation, failed),
+        transform_count=M.count,
+        transform_atom=M.atom,
+        active_transforms=M.blocks,
+    )
+    if is_of_fit and lifting.perspective is None:
+        return fit
+    return replace(
+        fit,
+        convex_objective=blank(certificate.objective, failed),
+        convex_relative_gap=blank(certificate.relative_gap, failed),
+    )
 
 
 def blank(values: Floats | None, failed: Flags) -> Floats | None:
@@ -52,3 +50,8 @@ def blank(values: Floats | None, failed: Flags) -> Floats | None:
         return values
     rows = failed.reshape(-1, *(1,) * (values.ndim - 1))
     return np.where(rows, np.nan, values)
+
+
+def as_rows(points: Floats | None) -> Floats | None:
+    """Return points (n, d, p) with one landmark a row, as records have them."""
+    return None if points is None else points.swapaxes(1, 2)

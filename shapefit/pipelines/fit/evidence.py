@@ -23,8 +23,8 @@ import numpy as np
 
 from shapefit import log
 from shapefit.arrays import Floats, evenly
-from shapefit.io import LandmarkSet
 from shapefit.io.skeletons import THETA
+from shapefit.records import Landmarks
 
 FIRST_LOOK = 24
 """Images by which a search begins, and by which a skeleton is found."""
@@ -48,7 +48,7 @@ class Factors(NamedTuple):
     variance: float
 
 
-Evidence = Callable[[Factors, LandmarkSet], Floats]
+Evidence = Callable[[Factors, Landmarks], Floats]
 """log p(w) (n,) of images with these factors."""
 
 
@@ -101,7 +101,7 @@ def top_of_parabola(x: Floats, values: Floats) -> float:
 
 def choose_factors(
     evidence: Evidence,
-    images: LandmarkSet,
+    images: Landmarks,
     scales: tuple[float, ...] = FACTORS,
     variances: tuple[float, ...] = FACTORS,
 ) -> Factors:

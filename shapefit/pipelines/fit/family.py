@@ -10,15 +10,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, LandmarkSource
+from shapefit.io import LandmarkSource
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit.columns import Columns
+from shapefit.pipelines.joints import Detected
+from shapefit.records import Fit, Landmarks
 
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
@@ -72,14 +75,15 @@ class Calibration(NamedTuple):
 
 
 class Lifted(NamedTuple):
-    """A batch of images with the shapes of the dictionary's landmarks.
+    """A batch of n images with the shapes of the dictionary's landmarks.
 
-    detector, datasets of the landmarks of the files in 3D, where these are not those of
-    the dictionary.
+    detected, the landmarks of the files in 3D, where these are not those of the
+    dictionary; omitted (n,), the item of the dictionary that the fit did without.
     """
 
     lifting: Lifting[Any]
-    detector: Columns = MappingProxyType({})
+    detected: Detected | None = None
+    omitted: NDArray[np.str_] | None = None
 
 
 class Cost(NamedTuple):
@@ -97,34 +101,34 @@ class Family(Protocol):
         """The dictionary of the landmarks that are lifted."""
         ...
 
-    def check(self, sample: LandmarkSet) -> None:
+    def check(self, sample: Landmarks) -> None:
         """Raise InputError where images of the files lack what an option needs."""
         ...
 
-    def predict_cost(self, sample: LandmarkSet, total: int) -> Cost:
+    def predict_cost(self, sample: Landmarks, total: int) -> Cost:
         """Return what a total of images costs, by some of them."""
         ...
 
-    def calibrate(self, sample: LandmarkSet) -> Calibration:
+    def calibrate(self, sample: Landmarks) -> Calibration:
         """Settle what the options leave open, from some images of the files."""
         ...
 
-    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[LandmarkSet]:
+    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
         """Yield the images of a source, about `size` at a time: what is lifted together
         stays so.
         """
         ...
 
-    def lift(self, images: LandmarkSet) -> Lifted:
+    def lift(self, images: Landmarks) -> Lifted:
         """Lift images that have the landmarks of the dictionary."""
         ...
 
-    def columns(self, images: LandmarkSet, lifting: Lifting[Any]) -> Columns:
-        """Lay out what this family knows of images that it has lifted."""
+    def columns(self, fit: Fit, lifting: Lifting[Any]) -> Fit:
+        """Add what this family knows of images that it has lifted."""
         ...
 
 
-def read_blocks(source: LandmarkSource, size: int) -> Iterator[LandmarkSet]:
+def read_blocks(source: LandmarkSource, size: int) -> Iterator[Landmarks]:
     """Yield images that are lifted one by one, in whole blocks of each file."""
     return source.batches(whole_blocks(size), by_file=True)
 

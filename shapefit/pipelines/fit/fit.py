@@ -13,9 +13,7 @@ from typing import NamedTuple
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import (
-    LandmarkSet,
     LandmarkSource,
-    ResultSet,
     open_landmarks,
     read_dictionary,
 )
@@ -42,6 +40,7 @@ from shapefit.pipelines.fit.record import provenance, to_record
 from shapefit.pipelines.fit.summary import Tally, describe_batch, summarise_fit
 from shapefit.pipelines.joints import Matched
 from shapefit.pipelines.result import Result
+from shapefit.records import Fit, Landmarks
 from shapefit.threads import side_by_side
 
 BATCH = 4096
@@ -80,7 +79,7 @@ class Plan(NamedTuple):
 class LiftedBatch(NamedTuple):
     """A batch as it is stored, and what is reported of it."""
 
-    record: ResultSet
+    record: Fit
     event: Result
 
 
@@ -132,7 +131,7 @@ def lift_all(source: LandmarkSource, plan: Plan) -> Generator[LiftedBatch, None,
     return side_by_side(partial(lift_batch, plan=plan), batches, workers=int(several))
 
 
-def lift_batch(images: LandmarkSet, plan: Plan) -> LiftedBatch:
+def lift_batch(images: Landmarks, plan: Plan) -> LiftedBatch:
     """Lift one batch of the files; each line is a stage with tests of its own."""
     straight = undistorted(images, plan.lens)
     named = plan.match.arrange(straight, place_of_names(plan.config))
@@ -141,7 +140,7 @@ def lift_batch(images: LandmarkSet, plan: Plan) -> LiftedBatch:
     return LiftedBatch(record, describe_batch(lifted.lifting, record))
 
 
-def open_writer(plan: Plan) -> AbstractContextManager[RecordWriter[ResultSet]]:
+def open_writer(plan: Plan) -> AbstractContextManager[RecordWriter[Fit]]:
     """Return what writes the result, which appears whole or not at all."""
     output = plan.config.output
     assert isinstance(output, Path), "a folder is written part by part"

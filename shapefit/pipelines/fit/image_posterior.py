@@ -12,7 +12,6 @@ from shapefit.arrays import Flags, Floats
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import Camera
-from shapefit.io import LandmarkSet
 from shapefit.lifting.estimate import PosteriorEstimate, Solve
 from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.methods import METHODS, MIN_CONFIDENCE
@@ -25,6 +24,7 @@ from shapefit.lifting.posterior.model import (
 from shapefit.lifting.posterior.usual_lengths import LimbLengths, find_limb_lengths
 from shapefit.pipelines.fit.camera import IMAGE_SIZE
 from shapefit.pipelines.fit.outliers import find_inliers
+from shapefit.records import Landmarks
 
 BORDER_SHARE = 0.01
 """Of the image's size: so near to a side of it a detector leaves what it does not see.
@@ -54,7 +54,7 @@ class ImagePosterior:
     dictionary: Dictionary
     program: Program = USUAL_PROGRAM
     tolerance: float = METHODS["posterior"].tolerance
-    camera: Callable[[LandmarkSet], Camera] | None = None
+    camera: Callable[[Landmarks], Camera] | None = None
     residual_variance: float | None = None
     prior_scale: float = 1.0
     bar_scale: float = 1.0
@@ -98,7 +98,7 @@ class ImagePosterior:
         """Return the same given usual lengths of limbs, where these are known."""
         return replace(self, limbs=find_limb_lengths(self.dictionary))
 
-    def lift(self, images: LandmarkSet) -> PosteriorLifting:
+    def lift(self, images: Landmarks) -> PosteriorLifting:
         """Lift images one by one, without the landmarks that depend on others."""
         weights = self.weigh(images)
         depends = self.dictionary.depends_on >= 0
@@ -111,7 +111,7 @@ class ImagePosterior:
             )
             weights = np.where(inliers.flags, weights, 0.0)
         lifting = lift(
-            images.landmarks,
+            images.as_columns(),
             weights,
             self.dictionary.atoms,
             self.program,
@@ -133,7 +133,7 @@ class ImagePosterior:
             failures={**lifting.failures, **inliers.failures},
         )
 
-    def lift_with_p_values(self, images: LandmarkSet) -> PosteriorLifting:
+    def lift_with_p_values(self, images: Landmarks) -> PosteriorLifting:
         """Lift images; add p-values and start distances, by which they are judged."""
         lifting = self.lift(images)
         estimate = with_p_value(
@@ -145,11 +145,11 @@ class ImagePosterior:
         )
         return replace(lifting, estimate=estimate)
 
-    def log_evidence(self, images: LandmarkSet) -> Floats:
+    def log_evidence(self, images: Landmarks) -> Floats:
         """log p(w) (n,) of images."""
         return self.lift(images).estimate.log_evidence
 
-    def weigh(self, images: LandmarkSet) -> Floats:
+    def weigh(self, images: Landmarks) -> Floats:
         """Weights (n, p): 1 from a least confidence on, which does not count further;
         0 at a border of the image.
         """
@@ -160,7 +160,7 @@ class ImagePosterior:
 
 
 def find_at_border(
-    images: LandmarkSet,
+    images: Landmarks,
     dictionary: Dictionary,
     image_size: tuple[float, float] | None = None,
 ) -> Flags:
@@ -170,14 +170,16 @@ def find_at_border(
     n, p = len(images), len(images.landmark_names)
     marked = np.zeros((n, p), dtype=bool)
     if image_size is None:
-        far = np.asarray(images.columns.get(IMAGE_SIZE, 0.0), float)
+        stated = images.column(IMAGE_SIZE)
+        far = np.asarray(0.0 if stated is None else stated, float)
     else:
         far = np.array(image_size)
     same_names = images.landmark_names == dictionary.landmark_names
     if dictionary.edges is None or not same_names or far.shape not in ((2,), (n, 2)):
         return marked
     far = np.broadcast_to(far, (n, 2))[..., None]
-    distance = np.stack([abs(images.landmarks), abs(images.landmarks - far)], axis=1)
+    w = images.as_columns()
+    distance = np.stack([abs(w), abs(w - far)], axis=1)
     near = (distance <= BORDER_SHARE * far[:, None]).reshape(n, 4, p)
     for edge in dictionary.edges:
         both = np.all(near[..., edge], axis=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from hashlib import blake2b
 from typing import NamedTuple
 
@@ -9,8 +10,8 @@ import numpy as np
 
 from shapefit.arrays import Flags, Floats
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
+from shapefit.records import Landmarks
 
 THRESHOLD = 0.25
 """Residual of an outlier in units of the size of the shape."""
@@ -34,7 +35,7 @@ class Inliers(NamedTuple):
 
 
 def find_inliers(
-    images: LandmarkSet,
+    images: Landmarks,
     weights: Floats,
     dictionary: Dictionary,
     threshold: float,
@@ -47,11 +48,12 @@ def find_inliers(
     """
     from shapefit.lifting.consensus import find_consensus
 
+    w = images.as_columns()
     visible = weights > 0
     searched = visible.sum(axis=1) >= BEYOND_CHANCE
-    searched[list(find_degenerate(images.landmarks, weights))] = False
+    searched[list(find_degenerate(w, weights))] = False
     found = find_consensus(
-        images.landmarks,
+        w,
         np.where(searched[:, None], weights, 0.0),
         dictionary.mean_shape,
         seeds_of(images.items),
@@ -63,13 +65,13 @@ def find_inliers(
     inliers = np.where(searched[:, None], found, True) & visible
     too_few = inliers.sum(axis=1) < BEYOND_CHANCE
     enough = np.where(too_few[:, None], 0.0, inliers)
-    degenerate = find_degenerate(images.landmarks, enough)
+    degenerate = find_degenerate(w, enough)
     lost = [image for image in degenerate if searched[image]]
     inliers[lost] = False
     return Inliers(inliers, dict.fromkeys(lost, NO_CONSENSUS))
 
 
-def seeds_of(items: tuple[str, ...]) -> np.ndarray[tuple[int], np.dtype[np.uint64]]:
+def seeds_of(items: Sequence[str]) -> np.ndarray[tuple[int], np.dtype[np.uint64]]:
     """Return a seed (n,) for each item, from its name."""
     digests = [blake2b(f"0 {item}".encode(), digest_size=8).digest() for item in items]
     return np.frombuffer(b"".join(digests), dtype="<u8").astype(np.uint64)

@@ -7,7 +7,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,14 +14,14 @@ from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit import PriorConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, LandmarkSource
+from shapefit.io import LandmarkSource
 from shapefit.lifting import trust
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite
 from shapefit.lifting.methods import METHODS, MIN_CONFIDENCE
 from shapefit.lifting.posterior.calibration import MAX_HIDDEN
 from shapefit.pipelines.fit.camera import camera_factory
-from shapefit.pipelines.fit.columns import Columns, certificate_columns
+from shapefit.pipelines.fit.columns import as_rows, with_certificate
 from shapefit.pipelines.fit.evidence import FACTORS
 from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, read_blocks
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
@@ -34,6 +33,7 @@ from shapefit.pipelines.fit.sample import (
     settle_by_sample,
 )
 from shapefit.pipelines.joints import MEANS, Matched
+from shapefit.records import Fit, Landmarks
 
 SECONDS_PER_IMAGE = 2e-10
 """Of a core, times p^3.5 (10 + components): p^3 operations, in more memory. Measured on
@@ -126,10 +126,10 @@ class PosteriorFamily:
         """The dictionary of the landmarks that are lifted."""
         return self.match.dictionary
 
-    def check(self, sample: LandmarkSet) -> None:
+    def check(self, sample: Landmarks) -> None:
         """Nothing beyond the landmarks is needed."""
 
-    def predict_cost(self, sample: LandmarkSet, total: int) -> Cost:
+    def predict_cost(self, sample: Landmarks, total: int) -> Cost:
         """By sizes: a sample is lifted as often as there are pairs of factors, and with
         landmarks hidden in turn.
         """
@@ -146,7 +146,7 @@ class PosteriorFamily:
             liftings += min(total, MAX_SAMPLE) * len(FACTORS) ** 2 + hidden
         return Cost(per_image, liftings)
 
-    def calibrate(self, sample: LandmarkSet) -> Calibration:
+    def calibrate(self, sample: Landmarks) -> Calibration:
         """Settle skeleton, scales of the prior and error bars by evidence."""
         return settle_by_sample(
             sample,
@@ -157,17 +157,17 @@ class PosteriorFamily:
             self.skeleton,
         )
 
-    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[LandmarkSet]:
+    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
         """Images are lifted one by one."""
         return read_blocks(source, size)
 
-    def lift(self, images: LandmarkSet) -> Lifted:
+    def lift(self, images: Landmarks) -> Lifted:
         """Lift the landmarks of the files, and say where the joints are."""
         lifting = self.posterior.lift_with_p_values(images)
         return self.at_joints(lifting, images)
 
     def at_joints(
-        self, lifting: Lifting[PosteriorEstimate], images: LandmarkSet
+        self, lifting: Lifting[PosteriorEstimate], images: Landmarks
     ) -> Lifted:
         """Return what was lifted with the landmarks of the dictionary as its shapes."""
         lifting = fail_nonfinite(lifting)
@@ -176,36 +176,32 @@ class PosteriorFamily:
             lifting = replace(lifting, estimate=estimate)
         visible = self.posterior.weigh(images) > 0
         theta = {**MEANS, **(self.skeleton or {})}
-        joints, detector = self.match.to_joints(
-            lifting, theta, images.landmarks, visible, self.posterior.variance
+        joints, detected = self.match.to_joints(
+            lifting, theta, images.as_columns(), visible, self.posterior.variance
         )
-        return Lifted(joints, detector)
+        return Lifted(joints, detected)
 
-    def columns(
-        self, images: LandmarkSet, lifting: Lifting[PosteriorEstimate]
-    ) -> Columns:
-        """Lay out error bars in the unit of the result, and whom to trust."""
+    def columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
+        """Add error bars in the unit of the fit, and whom to trust."""
         estimate = lifting.estimate
         scaled = estimate.in_unit(lifting.scale[:, None, None])
-        columns: dict[str, Any] = {
-            "shape_sd": scaled.deviation,
-            "shape_correlation": estimate.correlation.swapaxes(1, 2),
-            "log_evidence": estimate.log_evidence,
-            "inlier_probability": estimate.inlier_probability,
-            trust.P_VALUE: estimate.p_value,
-            trust.START_DISTANCE: estimate.start_distance,
-            **self.trust_columns(lifting),
-        }
+        fit = replace(
+            fit,
+            shape_sd=as_rows(scaled.deviation),
+            shape_correlation=estimate.correlation.swapaxes(1, 2),
+            log_evidence=estimate.log_evidence,
+            inlier_probability=estimate.inlier_probability,
+            p_value=estimate.p_value,
+            start_distance=estimate.start_distance,
+        )
         if self.save_covariance:
-            columns["shape_covariance"] = interleave_xyz(scaled.covariance)
+            fit = replace(fit, shape_covariance=interleave_xyz(scaled.covariance))
         if self.proof:
-            columns |= certificate_columns(lifting, of_result=False)
-        return columns
+            fit = with_certificate(fit, lifting, is_of_fit=False)
+        return self.with_verdicts(fit, lifting)
 
-    def trust_columns(self, lifting: Lifting[PosteriorEstimate]) -> Columns:
-        """Decide which shapes are to be trusted, by error bars in the unit of the
-        result.
-        """
+    def with_verdicts(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
+        """Decide which shapes are to be trusted, by error bars in its unit."""
         estimate = lifting.estimate
         assert estimate.covariance is not None, "asked for with a calibration"
         assert estimate.p_value is not None, "added to what was lifted"
@@ -228,11 +224,9 @@ class PosteriorFamily:
             shown=shown,
         )
         reasons[reasons == ""] = self.reason
-        return {
-            trust.TRUSTED: reasons == "",
-            trust.REASONS: reasons,
-            trust.EXPECTED_ERROR: expected,
-        }
+        return replace(
+            fit, trusted=reasons == "", reasons=reasons, expected_error=expected
+        )
 
 
 def interleave_xyz(covariance: Floats | None) -> Floats | None:

@@ -6,111 +6,121 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import __version__
+from shapefit.arrays import Floats
+from shapefit.config import FitConfig
 from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, ResultSet
-from shapefit.io.layout import (
-    FRAME,
-    LANDMARKS,
-    METRES_FROM,
-    METRES_PER_UNIT,
-    RESULTS,
-    STATED_HEIGHT,
-    TIME,
-    free_names,
-)
+from shapefit.io.layout import METRES_FROM, free_names
 from shapefit.lifting.estimate import AtomEstimate, Estimate
 from shapefit.lifting.lift import Lifting
-from shapefit.pipelines.fit.columns import Columns, blank
+from shapefit.pipelines.fit.columns import as_rows, blank
 from shapefit.pipelines.fit.family import Calibration, Lifted
+from shapefit.pipelines.joints import Detected
+from shapefit.records import Fit, Landmarks
+from shapefit.records.columns import Array, columns_of
 
 if TYPE_CHECKING:
     from shapefit.pipelines.fit.fit import Plan
 
 
-def to_record(images: LandmarkSet, lifted: Lifted, plan: Plan) -> ResultSet:
+def to_record(images: Landmarks, lifted: Lifted, plan: Plan) -> Fit:
     """Lay out a batch as it is stored, with what came with its landmarks."""
     lifting = lifted.lifting
     estimate = lifting.estimate
-    config = plan.config
     dictionary = plan.match.dictionary
     failed = np.isnan(lifting.scale)
-    visible = images.visible()[:, None]
-    projected = lifting.perspective is not None or plan.match.moves
-    height = None if config.height is None else np.full(len(images), config.height)
-    columns: Columns = {
-        "landmarks": np.where(visible, images.landmarks, np.nan).swapaxes(1, 2),
-        "landmarks_fitted": lifting.landmarks_fitted if projected else None,
-        "confidence": images.confidence,
-        FRAME: images.frame,
-        TIME: images.time,
-        "lambda": lifting.problem.lam,
-        "rotation": blank(estimate.rotation, failed),
-        "objective": blank(estimate.objective, failed),
-        "residual": estimate.residual,
-        "outliers": estimate.outliers,
-        METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
-        STATED_HEIGHT: height,
-        **camera_columns(lifting, dictionary),
-        **plan.family.columns(images, lifting),
-        **lifted.detector,
-    }
-    carried, of_file = carry(images)
-    if dictionary.edges is not None:
-        of_file["edges"] = dictionary.edges
-    return ResultSet(
-        shapes=lifting.shapes,
-        translation=lifting.translation,
-        scale=lifting.scale,
-        iterations=estimate.iterations,
-        status=estimate.status_words(),
+    visible = images.visible()[..., None]
+    extras, file_extras = carry(images)
+    fit = Fit(
+        lifting.shapes.swapaxes(1, 2),
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
+        frames=images.frames,
+        times=images.times,
+        edges=images.edges if dictionary.edges is None else dictionary.edges,
         unit=images.unit,
         y_axis=images.y_axis,
-        frame_rate=config.frame_rate or images.frame_rate,
+        frame_rate=plan.config.frame_rate or images.frame_rate,
+        landmarks=np.where(visible, images.landmarks, np.nan),
+        confidence=images.confidence,
+        lam=lifting.problem.lam,
+        rotation=blank(estimate.rotation, failed),
+        translation=lifting.translation,
+        scale=lifting.scale,
+        objective=blank(estimate.objective, failed),
+        residual=estimate.residual,
+        iterations=estimate.iterations,
+        status=estimate.status_words(),
+        outliers=estimate.outliers,
+        omitted=None if lifted.omitted is None else lifted.omitted.astype(object),
+        metres_per_unit=metres_per_unit(lifting.shapes, dictionary),
+        stated_height=stated_height(plan.config, len(images)),
         attributes=size_attributes(dictionary),
-        columns={
-            **carried,
-            **{name: v for name, v in columns.items() if v is not None},
-        },
-        whole=of_file,
+        extras=extras,
+        file_extras=file_extras,
     )
+    if lifting.perspective is not None or plan.match.moves:
+        fit = replace(fit, landmarks_fitted=as_rows(lifting.landmarks_fitted))
+    fit = with_camera(fit, lifting, dictionary)
+    fit = with_detected(fit, lifted.detected)
+    return plan.family.columns(fit, lifting)
 
 
-def carry(
-    images: LandmarkSet,
-) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
+Carried = dict[str, Array]
+"""Datasets that came with landmarks, by the names that they get."""
+
+
+def carry(images: Landmarks) -> tuple[Carried, Carried]:
     """Return what came with the landmarks, of each image and of the file, under names
     that no dataset of a result has.
     """
-    others = [name for name in images.further if name not in LANDMARKS.further]
-    free = free_names(others, RESULTS.all.keys())
-    per_item = {free[name]: v for name, v in images.per_item.items() if name in free}
-    of_file = {free[name]: v for name, v in images.whole.items() if name in free}
-    return per_item, of_file
+    taken = {column.name for column in columns_of(Fit)}
+    free = free_names([*images.extras, *images.file_extras], taken)
+    extras = {free[name]: values for name, values in images.extras.items()}
+    of_file = {free[name]: values for name, values in images.file_extras.items()}
+    return extras, of_file
 
 
-def camera_columns(lifting: Lifting[Estimate], dictionary: Dictionary) -> Columns:
-    """Lay out a perspective view; the position is in the unit of a dictionary that has
+def stated_height(config: FitConfig, images: int) -> Floats | None:
+    """Return the height (n,) of bodies in metres that the config states."""
+    return None if config.height is None else np.full(images, config.height)
+
+
+def with_camera(fit: Fit, lifting: Lifting[Estimate], dictionary: Dictionary) -> Fit:
+    """Add a perspective view; the position is in the unit of a dictionary that has
     sizes.
     """
     view = lifting.perspective
     if view is None:
-        return {}
-    return {
-        "camera_translation": view.translation,
-        "focal": view.camera.focal,
-        "principal_point": view.camera.centre,
-        "position": find_position(lifting, dictionary),
-    }
+        return fit
+    return replace(
+        fit,
+        camera_translation=view.translation,
+        focal=view.camera.focal,
+        principal_point=view.camera.centre,
+        position=find_position(lifting, dictionary),
+    )
+
+
+def with_detected(fit: Fit, detected: Detected | None) -> Fit:
+    """Add the landmarks of a detector in 3D, where these are not the joints."""
+    if detected is None:
+        return fit
+    return replace(
+        fit,
+        input_landmark_names=detected.names,
+        input_shapes=detected.shapes,
+        input_shape_sd=detected.sd,
+        input_shape_correlation=detected.correlation,
+    )
 
 
 def find_position(

@@ -13,7 +13,6 @@ import numpy as np
 from shapefit.arrays import Flags, Floats, evenly
 from shapefit.config.commands.fit import PriorConfig
 from shapefit.errors import InputError, input_error, parse_json
-from shapefit.io import LandmarkSet
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.lifting import trust
 from shapefit.lifting.posterior.calibration import calibrate
@@ -29,6 +28,7 @@ from shapefit.pipelines.fit.evidence import (
 from shapefit.pipelines.fit.family import Calibration
 from shapefit.pipelines.fit.image_posterior import ImagePosterior, PosteriorLifting
 from shapefit.pipelines.joints import MEANS, Matched, match_names
+from shapefit.records import Landmarks
 from shapefit.timeline import ASSUMED_RATE
 
 MAX_SAMPLE = 96
@@ -95,7 +95,7 @@ class Verdict(NamedTuple):
 
 
 def settle_by_sample(
-    images: LandmarkSet,
+    images: Landmarks,
     match: Matched,
     posterior: ImagePosterior,
     method: str,
@@ -183,7 +183,7 @@ def read_report(prior: PriorConfig, method: str) -> Report:
     return Report(prior.bar_scale * factor**2, line)
 
 
-def draw_sample(images: LandmarkSet, posterior: ImagePosterior) -> LandmarkSet:
+def draw_sample(images: Landmarks, posterior: ImagePosterior) -> Landmarks:
     """Draw images that are spread over all; of long sequences pairs that are some time
     apart.
     """
@@ -203,7 +203,7 @@ def draw_sample(images: LandmarkSet, posterior: ImagePosterior) -> LandmarkSet:
 def choose_skeleton(
     given: Mapping[str, float] | None,
     match: Matched,
-    sample: LandmarkSet,
+    sample: Landmarks,
     posterior: ImagePosterior,
 ) -> tuple[dict[str, float] | None, str]:
     """Return the parameters of the skeleton, as given, else estimated, else usual; and
@@ -227,7 +227,7 @@ def choose_skeleton(
     return theta, f"skeleton of the detector: {factors}"
 
 
-def find_shown(sample: LandmarkSet, posterior: ImagePosterior) -> Flags | None:
+def find_shown(sample: Landmarks, posterior: ImagePosterior) -> Flags | None:
     """Return which landmarks (p,) most images of a sample show, None where none is.
 
     What few images show is guessed in the others, and what depends on other landmarks
@@ -241,7 +241,7 @@ def find_shown(sample: LandmarkSet, posterior: ImagePosterior) -> Flags | None:
     return shown if shown.any() else None
 
 
-def lift_sample(sample: LandmarkSet, posterior: ImagePosterior) -> PosteriorLifting:
+def lift_sample(sample: Landmarks, posterior: ImagePosterior) -> PosteriorLifting:
     """Lift a sample with p-values and covariances, given usual lengths of limbs."""
     judged = replace(posterior.with_limbs(), covariance=True)
     return judged.lift_with_p_values(sample)
@@ -249,7 +249,7 @@ def lift_sample(sample: LandmarkSet, posterior: ImagePosterior) -> PosteriorLift
 
 def choose_scales(
     prior: PriorConfig,
-    sample: LandmarkSet,
+    sample: Landmarks,
     lifting: PosteriorLifting,
     posterior: ImagePosterior,
 ) -> tuple[ImagePosterior, str]:
@@ -287,7 +287,7 @@ def choose_scales(
     return chosen, ", ".join(changes)
 
 
-def without_outliers(sample: LandmarkSet, inlier_probability: Floats) -> LandmarkSet:
+def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks:
     """Hide landmarks that are outliers in most images: their errors say nothing of the
     others, but would make them all less exact.
     """
@@ -295,7 +295,8 @@ def without_outliers(sample: LandmarkSet, inlier_probability: Floats) -> Landmar
     hidden = (inlier_probability < OUTLIER_BELOW).sum(axis=0) > MOSTLY * visible
     if not 0 < hidden.sum() <= MAX_HIDDEN_SHARE * len(hidden):
         return sample
-    return sample.replaced(landmarks=np.where(hidden, np.nan, sample.landmarks))
+    shown = np.where(hidden[:, None], np.nan, sample.landmarks)
+    return replace(sample, landmarks=shown)
 
 
 def calibrate_bars(
@@ -329,7 +330,7 @@ def calibrate_bars(
 
 
 def judge_names(
-    in_file: LandmarkSet,
+    in_file: Landmarks,
     lifting: PosteriorLifting,
     match: Matched,
     posterior: ImagePosterior,
@@ -362,7 +363,7 @@ def judge_names(
 
 def doubtful_as(
     name: str,
-    in_file: LandmarkSet,
+    in_file: Landmarks,
     match: Matched,
     posterior: ImagePosterior,
     theta: Mapping[str, float] | None,
@@ -377,7 +378,7 @@ def doubtful_as(
         other = match_names(names, match.whole, name)
     except InputError:  # it has too few landmarks of the dictionary
         return None
-    images = other.arrange(in_file.replaced(landmark_names=names), name)
+    images = other.arrange(replace(in_file, landmark_names=names), name)
     if images.visible().any(axis=0).sum() < MIN_NAMED_LANDMARKS:
         return None
     observed = other.observed({**MEANS, **(theta or {})})
@@ -385,7 +386,7 @@ def doubtful_as(
     return judge_shares(lifting).doubtful
 
 
-def judge_stretch(sample: LandmarkSet, posterior: ImagePosterior) -> Verdict:
+def judge_stretch(sample: Landmarks, posterior: ImagePosterior) -> Verdict:
     """Trust no image of people whose x and y have different scales.
 
     Wrong names may look like a stretch, too; but they are doubtful at any width.

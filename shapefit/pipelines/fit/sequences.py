@@ -19,9 +19,7 @@ from shapefit.dictionary.bodies import (
 )
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
-from shapefit.io import LandmarkSet, LandmarkSource
-from shapefit.io.records import concatenate
-from shapefit.lifting import trust
+from shapefit.io import LandmarkSource
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.posterior.method import scale_of_bars
@@ -34,16 +32,11 @@ from shapefit.lifting.sequences.clips import (
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.pipelines.fit.columns import Columns
 from shapefit.pipelines.fit.family import Calibration, Cost, Lifted
 from shapefit.pipelines.fit.posterior import PosteriorFamily, make_posterior_family
 from shapefit.pipelines.joints import Matched
+from shapefit.records import Fit, Landmarks, concatenate
 from shapefit.timeline import ASSUMED_RATE, Timeline, place_in_time
-
-NOISE = "sequence_noise"
-"""Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence
-were taken, nan for images that are not refined.
-"""
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows
@@ -89,22 +82,22 @@ class SequenceFamily:
         """The dictionary of the landmarks that are lifted."""
         return self.of_images.dictionary
 
-    def check(self, sample: LandmarkSet) -> None:
+    def check(self, sample: Landmarks) -> None:
         """Nothing beyond the landmarks is needed."""
 
-    def predict_cost(self, sample: LandmarkSet, total: int) -> Cost:
+    def predict_cost(self, sample: Landmarks, total: int) -> Cost:
         """Images cost more than their smoothing."""
         return self.of_images.predict_cost(sample, total)
 
-    def calibrate(self, sample: LandmarkSet) -> Calibration:
+    def calibrate(self, sample: Landmarks) -> Calibration:
         """Settle from single images what the options leave open."""
         return self.of_images.calibrate(sample)
 
-    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[LandmarkSet]:
+    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
         """Sequences are lifted whole."""
         return whole_sequences(source.batches(size))
 
-    def lift(self, images: LandmarkSet) -> Lifted:
+    def lift(self, images: Landmarks) -> Lifted:
         """Lift images with their sides restored, and refine whole sequences of them."""
         posterior = replace(self.of_images.posterior, modes=CONSTANTS.modes)
         visible = posterior.weigh(images) > 0
@@ -116,20 +109,18 @@ class SequenceFamily:
         lifting = replace(lifting, estimate=estimate)
         return self.of_images.at_joints(lifting, images)
 
-    def columns(
-        self, images: LandmarkSet, lifting: Lifting[PosteriorEstimate]
-    ) -> Columns:
-        """Lay out what single images have, and what sequences add."""
+    def columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
+        """Add what single images have, and what sequences add."""
         estimate = lifting.estimate
-        return {
-            **self.of_images.columns(images, lifting),
-            NOISE: estimate.sequence_noise,
-            trust.IMAGE_ERROR: estimate.image_error,
-            trust.SIDES: estimate.sides_exchanged,
-        }
+        return replace(
+            self.of_images.columns(fit, lifting),
+            sequence_noise=estimate.sequence_noise,
+            image_error=estimate.image_error,
+            sides_exchanged=estimate.sides_exchanged,
+        )
 
     def refine(
-        self, lifting: Lifting[PosteriorEstimate], images: LandmarkSet
+        self, lifting: Lifting[PosteriorEstimate], images: Landmarks
     ) -> Lifting[PosteriorEstimate]:
         """Infer whole sequences from the liftings of their images.
 
@@ -158,17 +149,17 @@ class SequenceFamily:
             position=place_images(images, motion.rate),
             threads=posterior.threads,
         )
-        return refine_through_camera(lifting, images.landmarks, refine)
+        return refine_through_camera(lifting, images.as_columns(), refine)
 
 
-def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
+def whole_sequences(chunks: Iterable[Landmarks]) -> Iterator[Landmarks]:
     """Yield images whose sequences are whole, in their order; a long one in pieces.
 
     Raises InputError for images without sequences, for those of a sequence that are
     apart, and for two of one frame.
     """
     begun: set[str] = set()
-    rest: list[LandmarkSet] = []
+    rest: list[Landmarks] = []
     for chunk in chunks:
         images = concatenate([*rest, chunk])
         first, last, names = len(images) - len(chunk), 0, images.sequences
@@ -195,9 +186,9 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
     yield from pieces(concatenate(rest))
 
 
-def _check_order(images: LandmarkSet, row: int) -> None:
+def _check_order(images: Landmarks, row: int) -> None:
     """Raise InputError where an image is not of a later frame than that before it."""
-    frames, names = images.frame, images.sequences
+    frames, names = images.frames, images.sequences
     if frames is None or not (names and names[row]) or frames[row] > frames[row - 1]:
         return
     fault = (
@@ -208,7 +199,7 @@ def _check_order(images: LandmarkSet, row: int) -> None:
     raise input_error("frame", fault, fix)
 
 
-def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
+def pieces(images: Landmarks) -> Iterator[Landmarks]:
     """Divide whole sequences into batches: pieces are refined by themselves, in less
     memory.
     """
@@ -222,8 +213,8 @@ def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
 
 
 def restore_sides(
-    images: LandmarkSet, visible: Flags, dictionary: Dictionary, rate: float | None
-) -> tuple[LandmarkSet, Floats]:
+    images: Landmarks, visible: Flags, dictionary: Dictionary, rate: float | None
+) -> tuple[Landmarks, Floats]:
     """Undo exchanges of left and right for some frames, by continuity in the image.
 
     visible (n, p), which landmarks count; rate, frames a second, if it is known.
@@ -237,7 +228,7 @@ def restore_sides(
         return images, exchanged
     left = np.flatnonzero(partner > np.arange(len(partner)))
     pairs = np.stack([left, partner[left]], axis=1)
-    w = np.where(visible[:, None], images.landmarks, np.nan)
+    w = np.where(visible[:, None], images.as_columns(), np.nan)
     wrong = np.zeros(len(images), dtype=bool)
     position = place_images(images, rate)
     for clip in split_into_clips(images.sequences):
@@ -247,16 +238,16 @@ def restore_sides(
     return exchange_sides(images, partner, wrong), exchanged
 
 
-def exchange_sides(images: LandmarkSet, partner: Integers, rows: Flags) -> LandmarkSet:
+def exchange_sides(images: Landmarks, partner: Integers, rows: Flags) -> Landmarks:
     """Exchange left and right of some images (n,), landmarks and confidences."""
     if not rows.any():
         return images
     w = images.landmarks
-    landmarks = np.where(rows[:, None, None], w[..., partner], w)
+    landmarks = np.where(rows[:, None, None], w[:, partner], w)
     confidence = images.confidence
     if confidence is not None:
         confidence = np.where(rows[:, None], confidence[:, partner], confidence)
-    return images.replaced(landmarks=landmarks, confidence=confidence)
+    return replace(images, landmarks=landmarks, confidence=confidence)
 
 
 def hides_the_hips(dictionary: Dictionary, shown: Flags | None) -> bool:
@@ -279,12 +270,12 @@ def shows_half_a_body(dictionary: Dictionary, shown: Flags | None) -> bool:
     return shown is not None and shown.sum() < WHOLE * independent.sum()
 
 
-def place_images(images: LandmarkSet, rate: float) -> Floats:
+def place_images(images: Landmarks, rate: float) -> Floats:
     """Return the places (n,) of images in their sequences, in frames."""
     places = np.empty(len(images))
     for clip in split_into_clips(images.sequences or ()):
-        frames = None if images.frame is None else images.frame[clip]
-        times = None if images.time is None else images.time[clip]
+        frames = None if images.frames is None else images.frames[clip]
+        times = None if images.times is None else images.times[clip]
         places[clip] = place_in_time(frames, times, rate, clip.stop - clip.start)
     return places
 

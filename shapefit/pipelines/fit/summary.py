@@ -13,8 +13,7 @@ import numpy as np
 from shapefit.arrays import Floats, Integers, median
 from shapefit.convex.solver import Status
 from shapefit.errors import abbreviate, as_typed, counted
-from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
-from shapefit.io.layout import METRES_PER_UNIT
+from shapefit.io import LandmarkSource
 from shapefit.io.options import Summary
 from shapefit.io.skeletons import joint_columns
 from shapefit.io.writers.metres import with_stated_height
@@ -25,6 +24,7 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.choices import warn_of_dictionary
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.result import Counted, Failure, Result, nothing_in
+from shapefit.records import Fit, Landmarks
 
 if TYPE_CHECKING:
     from shapefit.pipelines.fit.fit import Plan
@@ -54,7 +54,7 @@ MAX_NAMED_FILES = 4
 """Files of a fit that the command to go on with names one by one."""
 
 
-def describe_batch(lifting: Lifting[Estimate], record: ResultSet) -> Result:
+def describe_batch(lifting: Lifting[Estimate], record: Fit) -> Result:
     """Return what is reported of a batch: failures, and whom not to trust."""
     items = record.items
     failed = sorted(lifting.failures.items())
@@ -81,11 +81,12 @@ def warn_of_batch(lifting: Lifting[Estimate]) -> Iterator[Counted]:
         yield Counted(int(empty.sum()), "image", text)
 
 
-def count_reasons(record: ResultSet) -> Iterator[Counted]:
+def count_reasons(record: Fit) -> Iterator[Counted]:
     """Count the images that are not to be trusted, by their reasons."""
     items: dict[str, list[str]] = {}
-    reasons = record.columns.get(trust.REASONS, ())
-    for item, reason in zip(record.items, reasons, strict=False):
+    if record.reasons is None:
+        return
+    for item, reason in zip(record.items, record.reasons.tolist(), strict=True):
         if reason not in ("", trust.NO_SHAPE):  # which has failed
             items.setdefault(reason, []).append(item)
     for reason, names in items.items():
@@ -114,7 +115,7 @@ class Tally:
     optimal: int = 0
     largest_gap: float | None = None
 
-    def add(self, record: ResultSet) -> None:
+    def add(self, record: Fit) -> None:
         """Count a batch."""
         self.images += len(record)
         self.sequences.update(record.sequences or ())
@@ -122,24 +123,24 @@ class Tally:
         self.add_gaps(record)
         self.add_bodies(record)
 
-    def add_verdicts(self, record: ResultSet) -> None:
+    def add_verdicts(self, record: Fit) -> None:
         """Count trusted images, their expected errors, and outliers by landmark."""
-        columns = record.columns
-        if trust.TRUSTED not in columns:
+        if record.trusted is None or record.expected_error is None:
             return
-        trusted = columns[trust.TRUSTED].astype(bool)
         self.judged += len(record)
-        self.trusted += int(trusted.sum())
-        sized = with_stated_height(record, "fit").columns
-        errors = columns[trust.EXPECTED_ERROR] * sized.get(METRES_PER_UNIT, np.nan)
-        self.errors += errors[trusted & np.isfinite(errors)].tolist()
-        probability = columns["inlier_probability"]
+        self.trusted += int(record.trusted.sum())
+        metres = with_stated_height(record, "fit").metres_per_unit
+        if metres is not None:
+            errors = record.expected_error * metres
+            self.errors += errors[record.trusted & np.isfinite(errors)].tolist()
+        probability = record.inlier_probability
+        assert probability is not None, "it comes with every verdict"
         outliers = (probability < OUTLIER_BELOW).sum(axis=0)
         visible = np.isfinite(probability).sum(axis=0)
         self.outliers = outliers if self.outliers is None else self.outliers + outliers
         self.visible = visible if self.visible is None else self.visible + visible
 
-    def add_gaps(self, record: ResultSet) -> None:
+    def add_gaps(self, record: Fit) -> None:
         """Count solved and optimal images, and keep the largest gap."""
         if record.relative_gap is None:
             return
@@ -150,7 +151,7 @@ class Tally:
         if len(gaps):
             self.largest_gap = max(self.largest_gap or 0.0, float(gaps.max()))
 
-    def add_bodies(self, record: ResultSet) -> None:
+    def add_bodies(self, record: Fit) -> None:
         """Count people, and those on their heads."""
         names = record.landmark_names
         if not is_of_people(names):
@@ -168,9 +169,9 @@ class Tally:
         self.on_head += int((down > ON_HEAD_COSINE * length).sum())
 
 
-def middle_of(shapes: Floats, columns: Sequence[int]) -> Floats:
-    """Return the middle (n, 3) of some landmarks of shapes (n, 3, p)."""
-    middle: Floats = shapes[:, :, columns].mean(axis=2)
+def middle_of(shapes: Floats, landmarks: Sequence[int]) -> Floats:
+    """Return the middle (n, 3) of some landmarks of shapes (n, p, 3)."""
+    middle: Floats = shapes[:, landmarks].mean(axis=1)
     return middle
 
 
@@ -203,7 +204,7 @@ def summarise_fit(
     )
 
 
-def warn_of_all(tally: Tally, plan: Plan, head: LandmarkSet) -> Iterator[str | Counted]:
+def warn_of_all(tally: Tally, plan: Plan, head: Landmarks) -> Iterator[str | Counted]:
     """Yield what is known at the end only, by shares of all images; head, as the files
     state it.
     """

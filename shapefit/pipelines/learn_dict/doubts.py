@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats, evenly
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import ShapeSet
+from shapefit.records import Shapes
 
 COMPARED, FEWEST = 96, 4
 """Shapes that are compared with each other, spread over all; the fewest of which there
@@ -30,9 +30,9 @@ CLEAR = 0.3
 """Share of pairs by which a shape is of the other side."""
 
 
-def check_not_flat(shapes: ShapeSet, place: str) -> None:
+def check_not_flat(shapes: Shapes, place: str) -> None:
     """Raise InputError where z is the same everywhere: 2D landmarks, not shapes."""
-    z = shapes.shapes[:, 2]
+    z = shapes.shapes[..., 2]
     if not z.size or np.ptp(z) > 0:
         return
     fault = f"z is {z.flat[0]:g} everywhere, so these are 2D landmarks, not 3D shapes"
@@ -40,10 +40,11 @@ def check_not_flat(shapes: ShapeSet, place: str) -> None:
     raise input_error(place, fault, fix)
 
 
-def warn_of_shapes(shapes: ShapeSet) -> tuple[str, ...]:
+def warn_of_shapes(shapes: Shapes) -> tuple[str, ...]:
     """Warn of shapes of the other side than most, and of landmarks that coincide."""
     warnings = []
-    mirrored = shapes.take(np.flatnonzero(find_mirrored(shapes.shapes))).items
+    points = shapes.as_columns()
+    mirrored = shapes.take(np.flatnonzero(find_mirrored(points))).items
     if mirrored:
         fault = f"{len(mirrored)} of {counted(len(shapes), 'shape')}"
         fault += (
@@ -51,7 +52,7 @@ def warn_of_shapes(shapes: ShapeSet) -> tuple[str, ...]:
         )
         fix = "are left and right sides mixed? Mirror one kind, or learn each alone"
         warnings.append(f"{fault}: {fix}")
-    pairs = find_coinciding(shapes.shapes)
+    pairs = find_coinciding(points)
     if pairs:
         names = shapes.landmark_names
         listed = [f"{names[a]} and {names[b]}" for a, b in pairs]
@@ -95,7 +96,7 @@ def _same_side(one: Floats, other: Floats) -> Floats:
     both = s[..., 0] + s[..., 1]
     as_is = np.sqrt(np.maximum(size - 2 * (both + sign * s[..., 2]), 0))
     turned = np.sqrt(np.maximum(size - 2 * (both - sign * s[..., 2]), 0))
-    sides = (as_is < MIRRORED * turned) * 1.0
+    sides: Floats = (as_is < MIRRORED * turned) * 1.0
     sides[turned < MIRRORED * as_is] = -1.0
     return sides
 

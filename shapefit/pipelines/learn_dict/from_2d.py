@@ -34,9 +34,7 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.geometry.procrustes import rotation_onto
-from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests
-from shapefit.io.layout import EDGES
-from shapefit.io.records import concatenate
+from shapefit.io import LandmarkSource, digests
 from shapefit.pipelines.fit.camera import find_camera, read_intrinsics
 from shapefit.pipelines.fit.choices import check_needs
 from shapefit.pipelines.fit.evidence import mean_gain
@@ -51,6 +49,7 @@ from shapefit.pipelines.learn_dict.from_3d import (
     place_of,
 )
 from shapefit.pipelines.result import Result
+from shapefit.records import Landmarks, Shapes, concatenate
 
 FEWEST_IMAGES, FEWEST_VISIBLE = 20, 4
 """Images from which depth can be learned, and landmarks that each must show: any three
@@ -146,14 +145,14 @@ def describe_prediction(error: float) -> str:
     return f"hidden landmarks predicted to {error:.3f} of the size of a shape"
 
 
-def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
+def usable_images(source: LandmarkSource, place: str) -> Landmarks:
     """Return the images that show enough landmarks, not all at one point.
 
     Raises InputError for too few of them, and for landmarks that none of them shows.
     """
     given = concatenate(list(source.batches(4096)))
     visible = given.visible()
-    distinct = std(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
+    distinct = std(np.where(visible[:, None], given.as_columns(), 0.0), visible) > 0
     usable = given.take(
         np.flatnonzero(distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE))
     )
@@ -168,13 +167,13 @@ def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
     return usable
 
 
-def normalised_images(given: LandmarkSet) -> Images:
+def normalised_images(given: Landmarks) -> Images:
     """Bring the landmarks of each sequence, or of each image without one, to the size
     1.
 
     Landmarks that lie far out do not count for the size, as outliers do not.
     """
-    w, visible = given.landmarks, given.visible()
+    w, visible = given.as_columns(), given.visible()
     middle = np.nanmedian(np.where(visible[:, None], w, np.nan), axis=2, keepdims=True)
     distance = np.where(visible, np.linalg.norm(w - middle, axis=1), np.nan)
     reach = FAR_OUT * np.nanmedian(distance, axis=1, keepdims=True)
@@ -192,7 +191,7 @@ def normalised_images(given: LandmarkSet) -> Images:
 
 
 def learn_mixtures(
-    given: LandmarkSet, normalised: Images, state: ClassState, config: LearnDictConfig
+    given: Landmarks, normalised: Images, state: ClassState, config: LearnDictConfig
 ) -> Learning:
     """Learn mixtures over the shapes that the prior before lifted, while they predict
     better.
@@ -204,7 +203,7 @@ def learn_mixtures(
     inputs = digests(config.shapes)
 
     def learned(
-        shapes: ShapeSet, components: int, rounds: int, *, varied: bool
+        shapes: Shapes, components: int, rounds: int, *, varied: bool
     ) -> Learning:
         unchanged = {} if varied else {"bone_scale": 0.0, "exchange": 0.0}
         changed = config.changed(
@@ -213,15 +212,16 @@ def learn_mixtures(
         return learn_from_shapes(shapes, changed, inputs)
 
     # Outliers stay: the posterior of a mixture weighs them anew.
-    visible = given.visible()[:, None]
-    images = given.replaced(landmarks=np.where(visible, normalised.landmarks, np.nan))
-    shapes = ShapeSet(
-        shapes=state.in_camera,
+    w = normalised.landmarks.swapaxes(1, 2)
+    seen = np.where(given.visible()[..., None], w, np.nan)
+    images = replace(given, landmarks=seen)
+    shapes = Shapes(
+        state.in_camera.swapaxes(1, 2),
         landmark_names=given.landmark_names,
         items=given.items,
         sequences=given.sequences,
         frame_rate=given.frame_rate,
-        edges=given.columns.get(EDGES),
+        edges=given.edges,
     )
     prior = config.prior if config.prior.components else PriorConfig(components="auto")
     number = number_of_components(len(images), prior)
@@ -237,13 +237,13 @@ def learn_mixtures(
             break
         best, best_shapes, least = mixed, shapes, error
         lifted = lift_images(images, mixed).shapes
+        before = shapes.as_columns()
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(
-            shapes.shapes, axis=(1, 2)
+            before, axis=(1, 2)
         )
         well_read = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
-        shapes = shapes.replaced(
-            shapes=np.where(well_read[:, None, None], lifted, shapes.shapes)
-        )
+        read = np.where(well_read[:, None, None], lifted, before)
+        shapes = replace(shapes, shapes=read.swapaxes(1, 2))
     if config.prior.bone_scale or config.prior.exchange:
         return (yield from learned(best_shapes, number, config.iterations, varied=True))
     made = yield from learned(best_shapes, 0, config.iterations, varied=False)
@@ -271,14 +271,14 @@ def gaussian_prior(state: ClassState, mean: Floats) -> dict[str, Any]:
 
 
 def resolve_depth(
-    images: LandmarkSet, made: Dictionary, flip: bool | None
+    images: Landmarks, made: Dictionary, flip: bool | None
 ) -> tuple[Dictionary, str]:
     """Return the dictionary, or its mirror image, and what has decided: `flip`, else
     cameras.
     """
     if flip is not None:
         return mirror_image(made) if flip else made, "stated by `flip`"
-    if CAMERA_MATRIX in images.columns:
+    if images.column(CAMERA_MATRIX) is not None:
         gain, deviation = evidence_of_mirror(images, made)
         if abs(gain) >= SURE * deviation:
             return mirror_image(made) if gain > 0 else made, "told by perspective"
@@ -298,7 +298,7 @@ def mirror_image(made: Dictionary) -> Dictionary:
 
 
 def evidence_of_mirror(
-    images: LandmarkSet, dictionary: Dictionary
+    images: Landmarks, dictionary: Dictionary
 ) -> tuple[float, float]:
     """Log evidence an image that the class is mirrored, as the cameras see it; standard
     error.
@@ -308,15 +308,15 @@ def evidence_of_mirror(
     sample = images.take(evenly(len(images), SAMPLE))
     middle = read_intrinsics(sample)[1][:, :1]
     w = sample.landmarks.copy()
-    w[:, 0] = 2 * middle - w[:, 0]
+    w[..., 0] = 2 * middle - w[..., 0]
     unchanged, mirrored = (
         lift_images(records, dictionary, perspective=True).estimate.log_evidence
-        for records in (sample, sample.replaced(landmarks=w))
+        for records in (sample, replace(sample, landmarks=w))
     )
     return mean_gain(unchanged, mirrored)
 
 
-def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
+def predict_hidden(images: Landmarks, dictionary: Dictionary) -> float:
     """Hide a tenth of the landmarks of a sample of the images, each by itself, and
     predict them.
 
@@ -324,17 +324,17 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
     """
     sample = images.take(evenly(len(images), SAMPLE))
     hidden = hide_some(sample.visible())
-    others = sample.replaced(
-        landmarks=np.where(hidden[:, None], np.nan, sample.landmarks)
-    )
+    shown = np.where(hidden[..., None], np.nan, sample.landmarks)
+    others = replace(sample, landmarks=shown)
     predicted = lift_images(others, dictionary).shapes[:, :2]
-    size = std(sample.landmarks, sample.visible())[:, None]
-    residual = np.linalg.norm(predicted - sample.landmarks, axis=1) / size
+    w = sample.as_columns()
+    size = std(w, sample.visible())[:, None]
+    residual = np.linalg.norm(predicted - w, axis=1) / size
     return float(np.nanmedian(residual[hidden]))
 
 
 def lift_images(
-    images: LandmarkSet, dictionary: Dictionary, *, perspective: bool = False
+    images: Landmarks, dictionary: Dictionary, *, perspective: bool = False
 ) -> PosteriorLifting:
     """Lift images one by one with what was learned so far, by weak perspective or as
     the cameras of the file see them.

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
@@ -43,10 +43,12 @@ from shapefit.geometry.procrustes import (
     mirror,
     rotation_onto,
 )
-from shapefit.io import ShapeSet, match_landmarks
+from shapefit.io import match_landmarks
 from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.learn_dict.doubts import check_not_flat, warn_of_shapes
 from shapefit.pipelines.result import Failure, Result
+from shapefit.records import Shapes
+from shapefit.records.columns import in_columns
 
 Learning = Generator[Result, None, Dictionary]
 """Yields a result a round, and returns the dictionary; the last result sums up."""
@@ -72,7 +74,7 @@ class TrainingShapes(NamedTuple):
     that cannot be used.
     """
 
-    original: ShapeSet
+    original: Shapes
     alignment: Alignment
     scale: Floats
     mesh_vertices: Floats | None
@@ -81,7 +83,7 @@ class TrainingShapes(NamedTuple):
 
 
 def learn_from_shapes(
-    given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]
+    given: Shapes, config: LearnDictConfig, inputs: Mapping[str, str]
 ) -> Learning:
     """Learn a dictionary from 3D shapes; `inputs` are the digests of their files.
 
@@ -109,7 +111,7 @@ def learn_from_shapes(
     return replace(made, prior=prior, provenance=provenance)
 
 
-def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingShapes:
+def find_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShapes:
     """Take every n-th shape of each sequence, double them by mirroring, normalise, and
     align.
 
@@ -122,12 +124,13 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
     )
     partners = find_partners(shapes, config) if config.mirror else None
     if partners is not None and len(shapes):
-        mirrored = mirror(
-            shapes.shapes, partners, lateral_axis(shapes.shapes, partners)
-        )
+        points = shapes.as_columns()
+        mirrored = mirror(points, partners, lateral_axis(points, partners))
+        both = np.concatenate([points, mirrored])
         twice = shapes.take(np.tile(np.arange(len(shapes)), 2))
-        both = np.concatenate([shapes.shapes, mirrored])
-        shapes = twice.replaced(shapes=both, mesh_vertices=None, mesh_faces=None)
+        shapes = replace(
+            twice, shapes=both.swapaxes(1, 2), mesh_vertices=None, mesh_faces=None
+        )
     n = len(shapes)
     if not n:
         example = (
@@ -140,7 +143,7 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
             f"{config.k} atoms are more than the {counted(n, 'shape')} to learn from"
         )
         raise input_error("k", fault, "lower k or `every`, or give more shapes")
-    normalised, mesh = normalise(shapes.shapes), shapes.mesh_vertices
+    normalised = normalise(shapes.as_columns())
     points = normalised.points
     if config.align == "none":
         unturned = np.tile(np.eye(3), (n, 1, 1))
@@ -151,31 +154,33 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
         alignment = generalised_procrustes(points)
     dictionary = Dictionary(
         atoms=np.empty((0, *alignment.mean.shape)),
-        landmark_names=shapes.landmark_names,
+        landmark_names=tuple(shapes.landmark_names),
         mean_shape=normalise(alignment.mean).points,
         edges=shapes.edges,
         mirror_index=partners,
         unit=shapes.unit,
         **find_motion(usable, shapes),
     )
-    carried = (
-        None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations)
-    )
+    carried = None
+    if shapes.mesh_vertices is not None:
+        vertices = in_columns(shapes.mesh_vertices)
+        carried = carry_mesh(vertices, normalised, alignment.rotations)
     return TrainingShapes(
         shapes, alignment, normalised.scale, carried, dictionary, failures
     )
 
 
-def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
+def separate(shapes: Shapes) -> tuple[Shapes, tuple[Failure, ...]]:
     """Return the shapes that can be normalised, and the others as failures."""
-    extent = np.ptp(shapes.shapes, axis=-1).max(axis=-1, initial=0.0)
-    usable = ~coincide(shapes.shapes) & np.isfinite(extent) & (extent >= MIN_EXTENT)
+    points = shapes.as_columns()
+    extent = np.ptp(points, axis=-1).max(axis=-1, initial=0.0)
+    usable = ~coincide(points) & np.isfinite(extent) & (extent >= MIN_EXTENT)
     reason = "all its landmarks are at one point, or not finite"
-    items = (shapes.items[row] for row in np.flatnonzero(~usable))
+    items = (shapes.items[row] for row in np.flatnonzero(~usable).tolist())
     return shapes.take(usable), tuple(Failure(item, reason) for item in items)
 
 
-def every_nth(sequences: tuple[str, ...], n: int | Mapping[str, int]) -> list[int]:
+def every_nth(sequences: Sequence[str], n: int | Mapping[str, int]) -> list[int]:
     """Return the indices of every n-th item of each sequence, starting with its first.
 
     In a mapping the first glob that fits the name of a sequence gives its n; 1 where
@@ -195,7 +200,7 @@ def every_nth(sequences: tuple[str, ...], n: int | Mapping[str, int]) -> list[in
     return retained
 
 
-def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> Integers:
+def find_partners(shapes: Shapes, config: LearnDictConfig) -> Integers:
     """Return the partner (p,) of each landmark on the other side, by `mirror` or the
     file.
 
@@ -208,7 +213,7 @@ def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> Integers:
             first, second = match_landmarks(names, pair, place="mirror")
             partners[[first, second]] = second, first
     else:
-        partners = shapes.columns.get("mirror_index", points)
+        partners = points if shapes.mirror_index is None else shapes.mirror_index
     moved = np.isin(partners, points).all() and (partners != points).any()
     if not moved or (partners[partners] != points).any():
         fault = (
@@ -229,7 +234,7 @@ def number_of_atoms(number: int, config: LearnDictConfig) -> int:
     return config.k if "k" in config.model_fields_set else min(config.k, number)
 
 
-def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
+def find_motion(given: Shapes, shapes: Shapes) -> dict[str, Any]:
     """Return what a dictionary knows of motion and bones, by the names of its fields.
 
     Motion and differences between bodies are those of all shapes given, lengths those
@@ -239,20 +244,20 @@ def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
     edges, sequences = given.edges, given.sequences
     if sequences:
         motion["acceleration"] = find_acceleration(
-            given.shapes, sequences, given.frame, given.frame_rate
+            given.as_columns(), sequences, given.frames, given.frame_rate
         )
         motion["frame_rate"] = (
             None if motion["acceleration"] is None else given.frame_rate
         )
     if edges is None:
         return motion
-    motion["edge_length"] = find_lengths(shapes.shapes, edges, ("",) * len(shapes))[
-        0
-    ].mean(axis=0)
+    motion["edge_length"] = find_lengths(
+        shapes.as_columns(), edges, ("",) * len(shapes)
+    )[0].mean(axis=0)
     of = sequences or ("",) * len(given)
-    motion["bone_tolerance"] = find_bone_tolerance(given.shapes, edges, of)
+    motion["bone_tolerance"] = find_bone_tolerance(given.as_columns(), edges, of)
     if len(edges):
-        lengths, bodies, _ = find_lengths(given.shapes, edges, of)
+        lengths, bodies, _ = find_lengths(given.as_columns(), edges, of)
         motion["edge_covariance"] = find_edge_covariance(
             bodies, None if sequences else lengths
         )
@@ -272,7 +277,7 @@ def exemplars(training: TrainingShapes) -> Dictionary:
         mesh_vertices=training.mesh_vertices,
         mesh_faces=training.original.mesh_faces,
         atom_scale=training.scale,
-        atom_items=training.original.items,
+        atom_items=tuple(training.original.items),
     )
 
 

@@ -50,7 +50,12 @@ from shapefit.errors import (
     path_text,
     printable,
 )
-from shapefit.io import LandmarkSet, digest, digests, open_landmarks, read_dictionary
+from shapefit.io import (
+    digest,
+    digests,
+    open_landmarks,
+    read_dictionary,
+)
 from shapefit.io.detect import group_inputs
 from shapefit.io.formats import HDF5
 from shapefit.io.hdf5_file import stated_digest
@@ -79,6 +84,7 @@ from shapefit.pipelines.partition.manifest import (
     refuse_strangers,
 )
 from shapefit.pipelines.result import Failure, Result, add_up
+from shapefit.records import Landmarks
 
 OF_THE_RUN = {"landmarks", "output", "dictionary", "data", "threads"}
 """Keys that do not change what a part holds; the dictionary counts by its digest."""
@@ -331,13 +337,13 @@ def key_of(line: PartLine) -> Key:
     return line.inputs, line.rows
 
 
-def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
+def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
     """Return the first images of all parts, with what else a calibration needs.
 
     Inputs that cannot be read, or do not go with the first, are left out: their part
     reports them.
     """
-    options, files, images = read_options(config), list[SourceFile[LandmarkSet]](), 0
+    options, files, images = read_options(config), list[SourceFile[Landmarks]](), 0
     needed = {*OF_CAMERAS, config.leave_one_out}
     for part in parts:
         try:
@@ -346,7 +352,14 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
         except InputError as error:
             problem = error
             continue
-        bare = read.without(read.further.keys() - needed)
+        bare = replace(
+            read,
+            frames=None,
+            times=None,
+            edges=None,
+            extras={n: v for n, v in read.extras.items() if n in needed},
+            file_extras={n: v for n, v in read.file_extras.items() if n in needed},
+        )
         files.append(SourceFile.of(str(part), bare, y_axis=bare.y_axis))
         images += len(bare)
         if images >= SAMPLE_POOL:

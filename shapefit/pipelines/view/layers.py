@@ -14,11 +14,13 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import metrics
 from shapefit.geometry.normalisation import as_metres
 from shapefit.geometry.procrustes import similarity_transform
-from shapefit.io.layout import METRES_PER_UNIT
 from shapefit.io.writers.motion import ANGLE_SD, ANGLES, angle_names
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.trust import REASONS
 from shapefit.pipelines.view.reading import POSE_DATASETS, Content
+from shapefit.records.columns import in_columns
+from shapefit.records.items import Items
+from shapefit.records.shapes import Shapes
 from shapefit.viewer.page import (
     EncodedTexts,
     Layer,
@@ -128,7 +130,7 @@ def _shapes_layer(content: Content, meshes: list[MeshSet]) -> Layer:
         "pose": None,
         "perspective": False,
     }
-    vertices = content.records.mesh_vertices
+    vertices = mesh_vertices(content.records)
     if vertices is not None and len(vertices) <= MAX_MESHES:
         rows = content.rows
         is_there = rows >= 0
@@ -136,8 +138,17 @@ def _shapes_layer(content: Content, meshes: list[MeshSet]) -> Layer:
         in_place = [*np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0]
         layer["pose"] = np.tile(in_place, (len(rows), 1))
         layer["blend"] = blend_meshes(len(meshes), weights)
-        meshes.append({"vertices": vertices, "faces": content.records.mesh_faces})
+        records = content.records
+        faces = records.mesh_faces if isinstance(records, Shapes) else None
+        meshes.append({"vertices": vertices, "faces": faces})
     return layer
+
+
+def mesh_vertices(records: Items) -> Floats | None:
+    """Return the vertices (n, 3, q) of the meshes of shapes, None without any."""
+    if not isinstance(records, Shapes) or records.mesh_vertices is None:
+        return None
+    return in_columns(records.mesh_vertices)
 
 
 def first_finite(arrays: Sequence[Floats]) -> Floats:
@@ -162,7 +173,7 @@ class _Space(NamedTuple):
 
 
 def _space(content: Content) -> _Space:
-    metres = content.values.get(METRES_PER_UNIT)
+    metres = content.values.get("metres_per_unit")
     in_metres = metres is not None and bool(np.isfinite(metres).any())
     return _Space(has_camera(content), in_metres)
 
@@ -178,12 +189,12 @@ def _result_layer(
     start = np.zeros((n, 3))
     end = start
     if space.in_camera:
-        factor = values[METRES_PER_UNIT] if space.in_metres else 1 / values["scale"]
+        factor = values["metres_per_unit"] if space.in_metres else 1 / values["scale"]
         start = np.pad(values["translation"], ((0, 0), (0, 1)))
         end = (factor * values["scale"])[:, None] * values["camera_translation"]
         camera = np.hstack([values["focal"], values["principal_point"]])
     else:  # depths are unknown, and all frames have one scale
-        one = np.nanmedian(values[METRES_PER_UNIT]) if space.in_metres else 1.0
+        one = np.nanmedian(values["metres_per_unit"]) if space.in_metres else 1.0
         factor = np.full(n, one)
         camera = np.pad(np.repeat(1 / factor[:, None], 2, axis=1), ((0, 0), (0, 2)))
     points = factor[:, None, None] * (shapes - start[:, :, None]) + end[:, :, None]
@@ -245,7 +256,7 @@ def _errors(
         error = metrics.similarity(content.points, truth.points)
         yield _measure(AGAINST_TRUTH, factor * error, length)
     if _space(content).in_metres and (truth is None or length == "m"):
-        factor, length = values[METRES_PER_UNIT], "m"
+        factor, length = values["metres_per_unit"], "m"
     elif truth is not None and expected is not None:
         expected = metrics.expected(content.points, truth.points, expected)
     if expected is not None:

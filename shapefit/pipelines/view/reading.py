@@ -17,8 +17,6 @@ from shapefit.arrays import Floats, Indices
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError, input_error
 from shapefit.io import (
-    ResultSet,
-    ShapeSet,
     open_landmarks,
     open_shapes,
     read_dictionary,
@@ -28,13 +26,15 @@ from shapefit.io.dictionaries import atoms_of
 from shapefit.io.formats import CSV
 from shapefit.io.layout import FRAME, UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
-from shapefit.io.records import concatenate
 from shapefit.io.skeletons import people_joints
-from shapefit.io.source import OPTIONAL, AnyRecords, find_kind, open_results, source_of
+from shapefit.io.source import OPTIONAL, AnyRecord, find_kind, open_results, source_of
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION, with_stated_height
 from shapefit.io.writers.motion import angle_columns
 from shapefit.pipelines.evaluate.measure import match_truth, with_shapes_of
 from shapefit.pipelines.items import ChosenItems
+from shapefit.records import Fit, Shapes, concatenate
+from shapefit.records.columns import column_by_name, in_columns
+from shapefit.records.items import Items
 
 MAX_MEGABYTES = 20
 """Largest page; of more frames than fit, every n-th is shown."""
@@ -87,14 +87,14 @@ class Content(NamedTuple):
 
     name: str
     role: Role
-    records: Any
+    records: Items
     rows: Indices
     values: Mapping[str, Any]
 
     @property
     def points(self) -> Floats:
         """Return the shapes (n, 3, p), or the landmarks (n, 2, p)."""
-        points: Floats = self.values[self.records.LAYOUT.points]
+        points: Floats = self.values[self.records.POINTS]
         return points
 
 
@@ -139,8 +139,8 @@ def _read_records(
     config: ViewConfig,
     options: InputOptions,
     roles: Mapping[str, Role],
-    true: ShapeSet | None,
-) -> tuple[dict[str, AnyRecords], int, list[str]]:
+    true: Shapes | None,
+) -> tuple[dict[str, AnyRecord], int, list[str]]:
     """Return the chosen records of each name, how they are thinned, and notes."""
     chosen = ChosenItems("items", config.items)
     with ExitStack() as stack:
@@ -218,30 +218,28 @@ def _take(source: Any, rows: Sequence[int], step: int) -> Any:
     return concatenate(list(source.chosen(np.array(taken), ITEMS_READ_AT_ONCE)))
 
 
-def _as_shown(records: AnyRecords, truth: ShapeSet | None) -> AnyRecords:
-    """Return a result by the names that the truth has.
+def _as_shown(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
+    """Return a result by the names that the truth has, with its observed landmarks.
 
     Its observed landmarks are (n, 2, p); those of its input are observed where a joint
     stands for them.
     """
-    if not isinstance(records, ResultSet):
+    if not isinstance(records, Fit):
         return records
     records = with_stated_height(records, "view")
-    observed = records.per_item.get("landmarks")
     shown = with_shapes_of(records, () if truth is None else truth.landmark_names)
-    if observed is None:
+    if records.landmarks is None or shown is records:
         return shown
-    if shown is not records:
-        stands_for = people_joints(shown.landmark_names)
-        names = [stands_for.get(name, name) for name in shown.landmark_names]
-        columns = columns_of(records.landmark_names, names)
-        observed = np.where(columns[:, None] < 0, np.nan, observed[:, columns])
-        shown = shown.without(["edges"])
-    return shown.with_columns({"landmarks": np.swapaxes(observed, 1, 2)})
+    stands_for = people_joints(shown.landmark_names)
+    names = [stands_for.get(name, name) for name in shown.landmark_names]
+    rows = columns_of(records.landmark_names, names)
+    unseen = rows[:, None] < 0
+    observed = np.where(unseen, np.nan, records.landmarks[:, rows])
+    return replace(shown, landmarks=observed, edges=None)
 
 
 def _find_frames(
-    sets: Sequence[AnyRecords],
+    sets: Sequence[AnyRecord],
 ) -> tuple[tuple[str, ...], tuple[tuple[str, int], ...]]:
     """Return the items of all records, and the sequences with their first frames.
 
@@ -272,32 +270,40 @@ def columns_of(names: Sequence[str], wanted: Sequence[str]) -> Indices:
 def _content(
     name: str,
     role: Role,
-    records: Any,
+    records: Items,
     rows: Indices,
     landmarks: Sequence[str],
 ) -> Content:
     """Return records with joint angles, whose rows (n,) are those of the frames."""
     columns = columns_of(records.landmark_names, landmarks)
     if records.unit == UNKNOWN_UNIT:
-        records = records.replaced(unit="")
-    if role in ("result", "shapes"):
+        records = replace(records, unit="")
+    angles: Mapping[str, Floats] = {}
+    if role in ("result", "shapes") and isinstance(records, Fit | Shapes):
         # no file states which axis of the world is up
-        before_camera = records.without([EXTRINSIC_ROTATION])
-        records = records.with_columns(angle_columns(before_camera, None))
+        angles = angle_columns(records.without([EXTRINSIC_ROTATION]), None)
+    records = records.with_extras(angles)
+    listed = column_by_name(type(records))
     values = {}
-    for dataset, stored in records.per_item.items():
+    for dataset, stored in records.item_columns().items():
         is_text = stored.dtype.kind in "OSU"
         value = np.array(stored[rows], object if is_text else np.float64)
         value[rows < 0] = "" if is_text else np.nan
+        if dataset in listed and listed[dataset].has_points:
+            value = in_columns(value)
         if dataset in BY_LANDMARK:
             value = np.where(columns < 0, np.nan, value[..., columns])
         values[dataset] = value
     return Content(name, role, records, rows, values)
 
 
+BY_LANDMARK = ("landmarks", "shapes", "landmarks_fitted", "shape_sd", "outliers")
+"""Datasets whose last axis is that of landmarks on the page."""
+
+
 def _true_content(
     config: ViewConfig,
-    truth: ShapeSet,
+    truth: Shapes,
     contents: Sequence[Content],
     landmarks: Sequence[str],
 ) -> Content:

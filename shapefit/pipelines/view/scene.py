@@ -6,6 +6,7 @@ import re
 from base64 import b64encode
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -21,7 +22,6 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
 from shapefit.io import read_dictionary
-from shapefit.io.layout import METRES_PER_UNIT
 from shapefit.io.names import pairs_of_sides
 from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import edges_of
@@ -43,6 +43,7 @@ from shapefit.pipelines.view.reading import (
     columns_of,
     read_inputs,
 )
+from shapefit.records import Fit
 from shapefit.timeline import ASSUMED_RATE
 from shapefit.viewer.page import Fact, Ground, Layer, Picture, Scene
 
@@ -364,11 +365,13 @@ def _quality(contents: Sequence[Content], layers: Sequence[Layer]) -> Iterator[F
 
 def _floors_of(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]:
     """Return the floor of each video of a result, by the frames of the page."""
-    if not has_camera(result) or METRES_PER_UNIT not in result.values:
+    if not has_camera(result) or "metres_per_unit" not in result.values:
         return {}
     records = result.records
-    if frames.step > 1 and records.frame is None:
-        records = records.replaced(frame_rate=rate)
+    if not isinstance(records, Fit):
+        return {}
+    if frames.step > 1 and records.frames is None:
+        records = replace(records, frame_rate=rate)
     return find_floors(records, BY_DEFAULT, result.name)
 
 
@@ -410,7 +413,7 @@ def _edges(
 def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None:
     """Return width and height of the images, where a file or its camera states them."""
     for content in contents:
-        size = content.records.columns.get("image_size")
+        size = content.records.column("image_size")
         if size is not None and size.shape[-1:] == (2,) and np.isfinite(size).all():
             first: list[float] = np.reshape(size, (-1, 2))[0].astype(float).tolist()
             return first

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.io import open_landmarks
 from shapefit.io.options import InputOptions
-from shapefit.io.records import LandmarkSet
+from shapefit.records import Landmarks
 
 Names = Sequence[str]
 
@@ -40,7 +40,7 @@ INSTANCE += [
 POINT = [("x", "<f8"), ("y", "<f8"), ("visible", "?"), ("complete", "?")]
 
 
-def read_images(*paths: Path, **options: Any) -> tuple[LandmarkSet, tuple[str, ...]]:
+def read_images(*paths: Path, **options: Any) -> tuple[Landmarks, tuple[str, ...]]:
     """Return all images of these files, and the warnings."""
     with open_landmarks(list(paths), InputOptions(**options)) as source:
         return source.whole(), source.notes

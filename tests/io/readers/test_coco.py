@@ -53,7 +53,7 @@ def test_annotations_of_a_category_that_names_nothing_are_left_out(read):
         )
     )
     assert images.landmark_names == ("nose", "fin", "tail")
-    assert images.landmarks[0, 0].tolist() == [1, 2, 3]
+    assert images.as_columns()[0, 0].tolist() == [1, 2, 3]
     assert any(
         "1 annotation of category crab left out, which names no" in n for n in notes
     )
@@ -79,7 +79,7 @@ def test_edges_count_from_1_or_from_0(read, lines):
         {"category_id": 1, "keypoints": marks(3)},
         categories=[{**FISH, "skeleton": lines}],
     )
-    assert read(content)[0].whole["edges"].tolist() == [[0, 1], [1, 2]]
+    assert read(content)[0].column("edges").tolist() == [[0, 1], [1, 2]]
 
 
 @pytest.mark.parametrize("absent", [None, *PARTS])
@@ -94,9 +94,11 @@ def test_feet_face_and_hands_of_a_whole_body(read, absent):
     content = annotated(entry, categories=[{"id": 1, "name": "p", "keypoints": BODY}])
     images, notes = read(content)
     assert images.landmark_names == WHOLE
-    seen = np.isfinite(images.landmarks[0, 0])
+    seen = np.isfinite(images.as_columns()[0, 0])
     assert (~seen).sum() == (len(lost) // 3 if lost else 0)
-    assert images.landmarks[0, 0][seen].tolist() == (np.flatnonzero(seen) + 1).tolist()
+    assert (
+        images.as_columns()[0, 0][seen].tolist() == (np.flatnonzero(seen) + 1).tolist()
+    )
     assert images.confidence[0, 0] == 1
     np.testing.assert_allclose(images.confidence[0, 17:][seen[17:]], 0.75)
     assert notes == ()
@@ -110,7 +112,7 @@ def test_133_landmarks_of_a_category_that_names_17_are_a_whole_body(read):
         )
     )
     assert images.landmark_names == WHOLE
-    assert images.landmarks[0, 0].tolist() == [*range(1, 134)]
+    assert images.as_columns()[0, 0].tolist() == [*range(1, 134)]
 
 
 def test_fractions_instead_of_visibility_are_confidences(read):
@@ -145,7 +147,7 @@ def test_every_video_is_a_sequence_of_its_own(read, key):
     found, _ = read(annotated(*entries, categories=[FISH], images=images))
     ends = ("a", "b") if key else ("a_test", "b_test")
     assert {*found.sequences} == {f"set/{end}/id 0" for end in ends}
-    assert found.columns["frame"].tolist() == [0, 1, 2, 9] * 2
+    assert found.column("frame").tolist() == [0, 1, 2, 9] * 2
 
 
 def test_identities_of_cvat_are_those_of_its_tracks(read):
@@ -174,5 +176,5 @@ def test_results_of_several_workers_are_in_order_of_frames(read):
         for frame in (0, 2, 4, 1, 3, 5)
     ]
     images, _ = read(entries)
-    assert images.landmarks[:, 0, 0].tolist() == [0, 1, 2, 3, 4, 5]
-    assert images.columns["frame"].tolist() == [0, 1, 2, 3, 4, 5]
+    assert images.as_columns()[:, 0, 0].tolist() == [0, 1, 2, 3, 4, 5]
+    assert images.column("frame").tolist() == [0, 1, 2, 3, 4, 5]

@@ -252,14 +252,16 @@ def test_what_is_read(written, tmp_path, files, expected):
         found = {
             "items": list(images.items),
             "names": list(images.landmark_names),
-            "frames": images.columns["frame"].tolist(),
+            "frames": images.column("frame").tolist(),
             "unit": images.unit,
-            "seen": np.isfinite(images.landmarks).all(axis=1).tolist(),
+            "seen": np.isfinite(images.as_columns()).all(axis=1).tolist(),
             "notes": [note.partition(": ")[2] for note in notes],
         }
         for name, wanted in expected.items():
             if name == "points":
-                np.testing.assert_array_equal(images.landmarks.swapaxes(1, 2), wanted)
+                np.testing.assert_array_equal(
+                    images.as_columns().swapaxes(1, 2), wanted
+                )
             elif name == "confidence" and wanted is not None:
                 np.testing.assert_allclose(images.confidence, wanted)
             elif name == "confidence":
@@ -366,7 +368,7 @@ def test_landmarks_below_the_least_confidence_are_hidden(written):
     found, (note,) = read(
         written("r.json", [entry(1, 1, 1, 2, 0.4, 3, 4, 0.6)]), min_confidence=0.5
     )
-    assert np.isfinite(found.landmarks[0]).all(axis=0).tolist() == [False, True]
+    assert np.isfinite(found.as_columns()[0]).all(axis=0).tolist() == [False, True]
     assert "1 landmarks hidden, whose confidence is below `min_confidence`" in note
 
 
@@ -377,7 +379,7 @@ def test_placeholders_with_a_confidence_of_0_are_missing(written, confidence, se
     """(-1, -1) and (0, 0), also where landmarks without a confidence are placed."""
     points = [-1, -1, confidence, 0, 0, confidence, 5, 6, 1]
     found, _ = read(written("r.json", [entry(1, 1, *points)]))
-    assert np.isfinite(found.landmarks[0]).all(axis=0).tolist() == seen
+    assert np.isfinite(found.as_columns()[0]).all(axis=0).tolist() == seen
 
 
 # YOLO without data.yaml
@@ -395,5 +397,5 @@ def test_the_layout_of_lines_is_found(rng, tmp_path, count, mark, tail):
         cells = " ".join(f"{x} {y}{mark}" for x, y in person.tolist())
         (tmp_path / f"{frame}.txt").write_text(f"0 0.5 0.5 0.2 0.4 {cells}{tail}\n")
     found, _ = read(tmp_path)
-    assert np.allclose(found.landmarks.swapaxes(1, 2), points)
+    assert np.allclose(found.as_columns().swapaxes(1, 2), points)
     assert (found.landmark_names[0] == "nose") == (count == 17)

@@ -73,7 +73,7 @@ def poses(entry, path, options) -> Poses:
 
 @pytest.fixture
 def records(entry, path, options) -> Any:
-    """The items of a file; `points` (n, d, p)."""
+    """The items of a file."""
     if entry["kind"] == "shapes":
         return read_shapes([path], options, gaps=True)
     with open_landmarks([path], options) as source:
@@ -82,7 +82,7 @@ def records(entry, path, options) -> Any:
 
 
 def coordinates(records: Any) -> np.ndarray:
-    return records.shapes if hasattr(records, "shapes") else records.landmarks
+    return records.as_columns()
 
 
 def readings(entry: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
@@ -174,7 +174,7 @@ def rows_of(
         end = "/port {port}/{frame_index}".format(**spot["frame_label"])
         rows = np.array([item.endswith(end) for item in records.items])
     else:
-        rows = np.asarray(records.columns[FRAME]) == spot["frame"]
+        rows = np.asarray(records.column(FRAME)) == spot["frame"]
     if isinstance(spot["individual"], str) and entry.get("individual_names"):
         rows &= np.array([spot["individual"] in names[1:] for names in parts])
     return np.flatnonzero(rows)

@@ -31,7 +31,7 @@ def read(path: Path):
     options = InputOptions(keypoints="numbered" if path.suffix != ".csv" else None)
     with open_landmarks([path], options) as source:
         images = source.whole()
-    x = images.landmarks[:, 0, 0]
+    x = images.as_columns()[:, 0, 0]
     x = x * 1000 if images.unit.startswith("fraction") else x
     return images, np.rint(x - 100).astype(int).tolist()
 
@@ -50,13 +50,13 @@ def test_frames_are_those_of_the_file(tmp_path, make, frames):
         frames = sorted(frames)
     images, seen = read(make(tmp_path / "v", frames))
     assert seen == sorted(frames)
-    got = images.columns["frame"]
+    got = images.column("frame")
     assert (got - got[0]).tolist() == [
         number - min(frames) for number in sorted(frames)
     ]
     if make in (nwb, movement):
         times = 2 + np.array(frames) / RATE
-        np.testing.assert_allclose(images.columns["time"], times)
+        np.testing.assert_allclose(images.column("time"), times)
 
 
 @pytest.mark.parametrize("make", IMAGES.values(), ids=IMAGES)
@@ -67,7 +67,7 @@ def test_a_frame_that_repeats_is_refused_or_has_two_people(tmp_path, make):
     if make.__name__ in PEOPLE:
         images, seen = read(path)
         assert (seen, len({*images.items})) == ([0, 1, 1, 2], 4)
-        assert images.columns["frame"].tolist() == [0, 1, 1, 2]
+        assert images.column("frame").tolist() == [0, 1, 1, 2]
     elif make is numbered_lists:  # the last of two equal keys of JSON counts
         assert read(path)[1] == [0, 1, 2]
     else:
@@ -79,15 +79,15 @@ def test_a_few_of_many_numbered_images_are_in_their_order_and_no_frames(tmp_path
     frames = (785, 139, 397133, 40083)
     images, seen = read(results_by_number(tmp_path / "v", frames))
     assert seen == sorted(frames)
-    assert images.columns["frame"].tolist() == [0, 1, 2, 3]
+    assert images.column("frame").tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize("make", [trc, vicon, amc])
 @pytest.mark.parametrize("frames", [(1, 2, 3, 10, 11, 12), (3, 1, 2, 12, 7), (5, 6)])
 def test_frames_of_motion_are_those_of_the_file(tmp_path, make, frames):
     shapes = read_shapes([make(tmp_path / "v", frames)], gaps=True)
-    assert shapes.shapes[:, 0, 0].tolist() == sorted(frames)
-    got = shapes.columns["frame"]
+    assert shapes.as_columns()[:, 0, 0].tolist() == sorted(frames)
+    got = shapes.column("frame")
     assert (got - got[0]).tolist() == [
         number - min(frames) for number in sorted(frames)
     ]
@@ -98,5 +98,5 @@ def test_frames_of_motion_are_those_of_the_file(tmp_path, make, frames):
 def test_times_of_trc_count_where_its_frames_were_numbered_anew(tmp_path):
     times = np.array([0, 1, 2, 9, 10]) / RATE
     shapes = read_shapes([trc(tmp_path / "v", range(1, 6), times)], gaps=True)
-    assert shapes.columns["frame"].tolist() == [0, 1, 2, 9, 10]
-    np.testing.assert_allclose(shapes.columns["time"], times, atol=1e-4)
+    assert shapes.column("frame").tolist() == [0, 1, 2, 9, 10]
+    np.testing.assert_allclose(shapes.column("time"), times, atol=1e-4)

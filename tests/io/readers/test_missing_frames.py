@@ -122,15 +122,15 @@ def test_frames_are_those_of_the_file_in_order(tmp_path, write, frames):
         images = source.whole()
     assert len({*images.sequences}) == 1 or write is write_openpose
     expected = np.sort(frames)
-    found = images.frame - images.frame[0]
+    found = images.frames - images.frames[0]
     assert found.tolist() == (expected - expected[0]).tolist()
-    moved = (images.landmarks[:, 0, 0] - images.landmarks[0, 0, 0]) / 3
+    moved = (images.as_columns()[:, 0, 0] - images.as_columns()[0, 0, 0]) / 3
     np.testing.assert_allclose(moved, expected - expected[0])
     for name in ("out.h5", "out.csv"):
         save(tmp_path / name, images)
         back = load(tmp_path / name)
-        assert back.frame.tolist() == images.frame.tolist()
-        np.testing.assert_array_equal(back.landmarks, images.landmarks)
+        assert back.frames.tolist() == images.frames.tolist()
+        np.testing.assert_array_equal(back.as_columns(), images.as_columns())
 
 
 @pytest.mark.parametrize(
@@ -149,8 +149,8 @@ def test_times_of_a_table_are_those_of_its_frames(tmp_path):
         text = text.replace(f"\n{frame},", f"\n{frame / 25},")
     path.write_text(text)
     images = load(path)
-    assert (images.frame.tolist(), images.frame_rate) == ([0, 1, 3, 5], 25.0)
-    np.testing.assert_allclose(images.time, [0, 0.04, 0.12, 0.2])
+    assert (images.frames.tolist(), images.frame_rate) == ([0, 1, 3, 5], 25.0)
+    np.testing.assert_allclose(images.times, [0, 0.04, 0.12, 0.2])
 
 
 def test_labelled_images_of_several_videos_are_apart(tmp_path):
@@ -161,7 +161,7 @@ def test_labelled_images_of_several_videos_are_apart(tmp_path):
     assert images.items == ("v/walk/img00003", "v/walk/img00007", "v/walk/img00900",
                             "v/run/img00040")  # fmt: skip
     assert images.sequences == (*["v/walk"] * 3, "v/run")
-    assert images.frame.tolist() == [0, 4, 897, 0]
+    assert images.frames.tolist() == [0, 4, 897, 0]
 
 
 def test_frames_of_deeplabcut_are_whole_numbers(tmp_path, problems):

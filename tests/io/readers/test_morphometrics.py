@@ -23,7 +23,7 @@ def test_specimens_of_tps(tmp_path, text):
     assert images.items == ("skull_a", "frog_b")
     assert images.sequences is None
     assert images.landmark_names == ("1", "2", "3")
-    assert images.landmarks[1].T.tolist() == [[11, 21], [31.5, 41], [51, 61]]
+    assert images.landmarks[1].tolist() == [[11, 21], [31.5, 41], [51, 61]]
     assert images.y_axis == "up"
     assert note.endswith("a.tps: left out: CURVES, SCALE")
     assert read(path, y_axis="down")[0].y_axis == "down"
@@ -34,14 +34,14 @@ def test_specimens_of_several_sizes_lack_the_last_landmarks(tmp_path):
     path.write_text("LM=2\n10 20\n30 40\nID=a\nLM=3\n1 2\n3 4\n5 6\nID=b\n")
     images, _ = read(path)
     assert images.items == ("a", "b")
-    assert np.isnan(images.landmarks[:, 0, 2]).tolist() == [True, False]
+    assert np.isnan(images.landmarks[:, 2, 0]).tolist() == [True, False]
 
 
 def test_tps_in_3d_is_shapes(tmp_path):
     path = tmp_path / "a.tps"
     path.write_text("LM3=2\n1 2 3\n4 5 6\nID=a\n")
     shapes, _ = load_shapes(path)
-    assert shapes.shapes[0].T.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert shapes.shapes[0].tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def test_trc_in_all_its_forms(read, text):
     assert shapes.landmark_names == ("knee", "ankle")
     assert shapes.items == ("walk/0", "walk/1", "walk/2")
     assert (shapes.unit, shapes.frame_rate) == ("m", 50.0)
-    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), MARKERS / 1000)
+    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), MARKERS / 1000)
 
 
 def test_points_after_the_named_ones_are_left_out(read):
@@ -73,7 +73,7 @@ def test_points_after_the_named_ones_are_left_out(read):
     shapes, notes = read(
         "walk.trc", text.replace("1e2\t.5\t6.", "1e2\t.5\t6.\t8\t8\t8")
     )
-    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), MARKERS / 1000)
+    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), MARKERS / 1000)
     assert any("2 points without a name left out" in note for note in notes)
 
 
@@ -81,7 +81,7 @@ def test_columns_that_the_header_counts_without_names_are_left_out(read):
     head = HEAD.replace("\tX2\tY2\tZ2", "\tX2\tY2\tZ2\tX3\tY3\tZ3")
     rows = ROWS.replace("4\t5\t6\n", "4\t5\t6\t7\t8\t9\n")
     shapes, notes = read("walk.trc", head + rows)
-    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), MARKERS / 1000)
+    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), MARKERS / 1000)
     assert any("1 point without a name left out" in note for note in notes)
 
 
@@ -140,7 +140,7 @@ def test_points_in_a_plane_are_landmarks_with_y_up(tmp_path, name, write):
     write(path)
     assert find_kind(path) == "landmarks"
     images, notes = read_images(path)
-    np.testing.assert_array_equal(images.landmarks.swapaxes(1, 2), PLANE[..., :2])
+    np.testing.assert_array_equal(images.as_columns().swapaxes(1, 2), PLANE[..., :2])
     stated = name != "table.csv"
     assert images.y_axis == ("up" if stated else "down")
     assert images.unit == ("px" if stated else "unknown")
@@ -170,7 +170,7 @@ def test_markers_in_space_are_no_landmarks(tmp_path):
 def test_lengths_are_metres_where_the_unit_is_known(read, unit, factor, name):
     shapes, _ = read("walk.trc", TRC.replace("mm", unit))
     assert shapes.unit == name
-    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), factor * MARKERS)
+    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), factor * MARKERS)
 
 
 @pytest.mark.parametrize(
@@ -209,9 +209,9 @@ def test_points_scores_and_frame_numbers_of_anipose(read, end):
     assert shapes.items == ("fly/7", "fly/8", "fly/9")
     assert shapes.sequences == ("fly",) * 3
     expected = [[[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], NAN], [NAN, [4, 5, 6]]]
-    np.testing.assert_array_equal(shapes.shapes.swapaxes(1, 2), expected)
+    np.testing.assert_array_equal(shapes.as_columns().swapaxes(1, 2), expected)
     np.testing.assert_array_equal(
-        shapes.columns["confidence"], [[0.9, 0.8], [0.9, 0], [0, 1]]
+        shapes.column("confidence"), [[0.9, 0.8], [0.9, 0], [0, 1]]
     )
 
 
@@ -264,17 +264,19 @@ def test_bvh_worked_out_by_hand(read, text):
     assert (shapes.unit, shapes.frame_rate, notes) == ("unknown", 25.0, ())
     assert shapes.edges.tolist() == [[0, 1], [1, 2]]
     np.testing.assert_allclose(
-        shapes.shapes[0].T, [[0, 0, 0], [0, -4, 0], [0, -4, 2]], atol=1e-12
+        shapes.as_columns()[0].T, [[0, 0, 0], [0, -4, 0], [0, -4, 2]], atol=1e-12
     )
     np.testing.assert_allclose(
-        shapes.shapes[1].T, [[1, 2, 3], [5, 2, 3], [5, 4, 3]], atol=1e-12
+        shapes.as_columns()[1].T, [[1, 2, 3], [5, 2, 3], [5, 4, 3]], atol=1e-12
     )
 
 
 def test_an_offset_holds_where_no_channel_replaces_it(read):
     tree = TREE.replace("6 Xposition Yposition Zposition", "3")
     shapes, _ = read("walk.bvh", tree + "0 0 0 0 0 0\n0 0 0 0 0 0\n")
-    np.testing.assert_allclose(shapes.shapes[0].T, [[0, 10, 0], [0, 6, 0], [0, 6, 2]])
+    np.testing.assert_allclose(
+        shapes.as_columns()[0].T, [[0, 10, 0], [0, 6, 0], [0, 6, 2]]
+    )
 
 
 def test_frames_of_bvh_that_are_announced_and_not_there(read):
@@ -389,8 +391,10 @@ def test_acclaim_equals_the_exact_kinematics(real_data, motions, exact, step, bo
     assert found.unit == "m"
     for motion in motions:
         name = motion.partition("/")[2]
-        ours = found.shapes[np.array(found.sequences) == name][::step][:, :, columns]
-        theirs = known.shapes[np.array(known.sequences) == name]
+        ours = found.as_columns()[np.array(found.sequences) == name][::step][
+            :, :, columns
+        ]
+        theirs = known.as_columns()[np.array(known.sequences) == name]
         assert len(ours) == len(theirs)
         if step == 1:
             ours = ours - ours[:, :, :1]
@@ -408,13 +412,13 @@ def test_bones_turn_in_their_own_frames(motion):
     assert shapes.edges.tolist() == [[0, 1], [1, 2]]
     still = [[1, 2, 3], [1, 0, 3], [1, -1, 3]]
     np.testing.assert_allclose(
-        shapes.shapes[0].T, HALF_INCH * np.array(still), atol=1e-12
+        shapes.as_columns()[0].T, HALF_INCH * np.array(still), atol=1e-12
     )
     # The root turns -y to x; the thigh turns about its length; the shin turns by z -y
     # to x first, which the thigh turns to -z.
     moved = [[1, 2, 3], [3, 2, 3], [3, 2, 2]]
     np.testing.assert_allclose(
-        shapes.shapes[1].T, HALF_INCH * np.array(moved), atol=1e-12
+        shapes.as_columns()[1].T, HALF_INCH * np.array(moved), atol=1e-12
     )
 
 
@@ -422,7 +426,9 @@ def test_lengths_without_a_unit(motion):
     metres = read_shapes([motion()])
     unknown = read_shapes([motion(asf=ASF.replace("length 0.5", "length 1"))])
     assert unknown.unit == "unknown"
-    np.testing.assert_allclose(unknown.shapes, metres.shapes / HALF_INCH, atol=1e-9)
+    np.testing.assert_allclose(
+        unknown.as_columns(), metres.as_columns() / HALF_INCH, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -460,7 +466,7 @@ def test_errors_of_acclaim_name_file_and_line(motion, asf, amc, words):
 def test_the_skeleton_is_found_by_its_name(motion, tmp_path):
     path = motion()
     (tmp_path / "02.asf").write_text(ASF.replace("length 2", "length 20"))
-    assert read_shapes([path]).shapes[0, 1, 1] == pytest.approx(0)
+    assert read_shapes([path]).as_columns()[0, 1, 1] == pytest.approx(0)
     path = path.rename(tmp_path / "walk.amc")
     with pytest.raises(InputError, match="none of the 2 skeletons beside it"):
         read_shapes([path])
@@ -505,8 +511,8 @@ def test_units_rate_and_missing_points(c3d):
     assert shapes.landmark_names == ("knee", "ankle")
     assert (shapes.unit, shapes.frame_rate, notes) == ("m", 100.0, ())
     assert shapes.items == ("walk/0", "walk/1", "walk/2", "walk/3")
-    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
-    assert np.isnan(shapes.shapes[2, :, 1]).all()
+    np.testing.assert_allclose(shapes.as_columns(), points / 1000, rtol=1e-6)
+    assert np.isnan(shapes.as_columns()[2, :, 1]).all()
 
 
 @pytest.mark.parametrize(
@@ -540,8 +546,8 @@ def test_what_ezc3d_reads(c3d):
         theirs = ezc3d.c3d(str(path))
         shapes, notes = load_shapes(path)
         points = theirs["data"]["points"][:3].transpose(2, 0, 1) / 1000
-        np.testing.assert_array_equal(np.isnan(shapes.shapes), np.isnan(points))
-        np.testing.assert_allclose(shapes.shapes, points, rtol=1e-12)
+        np.testing.assert_array_equal(np.isnan(shapes.as_columns()), np.isnan(points))
+        np.testing.assert_allclose(shapes.as_columns(), points, rtol=1e-12)
         assert shapes.landmark_names == tuple(labels)
         assert (shapes.frame_rate, notes) == (100.0, ())
 
@@ -585,8 +591,8 @@ def test_analog_values_that_only_the_header_counts_are_no_points(c3d, channels):
     whole, _ = load_shapes(path)
     changed(path, place_of(path, b"ANALOG", USED), 0)
     shapes, notes = load_shapes(path)
-    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
-    np.testing.assert_array_equal(shapes.shapes, whole.shapes)
+    np.testing.assert_allclose(shapes.as_columns(), points / 1000, rtol=1e-6)
+    np.testing.assert_array_equal(shapes.as_columns(), whole.as_columns())
     assert any(CONTRADICTED in note for note in notes)
 
 
@@ -595,12 +601,12 @@ def test_frames_are_as_many_as_the_file_has(c3d):
     path, points = c3d(n=29)
     changed(path, 6, 1, 1149)
     shapes, notes = load_shapes(path)
-    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    np.testing.assert_allclose(shapes.as_columns(), points / 1000, rtol=1e-6)
     assert notes == ()
     changed(path, place_of(path, b"FRAMES") + 4, 1149)
     path.write_bytes(path.read_bytes()[: 1536 + 29 * 2 * 16])  # without padding
     shapes, notes = load_shapes(path)
-    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    np.testing.assert_allclose(shapes.as_columns(), points / 1000, rtol=1e-6)
     assert any("1120 frames are announced in the header" in note for note in notes)
 
 
@@ -609,7 +615,7 @@ def test_a_header_whose_frames_and_parameters_whose_channels_are_wrong(c3d):
     changed(path, 6, 1, 1149)
     changed(path, place_of(path, b"ANALOG", USED), 0)
     shapes, _ = load_shapes(path)
-    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    np.testing.assert_allclose(shapes.as_columns(), points / 1000, rtol=1e-6)
 
 
 def test_points_without_parameters_are_read_by_the_header(c3d):
@@ -617,7 +623,7 @@ def test_points_without_parameters_are_read_by_the_header(c3d):
     data = path.read_bytes()
     path.write_bytes(data.replace(b"POINT", b"PXINT"))
     shapes, notes = load_shapes(path)
-    np.testing.assert_allclose(shapes.shapes, points, rtol=1e-6)
+    np.testing.assert_allclose(shapes.as_columns(), points, rtol=1e-6)
     assert (shapes.unit, shapes.landmark_names) == ("unknown", ("*0", "*1"))
     assert any("read by its header, as its parameters state no" in n for n in notes)
 
@@ -636,7 +642,7 @@ def test_numbers_of_a_dec(c3d, tmp_path):
     data[512 * (data[0] - 1) + 3] = 85
     path.write_bytes(data)
     shapes, notes = load_shapes(path)
-    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    np.testing.assert_allclose(shapes.as_columns(), points / 1000, rtol=1e-6)
     assert (shapes.frame_rate, notes) == (100.0, ())
 
 
@@ -662,7 +668,7 @@ def test_points_in_whole_numbers_are_read_by_the_header(tmp_path):
     path = tmp_path / "walk.c3d"
     expected = write_whole_numbers(path, 84)
     shapes, _ = load_shapes(path)
-    np.testing.assert_array_equal(shapes.shapes.swapaxes(1, 2), expected)
+    np.testing.assert_array_equal(shapes.as_columns().swapaxes(1, 2), expected)
     assert shapes.frame_rate == 50
     write_whole_numbers(path, 86)
     with pytest.raises(
@@ -723,6 +729,8 @@ def test_trajectories_of_vicon(tmp_path, before):
         100,
     )
     assert shapes.items == ("walk/Anna/7", "walk/Anna/8")
-    np.testing.assert_allclose(shapes.shapes[0].T, [[1, 2, 3], [0.01, 0.02, 0.03]])
-    assert np.isnan(shapes.shapes[1, :, 1]).all()
+    np.testing.assert_allclose(
+        shapes.as_columns()[0].T, [[1, 2, 3], [0.01, 0.02, 0.03]]
+    )
+    assert np.isnan(shapes.as_columns()[1, :, 1]).all()
     assert notes == ()

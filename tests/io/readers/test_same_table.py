@@ -151,7 +151,7 @@ def check(records, names: Sequence[str], points: np.ndarray) -> None:
         for n, own in zip(names, points.swapaxes(0, 1), strict=True)
         if np.isfinite(own).any()
     ]
-    columns = records.points.transpose(2, 0, 1)
+    columns = records.points.transpose(1, 0, 2)
     found = dict(zip(records.landmark_names, columns, strict=True))
     assert [*filter(found.__contains__, names)] == [*names] or sorted(found) == sorted(
         seen
@@ -199,12 +199,12 @@ def test_hdf5_and_python_say_the_same(tmp_path, points, called, kind):
     points = points[..., : 2 if kind == "landmarks" else 3]
     path = tmp_path / "images.h5"
     if kind == "landmarks":
-        given = shapefit.Landmarks(points, names, items=ITEMS)
+        given = shapefit.Landmarks(points, landmark_names=names, items=ITEMS)
         shapefit.write_landmarks(path, given)
         check(read(path, kind), names, points)
-        check(given.record(), names, points)
+        check(given, names, points)
     else:
-        given = shapefit.Shapes(points, names, items=ITEMS)
+        given = shapefit.Shapes(points, landmark_names=names, items=ITEMS)
         shapefit.write_shapes(path, given)
         check(read(path, kind), names, points)
-        check(given.record(), names, points)
+        check(given, names, points)

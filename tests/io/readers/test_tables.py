@@ -50,7 +50,7 @@ def test_points_and_confidences_are_those_of_the_file(
 ):
     write(tmp_path / name, points, confidence)
     images, _ = read(tmp_path / name)
-    np.testing.assert_array_equal(images.landmarks.transpose(0, 2, 1), points[:, 0])
+    np.testing.assert_array_equal(images.as_columns().transpose(0, 2, 1), points[:, 0])
     np.testing.assert_array_equal(images.confidence, confidence[:, 0])
     assert list(images.landmark_names) == (NAMES if named else list("0123"))
     assert images.y_axis == "down"
@@ -80,7 +80,7 @@ def test_headers_that_say_the_same(tmp_path, text):
     assert detect_format(path).title == "a table of landmarks"
     images, notes = read(path)
     order = np.argsort([name.lower() for name in images.landmark_names])
-    found = images.landmarks.transpose(0, 2, 1)[:, order]
+    found = images.as_columns().transpose(0, 2, 1)[:, order]
     np.testing.assert_array_equal(found, [[[1, 2], [30, 40]], [[5, 6], [70, 80]]])
     assert notes == ()
     assert len(set(images.sequences)) == 1
@@ -92,7 +92,10 @@ def test_what_is_missing_or_hidden(tmp_path):
     images, notes = read(table(tmp_path / "t.csv", text))
     assert images.items == ("t/0", "t/2")
     assert "(0, 0)" not in "".join(notes)  # the confidence says it
-    assert np.isnan(images.landmarks[:, 0]).tolist() == [[True, False], [True, False]]
+    assert np.isnan(images.as_columns()[:, 0]).tolist() == [
+        [True, False],
+        [True, False],
+    ]
     assert images.confidence[1].tolist() == [0, 0]
 
 
@@ -130,12 +133,12 @@ def test_a_depth_beside_a_confidence_is_left_out_and_without_one_it_is_a_shape(
     text = "frame,a_x,a_y,a_z,b_x,b_y,b_z\n0,1,2,3,40,50,60\n"
     with open_shapes([table(tmp_path / "t.csv", text)]) as source:
         (shapes,) = source.batches(9)
-    assert shapes.shapes[0].T.tolist() == [[1, 2, 3], [40, 50, 60]]
+    assert shapes.as_columns()[0].T.tolist() == [[1, 2, 3], [40, 50, 60]]
     seen = text.replace("b_z", "b_z,a_visibility,b_visibility").replace(
         "60", "60,0.5,1"
     )
     images, _ = read(table(tmp_path / "t.csv", seen))
-    assert images.landmarks[0].T.tolist() == [[1, 2], [40, 50]]
+    assert images.as_columns()[0].T.tolist() == [[1, 2], [40, 50]]
 
 
 @pytest.mark.parametrize("kind", ["npy", "json", "csv"])
@@ -158,7 +161,9 @@ def test_fractions_of_an_image_need_its_size(tmp_path, rng, kind):
     ):
         read(path, keypoints="mediapipe_33")
     images, _ = read(path, keypoints="mediapipe_33", image_size=(200.0, 100.0))
-    np.testing.assert_allclose(images.landmarks.transpose(0, 2, 1), points * (200, 100))
+    np.testing.assert_allclose(
+        images.as_columns().transpose(0, 2, 1), points * (200, 100)
+    )
     assert (images.unit, images.landmark_names[0]) == ("px", "nose")
 
 
@@ -192,7 +197,7 @@ def test_lists_of_mediapipe(tmp_path, wrap):
     ]
     path = table(tmp_path / "walk.json", json.dumps(wrap(body)))
     images, _ = read(path)
-    assert images.landmarks.tolist() == [[[0, 10, 20], [7, 7, 7]]]
+    assert images.as_columns().tolist() == [[[0, 10, 20], [7, 7, 7]]]
     assert images.landmark_names == ("a", "b", "c")
 
 
@@ -231,13 +236,13 @@ def test_columns_of_individuals(tmp_path, column, cells, names):
     first, second = names
     rest = f"t/{second}/0" if second else "t/untracked/0/0"
     assert images.items == (f"t/{first}/0", f"t/{first}/1", rest)
-    assert images.landmarks[2].T.tolist() == [[7, 8], [9, 10]]
+    assert images.as_columns()[2].T.tolist() == [[7, 8], [9, 10]]
     assert notes == ()
     wide = f"frame,{column},a_x,a_y,b_x,b_y\n"
     wide += f"0,{one},1,2,3,4\n1,{one},5,6,,\n0,{other},7,8,9,10\n"
     same, _ = read(table(tmp_path / "t.csv", wide))
     assert same.items == images.items
-    np.testing.assert_array_equal(same.landmarks, images.landmarks)
+    np.testing.assert_array_equal(same.as_columns(), images.as_columns())
 
 
 def test_tables_in_metres_are_shapes_in_metres(tmp_path):
@@ -252,14 +257,14 @@ def test_tables_in_metres_are_shapes_in_metres(tmp_path):
         shapes = source.whole()
         assert source.notes == ()
     assert (shapes.unit, shapes.frame_rate, len(shapes)) == ("m", 120.0, 2)
-    assert shapes.shapes[1].T.tolist() == [[8, 2, 3], [8, 2, 3]]
+    assert shapes.as_columns()[1].T.tolist() == [[8, 2, 3], [8, 2, 3]]
 
 
 def test_videos_stand_as_they_appear_and_begin_at_0(tmp_path):
     text = "video,frame,a_x,a_y,b_x,b_y\nw,9,1,2,3,4\nv,5,5,6,7,8\nw,7,9,10,11,12\n"
     images, _ = read(table(tmp_path / "t.csv", text))
     assert images.items == ("t/w/7", "t/w/9", "t/v/5")
-    assert images.columns["frame"].tolist() == [0, 2, 0]
+    assert images.column("frame").tolist() == [0, 2, 0]
 
 
 def test_of_two_columns_of_one_meaning_the_first_counts(tmp_path):
@@ -294,7 +299,7 @@ def test_numbers_of_a_skeleton(tmp_path, name, numbers, first, told):
     names = tuple(map(str, numbers))
     points = np.arange(2.0 * len(names)).reshape(1, -1, 2) + 100
     if name.endswith(".h5"):
-        shapefit.write_landmarks(path, shapefit.Landmarks(points, names))
+        shapefit.write_landmarks(path, shapefit.Landmarks(points, landmark_names=names))
     else:
         rows = [f"0,{n},{x},{y}" for n, (x, y) in zip(names, points[0], strict=True)]
         text = "\n".join(["item,landmark,x,y", *rows])
@@ -334,7 +339,7 @@ def test_rows_without_number_or_time_are_single_images(
     images, notes = read(table(tmp_path / "t.csv", text))
     assert images.items == items
     assert images.sequences is None
-    assert images.frame is None
+    assert images.frames is None
     named = f"column '{column}'" if column else "column without a name"
     told = (
         f"items are named by the {named}" if items[0] == cells[0] else "single images"
@@ -370,13 +375,13 @@ def test_a_data_frame_of_a_fit_comes_back(tmp_path):
         with open_shapes([table(tmp_path / "t.csv", "\n".join(text))]) as source:
             shapes = source.whole()
         assert shapes.items == ("w/3", "w/4", "w/9")
-        assert shapes.shapes[:, 0, 0].tolist() == [3, 4, 9]
+        assert shapes.as_columns()[:, 0, 0].tolist() == [3, 4, 9]
         if text[1:] == single:
             assert not any(shapes.sequences or ())
-            assert shapes.columns.get("frame") is None
+            assert shapes.column("frame") is None
         else:
             assert shapes.sequences == ("walk",) * 3
-            assert shapes.columns["frame"].tolist() == [3, 4, 9]
+            assert shapes.column("frame").tolist() == [3, 4, 9]
 
 
 def test_rows_without_anything_beside_are_single_images(tmp_path):
@@ -391,7 +396,7 @@ def test_rows_without_anything_beside_are_single_images(tmp_path):
 def test_rows_with_times_are_frames(tmp_path, column):
     text = f"{column},a_x,a_y,b_x,b_y\n0.5,1,2,3,4\n0.54,5,6,7,8\n0.66,9,8,7,6\n"
     images, notes = read(table(tmp_path / "t.csv", text))
-    assert images.columns["frame"].tolist() == [0, 1, 4]
+    assert images.column("frame").tolist() == [0, 1, 4]
     assert images.frame_rate == 25
     assert images.items == ("t/0.5", "t/0.54", "t/0.66")
     assert len({*images.sequences}) == 1
@@ -405,12 +410,12 @@ def test_pixels_and_millimetres_of_one_table(tmp_path):
     cells = ",".join(map(str, range(10, 10 + len(names))))
     path = table(tmp_path / "t.csv", f"frame,{','.join(names)}\n0,{cells}\n")
     images, notes = read(path)
-    assert images.landmarks[0].tolist() == [[10, 11, 12], [13, 14, 15]]
+    assert images.as_columns()[0].tolist() == [[10, 11, 12], [13, 14, 15]]
     assert "x_0, y_0 ... are read, as 2D" in notes[0]
     assert "X_0, Y_0, Z_0 ..." in notes[0]
     with open_shapes([path]) as source:
         shapes = source.whole()
-    assert shapes.shapes[0].tolist() == [[16, 17, 18], [19, 20, 21], [22, 23, 24]]
+    assert shapes.as_columns()[0].tolist() == [[16, 17, 18], [19, 20, 21], [22, 23, 24]]
 
 
 @pytest.mark.parametrize(
@@ -528,7 +533,7 @@ def test_tables_of_deeplabcut_that_were_saved_again(tmp_path, text):
     assert notes == ()
     assert images.items == ("video/4", "video/5")
     assert images.landmark_names == ("nose", "tail")
-    found = images.landmarks.transpose(0, 2, 1).tolist()
+    found = images.as_columns().transpose(0, 2, 1).tolist()
     assert found == [[[1.5, 2], [3, 4]], [[6, 7], [8, 9.25]]]
 
 
@@ -542,7 +547,7 @@ def test_arrays_of_3d_points_are_shapes(tmp_path, rng, scale):
     with open_shapes([path], options) as source:
         shapes = source.whole()
     assert shapes.landmark_names[0] == "nose"
-    np.testing.assert_array_equal(shapes.shapes.transpose(0, 2, 1), points)
+    np.testing.assert_array_equal(shapes.as_columns().transpose(0, 2, 1), points)
     with pytest.raises(InputError, match=r"third numbers run.*3D are for learn-dict"):
         read(path, keypoints="coco_17")
 
@@ -556,7 +561,7 @@ def test_arrays_whose_third_number_may_be_either(tmp_path, rng):
     options = InputOptions(keypoints="coco_17", format="arrays-3d")
     assert find_kind(path, options) == "shapes"
     with open_shapes([path], InputOptions(keypoints="coco_17")) as source:
-        np.testing.assert_array_equal(source.whole().points.swapaxes(1, 2), points)
+        np.testing.assert_array_equal(source.whole().points, points)
 
 
 def test_recordings_of_freemocap(tmp_path):
@@ -566,5 +571,5 @@ def test_recordings_of_freemocap(tmp_path):
     with open_shapes([path]) as source:
         shapes = source.whole()
     assert shapes.sequences == ("body_3d_xyz",) * 2
-    assert shapes.columns["frame"].tolist() == [1, 2]
+    assert shapes.column("frame").tolist() == [1, 2]
     assert shapes.unit == "mm"

@@ -52,7 +52,7 @@ JABS = "mouse_pose_est_v2.h5"
 
 def by_animal(landmarks, many: int) -> np.ndarray:
     """Return points (frames, individuals, landmarks, 2) of items sorted by sequence."""
-    return landmarks.landmarks.reshape(many, -1, 2, 4).transpose(1, 0, 3, 2)
+    return landmarks.as_columns().reshape(many, -1, 2, 4).transpose(1, 0, 3, 2)
 
 
 @pytest.mark.parametrize("many", [1, 2])
@@ -85,7 +85,7 @@ def test_three_dimensions_are_shapes(tmp_path, rng, confidence, name, problem):
     points[0, 0, 1] = np.nan
     TRACKERS[name](tmp_path / name, points, confidence)
     shapes = read_shapes([tmp_path / name], gaps=True)
-    found = shapes.shapes.reshape(2, 7, 3, 4).transpose(1, 0, 3, 2)
+    found = shapes.as_columns().reshape(2, 7, 3, 4).transpose(1, 0, 3, 2)
     np.testing.assert_array_equal(found, points)
     assert "of 3D points; give 2D landmarks" in problem(tmp_path / name)
 
@@ -96,7 +96,7 @@ def test_jabs(tmp_path, rng, read, problem):
     points[3, 0, 2] = np.nan
     made.write_jabs(tmp_path / JABS, points, np.full((7, 1, 12), 0.5))
     found = read(tmp_path / JABS)
-    np.testing.assert_array_equal(found.landmarks.swapaxes(1, 2), points[:, 0])
+    np.testing.assert_array_equal(found.as_columns().swapaxes(1, 2), points[:, 0])
     assert found.confidence[3].tolist() == [0.5, 0.5, 0, *[0.5] * 9]
     assert (found.items[0], found.landmark_names[:2]) == (
         "mouse/0",
@@ -123,9 +123,9 @@ def test_jabs_of_several_mice(tmp_path, rng, read, problem, version):
     for who in range(2):
         rows = [one == f"mice/{first + who}" for one in found.sequences]
         present = [frame for frame in range(7) if (frame, who) != (3, 1)]
-        assert found.columns["frame"][rows].tolist() == present
+        assert found.column("frame")[rows].tolist() == present
         np.testing.assert_array_equal(
-            found.landmarks[rows].swapaxes(1, 2), points[present, who]
+            found.as_columns()[rows].swapaxes(1, 2), points[present, who]
         )
     with h5py.File(path, "a") as file:
         name = "instance_embed_id" if version > 3 else "instance_track_id"
@@ -196,8 +196,8 @@ def test_two_skeletons_are_one_of_all_their_nodes(tmp_path, points, confidence, 
     names = ("point0", "point1", "point2", "point3", "horn", "hoof")
     assert found.landmark_names == names
     assert found.lines.tolist() == [[0, 1], [4, 5]]
-    first = found.landmarks[[who.endswith("animal0") for who in found.sequences]]
-    second = found.landmarks[[who.endswith("animal1") for who in found.sequences]]
+    first = found.as_columns()[[who.endswith("animal0") for who in found.sequences]]
+    second = found.as_columns()[[who.endswith("animal1") for who in found.sequences]]
     np.testing.assert_array_equal(first[:, :, :4].swapaxes(1, 2), points[:, 0])
     assert np.isnan(first[:, :, 4:]).all()
     columns = [4, 1, 5, 0]
@@ -220,9 +220,9 @@ def test_a_file_of_nwb_whose_series_differ_in_time(tmp_path, points, confidence,
         series["timestamps"] = np.array([2, 5]) / 30
     found = read(path)
     assert len(found) == 7
-    seen = np.isfinite(found.landmarks[:, 0, 1])
+    seen = np.isfinite(found.as_columns()[:, 0, 1])
     assert np.flatnonzero(seen).tolist() == [2, 5]
-    assert found.landmarks[5, :, 1].tolist() == [3, 4]
+    assert found.as_columns()[5, :, 1].tolist() == [3, 4]
     assert found.confidence[:, 1].tolist() == [0, 0, 0.5, 0, 0, 0.75, 0]
     for late, rate in (
         (0.19, pytest.approx(30)),
@@ -254,7 +254,7 @@ def test_axes_of_analysis_files(tmp_path, rng, read, stated):
             file["tracks"].attrs["dims"] = '["frame", "track", "node", "xy"]'
             file["point_scores"].attrs["dims"] = '["frame", "track", "node"]'
     found = read(path)
-    np.testing.assert_array_equal(found.landmarks, want.landmarks)
+    np.testing.assert_array_equal(found.as_columns(), want.as_columns())
     np.testing.assert_array_equal(found.confidence, want.confidence)
 
 
@@ -340,7 +340,7 @@ def test_paths_in_three_columns_and_rows_that_end_early(tmp_path, read):
     found = read(path)
     assert found.items == ("labels/img1", "labels/img2", "labels/img3")
     missing = [[False, False], [True, False], [False, True]]
-    assert np.isnan(found.landmarks[:, 0]).tolist() == missing
+    assert np.isnan(found.as_columns()[:, 0]).tolist() == missing
     assert found.confidence is None
 
 
@@ -370,7 +370,7 @@ def test_csv_is_read_in_every_dress(tmp_path, read, old, new):
     found = read(tmp_path / "p.csv")
     assert [item.split("/")[1] for item in found.items] == ["42150", "42151", "42153"]
     points = [[[12.5, 0.001], [-3, 2]], [[np.nan, 5], [np.nan, 6]], [[1, 3], [2, 4]]]
-    np.testing.assert_array_equal(found.landmarks, points)
+    np.testing.assert_array_equal(found.as_columns(), points)
     assert found.confidence.tolist() == [[0.5, 1], [0, 0.25], [1, 1]]
 
 
@@ -379,7 +379,7 @@ def test_a_landmark_that_an_individual_lacks_is_unseen(tmp_path, read):
         "scorer,n,n,n,n,n,n\nindividuals,one,one,one,one,single,single\n"
         "bodyparts,a,a,b,b,c,c\ncoords,x,y,x,y,x,y\n0,1,2,3,4,5,6\n"
     )
-    one, single = read(tmp_path / "t.csv").landmarks.swapaxes(1, 2)
+    one, single = read(tmp_path / "t.csv").as_columns().swapaxes(1, 2)
     np.testing.assert_array_equal(one, [[1, 2], [3, 4], [np.nan] * 2])
     np.testing.assert_array_equal(single, [[np.nan] * 2] * 2 + [[5, 6]])
 
@@ -394,7 +394,7 @@ def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
         (found,) = source.batches(10)
         notes = "\n".join(source.notes)
     assert found.items == ("t/0", "t/2")
-    assert found.landmarks[:, :, 0].tolist() == [[1, 2], [3, 4]]
+    assert found.as_columns()[:, :, 0].tolist() == [[1, 2], [3, 4]]
     assert "columns left out: x_ens_var, y_ens_var" in notes
     assert "2 individuals without a landmark left out" in notes
 
@@ -412,7 +412,7 @@ def test_an_analysis_file_of_tracks_and_nodes_alone(
         for name in set(file) - {"tracks", "node_names"}:
             del file[name]
     found = read(path)
-    np.testing.assert_array_equal(found.landmarks, whole.landmarks)
+    np.testing.assert_array_equal(found.as_columns(), whole.as_columns())
     assert found.landmark_names == whole.landmark_names
     assert found.sequences == tuple(
         name.replace("animal", "track_") for name in whole.sequences
@@ -432,7 +432,7 @@ def test_the_unit_of_shapes_in_nwb_is_that_of_all_series(tmp_path, rng, units, u
             data.attrs["conversion"] = 0.001
     shapes, _ = load_shapes(tmp_path / "poses.nwb")
     assert shapes.unit == unit
-    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), points[:, 0] / 1000)
+    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), points[:, 0] / 1000)
 
 
 @pytest.fixture

@@ -159,7 +159,9 @@ def test_the_man_on_the_beam_is_one_person(
     assert len(man) == 100
     found = dict(
         zip(
-            (int(item.split("/")[-1]) for item in man.items), man.landmarks, strict=True
+            (int(item.split("/")[-1]) for item in man.items),
+            man.as_columns(),
+            strict=True,
         )
     )
     same = [

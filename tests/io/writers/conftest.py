@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.cameras import TO_Y_UP
-from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT
-from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.io.layout import METRES_FROM
 from shapefit.io.skeletons import PEOPLE
+from shapefit.records import Fit, Shapes
 
 X = [0, -0.1, -0.1, -0.1, 0.1, 0.1, 0.1, 0, 0, -0.18, -0.3, -0.35, 0.18, 0.3, 0.35]
 Z = [1.0, 0.95, 0.5, 0.08, 0.95, 0.5, 0.08, 1.4, 1.65, 1.42, 1.15, 0.9, 1.42, 1.15, 0.9]
@@ -29,7 +29,7 @@ class Scene:
     """
 
     world: np.ndarray
-    result: ResultSet
+    result: Fit
 
     @property
     def y_up(self) -> np.ndarray:
@@ -55,7 +55,7 @@ def scene(rng) -> Scene:
 
 def visible(
     world: np.ndarray, R: np.ndarray, t: np.ndarray, names: tuple[str, ...] = PEOPLE
-) -> ResultSet:
+) -> Fit:
     """Lay out the world as a fit under perspective does; the unit of the dictionary is
     0.4 m.
     """
@@ -66,20 +66,17 @@ def visible(
     shapes = scale[:, None, None] * (camera - origin[..., None])
     shapes[:, :2] += place[..., None]
     n = len(world)
-    return ResultSet(
-        shapes=shapes,
+    return Fit(
+        shapes.swapaxes(1, 2),
         translation=place,
         scale=scale,
         landmark_names=names,
         items=tuple(f"film/anna/{i}" for i in range(n)),
         sequences=("film/anna",) * n,
-        columns={
-            METRES_PER_UNIT: 0.4 / scale,
-            "camera_translation": origin,
-            "frame": np.arange(7, 7 + n),
-            "extrinsic_rotation": R,
-            "extrinsic_translation": t,
-        },
+        metres_per_unit=0.4 / scale,
+        camera_translation=origin,
+        frames=np.arange(7, 7 + n),
+        file_extras={"extrinsic_rotation": R, "extrinsic_translation": t},
         unit="px",
         y_axis="down",
         frame_rate=25.0,
@@ -88,10 +85,17 @@ def visible(
 
 
 @pytest.fixture
-def shapes(scene) -> ShapeSet:
+def shapes(scene) -> Shapes:
     """The same motion as shapes in centimetres."""
     points, of = 100 * scene.world, scene.result
-    return ShapeSet(points, PEOPLE, of.items, of.sequences, unit="cm", frame_rate=25.0)
+    return Shapes(
+        points.swapaxes(1, 2),
+        landmark_names=PEOPLE,
+        items=of.items,
+        sequences=of.sequences,
+        unit="cm",
+        frame_rate=25.0,
+    )
 
 
 def parse_trc(path):

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import read_shapes
-from shapefit.io.records import ShapeSet
 from shapefit.io.skeletons import PEOPLE
 from shapefit.io.writers.bvh import find_angles
+from shapefit.records import Shapes
 from tests.io.files import save
 
 MILLIMETRE = 1e-3
@@ -27,7 +27,7 @@ def places(path, names):
     """Return the joints (f, 3, p) of these names in a file, and its frame rate."""
     back = read_shapes([path])
     columns = [back.landmark_names.index(name) for name in names]
-    return back.shapes[:, :, columns], back.frame_rate
+    return back.as_columns()[:, :, columns], back.frame_rate
 
 
 def test_rigid_bones_come_back_to_a_millimetre(tmp_path, project):
@@ -41,7 +41,7 @@ def test_rigid_bones_come_back_to_a_millimetre(tmp_path, project):
     for path in summary.written:
         points, rate = places(path, NAMES)
         assert rate == 24
-        truth = shapes.shapes[sequences == path.stem.removeprefix("man_")]
+        truth = shapes.as_columns()[sequences == path.stem.removeprefix("man_")]
         np.testing.assert_allclose(points, truth, atol=0.02 * MILLIMETRE)
 
 
@@ -86,7 +86,7 @@ def test_the_time_of_a_frame_is_exact_to_ten_digits(tmp_path, shapes, rate):
 def test_the_note_says_how_far_bones_that_stretch_are_from_the_landmarks(
     tmp_path, scene, shapes
 ):
-    shapes.shapes[2, :, PEOPLE.index("lwrist")] += [0, 0, 10]  # cm
+    shapes.shapes[2, PEOPLE.index("lwrist")] += [0, 0, 10]  # cm
     summary = save(tmp_path / "man.bvh", shapes, up="z")
     points, _ = places(tmp_path / "man.bvh", ["LeftHand"])
     truth = scene.y_up[..., PEOPLE.index("lwrist")] + [
@@ -101,11 +101,11 @@ def test_the_note_says_how_far_bones_that_stretch_are_from_the_landmarks(
 
 
 def test_gaps_are_bridged_and_what_has_no_place_is_left_out(tmp_path, shapes):
-    shapes.shapes[1, :, 3] = np.nan
-    shapes.shapes[:, :, 8] = np.nan
+    shapes.shapes[1, 3] = np.nan
+    shapes.shapes[:, 8] = np.nan
     save(tmp_path / "man.bvh", shapes)
     points, _ = places(tmp_path / "man.bvh", ["RightFoot"])
-    ends = shapes.shapes[..., 3] / 100
+    ends = shapes.as_columns()[..., 3] / 100
     np.testing.assert_allclose(
         points[1, :, 0], (ends[0] + ends[2]) / 2, atol=20 * MILLIMETRE
     )
@@ -113,24 +113,32 @@ def test_gaps_are_bridged_and_what_has_no_place_is_left_out(tmp_path, shapes):
 
 
 @pytest.fixture
-def animal(rng) -> ShapeSet:
+def animal(rng) -> Shapes:
     body = np.array([[0, 0, 0.0], [-1, 0, 0], [1, 0.2, 0], [1, -0.2, 0]]).T / 10
     edges = np.array([[0, 1], [0, 2], [0, 3]])
     names, sequences = ("the back", "tail", "left {ear}", "nose{}"), ("rat",) * 6
     moved = random_rotations(6, rng) @ body
-    return ShapeSet(
-        moved, names, tuple("012345"), sequences, edges=edges, unit="m", frame_rate=30.0
+    return Shapes(
+        moved.swapaxes(1, 2),
+        landmark_names=names,
+        items=tuple("012345"),
+        sequences=sequences,
+        edges=edges,
+        unit="m",
+        frame_rate=30.0,
     )
 
 
 def test_other_classes_keep_their_names(tmp_path, animal):
     save(tmp_path / "rat.bvh", animal)
     points, _ = places(tmp_path / "rat.bvh", ["the_back", "tail", "left_ear_", "nose_"])
-    np.testing.assert_allclose(points, animal.shapes, atol=0.02 * MILLIMETRE)
+    np.testing.assert_allclose(points, animal.as_columns(), atol=0.02 * MILLIMETRE)
 
 
 def test_without_edges_or_shapes_it_is_refused(tmp_path, animal, problems):
-    nowhere = animal.replaced(shapes=np.full_like(animal.shapes, np.nan))
+    nowhere = animal.replaced(
+        shapes=np.full_like(animal.as_columns(), np.nan).swapaxes(1, 2)
+    )
     for shapes in (animal.replaced(edges=None), nowhere):
         (line,) = problems(save, tmp_path / "rat.bvh", shapes)
         assert line.startswith("rat.bvh: no edge joins two landmarks that have a place")

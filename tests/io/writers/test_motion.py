@@ -14,19 +14,13 @@ from shapefit.errors import InputError
 from shapefit.geometry.floor import ABOVE_FLOOR
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.formats import record_writer
-from shapefit.io.layout import (
-    INPUT_NAMES,
-    INPUT_SD,
-    INPUT_SHAPES,
-    METRES_FROM,
-    METRES_PER_UNIT,
-    RESULTS,
-)
+from shapefit.io.layout import METRES_FROM, RESULTS
 from shapefit.io.options import BY_DEFAULT, OutputOptions
-from shapefit.io.records import ResultSet, concatenate
 from shapefit.io.writers import tables
 from shapefit.io.writers.metres import find_stature, in_metres
 from shapefit.io.writers.motion import find_floors
+from shapefit.records import Fit, concatenate
+from tests.columns import put
 from tests.geometry import test_floor as planted
 from tests.io.files import load_shapes, save
 from tests.io.writers.conftest import parse_trc, trc_points, visible
@@ -40,11 +34,11 @@ def facing(result, y_axis):
     if y_axis == "down":
         return result
     turn = np.array([1.0, -1.0, -1.0])
-    t = result.columns["camera_translation"] * turn
+    t = result.column("camera_translation") * turn
     return result.replaced(
-        shapes=turn[:, None] * result.shapes,
+        shapes=(turn[:, None] * result.as_columns()).swapaxes(1, 2),
         translation=result.translation * turn[:2],
-        further=result.further | {"camera_translation": t},
+        camera_translation=t,
         y_axis="up",
     )
 
@@ -59,9 +53,9 @@ def test_with_a_calibrated_camera_the_world_comes_back(scene, y_axis, per_image)
     result = facing(scene.result, y_axis)
     if per_image:
         columns = {
-            name: np.stack([result.columns[name]] * len(result)) for name in EXTRINSICS
+            name: np.stack([result.column(name)] * len(result)) for name in EXTRINSICS
         }
-        result = result.with_columns(columns)
+        result = put(result, columns)
     placed = in_metres(result, NOTHING, "man.trc")
     np.testing.assert_allclose(placed.points, scene.y_up, atol=1e-12)
     assert placed.axes == "y up, the axis z of the extrinsics; position from the camera"
@@ -72,7 +66,7 @@ def test_with_a_calibrated_camera_the_world_comes_back(scene, y_axis, per_image)
 @pytest.mark.parametrize("y_axis", ["down", "up"])
 def test_without_extrinsics_the_camera_is_the_origin(scene, y_axis):
     result = facing(scene.result, y_axis).without(EXTRINSICS)
-    R, t = (scene.result.columns[name] for name in EXTRINSICS)
+    R, t = (scene.result.column(name) for name in EXTRINSICS)
     expected = np.diag([1, -1, -1]) @ (R @ scene.world + t[:, None])
     points = in_metres(result, NOTHING, "man.trc").points
     np.testing.assert_allclose(points, expected, atol=1e-12)
@@ -94,8 +88,8 @@ def test_weak_perspective_keeps_the_body_and_stands_it_on_the_ground(scene, y_ax
         axis=2
     )
     np.testing.assert_allclose(middle[:, 2], 0, atol=1e-12)  # in the plane of the image
-    factor = np.median(result.columns[METRES_PER_UNIT])
-    way = factor * result.shapes.mean(axis=2)[:, 0]
+    factor = np.median(result.column("metres_per_unit"))
+    way = factor * result.as_columns().mean(axis=2)[:, 0]
     np.testing.assert_allclose(middle[:, 0] - middle[0, 0], way - way[0], atol=1e-12)
 
 
@@ -103,13 +97,13 @@ def test_a_size_by_spread_is_one_for_the_sequence(scene):
     result = scene.result.replaced(attributes={METRES_FROM: "spread"})
     result = result.without(["camera_translation", *EXTRINSICS])
     points = in_metres(result, NOTHING, "man.trc").points
-    factor = np.median(result.columns[METRES_PER_UNIT])
+    factor = np.median(result.column("metres_per_unit"))
     np.testing.assert_allclose(
-        lengths(points), factor * lengths(result.shapes), atol=1e-12
+        lengths(points), factor * lengths(result.as_columns()), atol=1e-12
     )
 
 
-@pytest.mark.parametrize("missing", [[], [METRES_PER_UNIT]])
+@pytest.mark.parametrize("missing", [[], ["metres_per_unit"]])
 def test_height_sets_the_size(scene, missing):
     result = scene.result.without(missing)
     placed = in_metres(result, OutputOptions(height=1.5), "man.trc")
@@ -120,21 +114,21 @@ def test_height_sets_the_size(scene, missing):
 
 def test_height_of_other_objects_is_their_largest_extent_upright(scene):
     names = tuple(f"point {i}" for i in range(15))
-    shapes = scene.result.shapes[:1].repeat(4, axis=0)
-    result = scene.result.replaced(landmark_names=names, shapes=shapes)
-    result = result.without([METRES_PER_UNIT, "camera_translation"])
+    shapes = scene.result.as_columns()[:1].repeat(4, axis=0)
+    result = scene.result.replaced(landmark_names=names, shapes=shapes.swapaxes(1, 2))
+    result = result.without(["metres_per_unit", "camera_translation"])
     points = in_metres(result, OutputOptions(height=0.3), "car.trc").points
     assert np.ptp(points[0, 1]) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("missing", [[], ["camera_translation"]])
 def test_failed_items_stay_gaps(scene, missing):
-    shapes = scene.result.shapes.copy()
+    shapes = scene.result.as_columns().copy()
     shapes[1] = np.nan
-    result = scene.result.without(missing).replaced(shapes=shapes)
+    result = scene.result.without(missing).replaced(shapes=shapes.swapaxes(1, 2))
     points = in_metres(result, NOTHING, "man.trc").points
     assert np.isfinite(points).all(axis=(1, 2)).tolist() == [True, False, True, True]
-    nothing = result.replaced(shapes=np.full_like(shapes, np.nan))
+    nothing = result.replaced(shapes=np.full_like(shapes, np.nan).swapaxes(1, 2))
     for options in (NOTHING, OutputOptions(height=1.7)):
         assert np.isnan(in_metres(nothing, options, "man.trc").points).all()
 
@@ -170,7 +164,7 @@ def test_shapes_of_unknown_unit(scene, shapes):
 )
 def test_pixels_are_never_written_as_lengths(scene, options, message):
     with pytest.raises(InputError, match=message):
-        in_metres(scene.result.without([METRES_PER_UNIT]), options, "man.trc")
+        in_metres(scene.result.without(["metres_per_unit"]), options, "man.trc")
 
 
 def test_another_unit_than_the_file_states_is_refused(scene):
@@ -183,11 +177,11 @@ def test_another_unit_than_the_file_states_is_refused(scene):
 
 
 def test_a_world_in_millimetres_is_suspected(scene):
-    far = 1000 * scene.result.columns["extrinsic_translation"]
-    result = scene.result.replaced(extrinsic_translation=far)
+    far = 1000 * scene.result.column("extrinsic_translation")
+    result = put(scene.result, {}, {"extrinsic_translation": far})
     (warning,) = in_metres(result, NOTHING, "man.trc").warnings
     assert warning.startswith("the camera is 4006 m from the origin of its world")
-    damaged = scene.result.without(EXTRINSICS).with_columns({EXTRINSICS[0]: np.eye(4)})
+    damaged = put(scene.result.without(EXTRINSICS), {}, {EXTRINSICS[0]: np.eye(4)})
     with pytest.raises(InputError, match=r"extrinsic_rotation has the shape \(4, 4\)"):
         in_metres(damaged, NOTHING, "man.trc")
 
@@ -196,12 +190,12 @@ def test_a_world_in_millimetres_is_suspected(scene):
 
 
 @pytest.fixture
-def several(scene) -> ResultSet:
+def several(scene) -> Fit:
     """A result of two individuals, two frames each."""
     return scene.result.replaced(
         items=("a/0", "a/1", "b/0", "b/1"),
         sequences=("a", "a", "b", "b"),
-        further=scene.result.further | {"frame": np.array([0, 1, 0, 1])},
+        frames=np.array([0, 1, 0, 1]),
     )
 
 
@@ -293,23 +287,25 @@ SOLE = ABOVE_FLOOR["ankle"] * planted.TALL
 ANKLES = [planted.JOINTS["lankle"], planted.JOINTS["rankle"]]
 
 
-def seen(points, name="film/anna", **camera) -> ResultSet:
+def seen(points, name="film/anna", **camera) -> Fit:
     """Return what a fit of these bodies finds through a tilted camera."""
     points, _ = planted.visible(points, **camera)
     turned = np.diag([1.0, -1.0, -1.0]) @ points
     result = visible(turned, np.eye(3), np.zeros(3), tuple(planted.JOINTS))
     n = len(points)
     sd = (
-        np.full_like(result.shapes, 0.05)
-        / result.columns["metres_per_unit"][:, None, None]
+        np.full_like(result.as_columns(), 0.05)
+        / result.column("metres_per_unit")[:, None, None]
     )
     return result.without(["extrinsic_rotation", "extrinsic_translation"]).replaced(
-        items=tuple(f"{name}/{i}" for i in range(n)), sequences=(name,) * n, shape_sd=sd
+        items=tuple(f"{name}/{i}" for i in range(n)),
+        sequences=(name,) * n,
+        shape_sd=sd.swapaxes(1, 2),
     )
 
 
 @pytest.fixture
-def walk() -> ResultSet:
+def walk() -> Fit:
     return seen(planted.walk())
 
 
@@ -338,8 +334,10 @@ def test_feet_are_on_the_floor_in_every_format(tmp_path, walk):
     ("change", "axes"),
     [
         (
-            lambda r: r.with_columns(
-                {"extrinsic_rotation": np.eye(3), "extrinsic_translation": np.zeros(3)}
+            lambda r: put(
+                r,
+                {},
+                {"extrinsic_rotation": np.eye(3), "extrinsic_translation": np.zeros(3)},
             ),
             "y up, the axis -y of the extrinsics; position from the camera",
         ),
@@ -375,17 +373,13 @@ def test_a_given_height_does_not_decide_whether_there_is_a_floor(walk, height):
 def test_what_is_not_trusted_or_not_visible_shows_no_floor(walk):
     reasons = np.array(["wide error bars"] * len(walk), dtype=object)
     assert list(find_floors(walk, BY_DEFAULT, "")) == ["film"]
-    assert find_floors(walk.with_columns({"reasons": reasons}), BY_DEFAULT, "") == {}
+    assert find_floors(put(walk, {"reasons": reasons}), BY_DEFAULT, "") == {}
     landmarks = np.zeros((len(walk), len(planted.JOINTS), 2))
     landmarks[5:8, ANKLES] = np.nan  # a gap
-    gap = find_floors(walk.with_columns({"landmarks": landmarks}), BY_DEFAULT, "")[
-        "film"
-    ]
+    gap = find_floors(put(walk, {"landmarks": landmarks}), BY_DEFAULT, "")["film"]
     np.testing.assert_array_equal(gap.up, find_floors(walk, BY_DEFAULT, "")["film"].up)
     landmarks[:, ANKLES] = np.nan
-    assert (
-        find_floors(walk.with_columns({"landmarks": landmarks}), BY_DEFAULT, "") == {}
-    )
+    assert find_floors(put(walk, {"landmarks": landmarks}), BY_DEFAULT, "") == {}
 
 
 def test_individuals_of_a_video_share_the_floor_and_videos_do_not(walk):
@@ -406,7 +400,7 @@ def test_an_assumed_focal_length_widens_the_bars(walk):
 
     def height_sd(focal):
         columns = {"focal": np.full((n, 2), focal), "principal_point": centre}
-        return find_floors(walk.with_columns(columns), BY_DEFAULT, "")["film"].height_sd
+        return find_floors(put(walk, columns), BY_DEFAULT, "")["film"].height_sd
 
     assert height_sd(ASSUMED_FOCAL * 1920) > 1.04 * height_sd(1800.0)
 
@@ -415,18 +409,18 @@ def test_an_assumed_focal_length_widens_the_bars(walk):
 
 
 @pytest.fixture
-def lifted(walk) -> ResultSet:
+def lifted(walk) -> Fit:
     """Return the walk with four landmarks of a detector, 1 cm above joints."""
     columns = [planted.JOINTS[joint] for joint in ("rhip", "lhip", "rhip", "rshoulder")]
-    points = walk.shapes[..., columns].swapaxes(1, 2).copy()
-    points[..., 1] -= 0.01 / walk.columns["metres_per_unit"][:, None]
+    points = walk.as_columns()[..., columns].swapaxes(1, 2).copy()
+    points[..., 1] -= 0.01 / walk.column("metres_per_unit")[:, None]
     names = np.array(("RHip", "LHip", "MidHip", "Nose"), dtype=object)
     markers = {
-        INPUT_SHAPES: points,
-        INPUT_SD: np.full_like(points, 2.0),
-        INPUT_NAMES: names,
+        "input_shapes": points,
+        "input_shape_sd": np.full_like(points, 2.0),
+        "input_landmark_names": names,
     }
-    return walk.with_columns({**markers, "landmarks_fitted": walk.shapes[:, :2]})
+    return put(walk, {**markers, "landmarks_fitted": walk.shapes[..., :2]})
 
 
 def test_markers_of_the_detector(tmp_path, lifted):
@@ -442,7 +436,7 @@ def test_markers_of_the_detector(tmp_path, lifted):
     difference = markers[..., 0] - joints[..., planted.JOINTS["rhip"]]
     np.testing.assert_allclose(np.linalg.norm(difference, axis=1), 0.01, atol=1e-6)
     np.testing.assert_allclose(
-        load_shapes(tmp_path / "man.trc")[0].shapes, markers, atol=1e-12
+        load_shapes(tmp_path / "man.trc")[0].as_columns(), markers, atol=1e-12
     )
     one, other = (tmp_path / f"{name}_angles.csv" for name in ("man", "joints"))
     assert one.read_bytes() == other.read_bytes()
@@ -453,7 +447,9 @@ def test_markers_of_the_detector(tmp_path, lifted):
 def test_markers_of_coco_have_the_names_of_models(tmp_path, lifted):
     names = np.array(["right_hip", "left_hip", "nose", "left_ear"], dtype=object)
     save(
-        tmp_path / "man.trc", lifted.with_columns({INPUT_NAMES: names}), markers="input"
+        tmp_path / "man.trc",
+        put(lifted, {"input_landmark_names": names}),
+        markers="input",
     )
     assert parse_trc(tmp_path / "man.trc")[2] == ["RHip", "LHip", "Nose", "LEar"]
 

@@ -10,9 +10,9 @@ from scipy.linalg import block_diag
 
 from shapefit.errors import InputError
 from shapefit.io import read_shapes
-from shapefit.io.layout import METRES_PER_UNIT
-from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.writers.tables import MAX_FRAMES
+from shapefit.records import Fit, Shapes
+from tests.columns import put
 from tests.io.files import save
 from tests.io.writers.conftest import parse_trc, trc_points
 
@@ -41,10 +41,11 @@ def test_trc_has_points_and_times(tmp_path, scene):
 
 def test_frames_are_sorted_and_those_missing_are_gaps(tmp_path, scene):
     result = scene.result.take([3, 0, 2])
-    shapes = result.shapes.copy()
+    shapes = result.as_columns().copy()
     shapes[2] = np.nan  # frame 9 failed
     summary = save(
-        tmp_path / "man.trc", result.replaced(shapes=shapes, frame_rate=None)
+        tmp_path / "man.trc",
+        result.replaced(shapes=shapes.swapaxes(1, 2), frame_rate=None),
     )
     _, header, _, rows = parse_trc(tmp_path / "man.trc")
     np.testing.assert_array_equal(rows[:, :2].T, [[7, 8, 9, 10], [7, 8, 9, 10]])
@@ -58,7 +59,7 @@ def test_frames_are_sorted_and_those_missing_are_gaps(tmp_path, scene):
 
 
 def test_an_unknown_landmark_is_an_empty_cell(tmp_path, shapes, scene):
-    shapes.shapes[1, :, 4] = np.nan
+    shapes.shapes[1, 4] = np.nan
     save(tmp_path / "walk.trc", shapes, up="z")
     expected = scene.y_up.copy()
     expected[1, :, 4] = np.nan
@@ -76,7 +77,7 @@ def test_times_of_a_rate_that_is_nearly_25_are_short(tmp_path, scene):
     3.9599...95.
     """
     result = scene.result.replaced(
-        frame_rate=25.000000000000004, frame=np.arange(96, 100)
+        frame_rate=25.000000000000004, frames=np.arange(96, 100)
     )
     save(tmp_path / "man.trc", result)
     cells = [
@@ -91,9 +92,9 @@ def test_times_of_a_rate_that_is_nearly_25_are_short(tmp_path, scene):
 
 def test_c3d_has_points_in_millimetres(tmp_path, scene):
     target = tmp_path / "man.c3d"
-    shapes = scene.result.shapes.copy()
+    shapes = scene.result.as_columns().copy()
     shapes[2] = np.nan
-    save(target, scene.result.replaced(shapes=shapes))
+    save(target, scene.result.replaced(shapes=shapes.swapaxes(1, 2)))
     file = ezc3d.c3d(str(target))
     point = file["parameters"]["POINT"]
     stated = [point[key]["value"] for key in ("UNITS", "RATE", "Y_SCREEN")]
@@ -120,21 +121,18 @@ def test_shapes_keep_their_axes_and_promise_none(tmp_path, scene, shapes):
     assert file["parameters"]["SHAPEFIT"]["AXES"]["value"] == ["axes as in the shapes"]
 
 
-def still(names, first=0, frames=2) -> ShapeSet:
+def still(names, first=0, frames=2) -> Shapes:
     """Frames of points at the origin."""
-    items, columns = (
-        tuple(map(str, range(frames))),
-        {"frame": first + np.arange(frames)},
-    )
+    items = tuple(map(str, range(frames)))
     points = np.zeros((frames, 3, len(names)))
-    return ShapeSet(
-        points,
-        names,
-        items,
-        ("a",) * frames,
+    return Shapes(
+        points.swapaxes(1, 2),
+        landmark_names=names,
+        items=items,
+        sequences=("a",) * frames,
         unit="m",
         frame_rate=30.0,
-        columns=columns,
+        frames=first + np.arange(frames),
     )
 
 
@@ -191,24 +189,21 @@ BENT = np.array([[0.0, 0.0, 0.3], [0.0, 4.0, 8.0], [0.0, 0.0, 0.0]])
 
 
 @pytest.fixture
-def leg() -> ResultSet:
+def leg() -> Fit:
     """Three items in frames 3, 4 and 6 of 50 a second, 100 px in a metre."""
-    columns = {
-        METRES_PER_UNIT: np.full(3, 0.01),
-        "frame": np.array([3, 4, 6]),
-        "reasons": np.array(["", "wide error bars", ""], dtype=object),
-        "trusted": np.array([True, False, True]),
-    }
-    return ResultSet(
-        shapes=np.stack([BENT, BENT, np.full((3, 3), np.nan)]),
-        shape_sd=np.full((3, 3, 3), 0.1),
+    return Fit(
+        np.stack([BENT, BENT, np.full((3, 3), np.nan)]).swapaxes(1, 2),
+        shape_sd=np.full((3, 3, 3), 0.1).swapaxes(1, 2),
         landmark_names=JOINTS,
         items=("3", "4", "6"),
         sequences=("a", "a", "a"),
         frame_rate=50.0,
         unit="px",
         attributes={"metres_from": "edges"},
-        columns=columns,
+        metres_per_unit=np.full(3, 0.01),
+        frames=np.array([3, 4, 6]),
+        reasons=np.array(["", "wide error bars", ""], dtype=object),
+        trusted=np.array([True, False, True]),
     )
 
 
@@ -250,7 +245,8 @@ def test_angles_beside_and_alone(leg, tmp_path):
     assert float(rows[0]["knee_angle_r_sd"]) == pytest.approx(sd, rel=0.01)
     assert [row["knee_angle_r"] for row in rows[2:]] == ["", ""]
     save(
-        tmp_path / "leg.angles.csv", leg.replaced(shape_sd=6 * leg.shape_sd)
+        tmp_path / "leg.angles.csv",
+        leg.replaced(shape_sd=6 * leg.shape_sd),
     )  # of 21 degrees
     assert rows_of(tmp_path / "leg.angles.csv")[0]["uncertain"] == "knee_angle_r"
 
@@ -270,14 +266,12 @@ def test_deviations_know_how_errors_go_together(leg, tmp_path, rng):
     pairs = [
         blocks[:, i, j] / (sd[:, i] * sd[:, j]) for i, j in ((0, 1), (0, 2), (1, 2))
     ]
-    alone = leg.replaced(shape_sd=np.stack([sd.T] * 3))
-    alone = alone.with_columns(
-        {"shape_correlation": np.stack([np.transpose(pairs)] * 3)}
-    )
-    whole = leg.with_columns({"shape_covariance": np.stack([block_diag(*blocks)] * 3)})
+    alone = leg.replaced(shape_sd=np.stack([sd] * 3))
+    alone = put(alone, {"shape_correlation": np.stack([np.transpose(pairs)] * 3)})
+    whole = put(leg, {"shape_covariance": np.stack([block_diag(*blocks)] * 3)})
     assert deviation(alone) == pytest.approx(deviation(whole), rel=1e-3)
     together = np.tile(0.01 * np.eye(3), (3, 3, 3))
-    assert deviation(leg.with_columns({"shape_covariance": together})) < 1e-6
+    assert deviation(put(leg, {"shape_covariance": together})) < 1e-6
 
 
 def read_storage(path):
@@ -348,10 +342,10 @@ def test_an_angle_of_a_joint_that_is_missing_is_that_of_the_nearest_frame(
     )
     shapes[1:3, :, 2] = np.nan  # the right ankle, between frames that have it
     record = both.replaced(
-        shapes=shapes,
-        shape_sd=np.full((4, 3, 6), 0.1),
+        shapes=shapes.swapaxes(1, 2),
+        shape_sd=np.full((4, 3, 6), 0.1).swapaxes(1, 2),
         landmark_names=(*JOINTS, "lhip", "lknee", "lankle"),
-        frame=np.arange(4),
+        frames=np.arange(4),
         items=("0", "1", "2", "3"),
         sequences=("a",) * 4,
     )

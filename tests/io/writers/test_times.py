@@ -31,10 +31,8 @@ EXPECTED = {
 
 @pytest.fixture(params=STATED)
 def timed(request, scene):
-    columns = {"frame": np.array(FRAMES), "time": STATED[request.param]}
-    record = scene.result.without(["frame"]).replaced(
-        **{name: value for name, value in columns.items() if value is not None}
-    )
+    times = STATED[request.param]
+    record = scene.result.replaced(frames=np.array(FRAMES), times=times)
     return record, np.array(EXPECTED[request.param])
 
 
@@ -78,15 +76,15 @@ def test_a_format_of_one_rate_has_all_frames_and_says_where_times_are_others(
 
 
 def test_stated_times_say_the_rate(tmp_path, scene):
-    columns = {"frame": np.array(FRAMES), "time": np.array(FRAMES) / 50}
-    record = scene.result.replaced(frame_rate=None, **columns)
+    frames = np.array(FRAMES)
+    record = scene.result.replaced(frame_rate=None, frames=frames, times=frames / 50)
     summary = save(tmp_path / "m.trc", record)
     assert not any("frame rate is unknown" in text for text in summary.warnings)
     assert parse_trc(tmp_path / "m.trc")[1]["DataRate"] == "50"
 
 
 def test_numbers_that_are_no_frames_are_refused(tmp_path, scene, problems):
-    record = scene.result.replaced(frame=1_700_000_000_000 + 33 * np.arange(4) ** 5)
+    record = scene.result.replaced(frames=1_700_000_000_000 + 33 * np.arange(4) ** 5)
     (line,) = problems(save, tmp_path / "m.trc", record)
     assert "4 items are of the frames 1700000000000 to 1700000008019" in line
     save(tmp_path / "m.csv", record)

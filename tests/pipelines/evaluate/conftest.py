@@ -11,9 +11,9 @@ import pytest
 from shapefit.config import EvalConfig
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_shapes
-from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.run import run
 from shapefit.pipelines.result import Result
+from shapefit.records import Fit, Shapes
 from tests.io.files import save
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -24,7 +24,13 @@ ITEMS = tuple(f"item{i}" for i in range(N))
 
 @pytest.fixture
 def truth(rng):
-    return ShapeSet(rng.standard_normal((N, 3, 5)), NAMES, ITEMS, SEQUENCES, unit="m")
+    return Shapes(
+        rng.standard_normal((N, 3, 5)).swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=ITEMS,
+        sequences=SEQUENCES,
+        unit="m",
+    )
 
 
 @pytest.fixture
@@ -33,28 +39,27 @@ def results(truth, rng):
     bars.
     """
     R = random_rotations(N, rng)
-    shapes = R @ truth.shapes + 0.2 * rng.standard_normal(truth.shapes.shape)
-    return ResultSet(
-        shapes=shapes,
-        landmarks_fitted=shapes[:, :2],
+    shapes = R @ truth.as_columns() + 0.2 * rng.standard_normal(
+        truth.as_columns().shape
+    )
+    return Fit(
+        shapes.swapaxes(1, 2),
+        landmarks_fitted=shapes[:, :2].swapaxes(1, 2),
         rotation=R,
         landmark_names=NAMES,
         items=ITEMS,
         sequences=SEQUENCES,
         unit="px",
-        columns={
-            "true_rotation": R,
-            "landmarks": (R @ truth.shapes)[:, :2].swapaxes(-1, -2),
-        },
+        landmarks=(R @ truth.as_columns())[:, :2].swapaxes(1, 2),
+        extras={"true_rotation": R},
     )
 
 
 @pytest.fixture
 def with_bars(results, rng):
     return results.replaced(
-        shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)),
-        further=results.further
-        | {"shape_correlation": rng.uniform(-0.3, 0.3, (N, 5, 3))},
+        shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)).swapaxes(1, 2),
+        shape_correlation=rng.uniform(-0.3, 0.3, (N, 5, 3)),
     )
 
 
@@ -65,7 +70,7 @@ class Desk:
     folder: Path
     config: EvalConfig
 
-    def write(self, name: str, records: ResultSet | ShapeSet) -> Path:
+    def write(self, name: str, records: Fit | Shapes) -> Path:
         save(self.folder / name, records)
         return self.folder / name
 

@@ -10,8 +10,10 @@ from shapefit.errors import InputError
 from shapefit.evaluation import metrics
 from shapefit.evaluation.calibration import find_squares
 from shapefit.geometry.rotations import rotation_about
-from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.measure import measure
+from shapefit.records import Fit, Shapes
+from shapefit.records.columns import in_columns
+from tests.columns import put
 
 from .conftest import ITEMS, NAMES, N
 
@@ -27,7 +29,7 @@ def measured(results, truth, match="item", metrics=METRICS, **keys):
 
 def changed(results, name, row, value):
     """Return the results with one row of a column changed."""
-    values = results.columns[name].copy()
+    values = results.column(name).copy()
     values[row] = value
     return with_column(results, name, values)
 
@@ -35,24 +37,20 @@ def changed(results, name, row, value):
 def with_column(results, name, values):
     if values is None:
         return results.without([name])
-    return (
-        results.replaced(shapes=values)
-        if name == "shapes"
-        else results.with_columns({name: values})
-    )
+    return put(results, {name: values})
 
 
 def test_every_metric_in_its_units(results, truth):
     quarter = rotation_about(np.array([0.0, 1, 0]), np.full(N, np.pi / 6))
     results = results.replaced(rotation=quarter @ results.rotation)
     found = measured(results, truth)
-    similarity = metrics.similarity(results.shapes, truth.shapes)
+    similarity = metrics.similarity(results.as_columns(), truth.as_columns())
     camera = metrics.camera(
-        results.shapes, truth.shapes, results.columns["true_rotation"]
+        results.as_columns(), truth.as_columns(), results.column("true_rotation")
     )
-    scale = truth.shapes.std(axis=-1).mean(axis=-1)
-    observed = results.columns["landmarks"].swapaxes(1, 2)
-    reprojection = metrics.reprojection(results.landmarks_fitted, observed)
+    scale = truth.as_columns().std(axis=-1).mean(axis=-1)
+    observed = results.column("landmarks").swapaxes(1, 2)
+    reprojection = metrics.reprojection(in_columns(results.landmarks_fitted), observed)
     expected = {
         ("similarity", "normalised"): similarity / scale,
         ("similarity", "m"): similarity,
@@ -82,13 +80,15 @@ def test_every_metric_in_its_units(results, truth):
 def test_items_and_landmarks_are_matched_by_name(results, truth):
     order = [4, 2, 0, 1]  # the truth lacks the foot and has a tail instead
     shapes = np.concatenate(
-        [np.full((N, 3, 1), 1e6), truth.shapes[:, :, order]], axis=-1
+        [np.full((N, 3, 1), 1e6), truth.as_columns()[:, :, order]], axis=-1
     )
     names = ("tail", *(NAMES[i] for i in order))
-    true = ShapeSet(shapes, names, ITEMS, unit="m").take([3, 1, 5, 0, 4, 2, 6])
+    true = Shapes(
+        shapes.swapaxes(1, 2), landmark_names=names, items=ITEMS, unit="m"
+    ).take([3, 1, 5, 0, 4, 2, 6])
     found = measured(results, true)
     expected = metrics.similarity(
-        results.shapes[:, :, order], truth.shapes[:, :, order]
+        results.as_columns()[:, :, order], truth.as_columns()[:, :, order]
     )
     np.testing.assert_allclose(found.errors["similarity", "m"], expected)
     # The reprojection error needs no truth, and keeps all landmarks.
@@ -105,7 +105,9 @@ def test_items_and_landmarks_are_matched_by_name(results, truth):
 def test_another_dataset_can_name_the_truth(results, truth):
     models = np.array([f"item{i}" for i in (0, 0, 2, 2, 0, 2, 9)], dtype=object)
     results = with_column(results, "true_model", models)
-    results = results.replaced(shapes=truth.shapes[[0, 0, 2, 2, 0, 2, 0]])
+    results = results.replaced(
+        shapes=truth.as_columns()[[0, 0, 2, 2, 0, 2, 0]].swapaxes(1, 2)
+    )
     found = measured(results, truth.take([2, 0]), "true_model", SHAPES)
     np.testing.assert_allclose(found.errors["similarity", "m"][:6], 0, atol=1e-12)
     assert found.items == ITEMS
@@ -118,7 +120,7 @@ FAILURES = {
         "the results hold no shape (status degenerate input)",
     ),
     "landmarks": (
-        {"shapes": [[1, 2, *[np.nan] * 3]] * 3},
+        {"shapes": [[1], [2], *[[np.nan]] * 3]},
         "2 landmarks are on both sides",
     ),
     "nan box": (
@@ -130,7 +132,7 @@ FAILURES = {
         "5 landmarks are on both sides, and no reprojection (px), reproject",
     ),
     "empty": (
-        {"shapes": [[9.0] * 5] * 3, "rotation": np.nan},
+        {"shapes": 9.0, "rotation": np.nan},
         "5 landmarks are on both sides, and no rotation (deg)",
     ),
 }
@@ -163,10 +165,12 @@ def test_without_truth_an_image_fails_in_every_metric_and_a_partial_shape_in_non
     assert found.failures == {"item4": "it has no true shape"}
     for values in found.errors.values():
         assert np.flatnonzero(np.isnan(values)).tolist() == [4]
-    partial = results.shapes.copy()
+    partial = results.as_columns().copy()
     partial[1, :, 0] = np.nan
-    found = measured(results.replaced(shapes=partial), truth, metrics=SHAPES)
-    expected = metrics.similarity(partial[1:2, :, 1:], truth.shapes[1:2, :, 1:])
+    found = measured(
+        results.replaced(shapes=partial.swapaxes(1, 2)), truth, metrics=SHAPES
+    )
+    expected = metrics.similarity(partial[1:2, :, 1:], truth.as_columns()[1:2, :, 1:])
     np.testing.assert_allclose(found.errors["similarity", "m"][1], expected[0])
 
 
@@ -204,8 +208,8 @@ def test_inputs_that_cannot_be_compared_are_errors(results, truth):
     with pytest.raises(InputError, match=r"has 2 of its landmarks.*at least 3"):
         measured(results.replaced(landmark_names=names), truth)
     boxed = with_column(results, "bounding_box", np.ones((N, 4)))
-    for name in ("true_rotation", "landmarks", "bounding_box"):
-        wrong = with_column(boxed, name, boxed.columns[name][:, :2])
+    for name in ("true_rotation", "bounding_box"):
+        wrong = with_column(boxed, name, boxed.column(name)[:, :2])
         with pytest.raises(InputError, match=f"convex.h5:/{name}: has the shape"):
             measured(wrong, truth)
     with pytest.raises(InputError, match="holds no shapes"):
@@ -231,8 +235,8 @@ def walk_of(shapes, **sequences):
         "items": items,
         "sequences": tuple(order),
         "unit": "m",
-        "columns": {"frame": frames},
-        "shapes": shapes,
+        "frames": frames,
+        "shapes": shapes.swapaxes(1, 2),
     }
 
 
@@ -243,32 +247,33 @@ def test_one_individual_is_measured_against_one_truth(truth, rng, who, match):
     left out.
     """
     shapes = {
-        "man": truth.shapes + 0.02 * rng.standard_normal(truth.shapes.shape),
-        "bystander": rng.standard_normal(truth.shapes.shape),
+        "man": truth.as_columns()
+        + 0.02 * rng.standard_normal(truth.as_columns().shape),
+        "bystander": rng.standard_normal(truth.as_columns().shape),
     }
     counts = dict.fromkeys(who, N)
-    results = ResultSet(
-        **walk_of(np.concatenate([shapes[name] for name in who]), **counts)
-    )
+    results = Fit(**walk_of(np.concatenate([shapes[name] for name in who]), **counts))
     found = measured(
-        results, ShapeSet(**walk_of(truth.shapes, subject=N)), match, SHAPES
+        results, Shapes(**walk_of(truth.as_columns(), subject=N)), match, SHAPES
     )
     assert set(found.sequences) == {"man"}
     assert found.failures == {}
-    expected = metrics.similarity(shapes["man"], truth.shapes)
+    expected = metrics.similarity(shapes["man"], truth.as_columns())
     np.testing.assert_allclose(found.errors["similarity", "m"], expected)
     assert (
         "bystander left out: another individual fits the same true shapes better"
         in found.warnings[0]
     )
     # Two people of the truth by the same names are both measured.
-    two = ShapeSet(**walk_of(np.concatenate([truth.shapes] * 2), **counts))
+    two = Shapes(**walk_of(np.concatenate([truth.as_columns()] * 2), **counts))
     assert len(measured(results, two, match, SHAPES).items) == 2 * N
 
 
 def test_a_mirrored_truth_is_named(results, truth):
-    mirrored = truth.replaced(shapes=truth.shapes * [[-1.0], [1.0], [1.0]])
-    mirrored.shapes[0, :, 2:] = np.nan
+    mirrored = truth.replaced(
+        shapes=(truth.as_columns() * [[-1.0], [1.0], [1.0]]).swapaxes(1, 2)
+    )
+    mirrored.shapes[0, 2:] = np.nan
     (warning,) = measured(results, mirrored, metrics=SHAPES).warnings
     assert "fit the truth better when it is mirrored" in warning
     assert "left-handed" in warning
@@ -287,7 +292,7 @@ def test_names_of_sides_that_are_exchanged_are_named(results, truth, names):
     results = results.replaced(landmark_names=names)
     truth = truth.replaced(landmark_names=names)
     order = [0, 2, 1, 3, 4] if names[3] == "foot" else [0, 2, 1, 4, 3]
-    exchanged = results.replaced(shapes=results.shapes[..., order])
+    exchanged = results.replaced(shapes=results.as_columns()[..., order].swapaxes(1, 2))
     (warning,) = measured(exchanged, truth, metrics=SHAPES).warnings
     assert "better when left and right are exchanged" in warning
     assert measured(results, truth, metrics=SHAPES).warnings == ()
@@ -295,7 +300,7 @@ def test_names_of_sides_that_are_exchanged_are_named(results, truth, names):
 
 @pytest.mark.parametrize(("factor", "told"), [(1000, "9"), (0.01, "1 / ")])
 def test_sizes_that_contradict_the_unit_are_named(results, truth, factor, told):
-    larger = truth.replaced(shapes=factor * truth.shapes)
+    larger = truth.replaced(shapes=(factor * truth.as_columns()).swapaxes(1, 2))
     in_metres = results.replaced(unit="m")
     (warning,) = measured(in_metres, larger, metrics=SHAPES).warnings
     assert f"the truth is {told}" in warning
@@ -315,7 +320,9 @@ def test_rotations_of_another_frame_are_not_measured(results, truth):
     found = measured(results.replaced(rotation=R @ quarter), truth)
     assert ("rotation", "deg") not in found.errors
     assert "no rotation: off by 90 degrees" in found.warnings[0]
-    wrong = results.replaced(rotation=quarter @ R, shapes=quarter @ results.shapes)
+    wrong = results.replaced(
+        rotation=quarter @ R, shapes=(quarter @ results.as_columns()).swapaxes(1, 2)
+    )
     np.testing.assert_allclose(measured(wrong, truth).errors["rotation", "deg"], 90)
 
 
@@ -327,7 +334,7 @@ def test_the_expected_error_is_set_beside_the_measured_one(results, truth):
     )
     sizes = [
         np.linalg.norm(s - s.mean(2, keepdims=True), axis=(1, 2))
-        for s in (truth.shapes, results.shapes)
+        for s in (truth.as_columns(), results.as_columns())
     ]
     expected = found.errors["expected", "m"]
     np.testing.assert_allclose(expected[:6], (column * sizes[0] / sizes[1])[:6])
@@ -358,13 +365,17 @@ def test_labels_of_outliers_count_where_there_are_some(results, truth):
 
 def test_error_bars_are_those_of_the_frame_of_the_camera(with_bars, truth):
     """By `true_rotation`, or where the truth is in the frame of the camera."""
-    R = with_bars.columns["true_rotation"]
-    correlation = with_bars.columns["shape_correlation"].swapaxes(1, 2)
+    R = with_bars.column("true_rotation")
+    correlation = with_bars.column("shape_correlation").swapaxes(1, 2)
     square, width = find_squares(
-        with_bars.shapes, truth.shapes, R, with_bars.shape_sd, correlation
+        with_bars.as_columns(),
+        truth.as_columns(),
+        R,
+        in_columns(with_bars.shape_sd),
+        correlation,
     )
     without = with_column(with_bars, "true_rotation", None)
-    turned = truth.replaced(shapes=R @ truth.shapes)
+    turned = truth.replaced(shapes=(R @ truth.as_columns()).swapaxes(1, 2))
     for results, true, frame in (
         (with_bars, truth, "object"),
         (without, turned, "camera"),
@@ -372,7 +383,7 @@ def test_error_bars_are_those_of_the_frame_of_the_camera(with_bars, truth):
         bars = measured(results, true, metrics=SHAPES, truth_frame=frame).bars
         np.testing.assert_allclose(bars.square, square)
         np.testing.assert_allclose(bars.width["m"], width)
-        unit = true.shapes.std(axis=-1).mean(axis=-1)
+        unit = true.as_columns().std(axis=-1).mean(axis=-1)
         np.testing.assert_allclose(bars.width["normalised"], width / unit[:, None])
     none = measured(without, truth, metrics=SHAPES)
     assert none.bars is None
@@ -380,7 +391,7 @@ def test_error_bars_are_those_of_the_frame_of_the_camera(with_bars, truth):
 
 
 def test_images_with_at_least_so_many_observed_landmarks_are_measured(results, truth):
-    observed = results.columns["landmarks"].copy()
+    observed = results.column("landmarks").copy()
     for image, visible in zip(observed, (5, 4, 3, 5, 2, 4, 5), strict=True):
         image[visible:] = np.nan
     results = changed(with_column(results, "landmarks", observed), "shapes", 0, np.nan)

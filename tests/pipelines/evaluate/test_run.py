@@ -11,6 +11,8 @@ from shapefit.errors import InputError
 from shapefit.evaluation import metrics
 from shapefit.io import write_shapes
 from shapefit.pipelines.evaluate import run as evaluate
+from shapefit.records.columns import in_columns
+from tests.columns import put
 from tests.pipelines.fitted import texts
 
 from .conftest import N
@@ -28,7 +30,7 @@ def test_the_report_has_errors_failures_and_where_they_come_from(desk, truth, re
     assert {path.name for path in desk.config.output.iterdir()} == FILES
     assert [(f.item, f.reason[:8]) for f in outcome.failures] == [("item6", "convex: ")]
     assert (outcome.done, outcome.warnings, last.warnings) == (N, (), ())
-    errors = metrics.similarity(shapes, truth.shapes)
+    errors = metrics.similarity(in_columns(shapes), truth.as_columns())
     np.testing.assert_array_equal([*desk.errors(**SIZES).values()], errors)
     first, group = (
         desk.row(**SIZES, group="Subject 13", sequence=s) for s in ("13_01", "")
@@ -94,7 +96,7 @@ def test_parts_and_many_files_of_the_truth_have_the_report_of_one_file(
     shapes = with_bars.shapes.copy()
     shapes[[0, 5]] = np.nan
     labels = {name: rng.random((N, 5)) < 0.4 for name in ("outliers", "corrupted")}
-    results = with_bars.replaced(shapes=shapes, further=with_bars.further | labels)
+    results = put(with_bars.with_points(shapes), labels)
     wanted = {"metrics": ("similarity", "camera", "precision", "recall")}
 
     def written(parts):
@@ -128,12 +130,12 @@ def test_one_plot_is_drawn(desk):
 
 
 def test_a_landmark_of_the_truth_may_be_unknown(desk, truth, results):
-    truth.shapes[0, :, 2] = np.nan
+    truth.shapes[0, 2] = np.nan
     write_shapes(desk.folder / "truth.h5", truth)
     desk.run()
     others = [0, 1, 3, 4]
     expected = metrics.similarity(
-        results.shapes[:1, :, others], truth.shapes[:1, :, others]
+        results.as_columns()[:1, :, others], truth.as_columns()[:1, :, others]
     )
     assert desk.errors(**SIZES)["item0"] == pytest.approx(expected[0])
 
@@ -170,7 +172,7 @@ def test_an_item_in_two_files_of_one_method_is_an_error(desk, results):
 
 def test_nothing_to_measure_is_an_error_and_leaves_no_folder(desk, results):
     none = {name: np.zeros((N, 5), bool) for name in ("outliers", "corrupted")}
-    desk.write("convex.h5", results.replaced(further=results.further | none))
+    desk.write("convex.h5", put(results, none))
     with pytest.raises(
         InputError, match="metrics: no image has anything to measure in recall"
     ):

@@ -7,7 +7,8 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import LandmarkSet, write_dictionary
+from shapefit.io import write_dictionary
+from shapefit.records import Landmarks
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 
@@ -38,14 +39,15 @@ def rotations(rng):
 def images(atoms, rotations):
     """One atom each, turned, 20 px large, at (100, 50)."""
     shapes = 20 * rotations @ atoms[np.arange(8) % 6]
-    return LandmarkSet(
-        landmarks=shapes[:, :2] + np.array([100.0, 50.0])[:, None],
+    return Landmarks(
+        (shapes[:, :2] + np.array([100.0, 50.0])[:, None]).swapaxes(1, 2),
         landmark_names=NAMES,
         items=tuple(f"image{i}" for i in range(8)),
         sequences=("a",) * 4 + ("b",) * 4,
         unit="px",
         y_axis="down",
-        columns={"true_rotation": rotations, "camera_matrix": np.eye(3)},
+        extras={"true_rotation": rotations},
+        file_extras={"camera_matrix": np.eye(3)},
     )
 
 
@@ -57,7 +59,7 @@ def fit(tmp_path):
 
     def fit(dictionary, images, **keys):
         path = images
-        if isinstance(images, LandmarkSet):
+        if isinstance(images, Landmarks):
             save(path := tmp_path / "views.h5", images)
         elif isinstance(images, str):
             path = tmp_path / "views.csv"

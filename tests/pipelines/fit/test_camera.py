@@ -10,7 +10,10 @@ from shapefit.convex.solver import Status
 from shapefit.errors import InputError
 from shapefit.geometry.pinhole import ASSUMED_FOCAL, complete_coefficients, distort
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io import LandmarkSet, read_shapes, write_dictionary
+from shapefit.io import (
+    read_shapes,
+    write_dictionary,
+)
 from shapefit.pipelines.fit.camera import (
     camera_factory,
     choose_camera,
@@ -19,6 +22,7 @@ from shapefit.pipelines.fit.camera import (
 )
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
+from shapefit.records import Landmarks
 from tests.io.files import load, save
 from tests.pipelines.fitted import failures
 
@@ -40,7 +44,14 @@ def images(points=None, unit="px", per_item=None, **whole):
     points = box() if points is None else points
     items = tuple(f"{i:03}" for i in range(len(points)))
     names = tuple("abcd")
-    return LandmarkSet(points, names, items, unit=unit, columns=per_item, whole=whole)
+    return Landmarks(
+        points.swapaxes(1, 2),
+        landmark_names=names,
+        items=items,
+        unit=unit,
+        extras=per_item or {},
+        file_extras=whole,
+    )
 
 
 def choose(images, method="posterior", image_size=None, from_landmarks=False, **camera):
@@ -214,7 +225,7 @@ class TestPerspective:
         """
         views = load(project / "sample_data" / "cars_views.h5")
         cars = read_shapes([project / "sample_data" / "cars.h5"])
-        R = np.asarray(views.columns["true_rotation"], float)
+        R = np.asarray(views.column("true_rotation"), float)
         weak, full = fit(), fit(focal="files")
         errors = [
             np.median(rotation_angle(result.rotation, R)) for result in (weak, full)
@@ -222,14 +233,14 @@ class TestPerspective:
         assert errors[1] < 0.5 * errors[0]
         residuals = [
             np.median(np.sqrt(np.nanmean((fitted - views.landmarks) ** 2, axis=(1, 2))))
-            for fitted in (weak.shapes[:, :2], full.landmarks_fitted)
+            for fitted in (weak.shapes[..., :2], full.landmarks_fitted)
         ]
         assert residuals[1] < 0.5 * residuals[0]
         assert set(full.status) == {Status.CONVERGED.value}
-        shown = [cars.items.index(name) for name in views.columns["true_model"]]
-        truth = np.einsum("nij,nj->ni", R, cars.shapes.mean(axis=2)[shown])
-        truth += views.columns["true_translation"]
-        error = np.linalg.norm(full.columns["position"] - truth, axis=1)
+        shown = [cars.items.index(name) for name in views.column("true_model")]
+        truth = np.einsum("nij,nj->ni", R, cars.as_columns().mean(axis=2)[shown])
+        truth += views.column("true_translation")
+        error = np.linalg.norm(full.column("position") - truth, axis=1)
         assert np.median(error / truth[:, 2]) < 0.05
 
 
@@ -257,13 +268,15 @@ class TestLens:
         plane = shapes[:, :2] / shapes[:, 2:]
 
         def images(points, **datasets):
-            return LandmarkSet(
-                landmarks=MATRIX[:2, 2, None] + np.diag(MATRIX)[:2, None] * points,
+            return Landmarks(
+                (MATRIX[:2, 2, None] + np.diag(MATRIX)[:2, None] * points).swapaxes(
+                    1, 2
+                ),
                 landmark_names=made_cars.landmark_names,
                 items=tuple("abcd"),
                 unit="px",
                 y_axis="down",
-                columns={"camera_matrix": MATRIX, **datasets},
+                file_extras={"camera_matrix": MATRIX, **datasets},
             )
 
         return images(plane), images(
@@ -284,12 +297,14 @@ class TestLens:
         straight, bent = views
         expected, result = fit(straight), fit(bent)
         np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
-        landmarks = result.columns["landmarks"].swapaxes(1, 2)
-        np.testing.assert_allclose(landmarks, straight.landmarks, atol=1e-8)
-        np.testing.assert_array_equal(result.columns["removed_distortion"], LENS)
-        assert "distortion" not in result.columns
+        landmarks = result.column("landmarks").swapaxes(1, 2)
+        np.testing.assert_allclose(landmarks, straight.as_columns(), atol=1e-8)
+        np.testing.assert_array_equal(result.column("removed_distortion"), LENS)
+        assert result.column("distortion") is None
         once = undistorted(bent, None)
-        np.testing.assert_array_equal(undistorted(once, None).landmarks, once.landmarks)
+        np.testing.assert_array_equal(
+            undistorted(once, None).as_columns(), once.as_columns()
+        )
 
         def verify(images):
             save(tmp_path / "given.h5", images)
@@ -299,22 +314,22 @@ class TestLens:
             return failures(run_verify(request))
 
         assert "c" not in verify(bent)
-        shifted = bent.landmarks + 1e-3 * (np.arange(4) == 2)[:, None, None]
-        assert "c" in verify(bent.replaced(landmarks=shifted))
+        shifted = bent.as_columns() + 1e-3 * (np.arange(4) == 2)[:, None, None]
+        assert "c" in verify(bent.replaced(landmarks=shifted.swapaxes(1, 2)))
 
     def test_a_calibration_gives_camera_lens_and_place(self, views, fit, tmp_path):
         straight, bent = views
         (tmp_path / "calibration.toml").write_text(CALIBRATION)
         camera = {"calibration": tmp_path / "calibration.toml", "name": "left"}
         expected = fit(straight, camera={"focal": "files"}, method="convex+refine")
-        result = fit(bent.replaced(further={}), camera=camera, method="convex+refine")
-        np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
-        np.testing.assert_array_equal(
-            result.columns["extrinsic_translation"], [1, 2, 3]
+        result = fit(
+            bent.replaced(file_extras={}), camera=camera, method="convex+refine"
         )
-        assert result.columns["extrinsic_rotation"].shape == (3, 3)
-        np.testing.assert_array_equal(result.columns["image_size"], SIZE)
-        np.testing.assert_allclose(result.columns["focal"], np.tile([800, 820], (4, 1)))
+        np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
+        np.testing.assert_array_equal(result.column("extrinsic_translation"), [1, 2, 3])
+        assert result.column("extrinsic_rotation").shape == (3, 3)
+        np.testing.assert_array_equal(result.column("image_size"), SIZE)
+        np.testing.assert_allclose(result.column("focal"), np.tile([800, 820], (4, 1)))
         written = (tmp_path / f"{name}.h5" for name in ("result", "cars", "views"))
         path, dictionary, landmarks = written
         assert not failures(run_verify(Request(path, dictionary, (landmarks,))))
@@ -328,10 +343,13 @@ class TestLens:
             "distortion": np.tile(LENS, (4, 1)),
         }
         up = bent.replaced(
-            landmarks=bent.landmarks * flip, y_axis="up", further=further
+            landmarks=(bent.as_columns() * flip).swapaxes(1, 2),
+            y_axis="up",
+            extras=further,
+            file_extras={},
         )
         result = undistorted(up, None)
         np.testing.assert_allclose(
-            result.landmarks * flip, straight.landmarks, atol=1e-8
+            result.as_columns() * flip, straight.as_columns(), atol=1e-8
         )
-        assert result.columns["removed_distortion"].shape == (4, 5)
+        assert result.column("removed_distortion").shape == (4, 5)

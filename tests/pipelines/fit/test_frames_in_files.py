@@ -97,7 +97,7 @@ def test_frames_and_times_of_images_reach_the_files(tmp_path, make):
         keys |= {"image_size": [1000, 1000]}
     fit_file(path, "people", tmp_path / "fit.h5", rename=rename, **keys)
     result = read_results(tmp_path / "fit.h5")
-    np.testing.assert_array_equal(result.frame - result.frame[0], STEPS)
+    np.testing.assert_array_equal(result.frames - result.frames[0], STEPS)
     assert len({*result.sequences}) == 1
     trc, mot, table = write_as(tmp_path / "fit.h5", "trc", "mot", "csv")
     check_trc(trc)
@@ -150,7 +150,7 @@ def test_frames_and_times_of_motion_reach_the_files(tmp_path, make, has_joints):
     path = make(tmp_path / "v", GIVEN)
     whole, table = write_as(path, "h5", "csv")
     shapes = read_shapes([whole], gaps=True)
-    np.testing.assert_array_equal(shapes.frame - shapes.frame[0], STEPS)
+    np.testing.assert_array_equal(shapes.frames - shapes.frames[0], STEPS)
     check_csv(table)
     if has_joints:
         trc, mot = write_as(path, "trc", "mot")

@@ -122,7 +122,7 @@ def metres(path, folder, refined=True):
     """Points (f, 3, p) of all frames of the one sequence that is lifted from a file."""
     keys = {"method": "sequences", "frame_rate": RATE, "image_size": [640, 480]}
     result, _ = fit_file(path, "people", folder / f"{path.stem}.h5", **keys)
-    assert np.isfinite(result.columns["sequence_noise"]).all() or not refined
+    assert np.isfinite(result.sequence_noise).all() or not refined
     (motion,) = find_motions(result, OutputOptions(), "walk")
     return motion.points
 

@@ -13,10 +13,14 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import (
+    read_dictionary,
+    write_dictionary,
+)
 from shapefit.lifting import trust
 from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines.fit.image_posterior import ImagePosterior, find_at_border
+from shapefit.records import Landmarks
 from tests.io.files import load
 from tests.pipelines.fitted import done, failures, warnings
 
@@ -25,7 +29,7 @@ def spoil(views, share, rng):
     """Put a share of the visible landmarks of each image anywhere in the box of the
     others.
     """
-    visible, w = views.visible(), views.landmarks
+    visible, w = views.visible(), views.as_columns()
     rank = (
         np.where(visible, rng.random(visible.shape), np.inf)
         .argsort(axis=1)
@@ -34,7 +38,7 @@ def spoil(views, share, rng):
     wrong = rank < np.round(share * visible.sum(axis=1, keepdims=True))
     low, high = (f(w, axis=2, keepdims=True) for f in (np.nanmin, np.nanmax))
     landmarks = np.where(wrong[:, None], low + (high - low) * rng.random(w.shape), w)
-    return views.replaced(landmarks=landmarks), wrong
+    return views.replaced(landmarks=landmarks.swapaxes(1, 2)), wrong
 
 
 class TestOutliers:
@@ -44,7 +48,7 @@ class TestOutliers:
     def views(self, project):
         """Views of the cars with at least 12 visible landmarks."""
         views = load(project / "sample_data" / "cars_views.h5")
-        return views.take(np.isfinite(views.landmarks[:, 0]).sum(axis=1) >= 12)
+        return views.take(np.isfinite(views.as_columns()[:, 0]).sum(axis=1) >= 12)
 
     @pytest.fixture
     def run(self, fit, tmp_path, made_cars):
@@ -62,30 +66,32 @@ class TestOutliers:
         spoilt, wrong = spoil(views, 0.3, rng)
         result, lost = run(spoilt, method=method, outliers="ransac")
         assert not lost
-        labels = result.columns["outliers"].astype(bool)
+        labels = result.column("outliers").astype(bool)
         assert not labels[~spoilt.visible()].any()
         assert (labels & wrong).sum() > 0.85 * max(labels.sum(), wrong.sum())
-        observed = np.swapaxes(spoilt.landmarks, 1, 2)
-        np.testing.assert_array_equal(result.columns["landmarks"], observed)
+        observed = np.swapaxes(spoilt.as_columns(), 1, 2)
+        np.testing.assert_array_equal(result.column("landmarks"), observed)
         hidden = spoilt.replaced(
-            landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks)
+            landmarks=np.where(labels[:, None], np.nan, spoilt.as_columns()).swapaxes(
+                1, 2
+            )
         )
         without, _ = run(hidden, method=method)
-        np.testing.assert_array_equal(result.shapes, without.shapes)
+        np.testing.assert_array_equal(result.as_columns(), without.as_columns())
         np.testing.assert_array_equal(result.scale, without.scale)
-        assert "outliers" not in without.columns
+        assert without.outliers is None
 
     def test_what_is_drawn_belongs_to_the_name_of_an_image(self, run, views, rng):
         spoilt, _ = spoil(views.take(slice(8)), 0.3, rng)
         keys = {"outliers": "ransac", "method": "mean-shape"}
         (whole, _), (some, _) = run(spoilt, **keys), run(spoilt.take([6, 1]), **keys)
         np.testing.assert_array_equal(
-            some.columns["outliers"], whole.columns["outliers"][[6, 1]]
+            some.column("outliers"), whole.column("outliers")[[6, 1]]
         )
 
     def test_images_that_cannot_be_searched_or_lifted(self, run, views, rng):
         images = views.take(slice(6))
-        landmarks = images.landmarks.copy()
+        landmarks = images.as_columns().copy()
         visible = [np.flatnonzero(np.isfinite(landmarks[i, 0])) for i in range(6)]
         landmarks[0][:, visible[0][3:]] = np.nan  # three landmarks
         landmarks[1][:, visible[1][2:]] = np.nan
@@ -98,7 +104,7 @@ class TestOutliers:
             "outlier_threshold": 0.01,
             "method": "convex+refine",
         }
-        result, lost = run(images.replaced(landmarks=landmarks), **keys)
+        result, lost = run(images.replaced(landmarks=landmarks.swapaxes(1, 2)), **keys)
         assert [lost.get(name, "") for name in images.items] == [
             "",
             "only 2 visible landmarks, 3 are needed",
@@ -107,11 +113,11 @@ class TestOutliers:
             "all landmarks are hidden",
             "",
         ]
-        labels = result.columns["outliers"].astype(bool)
+        labels = result.column("outliers").astype(bool)
         assert not labels[[0, 1, 2, 4]].any()
         assert labels[3].sum() == 5
-        assert np.isfinite(result.shapes[0]).all()
-        assert np.isnan(result.shapes[1:5]).all()
+        assert np.isfinite(result.as_columns()[0]).all()
+        assert np.isnan(result.as_columns()[1:5]).all()
 
 
 NAMES = tuple(f"point{j}" for j in range(10))
@@ -141,7 +147,7 @@ def check_same(one, other, rows=slice(None)):
             getattr(one, name)[rows], getattr(other, name), err_msg=name
         )
     for name in ("landmarks", "lambda", "residual"):
-        np.testing.assert_array_equal(one.columns[name][rows], other.columns[name])
+        np.testing.assert_array_equal(one.column(name)[rows], other.column(name))
 
 
 class TestLeaveOneOut:
@@ -169,12 +175,12 @@ class TestLeaveOneOut:
         landmarks = 20 * (random_rotations(9, rng) @ shapes)[:, :2] + 100
         landmarks += 0.5 * rng.standard_normal(landmarks.shape)
         landmarks[5, :, 2:] = np.nan
-        return LandmarkSet(
-            landmarks=landmarks,
+        return Landmarks(
+            landmarks.swapaxes(1, 2),
             landmark_names=NAMES,
             items=tuple(f"image{i}" for i in range(9)),
             unit="px",
-            columns={
+            extras={
                 "true_model": np.array(SHOWN, dtype=object),
                 "box": np.ones((9, 4)),
             },
@@ -217,9 +223,9 @@ class TestLeaveOneOut:
         shown = np.array(
             ["beetle" if name == "up" else name for name in SHOWN], dtype=object
         )
-        odd = images.replaced(further={"true_model": shown})
+        odd = images.replaced(extras={"true_model": shown})
         whole, _ = run(views=odd, method="mean-shape")
-        assert list(whole.columns["omitted"]) == [
+        assert list(whole.column("omitted")) == [
             "" if name == "beetle" else name for name in shown
         ]
         monkeypatch.setattr("shapefit.pipelines.fit.family.IMAGES_PER_BLOCK", 1)
@@ -286,8 +292,11 @@ def test_neighbours_at_one_border_are_not_seen(points, hidden):
     names, edges = ("hip", "knee", "ankle", "head"), np.array([[0, 1], [1, 2], [0, 3]])
 
     def marked(size=None, names_of_edges=names, **columns):
-        images = LandmarkSet(
-            np.array(points, float).T[None], names, ("a",), columns=columns
+        images = Landmarks(
+            np.array(points, float).T[None].swapaxes(1, 2),
+            landmark_names=names,
+            items=("a",),
+            file_extras=columns,
         )
         dictionary = SimpleNamespace(edges=edges, landmark_names=names_of_edges)
         return find_at_border(images, dictionary, size)[0]
@@ -302,7 +311,12 @@ def test_neighbours_at_one_border_are_not_seen(points, hidden):
 
 def test_a_confidence_of_the_least_that_counts_is_seen():
     scores = np.array([[0.0, 0.29, 0.3, 0.31, 7.0]])
-    images = LandmarkSet(np.ones((1, 2, 5)), tuple("abcde"), ("0",), confidence=scores)
+    images = Landmarks(
+        np.ones((1, 2, 5)).swapaxes(1, 2),
+        landmark_names=tuple("abcde"),
+        items=("0",),
+        confidence=scores,
+    )
     people = read_dictionary(find_dictionary("people"))
     posterior = ImagePosterior(dictionary=people, min_confidence=0.3)
     assert posterior.weigh(images).tolist() == [[0, 0, 1, 1, 1]]
@@ -324,18 +338,18 @@ def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, with_prior, i
     keys = {"method": "posterior", "save": {"covariance": True}}
     keys |= {"camera": {"focal": "none"}}
     found, _ = fit(with_prior, images, **keys)
-    covariance = found.columns["shape_covariance"]
+    covariance = found.column("shape_covariance")
     assert covariance.shape == (8, 30, 30)
     variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(8, 10, 3)
-    assert found.shape_sd.swapaxes(1, 2) ** 2 == pytest.approx(variance)
+    assert found.shape_sd**2 == pytest.approx(variance)
     blocks = covariance.reshape(8, 10, 3, 10, 3)
-    sd, correlation = found.shape_sd.swapaxes(1, 2), found.columns["shape_correlation"]
+    sd, correlation = found.shape_sd, found.column("shape_correlation")
     for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
         own = np.einsum("npp->np", blocks[:, :, a, :, b]) / (sd[..., a] * sd[..., b])
         assert correlation[..., row] == pytest.approx(own, abs=1e-6)
-    assert ((found.columns["p_value"] >= 0) & (found.columns["p_value"] <= 1)).all()
+    assert ((found.column("p_value") >= 0) & (found.column("p_value") <= 1)).all()
     assert set(found.status) == {"converged"}
-    larger = images.replaced(landmarks=10 * images.landmarks)
+    larger = images.replaced(landmarks=(10 * images.as_columns()).swapaxes(1, 2))
     grown, _ = fit(with_prior, larger, **keys)
     assert grown.shape_sd == pytest.approx(10 * found.shape_sd, rel=1e-4)
 
@@ -356,8 +370,8 @@ def test_implausible_images_are_reported_and_keep_their_status(
     (reasons,) = [reasons for out in outcomes for reasons in out.reasons]
     assert reasons.text == "implausible landmarks"
     assert set(reasons.items) == set(found.items)
-    assert not found.columns["trusted"].any()
-    assert set(found.columns["reasons"]) == {"implausible landmarks"}
+    assert not found.column("trusted").any()
+    assert set(found.column("reasons")) == {"implausible landmarks"}
     assert set(found.status) == {"converged"}
 
 
@@ -369,10 +383,10 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     weak, _ = fit(with_prior, images, camera={"focal": "none"}, **keys)
     camera = {"focal": 1e7, "principal_point": [100.0, 50.0]}
     found, outcomes = fit(with_prior, images, camera=camera, **keys)
-    assert found.shapes == pytest.approx(weak.shapes, abs=1e-3)
+    assert found.as_columns() == pytest.approx(weak.as_columns(), abs=1e-3)
     assert found.shape_sd == pytest.approx(weak.shape_sd, rel=1e-3, abs=1e-4)
-    assert found.landmarks_fitted == pytest.approx(weak.shapes[:, :2], abs=1e-3)
-    assert found.columns["camera_translation"][:, 2] == pytest.approx(
+    assert found.landmarks_fitted == pytest.approx(weak.shapes[..., :2], abs=1e-3)
+    assert found.column("camera_translation")[:, 2] == pytest.approx(
         1e7 / found.scale, rel=1e-6
     )
     with h5py.File(tmp_path / "result.h5") as file:
@@ -382,6 +396,6 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     assert not failures(outcomes)
     near = {"focal": 60.0, "principal_point": [80.0, 50.0]}
     other, _ = fit(with_prior, images, camera=near, **keys)
-    assert np.abs(other.landmarks_fitted - other.shapes[:, :2]).max() > 0.1
+    assert np.abs(other.landmarks_fitted - other.shapes[..., :2]).max() > 0.1
     names = ("shape_covariance", "camera_translation", "focal", "principal_point")
-    assert all(np.isfinite(other.columns[name]).all() for name in names)
+    assert all(np.isfinite(other.column(name)).all() for name in names)

@@ -17,7 +17,10 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import (
+    read_dictionary,
+    write_dictionary,
+)
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
 from shapefit.lifting import trust
 from shapefit.lifting.methods import METHODS
@@ -37,6 +40,7 @@ from shapefit.pipelines.fit.fit import fit as run
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
 from shapefit.pipelines.fit.sample import MAX_SAMPLE, Shares, draw_sample
 from shapefit.pipelines.partition.run import run as run_parts
+from shapefit.records import Landmarks
 from tests.io.files import save
 from tests.pipelines.fitted import fit_images, texts
 
@@ -49,8 +53,8 @@ def chosen(tmp_path):
 
     def find(sequences, dictionary="people", overrides=()):
         n = len(sequences or "12")
-        images = LandmarkSet(
-            landmarks=np.zeros((n, 2, 4)),
+        images = Landmarks(
+            np.zeros((n, 2, 4)).swapaxes(1, 2),
             landmark_names=tuple("abcd"),
             items=tuple(map(str, range(n))),
             sequences=sequences,
@@ -218,8 +222,11 @@ def halves(tmp_path_factory):
     points[:, 0] += np.linspace(-300, 300, 40)[:, None]
     sides = {"l": "left", "r": "right"}
     detected = tuple(f"{sides[name[0]]}_{name[1:]}" for name in names)
-    images = LandmarkSet(
-        points, detected, tuple(f"{i:03}" for i in range(40)), unit="px"
+    images = Landmarks(
+        points.swapaxes(1, 2),
+        landmark_names=detected,
+        items=tuple(f"{i:03}" for i in range(40)),
+        unit="px",
     )
     folder = tmp_path_factory.mktemp("halves")
     for name, rows in (("a", slice(17)), ("b", slice(17, None))):
@@ -309,7 +316,7 @@ def planted(tmp_path_factory):
         if wrong is not None:
             w[:, :, wrong] += error * rng.normal(size=(IMAGES, 2))
         items = tuple(f"image{i}" for i in range(IMAGES))
-        images = LandmarkSet(landmarks=100 * w, landmark_names=NAMES, items=items)
+        images = Landmarks((100 * w).swapaxes(1, 2), landmark_names=NAMES, items=items)
         return images, 100 * shapes
 
     return path, made, draw
@@ -394,7 +401,11 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
         (2.0, 2.0): -5 + noise[2],
         (1.0, 2.0): -7 + noise[3],
     }
-    images = LandmarkSet(np.zeros((100, 2, P)), NAMES, tuple(map(str, range(100))))
+    images = Landmarks(
+        np.zeros((100, P, 2)),
+        landmark_names=NAMES,
+        items=tuple(map(str, range(100))),
+    )
     found = choose_factors(
         lambda pair, some: of[pair][: len(some)], images, (1.0, 2.0), (1.0, 2.0)
     )
@@ -403,7 +414,11 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
 
 @pytest.mark.parametrize("best", [(1.0, 1.0), (2.0, 1.0), (1.0, 2.0), (8.0, 2.0)])
 def test_a_wider_prior_or_a_larger_variance_alone_makes_all_pairs_be_tried(best):
-    images = LandmarkSet(np.zeros((30, 2, P)), NAMES, tuple(map(str, range(30))))
+    images = Landmarks(
+        np.zeros((30, 2, P)).swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=tuple(map(str, range(30))),
+    )
 
     def evidence(pair, some):
         return np.full(len(some), -np.abs(np.log2(pair) - np.log2(best)).sum())
@@ -442,7 +457,13 @@ def test_a_sample_is_bounded_and_of_sequences_has_pairs_that_are_a_step_apart(
         np.random.default_rng(1).random((n, 2, P)),
         tuple(map(str, range(n))),
     )
-    images = LandmarkSet(points, NAMES, items, sequences=("walk",) * n, frame_rate=rate)
+    images = Landmarks(
+        points.swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=items,
+        sequences=("walk",) * n,
+        frame_rate=rate,
+    )
     every = ImagePosterior(dictionary=planted[1])
     rows = np.array(draw_sample(images, every).items, int)
     assert MAX_SAMPLE // 2 <= len(rows) <= MAX_SAMPLE
@@ -451,7 +472,7 @@ def test_a_sample_is_bounded_and_of_sequences_has_pairs_that_are_a_step_apart(
     assert len(single) == MAX_SAMPLE
     assert len(np.unique(np.diff(single))) <= 2
     points[0, :, 5:] = points[1, :, 4:] = np.nan  # four landmarks fit almost any shape
-    some = images.replaced(landmarks=points).take([0, 1])
+    some = images.replaced(landmarks=points.swapaxes(1, 2)).take([0, 1])
     assert draw_sample(some, every).items == ("0",)
 
 
@@ -562,13 +583,13 @@ def film(poses, skeleton):
     visible = np.diag([1.0, -1.0, -1.0]) @ turns @ shapes @ rows.T
     visible[:, 2] += BODIES * 4.7
     pixels = FOCAL * visible[:, :2] / visible[:, 2:] + np.array(SIZE)[:, None] / 2
-    return LandmarkSet(
-        landmarks=pixels + rng.standard_normal(pixels.shape),
+    return Landmarks(
+        (pixels + rng.standard_normal(pixels.shape)).swapaxes(1, 2),
         landmark_names=installed_skeletons()[skeleton].landmark_names,
         items=tuple(f"image{i}" for i in range(N)),
         unit="px",
         y_axis="down",
-        columns={"image_size": np.array(SIZE)},
+        file_extras={"image_size": np.array(SIZE)},
     )
 
 
@@ -581,7 +602,7 @@ def warnings_of(tmp_path):
     def warn(images):
         result, outcomes = fit_images(tmp_path, images, "people", method="posterior")
         warnings = texts(outcomes)
-        assert result.columns["trusted"].any() != any(
+        assert result.column("trusted").any() != any(
             "is it " in text for text in warnings
         )
         return warnings
@@ -618,10 +639,11 @@ def test_images_that_pass_by_chance_are_not_trusted(tmp_path, poses, monkeypatch
     images = film(poses, "body_25")
     # As many landmarks as no other skeleton has.
     wrong = images.replaced(
-        landmarks=images.landmarks[..., :19], landmark_names=images.landmark_names[1:20]
+        landmarks=images.as_columns()[..., :19].swapaxes(1, 2),
+        landmark_names=images.landmark_names[1:20],
     )
     result, outcomes = fit_images(tmp_path, wrong, "people", method="posterior")
-    assert not result.columns["trusted"].any()
+    assert not result.column("trusted").any()
     assert any(
         "% of a sample would be; are the names" in text for text in texts(outcomes)
     )
@@ -631,10 +653,10 @@ def test_images_that_pass_by_chance_are_not_trusted(tmp_path, poses, monkeypatch
 def test_people_on_their_heads_are_counted(warnings_of, poses, angle):
     images, centre = film(poses, "body_25"), np.array(SIZE)[:, None] / 2
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    turned = np.array([[c, -s], [s, c]]) @ (images.landmarks - centre) + centre
+    turned = np.array([[c, -s], [s, c]]) @ (images.as_columns() - centre) + centre
     warnings = [
         text
-        for text in warnings_of(images.replaced(landmarks=turned))
+        for text in warnings_of(images.replaced(landmarks=turned.swapaxes(1, 2)))
         if "heads" in text
     ]
     assert len(warnings) == (angle == 180)
@@ -653,12 +675,12 @@ def test_people_on_their_heads_are_counted(warnings_of, poses, angle):
 )
 def test_scales_of_x_and_y_that_differ_are_named(tmp_path, poses, factors, stretched):
     images = film(poses, "body_25")
-    landmarks = images.landmarks * np.array(factors)[:, None]
-    other = replace_columns(images.replaced(landmarks=landmarks), {})
+    landmarks = images.as_columns() * np.array(factors)[:, None]
+    other = replace_columns(images.replaced(landmarks=landmarks.swapaxes(1, 2)), {})
     result, outcomes = fit_images(tmp_path, other, "people", method="posterior")
     named = [text for text in texts(outcomes) if "x and y have different" in text]
     assert bool(named) == stretched
-    assert result.columns["trusted"].any() != stretched
+    assert result.column("trusted").any() != stretched
     if stretched:
         assert named[0].startswith("no shape of this file is to be trusted: people")
         assert "are these percent of the image" in named[0]
@@ -675,11 +697,11 @@ def test_landmarks_outside_the_stated_image_are_said(tmp_path, poses):
 
 def replace_columns(images, columns):
     """The same images with other datasets."""
-    return LandmarkSet(
-        landmarks=images.landmarks,
+    return Landmarks(
+        images.as_columns().swapaxes(1, 2),
         landmark_names=images.landmark_names,
         items=images.items,
         unit=images.unit,
         y_axis=images.y_axis,
-        columns=columns,
+        file_extras=columns,
     )

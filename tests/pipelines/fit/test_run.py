@@ -16,9 +16,13 @@ from shapefit.convex.solver import Status, solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import (
+    read_dictionary,
+    write_dictionary,
+)
 from shapefit.lifting.lift import lift
 from shapefit.lifting.methods import METHODS
+from shapefit.records import Landmarks
 from tests.pipelines.fitted import failures, texts
 
 PRIORLESS = [
@@ -42,7 +46,7 @@ class TestShapes:
             assert "convex_objective" not in file  # which is `objective`
         truth = 20 * rotations @ atoms[np.arange(8) % 6]
         truth[:, :2] += np.array([100.0, 50.0])[:, None]
-        np.testing.assert_allclose(result.shapes, truth, atol=0.02)
+        np.testing.assert_allclose(result.as_columns(), truth, atol=0.02)
         assert rotation_angle(result.rotation, rotations).max() < 0.1
         assert list(result.status) == ["optimal"] * 8
         assert (result.relative_gap <= 1e-4).all()
@@ -51,24 +55,24 @@ class TestShapes:
     def test_hidden_landmarks_are_filled_in_without_bias(
         self, fit, dictionary, images, atoms, rotations
     ):
-        visible = images.landmarks.copy()
-        images.landmarks[np.arange(8), :, np.arange(8)] = np.nan
-        images.landmarks[np.arange(8), :, np.arange(8) - 1] = np.nan
+        visible = images.as_columns().copy()
+        images.landmarks[np.arange(8), np.arange(8)] = np.nan
+        images.landmarks[np.arange(8), np.arange(8) - 1] = np.nan
         result, _ = fit(dictionary, images, **{"lambda": 1e-5})
-        np.testing.assert_allclose(result.shapes[:, :2], visible, atol=0.02)
+        np.testing.assert_allclose(result.as_columns()[:, :2], visible, atol=0.02)
         depth = 20 * (rotations @ atoms[np.arange(8) % 6])[:, 2]
-        np.testing.assert_allclose(result.shapes[:, 2], depth, atol=0.1)
+        np.testing.assert_allclose(result.as_columns()[:, 2], depth, atol=0.1)
 
     def test_a_landmark_counts_by_its_confidence(self, fit, dictionary, images):
         """The wrong landmark 3 is followed where it is sure, and hardly where it is
         not.
         """
-        images.landmarks[:, :, 3] += 6.0
+        images.landmarks[:, 3] += 6.0
         confidence, rest = np.ones((8, 10)), []
         for sure in (0.1, 1.0, 10.0):
             confidence[:, 3] = sure
             result, _ = fit(dictionary, images.replaced(confidence=confidence.copy()))
-            residual = (result.shapes[:, :2] - images.landmarks)[:, :, 3]
+            residual = (result.as_columns()[:, :2] - images.as_columns())[:, :, 3]
             rest.append(np.linalg.norm(residual, axis=1))
         assert (rest[0] > 1.5 * rest[1]).all()
         assert (rest[1] > 1.5 * rest[2]).all()
@@ -80,11 +84,11 @@ class TestShapes:
         write_dictionary(
             dictionary, Dictionary(atoms, NAMES, atoms[0], edges=edges, prior=prior)
         )
-        empty = LandmarkSet(
-            landmarks=np.empty((0, 2, 10)), landmark_names=NAMES, items=()
+        empty = Landmarks(
+            np.empty((0, 2, 10)).swapaxes(1, 2), landmark_names=NAMES, items=()
         )
         result, outcomes = fit(dictionary, empty, method=method)
-        assert result.shapes.shape == (0, 3, 10)
+        assert result.as_columns().shape == (0, 3, 10)
         assert failures(outcomes) == {}
 
 
@@ -113,14 +117,14 @@ class TestFailures:
         assert list(failures(outcomes)) == ["bad"]
         assert reason in failures(outcomes)["bad"]
         assert list(result.status) == ["optimal", Status.DEGENERATE.value, "optimal"]
-        assert np.isnan(result.shapes[1]).all()
-        assert np.isfinite(result.shapes[[0, 2]]).all()
+        assert np.isnan(result.as_columns()[1]).all()
+        assert np.isfinite(result.as_columns()[[0, 2]]).all()
         observed = [
             [float(c) if c != "" else np.nan for c in point] for point in points
         ]
         hidden = np.isnan(observed).any(axis=1, keepdims=True)
         expected = np.where(hidden, np.nan, observed)
-        np.testing.assert_array_equal(result.columns["landmarks"][1], expected)
+        np.testing.assert_array_equal(result.column("landmarks")[1], expected)
 
     @pytest.mark.parametrize(
         ("factor", "reason"),
@@ -137,17 +141,17 @@ class TestFailures:
     def test_coordinates_beyond_arithmetic_fail_without_a_murmur(
         self, fit, dictionary, images, factor, reason, keys
     ):
-        landmarks = images.landmarks.copy()
+        landmarks = images.as_columns().copy()
         landmarks[3] *= factor
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             result, outcomes = fit(
-                dictionary, images.replaced(landmarks=landmarks), **keys
+                dictionary, images.replaced(landmarks=landmarks.swapaxes(1, 2)), **keys
             )
         assert failures(outcomes)["image3"].startswith(reason)
         assert result.status[3] == Status.DEGENERATE.value
         # ransac also fails others: their atoms are far from the mean shape
-        whole = np.isfinite(result.shapes).all(axis=(1, 2))
+        whole = np.isfinite(result.as_columns()).all(axis=(1, 2))
         assert [item in failures(outcomes) for item in images.items] == (
             ~whole
         ).tolist()
@@ -168,7 +172,7 @@ class TestFailures:
         }
         assert result.status[5] == Status.NUMERICAL_FAILURE.value
         for values in (
-            result.shapes,
+            result.as_columns(),
             result.coefficients,
             result.rotation,
             result.objective,
@@ -235,10 +239,10 @@ class TestFailures:
         )
         assert np.isnan(result.rotation).all()
         empty = np.arange(8) != 2
-        assert not np.ptp(result.shapes[empty], axis=2).any()
+        assert not np.ptp(result.as_columns()[empty], axis=2).any()
         if "outliers" not in keys:  # l1 places it at the median
-            middle = result.shapes[empty, :2].mean(axis=2)
-            np.testing.assert_allclose(middle, images.landmarks[empty].mean(axis=2))
+            middle = result.as_columns()[empty, :2].mean(axis=2)
+            np.testing.assert_allclose(middle, images.as_columns()[empty].mean(axis=2))
         _, outcomes = fit(dictionary, images, **keys, **{"lambda": 1e-3})
         assert not any("empty shape" in text for text in texts(outcomes))
 
@@ -256,15 +260,15 @@ class TestRecord:
         self, fit, dictionary, images
     ):
         mine = {name: np.full(8, -7.0) for name in ("status", "lambda", "outliers")}
-        further = {**images.further, **mine, "subject": np.full(8, -7.0)}
-        result, _ = fit(dictionary, images.replaced(further=further))
+        extras = {**mine, "subject": np.full(8, -7.0)}
+        result, _ = fit(dictionary, images.with_extras(extras))
         for name in ("true_rotation", "camera_matrix"):
-            np.testing.assert_array_equal(result.columns[name], images.columns[name])
+            np.testing.assert_array_equal(result.column(name), images.column(name))
         assert list(result.status) == ["optimal"] * 8
-        np.testing.assert_array_equal(result.columns["lambda"], 0.1)
-        assert "outliers" not in result.columns
+        np.testing.assert_array_equal(result.column("lambda"), 0.1)
+        assert result.outliers is None
         for name in (*(f"input_{name}" for name in mine), "subject"):
-            np.testing.assert_array_equal(result.columns[name], -7.0)
+            np.testing.assert_array_equal(result.column(name), -7.0)
         assert result.sequences == images.sequences
         assert json.loads(result.attributes["config"])["method"] == "convex"
         inputs = {Path(name).name for name in json.loads(result.attributes["inputs"])}

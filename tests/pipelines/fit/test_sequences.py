@@ -16,7 +16,6 @@ from shapefit.errors import InputError
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import (
-    LandmarkSet,
     read_dictionary,
     read_shapes,
     write_dictionary,
@@ -33,6 +32,8 @@ from shapefit.pipelines.fit.sequences import (
     whole_sequences,
 )
 from shapefit.pipelines.learn_dict import run as learning
+from shapefit.records import Landmarks
+from tests.columns import put
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file, warnings
 
@@ -75,13 +76,13 @@ def test_without_edges_sequences_go_by_smooth_motion(people, tmp_path):
     write_dictionary(tmp_path / "dictionary.h5", replace(known, **bare))
     single, _ = fitted(tmp_path, people / "views.h5", method="posterior")
     whole, _ = fitted(tmp_path, people / "views.h5")
-    assert np.isfinite(whole.shapes).all()
-    refined = np.isfinite(whole.columns["sequence_noise"])
+    assert np.isfinite(whole.as_columns()).all()
+    refined = np.isfinite(whole.column("sequence_noise"))
     assert refined.any()
     assert (whole.shape_sd[refined] > 0.4 * single.shape_sd[refined]).all()
 
     second = [
-        np.abs(np.diff(result.shapes[:, 2], n=2, axis=0)).mean()
+        np.abs(np.diff(result.as_columns()[:, 2], n=2, axis=0)).mean()
         for result in (whole, single)
     ]
     assert second[0] < second[1]
@@ -99,12 +100,13 @@ def test_noise_is_stated_and_that_of_the_images_otherwise(
         np.flatnonzero(np.array(images.sequences) == images.sequences[0])
     )
     path = written(
-        tmp_path / "large.h5", images.replaced(landmarks=grow * images.landmarks)
+        tmp_path / "large.h5",
+        images.replaced(landmarks=(grow * images.as_columns()).swapaxes(1, 2)),
     )
     found, _ = fitted(people, path, noise=noise)
     unit = np.median(found.scale)
     expected = {None: 0.1 * unit, 0.0: 0.003 * unit}.get(noise, noise)
-    np.testing.assert_allclose(found.columns["sequence_noise"], expected, rtol=1e-9)
+    np.testing.assert_allclose(found.column("sequence_noise"), expected, rtol=1e-9)
 
 
 def test_sequences_of_one_image_are_single_images(people, tmp_path):
@@ -115,9 +117,11 @@ def test_sequences_of_one_image_are_single_images(people, tmp_path):
     single, _ = fitted(people, path, method="posterior", prior=prior)
     whole, _ = fitted(people, path, prior=prior)
     # but for the neighbour that the convex program starts from
-    np.testing.assert_allclose(whole.shapes, single.shapes, rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(
+        whole.as_columns(), single.as_columns(), rtol=1e-5, atol=1e-8
+    )
     np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
-    assert np.isnan(whole.columns["sequence_noise"]).all()
+    assert np.isnan(whole.column("sequence_noise")).all()
 
 
 def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
@@ -145,10 +149,10 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     rows = [row for row, name in enumerate(truth.sequences) if name == first][:40]
     truth = truth.take(rows)
     turn = rotation_about(np.array([0.0, 1.0, 0.0]), np.linspace(0, 3, len(truth)))
-    X = turn @ (truth.shapes - truth.shapes.mean(axis=2, keepdims=True))
+    X = turn @ (truth.as_columns() - truth.as_columns().mean(axis=2, keepdims=True))
     X[:, 2] -= 2.5 * np.ptp(X, axis=2).max()
-    visible = LandmarkSet(
-        landmarks=-900 * X[:, :2] / X[:, 2:] + 500,
+    visible = Landmarks(
+        (-900 * X[:, :2] / X[:, 2:] + 500).swapaxes(1, 2),
         landmark_names=truth.landmark_names,
         items=truth.items,
         sequences=truth.sequences,
@@ -161,9 +165,9 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     found, _ = fitted(people, path, camera=camera)
     request = verify.Request(people / "result.h5", people / "dictionary.h5", ())
     assert not any(outcome.failures for outcome in verify.run(request))
-    errors = [similarity(each.shapes, X).mean() for each in (found, weak)]
+    errors = [similarity(each.as_columns(), X).mean() for each in (found, weak)]
     assert errors[0] < 0.95 * errors[1]
-    assert found.columns["camera_translation"].shape == (len(truth), 3)
+    assert found.column("camera_translation").shape == (len(truth), 3)
     assert (found.shape_sd > 0).all()
     assert found.y_axis == "up"
 
@@ -202,7 +206,7 @@ def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method, off):
     path = (tmp_path / "report/error_bars.json").rename(tmp_path / "rig.json")
     wide, inside = judged(method, bar_scale=0.05, calibration=path)
     factor = json.loads(path.read_text(encoding="utf-8"))[method]["90%"]
-    np.testing.assert_allclose(wide.shapes, narrow.shapes, rtol=1e-6)
+    np.testing.assert_allclose(wide.as_columns(), narrow.as_columns(), rtol=1e-6)
     np.testing.assert_allclose(wide.shape_sd, factor * narrow.shape_sd, rtol=1e-5)
     assert inside == pytest.approx(0.9, abs=0.01)
 
@@ -254,7 +258,7 @@ def walk(people):
 
 
 def at_frames(images, frames):
-    return images.with_columns({"frame": np.asarray(frames)})
+    return put(images, {"frame": np.asarray(frames)})
 
 
 def lifted(people, folder, images, name="clip.h5", **keys):
@@ -271,26 +275,26 @@ def test_stretches_on_both_sides_of_a_long_gap_are_lifted_apart(
     together = lifted(people, tmp_path, at_frames(given, frames))
     joined = lifted(people, tmp_path, given)
     parts = [given.take(slice(0, 16)), given.take(slice(16, 36))]
-    alone = [lifted(people, tmp_path, part).shapes for part in parts]
+    alone = [lifted(people, tmp_path, part).as_columns() for part in parts]
     unit = np.median(together.scale)
-    away = np.abs(np.concatenate(alone) - together.shapes) / unit
+    away = np.abs(np.concatenate(alone) - together.as_columns()) / unit
     assert away.mean() < 0.006
     assert away.max() < 0.1
-    over_gap = np.abs(np.concatenate(alone) - joined.shapes) / unit
+    over_gap = np.abs(np.concatenate(alone) - joined.as_columns()) / unit
     assert over_gap[14:18].mean() > 1.5 * away[14:18].mean()
 
 
 def test_frames_without_a_gap_change_no_bit(people, walk, tmp_path):
     plain = lifted(people, tmp_path, walk)
     numbered = lifted(people, tmp_path, at_frames(walk, 100 + np.arange(36)))
-    timed = walk.with_columns({"time": np.round(7 + np.arange(36) / 24, 2)})
+    timed = put(walk, {"time": np.round(7 + np.arange(36) / 24, 2)})
     timed = lifted(people, tmp_path, at_frames(timed, np.arange(36)))
     for found in (numbered, timed):
         np.testing.assert_array_equal(found.shapes, plain.shapes)
         np.testing.assert_array_equal(found.shape_sd, plain.shape_sd)
-    assert numbered.frame.tolist() == [*range(100, 136)]
-    assert timed.time[1] == 7.04
-    assert plain.frame is None
+    assert numbered.frames.tolist() == [*range(100, 136)]
+    assert timed.times[1] == 7.04
+    assert plain.frames is None
 
 
 def test_images_are_lifted_in_order_of_their_frames(people, walk, tmp_path, rng):
@@ -308,7 +312,7 @@ def test_every_frame_is_refined_though_neighbours_are_missing(
 ):
     rows = np.flatnonzero(np.random.default_rng(1).random(36) >= share)
     found = lifted(people, tmp_path, at_frames(walk.take(rows), rows))
-    assert np.isfinite(found.columns["sequence_noise"]).all()
+    assert np.isfinite(found.column("sequence_noise")).all()
 
 
 def test_frames_alone_between_long_gaps_have_the_lengths_of_the_sequence(
@@ -316,12 +320,12 @@ def test_frames_alone_between_long_gaps_have_the_lengths_of_the_sequence(
 ):
     rows = np.r_[0:16, 26, 36 - 1]
     found = lifted(people, tmp_path, at_frames(walk.take(rows), rows))
-    assert np.isfinite(found.columns["sequence_noise"]).all()
+    assert np.isfinite(found.column("sequence_noise")).all()
     i, j = read_dictionary(people / "dictionary.h5").edges.T
     single = lifted(people, tmp_path, walk.take(rows), method="posterior")
     spread = []
     for result in (found, single):
-        bones = result.shapes[:, :, i] - result.shapes[:, :, j]
+        bones = result.as_columns()[:, :, i] - result.as_columns()[:, :, j]
         share = np.linalg.norm(bones, axis=1)
         share /= share.sum(axis=1, keepdims=True)
         spread.append(np.abs(share[16:] - np.median(share[:16], axis=0)).mean())
@@ -340,8 +344,8 @@ def test_two_images_of_one_frame_are_refused(people, walk, one, other):
 
 def frames_of(names):
     n = len(names)
-    return LandmarkSet(
-        landmarks=np.arange(6.0 * n).reshape(n, 2, 3),
+    return Landmarks(
+        np.arange(6.0 * n).reshape(n, 2, 3).swapaxes(1, 2),
         landmark_names=("a", "b", "c"),
         items=tuple(f"image{i}" for i in range(n)),
         sequences=tuple(names),
@@ -401,19 +405,27 @@ def test_exchanged_frames_are_put_back_with_their_scores(rng):
     w = w + 0.1 * np.sin(np.arange(t) / 5)[:, None, None]
     score = np.tile(np.linspace(0.2, 0.9, 8), (t, 1))
     items = tuple(map(str, range(t)))
-    clean = LandmarkSet(w, tuple("abcdefgh"), items, ("walk",) * t, confidence=score)
+    clean = Landmarks(
+        w.swapaxes(1, 2),
+        landmark_names=tuple("abcdefgh"),
+        items=items,
+        sequences=("walk",) * t,
+        confidence=score,
+    )
     dictionary = SimpleNamespace(mirror_index=partner)
 
     def restore(wrong):
         landmarks = np.where(wrong[:, None, None], w[..., partner], w)
         confidence = np.where(wrong[:, None], score[:, partner], score)
-        images = clean.replaced(landmarks=landmarks, confidence=confidence)
+        images = clean.replaced(
+            landmarks=landmarks.swapaxes(1, 2), confidence=confidence
+        )
         return restore_sides(images, np.ones((t, 8), bool), dictionary, None)
 
     wrong = np.isin(np.arange(t), range(20, 28))
     images, exchanged = restore(wrong)
     np.testing.assert_array_equal(exchanged, wrong)
-    np.testing.assert_array_equal(images.landmarks, w)
+    np.testing.assert_array_equal(images.as_columns(), w)
     np.testing.assert_array_equal(images.confidence, score)
     assert np.isnan(restore(np.arange(t) >= 30)[1]).all()
 
@@ -464,12 +476,14 @@ def test_a_clip_without_hips_is_its_single_images(people, tmp_path):
         name for name in images.landmark_names if name[1:] in ("hip", "knee", "ankle")
     ]
     rows = [images.landmark_names.index(name) for name in (*lower, "pelvis")]
-    landmarks = images.landmarks.copy()
+    landmarks = images.as_columns().copy()
     landmarks[..., rows] = np.nan
-    half = images.replaced(landmarks=landmarks, sequences=("a",) * 40)
+    half = images.replaced(landmarks=landmarks.swapaxes(1, 2), sequences=("a",) * 40)
     path = written(tmp_path / "half.h5", half)
     prior = {"residual_variance": 0.01, "bar_scale": 1.5}
     single, _ = fitted(people, path, method="posterior", prior=prior)
     whole, _ = fitted(people, path, prior=prior)
-    assert np.isnan(whole.columns["sequence_noise"]).all()
-    np.testing.assert_allclose(whole.shapes, single.shapes, rtol=1e-5, atol=1e-8)
+    assert np.isnan(whole.column("sequence_noise")).all()
+    np.testing.assert_allclose(
+        whole.as_columns(), single.as_columns(), rtol=1e-5, atol=1e-8
+    )

@@ -5,8 +5,12 @@ import pytest
 
 from shapefit.config import LearnDictConfig
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import ShapeSet, read_dictionary, write_shapes
+from shapefit.io import (
+    read_dictionary,
+    write_shapes,
+)
 from shapefit.pipelines.learn_dict.run import run
+from shapefit.records import Shapes
 
 EDGES = np.array([[0, 1], [1, 2], [1, 3], [1, 4]])
 FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
@@ -34,9 +38,10 @@ def make(tmp_path):
 def shapes(rng):
     """30 shapes in two sequences, in metres, differently turned and placed."""
     points = rng.standard_normal((3, 5)) + 0.3 * rng.standard_normal((30, 3, 5))
-    return ShapeSet(
-        shapes=0.5 * random_rotations(30, rng) @ points
-        + rng.standard_normal((30, 3, 1)),
+    return Shapes(
+        (
+            0.5 * random_rotations(30, rng) @ points + rng.standard_normal((30, 3, 1))
+        ).swapaxes(1, 2),
         landmark_names=("hip", "neck", "head", "left hand", "right hand"),
         items=tuple(f"item{i}" for i in range(30)),
         sequences=("walk",) * 10 + ("run",) * 20,
@@ -57,12 +62,12 @@ def models(rng):
         points + 0.3 * rng.standard_normal((12, 3, 5))
     )
     points = random_rotations(12, rng) @ points + rng.standard_normal((12, 3, 1))
-    return ShapeSet(
-        shapes=points,
+    return Shapes(
+        points.swapaxes(1, 2),
         landmark_names=tuple("abcde"),
         items=tuple(f"model{i}" for i in range(12)),
         edges=np.array([[0, 1]]),
-        mesh_vertices=points[:, :, :4],
+        mesh_vertices=points[:, :, :4].swapaxes(1, 2),
         mesh_faces=FACES,
         unit="m",
     )

@@ -5,12 +5,12 @@ import pytest
 
 import shapefit
 from shapefit.errors import InputError
-from shapefit.io import ShapeSet
 from shapefit.pipelines.learn_dict.doubts import (
     check_not_flat,
     find_mirrored,
     warn_of_shapes,
 )
+from shapefit.records import Shapes
 
 
 @pytest.fixture
@@ -21,9 +21,13 @@ def shapes(rng) -> np.ndarray:
     return turns @ (rng.normal(size=(3, 12)) + 0.3 * rng.normal(size=(30, 3, 12)))
 
 
-def as_set(shapes: np.ndarray) -> ShapeSet:
+def as_set(shapes: np.ndarray) -> Shapes:
     names = [f"p{number}" for number in range(shapes.shape[2])]
-    return ShapeSet(shapes, names, [f"t{row}" for row in range(len(shapes))])
+    return Shapes(
+        shapes.swapaxes(1, 2),
+        landmark_names=names,
+        items=[f"t{row}" for row in range(len(shapes))],
+    )
 
 
 @pytest.mark.parametrize("rows", [slice(0, 15), slice(0, 30, 3), [4], [0, 29]])
@@ -60,7 +64,7 @@ def test_shapes_of_one_side_are_not_warned_of(shapes, rng):
     "name", ["people_train", "people_test", "animal_train", "cars"]
 )
 def test_people_bend_both_ways(name):
-    shapes = shapefit.read_shapes(f"sample_data/{name}.h5").shapes
+    shapes = shapefit.read_shapes(f"sample_data/{name}.h5").as_columns()
     assert not find_mirrored(shapes.swapaxes(1, 2)).any()
 
 

@@ -14,10 +14,14 @@ from shapefit.dictionary.model import Dictionary, describe_learning
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import (
+    read_dictionary,
+    write_dictionary,
+)
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict.from_2d import describe_prediction, predict_hidden
+from shapefit.records import Landmarks
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 
@@ -35,14 +39,14 @@ def class_of_shapes():
     return shapes - shapes.mean(axis=2, keepdims=True)
 
 
-def learn_in(folder, landmarks, further=None, **changes):
+def learn_in(folder, landmarks, fields=None, **changes):
     """Write landmarks (n, 2, p), learn from them, and return outcomes."""
-    images = LandmarkSet(
-        landmarks=100.0 * landmarks + 300.0,
+    images = Landmarks(
+        (100.0 * landmarks + 300.0).swapaxes(1, 2),
         landmark_names=tuple(f"p{j}" for j in range(landmarks.shape[2])),
         items=tuple(f"image{i}" for i in range(len(landmarks))),
     )
-    save(folder / "images.h5", images.replaced(**further or {}))
+    save(folder / "images.h5", images.replaced(**fields or {}))
     given = {"shapes": folder / "images.h5", "output": folder / "dict.h5", "k": 5}
     return list(learn_dict.run(LearnDictConfig(**given | changes)))
 
@@ -84,7 +88,9 @@ def learned(class_of_shapes, tmp_path_factory):
 
 def error(result, truth, sign):
     """Mean of ||X - X^|| / ||X||, in the unit of the truth."""
-    found = (result.shapes - result.shapes.mean(axis=2, keepdims=True)) / 100.0
+    found = (
+        result.as_columns() - result.as_columns().mean(axis=2, keepdims=True)
+    ) / 100.0
     apart = np.linalg.norm(found * [[1], [1], [sign]] - truth, axis=(1, 2))
     return float(np.mean(apart / np.linalg.norm(truth, axis=(1, 2))))
 
@@ -107,7 +113,7 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
     errors = [error(made.result, class_of_shapes, sign) for sign in (1, -1)]
     assert min(errors) < 0.1
     # landmarks that might be pixels: what was learned is seen as it was learned
-    assert "focal" not in made.result.columns
+    assert made.result.focal is None
     flipped = [error(learned(True).result, class_of_shapes, sign) for sign in (1, -1)]
     assert int(np.argmin(flipped)) != int(np.argmin(errors))
     assert min(flipped) < 0.1
@@ -127,27 +133,26 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
         learned(None).of_fit,
     )
     files = [folder / name for name in ("images.h5", "dict.h5", "result.h5")]
-    assert not result.columns["trusted"].any()
-    assert not result.columns["shape_correlation"][..., 1:].any()  # z is as likely -z
-    assert (result.columns["reasons"] == "near and far not told apart").mean() > 0.9
+    assert not result.column("trusted").any()
+    assert not result.column("shape_correlation")[..., 1:].any()  # z is as likely -z
+    assert (result.column("reasons") == "near and far not told apart").mean() > 0.9
     texts = [str(text) for each in outcomes for text in each.warnings]
     (warning,) = [text for text in texts if "learned from 2D" in text]
     assert "learned from 2D landmarks: learned; near and far open" in warning
     assert "near and far open" in description(folder)
     request = verify.Request(files[2], files[1], (files[0],))
     assert not [each.failures for each in verify.run(request) if each.failures]
-    found = result.shapes - result.shapes.mean(axis=2, keepdims=True)
-    stated = learned(False).result.shape_sd[
-        :, 2
-    ]  # with z and -z as likely, 2 z^2 is added
-    added = result.shape_sd[:, 2] ** 2 - stated**2
+    found = result.as_columns() - result.as_columns().mean(axis=2, keepdims=True)
+    stated = learned(False).result.shape_sd[..., 2]
+    # with z and -z as likely, 2 z^2 is added
+    added = result.shape_sd[..., 2] ** 2 - stated**2
     np.testing.assert_allclose(added, 2 * found[:, 2] ** 2, rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("flip", [True, False])
 def test_who_states_what_is_near_has_images_trusted(learned, flip):
     made = learned(flip)
-    assert made.result.columns["trusted"].mean() > 0.9
+    assert made.result.column("trusted").mean() > 0.9
     assert "learned; near and far stated by `flip`" in description(made.folder)
 
 
@@ -172,10 +177,10 @@ def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, s
     size = np.linalg.norm(shapes, axis=(1, 2)).mean() / np.sqrt(P)
     visible = shapes[:, :2] / (1 + shapes[:, 2:] / (4 * size))
     camera = np.array([[400 * size, 0, 300], [0, 400 * size, 300], [0, 0, 1.0]])
-    learn(visible, {"further": {"camera_matrix": camera}})
+    learn(visible, {"file_extras": {"camera_matrix": camera}})
     assert "near and far told by perspective" in description(tmp_path)
     found, _ = lift(tmp_path)
-    assert found.columns["trusted"].any()
+    assert found.column("trusted").any()
     assert error(found, shapes, 1) < 0.3 < error(found, shapes, -1)
 
 
@@ -218,11 +223,11 @@ def test_missing_landmarks_and_confidences_and_sequences_are_taken(
     landmarks = class_of_shapes[:, :2].copy()
     hidden = rng.random((N, P)) < 0.1
     landmarks[np.repeat(hidden[:, None], 2, axis=1)] = np.nan
-    further = {
+    fields = {
         "confidence": np.where(hidden, 0.0, 0.9),
         "sequences": ("a",) * (N // 2) + ("b",) * (N - N // 2),
     }
-    learn(landmarks, further)
+    learn(landmarks, fields)
     found, _ = lift(tmp_path)
     assert min(error(found, class_of_shapes, sign) for sign in (1, -1)) < 0.2
 
@@ -231,10 +236,10 @@ def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes
     edges = np.column_stack([np.arange(P - 1), np.arange(1, P)])
     freedom = []
     for stretch in (0.0, 0.3):
-        further = {"further": {"edges": edges}}
+        fields = {"edges": edges}
         learn(
             class_of_shapes[:, :2],
-            further,
+            fields,
             prior={"components": 1, "bone_scale": stretch},
         )
         made = read_dictionary(tmp_path / "dict.h5")

@@ -14,10 +14,15 @@ from shapefit.dictionary.learning import learn_atoms, principal_components
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.procrustes import generalised_procrustes, mirror, rotation_onto
-from shapefit.io import digest, read_dictionary, read_shapes, write_shapes
-from shapefit.io.records import ShapeSet
+from shapefit.io import (
+    digest,
+    read_dictionary,
+    read_shapes,
+    write_shapes,
+)
 from shapefit.pipelines.learn_dict.from_3d import every_nth
 from shapefit.pipelines.learn_dict.run import run
+from shapefit.records import Shapes
 from tests.pipelines.fitted import failures, warnings
 from tests.pipelines.learn_dict.conftest import EDGES, FACES
 
@@ -29,7 +34,7 @@ FEW = {"k": 6, "iterations": 2}
 class TestSparseCoding:
     def test_atoms_are_learned_from_normalised_aligned_shapes(self, make, shapes):
         dictionary, _ = make(shapes, k=6, iterations=4)
-        aligned = generalised_procrustes(normalise(shapes.shapes).points)
+        aligned = generalised_procrustes(normalise(shapes.as_columns()).points)
         *_, expected = learn_atoms(aligned.shapes, 6, 0.1, iterations=4)
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
         np.testing.assert_array_equal(dictionary.objective_trace, expected.trace)
@@ -38,7 +43,7 @@ class TestSparseCoding:
         )
         i, j = EDGES.T
         lengths = np.linalg.norm(
-            shapes.shapes[:, :, i] - shapes.shapes[:, :, j], axis=1
+            shapes.as_columns()[:, :, i] - shapes.as_columns()[:, :, j], axis=1
         )
         np.testing.assert_allclose(dictionary.edge_length, lengths.mean(axis=0))
 
@@ -67,7 +72,7 @@ class TestSparseCoding:
     def test_sizes_are_in_the_unit_of_the_shapes(self, make, models):
         dictionary, _ = make(models, **LEARNED)
         assert (dictionary.unit, dictionary.atom_items) == ("m", None)
-        normalised = normalise(models.shapes)
+        normalised = normalise(models.as_columns())
         *_, learned = learn_atoms(
             generalised_procrustes(normalised.points).shapes, 4, 0.1, iterations=5
         )
@@ -79,7 +84,7 @@ class TestSparseCoding:
 class TestExemplars:
     def test_every_normalised_model_is_an_atom(self, make, models):
         dictionary, outcomes = make(models, align="none", **EXEMPLARS)
-        normalised = normalise(models.shapes)
+        normalised = normalise(models.as_columns())
         np.testing.assert_array_equal(dictionary.atoms, normalised.points)
         np.testing.assert_array_equal(dictionary.atom_scale, normalised.scale)
         mean = normalise(normalised.points.mean(axis=0)).points
@@ -92,10 +97,10 @@ class TestExemplars:
 
     def test_models_are_turned_onto_each_other_with_their_meshes(self, make, models):
         dictionary, _ = make(models, align="all", **EXEMPLARS)
-        alignment = generalised_procrustes(normalise(models.shapes).points)
+        alignment = generalised_procrustes(normalise(models.as_columns()).points)
         np.testing.assert_array_equal(dictionary.atoms, alignment.shapes)
-        middle = models.shapes.mean(axis=2, keepdims=True)
-        turned = alignment.rotations @ (models.mesh_vertices - middle)
+        middle = models.as_columns().mean(axis=2, keepdims=True)
+        turned = alignment.rotations @ (models.mesh_vertices.swapaxes(1, 2) - middle)
         metric = dictionary.atom_scale[:, None, None] * dictionary.mesh_vertices
         np.testing.assert_allclose(metric, turned, atol=1e-12)
 
@@ -105,7 +110,7 @@ class TestPcaBases:
 
     def test_are_those_of_each_aligned_sequence(self, make, shapes):
         dictionary, _ = make(shapes, method="pca-bases")
-        aligned = generalised_procrustes(normalise(shapes.shapes).points)
+        aligned = generalised_procrustes(normalise(shapes.as_columns()).points)
         parts = aligned.shapes[:10], aligned.shapes[10:]
         expected = np.concatenate([principal_components(part) for part in parts])
         np.testing.assert_array_equal(dictionary.atoms, expected)
@@ -118,11 +123,11 @@ class TestPcaBases:
         of_sequence = np.array(
             [shapes.sequences.index(name) for name in shapes.sequences]
         )
-        still = shapes.shapes[of_sequence].astype(np.float32).astype(np.float64)
+        still = shapes.as_columns()[of_sequence].astype(np.float32).astype(np.float64)
         with pytest.raises(
             InputError, match=r"shapes: .* all alike; give sequences that move"
         ):
-            make(shapes.replaced(shapes=still), method="pca-bases")
+            make(shapes.replaced(shapes=still.swapaxes(1, 2)), method="pca-bases")
 
 
 class TestPrior:
@@ -158,8 +163,10 @@ class TestPrior:
     @pytest.mark.parametrize(("number", "components"), [(20, 1), (300, 2)])
     def test_a_component_for_every_150_shapes(self, make, rng, number, components):
         points = rng.normal(size=(number, 3, 5))
-        many = ShapeSet(
-            points, tuple("abcde"), tuple(f"pose {i}" for i in range(number))
+        many = Shapes(
+            points.swapaxes(1, 2),
+            landmark_names=tuple("abcde"),
+            items=tuple(f"pose {i}" for i in range(number)),
         )
         made, outcomes = make(many, prior={"components": "auto"}, k=4, iterations=2)
         assert len(made.prior) == components
@@ -191,23 +198,25 @@ class TestNumber:
             make(shapes, k=64)
 
     def test_shapes_of_one_point_are_left_out(self, make, shapes):
-        points = shapes.shapes.copy()
+        points = shapes.as_columns().copy()
         points[4] = points[4, :, :1]
-        dictionary, outcomes = make(shapes.replaced(shapes=points), **FEW)
+        dictionary, outcomes = make(
+            shapes.replaced(shapes=points.swapaxes(1, 2)), **FEW
+        )
         assert failures(outcomes) == {
             "item4": "all its landmarks are at one point, or not finite"
         }
         expected, _ = make(shapes.take(np.arange(30) != 4), **FEW)
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
         with pytest.raises(InputError, match="29 shapes"):
-            make(shapes.replaced(shapes=points), k=30)
+            make(shapes.replaced(shapes=points.swapaxes(1, 2)), k=30)
 
     def test_no_shape_that_can_be_used(self, make, shapes):
-        points = np.repeat(shapes.shapes[:, :, :1], 5, axis=2)
+        points = np.repeat(shapes.as_columns()[:, :, :1], 5, axis=2)
         with pytest.raises(
             InputError, match=r"0 shapes.*; item0, for one: all its landmarks are"
         ):
-            make(shapes.replaced(shapes=points), k=1)
+            make(shapes.replaced(shapes=points.swapaxes(1, 2)), k=1)
 
 
 PARTNERS = np.array([1, 0, 3, 2, 4])
@@ -222,18 +231,18 @@ def faces(rng):
     points = np.concatenate([half, half * [[1], [1], [-1]], middle], axis=1)[
         :, [0, 2, 1, 3, 4]
     ]
-    return ShapeSet(
-        shapes=points + 0.1 * rng.standard_normal((6, 3, 5)),
+    return Shapes(
+        (points + 0.1 * rng.standard_normal((6, 3, 5))).swapaxes(1, 2),
         landmark_names=("left eye", "right eye", "left ear", "right ear", "nose"),
         items=tuple(f"face{i}" for i in range(6)),
-        columns={"mirror_index": PARTNERS},
+        mirror_index=PARTNERS,
     )
 
 
 class TestMirror:
     def test_atoms_are_the_shapes_and_their_mirror_images(self, make, faces):
         dictionary, outcomes = make(faces, mirror=True, **PLAIN)
-        plain = normalise(faces.shapes).points
+        plain = normalise(faces.as_columns()).points
         np.testing.assert_array_equal(dictionary.atoms[:6], plain)
         np.testing.assert_allclose(
             dictionary.atoms[6:], mirror(plain, PARTNERS, 2), atol=1e-14
@@ -252,7 +261,7 @@ class TestMirror:
 
     def test_meshes_are_left_out(self, make, faces, rng):
         meshed = faces.replaced(
-            mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=FACES
+            mesh_vertices=rng.normal(size=(6, 3, 4)).swapaxes(1, 2), mesh_faces=FACES
         )
         dictionary, _ = make(meshed, mirror=True, **PLAIN)
         assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
@@ -264,15 +273,15 @@ class TestMirror:
         ids=["absent", "cycle", "too high", "nobody has a partner"],
     )
     def test_an_index_that_pairs_nothing_is_refused(self, make, faces, index):
-        further = {} if index is None else {"mirror_index": np.array(index)}
+        wrong = None if index is None else np.array(index)
         with pytest.raises(InputError, match="does not pair landmarks; name each"):
-            make(faces.replaced(further=further), mirror=True, **PLAIN)
+            make(faces.replaced(mirror_index=wrong), mirror=True, **PLAIN)
 
     def test_pairs_of_the_config_are_those_of_the_file(self, make, faces):
         names = faces.landmark_names
         pairs = {names[0]: names[1], names[2]: names[3]}
         expected, _ = make(faces, mirror=True, **PLAIN)
-        named, _ = make(faces.replaced(further={}), mirror=pairs, **PLAIN)
+        named, _ = make(faces.replaced(mirror_index=None), mirror=pairs, **PLAIN)
         np.testing.assert_array_equal(named.atoms, expected.atoms)
         np.testing.assert_array_equal(named.mirror_index, PARTNERS)
         with pytest.raises(InputError, match="name each landmark of a pair once"):
@@ -293,7 +302,7 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     assert len(dictionary.objective_trace) == 31
     assert "reconstruction error 2." in outcomes[-2].rows[0][1]
     # The mean stands as the first shape does: no turn brings one nearer to the other.
-    first = normalise(read_shapes(config.shapes).shapes[0]).points
+    first = normalise(read_shapes(config.shapes).as_columns()[0]).points
     np.testing.assert_allclose(
         rotation_onto(first, dictionary.mean_shape), np.eye(3), atol=1e-6
     )

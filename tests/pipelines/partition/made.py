@@ -12,7 +12,8 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, write_dictionary
+from shapefit.io import write_dictionary
+from shapefit.records import Landmarks
 from tests.io.files import save
 
 NAMES = tuple("abcdefgh")
@@ -32,7 +33,7 @@ def make_images(
     items = tuple(f"i{n}" for n in range(first, first + len(points)))
     save(
         Path(path),
-        LandmarkSet(landmarks=points, landmark_names=NAMES, items=items, **fields),
+        Landmarks(points.swapaxes(1, 2), landmark_names=NAMES, items=items, **fields),
     )
 
 

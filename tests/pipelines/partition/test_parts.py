@@ -13,10 +13,10 @@ from shapefit.config import load_config
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io import write_shapes
-from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.fit import fit as fit_whole
 from shapefit.pipelines.partition import run as parting
 from shapefit.pipelines.partition.run import find_parts, run
+from shapefit.records import Shapes
 from tests.pipelines.fitted import done, failures
 from tests.pipelines.partition.made import (
     NAMES,
@@ -266,8 +266,10 @@ def test_the_folder_is_one_result(rng):
     assert command("view", "out/", "-o", "page.html") == 0
     assert Path("page.html").stat().st_size > 10_000
 
-    truth = ShapeSet(
-        rng.normal(size=(500, 3, 8)), NAMES, tuple(f"i{n}" for n in range(500))
+    truth = Shapes(
+        rng.normal(size=(500, 3, 8)).swapaxes(1, 2),
+        landmark_names=NAMES,
+        items=tuple(f"i{n}" for n in range(500)),
     )
     write_shapes(Path("truth.h5"), truth)
     assert (

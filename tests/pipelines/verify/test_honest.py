@@ -11,8 +11,9 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
-from shapefit.io import LandmarkSet, read_dictionary
+from shapefit.io import read_dictionary
 from shapefit.pipelines.partition.run import run as fit_parts
+from shapefit.records import Landmarks
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 from tests.pipelines.verify.conftest import TERMS
@@ -171,8 +172,8 @@ def test_hard_images_are_accepted(tmp_path, verify, dictionaries, rng):
     confidence[7] *= 1e4
     confidence[8] *= 1e-4
     confidence[9, ::2] = 0
-    images = LandmarkSet(
-        landmarks=landmarks,
+    images = Landmarks(
+        landmarks.swapaxes(1, 2),
         confidence=confidence,
         landmark_names=dictionary.landmark_names,
         items=tuple(f"image{i}" for i in range(12)),

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from shapefit.config import ViewConfig
-from shapefit.io import LandmarkSet, ResultSet, ShapeSet, result_writer, write_shapes
+from shapefit.io import (
+    result_writer,
+    write_shapes,
+)
 from shapefit.pipelines.view.run import run
 from shapefit.pipelines.view.scene import make_scene
+from shapefit.records import Fit, Landmarks, Shapes
+from tests.columns import put
 from tests.io.files import save
 
 NAMES = ("a", "b", "c", "d", "e")
@@ -31,19 +36,24 @@ def write_result(path, shapes, extras=None, attributes=None, **fields):
     n = len(shapes)
     extras = {"landmarks": shapes[:, :2].swapaxes(1, 2)} if extras is None else extras
     fields = {"unit": "px", "status": np.array(["optimal"] * n, dtype=object)} | fields
+    for name in {"shape_sd", "landmarks_fitted"} & fields.keys():
+        fields[name] = fields[name].swapaxes(1, 2)
+    whole = {name: v for name, v in extras.items() if name.startswith("extrinsic_")}
+    extras = {name: v for name, v in extras.items() if name not in whole}
+    fit = Fit(shapes.swapaxes(1, 2), **settings(n, fields))
     with result_writer(path) as writer:
-        writer.append(ResultSet(shapes=shapes, columns=extras, **settings(n, fields)))
+        writer.append(put(fit, extras, whole))
         writer.attributes.update(attributes or {})
     return path
 
 
 def write_truth(path, shapes, **fields):
-    write_shapes(path, ShapeSet(shapes, **settings(len(shapes), fields)))
+    write_shapes(path, Shapes(shapes.swapaxes(1, 2), **settings(len(shapes), fields)))
     return path
 
 
 def write_landmarks(path, landmarks, **fields):
-    save(path, LandmarkSet(landmarks=landmarks, **settings(len(landmarks), fields)))
+    save(path, Landmarks(landmarks.swapaxes(1, 2), **settings(len(landmarks), fields)))
     return path
 
 

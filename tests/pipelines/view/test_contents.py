@@ -11,7 +11,6 @@ from shapefit.evaluation import metrics
 from shapefit.geometry.floor import Floor
 from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import (
-    ShapeSet,
     read_results,
     read_shapes,
     write_dictionary,
@@ -19,6 +18,7 @@ from shapefit.io import (
 )
 from shapefit.pipelines.view.layers import in_usual_units
 from shapefit.pipelines.view.run import fitted_image
+from shapefit.records import Shapes
 from shapefit.viewer.page import as_json, block_of_points, viewer_page
 
 
@@ -69,7 +69,7 @@ def test_many_frames_are_thinned_by_sequence_and_the_page_says_so(desk, monkeypa
     assert scene["frame_rate"] == 60 / step
     assert scene["items"][:2] == ("i0", f"i{step}")
     assert len(scene["sequences"]) == 21
-    expected = read_results(result).shapes[2 * step]
+    expected = read_results(result).as_columns()[2 * step]
     np.testing.assert_allclose(scene["layers"][0]["points"][2], expected)
     few = desk.scene(result, items=("i19???",))
     assert (len(few["items"]), few["frame_rate"]) == (1000, 60)
@@ -107,15 +107,17 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
     layer = made.data["layers"][0]
     measures = {measure["name"]: measure for measure in layer["measures"]}
     found, truth = read_results(result), read_shapes([desk.folder / "truth.h5"])
-    error = metrics.similarity(found.shapes, truth.shapes)
-    in_mm = metrics.expected(found.shapes, truth.shapes, extras["expected_error"])
+    error = metrics.similarity(found.as_columns(), truth.as_columns())
+    in_mm = metrics.expected(
+        found.as_columns(), truth.as_columns(), extras["expected_error"]
+    )
     expected = {
         "error against the truth": ("mm", error),
         "expected error": ("mm", in_mm),  # in px in the file: units never mix
         "p-value": ("", extras["p_value"]),
         "distance in the image": (
             "px",
-            metrics.reprojection(found.shapes[:, :2], landmarks),
+            metrics.reprojection(found.as_columns()[:, :2], landmarks),
         ),
     }
     assert list(measures) == list(expected)
@@ -401,7 +403,11 @@ def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(de
     truth = desk.folder / "of_names.h5"
     write_shapes(
         truth,
-        ShapeSet(desk.shapes(6, 4), tuple(names), tuple(f"i{i}" for i in range(6))),
+        Shapes(
+            desk.shapes(6, 4).swapaxes(1, 2),
+            landmark_names=tuple(names),
+            items=tuple(f"i{i}" for i in range(6)),
+        ),
     )
     page = desk.scene(result, truth=(truth,))
     assert page["landmarks"] == tuple(names)

@@ -51,11 +51,15 @@ def test_the_mesh_lies_under_the_landmarks(world, camera):
     scene = make_scene(ViewConfig(files=files, dictionary=path))
     apart = dictionary.mesh_vertices[0, :, None, :] - dictionary.atoms[0, :, :, None]
     vertex = (apart**2).sum(axis=0).argmin(axis=1)
-    seen = fit.shapes[:, :2] if fit.landmarks_fitted is None else fit.landmarks_fitted
+    seen = (
+        fit.as_columns()[:, :2]
+        if fit.landmarks_fitted is None
+        else fit.landmarks_fitted.swapaxes(1, 2)
+    )
     for row in range(0, len(fit), 30):
         image = fitted_image(scene, row)
         np.testing.assert_allclose(image.projected, seen[row], atol=1e-6)
-        np.testing.assert_allclose(image.landmarks, fit.columns["landmarks"][row].T)
+        np.testing.assert_allclose(image.landmarks, fit.column("landmarks")[row].T)
         np.testing.assert_allclose(
             image.projected_mesh[:, vertex], image.projected, atol=1e-3
         )

@@ -1,0 +1,85 @@
+"""Landmarks by name: records with the landmarks that are asked for, in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Integers
+from shapefit.io.layout import LABELS
+from shapefit.io.names import match_landmarks
+from shapefit.records.columns import Array
+from shapefit.records.items import Items, Record
+from shapefit.records.landmarks import Landmarks
+from shapefit.records.shapes import Shapes
+
+OF_LANDMARKS = ("confidence", *LABELS)
+"""Further columns (n, p) that go with their landmarks."""
+
+
+def arrange(
+    record: Record,
+    names: Sequence[str],
+    place: str = "landmark_names",
+    *,
+    omit: bool = False,
+) -> Record:
+    """Return the same items with the landmarks `names`, in that order.
+
+    Landmarks that images lack are unseen (NaN, confidence 0) and have no label; edges
+    move with their landmarks. Landmarks that `names` lacks are left out with `omit`.
+    Raises InputError at `place` for those otherwise, and for shapes that lack one.
+    """
+    names = tuple(names)
+    before = record.landmark_names
+    if names == before:
+        return record
+    if not omit:
+        match_landmarks(names, before, place)
+    if isinstance(record, Shapes):
+        match_landmarks(before, names, place)
+    p = len(before)
+    place_of = {name: column for column, name in enumerate(before)}
+    unseen = p  # the row of a landmark that is added behind the others
+    rows = np.array([place_of.get(name, unseen) for name in names], np.intp)
+    position = np.full(p + 1, -1)
+    position[rows] = np.arange(len(names))
+
+    padded = np.pad(record.points, [(0, 0), (0, 1), (0, 0)], constant_values=np.nan)
+    changes: dict[str, Any] = {
+        "landmark_names": names,
+        record.POINTS: padded[:, rows],
+        "extras": {
+            name: _move(values, rows) if _goes_with(record, name, values) else values
+            for name, values in record.extras.items()
+        },
+    }
+    if isinstance(record, Landmarks) and record.confidence is not None:
+        changes["confidence"] = _move(record.confidence, rows)
+    if record.lines is not None:
+        changes["edges"] = _move_edges(record.lines, position)
+    if isinstance(record, Shapes) and record.mirror_index is not None:
+        partners = record.mirror_index[rows]
+        changes["mirror_index"] = position.take(partners, mode="clip")
+    return replace(record, **changes)
+
+
+def _goes_with(record: Items, name: str, values: Array) -> bool:
+    """Whether a further column has a value for each landmark."""
+    shape = (len(record), len(record.landmark_names))
+    return name in OF_LANDMARKS and values.shape[:2] == shape
+
+
+def _move(values: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Return values (n, p) of these landmarks, 0 for those that are not there."""
+    return np.pad(values, [(0, 0), (0, 1)])[:, rows]
+
+
+def _move_edges(lines: Integers, position: NDArray[np.intp]) -> Integers:
+    """Return the edges between landmarks that stay, at their new positions."""
+    moved = position[lines]
+    return moved[(moved >= 0).all(axis=1)]

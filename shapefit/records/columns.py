@@ -1,0 +1,287 @@
+"""What a field of a record is, said once beside it, and what follows from that.
+
+    shapes: Annotated[Floats, "n p 3", LENGTH]
+
+says type, axes and unit. Layouts of files, conversions, checks, rows and the tables of
+the documentation are made of it. Letters of axes are sizes that agree over a record: n
+items, p landmarks, k atoms, e edges, q vertices and f faces of a mesh, r coordinates of
+all landmarks, i landmarks of a detector; a counts the transforms that are not 0, one
+image after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from inspect import get_annotations
+from types import UnionType
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Flags, Floats, Integers
+from shapefit.errors import input_error
+
+if TYPE_CHECKING:
+    from shapefit.records.items import Items
+
+Singles = NDArray[np.float32]
+"""Numbers of which few digits count; files may have more."""
+
+Words = NDArray[np.object_]
+"""Texts of items, as an array, so that they can be compared."""
+
+Texts = Sequence[str]
+"""Names; whatever sequence is given, records hold a tuple."""
+
+Array = NDArray[np.generic]
+
+NUMBERS = {Floats: np.float64, Singles: np.float32, Integers: np.int64, Flags: np.bool_}
+"""Kinds of arrays of numbers -> their types."""
+
+COUNTS = "transform_count"
+"""The field, and the dataset, that says how many rows of axis a belong to each item."""
+
+Rows = slice | NDArray[np.integer] | Flags | Sequence[int]
+
+
+class Unit(NamedTuple):
+    """The unit of a column."""
+
+    text: str
+
+
+class Named(NamedTuple):
+    """The name of a column in files, where its field has another."""
+
+    text: str
+
+
+LENGTH = Unit("unit of the record")
+
+
+class Column(NamedTuple):
+    """A column as files and checks know it.
+
+    axes are letters or numbers; kind is Texts, Words, or one of NUMBERS.
+    """
+
+    field: str
+    name: str
+    axes: tuple[str | int, ...]
+    kind: object
+    unit: str = ""
+    required: bool = False
+
+    @property
+    def per_item(self) -> bool:
+        """Whether it gets longer with more items."""
+        return self.axes[0] in ("n", "a")
+
+    @property
+    def has_points(self) -> bool:
+        """Whether it has one point a row: (n, p, d)."""
+        return self.axes[:2] in (("n", "p"), ("n", "i")) and len(self.axes) == 3
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it holds texts."""
+        return self.kind in (Texts, Words)
+
+    @property
+    def is_index(self) -> bool:
+        """Whether it holds whole numbers."""
+        return self.kind == Integers
+
+
+_COLUMNS: dict[type, tuple[Column, ...]] = {}
+
+
+def columns_of(cls: type) -> tuple[Column, ...]:
+    """Return the columns of a class of records, those that it inherits first."""
+    if cls not in _COLUMNS:
+        _COLUMNS[cls] = tuple(_read_columns(cls))
+    return _COLUMNS[cls]
+
+
+def _read_columns(cls: type) -> Iterator[Column]:
+    """Yield what is written beside the fields of a class."""
+    columns: dict[str, Column] = {}
+    for base in reversed(cls.__mro__):
+        for field, hint in get_annotations(base).items():
+            if hasattr(hint, "__metadata__"):  # Annotated
+                kind, axes, *marks = get_args(hint)
+                columns[field] = _read_column(field, kind, axes, marks)
+    yield from columns.values()
+
+
+def _read_column(
+    field: str, kind: object, axes: str, marks: Sequence[Unit | Named]
+) -> Column:
+    """Return a column of what is written beside its field."""
+    kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    name = field
+    unit = ""
+    for mark in marks:
+        if isinstance(mark, Named):
+            name = mark.text
+        else:
+            unit = mark.text
+    return Column(
+        field=field,
+        name=name,
+        axes=tuple(int(axis) if axis.isdigit() else axis for axis in axes.split()),
+        kind=kinds[0],
+        unit=unit,
+        required=type(None) not in kinds,
+    )
+
+
+_BY_NAME: dict[type, Mapping[str, Column]] = {}
+
+
+def column_by_name(cls: type) -> Mapping[str, Column]:
+    """Return the columns of a class by their names in files."""
+    if cls not in _BY_NAME:
+        _BY_NAME[cls] = {column.name: column for column in columns_of(cls)}
+    return _BY_NAME[cls]
+
+
+def fit_axes(
+    axes: Sequence[str | int], shape: Sequence[int], sizes: dict[str, int]
+) -> bool:
+    """Whether a shape has these axes; sizes of letters that are new are added to
+    `sizes`.
+    """
+    if len(shape) != len(axes):
+        return False
+    fits = True
+    for axis, size in zip(axes, shape, strict=True):
+        wanted = sizes.setdefault(axis, size) if isinstance(axis, str) else axis
+        fits = fits and wanted == size
+    return fits
+
+
+def as_kind(column: Column, value: object) -> Array | Texts:
+    """Return a value in the type of a column. Raises TypeError or ValueError."""
+    if column.kind == Texts:
+        return value if isinstance(value, tuple) else tuple(map(str, _each(value)))
+    if column.kind == Words:
+        return np.asarray(value, object)
+    if column.kind == Singles:
+        numbers = np.asarray(value)
+        return numbers if numbers.dtype.kind == "f" else numbers.astype(np.float32)
+    for kind, dtype in NUMBERS.items():
+        if column.kind == kind:
+            with np.errstate(invalid="ignore", over="ignore"):  # checks find nan, inf
+                return np.asarray(value, dtype)
+    raise TypeError(f"{column.name} is of no known kind")
+
+
+def _each(value: object) -> Sequence[object]:
+    """Return what a sequence or an array holds. Raises TypeError for other values."""
+    if isinstance(value, np.ndarray):
+        values: list[object] = value.tolist()
+        return values
+    if not isinstance(value, Sequence):
+        raise TypeError(f"{value!r} is no sequence of names")
+    return value
+
+
+def complete(record: Items) -> None:
+    """Convert the fields of a new record to their types, and check that axes agree.
+
+    Raises InputError for what is no array of numbers, and for other shapes.
+    """
+    sizes: dict[str, int] = {}
+    points = type(record).POINTS
+    # The points say how many items and landmarks there are, and the rest must agree.
+    columns = sorted(columns_of(type(record)), key=lambda one: one.field != points)
+    for column in columns:
+        value = getattr(record, column.field)
+        if value is None or (column.kind == Texts and not len(value)):
+            continue
+        field = column.field
+        place = field if field == points else f"{points}.{field}"
+        try:
+            converted = as_kind(column, value)
+        except (TypeError, ValueError):
+            kind = "names" if column.is_text else "numbers"
+            fix = f"give {kind}"
+            raise input_error(place, f"is no array of {kind}", fix) from None
+        shape = np.shape(converted) if isinstance(converted, np.ndarray) else ()
+        if isinstance(converted, tuple):
+            shape = (len(converted),)
+        expected = tuple(sizes.get(str(axis), axis) for axis in column.axes)
+        if not fit_axes(column.axes, shape, sizes):
+            row = ", one landmark per row" if column.axes[-2:-1] == ("p",) else ""
+            fix = f"it must be {expected}".replace("'", "") + row
+            raise input_error(place, f"has the shape {shape}", fix)
+        object.__setattr__(record, field, converted)
+
+
+def in_columns(points: Floats) -> Floats:
+    """Return points (n, p, d) as the mathematics has them: (n, d, p), and in that order
+    in memory.
+
+    Sums round by the order in memory: what is computed must not depend on who made the
+    array.
+    """
+    return np.ascontiguousarray(points.swapaxes(1, 2))
+
+
+def held_columns(record: Items) -> Iterator[tuple[Column, Array | Texts]]:
+    """Yield the columns that a record has, as they stand in a file."""
+    for column in columns_of(type(record)):
+        value = getattr(record, column.field)
+        if value is not None:
+            yield column, value
+
+
+def take_rows(record: Items, rows: NDArray[np.integer] | slice) -> dict[str, object]:
+    """Return the fields of a record of some items; transforms go with their image."""
+    changes: dict[str, object] = {}
+    for column, value in held_columns(record):
+        if column.axes[0] == "n":
+            changes[column.field] = _take(value, rows)
+        elif column.axes[0] == "a":
+            count = getattr(record, COUNTS)
+            changes[column.field] = _take_counted(np.asarray(value), count, rows)
+    changes["extras"] = {name: value[rows] for name, value in record.extras.items()}
+    return changes
+
+
+def _take(value: Array | Texts, rows: NDArray[np.integer] | slice) -> Array | Texts:
+    if isinstance(value, np.ndarray):
+        return value[rows]
+    if isinstance(rows, slice):
+        return value[rows]
+    return tuple(value[row] for row in rows.tolist()) if len(value) else ()
+
+
+def _take_counted(
+    value: Array, count: Integers, rows: NDArray[np.integer] | slice
+) -> Array:
+    ends = np.cumsum(count)
+    taken = np.arange(len(count))[rows]
+    ranges = [np.arange(ends[row] - count[row], ends[row]) for row in taken]
+    taken_rows: Array = value[np.concatenate([np.empty(0, np.intp), *ranges])]
+    return taken_rows
+
+
+def fields_from(cls: type, columns: Mapping[str, object]) -> dict[str, Any]:
+    """Return columns by the fields of a class; those that it does not list become
+    `extras`. What is None is left out.
+    """
+    listed = column_by_name(cls)
+    fields: dict[str, Any] = {}
+    extras: dict[str, object] = {}
+    for name, value in columns.items():
+        if value is None:
+            continue
+        if name in listed:
+            fields[listed[name].field] = value
+        else:
+            extras[name] = value
+    fields["extras"] = extras
+    return fields

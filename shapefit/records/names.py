@@ -1,0 +1,13 @@
+"""Names in Unicode's composed form, in which names that look the same are the same."""
+
+from __future__ import annotations
+
+import unicodedata
+
+
+def as_composed(text: str) -> str:
+    """Return a text in Unicode's composed form: names that look the same are the same.
+
+    Accented letters have two spellings; macOS writes one, keyboards the other.
+    """
+    return text if text.isascii() else unicodedata.normalize("NFC", text)
