@@ -232,9 +232,7 @@ class TestPerspective:
         ]
         assert errors[1] < 0.5 * errors[0]
         residuals = [
-            np.median(
-                np.sqrt(np.nanmean((fitted - views.landmarks) ** 2, axis=(1, 2)))
-            )
+            np.median(np.sqrt(np.nanmean((fitted - views.landmarks) ** 2, axis=(1, 2))))
             for fitted in (weak.shapes[..., :2], full.landmarks_fitted)
         ]
         assert residuals[1] < 0.5 * residuals[0]
@@ -322,7 +320,8 @@ class TestLens:
         (tmp_path / "calibration.toml").write_text(CALIBRATION)
         camera = {"calibration": tmp_path / "calibration.toml", "name": "left"}
         expected = fit(straight, camera={"focal": "files"}, method="convex+refine")
-        result = fit(bent.replaced(file_extras={}), camera=camera, method="convex+refine")
+        bare = bent.replaced(file_extras={})
+        result = fit(bare, camera=camera, method="convex+refine")
         np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
         np.testing.assert_array_equal(result.column("extrinsic_translation"), [1, 2, 3])
         assert result.column("extrinsic_rotation").shape == (3, 3)
