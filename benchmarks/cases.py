@@ -30,6 +30,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import open_landmarks, read_shapes
+from shapefit.io.arrange import arrange
 from shapefit.pipelines.learn_dict.from_3d import every_nth
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -282,9 +283,10 @@ def mocap_case(folder: Path) -> Arrays:
     shapes = read_shapes([folder / "subject13_24fps.h5"])
     lengths = Counter(shapes.sequences)
     turns = np.concatenate([np.arange(length) / length for length in lengths.values()])
-    views = normalise(project_from_afar(shapes.shapes, turntable(turns, "y"))).points
+    solid = project_from_afar(shapes.as_columns(), turntable(turns, "y"))
+    views = normalise(solid).points
     training = read_shapes([folder / "subject86_24fps.h5"])
-    retained = training.shapes[every_nth(training.sequences or (), 3)]
+    retained = training.as_columns()[every_nth(training.sequences or (), 3)]
     aligned = generalised_procrustes(normalise(retained).points).shapes
     *_, learned = learn_atoms(aligned, 64, 0.1, iterations=15)
     return program(views, learned.atoms)
@@ -295,10 +297,11 @@ def cars_case(folder: Path) -> Arrays:
     models = read_shapes([folder / "models.h5"])
     with open_landmarks([folder / "annotated_cars.h5"]) as source:
         (images,) = source.batches(source.count)
-    w = images.arrange(models.landmark_names).landmarks
+    w = arrange(images, models.landmark_names).as_columns()
     points = normalise(w, np.asarray(np.isfinite(w).all(axis=1))).points
     return program(
-        np.where(np.isfinite(w), points, np.nan), normalise(models.shapes).points[:-1]
+        np.where(np.isfinite(w), points, np.nan),
+        normalise(models.as_columns()).points[:-1],
     )
 
 

@@ -152,7 +152,7 @@ def split(case: Case, data: Path, folder: Path) -> tuple[Path, Path, Path]:
     images = read_images(data / f"{case.landmarks}.h5")
     n = len(truth)
     half, last = slice(0, n // 2), slice(n - round(JUDGED * n), n)
-    known = np.asarray(np.isfinite(truth.shapes[half]).all(axis=1), dtype=bool)
+    known = np.asarray(np.isfinite(truth.shapes[half]).all(axis=2), dtype=bool)
     columns = np.flatnonzero(known.mean(axis=0) >= KNOWN)
     rows = np.flatnonzero(known[:, columns].all(axis=1))
     paths = tuple(folder / name for name in ("training.h5", "landmarks.h5", "truth.h5"))
@@ -170,14 +170,13 @@ def of_landmarks(
     edges = [] if shapes.edges is None else shapes.edges.tolist()
     retained = [(place[a], place[b]) for a, b in edges if a in place and b in place]
     return Shapes(
-        shapes.shapes[..., columns].swapaxes(1, 2),
-        landmark_names=tuple(shapes.landmark_names[j] for j in columns),
+        shapes.shapes[:, columns],
+        landmark_names=tuple(shapes.landmark_names[j] for j in columns.tolist()),
         items=shapes.items,
         sequences=shapes.sequences,
         edges=np.array(retained, dtype=np.int64).reshape(-1, 2),
         unit=shapes.unit,
         frame_rate=shapes.frame_rate,
-        extras={},
     )
 
 

@@ -297,7 +297,7 @@ def film(
     besides = np.random.default_rng(len(clips))
     found, truth, sequences, rate = [], [], [], 0.0
     for number, clip in enumerate(clips):
-        points, rate = move(shapes.shapes[clip], shapes.frame_rate or 24.0, cell)
+        points, rate = move(shapes.as_columns()[clip], shapes.frame_rate or 24.0, cell)
         t, m = len(points), len(names)
         visible, focal = look(points, rng, cell, aim)
         visible[:, 2] += cell.leave * np.arange(t)[:, None] / rate
@@ -325,7 +325,7 @@ def film(
         unit="px",
         y_axis="down",
         frame_rate=rate,
-        extras={"image_size": np.array(SIZE)},
+        file_extras={"image_size": np.array(SIZE)},
     )
     known = Shapes(
         np.concatenate(truth).swapaxes(1, 2),
@@ -363,8 +363,8 @@ def measure(
         config = CONFIGS / f"detected/fit-{method}.yaml"
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            fit = shapefit.fit(shapefit.Landmarks.of(images), dictionary, config=config)
-        judged = measure_file(Path(method), fit.record(), truth, JUDGED)
+            fit = shapefit.fit(images, dictionary, config=config)
+        judged = measure_file(Path(method), fit, truth, JUDGED)
         error = judged.errors["similarity", "normalised"]
         row[method] = np.mean(
             [np.nanmean(error[names == name]) for name in np.unique(names)]
@@ -374,8 +374,9 @@ def measure(
             row[f"{method} holds"] = float(
                 (square[~np.isnan(square)] <= WIDTH_SQUARED_RADIUS).mean()
             )
-            size = np.sqrt(fit.record().shapes.var(axis=2)).mean(axis=1)
-            expected = fit.record().columns["expected_error"] / size
+            size = np.sqrt(fit.shapes.var(axis=1)).mean(axis=1)
+            assert fit.expected_error is not None, "it comes with error bars"
+            expected = fit.expected_error / size
             row[f"{method} expected"] = np.nanmean(expected) / np.nanmean(error)
         by_clip[method] = [
             np.nanmean(error[names == name]) for name in np.unique(names)
@@ -415,10 +416,8 @@ def measure_floor(
     images, truth = film(shapes, clips, rng, cell)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        fit = shapefit.fit(
-            shapefit.Landmarks.of(images), dictionary, config="sequences"
-        )
-    found = find_floors(fit.record(), BY_DEFAULT, body)
+        fit = shapefit.fit(images, dictionary, config="sequences")
+    found = find_floors(fit, BY_DEFAULT, body)
     errors, deviations = np.full((2, len(clips), 3), np.nan)
     names = np.array(truth.sequences)
     for number, clip in enumerate(clips):
@@ -427,7 +426,10 @@ def measure_floor(
             continue
         world, visible = (
             np.hstack([*one])
-            for one in (shapes.shapes[clip], truth.shapes[names == f"clip{number}"])
+            for one in (
+                shapes.as_columns()[clip],
+                truth.as_columns()[names == f"clip{number}"],
+            )
         )
         middles = world.mean(axis=1), visible.mean(axis=1)
         R = rotation_onto(world - middles[0][:, None], visible - middles[1][:, None])

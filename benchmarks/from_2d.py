@@ -17,7 +17,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,7 @@ from shapefit.io import (
     read_results,
     read_shapes,
 )
+from shapefit.io.arrange import arrange
 from shapefit.records import Landmarks, concatenate
 
 Floats = NDArray[np.float64]
@@ -83,7 +84,8 @@ def e3d(found: Floats, truth: Floats) -> Floats:
         + truth.mean(axis=2, keepdims=True)
     )
     size = np.linalg.norm(truth - truth.mean(axis=2, keepdims=True), axis=(1, 2))
-    return np.linalg.norm(apart, axis=(1, 2)) / size
+    error: Floats = np.linalg.norm(apart, axis=(1, 2)) / size
+    return error
 
 
 def normalised(found: Floats, truth: Floats) -> Floats:
@@ -105,7 +107,9 @@ def read(paths: list[Path]) -> Landmarks:
         sequences = tuple(
             f"{path.stem}/{name}" for name in part.sequences or ("",) * len(part)
         )
-        parts.append(part.replaced(items=names, sequences=sequences, further={}))
+        renamed = replace(part, items=names, sequences=sequences)
+        bare = replace(renamed, frames=None, times=None, edges=None)
+        parts.append(replace(bare, extras={}, file_extras={}))
     return concatenate(parts)
 
 
@@ -120,12 +124,12 @@ def published_sequence(
         images = read([data / f"nrsfm/{name}.h5"])
         if damaged:
             rng = np.random.default_rng(1)
-            w = images.landmarks
+            w = images.as_columns()
             size = (w - w.mean(axis=2, keepdims=True)).std()
             w = w + NOISE * size * rng.standard_normal(w.shape)
             hidden = rng.random((len(w), 1, w.shape[2])) < MISSING
-            images = images.replaced(landmarks=np.where(hidden, np.nan, w))
-        return images, read_shapes([data / f"nrsfm/{name}_truth.h5"]).shapes
+            images = images.with_points(np.where(hidden, np.nan, w).swapaxes(1, 2))
+        return images, read_shapes([data / f"nrsfm/{name}_truth.h5"]).as_columns()
 
     return given
 
@@ -151,7 +155,7 @@ def turntable(
         turns = [
             np.linspace(0, 2 * np.pi, length, endpoint=False) for length in lengths
         ]
-        X = rotation_about_axis(1, np.concatenate(turns)) @ shapes.shapes
+        X = rotation_about_axis(1, np.concatenate(turns)) @ shapes.as_columns()
         images = Landmarks(
             X[:, :2].swapaxes(1, 2),
             landmark_names=shapes.landmark_names,
@@ -159,9 +163,7 @@ def turntable(
             sequences=shapes.sequences,
             frame_rate=shapes.frame_rate,
             y_axis="up",
-            extras={"edges": shapes.edges}
-            if edges and shapes.edges is not None
-            else {},
+            edges=shapes.edges if edges else None,
         )
         return images.take(slice(None, None, every)), X[::every]
 
@@ -178,9 +180,11 @@ def rat(data: Path) -> tuple[Landmarks, Floats]:
     for camera in cameras:
         shapes = read_shapes([camera.with_name(f"{camera.name}_truth.h5")], gaps=True)
         truth.append(
-            shapes.shapes[..., [shapes.landmark_names.index(name) for name in retained]]
+            shapes.as_columns()[
+                ..., [shapes.landmark_names.index(name) for name in retained]
+            ]
         )
-    return images.arrange(retained, omit=True), np.concatenate(truth)
+    return arrange(images, retained, omit=True), np.concatenate(truth)
 
 
 def first(
@@ -266,7 +270,7 @@ def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ..
     taken = learned[dictionary]
     result = folder / "result.h5"
     run("fit", lifted, "-d", dictionary, "-o", result, "--set", f"method={case.method}")
-    shapes = read_results(result).shapes
+    shapes = read_results(result).as_columns()
     signs = [np.array([[1.0], [1.0], [sign]]) for sign in (1.0, -1.0)]
     error = min(float(np.nanmean(case.judged(sign * shapes, truth))) for sign in signs)
     met = "met" if error <= case.goal else "missed"

@@ -18,6 +18,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation.metrics import MIN_COMMON_LANDMARKS, similarity, truth_scale
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import read_dictionary, read_shapes
+from shapefit.io.arrange import arrange
 
 ORACLES: Mapping[str, Callable[[Floats, Dictionary], Floats]] = {
     "Mean shape (oracle)": lambda true, dictionary: similarity(
@@ -47,9 +48,11 @@ def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
     fitted = json.loads(str(found.attributes["config"]))
     dictionary = read_dictionary(Path(fitted["dictionary"]))
     truth = read_shapes([Path(path) for path in config["truth"]])
-    truth = truth.arrange(dictionary.landmark_names)
+    truth = arrange(truth, dictionary.landmark_names)
+    shapes_of = truth.as_columns()
     row_of = {item: row for row, item in enumerate(truth.items)}
-    visible = np.isfinite(found.extras["landmarks"]).all(axis=2).sum(axis=1)
+    assert found.landmarks is not None, "every fit has them"
+    visible = np.isfinite(found.landmarks).all(axis=2).sum(axis=1)
     retained = np.flatnonzero(visible >= config.get("least_visible", 0))
     shown = np.array([row_of[name] for name in _names(found, config["match"])])[
         retained
@@ -62,8 +65,8 @@ def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
             own = left_out == item
             known = dictionary.without(str(item)) if item else dictionary
             shapes, back = np.unique(shown[own], return_inverse=True)
-            error[own] = oracle(truth.shapes[shapes], known)[back]
-        size = truth_scale(truth.shapes, truth.shapes)[shown]
+            error[own] = oracle(shapes_of[shapes], known)[back]
+        size = truth_scale(shapes_of, shapes_of)[shown]
         cells = [
             f"{np.mean(e):.3f} / {np.median(e):.3f}" for e in (error / size, error)
         ]
@@ -80,7 +83,7 @@ def _names(found: shapefit.Fit, dataset: str | None) -> list[str]:
     return (
         list(found.items or ())
         if dataset == "item"
-        else list(map(str, found.extras[dataset]))
+        else list(map(str, np.asarray(found.column(dataset))))
     )
 
 
@@ -96,7 +99,8 @@ def nearest_atom(shapes: Floats, atoms: Floats) -> Floats:
     (n,).
     """
     errors = [similarity(np.broadcast_to(atom, shapes.shape), shapes) for atom in atoms]
-    return np.min(errors, axis=0)
+    nearest: Floats = np.min(errors, axis=0)
+    return nearest
 
 
 def best_combination(shapes: Floats, atoms: Floats) -> Floats:
@@ -159,4 +163,5 @@ def _alternate(shapes: Floats, atoms: Floats, start: Floats) -> tuple[Floats, Fl
 
 
 def _centred(points: Floats) -> Floats:
-    return points - points.mean(axis=-1, keepdims=True)
+    centred: Floats = points - points.mean(axis=-1, keepdims=True)
+    return centred

@@ -48,25 +48,14 @@ def is_named(images: Landmarks, dictionary: shapefit.Dictionary) -> bool:
     """Whether a warning says that x and y have different scales."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        shapefit.fit(shapefit.Landmarks.of(images), dictionary, method="posterior")
+        shapefit.fit(images, dictionary, method="posterior")
     return any(STRETCHED in str(warning.message) for warning in caught)
 
 
 def stretch(images: Landmarks, factors: tuple[float, float]) -> Landmarks:
     """Return images with x and y multiplied by factors, of no known size."""
-    columns = dict(images.columns)
-    if factors != (1.0, 1.0):
-        columns.pop("image_size")
-    return Landmarks(
-        (images.landmarks * np.array(factors)[:, None]).swapaxes(1, 2),
-        landmark_names=images.landmark_names,
-        items=images.items,
-        sequences=images.sequences,
-        unit=images.unit,
-        y_axis=images.y_axis,
-        frame_rate=images.frame_rate,
-        extras=columns,
-    )
+    stretched = images.with_points(images.landmarks * np.array(factors))
+    return stretched if factors == (1.0, 1.0) else stretched.without(["image_size"])
 
 
 def main() -> None:

@@ -106,21 +106,22 @@ def judge(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         fit = shapefit.fit(
-            shapefit.Landmarks.of(images),
+            images,
             dictionary,
             method=method,
             lam=0.1,
             prior=PRIORS[method],
         )
-    record = fit.record()
-    measured = measure_file(Path(method), record, truth, JUDGED)
+    measured = measure_file(Path(method), fit, truth, JUDGED)
     error = measured.errors["similarity", "normalised"]
     assert measured.bars is not None
     square = measured.bars.square[~np.isnan(measured.bars.square)]
     trusted = np.asarray(fit.trusted, bool)
     fine = error < FINE
     far = error > FAR
-    noise = record.columns.get("sequence_noise", np.full(len(error), np.nan))
+    noise = fit.sequence_noise
+    if noise is None:
+        noise = np.full(len(error), np.nan)
     return Judged(
         method=method,
         cell=cell.name,

@@ -99,8 +99,8 @@ def look_at(shapes: shapefit.Shapes, seed: int = 0) -> shapefit.Landmarks:
         extras={
             "true_model": np.array(models, dtype=object),
             "true_rotation": np.array(rotations),
-            "camera_matrix": np.diag([FOCAL, FOCAL, 1.0]),
         },
+        file_extras={"camera_matrix": np.diag([FOCAL, FOCAL, 1.0])},
     )
 
 

@@ -64,11 +64,7 @@ class TestCorruption:
         self, images, share
     ):
         after = sensitivity.corrupt(images, share)
-        before, w, wrong = (
-            images.as_columns(),
-            after.landmarks,
-            after.extras["corrupted"],
-        )
+        before, w, wrong = images.landmarks, after.landmarks, after.extras["corrupted"]
         seen = sensitivity.visible(images)
         np.testing.assert_array_equal(sensitivity.visible(after), seen)
         assert np.abs(wrong.sum(axis=1) - share * seen.sum(axis=1)).max() < 1

@@ -23,6 +23,7 @@ ROOMS = [
             "core",
             "threads",
             "geometry",
+            "records",
             "convex",
             "dictionary",
             "lifting",

@@ -148,9 +148,9 @@ def cars(samples):
 
 
 def test_every_mesh_is_closed_and_wound_outward(cars):
-    assert cars.mesh_vertices.shape[2] >= 1000
+    assert cars.mesh_vertices.shape[1] >= 1000
     for vertices in cars.mesh_vertices:
-        mesh = trimesh.Trimesh(vertices.T, cars.mesh_faces, process=False)
+        mesh = trimesh.Trimesh(vertices, cars.mesh_faces, process=False)
         assert np.isfinite(mesh.vertices).all()
         assert mesh.is_watertight
         assert mesh.is_winding_consistent

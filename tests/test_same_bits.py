@@ -60,7 +60,7 @@ def folder(world, tmp_path_factory):
     with open_landmarks([views]) as source:
         images = source.whole()
     rows = np.concatenate([np.arange(start, start + 64) for start in (0, 80)])
-    images = images.take(rows).replaced(further={})
+    images = images.take(rows).replaced(extras={}, file_extras={})
     save(folder / "views.h5", images)
     save(folder / "a.csv", images.take(slice(64)))
     save(folder / "b.h5", images.take(slice(64, None)))

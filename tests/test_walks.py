@@ -73,10 +73,10 @@ def test_a_researcher_brings_arrays_and_a_solver(folder):
     """W and B as MATLAB saves them; shapes by S = sum_i c_i R_i B_i, judged as fits
     are.
     """
-    people = shapefit.read_shapes(folder / "data/people_train.h5").as_columns()[::60]
+    people = shapefit.read_shapes(folder / "data/people_train.h5").shapes[::60]
     views = shapefit.read_landmarks(folder / "data/people_views.csv")
-    visible = np.flatnonzero(np.isfinite(views.as_columns()).all(axis=(0, 2)))
-    stacked = {"W": views.as_columns(), "B": people}
+    visible = np.flatnonzero(np.isfinite(views.landmarks).all(axis=(0, 2)))
+    stacked = {"W": views.landmarks, "B": people}
     stacked = {
         name: X[:, visible].swapaxes(1, 2).reshape(-1, len(visible))
         for name, X in stacked.items()
@@ -95,12 +95,10 @@ def test_a_researcher_brings_arrays_and_a_solver(folder):
     atoms = shapefit.Dictionary(atoms=B.swapaxes(1, 2))
     fitted = shapefit.fit(W.swapaxes(1, 2), atoms, lam=0.1)
     np.testing.assert_allclose(fitted.coefficients, c, atol=1e-6)
-    centred = fitted.as_columns() - fitted.as_columns().mean(axis=1, keepdims=True)
+    centred = fitted.shapes - fitted.shapes.mean(axis=1, keepdims=True)
     np.testing.assert_allclose(own, centred, atol=1e-5)
     truth = shapefit.read_shapes(folder / "data/people_test.h5")
-    true = truth.as_columns()[[truth.items.index(item) for item in views.items]][
-        :, visible
-    ]
+    true = truth.shapes[[truth.items.index(item) for item in views.items]][:, visible]
     report = shapefit.evaluate(own, true, ["similarity"])
     by_hand = similarity(own.swapaxes(1, 2), true.swapaxes(1, 2))
     np.testing.assert_allclose(report.errors["similarity", "unknown"], by_hand)

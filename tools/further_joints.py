@@ -148,7 +148,7 @@ def training_shapes(given: Shapes, dictionary: Dictionary) -> Floats:
     config = json.loads(dictionary.provenance["config"])
     d, prior = len(dictionary.landmark_names), config["prior"]
     names = [name for name in JOINTS if name in POINTS]
-    shapes = given.shapes[every_nth(given.sequences or (), config["every"])]
+    shapes = given.as_columns()[every_nth(given.sequences or (), config["every"])]
     shapes = shapes[..., [given.landmark_names.index(POINTS[name]) for name in names]]
     partners = mirrored(names)
     images = mirror(shapes, partners, lateral_axis(shapes, partners))
@@ -232,7 +232,7 @@ def extend(dictionary: Dictionary, given: Shapes) -> Dictionary:
 
     names = [name for name in JOINTS if name in POINTS]
     columns = [given.landmark_names.index(POINTS[name]) for name in names]
-    moving = with_heels(given.shapes[..., columns], names)
+    moving = with_heels(given.as_columns()[..., columns], names)
     sequences = given.sequences or ()
     old = {tuple(edge) for edge in dictionary.edges.tolist()}
     edges = np.concatenate(

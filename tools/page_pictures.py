@@ -165,7 +165,8 @@ def page_of(result: Path, **keys: Any) -> Iterator[Any]:
 
 def settled(driver: Any) -> bytes:
     """Return a picture (PNG) of the page once it no longer changes."""
-    before, picture = b"", driver.get_screenshot_as_png()
+    before = b""
+    picture: bytes = driver.get_screenshot_as_png()
     while picture != before:
         driver.execute_async_script(PAUSE)
         before, picture = picture, driver.get_screenshot_as_png()

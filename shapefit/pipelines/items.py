@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
+from shapefit.records.fit import Fit
 from shapefit.records.items import Items
 from shapefit.records.names import as_composed
 
@@ -119,7 +120,9 @@ def named_items(
     """
     if dataset == BY_ITEM:
         return tuple(images.items)
-    named = {n: v for n, v in images.item_columns().items() if v.ndim == 1}
+    named = {name: v for name, v in images.extras.items() if v.ndim == 1}
+    if isinstance(images, Fit) and images.omitted is not None:
+        named["omitted"] = images.omitted
     if dataset not in named:
         texts = sorted(
             name for name, values in named.items() if values.dtype.kind in "OSU"

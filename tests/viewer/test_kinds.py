@@ -89,7 +89,7 @@ def made(request, view, project, tmp_path_factory):
     kind = KINDS[request.param]
     folder = tmp_path_factory.mktemp("kind")
     places = {"samples": str(project / "sample_data"), "data": ""}
-    if "{data}" in kind.as_columns():
+    if "{data}" in kind.landmarks:
         places["data"] = str(request.getfixturevalue("real_data") / "detected")
     dictionary = "people"
     if kind.learn:
@@ -99,7 +99,7 @@ def made(request, view, project, tmp_path_factory):
     result = folder / kind.output
     line = [
         "fit",
-        kind.as_columns().format(**places),
+        kind.landmarks.format(**places),
         "-d",
         dictionary,
         *kind.fit,

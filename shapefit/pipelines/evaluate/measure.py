@@ -38,19 +38,13 @@ from shapefit.pipelines.items import (
     subsample,
 )
 from shapefit.records import Fit, Items, Shapes
-from shapefit.records.columns import Array, in_columns
+from shapefit.records.columns import Array, columns_of, in_columns
 
 FOR_ALL = ("true_rotation", "rotation", "shape_correlation", "bounding_box")
 """Datasets that are taken beside those that metrics need."""
 OF_JOINTS = {
-    "landmarks",
-    "confidence",
-    "outliers",
-    "corrupted",
-    "dual",
-    "landmarks_fitted",
-}
-OF_JOINTS |= {"shape_correlation", "shape_covariance"}
+    column.name for column in columns_of(Fit) if {"p", "r"} & {*column.axes}
+} - {"shapes", "landmark_names"} | {"corrupted"}
 """Datasets with an axis of the joints, which results have for these but not for the
 input.
 """

@@ -322,9 +322,8 @@ class TestLens:
         (tmp_path / "calibration.toml").write_text(CALIBRATION)
         camera = {"calibration": tmp_path / "calibration.toml", "name": "left"}
         expected = fit(straight, camera={"focal": "files"}, method="convex+refine")
-        result = fit(
-            bent.replaced(file_extras={}), camera=camera, method="convex+refine"
-        )
+        bare = bent.replaced(file_extras={})
+        result = fit(bare, camera=camera, method="convex+refine")
         np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
         np.testing.assert_array_equal(result.column("extrinsic_translation"), [1, 2, 3])
         assert result.column("extrinsic_rotation").shape == (3, 3)
