@@ -23,7 +23,7 @@ from shapefit.errors import as_typed
 from .report import Report, tell
 
 if TYPE_CHECKING:
-    from shapefit.config.reference import Row
+    from shapefit.config.reference import KeyInWords
     from shapefit.pipelines.result import Result
 
 TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
@@ -506,7 +506,7 @@ def list_keys(command: str, section: str, option_json: bool) -> int:
     return 0
 
 
-def keys_text(table: Sequence[Row], width: int) -> str:
+def keys_text(table: Sequence[KeyInWords], width: int) -> str:
     """Return a table of keys for a terminal."""
     lines = []
     for row in table:
