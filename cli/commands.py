@@ -426,8 +426,10 @@ def make_config(spec: Spec, given: Mapping[str, Any]) -> Any:
 
     path = Path(given["config"]) if given["config"] else None
     absent = [*spec.required, *(name for name in ("output",) if name in names)]
-    stand_ins = dict.fromkeys(absent) if printing else None
-    config = load_config(spec.name, path, overrides, arguments, stand_ins=stand_ins)
+    placeholders = dict.fromkeys(absent) if printing else None
+    config = load_config(
+        spec.name, path, overrides, arguments, placeholders=placeholders
+    )
     return config if printing else with_parts(config, given)
 
 

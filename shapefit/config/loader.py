@@ -61,14 +61,14 @@ def load_config(
     arguments: Mapping[str, object] | None = None,
     *,
     prefix: str = "",
-    stand_ins: Mapping[str, object] | None = None,
+    placeholders: Mapping[str, object] | None = None,
 ) -> Any:
     """Return the checked config of a command: a file, `overrides`, then `arguments`.
 
     `file` is a YAML file, `-`, or the name of an installed config; paths in it are
     relative to it, others to the working directory. `overrides` are texts `a.b=value`;
     `arguments` (`a.b` -> value) count unless None or (), and messages name them after
-    `prefix`. `stand_ins` replace files, or, where they are None, fill keys of files
+    `prefix`. `placeholders` replace files, or, where they are None, fill keys of files
     that are not given. Raises InputError with every problem, each with its place.
     """
     schema = CONFIGS[command]
@@ -89,7 +89,7 @@ def load_config(
             _set_value(values, places, path, value, prefix + name)
     replaced = {
         key: value
-        for key, value in (stand_ins or {}).items()
+        for key, value in (placeholders or {}).items()
         if value is not None or key not in values
     }
     values.update(dict.fromkeys(replaced, "-"))

@@ -21,7 +21,7 @@ EARLIER_MANIFEST = "manifest.json"
 
 DONE: Final = "done"
 FAILED: Final = "failed"
-Status = Literal["done", "failed"]
+PartStatus = Literal["done", "failed"]
 """Status of a part in the manifest."""
 
 MAX_NUMBER = 2**63 - 1
@@ -39,18 +39,18 @@ def part_name(number: int) -> str:
     return f"part-{number:05}.h5"
 
 
-def number_of(file: str) -> int:
+def part_number(file: str) -> int:
     """Return the number of a part by the name of its file."""
     return int(file.removeprefix("part-").removesuffix(".h5"))
 
 
-class Line(BaseModel):
+class ManifestLine(BaseModel):
     """A line of a manifest; keys of later versions are kept as they are."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="allow")
 
 
-class RunLine(Line):
+class RunLine(ManifestLine):
     """The line of a run: what all its parts depend on.
 
     `parts` are the numbers of the files that it writes, `removed` those of an earlier
@@ -73,7 +73,7 @@ class RunLine(Line):
         return self.__pydantic_extra__
 
 
-class PartLine(Line):
+class PartLine(ManifestLine):
     """The line of a part: what it is made of, and what became of it.
 
     rows (start, stop) of the one input, None for all; states, the bytes and time of
@@ -85,7 +85,7 @@ class PartLine(Line):
     inputs: Annotated[tuple[PathName, ...], Field(min_length=1)]
     rows: tuple[PartCount, PartCount] | None
     states: tuple[tuple[PartCount, ChangeTime], ...]
-    status: Status
+    status: PartStatus
     images: PartCount = 0
     failed: PartCount = 0
     bytes: PartCount = 0
