@@ -363,9 +363,9 @@ def config_of(
         )
         raise input_error(f"{prefix}{key}", f"there is no argument `{key}`", fix)
     path = None if config is None else Path(config)
-    arguments, stand_ins = plain(given), FILES[command]
+    arguments, placeholders = plain(given), FILES[command]
     return load_config(
-        command, path, arguments=arguments, prefix=prefix, stand_ins=stand_ins
+        command, path, arguments=arguments, prefix=prefix, placeholders=placeholders
     )
 
 

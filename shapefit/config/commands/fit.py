@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from shapefit.config.commands.input import MetresConfig, NotNegative, Positive, Text
 from shapefit.config.model import Auto, ConfigModel, Pair, section
 from shapefit.config.paths import (
-    UNNAMED,
+    UNNAMED_OUTPUT,
     Description,
     DictionaryPath,
     InputPaths,
@@ -31,9 +31,10 @@ from shapefit.lifting.methods import (
 
 if TYPE_CHECKING:
     MethodName = str
-    Part = str
+    BodyMeasure = str
 else:
-    MethodName, Part = Literal[(AUTO, *METHODS)], Literal["head", "hips", "shoulders"]
+    MethodName = Literal[(AUTO, *METHODS)]
+    BodyMeasure = Literal["head", "hips", "shoulders"]
 
 
 class CameraConfig(ConfigModel):
@@ -122,7 +123,7 @@ class FitConfig(MetresConfig):
         default_factory=lambda: find_dictionaries()["people"]
     )
     """Dictionary file that learn-dict wrote, or the name of an installed one."""
-    output: OutputOrFolder = UNNAMED
+    output: OutputOrFolder = UNNAMED_OUTPUT
     """Result file, by its ending (docs/export.md); - is stdout, FOLDER/ one file per
     part.
     """
@@ -152,7 +153,7 @@ class FitConfig(MetresConfig):
     """
     prior: PriorConfig = section(PriorConfig)
     skeleton: Annotated[
-        Auto[dict[Part, Positive]],
+        Auto[dict[BodyMeasure, Positive]],
         Description("a mapping of head, hips and shoulders to factors > 0, or auto"),
     ] = None
     """A detector's height of the head and distances of hips and shoulders, times the
@@ -180,7 +181,8 @@ class FitConfig(MetresConfig):
             raise ValueError(
                 "`lambda: auto` needs `noise`; give the noise of a landmark"
             )
-        if (conflict := find_conflict(self)) is not None:
+        conflict = find_conflict(self)
+        if conflict is not None:
             raise ValueError(conflict)
         return self
 

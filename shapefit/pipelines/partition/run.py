@@ -37,8 +37,8 @@ from shapefit.config.manifest import (
     PartLine,
     RunLine,
     not_a_manifest,
-    number_of,
     part_name,
+    part_number,
 )
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import (
@@ -187,8 +187,8 @@ def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
         shapefit=__version__,
         method=config.method,
         estimated=calibration._asdict(),
-        parts=tuple(number_of(part.file) for part in plan.parts),
-        removed=tuple(map(number_of, plan.removed)),
+        parts=tuple(part_number(part.file) for part in plan.parts),
+        removed=tuple(map(part_number, plan.removed)),
         **plan.digests,
     )
     for path in strangers:
