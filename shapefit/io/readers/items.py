@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from shapefit.arrays import Flags
-from shapefit.errors import abbreviate, input_error, listed
+from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES, FRAME, TIME
@@ -283,18 +283,22 @@ def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
         weights = np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0)
         confidence = np.where(placed, np.maximum(weights, 0.0), 0.0)
     rows: Flags = np.asarray(placed.any(axis=1))
-    counts = {
-        "landmarks hidden, whose coordinates are infinite": int(
-            np.isinf(points).any(axis=2).sum()
-        ),
-        "landmarks hidden, whose confidence is below `min_confidence`": int(low.sum()),
-        "individuals without a landmark left out": int((~rows).sum()),
-    }
-    notes = poses.notes + tuple(
-        f"{number} {text}" for text, number in counts.items() if number
-    )
+    infinite = int(np.isinf(points).any(axis=2).sum())
+    empty = int((~rows).sum())
+    notes = [*poses.notes]
+    if infinite:
+        hidden = counted(infinite, "landmark")
+        notes.append(f"{hidden} hidden, whose coordinates are infinite")
+    if low.any():
+        hidden = counted(int(low.sum()), "landmark")
+        notes.append(f"{hidden} hidden, whose confidence is below `min_confidence`")
+    if empty:
+        notes.append(f"{counted(empty, 'item')} without a landmark left out")
     points = np.where(placed[..., None], points, np.nan)
-    return replace(poses, points=points, confidence=confidence, notes=notes), rows
+    hidden_poses = replace(
+        poses, points=points, confidence=confidence, notes=tuple(notes)
+    )
+    return hidden_poses, rows
 
 
 def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
