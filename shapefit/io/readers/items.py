@@ -77,7 +77,6 @@ def _without_depth(poses: Poses) -> Poses:
     if not known.size or known.any():
         return poses
     note = f"{FLAT}: x and y are read as landmarks"
-    note += ", with y pointing up" if poses.y_axis == "up" else ""
     points, notes = poses.points[..., :2], (*poses.notes, note)
     return replace(poses, points=points, flat=True, notes=notes)
 
@@ -120,10 +119,30 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
             f"{FRACTIONS}, so figures are squeezed where it is not square; {SIZE_FIX}"
         )
         poses = replace(poses, notes=(*poses.notes, note))
+    if poses.flat and options.y_axis is None:
+        poses = _with_direction(poses)
     fields, notes = _fields(poses, options)
     edges = {EDGES: np.array(poses.edges, np.int64)} if poses.edges else {}
     y_axis = options.y_axis or poses.y_axis
     return LandmarkSet(**fields, y_axis=y_axis, whole=edges), notes
+
+
+def _with_direction(poses: Poses) -> Poses:
+    """Return landmarks in a plane whose y points up, with a note; pixels of which no y
+    is above 0 as those of an image, from its top down.
+
+    Sports2D changes the sign of y alone: the bottom of the image is then not at 0,
+    where a camera takes it to be if y points up.
+    """
+    if poses.y_axis != "up":
+        return poses
+    y = poses.points[..., 1]
+    known = y[np.isfinite(y)]
+    if poses.unit != "px" or not known.size or known.max() > 0:
+        return replace(poses, notes=(*poses.notes, "y points up, as that of markers"))
+    points = poses.points * [1.0, -1.0]
+    note = "y is negative, so its sign is changed: y points down"
+    return replace(poses, points=points, y_axis="down", notes=(*poses.notes, note))
 
 
 def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]:
