@@ -57,13 +57,15 @@ def read_json(path: Path, *, keep: bool = False) -> Any:
 @lru_cache(maxsize=1)
 def _parse_json(path: Path, _time: int, _size: int) -> Any:
     data = read_whole(path).removeprefix(BYTE_ORDER_MARK)
+    if not data.strip():
+        raise input_error(path, "is empty", "make or copy it again, or take it away")
     try:
         return orjson.loads(data)
     except orjson.JSONDecodeError as error:
         with suppress(ValueError, RecursionError):
             if _NOT_JSON.search(data):
                 return json.loads(data)
-        problem = f"is not whole JSON ({error.msg})"
+        problem = f"is not whole JSON (from letter {error.colno} of the line on)"
         raise input_error(
             f"{path}:{error.lineno}", problem, "make or copy it again"
         ) from error
