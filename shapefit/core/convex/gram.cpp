@@ -34,37 +34,52 @@ template <int count>
     }
 }
 
-// Rows i .. i + 3 and `count` vectors of columns from j on: what `factor` holds there
-// and F^T F, less what the rows above have taken. Narrow tiles take turns between
-// several sums, or each addition would wait for the one before.
+// A tile of rows i .. i + 3 and `count` vectors of columns, summed in registers. Narrow
+// ones take turns between several sums, or each addition would wait for the one before.
 template <int count>
-[[gnu::always_inline]] inline void sum_tile(const GramSystem& s, Index i, Index j,
-                                            Doubles (&sums)[BLOCK][count]) {
-    constexpr int TURNS = count < 3 ? 2 : 1;
+struct Tile {
+    static constexpr int TURNS = count < 3 ? 2 : 1;
+    static_assert(BLOCK % TURNS == 0);
+
     Doubles parts[TURNS][BLOCK][count];
-    for (int r = 0; r < BLOCK; ++r)
-        for (int v = 0; v < count; ++v) {
-            parts[0][r][v] = load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
-            for (int t = 1; t < TURNS; ++t) parts[t][r][v] = Doubles{};
-        }
-    Index f = 0;
-    for (; f + TURNS <= s.rows; f += TURNS)
-        for (int t = 0; t < TURNS; ++t)
-            add_row<count>(s.F + (f + t) * s.stride + j, s.F + (f + t) * s.stride + i,
-                           1, parts[t]);
-    for (; f < s.rows; ++f)
-        add_row<count>(s.F + f * s.stride + j, s.F + f * s.stride + i, 1, parts[0]);
-    static_assert(BLOCK % TURNS == 0);  // i is a multiple of BLOCK
-    for (Index m = 0; m < i; m += TURNS)
-        for (int t = 0; t < TURNS; ++t)
-            add_row<count>(s.factor + (m + t) * s.factor_stride + j,
-                           s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
-    for (int r = 0; r < BLOCK; ++r)
-        for (int v = 0; v < count; ++v) {
-            sums[r][v] = parts[0][r][v];
-            for (int t = 1; t < TURNS; ++t) sums[r][v] += parts[t][r][v];
-        }
-}
+
+    [[gnu::always_inline]] void load_factor(const GramSystem& s, Index i, Index j) {
+        for (int r = 0; r < BLOCK; ++r)
+            for (int v = 0; v < count; ++v) {
+                parts[0][r][v] =
+                    load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
+                for (int t = 1; t < TURNS; ++t) parts[t][r][v] = Doubles{};
+            }
+    }
+
+    // += F^T F.
+    [[gnu::always_inline]] void add_squares(const GramSystem& s, Index i, Index j) {
+        Index f = 0;
+        for (; f + TURNS <= s.rows; f += TURNS)
+            for (int t = 0; t < TURNS; ++t)
+                add_row<count>(s.F + (f + t) * s.stride + j,
+                               s.F + (f + t) * s.stride + i, 1, parts[t]);
+        for (; f < s.rows; ++f)
+            add_row<count>(s.F + f * s.stride + j, s.F + f * s.stride + i, 1, parts[0]);
+    }
+
+    // -= what the rows above have taken.
+    [[gnu::always_inline]] void subtract_rows_above(const GramSystem& s, Index i,
+                                                    Index j) {
+        for (Index m = 0; m < i; m += TURNS)
+            for (int t = 0; t < TURNS; ++t)
+                add_row<count>(s.factor + (m + t) * s.factor_stride + j,
+                               s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
+    }
+
+    [[gnu::always_inline]] void sum(Doubles (&sums)[BLOCK][count]) const {
+        for (int r = 0; r < BLOCK; ++r)
+            for (int v = 0; v < count; ++v) {
+                sums[r][v] = parts[0][r][v];
+                for (int t = 1; t < TURNS; ++t) sums[r][v] += parts[t][r][v];
+            }
+    }
+};
 
 // L D L^T of the diagonal block: share[m][r] is what row r gives up of row m.
 template <int count>
@@ -102,8 +117,12 @@ template <int count>
 
 template <int count, bool first>
 void finish_tile(const GramSystem& s, Index i, Index j, double (&share)[BLOCK][BLOCK]) {
+    Tile<count> tile;
+    tile.load_factor(s, i, j);
+    tile.add_squares(s, i, j);
+    tile.subtract_rows_above(s, i, j);
     Doubles sums[BLOCK][count];
-    sum_tile<count>(s, i, j, sums);
+    tile.sum(sums);
     if constexpr (first) factorise_diagonal<count>(s, i, sums, share);
     eliminate_and_store<count>(s, i, j, share, sums);
 }
