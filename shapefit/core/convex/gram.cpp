@@ -18,9 +18,11 @@ constexpr Index grid_at(Index i) { return i / GRID * GRID; }
 // diagonal: the step stays a descent direction.
 constexpr double LEAST_PIVOT = 1e-14;
 
-// Columns from which on a factorisation takes long, and each block of rows so much that
-// a look at the clock beside it is nothing.
+// Columns from which on a factorisation takes long: then it goes by panels, and looks
+// at the clock.
 constexpr Index LARGE = 256;
+// Rows of a panel, which stay in the cache; a multiple of BLOCK.
+constexpr Index PANEL = 64;
 
 constexpr Index blocks_of(Index n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
 
@@ -34,37 +36,52 @@ template <int count>
     }
 }
 
-// Rows i .. i + 3 and `count` vectors of columns from j on: what `factor` holds there
-// and F^T F, less what the rows above have taken. Narrow tiles take turns between
-// several sums, or each addition would wait for the one before.
+// A tile of rows i .. i + 3 and `count` vectors of columns, summed in registers. Narrow
+// ones take turns between several sums, or each addition would wait for the one before.
 template <int count>
-[[gnu::always_inline]] inline void sum_tile(const GramSystem& s, Index i, Index j,
-                                            Doubles (&sums)[BLOCK][count]) {
-    constexpr int TURNS = count < 3 ? 2 : 1;
+struct Tile {
+    static constexpr int TURNS = count < 3 ? 2 : 1;
+    static_assert(BLOCK % TURNS == 0);
+
     Doubles parts[TURNS][BLOCK][count];
-    for (int r = 0; r < BLOCK; ++r)
-        for (int v = 0; v < count; ++v) {
-            parts[0][r][v] = load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
-            for (int t = 1; t < TURNS; ++t) parts[t][r][v] = Doubles{};
-        }
-    Index f = 0;
-    for (; f + TURNS <= s.rows; f += TURNS)
-        for (int t = 0; t < TURNS; ++t)
-            add_row<count>(s.F + (f + t) * s.stride + j, s.F + (f + t) * s.stride + i,
-                           1, parts[t]);
-    for (; f < s.rows; ++f)
-        add_row<count>(s.F + f * s.stride + j, s.F + f * s.stride + i, 1, parts[0]);
-    static_assert(BLOCK % TURNS == 0);  // i is a multiple of BLOCK
-    for (Index m = 0; m < i; m += TURNS)
-        for (int t = 0; t < TURNS; ++t)
-            add_row<count>(s.factor + (m + t) * s.factor_stride + j,
-                           s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
-    for (int r = 0; r < BLOCK; ++r)
-        for (int v = 0; v < count; ++v) {
-            sums[r][v] = parts[0][r][v];
-            for (int t = 1; t < TURNS; ++t) sums[r][v] += parts[t][r][v];
-        }
-}
+
+    [[gnu::always_inline]] void load_factor(const GramSystem& s, Index i, Index j) {
+        for (int r = 0; r < BLOCK; ++r)
+            for (int v = 0; v < count; ++v) {
+                parts[0][r][v] =
+                    load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
+                for (int t = 1; t < TURNS; ++t) parts[t][r][v] = Doubles{};
+            }
+    }
+
+    // += F^T F.
+    [[gnu::always_inline]] void add_squares(const GramSystem& s, Index i, Index j) {
+        Index f = 0;
+        for (; f + TURNS <= s.rows; f += TURNS)
+            for (int t = 0; t < TURNS; ++t)
+                add_row<count>(s.F + (f + t) * s.stride + j,
+                               s.F + (f + t) * s.stride + i, 1, parts[t]);
+        for (; f < s.rows; ++f)
+            add_row<count>(s.F + f * s.stride + j, s.F + f * s.stride + i, 1, parts[0]);
+    }
+
+    // -= what the rows first <= m < end have taken.
+    [[gnu::always_inline]] void subtract_rows(const GramSystem& s, Index i, Index j,
+                                              Index first, Index end) {
+        for (Index m = first; m < end; m += TURNS)
+            for (int t = 0; t < TURNS; ++t)
+                add_row<count>(s.factor + (m + t) * s.factor_stride + j,
+                               s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
+    }
+
+    [[gnu::always_inline]] void sum(Doubles (&sums)[BLOCK][count]) const {
+        for (int r = 0; r < BLOCK; ++r)
+            for (int v = 0; v < count; ++v) {
+                sums[r][v] = parts[0][r][v];
+                for (int t = 1; t < TURNS; ++t) sums[r][v] += parts[t][r][v];
+            }
+    }
+};
 
 // L D L^T of the diagonal block: share[m][r] is what row r gives up of row m.
 template <int count>
@@ -101,36 +118,46 @@ template <int count>
 }
 
 template <int count, bool first>
-void finish_tile(const GramSystem& s, Index i, Index j, double (&share)[BLOCK][BLOCK]) {
+void finish_tile(const GramSystem& s, Index i, Index j, Index above,
+                 double (&share)[BLOCK][BLOCK]) {
+    Tile<count> tile;
+    tile.load_factor(s, i, j);
+    tile.add_squares(s, i, j);
+    tile.subtract_rows(s, i, j, above, i);
     Doubles sums[BLOCK][count];
-    sum_tile<count>(s, i, j, sums);
+    tile.sum(sums);
     if constexpr (first) factorise_diagonal<count>(s, i, sums, share);
     eliminate_and_store<count>(s, i, j, share, sums);
 }
 
-// `count` vectors of columns from j, as many as are left but at most TILE; not one
-// alone if it can be.
+// Vectors of columns from j on, as many as are left but at most TILE; not one alone if
+// it can be. Returns how many.
 template <bool first>
-Index finish_tiles(const GramSystem& s, Index i, Index j, Index left,
+Index finish_tiles(const GramSystem& s, Index i, Index j, Index above, Index left,
                    double (&share)[BLOCK][BLOCK]) {
     const Index count = left > TILE && left % TILE == 1 && TILE > 2 ? TILE - 1 : left;
-    if (count >= TILE) return finish_tile<TILE, first>(s, i, j, share), TILE;
-    if (count == 3) return finish_tile<3, first>(s, i, j, share), 3;
-    if (count == 2) return finish_tile<2, first>(s, i, j, share), 2;
-    return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, share),
+    if (count >= TILE) return finish_tile<TILE, first>(s, i, j, above, share), TILE;
+    if (count == 3) return finish_tile<3, first>(s, i, j, above, share), 3;
+    if (count == 2) return finish_tile<2, first>(s, i, j, above, share), 2;
+    return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, above, share),
            first ? DIAGONAL : 1;
 }
 
-void eliminate_rows(const GramSystem& s, Index i) {
+// Vectors of columns from the diagonal of row i on, r among them.
+Index vectors_from(const GramSystem& s, Index i) {
+    return (s.columns + 1 - grid_at(i) + WIDTH - 1) / WIDTH;
+}
+
+// Finish rows i .. i + 3, from which those before `above` have taken their share.
+void eliminate_rows(const GramSystem& s, Index i, Index above) {
     double share[BLOCK][BLOCK];
     const Index start = grid_at(i);
-    Index left = (s.columns + 1 - start + WIDTH - 1) /
-                 WIDTH;  // vectors of columns, r among them
-    Index taken = finish_tiles<true>(s, i, start, left, share);
+    Index left = vectors_from(s, i);
+    Index taken = finish_tiles<true>(s, i, start, above, left, share);
     for (Index j = start; left > taken;) {
         j += taken * WIDTH;
         left -= taken;
-        taken = finish_tiles<false>(s, i, j, left, share);
+        taken = finish_tiles<false>(s, i, j, above, left, share);
     }
 }
 
@@ -167,12 +194,75 @@ void find_least_pivots(const GramSystem& s) {
         s.least[i] = larger(LEAST_PIVOT * s.least[i], TINY);
 }
 
+// Change up to `most` vectors of columns of `factor` from j on, in rows i .. i + 3;
+// returns how many.
+template <int most, class Change>
+Index change_tile(const GramSystem& s, Index i, Index j, Index left,
+                  const Change& change) {
+    if (left < most) {
+        if constexpr (most > 1) return change_tile<most - 1>(s, i, j, left, change);
+    }
+    Tile<most> tile;
+    tile.load_factor(s, i, j);
+    change(tile, i, j);
+    Doubles sums[BLOCK][most];
+    tile.sum(sums);
+    for (int r = 0; r < BLOCK; ++r)
+        for (int v = 0; v < most; ++v)
+            store(s.factor + (i + r) * s.factor_stride + j + v * WIDTH, sums[r][v]);
+    return most;
+}
+
+// Change all of `factor` from the diagonal on, in the rows from `first` on.
+template <class Change>
+void change_rows(const GramSystem& s, Index first, const Change& change) {
+    for (Index i = first; i < s.columns; i += BLOCK) {
+        check_interrupt();
+        Index left = vectors_from(s, i);
+        for (Index j = grid_at(i); left > 0;) {
+            const Index taken = change_tile<TILE>(s, i, j, left, change);
+            j += taken * WIDTH;
+            left -= taken;
+        }
+    }
+}
+
+// C <- C + F^T F.
+void add_squares(const GramSystem& s) {
+    GramSystem panel = s;
+    for (Index f = 0; f < s.rows; f += PANEL) {
+        panel.F = s.F + f * s.stride;
+        panel.rows = s.rows - f < PANEL ? s.rows - f : PANEL;
+        change_rows(
+            s, 0, [&](auto& tile, Index i, Index j) { tile.add_squares(panel, i, j); });
+    }
+}
+
+void factorise(const GramSystem& s) {
+    for (Index i = 0; i < s.columns; i += BLOCK) eliminate_rows(s, i, 0);
+}
+
+// Panels of rows, each of which takes its share off all rows below at once: what it
+// reads stays in the cache.
+void factorise_by_panels(GramSystem s) {
+    add_squares(s);
+    s.rows = 0;
+    for (Index first = 0; first < s.columns; first += PANEL) {
+        const Index end = first + PANEL < s.columns ? first + PANEL : s.columns;
+        for (Index i = first; i < end; i += BLOCK) {
+            check_interrupt();
+            eliminate_rows(s, i, first);
+        }
+        change_rows(s, end, [&](auto& tile, Index i, Index j) {
+            tile.subtract_rows(s, i, j, first, end);
+        });
+    }
+}
+
 void solve_system(const GramSystem& s, double* x) {
     if (s.least) find_least_pivots(s);
-    for (Index i = 0; i < s.columns; i += BLOCK) {
-        if (s.columns >= LARGE) check_interrupt();
-        eliminate_rows(s, i);
-    }
+    if (s.columns < LARGE) factorise(s);
+    else factorise_by_panels(s);
     substitute_back(s, x);
 }
 

@@ -20,7 +20,8 @@ struct GramSystem {
 // Room for a matrix F (rows, n) with a column for f, and for its factorisation.
 //
 // The matrix is taken apart four rows at a time, looking left: F^T F is summed into the
-// registers that hold the four rows, so that the Gram matrix is never stored.
+// registers that hold the four rows, so that the Gram matrix is never stored. A large
+// one is summed and taken apart by panels of rows that stay in the cache.
 class ShiftedGram {
   public:
     ShiftedGram(Workspace& workspace, Index most_rows, Index most_unknowns);
