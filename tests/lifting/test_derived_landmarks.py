@@ -56,13 +56,10 @@ def test_feet_move_no_other_joint(images, lift):
     moved = images.as_columns().copy()
     moved[..., FEET] += 30
     found, other = lift(images), lift(images.replaced(landmarks=moved.swapaxes(1, 2)))
-    np.testing.assert_array_equal(
-        other.as_columns()[..., :15], found.as_columns()[..., :15]
-    )
+    np.testing.assert_array_equal(other.shapes[..., :15], found.shapes[..., :15])
     np.testing.assert_array_equal(other.shape_sd[..., :15], found.shape_sd[..., :15])
     assert (
-        np.abs(found.as_columns() - other.as_columns())[:, :2, FEET].mean(axis=(1, 2))
-        > 3
+        np.abs(found.shapes - other.shapes)[:, :2, FEET].mean(axis=(1, 2)) > 3
     ).all()
 
 
@@ -120,7 +117,7 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
     away = (landmarks - shapes[:, :2])[0]
     visible = (away[:, feet] - away[:, [ankle]]).ravel()
     step = (gain @ visible)[:9].reshape(3, 3)
-    for points in (found.as_columns(), found.estimate.shapes):
+    for points in (found.shapes, found.estimate.shapes):
         np.testing.assert_allclose(
             (points - shapes)[0][:, feet], step, rtol=1e-4, atol=1e-6
         )
