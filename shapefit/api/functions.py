@@ -34,7 +34,7 @@ from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
 from shapefit.pipelines.fit.choices import (
     are_long,
     choose_method,
-    match_landmarks,
+    match_to_dictionary,
     warn_of_dictionary,
 )
 from shapefit.pipelines.fit.fit import lift_all, make_plan
@@ -120,7 +120,7 @@ def fit(
     messages: dict[str, str | Counted] = {}
     tally = Tally()
     with source_of(images, "landmarks", wanted.rename) as source:
-        match = match_landmarks(wanted, atoms, source.head.landmark_names)
+        match = match_to_dictionary(wanted, atoms, source.head.landmark_names)
         sample = source.first(SAMPLE_POOL)
         steps = calibrate(wanted, match, sample, source.count)
         calibration, announced = _ended(steps)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
 
 
-REASONS = {
+FAILURE_REASONS = {
     Status.DEGENERATE: "no pose of the mean shape fits the visible landmarks",
     Status.NUMERICAL_FAILURE: "numerical failure in the solver",
 }
@@ -35,16 +35,16 @@ BETA = 0.1
 outlier.
 """
 
-DRAWS, SEED = 512, 1504_01507
+NOISE_DRAWS, NOISE_SEED = 512, 1504_01507
 """Draws of noise from which lambda is found."""
 
-LEAST, MOST = 1e-3, 1e30
+MIN_LAMBDA, MAX_LAMBDA = 1e-3, 1e30
 """Of lambda from the noise. Where landmarks are all but exact, smaller ones change
 little and take longer; every shape is empty long before the largest, and what is larger
 could overflow.
 """
 
-NOISIEST = 1e6
+MAX_RELATIVE_NOISE = 1e6
 """Noise in units of the size of the landmarks beyond which these say nothing."""
 
 
@@ -121,13 +121,13 @@ def lift(
         loss=program.loss,
         beta=program.beta,
     )
-    noise = find_noise(program, size, weights.shape)
+    noise = noise_of_landmarks(program, size, weights.shape)
     if camera is not None:
         middle = np.where(fine[:, None], norm.centroid, 0.0)
         near = camera.normalised_as(norm._replace(centroid=middle, scale=size))
         problem = replace(problem, camera=near)
     estimate = estimator(replace(problem, noise=noise))
-    for status, reason in REASONS.items():
+    for status, reason in FAILURE_REASONS.items():
         if status in estimate.status:
             ended = np.fromiter(
                 (value is status for value in estimate.status), bool, len(fine)
@@ -154,7 +154,7 @@ def lift(
     )
 
 
-def find_noise(
+def noise_of_landmarks(
     program: Program, scale: Floats, shape: tuple[int, ...]
 ) -> Floats | None:
     """Covariance (n, p, 2, 2) of the noise of landmarks (n, p) that are normalised by
@@ -162,7 +162,7 @@ def find_noise(
     """
     if program.noise == 0:
         return None
-    deviation = np.minimum(program.noise / scale, NOISIEST)
+    deviation = np.minimum(program.noise / scale, MAX_RELATIVE_NOISE)
     return np.broadcast_to(
         deviation[:, None, None, None] ** 2 * np.eye(2), (*shape, 2, 2)
     )
@@ -184,7 +184,7 @@ def choose_lambda(
     unit = noise_dual_norm(atoms)
     with np.errstate(over="ignore"):
         level = program.noise / scale * unit * np.sqrt(visible_share)
-    return np.clip(level, LEAST, MOST)
+    return np.clip(level, MIN_LAMBDA, MAX_LAMBDA)
 
 
 def noise_dual_norm(atoms: Floats) -> float:
@@ -195,9 +195,11 @@ def noise_dual_norm(atoms: Floats) -> float:
     3, p). The mean of seeded draws: the same for the same atoms.
     """
     k, _, p = atoms.shape
-    G = np.random.default_rng(SEED).standard_normal((DRAWS, 2, p))
+    G = np.random.default_rng(NOISE_SEED).standard_normal((NOISE_DRAWS, 2, p))
     G -= G.mean(axis=-1, keepdims=True)
-    N = (G.reshape(2 * DRAWS, p) @ atoms.reshape(3 * k, p).T).reshape(DRAWS, 2, k, 3)
+    N = (G.reshape(2 * NOISE_DRAWS, p) @ atoms.reshape(3 * k, p).T).reshape(
+        NOISE_DRAWS, 2, k, 3
+    )
     return float(nuclear_norm(N.swapaxes(1, 2)).max(axis=1).mean())
 
 

@@ -12,7 +12,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.degeneracy import MIN_SINGULAR_VALUE, find_degenerate
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import (
-    LEAST,
+    MIN_LAMBDA,
     NOT_FINITE,
     Group,
     Program,
@@ -128,7 +128,7 @@ def test_lambda_is_the_mean_dual_norm_of_the_noise_that_is_seen(rng, visible):
     program, share = Program(lam=None, noise=2.0), np.full(3, visible.mean())
     found = choose_lambda(program, atoms, np.array([1.0, 4.0, 1e9]), share)
     expected = 2.0 * norms.max(axis=1).mean() / np.array([1.0, 4.0])
-    np.testing.assert_allclose(found, [*expected, LEAST], rtol=0.05)
+    np.testing.assert_allclose(found, [*expected, MIN_LAMBDA], rtol=0.05)
 
 
 @pytest.fixture

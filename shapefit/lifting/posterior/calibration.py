@@ -24,7 +24,7 @@ import numpy as np
 from shapefit.arrays import Flags, Floats, Indices
 from shapefit.convex.problem import Problem
 from shapefit.lifting.posterior.method import (
-    MOSTLY,
+    MIN_INLIER_PROBABILITY,
     find_from,
     find_noise,
     find_rays,
@@ -49,7 +49,7 @@ second one or fewer, others in every image.
 
 
 @dataclass(frozen=True)
-class Calibration:
+class HiddenInTurn:
     """What the hidden landmarks of a sample show of the error bars of its file.
 
     kappa, of all landmarks together, and by_landmark (p,), nan where too few were
@@ -75,14 +75,14 @@ class Calibration:
         return factor
 
 
-def calibrate(
+def hide_in_turn(
     problem: Problem,
     rotation: Floats,
     inliers: Floats,
     model: PosteriorModel,
     *,
     threads: int = 0,
-) -> Calibration:
+) -> HiddenInTurn:
     """Compare each landmark of n images with what the others predict.
 
     rotation (n, 3, 3), those of the posteriors of the images, from which the ascents
@@ -92,15 +92,15 @@ def calibrate(
     """
     square = predict_hidden(problem, rotation, model, threads=threads)
     with np.errstate(invalid="ignore"):
-        mostly_outlier = (inliers < MOSTLY).sum(axis=0)
+        mostly_outlier = (inliers < MIN_INLIER_PROBABILITY).sum(axis=0)
     seen = np.isfinite(inliers).sum(axis=0)
-    is_outlier = mostly_outlier > MOSTLY * seen
+    is_outlier = mostly_outlier > MIN_INLIER_PROBABILITY * seen
     pooled = square[:, ~is_outlier]
     pooled = pooled[np.isfinite(pooled)]
     if not len(pooled):
-        return Calibration(np.nan, np.full(square.shape[1], np.nan), np.nan, 0)
+        return HiddenInTurn(np.nan, np.full(square.shape[1], np.nan), np.nan, 0)
     by_landmark = np.array([_kappa_of_landmark(column) for column in square.T])
-    return Calibration(
+    return HiddenInTurn(
         kappa=float(np.quantile(pooled, NOMINAL_SHARE)) / CHI2_QUANTILE,
         by_landmark=np.where(is_outlier, np.nan, by_landmark),
         inside=float((pooled <= model.bar_scale * CHI2_QUANTILE).mean()),

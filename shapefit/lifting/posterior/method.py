@@ -44,18 +44,18 @@ from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation import find_pose
 from shapefit.lifting.trust import LIMITS
 
-NEARLY_EXACT = 3e-3
+NEARLY_EXACT_VARIANCE = 3e-3
 """Residual variance below which landmarks look like outliers from any view but the
 right one.
 """
 
-COARSE = 1e-2
+COARSE_VARIANCE = 1e-2
 """Residual variance with which their views are first sought."""
 
-MOSTLY = 0.5
+MIN_INLIER_PROBABILITY = 0.5
 """Inlier probability from which a landmark counts as an inlier."""
 
-FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
+FAILED_STATUSES = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
 
 def lift_to_posterior(
@@ -75,7 +75,9 @@ def lift_to_posterior(
     kept.
     """
     solution = solve(problem)
-    failed = np.array([status in FAILED for status in solution.status], dtype=bool)
+    failed = np.array(
+        [status in FAILED_STATUSES for status in solution.status], dtype=bool
+    )
     starts = find_starts(problem, solution, model.mean_shape, threads=threads)
     starts = np.where(failed[:, None, None, None], np.nan, starts)
     visible = problem.weights > 0
@@ -137,7 +139,7 @@ def end_of(solution: Solution, posterior: Posterior) -> tuple[Status, ...]:
     status = np.full(len(posterior.log_evidence), Status.ITERATION_LIMIT, dtype=object)
     status[posterior.stationary] = Status.CONVERGED
     status[np.isnan(posterior.log_evidence)] = Status.NUMERICAL_FAILURE
-    failed = np.array([end in FAILED for end in solution.status], dtype=bool)
+    failed = np.array([end in FAILED_STATUSES for end in solution.status], dtype=bool)
     status[failed] = np.array(solution.status, dtype=object)[failed]
     return tuple(status.tolist())
 
@@ -195,8 +197,8 @@ def find_from(
         slopes=slopes,
         threads=threads,
     )
-    if model.residual_variance < NEARLY_EXACT:
-        coarse = find(find_residual_variance(problem, COARSE), starts=starts)
+    if model.residual_variance < NEARLY_EXACT_VARIANCE:
+        coarse = find(find_residual_variance(problem, COARSE_VARIANCE), starts=starts)
         starts = coarse.rotation[:, None]
     return find(
         find_residual_variance(problem, model.residual_variance),
@@ -240,7 +242,7 @@ def find_start_distance(
     """
     assert estimate.convex_proof is not None, "the posterior starts from it"
     camera = problem.camera
-    inliers = np.nan_to_num(estimate.inlier_probability) >= MOSTLY
+    inliers = np.nan_to_num(estimate.inlier_probability) >= MIN_INLIER_PROBABILITY
 
     def distance(M: Transforms, rows: NDArray[np.intp]) -> Floats:
         start = reconstruct(M, problem.atoms, threads=threads).shapes

@@ -24,12 +24,12 @@ from shapefit.arrays import Floats, median
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
 from shapefit.records import Landmarks
 
-FACTORS = (0.5, 0.62, 1.6, 2.0)
+STRETCH_FACTORS = (0.5, 0.62, 1.6, 2.0)
 """Stretches of x that are looked for. Smaller ones are taken for people of another
 build.
 """
 
-MIN_GAIN = 1.5
+MIN_STRETCH_GAIN = 1.5
 """Log evidence, in nats, that three images in four must gain: one right clip in 275 on
 film of seven bodies has so much.
 """
@@ -42,7 +42,7 @@ MIN_LANDMARKS = 10
 
 
 def find_stretch(sample: Landmarks, posterior: ImagePosterior) -> float:
-    """Return the factor of FACTORS by which x of a sample is too wide, else 1.
+    """Return the factor of STRETCH_FACTORS by which x of a sample is too wide, else 1.
 
     People alone: the posterior must know the usual lengths of their limbs.
     """
@@ -54,12 +54,12 @@ def find_stretch(sample: Landmarks, posterior: ImagePosterior) -> float:
     posterior = replace(posterior, camera=None)
     before = log_density(sample, posterior)
     gains = {}
-    for factor in FACTORS:
+    for factor in STRETCH_FACTORS:
         after = log_density(narrow(sample, factor), posterior)
         gain = after - before - (seen - 1) * np.log(factor)
         gains[factor] = lower_quartile(gain)
     best = max(gains, key=lambda factor: gains[factor])
-    return best if gains[best] > MIN_GAIN else 1.0
+    return best if gains[best] > MIN_STRETCH_GAIN else 1.0
 
 
 def describe_stretch(factor: float) -> str:

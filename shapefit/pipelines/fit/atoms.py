@@ -27,7 +27,7 @@ from shapefit.lifting.methods import METHODS, ROBUST, STARTS
 from shapefit.pipelines.fit.camera import camera_factory
 from shapefit.pipelines.fit.columns import blank, with_certificate
 from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, read_blocks
-from shapefit.pipelines.fit.outliers import THRESHOLD, find_inliers
+from shapefit.pipelines.fit.outliers import RANSAC_THRESHOLD, find_inliers
 from shapefit.pipelines.items import named_items
 from shapefit.pipelines.joints import Matched
 from shapefit.records import Fit, Landmarks
@@ -55,7 +55,7 @@ def make_atom_family(config: FitConfig, match: Matched) -> AtomFamily:
     )
     threshold = None
     if config.outliers == "ransac":
-        threshold = config.outlier_threshold or THRESHOLD
+        threshold = config.outlier_threshold or RANSAC_THRESHOLD
     tolerance = config.tolerance
     if tolerance is None:
         tolerance = METHODS[config.method].tolerance

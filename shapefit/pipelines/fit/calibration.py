@@ -46,15 +46,15 @@ def calibrate(
         yield Result(line=text)
 
     from_landmarks = LEARNED_FROM in match.dictionary.provenance
-    camera, line = choose_camera(config, images, from_landmarks=from_landmarks)
+    camera = choose_camera(config, images, from_landmarks=from_landmarks)
     outside = say_outside(config, images)
-    config = config.changed(camera=camera)
+    config = config.changed(camera=dict(camera.keys))
     settled = choose_family(config, match).calibrate(images)
-    log.debug("fit", "camera: %s; %s", line, "; ".join(settled.lines))
+    log.debug("fit", "camera: %s", camera.line)
     log.debug("fit", "settled by a sample: %s", settled)
     return settled._replace(
-        camera=camera,
-        lines=(f"camera: {line}", *settled.lines),
+        camera=camera.keys,
+        lines=(f"camera: {camera.line}", *settled.lines),
         warnings=(*settled.warnings, *((outside,) if outside else ())),
     )
 

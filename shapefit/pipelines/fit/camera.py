@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from shapefit.geometry import pinhole
 from shapefit.geometry.pinhole import ASSUMED_FOCAL, CAMERA_MATRIX, Camera
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.lifting.methods import METHODS
+from shapefit.pipelines.fit.family import CameraKey
 from shapefit.records import Landmarks
 from shapefit.records.columns import Array
 
@@ -28,12 +29,12 @@ if TYPE_CHECKING:
     from shapefit.config.commands.fit import CameraConfig
     from shapefit.io.readers.calibration import CalibratedCamera
 
-LEAST_ANGLE = 0.1
+MIN_EXTENT_IN_FOCALS = 0.1
 """Median extent of the landmarks, in focal lengths, below which perspective does not
 show: depths within a body then differ by less than that share.
 """
 
-OUTSIDE = 0.3
+MAX_OUTSIDE_SHARE = 0.3
 """Share of the size of the image by which landmarks may lie outside it: a body that the
 image cuts off, whose rest is drawn by a tracker or by hand.
 """
@@ -41,29 +42,42 @@ image cuts off, whose rest is drawn by a tracker or by hand.
 MIN_OUTSIDE_SHARE = 0.05
 """Share of landmarks farther outside from which the stated size is doubted."""
 
-PIXELS = ("px", "pixel", "pixels", UNKNOWN_UNIT)
+PIXEL_UNITS = ("px", "pixel", "pixels", UNKNOWN_UNIT)
+"""Units of landmarks that may be pixels."""
 
-IMAGE_SIZE, DISTORTION, REMOVED = "image_size", "distortion", "removed_distortion"
-"""Datasets of landmarks, for all or for each: (2,), width and height in pixels, and
-(m,), coefficients of OpenCV's model, m = 4, 5 or 8; of a result, those that it no
-longer has.
+IMAGE_SIZE = "image_size"
+"""Dataset of landmarks, for all or for each: width and height in pixels (2,)."""
+
+DISTORTION = "distortion"
+"""Dataset of landmarks, for all or for each: coefficients of OpenCV's model (m,), m = 4,
+5 or 8.
 """
 
-OF_CAMERAS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
+REMOVED = "removed_distortion"
+"""Dataset of a result: the distortion that its landmarks no longer have."""
 
-SHORTEST, FARTHEST = 1e-6, 1e12
-"""Pixels, or what the landmarks are in, within which focal lengths are those of a
-camera, and principal points near an image: squares of others overflow.
+CAMERA_DATASETS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
+"""What landmarks may say of their camera."""
+
+MIN_FOCAL_PIXELS = 1e-6
+"""Least focal length of a camera, in what the landmarks are in."""
+
+MAX_CAMERA_PIXELS = 1e12
+"""Largest focal length, and distance of a principal point: squares of others overflow.
 """
 
-WEAK = {"focal": "none"}
+
+class CameraChoice(NamedTuple):
+    """The keys of `camera` that were left open, and a line about the camera."""
+
+    keys: Mapping[str, CameraKey]
+    line: str
 
 
 def choose_camera(
     config: FitConfig, images: Landmarks, *, from_landmarks: bool
-) -> tuple[dict[str, Any], str]:
-    """Return the keys of `camera` that the config leaves open, and a line about the
-    camera.
+) -> CameraChoice:
+    """Choose the camera where the config leaves it open.
 
     A measured camera is taken as it is. Otherwise the optical axis meets the centre of
     the image, and the focal length is `ASSUMED_FOCAL` times its longer side. It is weak
@@ -71,65 +85,91 @@ def choose_camera(
     a class was learned `from_landmarks` under it. Raises InputError for a focal length
     without a size.
     """
-    given, method = config.camera, METHODS[config.method]
-    calibrated = given.calibration is not None and method.perspective != "none"
+    given = config.camera
+    method = METHODS[config.method]
+    is_calibrated = given.calibration is not None and method.perspective != "none"
+    is_open = given.focal == "auto"
     if given.focal == "none" or (
-        given.focal == "auto" and not method.has_prior and not calibrated
+        is_open and not method.has_prior and not is_calibrated
     ):
-        return WEAK, "weak perspective"
-    if calibrated:
-        return {"focal": "files"}, "perspective, of the calibration"
+        return weak_perspective("")
+    if is_calibrated:
+        return CameraChoice({"focal": "files"}, "perspective, of the calibration")
     in_files = images.column(CAMERA_MATRIX) is not None and not from_landmarks
-    if given.focal == "files" or (given.focal == "auto" and in_files):
+    if given.focal == "files" or (is_open and in_files):
         read_intrinsics(images)
-        return {"focal": "files"}, f"perspective, `{CAMERA_MATRIX}` of the files"
-    width, height = find_size(config, images)
-    centre = given.principal_point or (width / 2, height / 2)
+        line = f"perspective, `{CAMERA_MATRIX}` of the files"
+        return CameraChoice({"focal": "files"}, line)
+    size = find_size(config, images)
     if not isinstance(given.focal, str):
-        if np.isnan(centre).any():
-            fix = (
-                "give the size of the images, --image-size WxH, or"
-                " `camera.principal_point`"
-            )
-            raise input_error("camera.focal", "the principal point is not known", fix)
-        check_intrinsics("camera.focal", np.array(given.focal), np.array(centre))
-        at = ", ".join(f"{x:g}" for x in centre)
-        line = f"focal length {given.focal:.5g} px, principal point {at}"
-        return {"principal_point": centre}, line
+        return stated_camera(given, size)
     if from_landmarks:
-        return WEAK, "weak perspective, by which the class was learned"
-    if images.unit not in PIXELS:
-        return WEAK, f"weak perspective: landmarks are in {images.unit}, not in pixels"
-    if np.isnan(width):
-        why = (
-            "the size of the images is not known; exact positions in metres need"
+        return weak_perspective(", by which the class was learned")
+    return assume_camera(given, size, images)
+
+
+def weak_perspective(why: str) -> CameraChoice:
+    """Return the choice of no perspective, and why."""
+    return CameraChoice({"focal": "none"}, f"weak perspective{why}")
+
+
+def stated_camera(given: CameraConfig, size: Size) -> CameraChoice:
+    """Return the camera of a focal length that the config states.
+
+    Raises InputError where the principal point is not known, and for no camera's values.
+    """
+    centre = given.principal_point or (size.width / 2, size.height / 2)
+    if np.isnan(centre).any():
+        fix = (
+            "give the size of the images, --image-size WxH, or `camera.principal_point`"
+        )
+        raise input_error("camera.focal", "the principal point is not known", fix)
+    check_intrinsics("camera.focal", np.array(given.focal), np.array(centre))
+    at = ", ".join(f"{x:g}" for x in centre)
+    line = f"focal length {given.focal:.5g} px, principal point {at}"
+    return CameraChoice({"principal_point": centre}, line)
+
+
+def assume_camera(given: CameraConfig, size: Size, images: Landmarks) -> CameraChoice:
+    """Return a camera with the usual focal length, or weak perspective and why."""
+    if images.unit not in PIXEL_UNITS:
+        return weak_perspective(f": landmarks are in {images.unit}, not in pixels")
+    if np.isnan(size.width):
+        return weak_perspective(
+            ", as the size of the images is not known; exact positions in metres need"
             " --image-size"
         )
-        return WEAK, f"weak perspective, as {why}"
-    focal = ASSUMED_FOCAL * max(width, height)
-    if find_extent(images) < LEAST_ANGLE * focal:
-        return WEAK, "weak perspective: the landmarks cover little of the image"
-    line = (
-        f"focal length {focal:.0f} px (assumed: set --focal), image {width:.0f} x"
-        f" {height:.0f}; "
-    )
+    focal = ASSUMED_FOCAL * max(size)
+    if find_extent(images) < MIN_EXTENT_IN_FOCALS * focal:
+        return weak_perspective(": the landmarks cover little of the image")
     keys = {
         "focal": focal,
-        "principal_point": centre,
+        "principal_point": given.principal_point or (size.width / 2, size.height / 2),
         "focal_sd": pinhole.ASSUMED_FOCAL_SD,
     }
-    return keys, line + "`camera.focal=none` does without"
+    line = (
+        f"focal length {focal:.0f} px (assumed: set --focal), image {size.width:.0f} x"
+        f" {size.height:.0f}; `camera.focal=none` does without"
+    )
+    return CameraChoice(keys, line)
 
 
-def find_size(config: FitConfig, images: Landmarks) -> tuple[float, float]:
+class Size(NamedTuple):
+    """Of images, in pixels; nan where it is unknown."""
+
+    width: float
+    height: float
+
+
+def find_size(config: FitConfig, images: Landmarks) -> Size:
     """Return width and height of the images; nan where they are unknown or several."""
     if config.image_size is not None:
-        return config.image_size
+        return Size(*config.image_size)
     if images.column(IMAGE_SIZE) is not None:
         sizes = np.unique(read_dataset(images, IMAGE_SIZE, (2,)), axis=0)
         if len(sizes) == 1 and (sizes > 0).all():
-            return sizes[0, 0], sizes[0, 1]
-    return np.nan, np.nan
+            return Size(*sizes[0])
+    return Size(np.nan, np.nan)
 
 
 def say_outside(config: FitConfig, images: Landmarks) -> str:
@@ -138,10 +178,11 @@ def say_outside(config: FitConfig, images: Landmarks) -> str:
     if images.unit not in PIXELS or not np.isfinite(size).all():
         return ""
     points = images.landmarks[images.visible()]
-    beyond = (points < -OUTSIDE * size) | (points > (1 + OUTSIDE) * size)
-    if not len(points) or beyond.any(axis=1).mean() < MIN_OUTSIDE_SHARE:
+    margin = MAX_OUTSIDE_SHARE * size
+    is_beyond = ((points < -margin) | (points > size + margin)).any(axis=1)
+    if not len(points) or is_beyond.mean() < MIN_OUTSIDE_SHARE:
         return ""
-    share = beyond.any(axis=1).mean()
+    share = is_beyond.mean()
     reach = points.max(axis=0)
     return (
         f"{share:.0%} of the landmarks lie outside the stated image of {size[0]:.0f} x"
@@ -217,13 +258,18 @@ def read_intrinsics(images: Landmarks) -> tuple[Floats, Floats]:
 
 def check_intrinsics(place: str, focal: Floats, centre: Floats) -> None:
     """Raise InputError for focal lengths and principal points of no camera."""
-    possible = (focal >= SHORTEST) & (focal <= FARTHEST)
-    if not (possible.all() and (np.abs(centre) <= FARTHEST).all()):
-        values = [*np.ravel(focal).tolist(), *np.ravel(centre).tolist()]
-        worst = max(values, key=abs) if possible.all() else float(focal.flat[0])
-        fault = f"holds {worst:g}, which no camera has"
-        fix = f"give pixels: a focal length from {SHORTEST:g} to {FARTHEST:g}"
-        raise input_error(place, fault, f"{fix}, a principal point up to {FARTHEST:g}")
+    is_focal = (focal >= MIN_FOCAL_PIXELS) & (focal <= MAX_CAMERA_PIXELS)
+    is_centre = np.abs(centre) <= MAX_CAMERA_PIXELS
+    if is_focal.all() and is_centre.all():
+        return
+    worst = float(focal.flat[0])
+    if is_focal.all():
+        worst = float(centre.flat[np.abs(centre).argmax()])
+    fix = (
+        f"give pixels: a focal length from {MIN_FOCAL_PIXELS:g} to"
+        f" {MAX_CAMERA_PIXELS:g}, a principal point up to {MAX_CAMERA_PIXELS:g}"
+    )
+    raise input_error(place, f"holds {worst:g}, which no camera has", fix)
 
 
 def read_dataset(images: Landmarks, name: str, *shapes: tuple[int, ...]) -> Floats:

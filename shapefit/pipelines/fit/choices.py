@@ -41,10 +41,10 @@ where they are not given.
 FLAT_SHARE = 0.01
 """Of the extent of shapes, their thickness below which they are flat."""
 
-MIN_ATOM_NORM = 0.05
+MIN_USUAL_ATOM_NORM = 0.05
 """Below it lambda, which is meant for atoms of 1 and more, means something else."""
 
-MAX_ATOM_NORM = 20.0
+MAX_USUAL_ATOM_NORM = 20.0
 """Beyond it, in the norm of normalised shapes, likewise."""
 
 
@@ -155,7 +155,7 @@ def choose_family(
     return make_atom_family(config, match)
 
 
-def match_landmarks(
+def match_to_dictionary(
     config: FitConfig, dictionary: Dictionary, names: Sequence[str]
 ) -> Matched:
     """Match the landmarks of the files to those of a dictionary that has what the
@@ -232,19 +232,19 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
         warnings.append(f"the dictionary was learned with `method: {learned}`; {made}")
     if not method.mixes_atoms:
         return tuple(warnings)
-    if config.method == "convex" and is_flat(dictionary.atoms):
+    if config.method == "convex" and are_flat(dictionary.atoms):
         text = "all shapes of the dictionary are flat, which `convex` recovers badly"
         warnings.append(f"{text}: compare `--method alternate`")
     size = median(np.linalg.norm(dictionary.atoms, axis=(1, 2)))
     usual = dictionary.atoms[0].size ** 0.5
-    if not MIN_ATOM_NORM <= size <= MAX_ATOM_NORM * usual:
+    if not MIN_USUAL_ATOM_NORM <= size <= MAX_USUAL_ATOM_NORM * usual:
         text = f"the atoms have a norm of {size:.3g}, and lambda is meant for 1 to"
         fix = "divide the atoms by their size, or multiply lambda by it"
         warnings.append(f"{text} {usual:.2g}: {fix}")
     return tuple(warnings)
 
 
-def is_flat(atoms: Floats) -> bool:
+def are_flat(atoms: Floats) -> bool:
     """Whether atoms (k, 3, p) lie in one plane, by singular values of all points; of
     three landmarks all do.
     """

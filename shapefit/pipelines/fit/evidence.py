@@ -48,7 +48,7 @@ class Factors(NamedTuple):
     variance: float
 
 
-Evidence = Callable[[Factors, Landmarks], Floats]
+LogEvidence = Callable[[Factors, Landmarks], Floats]
 """log p(w) (n,) of images with these factors."""
 
 
@@ -67,14 +67,14 @@ def maximise_theta(
     for width in (1.0, 0.5):
         for name in names:
             x = np.log(theta[name]) + width * np.array(STEPS)
-            values = log_prior(name, x)
+            values = log_prior_of_skeleton(name, x)
             for step, value in enumerate(np.exp(x)):
                 values[step] += evidence(theta | {name: float(value)})
             theta[name] = float(np.exp(top_of_parabola(x, values)))
     return theta
 
 
-def log_prior(name: str, x: Floats) -> Floats:
+def log_prior_of_skeleton(name: str, x: Floats) -> Floats:
     """log p(theta) of the logarithm x (m,) of a parameter, but for a constant."""
     parameter = THETA[name]
     away = (x - np.log(parameter.mean)) / parameter.std
@@ -100,7 +100,7 @@ def top_of_parabola(x: Floats, values: Floats) -> float:
 
 
 def choose_factors(
-    evidence: Evidence,
+    evidence: LogEvidence,
     images: Landmarks,
     scales: tuple[float, ...] = FACTORS,
     variances: tuple[float, ...] = FACTORS,

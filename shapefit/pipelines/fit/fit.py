@@ -28,7 +28,7 @@ from shapefit.pipelines.fit.choices import (
     choose_family,
     choose_method,
     in_sequences,
-    match_landmarks,
+    match_to_dictionary,
     place_of_names,
     read_options,
     save_for_output,
@@ -43,13 +43,13 @@ from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import side_by_side
 
-BATCH = 4096
+IMAGES_PER_BATCH = 4096
 """Images that are lifted together, or read before the first whole sequences are lifted;
 no result depends on it.
 """
 
 
-class Part(NamedTuple):
+class FitPart(NamedTuple):
     """Some rows of a fit, and what is known of all of its parts.
 
     dictionary, as it was read; inputs, digests of the landmarks, and states of all
@@ -63,7 +63,7 @@ class Part(NamedTuple):
     states: Mapping[Path, State] | None = None
 
 
-WHOLE = Part()
+WHOLE_FIT = FitPart()
 
 
 class Plan(NamedTuple):
@@ -83,7 +83,7 @@ class LiftedBatch(NamedTuple):
     event: Result
 
 
-def fit(config: FitConfig, part: Part = WHOLE) -> Iterator[Result]:
+def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
     """Lift every image: W, Omega -> S, each with its certificate or its error bars.
 
     Raises InputError, and writes nothing, where a file changes meanwhile.
@@ -93,7 +93,7 @@ def fit(config: FitConfig, part: Part = WHOLE) -> Iterator[Result]:
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
     config = save_for_output(config)
     with open_landmarks(config.landmarks, read_options(config), part.rows) as source:
-        match = match_landmarks(config, dictionary, source.head.landmark_names)
+        match = match_to_dictionary(config, dictionary, source.head.landmark_names)
         calibration = part.calibration
         if calibration is None:
             sample = source.first(SAMPLE_POOL)
@@ -126,8 +126,8 @@ def lift_all(source: LandmarkSource, plan: Plan) -> Generator[LiftedBatch, None,
     """Lift batch by batch; while one is lifted, the next is read and the last is
     stored.
     """
-    batches = plan.family.read_batches(source, BATCH)
-    several = plan.config.threads != 1 and source.count > BATCH
+    batches = plan.family.read_batches(source, IMAGES_PER_BATCH)
+    several = plan.config.threads != 1 and source.count > IMAGES_PER_BATCH
     return side_by_side(partial(lift_batch, plan=plan), batches, workers=int(several))
 
 
@@ -151,7 +151,7 @@ def open_writer(plan: Plan) -> AbstractContextManager[RecordWriter[Fit]]:
     return result_writer(output, options=options)
 
 
-def seal_of(part: Part) -> dict[str, str]:
+def seal_of(part: FitPart) -> dict[str, str]:
     """Return what a result says of itself beside its digest: its rows of the file."""
     if part.rows is None:
         return {}

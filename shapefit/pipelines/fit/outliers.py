@@ -13,13 +13,13 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
 from shapefit.records import Landmarks
 
-THRESHOLD = 0.25
+RANSAC_THRESHOLD = 0.25
 """Residual of an outlier in units of the size of the shape."""
 
-DRAWS = 500
+RANSAC_DRAWS = 500
 """Triples of landmarks drawn per image: 2,000 change no figure of the cars."""
 
-MAX_ROUNDS = 100
+MAX_RANSAC_ROUNDS = 100
 """Of the search in an image."""
 
 NO_CONSENSUS = (
@@ -58,8 +58,8 @@ def find_inliers(
         dictionary.mean_shape,
         seeds_of(images.items),
         threshold=threshold,
-        draws=DRAWS,
-        max_rounds=MAX_ROUNDS,
+        draws=RANSAC_DRAWS,
+        max_rounds=MAX_RANSAC_ROUNDS,
         threads=threads,
     )
     inliers = np.where(searched[:, None], found, True) & visible

@@ -25,7 +25,7 @@ from shapefit.pipelines.fit.columns import as_rows, with_certificate
 from shapefit.pipelines.fit.evidence import FACTORS
 from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, read_blocks
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
-from shapefit.pipelines.fit.outliers import THRESHOLD
+from shapefit.pipelines.fit.outliers import RANSAC_THRESHOLD
 from shapefit.pipelines.fit.sample import (
     MAX_HIDDEN_IN_TURN,
     MAX_SAMPLE,
@@ -71,7 +71,7 @@ def make_image_posterior(
         tolerance = METHODS[config.method].tolerance
     threshold = None
     if config.outliers == "ransac":
-        threshold = config.outlier_threshold or THRESHOLD
+        threshold = config.outlier_threshold or RANSAC_THRESHOLD
     min_confidence = config.min_confidence
     if min_confidence is None:
         min_confidence = MIN_CONFIDENCE

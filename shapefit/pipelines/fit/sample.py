@@ -15,7 +15,7 @@ from shapefit.config.commands.fit import PriorConfig
 from shapefit.errors import InputError, input_error, parse_json
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.lifting import trust
-from shapefit.lifting.posterior.calibration import calibrate
+from shapefit.lifting.posterior.calibration import hide_in_turn
 from shapefit.lifting.posterior.method import grow_covariance, scale_of_bars
 from shapefit.pipelines.fit.aspect import describe_stretch, find_stretch, narrow
 from shapefit.pipelines.fit.evidence import (
@@ -40,7 +40,7 @@ MIN_SAMPLE = 10
 MAX_HIDDEN_IN_TURN = 60
 """Images of the sample whose landmarks are hidden in turn."""
 
-MIN_VISIBLE_LANDMARKS = 5
+MIN_SAMPLE_LANDMARKS = 5
 """Of an image of the sample: four fit almost any shape."""
 
 PAIR_SECONDS = 0.5
@@ -52,7 +52,7 @@ MIN_NAMED_LANDMARKS = 4
 OUTLIER_BELOW = 0.5
 """Inlier probability of an outlier."""
 
-MOSTLY = 0.5
+MOST_IMAGES_SHARE = 0.5
 """Share of images from which a landmark is an outlier, or is shown, in the file."""
 
 MAX_HIDDEN_SHARE = 1 / 3
@@ -77,7 +77,7 @@ INSIDE = "hidden_landmarks_inside"
 """Attribute of a result: share of hidden landmarks inside their 90% regions."""
 
 
-class ErrorBars(NamedTuple):
+class BarGrowth(NamedTuple):
     """What hidden landmarks say: growth (p,), factors on covariances; numbers, stored
     with the result; a line. Empty where the sample is too small.
     """
@@ -147,7 +147,7 @@ def settle_by_sample(
     )
 
 
-class Report(NamedTuple):
+class BarReport(NamedTuple):
     """The factor on covariances with that of a report of errors, and a line about it,
     "" without a report.
     """
@@ -156,14 +156,14 @@ class Report(NamedTuple):
     line: str = ""
 
 
-def read_report(prior: PriorConfig, method: str) -> Report:
+def read_report(prior: PriorConfig, method: str) -> BarReport:
     """Read the factor of error bars from a report of `eval`, if one is given.
 
     Raises InputError for a file that holds none of the method.
     """
     path = prior.calibration
     if path is None:
-        return Report(prior.bar_scale)
+        return BarReport(prior.bar_scale)
     try:
         factors = parse_json(path.read_text(encoding="utf-8"))
         if method in factors:
@@ -180,7 +180,7 @@ def read_report(prior: PriorConfig, method: str) -> Report:
         )
         raise input_error(path, f"holds no factors of error bars of {method}", fix)
     line = f"error bars x {factor:.2f} ({path.name})"
-    return Report(prior.bar_scale * factor**2, line)
+    return BarReport(prior.bar_scale * factor**2, line)
 
 
 def draw_sample(images: Landmarks, posterior: ImagePosterior) -> Landmarks:
@@ -188,7 +188,7 @@ def draw_sample(images: Landmarks, posterior: ImagePosterior) -> Landmarks:
     apart.
     """
     images = images.take(np.flatnonzero(posterior.weigh(images).any(axis=1)))
-    enough = images.visible().sum(axis=1) >= MIN_VISIBLE_LANDMARKS
+    enough = images.visible().sum(axis=1) >= MIN_SAMPLE_LANDMARKS
     images = images.take(np.flatnonzero(enough))
     n = len(images)
     rows = evenly(n, MAX_SAMPLE)
@@ -235,7 +235,7 @@ def find_shown(sample: Landmarks, posterior: ImagePosterior) -> Flags | None:
     """
     if not len(sample):
         return None
-    often = (posterior.weigh(sample) > 0).mean(axis=0) >= MOSTLY
+    often = (posterior.weigh(sample) > 0).mean(axis=0) >= MOST_IMAGES_SHARE
     independent = posterior.dictionary.depends_on < 0
     shown: Flags = np.asarray(often & independent)
     return shown if shown.any() else None
@@ -292,7 +292,9 @@ def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks
     others, but would make them all less exact.
     """
     visible = np.maximum(np.isfinite(inlier_probability).sum(axis=0), 1)
-    hidden = (inlier_probability < OUTLIER_BELOW).sum(axis=0) > MOSTLY * visible
+    hidden = (inlier_probability < OUTLIER_BELOW).sum(
+        axis=0
+    ) > MOST_IMAGES_SHARE * visible
     if not 0 < hidden.sum() <= MAX_HIDDEN_SHARE * len(hidden):
         return sample
     shown = np.where(hidden[:, None], np.nan, sample.landmarks)
@@ -301,18 +303,18 @@ def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks
 
 def calibrate_bars(
     lifting: PosteriorLifting, posterior: ImagePosterior, bar_scale: float
-) -> ErrorBars:
+) -> BarGrowth:
     """Hide landmarks of a sample in turn, and let error bars grow to what is found.
 
     bar_scale, of all covariances without the factors of a report, which come on top.
     """
     n = len(lifting.scale)
     if n < trust.LIMITS.fewest_images:
-        return ErrorBars()
+        return BarGrowth()
     rows = evenly(n, MAX_HIDDEN_IN_TURN)
     estimate = lifting.estimate
     inliers = estimate.inlier_probability
-    hidden = calibrate(
+    hidden = hide_in_turn(
         lifting.problem.take(rows),
         estimate.rotation[rows],
         inliers[rows],
@@ -326,7 +328,7 @@ def calibrate_bars(
     if np.isfinite(distance):
         line += f"; median distance from the convex shape {distance:.2f}"
     numbers = {KAPPA: hidden.kappa, INSIDE: hidden.inside, DISTANCE: distance}
-    return ErrorBars(tuple(hidden.growth(bar_scale).tolist()), numbers, line)
+    return BarGrowth(tuple(hidden.growth(bar_scale).tolist()), numbers, line)
 
 
 def judge_names(
@@ -402,7 +404,7 @@ def judge_stretch(sample: Landmarks, posterior: ImagePosterior) -> Verdict:
 
 
 def judge_sample(
-    lifting: PosteriorLifting, bars: ErrorBars, shown: Flags | None
+    lifting: PosteriorLifting, bars: BarGrowth, shown: Flags | None
 ) -> Verdict:
     """Trust no image of a file whose sample contradicts the dictionary."""
     if not bars.numbers:

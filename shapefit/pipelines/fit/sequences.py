@@ -4,7 +4,7 @@ body.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,13 +18,11 @@ from shapefit.dictionary.bodies import (
     precision_of_ratios,
 )
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import input_error
 from shapefit.io import LandmarkSource
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.posterior.method import scale_of_bars
 from shapefit.lifting.sequences.clips import (
-    MAX_CLIP_FRAMES,
     Motion,
     refine_lifting,
     split_into_clips,
@@ -34,21 +32,22 @@ from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.pipelines.fit.family import Calibration, Cost, Lifted
 from shapefit.pipelines.fit.posterior import PosteriorFamily, make_posterior_family
+from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.joints import Matched
-from shapefit.records import Fit, Landmarks, concatenate
+from shapefit.records import Fit, Landmarks
 from shapefit.timeline import ASSUMED_RATE, Timeline, place_in_time
 
-USUAL = 0.02
+USUAL_ACCELERATION = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows
 none, in units of the size of the body: that of subject 86 at 24 Hz.
 """
 
-WHOLE = 0.75
+MIN_WHOLE_SHARE = 0.75
 """Share of the landmarks of a whole body that detectors see: on film 13 of 15, of a
 body to the hips 8.
 """
 
-RIGID = 0.005
+MIN_BONE_TOLERANCE = 0.005
 """Deviation of a bone from its length that no data are more exact than, in the same
 units.
 """
@@ -132,7 +131,7 @@ class SequenceFamily:
         if hides_the_hips(dictionary, posterior.shown):
             sequences = tuple(map(str, range(len(images))))
         motion = replace(
-            find_motion(dictionary, self.frame_rate or images.frame_rate),
+            motion_between_frames(dictionary, self.frame_rate or images.frame_rate),
             of_half_body=shows_half_a_body(dictionary, posterior.shown),
         )
         bar_scale = scale_of_bars(
@@ -146,70 +145,10 @@ class SequenceFamily:
             noise=self.noise,
             bar_scale=bar_scale,
             shown=posterior.shown,
-            position=place_images(images, motion.rate),
+            position=place_frames(images, motion.rate),
             threads=posterior.threads,
         )
         return refine_through_camera(lifting, images.as_columns(), refine)
-
-
-def whole_sequences(chunks: Iterable[Landmarks]) -> Iterator[Landmarks]:
-    """Yield images whose sequences are whole, in their order; a long one in pieces.
-
-    Raises InputError for images without sequences, for those of a sequence that are
-    apart, and for two of one frame.
-    """
-    begun: set[str] = set()
-    rest: list[Landmarks] = []
-    for chunk in chunks:
-        images = concatenate([*rest, chunk])
-        first, last, names = len(images) - len(chunk), 0, images.sequences
-        if names is None:
-            fix = "name the sequence of each image, or take `method: posterior`"
-            raise input_error("method: sequences", "landmarks without `sequence`", fix)
-        for row in range(first, len(images)):
-            if row and names[row] == names[row - 1]:
-                _check_order(images, row)
-                continue
-            if names[row] in begun:
-                fault = (
-                    f"'{names[row]}' goes on after others, at the item"
-                    f" '{images.items[row]}'"
-                )
-                raise input_error(
-                    "sequence", fault, "put its images together, in order of time"
-                )
-            begun.add(names[row])
-            last = row
-        if last:
-            yield from pieces(images.take(slice(0, last)))
-        rest = [images.take(slice(last, None))]
-    yield from pieces(concatenate(rest))
-
-
-def _check_order(images: Landmarks, row: int) -> None:
-    """Raise InputError where an image is not of a later frame than that before it."""
-    frames, names = images.frames, images.sequences
-    if frames is None or not (names and names[row]) or frames[row] > frames[row - 1]:
-        return
-    fault = (
-        f"'{images.items[row - 1]}' is of the frame {frames[row - 1]}, and then"
-        f" '{images.items[row]}' of {frames[row]}"
-    )
-    fix = "give one image per frame of a sequence, in order of time"
-    raise input_error("frame", fault, fix)
-
-
-def pieces(images: Landmarks) -> Iterator[Landmarks]:
-    """Divide whole sequences into batches: pieces are refined by themselves, in less
-    memory.
-    """
-    start = stop = 0
-    for clip in split_into_clips(images.sequences or ()):
-        if clip.stop - start > MAX_CLIP_FRAMES and stop > start:
-            yield images.take(slice(start, stop))
-            start = stop
-        stop = clip.stop
-    yield images.take(slice(start, stop))
 
 
 def restore_sides(
@@ -230,7 +169,7 @@ def restore_sides(
     pairs = np.stack([left, partner[left]], axis=1)
     w = np.where(visible[:, None], images.as_columns(), np.nan)
     wrong = np.zeros(len(images), dtype=bool)
-    position = place_images(images, rate)
+    position = place_frames(images, rate)
     for clip in split_into_clips(images.sequences):
         exchanges = find_exchanges(w[clip], pairs, Timeline(position[clip], rate))
         wrong[clip] = exchanges.exchanged
@@ -265,12 +204,12 @@ def hides_the_hips(dictionary: Dictionary, shown: Flags | None) -> bool:
 
 
 def shows_half_a_body(dictionary: Dictionary, shown: Flags | None) -> bool:
-    """Whether files show less than WHOLE of the landmarks that depend on no other."""
+    """Whether files show much less than the landmarks that depend on no other."""
     independent = dictionary.depends_on < 0
-    return shown is not None and shown.sum() < WHOLE * independent.sum()
+    return shown is not None and shown.sum() < MIN_WHOLE_SHARE * independent.sum()
 
 
-def place_images(images: Landmarks, rate: float) -> Floats:
+def place_frames(images: Landmarks, rate: float) -> Floats:
     """Return the places (n,) of images in their sequences, in frames."""
     places = np.empty(len(images))
     for clip in split_into_clips(images.sequences or ()):
@@ -280,7 +219,7 @@ def place_images(images: Landmarks, rate: float) -> Floats:
     return places
 
 
-def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
+def motion_between_frames(dictionary: Dictionary, rate: float | None) -> Motion:
     """Return the motion between images at a frame rate, or at that of the training
     shapes.
 
@@ -289,14 +228,16 @@ def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
     edges = np.empty((0, 2), np.int64) if dictionary.edges is None else dictionary.edges
     acceleration, tolerance = dictionary.acceleration, dictionary.bone_tolerance
     if acceleration is None:
-        acceleration = np.full(len(dictionary.landmark_names), USUAL)
+        acceleration = np.full(len(dictionary.landmark_names), USUAL_ACCELERATION)
     elif rate is not None and dictionary.frame_rate is not None:
         acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
     if tolerance is None:
-        tolerance = np.full(len(edges), USUAL)
+        tolerance = np.full(len(edges), USUAL_ACCELERATION)
     rate = rate or dictionary.frame_rate or ASSUMED_RATE
     lengths = find_usual_lengths(dictionary)
-    return Motion(edges, acceleration, np.maximum(tolerance, RIGID), lengths, rate)
+    return Motion(
+        edges, acceleration, np.maximum(tolerance, MIN_BONE_TOLERANCE), lengths, rate
+    )
 
 
 def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:

@@ -199,7 +199,7 @@ def summarise_fit(
         warnings=tuple(warnings),
         note="; ".join([f"y {head.y_axis} in the images", *calibration.lines]),
         rows=tuple(summary_rows(source, plan, tally, chosen, written)),
-        data=partial(numbers_of, plan, tally),
+        data=partial(result_numbers, plan, tally),
         written=written.written or (output_of(plan),),
     )
 
@@ -309,7 +309,7 @@ def describe_shown(plan: Plan) -> str:
     return f" of the {sum(shown)} landmarks that are seen"
 
 
-def numbers_of(plan: Plan, tally: Tally) -> dict[str, int | float | None]:
+def result_numbers(plan: Plan, tally: Tally) -> dict[str, int | float | None]:
     """Return what the line of the result says, as numbers; None for what the method
     does not say. The error is the median of those expected of trusted images.
     """

@@ -64,17 +64,16 @@ from shapefit.io.options import InputOptions
 from shapefit.io.source import Source, SourceFile
 from shapefit.lifting.methods import AUTO, METHODS
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
-from shapefit.pipelines.fit.camera import OF_CAMERAS
+from shapefit.pipelines.fit.camera import CAMERA_DATASETS
 from shapefit.pipelines.fit.choices import (
     choose_method,
     files_of,
     in_sequences,
-    match_landmarks,
+    match_to_dictionary,
     read_options,
 )
 from shapefit.pipelines.fit.family import Calibration, whole_blocks
-from shapefit.pipelines.fit.fit import Part as FitPart
-from shapefit.pipelines.fit.fit import fit
+from shapefit.pipelines.fit.fit import FitPart, fit
 from shapefit.pipelines.partition.manifest import (
     Manifest,
     Part,
@@ -179,7 +178,7 @@ def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
         calibration = calibration_of(manifest, config)
     else:
         images = first_images(config, plan.parts)
-        match = match_landmarks(config, dictionary, images.landmark_names)
+        match = match_to_dictionary(config, dictionary, images.landmark_names)
         calibration = yield from calibrate(config, match, images, len(images))
     yield from (Result(line=line) for line in (chosen, *calibration.lines))
     yield Result(warnings=calibration.warnings)
@@ -344,7 +343,7 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
     reports them.
     """
     options, files, images = read_options(config), list[SourceFile[Landmarks]](), 0
-    needed = {*OF_CAMERAS, config.leave_one_out}
+    needed = {*CAMERA_DATASETS, config.leave_one_out}
     for part in parts:
         try:
             with open_landmarks(part.inputs, options, part.slice) as source:

@@ -10,7 +10,7 @@ import pytest
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.posterior.calibration import Calibration, calibrate
+from shapefit.lifting.posterior.calibration import HiddenInTurn, hide_in_turn
 from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.posterior.model import PosteriorModel
 from tests.lifting.posterior.conftest import RESIDUAL_VARIANCE, P, Scene
@@ -42,7 +42,9 @@ def calibrated(scene, weights=None, off=None, narrower=1.0):
         camera=camera,
     )
     found = lifting.estimate
-    return calibrate(lifting.problem, found.rotation, found.inlier_probability, model)
+    return hide_in_turn(
+        lifting.problem, found.rotation, found.inlier_probability, model
+    )
 
 
 def test_true_bars_hold_the_hidden_landmarks(scene, monkeypatch):
@@ -78,7 +80,7 @@ def test_what_is_seldom_seen_has_the_growth_of_the_file(scene):
 
 
 def test_growth_is_never_below_1_nor_below_that_of_the_file():
-    found = Calibration(3.0, np.array([0.5, 6.0, np.nan]), 0.8, 100)
+    found = HiddenInTurn(3.0, np.array([0.5, 6.0, np.nan]), 0.8, 100)
     np.testing.assert_allclose(found.growth(1.5), [2.0, 4.0, 2.0])
-    assert (Calibration(0.5, np.full(3, 0.5), 1.0, 100).growth(1.5) == 1).all()
-    assert (Calibration(np.nan, np.full(3, np.nan), np.nan, 0).growth(1.5) == 1).all()
+    assert (HiddenInTurn(0.5, np.full(3, 0.5), 1.0, 100).growth(1.5) == 1).all()
+    assert (HiddenInTurn(np.nan, np.full(3, np.nan), np.nan, 0).growth(1.5) == 1).all()

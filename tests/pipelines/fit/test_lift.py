@@ -229,7 +229,7 @@ class TestLeaveOneOut:
             "" if name == "beetle" else name for name in shown
         ]
         monkeypatch.setattr("shapefit.pipelines.fit.family.IMAGES_PER_BLOCK", 1)
-        monkeypatch.setattr("shapefit.pipelines.fit.fit.BATCH", 2)
+        monkeypatch.setattr("shapefit.pipelines.fit.fit.IMAGES_PER_BATCH", 2)
         parts, outcomes = run(views=odd, method="mean-shape")
         assert done(outcomes) == 9
         check_same(whole, parts)

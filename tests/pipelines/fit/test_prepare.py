@@ -32,7 +32,7 @@ from shapefit.pipelines.fit.choices import (
     MIN_SEQUENCE_FRAMES,
     choose_method,
     in_sequences,
-    match_landmarks,
+    match_to_dictionary,
     warn_of_dictionary,
 )
 from shapefit.pipelines.fit.evidence import choose_factors, maximise_theta, mean_gain
@@ -329,7 +329,7 @@ def estimate(planted, images, **prior):
     path, made, _ = planted
     keys = {"landmarks": [str(path)], "dictionary": str(path), "output": "result.h5"}
     config = FitConfig(**keys, **KEYS, prior=prior)
-    match = match_landmarks(config, made, images.landmark_names)
+    match = match_to_dictionary(config, made, images.landmark_names)
     first = images.take(slice(0, SAMPLE_POOL))
     steps = calibrate(config, match, first, len(images))
     with pytest.raises(StopIteration) as end:
