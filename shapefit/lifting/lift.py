@@ -197,9 +197,8 @@ def noise_dual_norm(atoms: Floats) -> float:
     k, _, p = atoms.shape
     G = np.random.default_rng(NOISE_SEED).standard_normal((NOISE_DRAWS, 2, p))
     G -= G.mean(axis=-1, keepdims=True)
-    N = (G.reshape(2 * NOISE_DRAWS, p) @ atoms.reshape(3 * k, p).T).reshape(
-        NOISE_DRAWS, 2, k, 3
-    )
+    products = G.reshape(2 * NOISE_DRAWS, p) @ atoms.reshape(3 * k, p).T
+    N = products.reshape(NOISE_DRAWS, 2, k, 3)
     return float(nuclear_norm(N.swapaxes(1, 2)).max(axis=1).mean())
 
 

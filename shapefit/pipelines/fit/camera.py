@@ -49,8 +49,8 @@ IMAGE_SIZE = "image_size"
 """Dataset of landmarks, for all or for each: width and height in pixels (2,)."""
 
 DISTORTION = "distortion"
-"""Dataset of landmarks, for all or for each: coefficients of OpenCV's model (m,), m = 4,
-5 or 8.
+"""Dataset of landmarks, for all or for each: coefficients of OpenCV's model (m,), with
+m = 4, 5 or 8.
 """
 
 REMOVED = "removed_distortion"
@@ -89,9 +89,8 @@ def choose_camera(
     method = METHODS[config.method]
     is_calibrated = given.calibration is not None and method.perspective != "none"
     is_open = given.focal == "auto"
-    if given.focal == "none" or (
-        is_open and not method.has_prior and not is_calibrated
-    ):
+    looks_through = method.has_prior or is_calibrated
+    if given.focal == "none" or (is_open and not looks_through):
         return weak_perspective("")
     if is_calibrated:
         return CameraChoice({"focal": "files"}, "perspective, of the calibration")
@@ -116,7 +115,7 @@ def weak_perspective(why: str) -> CameraChoice:
 def stated_camera(given: CameraConfig, size: Size) -> CameraChoice:
     """Return the camera of a focal length that the config states.
 
-    Raises InputError where the principal point is not known, and for no camera's values.
+    Raises InputError where the principal point is not known, and for impossible values.
     """
     centre = given.principal_point or (size.width / 2, size.height / 2)
     if np.isnan(centre).any():
@@ -142,7 +141,7 @@ def assume_camera(given: CameraConfig, size: Size, images: Landmarks) -> CameraC
     focal = ASSUMED_FOCAL * max(size)
     if find_extent(images) < MIN_EXTENT_IN_FOCALS * focal:
         return weak_perspective(": the landmarks cover little of the image")
-    keys = {
+    keys: dict[str, CameraKey] = {
         "focal": focal,
         "principal_point": given.principal_point or (size.width / 2, size.height / 2),
         "focal_sd": pinhole.ASSUMED_FOCAL_SD,
@@ -175,7 +174,7 @@ def find_size(config: FitConfig, images: Landmarks) -> Size:
 def say_outside(config: FitConfig, images: Landmarks) -> str:
     """Return a warning where many landmarks lie outside the stated image, else ""."""
     size = np.array(find_size(config, images))
-    if images.unit not in PIXELS or not np.isfinite(size).all():
+    if images.unit not in PIXEL_UNITS or not np.isfinite(size).all():
         return ""
     points = images.landmarks[images.visible()]
     margin = MAX_OUTSIDE_SHARE * size

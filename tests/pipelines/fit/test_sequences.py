@@ -29,8 +29,8 @@ from shapefit.pipelines.fit.sequences import (
     find_usual_lengths,
     hides_the_hips,
     restore_sides,
-    whole_sequences,
 )
+from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.learn_dict import run as learning
 from shapefit.records import Landmarks
 from tests.columns import put
