@@ -30,12 +30,19 @@ from shapefit.io.formats import CSV
 from shapefit.io.layout import FRAME, UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import people_joints
-from shapefit.io.source import OPTIONAL, AnyRecord, find_kind, open_results, source_of
+from shapefit.io.source import (
+    OPTIONAL,
+    AnyRecord,
+    Source,
+    find_kind,
+    open_results,
+    source_of,
+)
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION, with_stated_height
 from shapefit.io.writers.motion import angle_columns
 from shapefit.pipelines.evaluate.measure import match_truth, with_shapes_of
 from shapefit.pipelines.items import ChosenItems
-from shapefit.records import Fit, Shapes, concatenate
+from shapefit.records import Fit, Landmarks, Shapes, concatenate
 from shapefit.records.columns import column_by_name, in_columns
 from shapefit.records.items import Items
 
@@ -51,6 +58,8 @@ list.
 """
 BATCH = 1 << 14
 """Items that are read at a time."""
+
+AnySource = Source[Landmarks] | Source[Shapes] | Source[Fit]
 
 Role = Literal["result", "shapes", "landmarks", "truth"]
 
@@ -107,24 +116,24 @@ def read_inputs(
     what cannot be read or shown together, and where no item is chosen.
     """
     options = replace(input_options(config), rename={})  # which is for the truth
-    chosen, true = ChosenItems("items", config.items), None
+    chosen = ChosenItems("items", config.items)
+    true = None
     if config.truth:
-        with open_shapes(config.truth, input_options(config), gaps=True) as source:
-            true = source.whole()
+        with open_shapes(config.truth, input_options(config), gaps=True) as shapes:
+            true = shapes.whole()
     with ExitStack() as stack:
         roles = {name: _role(paths[0], options) for name, paths in config.files.items()}
-        sources = {
-            name: stack.enter_context(_open(paths, roles[name], options))
-            for name, paths in config.files.items()
-        }
-        rows, size = {}, 0
+        sources: dict[str, AnySource] = {}
+        for name, paths in config.files.items():
+            sources[name] = _open(paths, roles[name], options)
+            stack.enter_context(sources[name])
+        rows: dict[str, list[int]] = {}
+        size = 0
         for name, source in sources.items():
             every = enumerate(chain.from_iterable(source.names()))
             rows[name] = [row for row, item in every if item in chosen]
-            bytes_of_frame = FRAME_BYTES + LANDMARK_BYTES * len(
-                source.head.landmark_names
-            )
-            size += bytes_of_frame * len(rows[name])
+            landmarks_of_file = len(source.head.landmark_names)
+            size += len(rows[name]) * (FRAME_BYTES + LANDMARK_BYTES * landmarks_of_file)
         step = math.ceil(size / (MEGABYTES * 1e6)) or 1
         records = {
             name: _as_shown(_take(source, rows[name], step), true)
@@ -169,7 +178,7 @@ def _role(path: Path, options: InputOptions) -> Role:
     return "result" if in_csv else kind
 
 
-def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
+def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> AnySource:
     """Open files of a kind."""
     if role == "landmarks":
         return open_landmarks(paths, options)
@@ -181,17 +190,17 @@ def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
     return open_results(paths, OPTIONAL - READ)
 
 
-def _take(source: Any, rows: Sequence[int], step: int) -> Any:
+def _take(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:
     """Read every step-th of these items of each sequence."""
-    names, ranks, taken = (
-        [*chain.from_iterable(source.sequences())],
-        Counter[str](),
-        list[int](),
-    )
+    names = [*chain.from_iterable(source.sequences())]
+    ranks = Counter[str]()
+    taken = []
     for row in rows:
-        taken += [row] if ranks[names[row]] % step == 0 else []
+        if ranks[names[row]] % step == 0:
+            taken.append(row)
         ranks[names[row]] += 1
-    return concatenate(list(source.chosen(np.array(taken), BATCH)))
+    parts: list[AnyRecord] = [*source.chosen(np.array(taken), BATCH)]
+    return concatenate(parts)
 
 
 def _as_shown(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
