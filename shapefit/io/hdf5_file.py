@@ -22,6 +22,7 @@ import h5py
 import numpy as np
 
 from shapefit.arrays import Integers
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, input_error, listed, printable
 from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.checks import input_problems
@@ -604,7 +605,7 @@ def _reserve(file: Any, size: int) -> None:
             raise
 
 
-class Hdf5Writer(RecordWriter[Any]):
+class Hdf5Writer(RecordWriter[Items | Dictionary]):
     """Appends records of one layout to an HDF5 file.
 
     What is not per item comes from the first record. `attributes`, those of records
@@ -616,31 +617,27 @@ class Hdf5Writer(RecordWriter[Any]):
         super().__init__()
         self._file, self._form, self._space = file, form, space
         self._needed = self._reserved = 0
-        self._first: Any = None
+        self._first: Items | Dictionary | None = None
         self._whole: dict[str, Array] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
         self._texts: dict[str, list[Array]] = {}
         self._open: dict[str, h5py.Dataset] = {}
 
-    def append(self, record: Any) -> None:
+    def append(self, record: Items | Dictionary) -> None:
         """Write the items of a record after those that are there.
 
         Raises ValueError where its landmarks or datasets are not those of the first
         record.
         """
-        rows, whole = _as_stored(record, self._form)
+        rows, whole = _as_stored(record)
         shapes = {name: values.shape[1:] for name, values in rows.items()}
-        if not self.begun:
-            self.begun, self._first, self._whole, self._shapes = (
-                True,
-                record,
-                whole,
-                shapes,
-            )
-        if (
-            record.landmark_names != self._first.landmark_names
-            or shapes != self._shapes
-        ):
+        if self._first is None:
+            self.begun = True
+            self._first = record
+            self._whole = whole
+            self._shapes = shapes
+        same_names = record.landmark_names == self._first.landmark_names
+        if not same_names or shapes != self._shapes:
             raise ValueError(
                 "the landmarks or datasets of this record are not those of the first"
             )
@@ -649,7 +646,8 @@ class Hdf5Writer(RecordWriter[Any]):
                 self._texts.setdefault(name, []).append(_encoded(values))
             else:
                 self._write_rows(name, values)
-        self.attributes.update(getattr(record, "attributes", {}))
+        if isinstance(record, Items):
+            self.attributes.update(record.attributes)
 
     def finish(self) -> None:
         """Write the texts, what belongs to the file, and the attributes."""
@@ -725,11 +723,13 @@ class Hdf5Writer(RecordWriter[Any]):
             _reserve(self._space, self._reserved)
 
 
-def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, Array]]:
+def _as_stored(
+    record: Items | Dictionary,
+) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return what a record, or a dictionary, holds as it stands in a file: per item,
     and whole.
     """
-    if form is DICTIONARY:
+    if not isinstance(record, Items):
         return {}, _dictionary_as_stored(record)
     rows = dict(record.extras)
     whole = dict(record.file_extras)
@@ -742,7 +742,7 @@ def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, A
     return rows, whole
 
 
-def _dictionary_as_stored(dictionary: Any) -> dict[str, Array]:
+def _dictionary_as_stored(dictionary: Dictionary) -> dict[str, Array]:
     """Return the datasets of a dictionary."""
     whole: dict[str, Array] = {}
     for name, column in DICTIONARY.columns.items():

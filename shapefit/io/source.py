@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, Generic, Literal, Self, cast
+from typing import TYPE_CHECKING, Generic, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,7 @@ from shapefit.io.formats import (
 )
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import (
-    FIELDS,
     FRAME,
-    LANDMARKS,
     LAYOUT_OF,
     PROOF,
     RESULTS,
@@ -52,6 +50,9 @@ from shapefit.records.frames import check_frames, order_by_frame
 from shapefit.records.items import Items, Record, concatenate
 from shapefit.records.landmarks import Landmarks
 from shapefit.records.shapes import Shapes
+
+if TYPE_CHECKING:
+    from shapefit.io.hdf5_file import Hdf5Reader
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
@@ -81,7 +82,7 @@ def open_landmarks(
     go together, and names to rename that no file has; for wrong values when they are
     read. With `head` nothing is checked, and only the first rows of CSV are read.
     """
-    return _open(LANDMARKS, paths, options, rows=rows, head=head)
+    return _open(Landmarks, paths, options, rows=rows, head=head)
 
 
 def open_shapes(
@@ -96,7 +97,7 @@ def open_shapes(
 
     With `gaps` a landmark of an item may be unknown, NaN, and may lack its row in CSV.
     """
-    return _open(SHAPES, paths, options, gaps=gaps, head=head)
+    return _open(Shapes, paths, options, gaps=gaps, head=head)
 
 
 def open_results(
@@ -109,7 +110,7 @@ def open_results(
     """Open results, as `open_landmarks` does, without some datasets; if `old`, of
     version 1.
     """
-    return _open(RESULTS, paths, without=without, old=old, head=head)
+    return _open(Fit, paths, without=without, old=old, head=head)
 
 
 def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
@@ -157,8 +158,8 @@ def source_of(
         record = record.take(order)
     file: SourceFile[Record] = SourceFile.of(name, record, place, y_axis=record.y_axis)
     files = [_with_doubts(file)]
-    form = LAYOUT_OF[type(record)]
-    return Source(_prepared(files, form, InputOptions(rename=rename), gaps))
+    options = InputOptions(rename=rename)
+    return Source(_prepared(type(record), files, options, gaps))
 
 
 def read_shapes(
@@ -207,18 +208,27 @@ class SourceFile(Generic[Record]):
 
     @classmethod
     def of(
-        cls, name: str, records: Any, place: Place | None = None, **stated: Any
-    ) -> Self:
-        """Return records in memory as a file; without `place` messages name the
+        cls,
+        name: str,
+        record: Record,
+        place: Place | None = None,
+        *,
+        notes: tuple[str, ...] = (),
+        y_axis: Direction | None = None,
+        estimate: int = 0,
+    ) -> SourceFile[Record]:
+        """Return a record in memory as a file; without `place` messages name the
         item.
         """
-        return cls(
-            name,
-            len(records),
-            records.take,
-            lambda dataset, rows: getattr(records.take(rows), FIELDS[dataset]),
-            place or (lambda _, row: f"{name}: item '{records.items[row]}'"),
-            **stated,
+        return SourceFile(
+            name=name,
+            count=len(record),
+            read=record.take,
+            texts=lambda dataset, rows: _texts_of(record.take(rows), dataset),
+            place=place or (lambda _, row: f"{name}: item '{record.items[row]}'"),
+            notes=notes,
+            y_axis=y_axis,
+            estimate=estimate,
         )
 
     @cached_property
@@ -230,7 +240,7 @@ class SourceFile(Generic[Record]):
         """Read the dataset item or sequence, block by block; empty texts where there is
         none.
         """
-        missing = getattr(self.head, FIELDS[dataset]) is None
+        missing = dataset == "sequence" and self.head.sequences is None
         for start in range(0, self.count, BLOCK):
             stop = min(start + BLOCK, self.count)
             yield (
@@ -251,6 +261,11 @@ class SourceFile(Generic[Record]):
             return replace(records, items=longer(records.items), sequences=sequences)
 
         return replace(self, read=read, texts=lambda *which: longer(self.texts(*which)))
+
+
+def _texts_of(record: Items, dataset: str) -> Sequence[str]:
+    """Return the items of a record, or its sequences."""
+    return record.items if dataset == "item" else record.sequences or ()
 
 
 class Source(Generic[Record]):
@@ -350,7 +365,7 @@ AnyRecord = Fit | Shapes | Landmarks
 
 
 def _open(
-    form: Layout,
+    kind: type[Record],
     paths: Sequence[Path],
     options: InputOptions = AS_THEY_ARE,
     *,
@@ -359,75 +374,126 @@ def _open(
     rows: slice | None = None,
     without: Collection[str] = (),
     old: bool = False,
-) -> Source[Any]:
-    """Open files of one layout, each in its format; other tools' readers are imported
-    if needed.
+) -> Source[Record]:
+    """Open files of one kind of records, each in its format; other tools' readers are
+    imported if needed.
     """
-    paths = list(dict.fromkeys(paths))
-    ours = [our_format(path) if options.format == "auto" else None for path in paths]
-    groups: Any = [(row, (path,)) for row, path in zip(ours, paths, strict=True)]
-    if not all(ours):
-        from shapefit.io.detect import group_inputs
-
-        groups = group_inputs(paths, options)
-
-    @lru_cache(MAX_OPEN)
-    def reader(path: Path) -> Any:
-        from shapefit.io.hdf5_file import Hdf5Reader
-
-        return Hdf5Reader(path, form, old=old)
-
-    files: list[SourceFile[Any]] = []
-    for file_format, group in groups:
-        name = source_name(group[0])
-        if file_format.read_poses is not None and form is not RESULTS:
-            files.append(_of_poses(form, file_format, group, options))
+    form = LAYOUT_OF[kind]
+    readers = _Readers(form, old)
+    files: list[SourceFile[Record]] = []
+    for file_format, group in _group(list(dict.fromkeys(paths)), options):
+        if file_format.read_poses is not None and kind is not Fit:
+            files.append(_of_poses(kind, file_format, group, options))
             continue
         check_holds(group[0], form.kind, file_format)
         if options.individual is not None:
             fix = "write that individual to a file by `shapefit convert`, and use this"
             raise input_error(group[0], "`individual` is for files of other tools", fix)
         if file_format is HDF5:
-            files.append(_of_hdf5(group[0], reader, rows, without))
+            file = _of_hdf5(kind, group[0], readers, rows, without)
         else:
-            from shapefit.io.csv_file import read_csv, read_csv_head
-
-            if head:
-                first, share = read_csv_head(group[0], form.kind)
-                estimate = round(len(first) / share)
-                files.append(SourceFile.of(name, first, estimate=estimate))
-            else:
-                table = read_csv(group[0], form.kind)
-                files.append(SourceFile.of(name, table, estimate=len(table)))
-        if form is not RESULTS and options.keypoints is not None:
-            files[-1] = _named_by_skeleton(files[-1], options.keypoints)
-        if form is LANDMARKS and not head:
-            files[-1] = _in_pixels(files[-1], options)
-    if form is not RESULTS:
+            file = _of_csv(kind, group[0], head=head)
+        if kind is not Fit and options.keypoints is not None:
+            file = _named_by_skeleton(file, options.keypoints)
+        if kind is Landmarks and not head:
+            file = _in_pixels(file, options)
+        files.append(file)
+    if kind is not Fit:
         files = [*map(_with_doubts, files)]
-    prepared = _prepared(files, form, options, gaps, check=not head)
+    prepared = _prepared(kind, files, options, gaps, check=not head)
     return Source(prepared, options.y_axis, check=not head)
 
 
+class _Readers:
+    """Readers of HDF5 files of one layout, of which a few stay open."""
+
+    def __init__(self, form: Layout, old: bool) -> None:
+        self._form = form
+        self._old = old
+        self._opened = lru_cache(MAX_OPEN)(self._open)
+
+    def open(self, path: Path) -> Hdf5Reader:
+        """Return the reader of a file, which opens it if it is not open."""
+        return self._opened(path)
+
+    def close(self) -> None:
+        """Close all files."""
+        self._opened.cache_clear()
+
+    def _open(self, path: Path) -> Hdf5Reader:
+        from shapefit.io.hdf5_file import Hdf5Reader
+
+        return Hdf5Reader(path, self._form, old=self._old)
+
+
+def _group(
+    paths: Sequence[Path], options: InputOptions
+) -> Sequence[tuple[FileFormat, tuple[Path, ...]]]:
+    """Return files with their format, those that belong together as one."""
+    groups = []
+    for path in paths:
+        ours = our_format(path) if options.format == "auto" else None
+        if ours is None:
+            from shapefit.io.detect import group_inputs
+
+            return group_inputs(paths, options)
+        groups.append((ours, (path,)))
+    return groups
+
+
+def _as_kind(kind: type[Record], record: Items) -> Record:
+    """Return a record that a reader of this kind has made."""
+    assert isinstance(record, kind), f"{type(record).__name__} for {kind.__name__}"
+    return record
+
+
 def _of_poses(
-    form: Layout,
+    kind: type[Record],
     file_format: FileFormat,
     group: tuple[Path, ...],
     options: InputOptions,
-) -> SourceFile[Any]:
+) -> SourceFile[Record]:
     """Read files of another tool that belong together."""
     from shapefit.io.readers import items
 
     record: Landmarks | Shapes
-    if form is LANDMARKS:
+    if kind is Landmarks:
         record, notes = items.read_landmarks(file_format, group, options)
     else:
         record, notes = items.read_shapes(file_format, group, options)
     stated = record.y_axis if file_format.states_y_axis else None
-    return SourceFile.of(source_name(group[0]), record, notes=notes, y_axis=stated)
+    name = source_name(group[0])
+    return SourceFile.of(name, _as_kind(kind, record), notes=notes, y_axis=stated)
 
 
-def _with_doubts(file: SourceFile[Any]) -> SourceFile[Any]:
+def _of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Record]:
+    """Read a table of ours, of which the first rows say enough for a `head`."""
+    from shapefit.io.csv_file import Spool, read_csv, read_csv_head
+
+    name = source_name(path)
+    form = LAYOUT_OF[kind]
+    if head:
+        first, share = read_csv_head(path, form.kind)
+        estimate = round(len(first) / share)
+        return SourceFile.of(name, _as_kind(kind, first), estimate=estimate)
+    table = read_csv(path, form.kind)
+    if not isinstance(table, Spool):
+        return SourceFile.of(name, _as_kind(kind, table))
+
+    def place(_: str, row: int) -> str:
+        item = table.take(slice(row, row + 1)).items[0]
+        return f"{name}: item '{item}'"
+
+    return SourceFile(
+        name=name,
+        count=len(table),
+        read=lambda rows: _as_kind(kind, table.take(rows)),
+        texts=lambda dataset, rows: _texts_of(table.take(rows), dataset),
+        place=place,
+    )
+
+
+def _with_doubts(file: SourceFile[Record]) -> SourceFile[Record]:
     """Return a file with a warning of numbers that may stand for missing landmarks."""
     first = file.read(slice(0, min(file.count, BLOCK)))
     codes = warn_of_codes(first.points, _weights_of(first))
@@ -446,21 +512,26 @@ def _weights_of(record: Items) -> Floats | None:
 
 
 def _of_hdf5(
-    path: Path, reader: Any, rows: slice | None, without: Collection[str]
-) -> SourceFile[Any]:
+    kind: type[Record],
+    path: Path,
+    readers: _Readers,
+    rows: slice | None,
+    without: Collection[str],
+) -> SourceFile[Record]:
     """Open a file of ours, or a part of its rows, but for some datasets.
 
     Its images and shapes come in order of their frames; where they stand in another,
     they are read at once.
     """
-    file = reader(path)
+    file = readers.open(path)
     start, stop, _ = (rows or slice(None)).indices(file.count)
-    order = None if file.form is RESULTS else _order(file, str(path))
+    order = None if kind is Fit else _order(file, str(path))
     if order is not None:
         part = order[start:stop]
+        record = file.records(slice(0, file.count), without)
         return SourceFile.of(
             str(path),
-            file.records(slice(0, file.count), without).take(part),
+            _as_kind(kind, record).take(part),
             lambda dataset, row: f"{path}:/{dataset}[{part[row]}]",
             y_axis=file.y_axis,
         )
@@ -471,15 +542,17 @@ def _of_hdf5(
     return SourceFile(
         name=str(path),
         count=stop - start,
-        read=lambda part: reader(path).records(within(part), without),
-        texts=lambda dataset, part: reader(path).read(dataset, within(part)),
+        read=lambda part: _as_kind(
+            kind, readers.open(path).records(within(part), without)
+        ),
+        texts=lambda dataset, part: readers.open(path).read(dataset, within(part)),
         place=lambda dataset, row: f"{path}:/{dataset}[{start + row}]",
-        close=reader.cache_clear,
+        close=readers.close,
         y_axis=file.y_axis,
     )
 
 
-def _order(file: Any, place: str) -> NDArray[np.intp] | None:
+def _order(file: Hdf5Reader, place: str) -> NDArray[np.intp] | None:
     """Return the order of frames of an open HDF5 file, None where they stand in it.
     Raises InputError at the place for two items in one frame.
     """
@@ -494,7 +567,7 @@ MIN_SHARE = 0.9
 """Of the shapes of a file in which a landmark that is used is known."""
 
 
-def _without_gaps(file: SourceFile[Any]) -> SourceFile[Any]:
+def _without_gaps(file: SourceFile[Record]) -> SourceFile[Record]:
     """Return a file of shapes without those that lack a landmark, and a note of how
     many.
 
@@ -531,10 +604,12 @@ def _without_gaps(file: SourceFile[Any]) -> SourceFile[Any]:
         first, end = (taken[0], taken[-1] + 1) if len(taken) else (0, 0)
         return slice(int(first), int(end)), taken - first
 
-    def read(rows: slice) -> Any:
+    def read(rows: slice) -> Record:
         around, taken = within(rows)
-        records = file.read(around).take(taken)
-        return records if often.all() else with_landmarks(records, names[often])
+        record = file.read(around).take(taken)
+        if often.all() or not isinstance(record, Shapes):
+            return record
+        return with_landmarks(record, names[often])
 
     def texts(dataset: str, rows: slice) -> Sequence[str]:
         around, taken = within(rows)
@@ -549,7 +624,7 @@ def _without_gaps(file: SourceFile[Any]) -> SourceFile[Any]:
     )
 
 
-def _named_by_skeleton(file: SourceFile[Any], skeleton: str) -> SourceFile[Any]:
+def _named_by_skeleton(file: SourceFile[Record], skeleton: str) -> SourceFile[Record]:
     """Return a file of ours whose landmarks, if numbers, are those of the skeleton."""
     from shapefit.io.readers.items import name_numbers
 
@@ -559,16 +634,16 @@ def _named_by_skeleton(file: SourceFile[Any], skeleton: str) -> SourceFile[Any]:
         return file
     renames = dict(zip(before, names, strict=True))
 
-    def read(rows: slice) -> Any:
-        records = file.read(rows)
-        called = tuple(renames.get(name, name) for name in records.landmark_names)
-        return replace(records, landmark_names=called)
+    def read(rows: slice) -> Record:
+        record = file.read(rows)
+        called = tuple(renames.get(name, name) for name in record.landmark_names)
+        return replace(record, landmark_names=called)
 
     told = tuple(f"{file.name}: {text}" for text in notes)
     return replace(file, read=read, notes=(*file.notes, *told))
 
 
-def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
+def _in_pixels(file: SourceFile[Record], options: InputOptions) -> SourceFile[Record]:
     """Return a file of images with landmarks in pixels, and a warning of those at (0,
     0).
 
@@ -576,16 +651,10 @@ def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
     `image_size`.
     """
     images = file.read(slice(0, min(file.count, BLOCK)))
-    if images.confidence is None:
-        zeros = warn_of_zeros(images.landmarks)
-        file = replace(
-            file, notes=(*file.notes, *(f"{file.name}: {text}" for text in zeros))
-        )
-    values = images.landmarks[np.isfinite(images.landmarks)]
-    fractions = (
-        values.any() and np.abs(values).max() <= 1.5 and (values < 0).mean() <= CENTRED
-    )
-    if not fractions or images.unit not in ("px", UNKNOWN_UNIT):
+    if images.column("confidence") is None:
+        zeros = [f"{file.name}: {text}" for text in warn_of_zeros(images.points)]
+        file = replace(file, notes=(*file.notes, *zeros))
+    if images.unit not in ("px", UNKNOWN_UNIT) or not _are_fractions(images.points):
         return file
     if options.image_size is None:
         from shapefit.io.readers.items import FRACTIONS, SIZE_FIX
@@ -593,27 +662,40 @@ def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
         raise input_error(file.name, FRACTIONS, SIZE_FIX)
     size = np.array(options.image_size)
 
-    def read(rows: slice) -> Any:
-        records = file.read(rows)
-        return replace(records, landmarks=records.landmarks * size, unit="px")
+    def read(rows: slice) -> Record:
+        record = file.read(rows)
+        return replace(record.with_points(record.points * size), unit="px")
 
     return replace(file, read=read)
 
 
+MAX_FRACTION = 1.5
+"""Coordinate up to which landmarks may be fractions of an image, some outside it."""
+
+
+def _are_fractions(landmarks: Floats) -> bool:
+    """Whether landmarks look like fractions of an image, and not lie about a centre."""
+    values = landmarks[np.isfinite(landmarks)]
+    if not values.any():
+        return False
+    small = np.abs(values).max() <= MAX_FRACTION
+    return bool(small and (values < 0).mean() <= CENTRED)
+
+
 def _prepared(
-    files: Sequence[SourceFile[Any]],
-    form: Layout,
+    kind: type[Record],
+    files: Sequence[SourceFile[Record]],
     options: InputOptions,
     gaps: bool,
     *,
     check: bool = True,
-) -> list[SourceFile[Any]]:
+) -> list[SourceFile[Record]]:
     """Return files that check what they read, and change it by the options.
 
     Points are whole, and hidden where their confidence is below the least; landmarks
     are renamed, and only some of them retained.
     """
-    if form is SHAPES and not gaps:
+    if kind is Shapes and not gaps:
         files = [*map(_without_gaps, files)]
     if options.rename:
         names = dict.fromkeys(
@@ -621,28 +703,36 @@ def _prepared(
         )
         match_landmarks(tuple(names), tuple(options.rename), "rename")
 
-    def read(file: SourceFile[Any], rows: slice) -> Any:
-        records = file.read(rows)
-        place = lambda dataset, row: file.place(dataset, rows.start + row)  # noqa: E731
-        if check:
-            check_values(records, place, gaps=gaps)
-        if form is RESULTS:
-            return records
-        names = renamed(records.landmark_names, options.rename, file.name)
-        records = replace(records.with_whole_points(), landmark_names=names)
-        if (
-            form is LANDMARKS
-            and options.min_confidence
-            and records.confidence is not None
-        ):
-            doubtful = records.confidence < options.min_confidence
-            points = np.where(doubtful[..., None], np.nan, records.landmarks)
-            weights = np.where(doubtful, 0, records.confidence)
-            records = replace(records, landmarks=points, confidence=weights)
-        if options.landmarks is None:
-            return records
-        from shapefit.io.readers.items import keep_landmarks
+    def read(file: SourceFile[Record], rows: slice) -> Record:
+        def place(dataset: str, row: int) -> str:
+            return file.place(dataset, rows.start + row)
 
-        return keep_landmarks(records, options.landmarks, file.name)
+        record = file.read(rows)
+        if check:
+            check_values(record, place, gaps=gaps)
+        return record if isinstance(record, Fit) else _changed(record, options, file)
 
     return [replace(file, read=partial(read, file)) for file in files]
+
+
+def _changed(record: Record, options: InputOptions, file: SourceFile[Record]) -> Record:
+    """Return landmarks or shapes of a file as the options want them."""
+    names = renamed(record.landmark_names, options.rename, file.name)
+    record = replace(record.with_whole_points(), landmark_names=names)
+    if isinstance(record, Landmarks) and options.min_confidence:
+        record = _without_doubtful(record, options.min_confidence)
+    if options.landmarks is None:
+        return record
+    from shapefit.io.readers.items import keep_landmarks
+
+    return keep_landmarks(record, options.landmarks, file.name)
+
+
+def _without_doubtful(images: Record, least: float) -> Record:
+    """Return images without landmarks whose confidence is below the least."""
+    if not isinstance(images, Landmarks) or images.confidence is None:
+        return images
+    doubtful = images.confidence < least
+    points = np.where(doubtful[..., None], np.nan, images.landmarks)
+    weights = np.where(doubtful, 0, images.confidence)
+    return replace(images, landmarks=points, confidence=weights)

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from shapefit.io.formats import (
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
-from shapefit.io.source import Kind, ResultSource, find_kind, open_results
+from shapefit.io.source import AnyRecord, Kind, ResultSource, find_kind, open_results
 from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.meshes import write_meshes
 from shapefit.pipelines.result import Result, nothing_in
@@ -42,7 +41,7 @@ BATCH = 4096
 
 LAYOUTS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
 
-Source = LandmarkSource | ShapeSource | ResultSource
+AnySource = LandmarkSource | ShapeSource | ResultSource
 
 
 def run(config: ConvertConfig) -> Iterator[Result]:
@@ -114,7 +113,7 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
     return first
 
 
-def open_source(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
+def open_source(kind: Kind, files: Sequence[Path], options: InputOptions) -> AnySource:
     """Open files of a kind. Raises InputError for options of reading that results do
     not have.
     """
@@ -130,7 +129,7 @@ def open_source(kind: Kind, files: Sequence[Path], options: InputOptions) -> Sou
     return open_results(files, without=(), old=True)
 
 
-def select(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
+def select(source: AnySource, config: ConvertConfig) -> tuple[Iterator[AnyRecord], int]:
     """Return batches of the wanted individual's items, every n-th of each sequence; how
     many.
 
@@ -174,7 +173,7 @@ def select(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
         rows = rows[left == 0]
         numbers = None if keys.frames is None else number[left == 0]
 
-    def batches() -> Iterator[Any]:
+    def batches() -> Iterator[AnyRecord]:
         done = 0
         for records in source.chosen(rows, BATCH):
             frame = None if numbers is None else numbers[done : done + len(records)]

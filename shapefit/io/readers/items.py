@@ -24,11 +24,11 @@ from shapefit.io.options import InputOptions
 from shapefit.io.readers.poses import FRACTION, Poses, parsing
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 from shapefit.records.frames import check_frames, order_by_frame
+from shapefit.records.items import Record
 from shapefit.records.landmarks import Landmarks
 from shapefit.records.shapes import Shapes
 
 Notes = tuple[str, ...]
-R = TypeVar("R", Landmarks, Shapes)
 
 
 def read_landmarks(
@@ -376,7 +376,7 @@ def _name_images(poses: Poses) -> tuple[list[str], list[str]]:
     return items, sequences
 
 
-def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
+def keep_landmarks(records: Record, names: Sequence[str], place: str) -> Record:
     """Return landmarks or shapes with these of their landmarks alone, in this order.
 
     Raises InputError at `place` for names that are not there, or twice.
@@ -386,12 +386,15 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
             "landmarks", "a name is there twice", "name each landmark once"
         )
     match_landmarks(records.landmark_names, names, f"{place}: landmarks")
-    if isinstance(records, Landmarks):
-        return arrange(records, names, place, omit=True)
-    return with_landmarks(records, names)
+    if isinstance(records, Shapes):
+        return with_landmarks(records, names)
+    return arrange(records, names, place, omit=True)
 
 
-def with_landmarks(shapes: Shapes, names: Sequence[str]) -> Shapes:
+S = TypeVar("S", bound=Shapes)
+
+
+def with_landmarks(shapes: S, names: Sequence[str]) -> S:
     """Return the shapes with some of their landmarks, and the edges between those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the

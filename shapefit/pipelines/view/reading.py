@@ -27,12 +27,19 @@ from shapefit.io.formats import CSV
 from shapefit.io.layout import FRAME, UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import people_joints
-from shapefit.io.source import OPTIONAL, AnyRecord, find_kind, open_results, source_of
+from shapefit.io.source import (
+    OPTIONAL,
+    AnyRecord,
+    Source,
+    find_kind,
+    open_results,
+    source_of,
+)
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION, with_stated_height
 from shapefit.io.writers.motion import angle_columns
 from shapefit.pipelines.evaluate.measure import match_truth, with_shapes_of
 from shapefit.pipelines.items import ChosenItems
-from shapefit.records import Fit, Shapes, concatenate
+from shapefit.records import Fit, Landmarks, Shapes, concatenate
 from shapefit.records.columns import column_by_name, in_columns
 from shapefit.records.items import Items
 
@@ -55,6 +62,8 @@ BY_LANDMARK = ("landmarks", "shapes", "landmarks_fitted", "shape_sd", "outliers"
 """Datasets whose last axis is that of landmarks."""
 
 ITEMS_READ_AT_ONCE = 1 << 14
+
+AnySource = Source[Landmarks] | Source[Shapes] | Source[Fit]
 
 Role = Literal["result", "shapes", "landmarks", "truth"]
 
@@ -144,10 +153,10 @@ def _read_records(
     """Return the chosen records of each name, how they are thinned, and notes."""
     chosen = ChosenItems("items", config.items)
     with ExitStack() as stack:
-        sources = {
-            name: stack.enter_context(_open(paths, roles[name], options))
-            for name, paths in config.files.items()
-        }
+        sources: dict[str, AnySource] = {}
+        for name, paths in config.files.items():
+            sources[name] = _open(paths, roles[name], options)
+            stack.enter_context(sources[name])
         rows: dict[str, list[int]] = {}
         size = 0
         for name, source in sources.items():
@@ -193,7 +202,7 @@ def _role(path: Path, options: InputOptions) -> Role:
     return "result" if in_csv else kind
 
 
-def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
+def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> AnySource:
     """Open files of a kind."""
     if role == "landmarks":
         return open_landmarks(paths, options)
@@ -205,7 +214,7 @@ def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
     return open_results(paths, OPTIONAL - SHOWN_DATASETS)
 
 
-def _take(source: Any, rows: Sequence[int], step: int) -> Any:
+def _take(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:
     """Read every step-th of these items of each sequence."""
     sequence_of = [*chain.from_iterable(source.sequences())]
     seen_in = Counter[str]()
@@ -215,7 +224,8 @@ def _take(source: Any, rows: Sequence[int], step: int) -> Any:
         if seen_in[sequence] % step == 0:
             taken.append(row)
         seen_in[sequence] += 1
-    return concatenate(list(source.chosen(np.array(taken), ITEMS_READ_AT_ONCE)))
+    parts: list[AnyRecord] = [*source.chosen(np.array(taken), ITEMS_READ_AT_ONCE)]
+    return concatenate(parts)
 
 
 def _as_shown(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
