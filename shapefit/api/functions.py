@@ -47,7 +47,7 @@ from shapefit.pipelines.fit.prepare import (
 )
 from shapefit.pipelines.fit.run import Counts, attributes_of, lift_source, warn_of_all
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
-from shapefit.pipelines.result import Counted, Result, add_up
+from shapefit.pipelines.result import Counted, Result, merge_warnings
 
 Made = TypeVar("Made")
 
@@ -140,13 +140,13 @@ def fit(
         warn(result.line for result in announced)
         counts, messages = Counts(), dict[str, str | Counted]()
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
-        add_up(messages, (*setup.estimates.warnings, *of_dictionary))
+        merge_warnings(messages, (*setup.estimates.warnings, *of_dictionary))
         reasons = setup.matched.warnings()
         for result, record in lift_source(source, setup):
             counts.add(record)
             records.append(record)
             failures |= {failure.item: failure.reason for failure in result.failures}
-            add_up(messages, result.warnings)
+            merge_warnings(messages, result.warnings)
     warn((*messages.values(), *reasons, *warn_of_all(counts, setup, source.head)))
     whole = concatenate(records)
     attributes = {**whole.attributes, **attributes_of(setup, {})}

@@ -43,7 +43,7 @@ def write_meshes(
             problem = f"its landmarks are not those of {files[0]}"
             raise input_error(path, problem, "name the dictionary of the fit")
         mixes = source.head.coefficients is not None
-        check_dictionary(dictionary, files[0], mixes_atoms=mixes)
+        check_has_meshes(dictionary, files[0], mixes_atoms=mixes)
         with staged_files(folder) as staging:
             for batch in source.batches(MESHES_AT_ONCE):
                 images = batch.take(np.flatnonzero(has_shape(batch)))
@@ -69,7 +69,7 @@ def write_meshes(
     )
 
 
-def check_dictionary(
+def check_has_meshes(
     dictionary: Dictionary, place: str | Path, *, mixes_atoms: bool
 ) -> None:
     """Raise InputError at `place` where results of this dictionary have no meshes.

@@ -69,7 +69,7 @@ def unread(path: Path, error: InputError) -> Failure:
     return Failure(str(path), "; ".join(problems))
 
 
-def add_up(
+def merge_warnings(
     total: dict[str, str | Counted],
     warnings: Iterable[str | Counted],
     most: int = sys.maxsize,

@@ -167,7 +167,7 @@ def check_export(setup: Setup, result: Path) -> None:
     export, method = setup.config.export, setup.lifter.row
     if export.folder is not None:
         from shapefit.io.atomic import check_folder
-        from shapefit.pipelines.meshes import check_dictionary
+        from shapefit.pipelines.meshes import check_has_meshes
 
         if find_target_format(result) is not HDF5:
             fix = "write the result as HDF5, -o result.h5"
@@ -177,7 +177,7 @@ def check_export(setup: Setup, result: Path) -> None:
         check_folder(export.folder)
         refined = setup.lifter.camera is not None and method.perspective == "refined"
         mixes, place = method.mixes_atoms or refined, setup.config.dictionary
-        check_dictionary(setup.dictionary, place, mixes_atoms=mixes)
+        check_has_meshes(setup.dictionary, place, mixes_atoms=mixes)
 
 
 def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Lifted, None, None]:

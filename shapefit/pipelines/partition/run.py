@@ -77,7 +77,7 @@ from shapefit.pipelines.partition.manifest import (
     read_manifest,
     refuse_strangers,
 )
-from shapefit.pipelines.result import Failure, Result, add_up
+from shapefit.pipelines.result import Failure, Result, merge_warnings
 
 KEYS_OF_THE_RUN = {"landmarks", "output", "dictionary", "data", "threads"}
 """Keys that do not change what a part holds; the dictionary counts by its digest."""
@@ -554,9 +554,9 @@ def fit_part(job: Job) -> EndedPart:
     for result in fit(config, part.slice, job.estimates, dictionary, inputs, states):
         images += result.done
         failures += result.failures
-        add_up(warnings, result.warnings, MAX_LISTED_OF_A_PART)
+        merge_warnings(warnings, result.warnings, MAX_LISTED_OF_A_PART)
         without_items = (replace(reason, items=()) for reason in result.reasons)
-        add_up(reasons, without_items)
+        merge_warnings(reasons, without_items)
     total = Result(
         done=images,
         failures=tuple(failures[:MAX_LISTED_OF_A_PART]),
