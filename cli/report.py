@@ -123,7 +123,7 @@ class Report:
 
     def add(self, result: Result) -> None:
         """Add what became of one more part of the work."""
-        from shapefit.pipelines.result import add_up
+        from shapefit.pipelines.result import merge_warnings
 
         most = sys.maxsize if self.verbose else MAX_LISTED
         self.done += result.done
@@ -131,9 +131,9 @@ class Report:
         self.failed += len(result.failures)
         self.total = self.total if result.total is None else result.total
         self._failures += result.failures[: most - len(self._failures)]
-        self._unlisted += add_up(self._warnings, result.warnings, most)
+        self._unlisted += merge_warnings(self._warnings, result.warnings, most)
         reasons = (d if self.verbose else replace(d, items=()) for d in result.reasons)
-        add_up(self._untrusted, reasons)  # type: ignore[arg-type]
+        merge_warnings(self._untrusted, reasons)  # type: ignore[arg-type]
         self.written += result.written
         self.note = result.note or self.note
         self.rows |= dict(result.rows)

@@ -44,7 +44,7 @@ from shapefit.io import (
 )
 from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of
 from shapefit.lifting.posterior.p_value import with_p_value_table
-from shapefit.pipelines.learn_dict.from_3d import FEWEST_COPIES, every_nth
+from shapefit.pipelines.learn_dict.from_3d import MIN_COPIES, every_nth
 from shapefit.records import Shapes
 
 JOINTS = (*PEOPLE, *FURTHER)
@@ -157,7 +157,7 @@ def training_shapes(given: Shapes, dictionary: Dictionary) -> Floats:
     varied = vary(
         shapes,
         find_bone_tree(np.array(bones), len(names)),
-        copies=FEWEST_COPIES,
+        copies=MIN_COPIES,
         bone_scale=prior["bone_scale"],
         exchange=prior["exchange"],
         partners=np.array(partners),

@@ -41,7 +41,7 @@ from shapefit.pipelines.fit.fit import lift_all, make_plan
 from shapefit.pipelines.fit.record import provenance
 from shapefit.pipelines.fit.summary import Tally, warn_of_all
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
-from shapefit.pipelines.result import Counted, Result, add_up
+from shapefit.pipelines.result import Counted, Result, merge_warnings
 from shapefit.records import Fit, Landmarks, Shapes, concatenate
 
 Made = TypeVar("Made")
@@ -127,13 +127,13 @@ def fit(
         warn(result.line for result in announced)
         plan = make_plan(wanted, match, calibration)
         of_dictionary = warn_of_dictionary(plan.config, match.dictionary)
-        add_up(messages, (*calibration.warnings, *of_dictionary))
+        merge_warnings(messages, (*calibration.warnings, *of_dictionary))
         for batch in lift_all(source, plan):
             tally.add(batch.record)
             records.append(batch.record)
             for failure in batch.event.failures:
                 failures[failure.item] = failure.reason
-            add_up(messages, batch.event.warnings)
+            merge_warnings(messages, batch.event.warnings)
     of_all = warn_of_all(tally, plan, source.head)
     warn((*messages.values(), *match.warnings(), *of_all))
     whole = concatenate(records)

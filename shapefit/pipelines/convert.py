@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from shapefit.arrays import Indices, Integers
 from shapefit.config import ConvertConfig
 from shapefit.errors import abbreviate, input_error
 from shapefit.io import (
@@ -32,16 +33,16 @@ from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
 from shapefit.io.source import AnyRecord, Kind, ResultSource, find_kind, open_results
-from shapefit.pipelines.items import keys_of
+from shapefit.pipelines.items import MatchKeys, match_keys
 from shapefit.pipelines.meshes import write_meshes
 from shapefit.pipelines.result import Result, nothing_in
 
-BATCH = 4096
+ITEMS_AT_ONCE = 4096
 """Items in memory at a time."""
 
-LAYOUTS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
+LAYOUT_OF_KIND = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
 
-AnySource = LandmarkSource | ShapeSource | ResultSource
+ConvertedSource = LandmarkSource | ShapeSource | ResultSource
 
 
 def run(config: ConvertConfig) -> Iterator[Result]:
@@ -57,16 +58,19 @@ def run(config: ConvertConfig) -> Iterator[Result]:
     if kind == "dictionary":
         yield convert_dictionary(config, target)
         return
-    keys = ("height", "unit", "up", "markers")
-    output = OutputOptions(**{key: getattr(config, key) for key in keys})
+    output = OutputOptions(
+        height=config.height, unit=config.unit, up=config.up, markers=config.markers
+    )
+    layout = LAYOUT_OF_KIND[kind]
     with (
         open_source(kind, config.files, options) as source,
-        record_writer(config.output, LAYOUTS[kind], config.to, output) as writer,
+        record_writer(config.output, layout, config.to, output) as writer,
     ):
-        batches, count = select(source, config)
+        batches, count = select_items(source, config)
         noun = "shape" if kind == "shapes" else "image"
         for batch in batches:
-            if rate := config.frame_rate or batch.frame_rate:
+            rate = config.frame_rate or batch.frame_rate
+            if rate:
                 batch = replace(batch, frame_rate=rate / config.every)
             writer.append(batch)
             yield Result(done=len(batch), total=count, unit=noun)
@@ -100,24 +104,23 @@ def convert_dictionary(config: ConvertConfig, target: FileFormat) -> Result:
 
 
 def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
-    """Return what the files hold. Raises InputError where they hold different
-    things.
-    """
+    """Return what the files hold; InputError where they hold different things."""
     if any(map(is_stream, files)):
         return "landmarks"
     first = find_kind(files[0], options)
     for path in files[1:]:
-        if (kind := find_kind(path, options)) != first:
+        kind = find_kind(path, options)
+        if kind != first:
             problem = f"holds {kind}, and {files[0]} holds {first}"
             raise input_error(path, problem, "convert them one after the other")
     return first
 
 
-def open_source(kind: Kind, files: Sequence[Path], options: InputOptions) -> AnySource:
-    """Open files of a kind. Raises InputError for options of reading that results do
-    not have.
-    """
-    options = replace(options, individual=None)  # whom `select` selects
+def open_source(
+    kind: Kind, files: Sequence[Path], options: InputOptions
+) -> ConvertedSource:
+    """Open files of a kind; InputError for options that results do not have."""
+    options = replace(options, individual=None)  # whom `select_items` selects
     if kind == "landmarks":
         return open_landmarks(files, options)
     if kind == "shapes":
@@ -129,55 +132,69 @@ def open_source(kind: Kind, files: Sequence[Path], options: InputOptions) -> Any
     return open_results(files, without=(), old=True)
 
 
-def select(source: AnySource, config: ConvertConfig) -> tuple[Iterator[AnyRecord], int]:
-    """Return batches of the wanted individual's items, every n-th of each sequence; how
-    many.
+def select_items(
+    source: ConvertedSource, config: ConvertConfig
+) -> tuple[Iterator[AnyRecord], int]:
+    """Return batches of the wanted items, and how many these are.
 
-    The name of an individual is the last part of that of its sequence. Frames are
-    thinned by their numbers, so that all individuals of a video keep the same ones, and
-    are numbered anew; without numbers, by their order. Raises InputError where no
-    individual has the name.
+    They are those of one individual, whose name is the last part of that of its
+    sequence, and every n-th of each sequence. Raises InputError where no individual has
+    the name.
     """
-    wanted, every = config.individual, config.every
-    if (wanted is None and every == 1) or not source.count:
-        return source.batches(BATCH), source.count
-    sequences = np.array(list(chain.from_iterable(source.sequences())), object)
+    if (config.individual is None and config.every == 1) or not source.count:
+        return source.batches(ITEMS_AT_ONCE), source.count
+    sequences = list(chain.from_iterable(source.sequences()))
     rows = np.arange(source.count)
-    if wanted is not None:
-        rows = np.flatnonzero(
-            [s == wanted or s.endswith(f"/{wanted}") for s in sequences]
-        )
-        if not len(rows):
-            others = list(
-                dict.fromkeys(name.rpartition("/")[2] for name in sequences if name)
-            )
-            fix = (
-                f"there are {abbreviate(others)}"
-                if others
-                else "leave `individual` out"
-            )
-            place = ", ".join(map(str, config.files))
-            raise input_error(place, f"has no individual {wanted!r}", fix)
-    numbers = None
-    if every > 1:
-        keys = keys_of(source.batches(BATCH))
-        frame = np.array(keys.by_frame()[1], np.int64)[rows]
-        videos = [
-            name if keys.frames is None else name.rpartition("/")[0]
-            for name in sequences
-        ]
-        video = np.unique(np.array(videos, str)[rows], return_inverse=True)[1]
-        first = np.full(len(rows), frame.max())
-        np.minimum.at(first, video, frame)
-        number, left = np.divmod(frame - first[video] % every, every)
-        rows = rows[left == 0]
-        numbers = None if keys.frames is None else number[left == 0]
+    if config.individual is not None:
+        rows = find_individual(sequences, config.individual, config.files)
+    if config.every == 1:
+        return source.chosen(rows, ITEMS_AT_ONCE), len(rows)
+    keys = match_keys(source.batches(ITEMS_AT_ONCE))
+    rows, numbers = thin_frames(rows, keys, sequences, config.every)
+    if keys.frames is None:
+        return source.chosen(rows, ITEMS_AT_ONCE), len(rows)
 
-    def batches() -> Iterator[AnyRecord]:
+    def numbered_anew() -> Iterator[AnyRecord]:
         done = 0
-        for records in source.chosen(rows, BATCH):
-            frame = None if numbers is None else numbers[done : done + len(records)]
-            yield records if frame is None else replace(records, frames=frame)
+        for records in source.chosen(rows, ITEMS_AT_ONCE):
+            yield replace(records, frames=numbers[done : done + len(records)])
             done += len(records)
 
-    return batches(), len(rows)
+    return numbered_anew(), len(rows)
+
+
+def find_individual(
+    sequences: Sequence[str], wanted: str, files: Sequence[Path]
+) -> Indices:
+    """Return the rows of an individual; InputError where there is none of the name."""
+    is_wanted = [name == wanted or name.endswith(f"/{wanted}") for name in sequences]
+    rows = np.flatnonzero(is_wanted)
+    if not len(rows):
+        individuals = [name.rpartition("/")[2] for name in sequences if name]
+        fix = "leave `individual` out"
+        if individuals:
+            fix = f"there are {abbreviate(list(dict.fromkeys(individuals)))}"
+        place = ", ".join(map(str, files))
+        raise input_error(place, f"has no individual {wanted!r}", fix)
+    return rows
+
+
+def thin_frames(
+    rows: Indices, keys: MatchKeys, sequences: Sequence[str], every: int
+) -> tuple[Indices, Integers]:
+    """Return every n-th of some rows of each sequence, and their new numbers.
+
+    Frames are thinned by their numbers, so that all individuals of a video keep the
+    same ones; without numbers, by their order.
+    """
+    _, frames = keys.by_frame()
+    frame = np.array(frames, np.int64)[rows]
+    videos = sequences
+    if keys.frames is not None:
+        videos = [name.rpartition("/")[0] for name in sequences]
+    _, video = np.unique(np.array(videos, str)[rows], return_inverse=True)
+    first = np.full(len(rows), frame.max())
+    np.minimum.at(first, video, frame)
+    number, left = np.divmod(frame - first[video] % every, every)
+    is_retained = left == 0
+    return rows[is_retained], number[is_retained]

@@ -27,19 +27,24 @@ from shapefit.io.readers.tables import understand
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.source import OPTIONAL, Source, find_kind, open_results
 from shapefit.pipelines.joints import is_of_people
-from shapefit.pipelines.partition.manifest import Manifest, find_folders, sum_up
+from shapefit.pipelines.partition.manifest import (
+    Manifest,
+    describe_parts,
+    find_folders,
+)
 from shapefit.pipelines.result import Result, unread
 from shapefit.records.items import Items
 
-FIRST_ITEMS = 1 << 14
+INSPECTED_ITEMS = 1 << 14
 """Of a file that are looked at."""
 
-CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
+CAMERA_COLUMNS = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 """Datasets that say how the camera saw the landmarks."""
 
-Line = tuple[str, str]
+InfoLine = tuple[str, str]
+"""A label and a text."""
 
-LEARN = (
+HOW_TO_LEARN = (
     "`shapefit learn-dict SHAPES -o DICT.h5` learns one, from 3D shapes or from"
     " landmarks alone"
 )
@@ -71,7 +76,7 @@ def run(config: InfoConfig) -> Iterator[Result]:
     warnings: tuple[str, ...] = ()
     for file_format, paths in group_inputs(readable, options):
         try:
-            lines, notes = describe(file_format, paths, options)
+            lines, notes = describe_input(file_format, paths, options)
             descriptions.append(lines)
             warnings += notes
         except InputError as error:
@@ -80,22 +85,20 @@ def run(config: InfoConfig) -> Iterator[Result]:
         raise InputError(
             [problem for error in errors.values() for problem in error.problems]
         )
-    texts = (
-        "\n".join([title, *(f"  {name + ':':<13} {text}" for name, text in lines)])
-        for (_, title), *lines in map(as_printed, descriptions)
-    )
     yield Result(
         done=len(config.files),
         failures=tuple(unread(path, error) for path, error in errors.items()),
         warnings=warnings,
-        note="\n\n".join(texts),
+        note="\n\n".join(map(as_printed, descriptions)),
         data=lambda: [dict(lines) for lines in descriptions],
     )
 
 
-def as_printed(lines: Sequence[Line]) -> list[Line]:
-    """Return lines with names and units of files as a terminal can show them."""
-    return [(name, printable(text)) for name, text in lines]
+def as_printed(lines: Sequence[InfoLine]) -> str:
+    """Return the title and the lines below it as a terminal can show them."""
+    (_, title), *others = [(name, printable(text)) for name, text in lines]
+    labelled = [f"  {name + ':':<13} {text}" for name, text in others]
+    return "\n".join([title, *labelled])
 
 
 def describe_installed() -> str:
@@ -107,26 +110,25 @@ def describe_installed() -> str:
         "configs (-c NAME)",
     ]
     lines += [f"  {command}: {names}" for command, names in configs.items() if names]
-    lines += ["skeletons (--keypoints NAME)"]
-    lines += [
-        f"  {s.name}: {len(s.landmark_names)} landmarks"
-        for s in installed_skeletons().values()
-    ]
+    lines.append("skeletons (--keypoints NAME)")
+    for skeleton in installed_skeletons().values():
+        lines.append(f"  {skeleton.name}: {len(skeleton.landmark_names)} landmarks")
     return "\n".join(lines)
 
 
-def describe_folder(folder: Path, manifest: Manifest) -> list[Line]:
+def describe_folder(folder: Path, manifest: Manifest) -> list[InfoLine]:
     """Return what the manifest of a folder of results says."""
     following = f"shapefit eval {as_typed(folder)} --truth SHAPES -o report"
     title = [("name", source_name(folder)), ("kind", "folder of results")]
-    return [*title, *sum_up(manifest.done), ("next", following)]
+    return [*title, *describe_parts(manifest.done), ("next", following)]
 
 
-def describe(
+def describe_input(
     file_format: FileFormat, paths: tuple[Path, ...], options: InputOptions
-) -> tuple[list[Line], tuple[str, ...]]:
+) -> tuple[list[InfoLine], tuple[str, ...]]:
     """Return what one input holds, and warnings about it."""
-    kind, name = find_kind(paths[0], options), source_name(paths[0])
+    kind = find_kind(paths[0], options)
+    name = source_name(paths[0])
     if len(paths) > 1:
         name = f"{paths[0].parent} ({len(paths):,} files)"
     title = [("name", name), ("format", file_format.title)]
@@ -140,74 +142,86 @@ def describe(
     else:
         source = open_shapes(paths, options, gaps=True, head=True)
     with source:
-        head, items = (
-            source.head,
-            describe_items(source, "shape" if kind == "shapes" else "image"),
-        )
+        head = source.head
+        names = head.landmark_names
+        items = describe_items(source, "shape" if kind == "shapes" else "image")
         if kind == "result":
             title.append(("kind", f"result of {head.attributes.get('method', 'fit')}"))
-            if estimated := head.attributes.get("estimated"):
+            estimated = head.attributes.get("estimated")
+            if estimated:
                 items.append(("estimated", str(estimated)))
         elif kind == "landmarks":
             stated = "" if source.states_y_axis else ", as the file does not say"
             items.append(("y axis", f"{head.y_axis}{stated}"))
         if file_format is FORMATS["table"]:
             items += understand(paths[0], 3 if kind == "shapes" else 2).lines
-        if kind == "landmarks" and not is_of_people(head.landmark_names):
-            items.append(("dictionary", LEARN))
-        following = next_command(kind, paths, head.landmark_names, options.keypoints)
+        if kind == "landmarks" and not is_of_people(names):
+            items.append(("dictionary", HOW_TO_LEARN))
+        following = next_command(kind, paths, names, options.keypoints)
         return [*title, *items, ("next", following)], source.notes
 
 
-def describe_items(source: Source[Any], noun: str) -> list[Line]:
+def describe_items(source: Source[Any], noun: str) -> list[InfoLine]:
     """Return how many items a file has, and what its first ones are like."""
-    sample = source.first(FIRST_ITEMS)
+    sample = source.first(INSPECTED_ITEMS)
     part = "" if len(sample) == source.estimate else f" (of the first {len(sample):,})"
     number = f"{source.count:,}"
     if source.estimate > source.count:
         number = f"about {float(f'{source.estimate:.2g}'):,.0f}"
-    names, sequences = (
-        sample.landmark_names,
-        dict.fromkeys(filter(None, sample.sequences or ())),
-    )
-    listed_names = f"{len(names)}: {abbreviate(names)}"
-    lines = [(f"{noun}s", number), ("landmarks", listed_names)]
-    if sequences:
-        rate = sample.frame_rate
-        lines.append(
-            ("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{part}")
-        )
-        lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
-        if sample.frames is None:
-            lines.append(("frames", "not numbered, so one follows the other"))
-        if gaps := describe_gaps(sample):
-            lines.append(("gaps", gaps + part))
+    names = sample.landmark_names
+    lines = [
+        (f"{noun}s", number),
+        ("landmarks", f"{len(names)}: {abbreviate(names)}"),
+        *describe_sequences(sample, part),
+    ]
     visible = np.isfinite(sample.points).all(axis=2)
     if visible.any():
         lines.append(("first", describe_point(sample, visible)))
     missing = 1 - visible.sum() / max(visible.size, 1)
     lines.append(("missing", f"{missing:.1%} of the landmarks{part}"))
     lines.append(("unit", "not stated" if sample.unit == UNKNOWN_UNIT else sample.unit))
-    if camera := [name for name in CAMERA if sample.column(name) is not None]:
+    camera = [name for name in CAMERA_COLUMNS if sample.column(name) is not None]
+    if camera:
         lines.append(("camera", listed(camera, "and")))
     return lines
 
 
+def describe_sequences(sample: Items, part: str) -> Iterator[InfoLine]:
+    """Yield which sequences there are in the part that was read, and their frames."""
+    sequences = list(dict.fromkeys(filter(None, sample.sequences or ())))
+    if not sequences:
+        return
+    yield "sequences", f"{len(sequences)}: {abbreviate(sequences)}{part}"
+    rate = sample.frame_rate
+    yield "frame rate", "unknown" if rate is None else f"{rate:g} Hz"
+    if sample.frames is None:
+        yield "frames", "not numbered, so one follows the other"
+    gaps = describe_gaps(sample)
+    if gaps:
+        yield "gaps", gaps + part
+
+
 def describe_gaps(sample: Items) -> str:
-    """Say how many frames of sequences are missing, and where for how long; "" where
-    none is, or files number none.
+    """Say how many frames of sequences are missing, and where for how long.
+
+    "" where none is, or files number none.
     """
     if sample.frames is None or sample.sequences is None:
         return ""
-    missing, longest, where = 0, 0, ""
+    missing = 0
+    longest = 0
+    where = ""
     last: dict[str, int] = {}
     rows = zip(sample.sequences, sample.frames.tolist(), sample.items, strict=True)
     for sequence, frame, item in rows:
-        gap = frame - last.get(sequence, frame - 1) - 1 if sequence else 0
+        gap = 0
+        if sequence in last and sequence:
+            gap = frame - last[sequence] - 1
         last[sequence] = frame
         missing += max(gap, 0)
         if gap > longest:
-            longest, where = gap, item
+            longest = gap
+            where = item
     if not missing:
         return ""
     seconds = f" ({longest / sample.frame_rate:.3g} s)" if sample.frame_rate else ""
@@ -225,30 +239,28 @@ def describe_point(sample: Items, visible: Flags) -> str:
     return f"{printable(item)}, {printable(landmark)} at ({numbers})"
 
 
-def describe_dictionary(path: Path) -> list[Line]:
+def describe_dictionary(path: Path) -> list[InfoLine]:
     """Return what a dictionary holds, where it comes from, and how to fit with it."""
     dictionary = read_dictionary(path, old=True)
-    names, prior, provenance = (
-        dictionary.landmark_names,
-        dictionary.prior,
-        dictionary.provenance,
-    )
+    names = dictionary.landmark_names
+    provenance = dictionary.provenance
+    prior = "none"
+    if dictionary.prior is not None:
+        prior = counted(len(dictionary.prior), "component")
     lines = [
         ("kind", f"dictionary of {counted(dictionary.k, 'atom')}"),
         ("landmarks", f"{len(names)}: {abbreviate(names)}"),
-        (
-            "prior",
-            "none" if prior is None else counted(len(prior.weights), "component"),
-        ),
+        ("prior", prior),
         ("unit", "not stated" if dictionary.unit == UNKNOWN_UNIT else dictionary.unit),
     ]
     lines += [("learned", text) for text in describe_learning(dictionary)]
-    origin = ("source", "licence", "acknowledgement")
-    lines += [(key, provenance[key]) for key in origin if provenance.get(key)]
+    for key in ("source", "licence", "acknowledgement"):
+        if provenance.get(key):
+            lines.append((key, provenance[key]))
+    method = ""
+    if dictionary.prior is not None and SUITS not in provenance:
+        method = " --method posterior"
     installed = {file: name for name, file in find_dictionaries().items()}
-    method = (
-        " --method posterior" if prior is not None and SUITS not in provenance else ""
-    )
     name = installed.get(path) or as_typed(path)
     return [*lines, ("next", f"shapefit fit LANDMARKS -d {name} -o result.h5{method}")]
 
@@ -256,15 +268,12 @@ def describe_dictionary(path: Path) -> list[Line]:
 def next_command(
     kind: str, paths: Sequence[Path], names: Sequence[str], keypoints: str | None
 ) -> str:
-    """Return the command to go on with; for joints of people one that needs no
-    dictionary.
-    """
+    """Return the command to go on with, for people with the installed dictionary."""
     if kind == "result":
         return f"shapefit view {as_typed(paths[0])}"
-    files = (
-        [path.parent / f"*{path.suffix}" for path in paths] if len(paths) > 3 else paths
-    )
-    inputs = " ".join(dict.fromkeys(map(as_typed, files)))
+    if len(paths) > 3:
+        paths = [path.parent / f"*{path.suffix}" for path in paths]
+    inputs = " ".join(dict.fromkeys(map(as_typed, paths)))
     more = f" --keypoints {keypoints}" if keypoints else ""
     if kind == "landmarks":
         dictionary = "people" if is_of_people(names) else "DICT.h5"

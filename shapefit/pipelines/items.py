@@ -9,23 +9,27 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Indices
 from shapefit.errors import input_error
 from shapefit.records.fit import Fit
 from shapefit.records.items import Items
 from shapefit.records.names import as_composed
 
-BY_ITEM, BY_FRAME = "item", "frame"
-"""Stand for the items of the images themselves, and for their frames."""
+BY_ITEM = "item"
+"""Stands for the items of the images themselves."""
 
-NEAR = 0.01
+BY_FRAME = "frame"
+"""Stands for the frames of the images."""
+
+SAME_FRAME_WITHIN = 0.01
 """Frames of two rates are of one time where they are so near."""
 
 
-class Keys(NamedTuple):
-    """What n images or true shapes are matched by; frames None are the places in the
-    sequences.
+class MatchKeys(NamedTuple):
+    """What n images or true shapes are matched by.
+
+    frames None are the places in the sequences.
     """
 
     items: Sequence[str]
@@ -38,38 +42,46 @@ class Keys(NamedTuple):
         sequences = self.sequences or ("",) * len(self.items)
         if self.frames is not None:
             return sequences, self.frames
-        length, frames = Counter[str](), list[int]()
+        length = Counter[str]()
+        frames = []
         for name in sequences:
             frames.append(length[name])
             length[name] += 1
         return sequences, frames
 
 
-def keys_of(parts: Iterable[Items]) -> Keys:
+def match_keys(parts: Iterable[Items]) -> MatchKeys:
     """Return the keys of records, of one source, that come part by part."""
-    items, sequences, frames = list[str](), list[str](), list[int]()
+    items: list[str] = []
+    sequences: list[str] = []
+    frames: list[int] = []
     for part in parts:
         items += part.items
         sequences += part.sequences or ()
         if part.frames is not None:
             frames += part.frames.tolist()
-    numbered = len(frames) == len(items)
-    return Keys(items, sequences or None, frames if numbered else None, part.frame_rate)
+    are_numbered = len(frames) == len(items)
+    return MatchKeys(
+        items,
+        sequences or None,
+        frames if are_numbered else None,
+        part.frame_rate,
+    )
 
 
 def find_truth(
-    place: str | Path, match: str, images: Keys, truth: Keys
-) -> NDArray[np.intp]:
+    place: str | Path, match: str, images: MatchKeys, truth: MatchKeys
+) -> Indices:
     """Return the true shape (n,) of each image, -1 where it has none.
 
     By item or by frame and sequence: of the same name, else of one that ends alike
     (`cam01/anna` and `anna`), else of any, as long as that is one. Raises InputError
     where no image has one.
     """
-    by_frame = match == BY_FRAME
-    rows = (
-        find_frames(images, truth) if by_frame else find_rows(images.items, truth.items)
-    )
+    if match == BY_FRAME:
+        rows = find_frames(images, truth)
+    else:
+        rows = find_rows(images.items, truth.items)
     if (rows < 0).all():
         fault = (
             f"none of its {len(rows)} images is in the truth, which has no"
@@ -77,14 +89,14 @@ def find_truth(
         )
         fix = (
             "give the truth of these images, or set `match`: to `frame` where both are"
-            " the "
+            " the frames of one recording, or to a dataset that names such items as"
+            f" '{truth.items[0]}'"
         )
-        fix += "frames of one recording, or to a dataset that names such items as "
-        raise input_error(place, fault, f"{fix}'{truth.items[0]}'")
+        raise input_error(place, fault, fix)
     return rows
 
 
-def find_rows(wanted: Iterable[object], keys: Iterable[object]) -> NDArray[np.intp]:
+def find_rows(wanted: Iterable[object], keys: Iterable[object]) -> Indices:
     """Return the row of each key that is wanted, -1 for none."""
     row = {_composed(key): number for number, key in enumerate(keys)}
     return np.array([row.get(_composed(key), -1) for key in wanted], dtype=np.intp)
@@ -95,28 +107,39 @@ def _composed(key: object) -> object:
     return as_composed(key) if isinstance(key, str) else key
 
 
-def find_frames(images: Keys, truth: Keys) -> NDArray[np.intp]:
+def find_frames(images: MatchKeys, truth: MatchKeys) -> Indices:
     """Return the true shape (n,) of each image by sequence and frame, -1 for none."""
-    (sequences, frames), (true_sequences, true_frames) = (
-        images.by_frame(),
-        truth.by_frame(),
-    )
+    sequences, frames = images.by_frame()
+    true_sequences, true_frames = truth.by_frame()
     if images.frame_rate and truth.frame_rate:
-        times = np.array(frames) * (truth.frame_rate / images.frame_rate)
-        frames = np.where(abs(times - times.round()) < NEAR, times.round(), -1).tolist()
-    for ending in (str, lambda name: name.rpartition("/")[2], lambda _: ""):
-        keys = [*zip(map(ending, true_sequences), true_frames, strict=True)]
-        rows = find_rows(zip(map(ending, sequences), frames, strict=True), keys)
-        if len(set(keys)) == len(keys) and (rows >= 0).any():
+        places = np.array(frames) * (truth.frame_rate / images.frame_rate)
+        whole = places.round()
+        is_whole = abs(places - whole) < SAME_FRAME_WITHIN
+        frames = np.where(is_whole, whole, -1).tolist()
+    for shorten in (str, _last_part, _nothing):
+        keys = list(zip(map(shorten, true_sequences), true_frames, strict=True))
+        rows = find_rows(zip(map(shorten, sequences), frames, strict=True), keys)
+        is_unambiguous = len(set(keys)) == len(keys)
+        if is_unambiguous and (rows >= 0).any():
             return rows
     return np.full(len(frames), -1)
+
+
+def _last_part(name: str) -> str:
+    """Return what follows the last slash: `anna` of `cam01/anna`."""
+    return name.rpartition("/")[2]
+
+
+def _nothing(_: str) -> str:
+    return ""
 
 
 def named_items(
     images: Items, dataset: str, place: str | Path, key: str
 ) -> tuple[str, ...]:
-    """Return what a dataset, which `key` chose, names for each image; BY_ITEM names the
-    items.
+    """Return what a dataset, which `key` chose, names for each image.
+
+    BY_ITEM names the items.
     """
     if dataset == BY_ITEM:
         return tuple(images.items)
@@ -138,20 +161,27 @@ class ChosenItems:
     """The items that a config key chooses by its patterns: equal, or as a glob."""
 
     def __init__(self, key: str, patterns: Sequence[str]) -> None:
-        self._key, self._unused = key, dict.fromkeys(patterns, True)
+        self._key = key
+        self._is_used = dict.fromkeys(patterns, False)
 
     def __contains__(self, item: str) -> bool:
         """Whether the item is chosen: `a[1]` chooses a[1] and a1."""
-        matching = [p for p in self._unused if p == item or fnmatchcase(item, p)]
-        self._unused |= dict.fromkeys(matching, False)
+        matching = [
+            pattern
+            for pattern in self._is_used
+            if pattern == item or fnmatchcase(item, pattern)
+        ]
+        for pattern in matching:
+            self._is_used[pattern] = True
         return bool(matching)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Patterns that chose no item so far."""
-        unused = (pattern for pattern, is_unused in self._unused.items() if is_unused)
         return tuple(
-            f"{self._key}: no item has this name or matches '{p}'" for p in unused
+            f"{self._key}: no item has this name or matches '{pattern}'"
+            for pattern, is_used in self._is_used.items()
+            if not is_used
         )
 
 

@@ -17,35 +17,36 @@ from shapefit.meshes.dense import metric_scale
 from shapefit.pipelines.result import Result, nothing_in
 from shapefit.records import Fit
 
-BATCH = 64
+MESHES_AT_ONCE = 64
 """Images whose vertices are in memory at a time."""
-COLOUR = (120, 155, 190)
-"""Of a mesh, in GLB."""
+
+MESH_COLOUR = (120, 155, 190)
+"""In GLB."""
 
 
 def write_meshes(
     files: Sequence[Path], path: Path | None, folder: Path, to: str
 ) -> Iterator[Result]:
-    """Write the mesh of each image of results that has a shape; yields a Result per
-    batch.
+    """Write the mesh of each image of results that has a shape.
 
-    path is the dictionary of their fit. The files appear in the folder together at the
-    end. Raises InputError for results that have no meshes, and a folder that cannot get
-    files.
+    Yields a Result per batch. path is the dictionary of their fit. The files appear in
+    the folder together at the end. Raises InputError for results that have no meshes,
+    and a folder that cannot get files.
     """
     if path is None:
         fix = "name the dictionary of the fit, for example -d cars.h5"
         raise input_error("dictionary", "meshes are made of those of a dictionary", fix)
     check_folder(folder)
-    dictionary, count = read_dictionary(path), 0
+    dictionary = read_dictionary(path)
+    count = 0
     with open_results(files) as source:
         if source.head.landmark_names != dictionary.landmark_names:
             problem = f"its landmarks are not those of {files[0]}"
             raise input_error(path, problem, "name the dictionary of the fit")
         mixes = source.head.coefficients is not None
-        check_dictionary(dictionary, files[0], mixes_atoms=mixes)
+        check_has_meshes(dictionary, files[0], mixes_atoms=mixes)
         with staged_files(folder) as staging:
-            for batch in source.batches(BATCH):
+            for batch in source.batches(MESHES_AT_ONCE):
                 images = batch.take(np.flatnonzero(has_shape(batch)))
                 placed = in_object_frame(images, dictionary)
                 for item, vertices in zip(images.items, placed, strict=True):
@@ -57,19 +58,19 @@ def write_meshes(
                         file.write_bytes(mesh)
                 count += len(images)
                 yield Result(done=len(batch), total=source.count, unit="image")
-    missing = f"{counted(source.count - count, 'image')} without a shape and a mesh"
+    warnings = nothing_in(source.count, "images")
+    missing = source.count - count
+    if missing:
+        warnings = (f"{counted(missing, 'image')} without a shape and a mesh",)
     yield Result(
         total=source.count,
-        warnings=(
-            *[missing] * (count < source.count),
-            *nothing_in(source.count, "images"),
-        ),
+        warnings=warnings,
         note="1 mesh" if count == 1 else f"{count} meshes",
         written=(folder,) if count else (),
     )
 
 
-def check_dictionary(
+def check_has_meshes(
     dictionary: Dictionary, place: str | Path, *, mixes_atoms: bool
 ) -> None:
     """Raise InputError at `place` where results of this dictionary have no meshes.
@@ -125,7 +126,11 @@ def mesh_file(vertices: Floats, faces: Integers | None, to: str) -> bytes:
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    look = {"baseColorFactor": COLOUR, "metallicFactor": 0.0, "roughnessFactor": 0.6}
+    look = {
+        "baseColorFactor": MESH_COLOUR,
+        "metallicFactor": 0.0,
+        "roughnessFactor": 0.6,
+    }
     visual = TextureVisuals(material=PBRMaterial(name="mesh", **look))
     mesh = Trimesh(
         vertices.T, faces, process=False, visual=visual, metadata={"name": "mesh"}

@@ -30,24 +30,25 @@ from shapefit.io.options import InputOptions
 from shapefit.pipelines.result import Result, nothing_in
 from shapefit.records import Landmarks, Shapes
 
-BATCH = 1024
+IMAGES_DRAWN_AT_ONCE = 1024
 """Images whose random numbers are drawn together."""
 
-LEAST_VISIBLE = 3
+MIN_NOT_HIDDEN = 3
 """Landmarks of an image that are never hidden."""
 
-VIEW, NOISE, HIDDEN = 0, 1, 2
-"""Purposes of random numbers; the values are part of what a seed means."""
+# Purposes of random numbers; the values are part of what a seed means.
+VIEW_STREAM = 0
+NOISE_STREAM = 1
+HIDDEN_STREAM = 2
 
 TRUE_ROTATION = "true_rotation"
 
-TURN = np.diag([1.0, -1.0, -1.0])
+Y_DOWN = np.diag([1.0, -1.0, -1.0])
 """From a camera frame whose y points up to one whose y points down."""
 
 
 def run(config: ProjectConfig) -> Iterator[Result]:
-    """Project every shape with the camera of the config; yields a Result per batch of
-    images.
+    """Project every shape with the camera of the config; yields a Result per batch.
 
     The images have the items, sequences and further datasets of the shapes and
     `true_rotation` (n, 3, 3), object to camera frame. An orthographic camera keeps the
@@ -61,17 +62,15 @@ def run(config: ProjectConfig) -> Iterator[Result]:
     ):
         sequences = list(chain.from_iterable(source.sequences())) or [""] * source.count
         turns = turns_of(np.array(sequences, dtype=str))
-        for batch, shapes in enumerate(source.batches(BATCH)):
-            first = batch * BATCH
-            writer.append(
-                project(shapes, turns[first : first + len(shapes)], config, batch)
-            )
+        for batch, shapes in enumerate(source.batches(IMAGES_DRAWN_AT_ONCE)):
+            first = batch * IMAGES_DRAWN_AT_ONCE
+            turns_of_batch = turns[first : first + len(shapes)]
+            writer.append(project_batch(shapes, turns_of_batch, config, batch))
             yield Result(done=len(shapes), total=source.count)
-        inputs = json.dumps(digests(config.shapes))
         writer.attributes |= {
             "version": __version__,
             "config": config.as_json(),
-            "inputs": inputs,
+            "inputs": json.dumps(digests(config.shapes)),
         }
     warnings = source.notes + nothing_in(source.count, "shapes")
     warnings += writer.summary.warnings
@@ -79,39 +78,39 @@ def run(config: ProjectConfig) -> Iterator[Result]:
 
 
 def turns_of(sequences: NDArray[np.str_]) -> Floats:
-    """Return the turns (n,) of n images: frame t of a sequence of m frames has made t /
-    m.
-    """
-    _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
-    order = np.argsort(which, kind="stable")
+    """Return the turns (n,) of images: t / m of frame t of a sequence of m frames."""
+    _, sequence, counts = np.unique(sequences, return_inverse=True, return_counts=True)
+    order = np.argsort(sequence, kind="stable")
+    first = np.cumsum(counts) - counts
     frame = np.empty(len(sequences))
-    frame[order] = (
-        np.arange(len(sequences)) - (np.cumsum(counts) - counts)[which[order]]
-    )
-    turns: Floats = frame / counts[which]
+    frame[order] = np.arange(len(sequences)) - first[sequence[order]]
+    turns: Floats = frame / counts[sequence]
     return turns
 
 
-def project(
+def project_batch(
     shapes: Shapes, turns: Floats, config: ProjectConfig, batch: int
 ) -> Landmarks:
     """Return the images of a batch of n shapes that have made these turns (n,)."""
-    n, camera = len(shapes), config.camera
+    n = len(shapes)
+    camera = config.camera
     if camera.view == "turntable":
         rotations = cameras.turntable(turns, "y")
-        rotations = rotations if config.y_axis == "up" else TURN @ rotations
+        if config.y_axis == "down":
+            rotations = Y_DOWN @ rotations
     elif camera.view == "random":
-        rotations = random_rotations(BATCH, stream(config.seed, VIEW, batch))[:n]
+        rng = random_stream(config.seed, VIEW_STREAM, batch)
+        rotations = random_rotations(IMAGES_DRAWN_AT_ONCE, rng)[:n]
     else:
         rotations = np.broadcast_to(np.array(camera.view, dtype=np.float64), (n, 3, 3))
     scale = 1.0 if camera.scale is None else camera.scale
     landmarks = cameras.project_from_afar(shapes.as_columns(), rotations, scale)
     if config.noise > 0:
-        landmarks = add_noise(
-            landmarks, config.noise, stream(config.seed, NOISE, batch)
-        )
+        rng = random_stream(config.seed, NOISE_STREAM, batch)
+        landmarks = add_noise(landmarks, config.noise, rng)
     if config.hidden > 0:
-        landmarks = hide(landmarks, config.hidden, stream(config.seed, HIDDEN, batch))
+        rng = random_stream(config.seed, HIDDEN_STREAM, batch)
+        landmarks = hide_share(landmarks, config.hidden, rng)
     extras = {name: v for name, v in shapes.extras.items() if name != CORRUPTED}
     file_extras = dict(shapes.file_extras)
     if shapes.mirror_index is not None:
@@ -131,7 +130,7 @@ def project(
     )
 
 
-def stream(seed: int, purpose: int, batch: int) -> np.random.Generator:
+def random_stream(seed: int, purpose: int, batch: int) -> np.random.Generator:
     """Return the random numbers of one purpose for a batch of images."""
     return np.random.default_rng(
         np.random.SeedSequence(seed, spawn_key=(purpose, batch))
@@ -139,19 +138,22 @@ def stream(seed: int, purpose: int, batch: int) -> np.random.Generator:
 
 
 def add_noise(landmarks: Floats, deviation: float, rng: np.random.Generator) -> Floats:
-    """W + deviation * N(0, 1), landmarks (n, 2, p), n <= BATCH."""
+    """W + deviation * N(0, 1), landmarks (n, 2, p), n <= IMAGES_DRAWN_AT_ONCE."""
     n, *rest = landmarks.shape
-    return landmarks + deviation * rng.standard_normal((BATCH, *rest))[:n]
+    noise = rng.standard_normal((IMAGES_DRAWN_AT_ONCE, *rest))[:n]
+    return landmarks + deviation * noise
 
 
-def hide(landmarks: Floats, share: float, rng: np.random.Generator) -> Floats:
-    """Set a random `share` of the landmarks (n, 2, p) of each image to NaN, n <= BATCH.
+def hide_share(landmarks: Floats, share: float, rng: np.random.Generator) -> Floats:
+    """Set a random `share` of the landmarks (n, 2, p) of each image to nan.
 
-    The number hidden in an image is share * p, rounded up or down at random so that the
-    share holds on average; at least LEAST_VISIBLE landmarks stay.
+    n <= IMAGES_DRAWN_AT_ONCE. The number hidden in an image is share * p, rounded up or
+    down at random so that the share holds on average; at least MIN_NOT_HIDDEN stay.
     """
     n, _, p = landmarks.shape
-    rounding, keys = rng.random(BATCH)[:n], rng.random((BATCH, p))[:n]
-    number = np.floor(share * p + rounding).clip(0, max(p - LEAST_VISIBLE, 0))
-    hidden = keys.argsort(axis=1).argsort(axis=1) < number[:, None]
-    return np.where(hidden[:, None], np.nan, landmarks)
+    rounding = rng.random(IMAGES_DRAWN_AT_ONCE)[:n]
+    draws = rng.random((IMAGES_DRAWN_AT_ONCE, p))[:n]
+    number = np.floor(share * p + rounding).clip(0, max(p - MIN_NOT_HIDDEN, 0))
+    rank = draws.argsort(axis=1).argsort(axis=1)
+    is_hidden = rank < number[:, None]
+    return np.where(is_hidden[:, None], np.nan, landmarks)

@@ -20,9 +20,7 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True)
 class Counted:
-    """A warning about some items, such as `12 images not optimal`, with their names if
-    known.
-    """
+    """A warning about some items, such as `12 images not optimal`, maybe with names."""
 
     number: int
     noun: str
@@ -39,19 +37,17 @@ class Counted:
 
 
 class Note(str):
-    """Stands among the warnings for what is good to know, and no sign of anything
-    wrong.
-    """
+    """Stands among the warnings for what is good to know, with nothing wrong."""
 
 
 class Result(NamedTuple):
-    """The result of one part of the work: `done` items of `total`, None where that is
-    not known.
+    """The result of one part of the work.
 
-    reasons count the items whose result is not to be trusted; unit is what the items
-    are, where that depends on the config; note is a short state for a progress bar, and
-    line is shown at once. written are the files that now stand complete; rows, a
-    summary for people, label and text; data gives what the note says in values of JSON.
+    It has `done` items of `total`, None where that is not known. reasons count the
+    items whose result is not to be trusted; unit is what the items are, where that
+    depends on the config; note is a short state for a progress bar, and line is shown
+    at once. written are the files that now stand complete; rows, a summary for people,
+    label and text; data gives what the note says in values of JSON.
     """
 
     done: int = 0
@@ -68,20 +64,19 @@ class Result(NamedTuple):
 
 
 def unread(path: Path, error: InputError) -> Failure:
-    """Return the failure of a file that cannot be read, with its reason but without its
-    name.
-    """
+    """Return the failure of a file that cannot be read; the reason lacks its name."""
     problems = (problem.removeprefix(f"{path}:").strip() for problem in error.problems)
     return Failure(str(path), "; ".join(problems))
 
 
-def add_up(
+def merge_warnings(
     total: dict[str, str | Counted],
     warnings: Iterable[str | Counted],
     most: int = sys.maxsize,
 ) -> int:
-    """Add warnings to those of a run, equal texts as one; return how many beyond `most`
-    are not.
+    """Add warnings to those of a run, equal texts as one.
+
+    Returns how many are not added, which are beyond `most`.
     """
     omitted = 0
     for warning in warnings:

@@ -48,17 +48,25 @@ if TYPE_CHECKING:  # pydantic takes long to import, and only folders need it
     from shapefit.config.manifest import PartLine
     from shapefit.pipelines.partition.manifest import Manifest
 
-CHUNK = 2048
+IMAGES_CHECKED_AT_ONCE = 2048
 """Images that are checked together."""
-UNDISTORTED = 1e-8
-"""Of the largest coordinate by which landmarks without the distortion of a lens may be
-off.
+
+UNDISTORTED_WITHIN = 1e-8
+"""Share of the largest coordinate by which landmarks without the distortion of a lens
+may be off.
 """
-ALWAYS = "shapes landmarks lambda scale translation rotation status objective"
-ERROR_BARS = " shape_sd shape_correlation p_value inlier_probability trusted reasons"
-CERTIFIED = ("convex", "convex+refine")
+
+FIT_COLUMNS = "shapes landmarks lambda scale translation rotation status objective"
+"""Datasets that every fit writes."""
+
+PRIOR_COLUMNS = "shape_sd shape_correlation p_value inlier_probability trusted reasons"
+"""Datasets that fits with a prior write."""
+
+CERTIFIED_METHODS = ("convex", "convex+refine")
 """Methods with a certificate."""
-FIX = "give a result that `shapefit fit` wrote to a name in .h5"
+
+RESULT_OF_FIT = "give a result that `shapefit fit` wrote to a name in .h5"
+"""What to do about a file that is none."""
 
 
 class Request(NamedTuple):
@@ -69,7 +77,7 @@ class Request(NamedTuple):
     landmarks: tuple[Path, ...] = ()
 
 
-class Part(NamedTuple):
+class ResultFile(NamedTuple):
     """A file of results, and its line in a manifest, None without one."""
 
     file: Path
@@ -77,9 +85,7 @@ class Part(NamedTuple):
 
 
 class Checked(NamedTuple):
-    """Images that were checked: results and claims; which are certified (n,), and
-    their largest gap.
-    """
+    """Images that were checked: results, claims, which are certified, largest gap."""
 
     result: Fit
     claims: Claims
@@ -89,21 +95,34 @@ class Checked(NamedTuple):
 
 @dataclass
 class Tally:
-    """Counts over all files: images checked, certified, with a false claim, without a
-    shape; images in files whose contents are as `fit` wrote them, by their digest;
-    claims of whole files that are false; images that could not be checked; files
-    without such a digest; and the largest gap that was certified.
-    """
+    """Counts over all files."""
 
     images: int = 0
+    """Images that were checked."""
+
     certified: int = 0
+    """Images that are certified."""
+
     false: int = 0
+    """Images with a false claim."""
+
     empty: int = 0
+    """Images without a shape."""
+
     sealed: int = 0
+    """Images in files whose contents are as `fit` wrote them, by their digest."""
+
     files: int = 0
+    """Claims of whole files that are false."""
+
     unread: int = 0
+    """Images that could not be checked."""
+
     not_sealed: int = 0
+    """Files without a digest of their contents."""
+
     largest_gap: float = 0.0
+    """That was certified."""
 
 
 class Statement(NamedTuple):
@@ -118,26 +137,26 @@ class Statement(NamedTuple):
 
 
 def run(request: Request) -> Generator[Result, None, None]:
-    """Verify every image of a result; yields a Result per chunk, and the summary as the
-    last.
+    """Verify every image of a result; yields a Result per chunk, then the summary.
 
     Raises InputError where the result is no HDF5 result of `fit`, or does not go with
     the dictionary or the landmarks; for a folder only where that is so of every part.
     """
-    parts, wrong, listed = find_parts(request.result)
+    files, wrong, listed = find_files(request.result)
     dictionary = read_dictionary(request.dictionary)
     tally = Tally(files=len(wrong))
     yield Result(failures=tuple(wrong))
-    fits, errors, digest_of = list[Statement](), list[InputError](), cache(digest)
-    for part in parts:
+    fits: list[Statement] = []
+    errors: list[InputError] = []
+    digest_of = cache(digest)
+    for part in files:
         try:
-            yield from verify_part(part, request, dictionary, tally, fits, digest_of)
+            yield from verify_file(part, request, dictionary, tally, fits, digest_of)
         except InputError as error:
             errors.append(error)
-            if len(errors) == len(parts):
-                raise InputError(
-                    line for one in errors for line in one.problems
-                ) from None
+            if len(errors) == len(files):
+                problems = [problem for one in errors for problem in one.problems]
+                raise InputError(problems) from None
             tally.files += 1
             yield Result(failures=(unread(part.file, error),))
     tally.unread = max(listed - tally.images, tally.unread)
@@ -151,32 +170,34 @@ def run(request: Request) -> Generator[Result, None, None]:
         yield Result(failures=none, note="No image was checked.", data=lambda: data)
 
 
-def find_parts(result: Path) -> tuple[list[Part], list[Failure], int]:
-    """Return the files of a result, what is false in its manifest, and how many images
-    it lists.
+def find_files(result: Path) -> tuple[list[ResultFile], list[Failure], int]:
+    """Return the files of a result, what is false in its manifest, how many images.
+
+    The images are those that it lists.
     """
     if not result.is_dir():
-        return [Part(result)], [], 0
+        return [ResultFile(result)], [], 0
     from shapefit.config.manifest import part_name
-    from shapefit.pipelines.partition.manifest import PARTS, read_manifest
+    from shapefit.pipelines.partition.manifest import PARTS_PATTERN, read_manifest
 
     manifest = read_manifest(result)
     if manifest is None:
         raise input_error(result, "is a folder without results", "name a result in it")
-    unlisted = {path.name for path in result.glob(PARTS)} - manifest.done.keys()
+    there = {path.name for path in result.glob(PARTS_PATTERN)}
+    unlisted = there - manifest.done.keys()
     wrong = [Failure(name, "is not in the manifest") for name in sorted(unlisted)]
     planned = set(map(part_name, manifest.run.parts)) - manifest.parts.keys()
     reason = "has no result: run `fit` again, which did not end"
     wrong += [Failure(name, reason) for name in sorted(planned - unlisted)]
     wrong += find_overlaps(manifest)
-    parts = []
+    files = []
     for name, line in manifest.done.items():
         file = result / name
         if file.is_file():
-            parts.append(Part(file, line))
+            files.append(ResultFile(file, line))
         if not file.is_file() or line.bytes != file.stat().st_size:
             wrong.append(Failure(name, "is not the file that `fit` wrote, by its size"))
-    return parts, wrong, sum(line.images for line in manifest.done.values())
+    return files, wrong, sum(line.images for line in manifest.done.values())
 
 
 def find_overlaps(manifest: Manifest) -> Iterator[Failure]:
@@ -200,8 +221,8 @@ def find_overlaps(manifest: Manifest) -> Iterator[Failure]:
             end = max(end, stop)
 
 
-def verify_part(
-    part: Part,
+def verify_file(
+    part: ResultFile,
     request: Request,
     dictionary: Dictionary,
     tally: Tally,
@@ -210,8 +231,8 @@ def verify_part(
 ) -> Generator[Result, None, None]:
     """Verify the images of one file, and what it states of them all."""
     with open_results([part.file], (), head=True) as results:
-        head, attributes = results.head, results.head.attributes
-        fit = read_statement(attributes, part.file)
+        head = results.head
+        fit = read_statement(head.attributes, part.file)
         fits.append(fit)
         seal = read_seal(part.file)
         missing = sorted(required(fit, head) - head.column_names())
@@ -219,44 +240,59 @@ def verify_part(
             Failure(name, "is missing, and every such fit writes it")
             for name in missing
         ]
-        digest_of_config = hashlib.sha256(
-            str(attributes["config"]).encode()
-        ).hexdigest()
-        if digest_of_config != attributes.get("config_digest"):
-            wrong.append(Failure("config", "is not that of the fit, by its digest"))
+        wrong += check_config(head.attributes)
         wrong += check_seal(part, seal, fit, results.count)
         files, differing = match_files(part, fit, request, digest_of)
         wrong += differing
         tally.files += len(wrong)
-        tally.sealed += results.count if seal.found == seal.stated else 0
-        tally.not_sealed += not seal.stated
+        if seal.found == seal.stated:
+            tally.sealed += results.count
+        if not seal.stated:
+            tally.not_sealed += 1
         yield Result(failures=tuple(wrong))
         if missing:
             tally.unread += results.count
             return
         program = read_program(head, part.file, request.dictionary, dictionary, fit)
-        rows = rows_of(part, seal)
+        rows = result_rows(part, seal)
         with open_images(part.file, rows, head, fit, files, results.count) as images:
-            batches = results.batches(CHUNK) if results.count else iter(())
+            batches: Iterator[Fit] = iter(())
+            if results.count:
+                batches = results.batches(IMAGES_CHECKED_AT_ONCE)
             pairs = zip(batches, images, strict=False)
             for chunk in side_by_side(
                 lambda pair: check_chunk(*pair, program, fit.certified), pairs, 1
             ):
-                claims, items = chunk.claims, chunk.result.items
-                tally.images += len(items)
-                tally.certified += int(chunk.certified.sum())
-                tally.false += len(claims.reasons)
-                tally.empty += int((~claims.fitted).sum())
-                tally.largest_gap = max(tally.largest_gap, chunk.gap)
-                reasons = sorted(claims.reasons.items())
-                failures = tuple(Failure(items[i], why) for i, why in reasons)
-                yield Result(done=len(items), total=results.count, failures=failures)
+                yield count_in(tally, chunk)._replace(total=results.count)
 
 
-def check_seal(part: Part, seal: Seal, fit: Statement, count: int) -> Iterator[Failure]:
-    """Yield what is false of the digest of the contents of a file, and of what its
-    manifest says.
-    """
+def count_in(tally: Tally, chunk: Checked) -> Result:
+    """Add the images of a chunk to the tally, and return what became of them."""
+    claims = chunk.claims
+    items = chunk.result.items
+    tally.images += len(items)
+    tally.certified += int(chunk.certified.sum())
+    tally.false += len(claims.reasons)
+    tally.empty += int((~claims.fitted).sum())
+    tally.largest_gap = max(tally.largest_gap, chunk.gap)
+    failures = [
+        Failure(items[image], reason)
+        for image, reason in sorted(claims.reasons.items())
+    ]
+    return Result(done=len(items), failures=tuple(failures))
+
+
+def check_config(attributes: Mapping[str, Any]) -> Iterator[Failure]:
+    """Yield a failure where the config is not that of the fit."""
+    config = str(attributes["config"]).encode()
+    if hashlib.sha256(config).hexdigest() != attributes.get("config_digest"):
+        yield Failure("config", "is not that of the fit, by its digest")
+
+
+def check_seal(
+    part: ResultFile, seal: Seal, fit: Statement, count: int
+) -> Iterator[Failure]:
+    """Yield what is false of the digest of a file's contents, and of its manifest."""
     name = part.file.name
     if seal.stated and seal.stated != seal.found:
         fault = "its contents are not those that `fit` wrote, by their digest"
@@ -264,7 +300,7 @@ def check_seal(part: Part, seal: Seal, fit: Statement, count: int) -> Iterator[F
     elif part.line is not None and seal.stated != part.line.digest:
         fault = "is not the result that the manifest lists, by its digest"
         yield Failure(f"{name}: contents", fault)
-    rows = rows_of(part, seal)
+    rows = result_rows(part, seal)
     if rows is not None and rows.stop - rows.start != count:
         fault = f"states {counted(rows.stop - rows.start, 'image')}, and holds {count}"
         yield Failure(f"{name}: rows", fault)
@@ -279,7 +315,7 @@ def check_seal(part: Part, seal: Seal, fit: Statement, count: int) -> Iterator[F
         yield Failure(f"{name}: inputs", fault)
 
 
-def rows_of(part: Part, seal: Seal) -> slice | None:
+def result_rows(part: ResultFile, seal: Seal) -> slice | None:
     """Return the rows of its input that a part has, None for all."""
     rows = seal.rows if part.line is None else part.line.rows
     return None if rows is None else slice(*rows)
@@ -291,9 +327,8 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
     Raises InputError where they are not those of a fit.
     """
     try:
-        config, digests = (
-            parse_json(attributes.get(name, "{}")) for name in ("config", "inputs")
-        )
+        config = parse_json(attributes.get("config", "{}"))
+        inputs = parse_json(attributes.get("inputs", "{}"))
         beta = config["outlier_threshold"]
         config |= {
             "dictionary": str(config["dictionary"]),
@@ -302,67 +337,82 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
             "outlier_threshold": 0.1 if beta is None else float(beta),
             "tolerance": float(config["tolerance"]),
         }
-        certified = (
-            config["method"] in CERTIFIED and config["save"]["proof"] is not False
-        )
+        has_certificate = config["method"] in CERTIFIED_METHODS
+        is_stored = config["save"]["proof"] is not False
         if config["method"] not in METHODS:
             raise ValueError(f"no method {config['method']}")
-        return Statement(
-            config, {name: str(text) for name, text in digests.items()}, certified
-        )
+        digests = {name: str(text) for name, text in inputs.items()}
+        return Statement(config, digests, has_certificate and is_stored)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         wrong = f"{type(error).__name__}: {error}"
         fault = (
             "its attributes `config` and `inputs` are not those of a fit"
             f" ({wrong[:200]})"
         )
-        raise input_error(file, fault, FIX) from None
+        raise input_error(file, fault, RESULT_OF_FIT) from None
 
 
 def required(fit: Statement, head: Fit) -> set[str]:
     """Return the datasets that every such fit writes."""
-    name, perspective = fit.config["method"], head.focal is not None
-    names = ALWAYS + (ERROR_BARS if METHODS[name].has_prior else "")
-    names += " coefficients" if METHODS[name].mixes_atoms else ""
-    names += " omitted" if fit.config.get("leave_one_out") is not None else ""
+    name = fit.config["method"]
+    names = set(FIT_COLUMNS.split())
+    if METHODS[name].has_prior:
+        names.update(PRIOR_COLUMNS.split())
+    if METHODS[name].mixes_atoms:
+        names.add("coefficients")
+    if fit.config.get("leave_one_out") is not None:
+        names.add("omitted")
     if fit.certified:
-        prefix = "" if name == "convex" and not perspective else "convex_"
-        names += f" {certificate.CERTIFICATE} {prefix}objective {prefix}relative_gap"
-        bounded = not perspective and fit.config["outliers"] not in ROBUST
-        names += " relative_gap" if bounded else ""
-    return set(names.split())
+        is_perspective = head.focal is not None
+        is_program_itself = name == "convex" and not is_perspective
+        prefix = "" if is_program_itself else "convex_"
+        names.update(certificate.CERTIFICATE.split())
+        names.update((f"{prefix}objective", f"{prefix}relative_gap"))
+        if not is_perspective and fit.config["outliers"] not in ROBUST:
+            names.add("relative_gap")
+    return names
 
 
 def match_files(
-    part: Part, fit: Statement, request: Request, digest_of: Callable[[Path], str]
+    part: ResultFile,
+    fit: Statement,
+    request: Request,
+    digest_of: Callable[[Path], str],
 ) -> tuple[list[Path], list[Failure]]:
-    """Return the landmarks of a part as its fit read them, if all are given; and false
-    digests.
+    """Return the landmarks of a part as its fit read them, and false digests.
 
-    A file is recognised by the digest that the fit states, else by its name, or it is
-    the only one.
+    There are none where not all are given. A file is recognised by the digest that the
+    fit states, else by its name, or it is the only one.
     """
-    paths, wrong = {fit.config["dictionary"]: [request.dictionary]}, list[Failure]()
+    candidates = {fit.config["dictionary"]: [request.dictionary]}
     inputs = fit.config["landmarks"] if part.line is None else part.line.inputs
-    given = request.landmarks
+    files = request.landmarks
     for name in inputs:
-        equal = [path for path in given if digest_of(path) == fit.digests.get(name)]
-        equal += [path for path in given if path.resolve().name == Path(name).name]
-        paths[name] = equal or [*given] * (len(inputs) == len(given) == 1)
-    for name, candidates in paths.items():
-        path, stated = next(iter(candidates), None), fit.digests.get(name)
+        matching = [path for path in files if digest_of(path) == fit.digests.get(name)]
+        matching += [path for path in files if path.resolve().name == Path(name).name]
+        if not matching and len(inputs) == len(files) == 1:
+            matching = [*files]
+        candidates[name] = matching
+    wrong = []
+    for name, paths in candidates.items():
+        path = paths[0] if paths else None
+        stated = fit.digests.get(name)
         if stated is None:
             wrong.append(Failure(name, "has no digest"))
-        elif path is None and given:
+        elif path is None and files:
             wrong.append(
                 Failure(name, "is a file of the fit that is not given by --landmarks")
             )
-        elif path is not None and stated not in (None, "stream", digest_of(path)):
-            reason = f"is not the file of the fit, {name}: the digests differ"
-            reason += f" ({digest_of(path)[:12]}... and {stated[:12]}...)"
+        elif path is not None and stated not in ("stream", digest_of(path)):
+            reason = (
+                f"is not the file of the fit, {name}: the digests differ"
+                f" ({digest_of(path)[:12]}... and {stated[:12]}...)"
+            )
             wrong.append(Failure(str(path), reason))
-    _, *landmarks = paths.values()
-    return [first for first, *_ in landmarks] if all(landmarks) else [], wrong
+    _, *landmarks = candidates.values()
+    if not all(landmarks):
+        return [], wrong
+    return [paths[0] for paths in landmarks], wrong
 
 
 def read_program(
@@ -378,12 +428,13 @@ def read_program(
         raise input_error(
             path, fault, "give the dictionary of the fit, whose atoms have items"
         )
-    outliers, perspective = fit.config["outliers"], head.focal is not None
+    outliers = fit.config["outliers"]
+    is_perspective = head.focal is not None
     return CertifiedProgram(
         atoms=np.ascontiguousarray(dictionary.atoms[:, :, columns]),
         atom_items=dictionary.atom_items if omits else None,
-        refined=perspective or fit.config["method"] != "convex",
-        bounds=not perspective and outliers not in ROBUST,
+        refined=is_perspective or fit.config["method"] != "convex",
+        bounds=not is_perspective and outliers not in ROBUST,
         searched=outliers not in ("none", *ROBUST),
         loss=outliers if outliers in ROBUST else "squared",
         beta=fit.config["outlier_threshold"],
@@ -400,26 +451,25 @@ def open_images(
     files: Sequence[Path],
     count: int,
 ) -> Iterator[Iterator[Landmarks | None]]:
-    """Open the landmarks of a file of results as its fit read them; gives None for each
-    without files.
+    """Open the landmarks of a file of results as its fit read them.
+
+    Gives None for each batch without files.
     """
     if not files:
         yield repeat(None)
         return
     from shapefit.config.commands.input import LandmarksConfig
 
-    place, method = (
-        f"{', '.join(map(str, files))}: landmark names",
-        METHODS[fit.config["method"]],
-    )
+    place = f"{', '.join(map(str, files))}: landmark names"
+    method = METHODS[fit.config["method"]]
     keys = LandmarksConfig.model_fields.keys() & fit.config.keys() - {"data"}
     try:
         reading = LandmarksConfig(**{key: fit.config[key] for key in keys})
-        calibrated = (fit.config.get("camera") or {}).get("calibration") is not None
+        camera = fit.config.get("camera") or {}
+        is_calibrated = camera.get("calibration") is not None
     except (ValueError, AttributeError):
-        raise input_error(
-            file, "does not state how its landmarks were read", FIX
-        ) from None
+        fault = "does not state how its landmarks were read"
+        raise input_error(file, fault, RESULT_OF_FIT) from None
     # Without identity over frames detections are no motion.
     options = input_options(reading, "motion" if method.sequences else "none")
     with open_landmarks(files, options, rows) as source:
@@ -430,14 +480,15 @@ def open_images(
             raise input_error(files[0], fault, f"give the landmarks of {file}")
 
         def as_fitted(images: Landmarks) -> Landmarks:
-            matrix, removed = head.column(CAMERA_MATRIX), head.column(REMOVED)
-            if calibrated and matrix is not None and removed is not None:
+            matrix = head.column(CAMERA_MATRIX)
+            removed = head.column(REMOVED)
+            if is_calibrated and matrix is not None and removed is not None:
                 lens = {CAMERA_MATRIX: matrix, DISTORTION: removed}
                 images = images.with_file_extras(lens)
             images = named_as_joints(undistorted(images, None), joints, place)
             return arrange(images, head.landmark_names, place, omit=True)
 
-        yield map(as_fitted, source.batches(CHUNK))
+        yield map(as_fitted, source.batches(IMAGES_CHECKED_AT_ONCE))
 
 
 def check_chunk(
@@ -448,20 +499,21 @@ def check_chunk(
 ) -> Checked:
     """Check the claims of some images."""
     columns = claimed_columns(result)
-    claims = Claims(
-        np.isfinite(columns["scale"]) & np.isfinite(columns["shapes"]).all(axis=(1, 2))
-    )
+    has_scale = np.isfinite(columns["scale"])
+    claims = Claims(has_scale & np.isfinite(columns["shapes"]).all(axis=(1, 2)))
     check_confidence(columns, claims)
-    bounded, gaps = np.zeros_like(claims.fitted), np.zeros(len(result))
+    is_bounded = np.zeros_like(claims.fitted)
+    gaps = np.zeros(len(result))
     with np.errstate(all="ignore"):  # what is not finite holds for nothing
         certificate.check_ranges(columns, claims)
         if certified:
-            bounded = certificate.check_certificate(columns, program, claims)
+            is_bounded = certificate.check_certificate(columns, program, claims)
             gaps = certificate.stated_gap(columns, program)
         if given is not None:
             check_landmarks(columns, result, given, claims)
-    holds = np.asarray(bounded & ~claims.missed)
-    return Checked(result, claims, holds, float(np.max(gaps[holds], initial=0.0)))
+    is_certified = np.asarray(is_bounded & ~claims.missed)
+    largest_gap = float(np.max(gaps[is_certified], initial=0.0))
+    return Checked(result, claims, is_certified, largest_gap)
 
 
 def claimed_columns(result: Fit) -> dict[str, Any]:
@@ -474,33 +526,33 @@ def claimed_columns(result: Fit) -> dict[str, Any]:
 
 
 def check_confidence(columns: dict[str, Any], claims: Claims) -> None:
-    """Claim that there is a number for each landmark, where confidences are stored;
-    others are taken out.
+    """Claim that there is a number for each landmark, where confidences are stored.
+
+    Others are taken out.
     """
-    confidence, (n, _, p) = columns.get("confidence"), columns["landmarks"].shape
+    confidence = columns.get("confidence")
     if confidence is None:
         return
+    n, _, p = columns["landmarks"].shape
     if confidence.shape != (n, p) or confidence.dtype.kind not in "biuf":
         del columns["confidence"]
-        nobody = np.zeros(n, bool)
-        claims.hold("each landmark has a confidence", nobody, of=~nobody)
+        none = np.zeros(n, bool)
+        claims.hold("each landmark has a confidence", none, of=~none)
 
 
 def check_landmarks(
     columns: Mapping[str, Any], result: Fit, given: Landmarks, claims: Claims
 ) -> None:
-    """Claim that n results have the landmarks and confidences of a file, under their
-    names.
-    """
-    everyone, visible = np.ones_like(claims.fitted), given.visible()
-    in_file, stated = (
-        np.where(visible[:, None], given.as_columns(), np.nan),
-        columns["landmarks"],
-    )
-    off = np.where(np.isnan(stated) & np.isnan(in_file), 0.0, np.abs(stated - in_file))
+    """Claim that n results have the landmarks, confidences and items of a file."""
+    everyone = np.ones_like(claims.fitted)
+    visible = given.visible()
+    in_file = np.where(visible[:, None], given.as_columns(), np.nan)
+    stated = columns["landmarks"]
+    both_hidden = np.isnan(stated) & np.isnan(in_file)
+    off = np.where(both_hidden, 0.0, np.abs(stated - in_file))
     allowed = 0.0
     if given.column(REMOVED) is not None:
-        allowed = UNDISTORTED * np.nanmax(np.abs(in_file), initial=1.0)
+        allowed = UNDISTORTED_WITHIN * np.nanmax(np.abs(in_file), initial=1.0)
     claims.near("landmarks are those of the file", off, allowed, of=everyone)
     confidence = given.weights() if given.confidence is None else given.confidence
     same = np.equal(columns.get("confidence", 1.0), confidence) | ~visible
@@ -510,46 +562,53 @@ def check_landmarks(
 
 
 def summary_lines(tally: Tally, fit: Statement, with_landmarks: bool) -> Iterator[str]:
-    """Yield the summary: what was recomputed and compared of how many images, what was
-    not, and what is false.
-    """
+    """Yield what was recomputed and compared of how many images, and what is false."""
+    method = fit.config["method"]
     total = f"of {counted(tally.images + tally.unread, 'image')}"
-    method, why = fit.config["method"], "has no certificate"
-    if fit.certified:
-        why = (
-            "the convex program is solved to within the gap that is stated,"
-            f" {tally.largest_gap:.1g} at most"
-        )
-    elif method in CERTIFIED:
-        why = "no certificate is stored"
-    elif method == "global":
-        why = (
-            "its bound on all rotations is stated, not checked: no file holds the"
-            " search that proves it"
-        )
-    sealed = "all that the file holds is as `fit` wrote it, by one digest"
-    if tally.not_sealed:
-        sealed = "not sealed: the file has no digest of what it holds"
-    elif tally.sealed < tally.images + tally.unread:
-        sealed = "the others were changed after `fit`"
-    recomputed, unchecked = "nothing", "shapes, error bars and all other numbers"
+    yield f"Method     {method}"
+    yield f"Certified  {tally.certified} {total}: {_say_certified(tally, fit)}"
+    yield f"Sealed     {tally.sealed} {total}: {_say_sealed(tally)}"
+    if tally.empty:
+        yield f"No shape   {tally.empty} {total}"
+    recomputed = "nothing"
+    unchecked = "shapes, error bars and all other numbers"
     if fit.certified:
         recomputed = "objective, gap and certificate of the convex program"
-        recomputed += "; of its solution the shape" if method == "convex" else ""
+        if method == "convex":
+            recomputed += "; of its solution the shape"
         unchecked = "numbers that no certificate names"
-    landmarks = "; landmarks with the files" if with_landmarks else ""
+    compared = "digests, datasets, ranges"
+    unread_landmarks = "; landmarks, without --landmarks"
+    if with_landmarks:
+        compared += "; landmarks with the files"
+        unread_landmarks = ""
+    yield f"Recomputed {recomputed}"
+    yield f"Compared   {compared}"
+    yield f"Unchecked  how {unchecked} follow from the landmarks{unread_landmarks}"
     wrong = ""
     if tally.files:
         wrong = f", and {counted(tally.files, 'claim')} of whole files"
-    yield f"Method     {method}"
-    yield f"Certified  {tally.certified} {total}: {why}"
-    yield f"Sealed     {tally.sealed} {total}: {sealed}"
-    if tally.empty:
-        yield f"No shape   {tally.empty} {total}"
-    yield f"Recomputed {recomputed}"
-    yield f"Compared   digests, datasets, ranges{landmarks}"
-    yield (
-        f"Unchecked  how {unchecked} follow from the landmarks"
-        + ("" if with_landmarks else "; landmarks, without --landmarks")
-    )
     yield f"False      {tally.false + tally.unread} {total}{wrong}"
+
+
+def _say_certified(tally: Tally, fit: Statement) -> str:
+    """Say what the certificates of a method prove."""
+    if fit.certified:
+        return (
+            "the convex program is solved to within the gap that is stated,"
+            f" {tally.largest_gap:.1g} at most"
+        )
+    if fit.config["method"] in CERTIFIED_METHODS:
+        return "no certificate is stored"
+    if fit.config["method"] == "global":
+        return "states its gap, not checked"
+    return "has no certificate"
+
+
+def _say_sealed(tally: Tally) -> str:
+    """Say whether files are as they were written."""
+    if tally.not_sealed:
+        return "not sealed: the file has no digest of what it holds"
+    if tally.sealed < tally.images + tally.unread:
+        return "the others were changed after `fit`"
+    return "all that the file holds is as `fit` wrote it, by one digest"

@@ -3,7 +3,7 @@
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.pipelines.items import ChosenItems, Keys, find_truth, subsample
+from shapefit.pipelines.items import ChosenItems, MatchKeys, find_truth, subsample
 
 ITEMS = ("a1", "a[1]", "a2", "b/1", "b/2", "A1")
 
@@ -39,16 +39,16 @@ def rows(match, own, truth):
 
 
 class TestTruthByFrame:
-    ANNA = Keys(("a", "b", "c"), ("anna",) * 3, [0, 1, 2])
+    ANNA = MatchKeys(("a", "b", "c"), ("anna",) * 3, [0, 1, 2])
 
     @pytest.mark.parametrize(
         ("own", "expected"),
         [
-            (Keys(("x", "y"), ("anna",) * 2, [2, 1]), [2, 1]),
-            (Keys(("x", "y"), ("cam1/anna", "cam2/anna"), [1, 1]), [1, 1]),
-            (Keys(("x", "y"), ("berta", "berta"), [0, 7]), [0, -1]),
-            (Keys(("x", "y")), [0, 1]),
-            (Keys(("x", "y"), ("cam1", "cam2")), [0, 0]),
+            (MatchKeys(("x", "y"), ("anna",) * 2, [2, 1]), [2, 1]),
+            (MatchKeys(("x", "y"), ("cam1/anna", "cam2/anna"), [1, 1]), [1, 1]),
+            (MatchKeys(("x", "y"), ("berta", "berta"), [0, 7]), [0, -1]),
+            (MatchKeys(("x", "y")), [0, 1]),
+            (MatchKeys(("x", "y"), ("cam1", "cam2")), [0, 0]),
         ],
     )
     def test_frames_are_of_the_same_sequence_one_that_ends_so_or_the_only_one(
@@ -57,17 +57,17 @@ class TestTruthByFrame:
         assert rows("frame", own, self.ANNA) == expected
 
     def test_times_where_rates_differ(self):
-        own = Keys(("x", "y", "z"), None, [0, 1, 2], 60.0)
-        assert rows("frame", own, Keys("abcde", None, None, 120.0)) == [0, 2, 4]
-        assert rows("frame", own, Keys("abcde", None, None, 30.0)) == [0, -1, 1]
+        own = MatchKeys(("x", "y", "z"), None, [0, 1, 2], 60.0)
+        assert rows("frame", own, MatchKeys("abcde", None, None, 120.0)) == [0, 2, 4]
+        assert rows("frame", own, MatchKeys("abcde", None, None, 30.0)) == [0, -1, 1]
 
     def test_a_frame_in_two_sequences_of_other_names_is_none(self):
-        two = Keys(("a", "b"), ("anna", "berta"), [0, 0])
-        assert rows("frame", Keys(("x",), ("berta",)), two) == [1]
+        two = MatchKeys(("a", "b"), ("anna", "berta"), [0, 0])
+        assert rows("frame", MatchKeys(("x",), ("berta",)), two) == [1]
         with pytest.raises(InputError, match="none of its 1 images is in the truth"):
-            rows("frame", Keys(("x",), ("carla",)), two)
+            rows("frame", MatchKeys(("x",), ("carla",)), two)
 
     def test_by_item_what_fails_names_the_alternative(self):
-        assert rows("item", Keys(("b", "x")), self.ANNA) == [1, -1]
+        assert rows("item", MatchKeys(("b", "x")), self.ANNA) == [1, -1]
         with pytest.raises(InputError, match="set `match`: to `frame` where both"):
-            rows("item", Keys(("x",)), self.ANNA)
+            rows("item", MatchKeys(("x",)), self.ANNA)

@@ -12,14 +12,14 @@ from shapefit.io import (
     write_shapes,
 )
 from shapefit.pipelines.projection import (
-    BATCH,
-    HIDDEN,
-    NOISE,
-    VIEW,
+    HIDDEN_STREAM,
+    IMAGES_DRAWN_AT_ONCE,
+    NOISE_STREAM,
+    VIEW_STREAM,
     add_noise,
-    hide,
+    hide_share,
+    random_stream,
     run,
-    stream,
 )
 from shapefit.records import Shapes
 from tests.io.files import load
@@ -50,7 +50,7 @@ def shapes(rng):
 @pytest.fixture
 def many(rng):
     """More shapes than fit into two blocks."""
-    n = 2 * BATCH + 100
+    n = 2 * IMAGES_DRAWN_AT_ONCE + 100
     return Shapes(
         rng.standard_normal((n, 3, 5)).swapaxes(1, 2),
         landmark_names=NAMES,
@@ -136,14 +136,19 @@ def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(
 
 
 def test_the_seed_decides(tmp_path, shapes):
-    assert (VIEW, NOISE, HIDDEN) == (0, 1, 2)  # a seed means the same in every version
-    R = random_rotations(BATCH, stream(3, VIEW, 0))[:8]
-    noisy = add_noise((R @ shapes.as_columns())[:, :2], 0.1, stream(3, NOISE, 0))
+    streams = (VIEW_STREAM, NOISE_STREAM, HIDDEN_STREAM)
+    assert streams == (0, 1, 2)  # a seed means the same in every version
+    R = random_rotations(IMAGES_DRAWN_AT_ONCE, random_stream(3, VIEW_STREAM, 0))[:8]
+    noisy = add_noise(
+        (R @ shapes.as_columns())[:, :2], 0.1, random_stream(3, NOISE_STREAM, 0)
+    )
     keys = {"noise": 0.1, "hidden": 0.3, "camera": {"view": "random"}}
     first, _ = view(tmp_path, shapes, seed=3, **keys)
     other, _ = view(tmp_path, shapes, seed=2, **keys)
     np.testing.assert_allclose(
-        first.as_columns(), hide(noisy, 0.3, stream(3, HIDDEN, 0)), rtol=1e-12
+        first.as_columns(),
+        hide_share(noisy, 0.3, random_stream(3, HIDDEN_STREAM, 0)),
+        rtol=1e-12,
     )
     assert not np.array_equal(first.as_columns(), other.as_columns(), equal_nan=True)
 
@@ -152,10 +157,14 @@ def test_an_image_depends_on_its_place_alone(tmp_path, many):
     keys = {"noise": 0.1, "hidden": 0.2, "camera": {"view": "random"}}
     whole, told = view(tmp_path, many, **keys)
     batches = [(outcome.done, outcome.total) for outcome in told]
-    assert batches == [(n, len(many)) for n in (BATCH, BATCH, 100, 0)]
-    part, _ = view(tmp_path, many.take(slice(BATCH + 50)), **keys)
+    assert batches == [
+        (n, len(many)) for n in (IMAGES_DRAWN_AT_ONCE, IMAGES_DRAWN_AT_ONCE, 100, 0)
+    ]
+    part, _ = view(tmp_path, many.take(slice(IMAGES_DRAWN_AT_ONCE + 50)), **keys)
     assert np.array_equal(
-        whole.as_columns()[: BATCH + 50], part.as_columns(), equal_nan=True
+        whole.as_columns()[: IMAGES_DRAWN_AT_ONCE + 50],
+        part.as_columns(),
+        equal_nan=True,
     )
 
 
@@ -170,7 +179,7 @@ P = 15
 
 @pytest.fixture
 def noisy(rng):
-    return rng.standard_normal((BATCH, 2, P))
+    return rng.standard_normal((IMAGES_DRAWN_AT_ONCE, 2, P))
 
 
 def test_noise_is_gaussian_of_the_given_deviation(noisy, rng):
@@ -184,14 +193,16 @@ def test_noise_is_gaussian_of_the_given_deviation(noisy, rng):
 
 @pytest.mark.parametrize("share", [0.02, 0.2, 0.5])
 def test_each_image_has_its_share_of_hidden_landmarks(noisy, rng, share):
-    hidden = np.isnan(hide(noisy, share, rng))
+    hidden = np.isnan(hide_share(noisy, share, rng))
     assert np.array_equal(hidden[:, 0], hidden[:, 1])
     number = hidden[:, 0].sum(axis=1)
     assert set(number) <= {int(np.floor(share * P)), int(np.ceil(share * P))}
-    assert number.mean() == pytest.approx(share * P, abs=5 * 0.5 / np.sqrt(BATCH))
+    assert number.mean() == pytest.approx(
+        share * P, abs=5 * 0.5 / np.sqrt(IMAGES_DRAWN_AT_ONCE)
+    )
     often = hidden[:, 0].mean(axis=0)
     np.testing.assert_allclose(
-        often, share, atol=5 * np.sqrt(share * (1 - share) / BATCH)
+        often, share, atol=5 * np.sqrt(share * (1 - share) / IMAGES_DRAWN_AT_ONCE)
     )
 
 

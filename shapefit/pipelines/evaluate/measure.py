@@ -1,19 +1,16 @@
-"""Results of one method compared with the truth: matching, the errors, the error bars,
-failures.
-"""
+"""Results of one method compared with the truth: errors, error bars, failures."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, Indices
 from shapefit.config import EvalConfig
 from shapefit.errors import InputError, abbreviate, input_error, listed
 from shapefit.evaluation import metrics as m
@@ -33,37 +30,39 @@ from shapefit.pipelines.items import (
     BY_FRAME,
     BY_ITEM,
     find_truth,
-    keys_of,
+    match_keys,
     named_items,
     subsample,
 )
 from shapefit.records import Fit, Items, Shapes
 from shapefit.records.columns import Array, columns_of, in_columns
 
-FOR_ALL = ("true_rotation", "rotation", "shape_correlation", "bounding_box")
+ALWAYS_TAKEN = ("true_rotation", "rotation", "shape_correlation", "bounding_box")
 """Datasets that are taken beside those that metrics need."""
-OF_JOINTS = {
+
+BY_JOINT = {
     column.name for column in columns_of(Fit) if {"p", "r"} & {*column.axes}
 } - {"shapes", "landmark_names"} | {"corrupted"}
-"""Datasets with an axis of the joints, which results have for these but not for the
-input.
+"""Datasets with an axis of joints, which results have for these, not for the input."""
+
+OTHER_SIDE_BELOW = 0.75
+"""Share of the error below which that of a mirrored truth, or of exchanged names, means
+that these are right.
 """
-MIRRORED = 0.75
-"""Of the error, below which the error against the mirrored truth means a left-handed
-truth.
-"""
-FAR = 30.0
+
+FAR_SIZE_RATIO = 30.0
 """Factor between the sizes of shapes in one unit from which on it is in doubt: children
 and adults differ by less.
 """
-FRAMES_DIFFER = 45.0
-"""Degrees by which rotations are off more than twice as much as the shapes themselves.
-"""
-SAMPLE = 500
-"""Images by which a mirrored truth, and one in another frame, are recognised."""
 
-Indices = NDArray[np.intp]
-Arrays = Mapping[str, Any]
+OTHER_FRAME_DEGREES = 45.0
+"""By which rotations of another frame are off, beyond twice as much as the shapes."""
+
+INSPECTED_IMAGES = 500
+"""By which a mirrored truth, and one in another frame, are recognised."""
+
+Datasets = Mapping[str, Any]
+"""What metrics take, by name; None for what is absent."""
 
 
 class Measured(NamedTuple):
@@ -93,106 +92,179 @@ def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Meas
     with the least error is measured. Raises InputError where no image or too few
     landmarks match, and where no metric can be measured.
     """
-    fault = "holds no shapes"
-    if config.least_visible:
-        observed = find_dataset(file, results, "landmarks")
-        count = (
-            0
-            if observed is None
-            else m.visible_in_both(observed, observed).sum(axis=-1)
-        )
-        results = results.take(
-            np.broadcast_to(count >= config.least_visible, len(results))
-        )
-        fault += f" with {config.least_visible} observed `landmarks`"
-    for place, records in ((file, results), ("truth", truth)):
-        if not len(records):
-            raise input_error(place, fault, "give results, and the truth of the same")
-    rows, by_frame = match_truth(file, results, truth, config.match)
-    names = _common_landmarks(file, results.landmark_names, truth.landmark_names)
-    columns = match_landmarks(results.landmark_names, names)
-    # `take` gives them in the order of the core, an index gives them landmark by
-    # landmark.
-    estimate = results.as_columns().take(columns, axis=2)
-    matching = match_landmarks(truth.landmark_names, names)
-    true = truth.as_columns()[rows].take(matching, 2)
-    true[rows < 0] = np.nan
-    doubts = check_numbering(
-        results.landmark_names, truth.landmark_names, str(file), "the truth"
-    )
-    notes = [*doubts]
-    for side, records in (("results", results), ("truth", truth)):
-        if alone := [name for name in records.landmark_names if name not in set(names)]:
-            notes.append(
-                f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
-            )
-    if by_frame and results.sequences is not None:
-        retained, others = _one_individual(results.sequences, rows, estimate, true)
-        notes += others
-        results, rows = results.take(retained), rows[retained]
-        estimate, true = estimate[retained], true[retained]
-    data: dict[str, Any] = {"estimate": estimate, "truth": true}
-    needed = {*FOR_ALL, *chain(*(METRICS[metric].needs for metric in config.metrics))}
-    data |= {name: find_dataset(file, results, name) for name in needed - data.keys()}
-    if config.truth_frame == "camera":
-        data["true_rotation"] = np.tile(np.eye(3), (len(results), 1, 1))
-    bars = None
+    results = _with_enough_visible(file, results, config.least_visible)
+    _check_not_empty(file, results, truth, config.least_visible)
+    matched = _match(file, results, truth, config.match)
+    results, estimate, true = matched.results, matched.estimate, matched.true
+    data = _find_datasets(file, matched, config)
     with np.errstate(all="ignore"):  # overflow is not an error to report
-        frames = _find_sides(estimate, true, names)
-        metrics, others = _comparable(config.metrics, data)
-        frames += [*others, *_find_units(results, truth, estimate, true)]
+        warnings = [*matched.notes, *_find_sides(estimate, true, matched.names)]
+        metrics, notes = check_frames(config.metrics, data)
+        warnings += [*notes, *_find_units(results, truth, estimate, true)]
         scale = in_blocks(m.truth_scale, estimate, true)
         errors, lacking = _errors(file, metrics, data, scale, truth.unit, results.unit)
-        if results.shape_sd is not None and data["true_rotation"] is not None:
-            sides = estimate, true, data["true_rotation"]
-            deviation = in_columns(results.shape_sd).take(columns, axis=2)
-            correlation = data["shape_correlation"]
-            if correlation is not None:
-                correlation = correlation.take(columns, axis=2)
-            square, width = in_blocks(find_squares, *sides, deviation, correlation)
-            bars = ErrorBars(
-                square, {NORMALISED: width / scale[:, None], truth.unit: width}
-            )
-        elif results.shape_sd is not None:
-            text = (
-                "the error bars are not compared, without `true_rotation` or"
-                " `truth_frame`"
-            )
-            lacking.append(text)
+        warnings += lacking
+        bars, notes = _find_bars(matched, data, scale, truth.unit)
+        warnings += notes
     common = in_blocks(m.visible_in_both, estimate, true)
     for values in errors.values():
         values[~common.any(axis=-1)] = np.nan
-    failures = _failures(results, rows, common, errors)
-    lifted = np.array([item not in failures for item in results.items], dtype=np.bool_)
+    failures = _failures(results, matched.rows, common, errors)
+    has_error = [item not in failures for item in results.items]
+    is_fitted = np.array(has_error, dtype=np.bool_)
     for (metric, _), values in errors.items():
         if METRICS[metric].optional:
-            values[np.isnan(values) & lifted] = np.inf
-    sequences = [name or ALL for name in results.sequences or ()]
-    if results.sequences is None:
-        of_truth = [name or ALL for name in truth.sequences or ("",) * len(truth)]
-        outside = "" if truth.sequences else ALL
-        sequences = [outside if row < 0 else of_truth[row] for row in rows.tolist()]
+            values[np.isnan(values) & is_fitted] = np.inf
     return Measured(
         items=tuple(results.items),
-        sequences=tuple(sequences),
+        sequences=_sequences(results, truth, matched.rows),
         errors=errors,
         failures=failures,
-        warnings=tuple(f"{file}: {text}" for text in (*notes, *frames, *lacking)),
+        warnings=tuple(f"{file}: {text}" for text in warnings),
         bars=bars,
         objective=results.objective,
     )
 
 
+def _with_enough_visible(file: Path, results: Fit, least: int) -> Fit:
+    """Return the images of which at least so many landmarks were observed."""
+    if not least:
+        return results
+    observed = find_dataset(file, results, "landmarks")
+    count = np.zeros(len(results))
+    if observed is not None:
+        count = m.visible_in_both(observed, observed).sum(axis=-1)
+    return results.take(count >= least)
+
+
+def _check_not_empty(
+    file: Path, results: Fit, truth: Shapes, least_visible: int
+) -> None:
+    """Raise InputError where there is nothing to compare."""
+    fault = "holds no shapes"
+    if least_visible:
+        fault += f" with {least_visible} observed `landmarks`"
+    fix = "give results, and the truth of the same"
+    if not len(results):
+        raise input_error(file, fault, fix)
+    if not len(truth):
+        raise input_error("truth", fault, fix)
+
+
+class Matched(NamedTuple):
+    """Results beside their truth.
+
+    rows (n,) of the true shapes, -1 for none; names of the p common landmarks; estimate
+    and true (n, 3, p); notes for people.
+    """
+
+    results: Fit
+    rows: Indices
+    names: tuple[str, ...]
+    estimate: Floats
+    true: Floats
+    notes: list[str]
+
+    @property
+    def columns(self) -> Indices:
+        """Where the common landmarks (p,) are among those of the results."""
+        return match_landmarks(self.results.landmark_names, self.names)
+
+
+def _match(file: Path, results: Fit, truth: Shapes, match: str) -> Matched:
+    """Find the true shape of each image, and the landmarks that both have."""
+    rows, is_by_frame = match_truth(file, results, truth, match)
+    names = _common_landmarks(file, results.landmark_names, truth.landmark_names)
+    # `take` gives them in the order of the core, an index gives them landmark by
+    # landmark.
+    estimate = results.as_columns().take(
+        match_landmarks(results.landmark_names, names), axis=2
+    )
+    in_truth = match_landmarks(truth.landmark_names, names)
+    true = truth.as_columns()[rows].take(in_truth, axis=2)
+    true[rows < 0] = np.nan
+    notes = [
+        *check_numbering(
+            results.landmark_names, truth.landmark_names, str(file), "the truth"
+        ),
+        *_say_left_out("results", results.landmark_names, names),
+        *_say_left_out("truth", truth.landmark_names, names),
+    ]
+    if is_by_frame and results.sequences is not None:
+        retained, left_out = _one_individual(results.sequences, rows, estimate, true)
+        notes += left_out
+        results = results.take(retained)
+        rows = rows[retained]
+        estimate = estimate[retained]
+        true = true[retained]
+    return Matched(results, rows, names, estimate, true, notes)
+
+
+def _say_left_out(
+    side: str, names: Sequence[str], common: Sequence[str]
+) -> Iterator[str]:
+    """Say which landmarks one side alone has."""
+    alone = [name for name in names if name not in set(common)]
+    if alone:
+        yield f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
+
+
+def _find_datasets(file: Path, matched: Matched, config: EvalConfig) -> Datasets:
+    """Return what metrics take, beside what is always taken."""
+    data: dict[str, Any] = {"estimate": matched.estimate, "truth": matched.true}
+    of_metrics = chain(*(METRICS[metric].needs for metric in config.metrics))
+    for name in {*ALWAYS_TAKEN, *of_metrics} - data.keys():
+        data[name] = find_dataset(file, matched.results, name)
+    if config.truth_frame == "camera":
+        data["true_rotation"] = np.tile(np.eye(3), (len(matched.results), 1, 1))
+    return data
+
+
+def _find_bars(
+    matched: Matched, data: Datasets, scale: Floats, unit: str
+) -> tuple[ErrorBars | None, list[str]]:
+    """Return how the truth lies in the error bars, where there are any; and notes."""
+    deviation = matched.results.shape_sd
+    if deviation is None:
+        return None, []
+    if data["true_rotation"] is None:
+        return None, [
+            "the error bars are not compared, without `true_rotation` or `truth_frame`"
+        ]
+    correlation = data["shape_correlation"]
+    if correlation is not None:
+        correlation = correlation.take(matched.columns, axis=2)
+    square, width = in_blocks(
+        find_squares,
+        matched.estimate,
+        matched.true,
+        data["true_rotation"],
+        in_columns(deviation).take(matched.columns, axis=2),
+        correlation,
+    )
+    return ErrorBars(square, {NORMALISED: width / scale[:, None], unit: width}), []
+
+
+def _sequences(results: Fit, truth: Shapes, rows: Indices) -> tuple[str, ...]:
+    """Return the sequence of each image, of the truth where results state none."""
+    if results.sequences is not None:
+        return tuple(name or ALL for name in results.sequences)
+    if truth.sequences is None:
+        return (ALL,) * len(rows)
+    of_truth = [name or ALL for name in truth.sequences]
+    return tuple("" if row < 0 else of_truth[row] for row in rows.tolist())
+
+
 def match_truth(
     file: Path, results: Items, truth: Shapes, match: str
 ) -> tuple[Indices, bool]:
-    """Return the true shape (n,) of each image, -1 for none, and whether it is by
-    frame.
+    """Return the true shape (n,) of each image, -1 for none, and whether by frame.
 
     By frame where that is chosen, or where results of other tools, which have no
     status, share no item with the truth.
     """
-    keys, true_keys = keys_of([results]), keys_of([truth])
+    keys = match_keys([results])
+    true_keys = match_keys([truth])
     if match not in (BY_ITEM, BY_FRAME):
         keys = keys._replace(items=named_items(results, match, file, "match"))
     if match != BY_FRAME:
@@ -207,9 +279,7 @@ def match_truth(
 def _common_landmarks(
     file: Path, names: Sequence[str], true: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the landmarks that the truth has too. Raises InputError where they are too
-    few.
-    """
+    """Return the landmarks that the truth has too; InputError where they are few."""
     common = tuple(name for name in names if name in set(true))
     if len(common) < MIN_COMMON_LANDMARKS:
         fault = f"the truth has {len(common)} of its landmarks ({abbreviate(names)})"
@@ -224,28 +294,34 @@ def _common_landmarks(
 def _one_individual(
     sequences: Sequence[str], rows: Indices, estimate: Floats, true: Floats
 ) -> tuple[Indices, list[str]]:
-    """Return the images whose true shape no sequence with a smaller median error has; a
-    warning.
+    """Return the images whose true shape no better sequence has, and a warning.
+
+    Better is the one with the smaller median error.
     """
-    omitted, names = np.zeros(len(rows), np.bool_), np.array(sequences, str)
-    taken = np.array([], np.intp)
-    if len(np.unique(rows[rows >= 0])) < (rows >= 0).sum():
+    has_truth = rows >= 0
+    names = np.array(sequences, str)
+    is_omitted = np.zeros(len(rows), np.bool_)
+    if len(np.unique(rows[has_truth])) < has_truth.sum():
         error = in_blocks(similarity, estimate, true)
         medians = {
             name: np.nanmedian([np.inf, *error[names == name]])
             for name in np.unique(names)
         }
+        taken = np.array([], np.intp)
         for name in sorted(medians, key=medians.__getitem__):
-            omitted |= (names == name) & np.isin(rows, taken)
-            taken = np.union1d(taken, rows[(names == name) & (rows >= 0)])
-    who = abbreviate(np.unique(names[omitted]).tolist())
-    text = f"{who} left out: another individual fits the same true shapes better"
-    return np.flatnonzero(~omitted), [text] if omitted.any() else []
+            is_omitted |= (names == name) & np.isin(rows, taken)
+            taken = np.union1d(taken, rows[(names == name) & has_truth])
+    warnings = []
+    if is_omitted.any():
+        who = abbreviate(np.unique(names[is_omitted]).tolist())
+        warnings.append(
+            f"{who} left out: another individual fits the same true shapes better"
+        )
+    return np.flatnonzero(~is_omitted), warnings
 
 
 def find_dataset(file: Path, results: Fit, name: str) -> Any:
-    """Return a dataset that a metric takes, in the paper's orientation; None if it is
-    absent.
+    """Return a dataset that a metric takes, in the paper's orientation, or None.
 
     Raises InputError where it has another shape than the metric needs.
     """
@@ -269,7 +345,8 @@ def find_dataset(file: Path, results: Fit, name: str) -> Any:
 def _check_carried(file: Path, results: Fit, name: str, data: Array) -> None:
     """Raise InputError for a dataset of another shape than a metric needs."""
     p = len(results.landmark_names)
-    expected = (len(results), *(p if size == "p" else size for size in m.CARRIED[name]))
+    of_image = [p if size == "p" else size for size in m.CARRIED[name]]
+    expected = (len(results), *of_image)
     if data.shape != expected or data.dtype.kind not in "biuf":
         fault = f"has the shape {data.shape} of {data.dtype}"
         raise input_error(
@@ -278,11 +355,13 @@ def _check_carried(file: Path, results: Fit, name: str, data: Array) -> None:
 
 
 def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[str]:
-    """Say where shapes (n, 3, p) fit the truth much better with the names of left and
-    right exchanged, or else mirrored.
+    """Say where shapes (n, 3, p) fit the truth much better when it is another one.
+
+    That is with the names of left and right exchanged, or mirrored.
     """
-    some = list(subsample(SAMPLE, len(estimate)))
-    e, x = estimate[some], truth[some]
+    some = list(subsample(INSPECTED_IMAGES, len(estimate)))
+    e = estimate[some]
+    x = truth[some]
     exchanged = np.arange(len(names))
     for left, right in pairs_of_sides(names):
         exchanged[[left, right]] = right, left
@@ -292,13 +371,13 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
 
     error = median_error(x)
     mirrored = median_error(x * [[-1.0], [1.0], [1.0]])
-    other = median_error(x[..., exchanged])
-    if not min(mirrored, other) < MIRRORED * error < np.inf:
+    renamed = median_error(x[..., exchanged])
+    if not min(mirrored, renamed) < OTHER_SIDE_BELOW * error < np.inf:
         return []
-    if other <= mirrored:
+    if renamed <= mirrored:
         text = "the shapes fit the truth better when left and right are exchanged"
         fix = "are the names of the sides right? Exchange them by `rename`"
-        return [f"{text} ({other:.3g} for {error:.3g}); {fix}"]
+        return [f"{text} ({renamed:.3g} for {error:.3g}); {fix}"]
     text = "the shapes fit the truth better when it is mirrored"
     fix = "is it left-handed? Change the sign of one of its axes"
     return [f"{text} ({mirrored:.3g} for {error:.3g}); {fix}"]
@@ -307,71 +386,73 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
 def _find_units(
     results: Fit, truth: Shapes, estimate: Floats, true: Floats
 ) -> list[str]:
-    """Say where shapes in the same unit differ in size by far: one unit is not stated
-    right.
+    """Say where shapes in the same unit differ in size by far: one unit is not right.
 
     estimate and true (n, 3, p). Results in pixels may state how many metres these are.
     """
-    unit, metres = results.unit, results.metres_per_unit
+    unit = results.unit
+    metres = results.metres_per_unit
     if metres is not None and truth.unit == "m":
-        unit, estimate = "m", estimate * np.reshape(metres, (-1, 1, 1))
+        unit = "m"
+        estimate = estimate * np.reshape(metres, (-1, 1, 1))
     if unit != truth.unit or unit in ("px", UNKNOWN_UNIT, NORMALISED):
         return []
-    seen: Flags = np.asarray(np.isfinite(estimate + true).all(axis=1, keepdims=True))
-    sizes = [
-        np.nanstd(np.where(seen, points, np.nan), axis=2).mean(axis=1)
-        for points in (true, estimate)
-    ]
-    ratio = float(np.nanmedian(sizes[0] / sizes[1]))
-    if not (ratio > FAR or 0 < ratio < 1 / FAR):
+    is_common = np.isfinite(estimate + true).all(axis=1, keepdims=True)
+
+    def size(points: Floats) -> Floats:
+        spread = np.nanstd(np.where(is_common, points, np.nan), axis=2)
+        return np.asarray(spread.mean(axis=1))
+
+    ratio = float(np.nanmedian(size(true) / size(estimate)))
+    if not (ratio > FAR_SIZE_RATIO or 0 < ratio < 1 / FAR_SIZE_RATIO):
         return []
     times = f"{ratio:,.0f} times" if ratio > 1 else f"1 / {1 / ratio:,.0f} of"
     text = f"the truth is {times} the size of the results, and both state {unit}"
     return [f"{text}: one of them has another unit, and errors in {unit} are wrong"]
 
 
-def _comparable(
-    metrics: Sequence[str], data: Mapping[str, Any]
+def check_frames(
+    metrics: Sequence[str], data: Datasets
 ) -> tuple[Sequence[str], list[str]]:
-    """Return the metrics without `rotation` where dictionary and truth have different
-    frames.
+    """Leave out `rotation` where dictionary and truth have different frames; say so.
 
     Then shapes fit the truth with a small rotation, and their stated rotations are far
-    from the true ones. And say so.
+    from the true ones.
     """
-    some = list(subsample(SAMPLE, len(data["estimate"])))
-    names = ("estimate", "truth", "true_rotation", "rotation")
-    e, x, R, stated = (
-        data[name] if data[name] is None else data[name][some] for name in names
-    )
-    notes: list[str] = []
-    if R is None or stated is None:
-        return metrics, notes
-    whole = np.isfinite(np.concatenate([e, x, R, stated], axis=2)).all(axis=(1, 2))
-    if "rotation" in metrics and whole.any():
-        turn = similarity_transform(e[whole], R[whole] @ x[whole]).rotation
-        shapes = float(np.median(rotation_angle(turn, np.eye(3))))
-        angle = float(np.median(rotation_angle(R[whole], stated[whole])))
-        if angle > 2 * shapes + FRAMES_DIFFER:
-            metrics = [metric for metric in metrics if metric != "rotation"]
-            text = (
-                f"no rotation: off by {angle:.0f} degrees, and the shapes by"
-                f" {shapes:.0f}"
-            )
-            notes.append(f"{text}: dictionary and truth have different frames")
-    return metrics, notes
+    if "rotation" not in metrics:
+        return metrics, []
+    if data["true_rotation"] is None or data["rotation"] is None:
+        return metrics, []
+    some = list(subsample(INSPECTED_IMAGES, len(data["estimate"])))
+    e = data["estimate"][some]
+    x = data["truth"][some]
+    R = data["true_rotation"][some]
+    stated = data["rotation"][some]
+    is_whole = np.isfinite(np.concatenate([e, x, R, stated], axis=2)).all(axis=(1, 2))
+    if not is_whole.any():
+        return metrics, []
+    turned = R[is_whole] @ x[is_whole]
+    turn = similarity_transform(e[is_whole], turned).rotation
+    of_shapes = float(np.median(rotation_angle(turn, np.eye(3))))
+    angle = float(np.median(rotation_angle(R[is_whole], stated[is_whole])))
+    if angle <= 2 * of_shapes + OTHER_FRAME_DEGREES:
+        return metrics, []
+    others = [metric for metric in metrics if metric != "rotation"]
+    return others, [
+        f"no rotation: off by {angle:.0f} degrees, and the shapes by {of_shapes:.0f}:"
+        " dictionary and truth have different frames"
+    ]
 
 
 def _errors(
     file: Path,
     metrics: Sequence[str],
-    data: Arrays,
+    data: Datasets,
     scale: Floats,
     unit: str,
     image_unit: str,
 ) -> tuple[dict[Quantity, Floats], list[str]]:
-    """Errors (n,) in each metric and unit, and a warning about metrics that lack a
-    dataset.
+    """Return errors (n,) in each metric and unit, and a warning on what is lacking.
 
     scale (n,) as `truth_scale` has it; unit is that of the truth. Raises InputError
     where all metrics lack something.
@@ -380,74 +461,78 @@ def _errors(
     lacking: dict[str, list[str]] = {}
     for name in metrics:
         metric = METRICS[name]
-        if absent := [
-            f"`{dataset}`" for dataset in metric.needs if data[dataset] is None
-        ]:
-            lacking |= {name: absent} if name != "expected" else {}
+        absent = [f"`{dataset}`" for dataset in metric.needs if data[dataset] is None]
+        if absent:
+            if name != "expected":
+                lacking[name] = absent
             continue
-        error: Floats = in_blocks(
-            metric.function, *(data[dataset] for dataset in metric.needs)
-        )
+        arrays = [data[dataset] for dataset in metric.needs]
+        error: Floats = in_blocks(metric.function, *arrays)
         by_unit = {metric.unit: error}
-        if metric.unit == m.LENGTH:  # once, where the unit of the truth is `normalised`
-            by_unit = {NORMALISED: error, unit: error} | {NORMALISED: error / scale}
+        if metric.unit == m.LENGTH:
+            by_unit = {NORMALISED: error / scale}
+            # but once, where the unit of the truth is `normalised`
+            by_unit.setdefault(unit, error)
         elif metric.unit == m.IMAGE_LENGTH:
             box = m.box_diagonal(data["landmarks"], data["bounding_box"])
             by_unit = {image_unit: error, "box": error / box}
         for of_unit, values in by_unit.items():
             errors[name, of_unit] = np.where(np.isfinite(values), values, np.nan)
-    absent = [*dict.fromkeys(chain(*lacking.values()))]
-    text = (
-        f"no {listed(lacking, 'and')} without {listed(absent, 'and')}"
-        if lacking
-        else ""
-    )
+    warnings = []
+    if lacking:
+        absent = [*dict.fromkeys(chain(*lacking.values()))]
+        warnings = [f"no {listed(lacking, 'and')} without {listed(absent, 'and')}"]
     if not errors:
-        raise input_error(
-            file, text, "add the metric `similarity`, which needs only shapes"
-        )
-    return errors, [text] if lacking else []
+        fix = "add the metric `similarity`, which needs only shapes"
+        raise input_error(file, "".join(warnings), fix)
+    return errors, warnings
 
 
 def _failures(
     results: Fit, rows: Indices, common: Flags, errors: Mapping[Quantity, Floats]
 ) -> dict[str, str]:
-    """Why each image without one or more errors has none; rows (n,) of its true
-    shape.
-    """
-    certain = {kind: v for kind, v in errors.items() if not METRICS[kind[0]].optional}
-    failed = np.any([~common.any(axis=-1), *map(np.isnan, certain.values())], axis=0)
+    """Say why images without an error have none; rows (n,) of their true shapes."""
+    certain = {
+        quantity: values
+        for quantity, values in errors.items()
+        if not METRICS[quantity[0]].optional
+    }
+    is_apart = ~common.any(axis=-1)
+    is_failed = np.any([is_apart, *map(np.isnan, certain.values())], axis=0)
     reasons = {}
-    for i in np.flatnonzero(failed).tolist():
-        lost = [
-            f"{name} ({unit})" for (name, unit), v in certain.items() if np.isnan(v[i])
-        ]
-        reason = (
-            f"{common[i].sum()} landmarks are on both sides, and no {', '.join(lost)}"
-        )
+    for i in np.flatnonzero(is_failed).tolist():
         if rows[i] < 0:
             reason = "it has no true shape"
         elif not np.isfinite(results.shapes[i]).any():
             status = "" if results.status is None else f" (status {results.status[i]})"
             reason = f"the results hold no shape{status}"
+        else:
+            lost = [
+                f"{name} ({unit})"
+                for (name, unit), values in certain.items()
+                if np.isnan(values[i])
+            ]
+            count = common[i].sum()
+            reason = f"{count} landmarks are on both sides, and no {', '.join(lost)}"
         reasons[results.items[i]] = reason
     return reasons
 
 
 def with_shapes_of(results: Fit, names: Sequence[str]) -> Fit:
-    """Return the result with its joints or with the input's landmarks, whichever fit
-    the names.
+    """Return the result with its joints, or its input's landmarks if these fit better.
 
-    Where a fit lifted a detector's landmarks with a dictionary of joints, its result
-    has both.
+    By the names. Where a fit lifted a detector's landmarks with a dictionary of joints,
+    its result has both.
     """
     if results.input_landmark_names is None or results.input_shapes is None:
         return results
     detected = results.input_landmark_names
-    if len(set(detected) & set(names)) <= len(set(results.landmark_names) & set(names)):
+    common_detected = set(detected) & set(names)
+    common_joints = set(results.landmark_names) & set(names)
+    if len(common_detected) <= len(common_joints):
         return results
     return replace(
-        results.without(OF_JOINTS),
+        results.without(BY_JOINT),
         shapes=results.input_shapes,
         shape_sd=results.input_shape_sd,
         shape_correlation=results.input_shape_correlation,

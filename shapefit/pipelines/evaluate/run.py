@@ -1,6 +1,4 @@
-"""`eval`: results against the truth, image by image, summed up in tables and one
-plot.
-"""
+"""`eval`: results against the truth, image by image, in tables and one plot."""
 
 from __future__ import annotations
 
@@ -33,15 +31,18 @@ from shapefit.pipelines.evaluate.measure import Measured, measure, with_shapes_o
 from shapefit.pipelines.result import Failure, Result
 from shapefit.records import Fit
 
-ERROR_BARS = "error_bars.json"
+ERROR_BARS_FILE = "error_bars.json"
 """File of the report that `prior.calibration` of fit takes."""
-PLOT = "errors.svg"
-READ = {"status", "objective", "scale", "shape_sd"}
-READ |= {dataset for metric in METRICS.values() for dataset in metric.needs}
-UNREAD = (OPTIONAL - READ) | OF_FILE.keys()
-"""Datasets of results that no metric needs: they may differ between the files of a
-method.
-"""
+
+PLOT_FILE = "errors.svg"
+"""File of the report with the plot."""
+
+METRIC_COLUMNS = {dataset for metric in METRICS.values() for dataset in metric.needs}
+METRIC_COLUMNS |= {"status", "objective", "scale", "shape_sd"}
+"""Datasets of results that metrics and the report need."""
+
+SKIPPED_COLUMNS = (OPTIONAL - METRIC_COLUMNS) | OF_FILE.keys()
+"""Datasets that no metric needs: they may differ between the files of a method."""
 
 
 def run(config: EvalConfig) -> Iterator[Result]:
@@ -56,30 +57,28 @@ def run(config: EvalConfig) -> Iterator[Result]:
     check_folder(config.output)
     with open_shapes(config.truth, input_options(config), gaps=True) as source:
         truth = source.whole()
-    inputs, warnings = digests(config.truth), list[str]()
+    inputs = digests(config.truth)
+    warnings: list[str] = []
     methods: dict[str, Measured] = {}
     for name, files in config.results.items():
         results = with_shapes_of(read_files(files), truth.landmark_names)
-        measured = methods[name] = measure(files[0], results, truth, config)
+        measured = measure(files[0], results, truth, config)
+        methods[name] = measured
         new = [*used_in_training(name, results.attributes, inputs), *measured.warnings]
         warnings += new
         failures = [
-            Failure(item, f"{name}: {why}") for item, why in measured.failures.items()
+            Failure(item, f"{name}: {reason}")
+            for item, reason in measured.failures.items()
         ]
-        done = len(measured.items)
         yield Result(
-            done=done, failures=tuple(failures), warnings=tuple(new), note=name
+            done=len(measured.items),
+            failures=tuple(failures),
+            warnings=tuple(new),
+            note=name,
         )
     inputs |= digests(file for files in config.results.values() for file in files)
-    document = sum_up(config, methods, warnings, inputs)
-    options = orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE
-    texts = {"report.csv": report.report_csv(document)}
-    texts["report.json"] = orjson.dumps(document, option=options).decode()
-    if document["factors"]:
-        texts[ERROR_BARS] = json.dumps(document["factors"])
-    texts["report.md"] = report.report_markdown(document, PLOT if config.plots else "")
-    if config.plots:
-        texts[PLOT] = _plot(document, methods)
+    document = make_document(config, methods, warnings, inputs)
+    texts = _texts_of(document, methods, plots=config.plots)
     with staged_files(config.output) as folder, storage_errors(config.output, None):
         write_per_image(folder / "per_image.csv", methods)
         for name, text in texts.items():
@@ -91,14 +90,28 @@ def run(config: EvalConfig) -> Iterator[Result]:
     )
 
 
+def _texts_of(
+    document: report.Document, methods: Mapping[str, Measured], *, plots: bool
+) -> dict[str, str]:
+    """Return the files of the report but for that of all images."""
+    options = orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE
+    texts = {"report.csv": report.report_csv(document)}
+    texts["report.json"] = orjson.dumps(document, option=options).decode()
+    if document["factors"]:
+        texts[ERROR_BARS_FILE] = json.dumps(document["factors"])
+    plot = PLOT_FILE if plots else ""
+    texts["report.md"] = report.report_markdown(document, plot)
+    if plots:
+        texts[PLOT_FILE] = _plot(document, methods)
+    return texts
+
+
 def read_files(files: Sequence[Path]) -> Fit:
-    """Read results, or shapes in any format, such as TRC, as results without anything
-    beside.
-    """
+    """Read results, or shapes in any format, such as TRC, as results of shapes."""
     file_format = detect_format(files[0])
     if file_format.read_poses is None:
         check_holds(files[0], "result", file_format)
-        with open_results(files, UNREAD) as results:
+        with open_results(files, SKIPPED_COLUMNS) as results:
             return results.whole()
     with open_shapes(files, gaps=True) as source:
         shapes = source.whole()
@@ -116,28 +129,24 @@ def read_files(files: Sequence[Path]) -> Fit:
 def used_in_training(
     method: str, attributes: Mapping[str, Any], truth: Mapping[str, str]
 ) -> list[str]:
-    """Warn where a file of the truth is one that the dictionary learned from, by their
-    digests.
+    """Warn where a file of the truth is one that the dictionary learned from.
 
-    A fit with `leave_one_out` ignores, in each image, the atoms of the shape that it
-    shows.
+    By their digests. A fit with `leave_one_out` ignores, in each image, the atoms of
+    the shape that it shows.
     """
-    names = ("training_inputs", "config")
-    training, config = (parse_json(attributes.get(name, "{}")) for name in names)
+    training = parse_json(attributes.get("training_inputs", "{}"))
+    config = parse_json(attributes.get("config", "{}"))
     same = [file for file, digest in truth.items() if digest in training.values()]
     if not same or config.get("leave_one_out"):
         return []
-    text = (
-        f"{method}: the dictionary was learned from the truth, {listed(same, 'and')},"
-        " so these"
-    )
     return [
-        f"{text} are errors on training shapes: give shapes that took no part in"
+        f"{method}: the dictionary was learned from the truth, {listed(same, 'and')},"
+        " so these are errors on training shapes: give shapes that took no part in"
         " learning"
     ]
 
 
-def sum_up(
+def make_document(
     config: EvalConfig,
     methods: Mapping[str, Measured],
     warnings: Sequence[str],
@@ -147,10 +156,13 @@ def sum_up(
 
     Raises InputError where nothing was measured, and where no sequence is in any group.
     """
-    if all(np.isinf(v).all() for m in methods.values() for v in m.errors.values()):
+    every_error = [
+        errors for measured in methods.values() for errors in measured.errors.values()
+    ]
+    if all(np.isinf(errors).all() for errors in every_error):
         nothing = f"no image has anything to measure in {', '.join(config.metrics)}"
         raise input_error("metrics", nothing, "add `similarity`, which every shape has")
-    names = [name for m in methods.values() for name in m.sequences]
+    names = [name for measured in methods.values() for name in measured.sequences]
     grouping = report.group_sequences(config.groups, names)
     document: report.Document = {
         "methods": [],
@@ -197,8 +209,7 @@ def _outcome(name: str, files: list[str], measured: Measured) -> report.MethodOu
 
 
 def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
-    """Write the errors of all images, and the share of their landmarks inside the error
-    bars.
+    """Write the errors of all images, and the share of landmarks inside the error bars.
 
     That of a failed image is empty; one that does not count, which is infinite, has no
     row.
@@ -207,27 +218,35 @@ def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(("method", "sequence", "item", "metric", "error", "unit"))
         for name, measured in methods.items():
-            errors = dict(measured.errors)
-            if measured.bars is not None:
-                shares = measured.bars.shares()
-                inside = f"inside_{100 * WIDTH_SHARE:.0f}"
-                errors[inside, SHARE] = np.where(np.isnan(shares), np.inf, shares)
-            for (metric, unit), values in errors.items():
-                images = zip(
-                    measured.sequences, measured.items, values.tolist(), strict=True
-                )
-                for sequence, item, value in images:
-                    if value != math.inf:
-                        text = "" if math.isnan(value) else value
-                        table.writerow((name, sequence, item, metric, text, unit))
+            table.writerows(_rows_per_image(name, measured))
+
+
+def _rows_per_image(name: str, measured: Measured) -> Iterator[tuple[str | float, ...]]:
+    """Yield method, sequence, item, metric, error and unit of images of a method."""
+    errors = dict(measured.errors)
+    if measured.bars is not None:
+        shares = measured.bars.shares()
+        inside = f"inside_{100 * WIDTH_SHARE:.0f}"
+        errors[inside, SHARE] = np.where(np.isnan(shares), np.inf, shares)
+    for (metric, unit), values in errors.items():
+        images = zip(measured.sequences, measured.items, values.tolist(), strict=True)
+        for sequence, item, value in images:
+            if value != math.inf:
+                error = "" if math.isnan(value) else value
+                yield name, sequence, item, metric, error, unit
 
 
 def _plot(document: report.Document, methods: Mapping[str, Measured]) -> str:
-    """Draw the first metric that is an error, in its first unit: normalised if it is a
-    length.
+    """Draw the first metric that is an error, in its first unit.
+
+    Which is normalised for a length.
     """
-    kinds = [(s.metric, s.unit) for s in document["summaries"]]
-    metric, unit = next((kind for kind in kinds if kind[1] != SHARE), kinds[0])
-    errors = {name: m.errors.get((metric, unit)) for name, m in methods.items()}
-    finite = {name: v[~np.isinf(v)] for name, v in errors.items() if v is not None}
+    quantities = [(one.metric, one.unit) for one in document["summaries"]]
+    errors = [quantity for quantity in quantities if quantity[1] != SHARE]
+    metric, unit = errors[0] if errors else quantities[0]
+    finite = {}
+    for name, measured in methods.items():
+        values = measured.errors.get((metric, unit))
+        if values is not None:
+            finite[name] = values[~np.isinf(values)]
     return draw_errors(METRICS[metric].title, unit, finite)

@@ -20,7 +20,7 @@ def check_export(config: FitConfig, dictionary: Dictionary) -> None:
     if config.export.folder is None:
         return
     from shapefit.io.atomic import check_folder
-    from shapefit.pipelines.meshes import check_dictionary
+    from shapefit.pipelines.meshes import check_has_meshes
 
     if find_target_format(Path(str(config.output))) is not HDF5:
         fix = "write the result as HDF5, -o result.h5"
@@ -29,7 +29,7 @@ def check_export(config: FitConfig, dictionary: Dictionary) -> None:
     method = METHODS[config.method]
     refined = config.camera.focal != "none" and method.perspective == "refined"
     mixes_atoms = method.mixes_atoms or refined
-    check_dictionary(dictionary, config.dictionary, mixes_atoms=mixes_atoms)
+    check_has_meshes(dictionary, config.dictionary, mixes_atoms=mixes_atoms)
 
 
 def export_meshes(config: FitConfig) -> Iterator[Result]:

@@ -13,21 +13,26 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.records import Shapes
 
-COMPARED, FEWEST = 96, 4
-"""Shapes that are compared with each other, spread over all; the fewest of which there
-is a majority.
+MAX_COMPARED_SHAPES = 96
+"""Shapes that are compared with each other, spread over all."""
+
+MIN_COMPARED_SHAPES = 4
+"""Shapes of which there is a majority."""
+
+MIRRORED_BELOW = 0.9
+"""Share of the distance of two shapes, below which one fits better if it is mirrored.
 """
 
-MIRRORED = 0.9
-"""Of the distance between two shapes, below which one fits better if it is mirrored."""
+MIN_DECIDED_SHARE = 0.6
+"""Of pairs, that must fit one way better."""
 
-DECIDED, AGREED = 0.6, 0.95
-"""Share of pairs that must fit one way better, and of these that must agree on sides:
-people, who bend both ways, are mirror images of each other here and there.
+MIN_AGREED_SHARE = 0.95
+"""Of these, that must agree on sides: people, who bend both ways, are mirror images of
+each other here and there.
 """
 
-CLEAR = 0.3
-"""Share of pairs by which a shape is of the other side."""
+OTHER_SIDE_SHARE = 0.3
+"""Of pairs, by which a shape is of the other side."""
 
 
 def check_not_flat(shapes: Shapes, place: str) -> None:
@@ -46,12 +51,11 @@ def warn_of_shapes(shapes: Shapes) -> tuple[str, ...]:
     points = shapes.as_columns()
     mirrored = shapes.take(np.flatnonzero(find_mirrored(points))).items
     if mirrored:
-        fault = f"{len(mirrored)} of {counted(len(shapes), 'shape')}"
-        fault += (
-            f" fit the others better when they are mirrored ({abbreviate(mirrored)})"
+        warnings.append(
+            f"{len(mirrored)} of {counted(len(shapes), 'shape')} fit the others better"
+            f" when they are mirrored ({abbreviate(mirrored)}): are left and right"
+            " sides mixed? Mirror one kind, or learn each alone"
         )
-        fix = "are left and right sides mixed? Mirror one kind, or learn each alone"
-        warnings.append(f"{fault}: {fix}")
     pairs = find_coinciding(points)
     if pairs:
         names = shapes.landmark_names
@@ -68,36 +72,39 @@ def find_mirrored(shapes: Floats) -> Flags:
     of X Y^T: |X|^2 + |Y|^2 - 2 (s1 + s2 + sign s3), with the other sign for the mirror
     image. Shapes that fit both ways, as flat ones do, belong to neither side.
     """
-    nobody = np.zeros(len(shapes), np.bool_)
-    if len(shapes) < FEWEST:
-        return nobody
+    none = np.zeros(len(shapes), np.bool_)
+    if len(shapes) < MIN_COMPARED_SHAPES:
+        return none
     points = normalise(shapes).points
-    few = points[evenly(len(points), COMPARED)]
+    few = points[evenly(len(points), MAX_COMPARED_SHAPES)]
     pairs = _same_side(few, few)
+    # the side of each that agrees with most pairs
     sides = np.sign(np.linalg.eigh(pairs)[1][:, -1])
     sides *= np.sign(sides.sum()) or 1.0  # + is what most are
     decided = np.abs(pairs).mean()
     agreed = sides @ pairs @ sides / pairs.size
-    if decided < DECIDED or agreed < AGREED * decided:
-        return nobody
+    if decided < MIN_DECIDED_SHARE or agreed < MIN_AGREED_SHARE * decided:
+        return none
     votes = _same_side(points, few) @ sides / len(few)
-    mirrored: Flags = np.asarray(votes < -CLEAR)
-    return mirrored if mirrored.sum() <= len(shapes) / 2 else votes > CLEAR
+    is_mirrored: Flags = np.asarray(votes < -OTHER_SIDE_SHARE)
+    if is_mirrored.sum() <= len(shapes) / 2:
+        return is_mirrored
+    return np.asarray(votes > OTHER_SIDE_SHARE)
 
 
 def _same_side(one: Floats, other: Floats) -> Floats:
-    """Return 1 for pairs (n, m) of shapes of one side, -1 for mirror images, 0 for
-    neither.
-    """
+    """Return 1 for pairs (n, m) of shapes of one side, -1 for mirror images, else 0."""
     cross = np.einsum("nip,mjp->nmij", one, other)
     s = np.linalg.svd(cross, compute_uv=False)
     sign = np.sign(np.linalg.det(cross))
     size = (one**2).sum((1, 2))[:, None] + (other**2).sum((1, 2))
     both = s[..., 0] + s[..., 1]
-    as_is = np.sqrt(np.maximum(size - 2 * (both + sign * s[..., 2]), 0))
-    turned = np.sqrt(np.maximum(size - 2 * (both - sign * s[..., 2]), 0))
-    sides: Floats = (as_is < MIRRORED * turned) * 1.0
-    sides[turned < MIRRORED * as_is] = -1.0
+    third = sign * s[..., 2]
+    as_is = np.sqrt(np.maximum(size - 2 * (both + third), 0))
+    mirrored = np.sqrt(np.maximum(size - 2 * (both - third), 0))
+    sides = np.zeros(as_is.shape)
+    sides[as_is < MIRRORED_BELOW * mirrored] = 1.0
+    sides[mirrored < MIRRORED_BELOW * as_is] = -1.0
     return sides
 
 

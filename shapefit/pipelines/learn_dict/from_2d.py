@@ -1,5 +1,4 @@
-"""A dictionary of 2D landmarks: shapes are lifted by what images share, then learned
-from.
+"""A dictionary of 2D landmarks: shapes are lifted by what images share, then learned.
 
 Landmarks that are hidden from the fit judge what was learned.
 """
@@ -7,7 +6,6 @@ Landmarks that are hidden from the fit judge what was learned.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -51,12 +49,13 @@ from shapefit.pipelines.learn_dict.from_3d import (
 from shapefit.pipelines.result import Result
 from shapefit.records import Landmarks, Shapes, concatenate
 
-FEWEST_IMAGES, FEWEST_VISIBLE = 20, 4
-"""Images from which depth can be learned, and landmarks that each must show: any three
-fit any shape.
-"""
+MIN_IMAGES = 20
+"""From which depth can be learned."""
 
-FAR_OUT = 4.0
+MIN_SHOWN_LANDMARKS = 4
+"""That each image must show: any three fit any shape."""
+
+MAX_MEDIAN_DISTANCES = 4.0
 """Medians of the distance from the middle of an image up to which landmarks count for
 its size.
 """
@@ -65,22 +64,26 @@ MIN_RESIDUAL_VARIANCE = 1e-4
 """Variance of a normalised coordinate: below it, a landmark a little off is an outlier.
 """
 
-SAMPLE, MIXTURES, QUICK = 500, 4, 3
-"""Images by which dictionaries are compared; mixtures learned at most; rounds of
-learning atoms that only have to find views.
-"""
+COMPARED_IMAGES = 500
+"""By which dictionaries are compared."""
 
-CLOSE = 1.1
+MAX_MIXTURES = 4
+"""Mixtures learned, one after the other."""
+
+ROUNDS_FOR_VIEWS = 3
+"""Rounds of learning atoms that only have to find views."""
+
+CLOSE_TO_GAUSSIAN = 1.1
 """Factor of the Gaussian's error of hidden landmarks up to which a mixture is kept in
 its place: they say little of depth, of which a mixture that is as good in the image
 knows more.
 """
 
-LARGER = 2.0
+MAX_GROWTH = 2.0
 """Factor of size from one mixture to the next beyond which an image was misread."""
 
-SURE = 5.0
-"""Standard errors of the evidence beyond which perspective decides what is near."""
+MIN_STANDARD_ERRORS = 5.0
+"""Of the evidence, from which on perspective decides what is near."""
 
 FIXES = {
     VIEWS_ALIKE: (
@@ -92,7 +95,7 @@ FIXES = {
 }
 """What to do about each verdict with which nothing is learned."""
 
-MIRRORED = (
+DEPTH_WARNING = (
     "near and far cannot be distinguished in 2D landmarks alone, and no image that is"
     " lifted is trusted before they are: look at some shapes, and learn again with"
     " `flip=true` if near is far, `flip=false` if it is not"
@@ -100,8 +103,7 @@ MIRRORED = (
 
 
 def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learning:
-    """Lift the images by what they have in common, and learn a dictionary from the
-    shapes.
+    """Lift the images by what they have in common, and learn from the shapes.
 
     A mixture over shapes replaces the Gaussian that lifted them if it predicts hidden
     landmarks as well; at last near is distinguished from far. Raises InputError with
@@ -131,13 +133,19 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     made = yield from learn_mixtures(given, images, state, config)
     made, decided_by = resolve_depth(given, made, config.flip)
     if decided_by == OPEN:
-        yield Result(warnings=(MIRRORED,))
-    further = {LEARNED_FROM: "landmarks", VERDICT: verdict, DEPTH_AMBIGUITY: decided_by}
-    return replace(made, provenance={**made.provenance, **further})
+        yield Result(warnings=(DEPTH_WARNING,))
+    provenance = {
+        **made.provenance,
+        LEARNED_FROM: "landmarks",
+        VERDICT: verdict,
+        DEPTH_AMBIGUITY: decided_by,
+    }
+    return replace(made, provenance=provenance)
 
 
 def describe_prediction(error: float) -> str:
-    """Say how well hidden landmarks are predicted, by their error in sizes of a shape;
+    """Say how well hidden landmarks are predicted, by their error in sizes of a shape.
+
     nan where there were none.
     """
     if np.isnan(error):
@@ -152,13 +160,14 @@ def usable_images(source: LandmarkSource, place: str) -> Landmarks:
     """
     given = concatenate(list(source.batches(4096)))
     visible = given.visible()
-    distinct = std(np.where(visible[:, None], given.as_columns(), 0.0), visible) > 0
-    usable = given.take(
-        np.flatnonzero(distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE))
-    )
-    if len(usable) < FEWEST_IMAGES:
-        fault = f"{len(usable)} of {len(given)} show {FEWEST_VISIBLE} landmarks or more"
-        fix = f"give {FEWEST_IMAGES} at least, of different views"
+    shown = np.where(visible[:, None], given.as_columns(), 0.0)
+    has_extent = std(shown, visible) > 0
+    has_enough = visible.sum(axis=1) >= MIN_SHOWN_LANDMARKS
+    usable = given.take(np.flatnonzero(has_extent & has_enough))
+    if len(usable) < MIN_IMAGES:
+        share = f"{len(usable)} of {len(given)}"
+        fault = f"{share} show {MIN_SHOWN_LANDMARKS} landmarks or more"
+        fix = f"give {MIN_IMAGES} at least, of different views"
         raise input_error(place, f"too few images: {fault}", fix)
     hidden = ~usable.visible().any(axis=0)
     if hidden.any():
@@ -168,22 +177,23 @@ def usable_images(source: LandmarkSource, place: str) -> Landmarks:
 
 
 def normalised_images(given: Landmarks) -> Images:
-    """Bring the landmarks of each sequence, or of each image without one, to the size
-    1.
+    """Bring the landmarks of each sequence, or of each single image, to the size 1.
 
     Landmarks that lie far out do not count for the size, as outliers do not.
     """
-    w, visible = given.as_columns(), given.visible()
-    middle = np.nanmedian(np.where(visible[:, None], w, np.nan), axis=2, keepdims=True)
+    w = given.as_columns()
+    visible = given.visible()
+    shown = np.where(visible[:, None], w, np.nan)
+    middle = np.nanmedian(shown, axis=2, keepdims=True)
     distance = np.where(visible, np.linalg.norm(w - middle, axis=1), np.nan)
-    reach = FAR_OUT * np.nanmedian(distance, axis=1, keepdims=True)
-    normalised = normalise(w, visible & ((distance <= reach) | (reach == 0)))
+    farthest = MAX_MEDIAN_DISTANCES * np.nanmedian(distance, axis=1, keepdims=True)
+    is_near = (distance <= farthest) | (farthest == 0)
+    normalised = normalise(w, visible & is_near)
     size = normalised.scale
     sequence = np.zeros(len(given), np.intp)
     if given.sequences is not None:
-        sequence = np.unique(np.array(given.sequences, dtype=str), return_inverse=True)[
-            1
-        ]
+        names = np.array(given.sequences, dtype=str)
+        _, sequence = np.unique(names, return_inverse=True)
         squares = np.bincount(sequence, size**2) / np.bincount(sequence)
         size = np.sqrt(squares)[sequence]
     centred = np.where(visible[:, None], w - normalised.centroid[..., None], 0.0)
@@ -193,8 +203,7 @@ def normalised_images(given: Landmarks) -> Images:
 def learn_mixtures(
     given: Landmarks, normalised: Images, state: ClassState, config: LearnDictConfig
 ) -> Learning:
-    """Learn mixtures over the shapes that the prior before lifted, while they predict
-    better.
+    """Learn mixtures over what the prior before lifted, while they predict better.
 
     The prior of the dictionary is the best one, or, where bodies are to vary, one of
     varied shapes. Hidden landmarks judge how sure it is: shapes that were lifted, and
@@ -202,13 +211,13 @@ def learn_mixtures(
     """
     inputs = digests(config.shapes)
 
-    def learned(
-        shapes: Shapes, components: int, rounds: int, *, varied: bool
+    def learn(
+        shapes: Shapes, components: int, rounds: int, *, vary: bool = False
     ) -> Learning:
-        unchanged = {} if varied else {"bone_scale": 0.0, "exchange": 0.0}
-        changed = config.changed(
-            prior={"components": components, **unchanged}, iterations=rounds
-        )
+        prior: dict[str, float] = {"components": components}
+        if not vary:
+            prior |= {"bone_scale": 0.0, "exchange": 0.0}
+        changed = config.changed(prior=prior, iterations=rounds)
         return learn_from_shapes(shapes, changed, inputs)
 
     # Outliers stay: the posterior of a mixture weighs them anew.
@@ -225,63 +234,74 @@ def learn_mixtures(
     )
     prior = config.prior if config.prior.components else PriorConfig(components="auto")
     number = number_of_components(len(images), prior)
-    made = yield from learned(shapes, 0, QUICK, varied=False)
-    best = replace(made, **gaussian_prior(state, made.mean_shape))
-    best_shapes, least = shapes, predict_hidden(images, best)
-    for _ in range(MIXTURES):
-        mixed = yield from learned(shapes, number, QUICK, varied=False)
+    made = yield from learn(shapes, 0, ROUNDS_FOR_VIEWS)
+    best = with_gaussian_prior(made, state)
+    best_shapes = shapes
+    least_error = predict_hidden(images, best)
+    for _ in range(MAX_MIXTURES):
+        mixed = yield from learn(shapes, number, ROUNDS_FOR_VIEWS)
         error = predict_hidden(images, mixed)
-        gaussian = best.residual_variance is not None
-        if error >= (CLOSE * least if gaussian and number > 1 else least):
+        is_gaussian = best.residual_variance is not None
+        allowed = least_error
+        if is_gaussian and number > 1:
+            allowed = CLOSE_TO_GAUSSIAN * least_error
+        if error >= allowed:
             # no mixture after such a one was ever better, and some were read wrongly
             break
-        best, best_shapes, least = mixed, shapes, error
-        lifted = lift_images(images, mixed).shapes
-        before = shapes.as_columns()
-        grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(
-            before, axis=(1, 2)
-        )
-        well_read = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
-        read = np.where(well_read[:, None, None], lifted, before)
-        shapes = replace(shapes, shapes=read.swapaxes(1, 2))
+        best = mixed
+        best_shapes = shapes
+        least_error = error
+        shapes = lift_anew(shapes, images, mixed)
     if config.prior.bone_scale or config.prior.exchange:
-        return (yield from learned(best_shapes, number, config.iterations, varied=True))
-    made = yield from learned(best_shapes, 0, config.iterations, varied=False)
+        return (yield from learn(best_shapes, number, config.iterations, vary=True))
+    made = yield from learn(best_shapes, 0, config.iterations)
     return replace(made, prior=best.prior, residual_variance=best.residual_variance)
 
 
-def gaussian_prior(state: ClassState, mean: Floats) -> dict[str, Any]:
-    """Return what was learned as `prior` of normalised shapes, turned onto their mean
-    (3, p).
+def lift_anew(shapes: Shapes, images: Landmarks, dictionary: Dictionary) -> Shapes:
+    """Return the shapes as a dictionary lifts them, the old ones of misread images."""
+    lifted = lift_images(images, dictionary).shapes
+    before = shapes.as_columns()
+    size = np.linalg.norm(lifted, axis=(1, 2))
+    growth = size / np.linalg.norm(before, axis=(1, 2))
+    is_well_read = (growth > 1 / MAX_GROWTH) & (growth < MAX_GROWTH)  # nan is not
+    chosen = np.where(is_well_read[:, None, None], lifted, before)
+    return replace(shapes, shapes=chosen.swapaxes(1, 2))
 
-    `residual_variance` is the variance of what it does not explain. The size of a shape
-    is the image's to find, so that the covariance has no part along the mean.
+
+def with_gaussian_prior(dictionary: Dictionary, state: ClassState) -> Dictionary:
+    """Return the dictionary with what was learned as prior of normalised shapes.
+
+    It is turned onto the mean shape; residual_variance is the variance of what it does
+    not explain. The size of a shape is the image's to find, so that the covariance has
+    no part along the mean.
     """
     model = state.model
     d = model.mean.size
     scale = float(normalise(model.mean).scale)
-    turn = rotation_onto(model.mean, mean)
+    turn = rotation_onto(model.mean, dictionary.mean_shape)
     mu = (turn @ model.mean) / scale
     unit = mu.ravel() / np.linalg.norm(mu)
     Q = (np.eye(d) - np.outer(unit, unit)) @ np.kron(turn, np.eye(d // 3)) / scale
     C = Q @ model.covariance @ Q.T + 1e-9 * np.eye(d)
     variance = max(model.noise / scale**2, MIN_RESIDUAL_VARIANCE)
     prior = Mixture(np.ones(1), mu[None], (C + C.T)[None] / 2)
-    return {"prior": prior, "residual_variance": np.array([variance])}
+    return replace(dictionary, prior=prior, residual_variance=np.array([variance]))
 
 
 def resolve_depth(
     images: Landmarks, made: Dictionary, flip: bool | None
 ) -> tuple[Dictionary, str]:
-    """Return the dictionary, or its mirror image, and what has decided: `flip`, else
-    cameras.
+    """Return the dictionary or its mirror image, and what has decided.
+
+    That is `flip`, else cameras.
     """
     if flip is not None:
-        return mirror_image(made) if flip else made, "stated by `flip`"
+        return (mirror_image(made) if flip else made), "stated by `flip`"
     if images.column(CAMERA_MATRIX) is not None:
         gain, deviation = evidence_of_mirror(images, made)
-        if abs(gain) >= SURE * deviation:
-            return mirror_image(made) if gain > 0 else made, "told by perspective"
+        if abs(gain) >= MIN_STANDARD_ERRORS * deviation:
+            return (mirror_image(made) if gain > 0 else made), "told by perspective"
     return made, OPEN
 
 
@@ -292,37 +312,40 @@ def mirror_image(made: Dictionary) -> Dictionary:
     mirror = np.array([[1.0], [1.0], [-1.0]])
     sign = np.repeat(mirror, made.mean_shape.shape[1])
     covariances = np.outer(sign, sign) * prior.covariances
-    mirrored = Mixture(prior.weights, mirror * prior.means, covariances)
-    atoms, mean_shape = mirror * made.atoms, mirror * made.mean_shape
-    return replace(made, atoms=atoms, mean_shape=mean_shape, prior=mirrored)
+    return replace(
+        made,
+        atoms=mirror * made.atoms,
+        mean_shape=mirror * made.mean_shape,
+        prior=Mixture(prior.weights, mirror * prior.means, covariances),
+    )
 
 
 def evidence_of_mirror(
     images: Landmarks, dictionary: Dictionary
 ) -> tuple[float, float]:
-    """Log evidence an image that the class is mirrored, as the cameras see it; standard
-    error.
+    """Return the log evidence an image that the class is mirrored, and its deviation.
 
-    The mirror image of a class is seen as the class is in mirrored images.
+    As cameras see it: the mirror image of a class is seen as the class is in mirrored
+    images.
     """
-    sample = images.take(evenly(len(images), SAMPLE))
+    sample = images.take(evenly(len(images), COMPARED_IMAGES))
     middle = read_intrinsics(sample)[1][:, :1]
     w = sample.landmarks.copy()
     w[..., 0] = 2 * middle - w[..., 0]
-    unchanged, mirrored = (
-        lift_images(records, dictionary, perspective=True).estimate.log_evidence
-        for records in (sample, replace(sample, landmarks=w))
-    )
-    return mean_gain(unchanged, mirrored)
+
+    def evidence(images: Landmarks) -> Floats:
+        lifting = lift_images(images, dictionary, perspective=True)
+        return lifting.estimate.log_evidence
+
+    return mean_gain(evidence(sample), evidence(replace(sample, landmarks=w)))
 
 
 def predict_hidden(images: Landmarks, dictionary: Dictionary) -> float:
-    """Hide a tenth of the landmarks of a sample of the images, each by itself, and
-    predict them.
+    """Hide a tenth of the landmarks of a sample of images, and predict them.
 
     Returns the median distance from where they are, in the size of their image.
     """
-    sample = images.take(evenly(len(images), SAMPLE))
+    sample = images.take(evenly(len(images), COMPARED_IMAGES))
     hidden = hide_some(sample.visible())
     shown = np.where(hidden[..., None], np.nan, sample.landmarks)
     others = replace(sample, landmarks=shown)

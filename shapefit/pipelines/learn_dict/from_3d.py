@@ -1,6 +1,4 @@
-"""A dictionary of 3D shapes: aligned training shapes, atoms by one of three methods, a
-prior.
-"""
+"""A dictionary of 3D shapes: aligned, with atoms by one of three methods, a prior."""
 
 from __future__ import annotations
 
@@ -9,7 +7,7 @@ from collections import Counter
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,16 +51,25 @@ from shapefit.records.columns import in_columns
 Learning = Generator[Result, None, Dictionary]
 """Yields a result a round, and returns the dictionary; the last result sums up."""
 
-MOST_ROUNDS = 20
+MAX_MIXTURE_ROUNDS = 20
 """Rounds of expectation maximisation, which ends sooner where it gains nothing."""
 
-SHAPES_PER_COMPONENT, MOST_COMPONENTS = 150, 32
-"""Of a mixture whose components are not given. A component of 45 coordinates needs a
+SHAPES_PER_COMPONENT = 150
+"""Of a mixture whose components are not given: a component of 45 coordinates needs a
 hundred shapes and more beside what all shapes say.
 """
 
-FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
-"""Copies of each shape that is varied, and how many shapes are enough for a mixture."""
+MAX_COMPONENTS = 32
+"""Of a mixture whose components are not given."""
+
+MIN_COPIES = 2
+"""Of each shape that is varied."""
+
+MAX_COPIES = 100
+"""Of each shape that is varied."""
+
+ENOUGH_SHAPES = 1500
+"""For a mixture, copies among them."""
 
 
 class TrainingShapes(NamedTuple):
@@ -112,46 +119,27 @@ def learn_from_shapes(
 
 
 def find_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShapes:
-    """Take every n-th shape of each sequence, double them by mirroring, normalise, and
-    align.
+    """Take every n-th shape of each sequence, mirror them too, normalise, and align.
 
     The motion and the rigidity of edges are those of all the shapes given. Raises
     InputError for wrong pairs in `mirror`, no shapes, and fewer shapes than atoms.
     """
     usable, failures = separate(given)
-    shapes = usable.take(
-        every_nth(usable.sequences or ("",) * len(usable), config.every)
-    )
+    sequences = usable.sequences or ("",) * len(usable)
+    shapes = usable.take(every_nth(sequences, config.every))
     partners = find_partners(shapes, config) if config.mirror else None
     if partners is not None and len(shapes):
-        points = shapes.as_columns()
-        mirrored = mirror(points, partners, lateral_axis(points, partners))
-        both = np.concatenate([points, mirrored])
-        twice = shapes.take(np.tile(np.arange(len(shapes)), 2))
-        shapes = replace(
-            twice, shapes=both.swapaxes(1, 2), mesh_vertices=None, mesh_faces=None
-        )
-    n = len(shapes)
-    if not n:
-        example = (
-            f"; {failures[0].item}, for one: {failures[0].reason}" if failures else ""
-        )
-        fault = f"there are 0 shapes to learn from{example}"
-        raise input_error("shapes", fault, "give more shapes")
-    if number_of_atoms(n, config) > n:
-        fault = (
-            f"{config.k} atoms are more than the {counted(n, 'shape')} to learn from"
-        )
-        raise input_error("k", fault, "lower k or `every`, or give more shapes")
+        shapes = add_mirror_images(shapes, partners)
+    check_number(shapes, failures, config)
     normalised = normalise(shapes.as_columns())
-    points = normalised.points
     if config.align == "none":
-        unturned = np.tile(np.eye(3), (n, 1, 1))
-        alignment = Alignment(
-            points, points.mean(axis=0), unturned, rounds=0, converged=True
-        )
+        alignment = unaligned(normalised.points)
     else:
-        alignment = generalised_procrustes(points)
+        alignment = generalised_procrustes(normalised.points)
+    mesh = None
+    if shapes.mesh_vertices is not None:
+        vertices = in_columns(shapes.mesh_vertices)
+        mesh = carry_mesh(vertices, normalised, alignment.rotations)
     dictionary = Dictionary(
         atoms=np.empty((0, *alignment.mean.shape)),
         landmark_names=tuple(shapes.landmark_names),
@@ -159,22 +147,55 @@ def find_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShap
         edges=shapes.edges,
         mirror_index=partners,
         unit=shapes.unit,
-        **find_motion(usable, shapes),
     )
-    carried = None
-    if shapes.mesh_vertices is not None:
-        vertices = in_columns(shapes.mesh_vertices)
-        carried = carry_mesh(vertices, normalised, alignment.rotations)
     return TrainingShapes(
-        shapes, alignment, normalised.scale, carried, dictionary, failures
+        original=shapes,
+        alignment=alignment,
+        scale=normalised.scale,
+        mesh_vertices=mesh,
+        dictionary=with_motion(dictionary, usable, shapes),
+        failures=failures,
     )
+
+
+def add_mirror_images(shapes: Shapes, partners: Integers) -> Shapes:
+    """Return the shapes and, after them, their mirror images, without meshes."""
+    points = shapes.as_columns()
+    mirrored = mirror(points, partners, lateral_axis(points, partners))
+    both = np.concatenate([points, mirrored]).swapaxes(1, 2)
+    twice = shapes.take(np.tile(np.arange(len(shapes)), 2))
+    return replace(twice, shapes=both, mesh_vertices=None, mesh_faces=None)
+
+
+def check_number(
+    shapes: Shapes, failures: tuple[Failure, ...], config: LearnDictConfig
+) -> None:
+    """Raise InputError where there are no shapes, or fewer than atoms."""
+    n = len(shapes)
+    if not n:
+        fault = "there are 0 shapes to learn from"
+        if failures:
+            fault += f"; {failures[0].item}, for one: {failures[0].reason}"
+        raise input_error("shapes", fault, "give more shapes")
+    if number_of_atoms(n, config) > n:
+        fault = (
+            f"{config.k} atoms are more than the {counted(n, 'shape')} to learn from"
+        )
+        raise input_error("k", fault, "lower k or `every`, or give more shapes")
+
+
+def unaligned(points: Floats) -> Alignment:
+    """Return the alignment that leaves shapes (n, 3, p) as they are."""
+    unturned = np.tile(np.eye(3), (len(points), 1, 1))
+    return Alignment(points, points.mean(axis=0), unturned, rounds=0, converged=True)
 
 
 def separate(shapes: Shapes) -> tuple[Shapes, tuple[Failure, ...]]:
     """Return the shapes that can be normalised, and the others as failures."""
     points = shapes.as_columns()
     extent = np.ptp(points, axis=-1).max(axis=-1, initial=0.0)
-    usable = ~coincide(points) & np.isfinite(extent) & (extent >= MIN_EXTENT)
+    has_extent = np.isfinite(extent) & (extent >= MIN_EXTENT)
+    usable = ~coincide(points) & has_extent
     reason = "all its landmarks are at one point, or not finite"
     items = (shapes.items[row] for row in np.flatnonzero(~usable).tolist())
     return shapes.take(usable), tuple(Failure(item, reason) for item in items)
@@ -201,12 +222,12 @@ def every_nth(sequences: Sequence[str], n: int | Mapping[str, int]) -> list[int]
 
 
 def find_partners(shapes: Shapes, config: LearnDictConfig) -> Integers:
-    """Return the partner (p,) of each landmark on the other side, by `mirror` or the
-    file.
+    """Return the partner (p,) of each landmark, by `mirror` or the file.
 
     Raises InputError where neither pairs the landmarks.
     """
-    names, points = shapes.landmark_names, np.arange(len(shapes.landmark_names))
+    names = shapes.landmark_names
+    points = np.arange(len(names))
     if isinstance(config.mirror, dict):
         partners = points.copy()
         for pair in config.mirror.items():
@@ -214,8 +235,9 @@ def find_partners(shapes: Shapes, config: LearnDictConfig) -> Integers:
             partners[[first, second]] = second, first
     else:
         partners = points if shapes.mirror_index is None else shapes.mirror_index
-    moved = np.isin(partners, points).all() and (partners != points).any()
-    if not moved or (partners[partners] != points).any():
+    are_landmarks = np.isin(partners, points).all()
+    are_paired = are_landmarks and (partners[partners] == points).all()
+    if not are_paired or (partners == points).all():
         fault = (
             "`mirror`, or the dataset `mirror_index` of the shapes, does not pair"
             " landmarks"
@@ -226,42 +248,45 @@ def find_partners(shapes: Shapes, config: LearnDictConfig) -> Integers:
 
 
 def number_of_atoms(number: int, config: LearnDictConfig) -> int:
-    """Return the atoms to learn from so many shapes: fewer than the default where these
-    are few.
-    """
+    """Return the atoms to learn from so many shapes, at most as many by default."""
     if config.method != "sparse-coding":
         return 1
     return config.k if "k" in config.model_fields_set else min(config.k, number)
 
 
-def find_motion(given: Shapes, shapes: Shapes) -> dict[str, Any]:
-    """Return what a dictionary knows of motion and bones, by the names of its fields.
+def with_motion(dictionary: Dictionary, every: Shapes, shapes: Shapes) -> Dictionary:
+    """Return the dictionary with what shapes show of motion and bones.
 
-    Motion and differences between bodies are those of all shapes given, lengths those
-    of `shapes`.
+    Motion and differences between bodies are those of every shape, lengths those of the
+    `shapes` that are learned from.
     """
-    motion: dict[str, Any] = {}
-    edges, sequences = given.edges, given.sequences
-    if sequences:
-        motion["acceleration"] = find_acceleration(
-            given.as_columns(), sequences, given.frames, given.frame_rate
+    points = every.as_columns()
+    if every.sequences:
+        acceleration = find_acceleration(
+            points, every.sequences, every.frames, every.frame_rate
         )
-        motion["frame_rate"] = (
-            None if motion["acceleration"] is None else given.frame_rate
-        )
+        if acceleration is not None:
+            dictionary = replace(
+                dictionary, acceleration=acceleration, frame_rate=every.frame_rate
+            )
+    edges = every.edges
     if edges is None:
-        return motion
-    motion["edge_length"] = find_lengths(
-        shapes.as_columns(), edges, ("",) * len(shapes)
-    )[0].mean(axis=0)
-    of = sequences or ("",) * len(given)
-    motion["bone_tolerance"] = find_bone_tolerance(given.as_columns(), edges, of)
-    if len(edges):
-        lengths, bodies, _ = find_lengths(given.as_columns(), edges, of)
-        motion["edge_covariance"] = find_edge_covariance(
-            bodies, None if sequences else lengths
-        )
-    return motion
+        return dictionary
+    in_one = ("",) * len(shapes)
+    lengths, _, _ = find_lengths(shapes.as_columns(), edges, in_one)
+    sequences = every.sequences or ("",) * len(every)
+    dictionary = replace(
+        dictionary,
+        edge_length=lengths.mean(axis=0),
+        bone_tolerance=find_bone_tolerance(points, edges, sequences),
+    )
+    if not len(edges):
+        return dictionary
+    lengths, of_sequences, _ = find_lengths(points, edges, sequences)
+    covariance = find_edge_covariance(
+        of_sequences, None if every.sequences else lengths
+    )
+    return replace(dictionary, edge_covariance=covariance)
 
 
 def place_of(config: LearnDictConfig) -> str:
@@ -289,9 +314,8 @@ def pca_bases(training: TrainingShapes) -> Dictionary:
     aligned = training.alignment.shapes
     sequences = np.array(training.original.sequences or ("",) * len(aligned))
     names = dict.fromkeys(sequences.tolist())
-    bases = np.concatenate(
-        [principal_components(aligned[sequences == s]) for s in names]
-    )
+    of_sequences = [principal_components(aligned[sequences == name]) for name in names]
+    bases = np.concatenate(of_sequences)
     if not len(bases):
         fault = "the shapes of each sequence are all alike"
         raise input_error("shapes", fault, "give sequences that move")
@@ -300,15 +324,16 @@ def pca_bases(training: TrainingShapes) -> Dictionary:
 
 def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning:
     """Learn atoms by sparse coding, without meshes."""
-    shapes, rounds = training.alignment.shapes, config.iterations
+    shapes = training.alignment.shapes
+    rounds = config.iterations
     k = number_of_atoms(len(shapes), config)
     for learned in learn_atoms(shapes, k, config.beta, iterations=rounds):
         note = f"objective {learned.trace[-1]:.6g}"
         yield Result(done=1, total=rounds, unit="round", note=note)
-    atoms, C = learned.atoms, learned.coefficients
-    error = np.linalg.norm(shapes - np.tensordot(C, atoms, axes=1)) / np.linalg.norm(
-        shapes
-    )
+    atoms = learned.atoms
+    C = learned.coefficients
+    left = np.linalg.norm(shapes - np.tensordot(C, atoms, axes=1))
+    error = left / np.linalg.norm(shapes)
     learned_from = f"learned {counted(k, 'atom')} from {counted(len(shapes), 'shape')}"
     result = f"{learned_from} (reconstruction error {error:.1%})"
     yield Result(total=rounds, rows=(("Result", result),))
@@ -326,7 +351,8 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
     Raises InputError for more components than shapes, and bones that are no tree where
     they are to vary.
     """
-    prior, shapes = config.prior, training.alignment.shapes
+    prior = config.prior
+    shapes = training.alignment.shapes
     components = number_of_components(len(shapes), prior)
     if components > len(shapes):
         fault = (
@@ -341,29 +367,26 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
         components,
         shrinkage=prior.shrinkage,
         floor=prior.floor,
-        max_rounds=MOST_ROUNDS,
+        max_rounds=MAX_MIXTURE_ROUNDS,
     ).mixture
 
 
 def number_of_components(number: int, prior: PriorConfig) -> int:
-    """Return the components of a mixture over so many shapes, by the section
-    `prior`.
-    """
+    """Return the components of a mixture over so many shapes, by `prior`."""
     if prior.components != "auto":
         return prior.components
-    return min(max(number // SHAPES_PER_COMPONENT, 1), MOST_COMPONENTS)
+    return min(max(number // SHAPES_PER_COMPONENT, 1), MAX_COMPONENTS)
 
 
 def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
-    """Return varied shapes (copies n, 3, p), normalised and turned onto the mean of
-    all.
-    """
-    aligned, edges = training.alignment.shapes, training.original.edges
+    """Return varied shapes (copies n, 3, p), normalised and turned onto the mean."""
+    aligned = training.alignment.shapes
     points = aligned.shape[2]
+    edges = training.original.edges
+    if edges is None:
+        edges = np.empty((0, 2), int)
     try:
-        skeleton = find_bone_tree(
-            np.empty((0, 2), int) if edges is None else edges, points
-        )
+        tree = find_bone_tree(edges, points)
     except ValueError as fault:
         fix = (
             "give shapes whose `edges` are bones, or leave out `bone_scale` and"
@@ -372,8 +395,8 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
         raise input_error("prior", str(fault), fix) from None
     varied = vary(
         aligned,
-        skeleton,
-        copies=min(max(FEWEST_COPIES, ENOUGH // len(aligned)), MOST_COPIES),
+        tree,
+        copies=min(max(MIN_COPIES, ENOUGH_SHAPES // len(aligned)), MAX_COPIES),
         bone_scale=config.prior.bone_scale,
         exchange=config.prior.exchange,
         partners=training.dictionary.mirror_index,

@@ -24,8 +24,7 @@ from shapefit.pipelines.result import Result
 
 
 def run(config: LearnDictConfig) -> Iterator[Result]:
-    """Learn the dictionary and write it; one result per round, sequence or set of
-    exemplars.
+    """Learn the dictionary and write it; one result per round.
 
     Files of 2D landmarks alone are learned from as such. Raises InputError for files
     that cannot be read or written, and as the ways of learning do.
@@ -40,13 +39,12 @@ def run(config: LearnDictConfig) -> Iterator[Result]:
             dictionary = yield from learn_from_landmarks(images, config)
     else:
         with open_shapes(config.shapes, options) as source:
-            notes, shapes = source.notes, source.whole()
-        dictionary = yield from learn_from_shapes(
-            shapes, config, digests(config.shapes)
-        )
-    from shapefit.lifting.posterior.p_value import (
-        with_p_value_table,
-    )  # after the learning
+            notes = source.notes
+            shapes = source.whole()
+        inputs = digests(config.shapes)
+        dictionary = yield from learn_from_shapes(shapes, config, inputs)
+    # its import would delay the first result
+    from shapefit.lifting.posterior.p_value import with_p_value_table
 
     write_dictionary(config.output, with_p_value_table(dictionary))
     yield Result(warnings=notes, written=(config.output,))

@@ -1,6 +1,4 @@
-"""What a folder of results holds, and of what, so that a run can go on; one run at a
-time.
-"""
+"""What a folder of results holds, so that a run can go on; one run at a time."""
 
 from __future__ import annotations
 
@@ -27,9 +25,10 @@ from shapefit.errors import abbreviate, input_error, path_text, printable
 from shapefit.io.atomic import atomic_path, check_folder, storage_errors
 from shapefit.io.inputs import State, in_words
 
-LOCK = ".lock"
+LOCK_FILE = ".lock"
+"""In a folder to which a run writes results."""
 
-PARTS = "part-*"
+PARTS_PATTERN = "part-*"
 """Files that are results in a folder, of this version or an earlier one."""
 
 
@@ -61,17 +60,16 @@ class Part(NamedTuple):
         )
 
     def __str__(self) -> str:
-        rows = (
-            "" if self.rows is None else f", rows {self.rows[0]} to {self.rows[1] - 1}"
-        )
-        return abbreviate([printable(path) for path in self.inputs]) + rows
+        name = abbreviate([printable(path) for path in self.inputs])
+        if self.rows is None:
+            return name
+        start, stop = self.rows
+        return f"{name}, rows {start} to {stop - 1}"
 
 
 @dataclass
 class Manifest:
-    """A manifest: the line of the run, and the last line of each part by the name of
-    its file.
-    """
+    """A manifest: the line of the run, and the last line of each part by its file."""
 
     path: Path
     run: RunLine
@@ -90,10 +88,9 @@ class Manifest:
 
     def write(self) -> None:
         """Write the manifest, whole or not at all."""
+        lines = [self.run, *self.parts.values()]
         with atomic_path(self.path) as temporary:
-            temporary.write_bytes(
-                b"".join(map(_as_bytes, (self.run, *self.parts.values())))
-            )
+            temporary.write_bytes(b"".join(map(_as_bytes, lines)))
 
     def add(self, line: PartLine) -> None:
         """Add the line of a part."""
@@ -108,9 +105,7 @@ def _as_bytes(line: ManifestLine) -> bytes:
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """Read the manifest of a folder, None without one. Raises InputError for something
-    else.
-    """
+    """Read the manifest of a folder, None without one; InputError for another file."""
     lines = read_lines(folder)
     if lines is None:
         return None
@@ -119,13 +114,12 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 
 def find_strangers(folder: Path, manifest: Manifest | None) -> list[Path]:
-    """Return the files in a folder that would be taken for its results, and are of
-    somebody else.
+    """Return the files in a folder that would be taken for its results, and are not.
 
     Without a manifest that is every part, and the list of parts of an earlier version.
     """
     ours = manifest.files if manifest is not None else set()
-    strangers = [path for path in folder.glob(PARTS) if path.name not in ours]
+    strangers = [path for path in folder.glob(PARTS_PATTERN) if path.name not in ours]
     if manifest is None and (folder / EARLIER_MANIFEST).is_file():
         strangers.append(folder / EARLIER_MANIFEST)
     return sorted(strangers)
@@ -156,7 +150,7 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         with suppress(OSError):  # a folder that holds something stays
-            (folder / LOCK).unlink()
+            (folder / LOCK_FILE).unlink()
             for place in made:
                 place.rmdir()
         file.close()
@@ -170,7 +164,7 @@ def _lock(folder: Path) -> IO[str]:
     while True:
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            file = (folder / LOCK).open("w")
+            file = (folder / LOCK_FILE).open("w")
         except FileNotFoundError:
             continue
         try:
@@ -185,25 +179,26 @@ def _lock(folder: Path) -> IO[str]:
         except (ImportError, OSError):  # a system or a disk without locks
             return file
         with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(file.fileno()), os.stat(folder / LOCK)):
+            there = os.stat(folder / LOCK_FILE)
+            if os.path.samestat(os.fstat(file.fileno()), there):
                 return file
         file.close()
 
 
 def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
-    """Return the folders whose results, two or more, are all among the files; their
-    manifests.
-    """
+    """Return the manifests of folders whose results, two or more, are all in files."""
     folders: dict[Path, Manifest] = {}
     for folder in dict.fromkeys(file.parent for file in files):
-        if (manifest := read_manifest(folder)) is not None:
-            results = {folder / name for name in manifest.done}
-            if len(results) > 1 and results <= set(files):
-                folders[folder] = manifest
+        manifest = read_manifest(folder)
+        if manifest is None:
+            continue
+        results = {folder / name for name in manifest.done}
+        if len(results) > 1 and results <= set(files):
+            folders[folder] = manifest
     return folders
 
 
-def sum_up(parts: Mapping[str, PartLine]) -> list[tuple[str, str]]:
+def describe_parts(parts: Mapping[str, PartLine]) -> list[tuple[str, str]]:
     """Return how many parts and images they are, and how large, for people."""
     images = sum(part.images for part in parts.values())
     failed = sum(part.failed for part in parts.values())

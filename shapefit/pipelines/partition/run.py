@@ -1,5 +1,4 @@
-"""`fit` into a folder: parts of the images, one result each, and a manifest of those
-that are done.
+"""`fit` into a folder: parts of the images, a result each, and a manifest of these.
 
 Parts are files, recordings of several files, or ranges of rows of an HDF5 file. Running
 again does the parts that are missing. Results that this run would not give are refused.
@@ -23,7 +22,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import lru_cache
-from itertools import chain, count
+from itertools import chain, count, pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -82,25 +81,22 @@ from shapefit.pipelines.partition.manifest import (
     read_manifest,
     refuse_strangers,
 )
-from shapefit.pipelines.result import Failure, Result, add_up
+from shapefit.pipelines.result import Failure, Result, merge_warnings
 from shapefit.records import Landmarks
 
-OF_THE_RUN = {"landmarks", "output", "dictionary", "data", "threads"}
+KEYS_OF_THE_RUN = {"landmarks", "output", "dictionary", "data", "threads"}
 """Keys that do not change what a part holds; the dictionary counts by its digest."""
 
+PARTS_PER_THREAD = 4
+"""That each thread of a cluster has waiting; more would only fill the scheduler."""
 
-AHEAD = 4
-"""Parts that each thread of a cluster has waiting; more would only fill the scheduler.
-"""
-
-MOST_LISTED = 20
+MAX_LISTED_OF_A_PART = 20
 """Failures and warnings of a part that are reported one by one."""
 
-Done = tuple[PartLine, Result]
+EndedPart = tuple[PartLine, Result]
 """The line in the manifest of a part that has ended, and its result."""
 
-
-Key = tuple[tuple[str, ...], tuple[int, int] | None]
+PartKey = tuple[tuple[str, ...], tuple[int, int] | None]
 """What a part is made of: paths of the inputs, and rows."""
 
 
@@ -120,8 +116,7 @@ class Job(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What a run does to a folder: the parts that it is to have, and lines of those
-    retained.
+    """What a run does to a folder: the parts that it is to have, and those retained.
 
     removed are files of results of other inputs; refused says which would be lost, ""
     for none; digests are of all that every part depends on, and states of the files
@@ -144,13 +139,12 @@ def run(config: FitConfig) -> Iterator[Result]:
         fault = "standard input cannot be divided into parts"
         raise input_error("landmarks", fault, "save it to a file and name that")
     if config.export.folder is not None:
+        fault = "is not written for a folder of results"
         fix = (
             "leave it out; `shapefit convert FOLDER -d DICT -o meshes/ --to ply` writes"
             " them"
         )
-        raise input_error(
-            "export.folder", "is not written for a folder of results", fix
-        )
+        raise input_error("export.folder", fault, fix)
     with locked(folder.path):
         yield from run_alone(config, folder)
 
@@ -167,20 +161,20 @@ def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
     plan = make_plan(config, folder, manifest)
     if plan.refused and not folder.replace:
+        fault = f"holds results that differ: {plan.refused}"
         fix = (
             "name another folder, or add --replace, which removes and redoes what"
             " differs"
         )
-        raise input_error(
-            folder.path, f"holds results that differ: {plan.refused}", fix
-        )
+        raise input_error(folder.path, fault, fix)
     if manifest is not None and plan.retained:
         calibration = calibration_of(manifest, config)
     else:
         images = first_images(config, plan.parts)
         match = match_to_dictionary(config, dictionary, images.landmark_names)
         calibration = yield from calibrate(config, match, images, len(images))
-    yield from (Result(line=line) for line in (chosen, *calibration.lines))
+    for text in (chosen, *calibration.lines):
+        yield Result(line=text)
     yield Result(warnings=calibration.warnings)
     line = RunLine(
         shapefit=__version__,
@@ -197,9 +191,7 @@ def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
 
 
 def method_of(manifest: Manifest) -> str:
-    """Return the method of the results in a folder. Raises InputError for an unknown
-    one.
-    """
+    """Return the method of the results in a folder; InputError for an unknown one."""
     method = manifest.run.method
     if method not in METHODS:
         raise not_a_manifest(manifest.path, f"there is no method {method!r:.100}")
@@ -214,24 +206,22 @@ def calibration_of(manifest: Manifest, config: FitConfig) -> Calibration:
     try:
         kind = TypeAdapter(Calibration)
         calibration = kind.validate_python(dict(manifest.run.estimated))
-        check_values(type(config), calibration.keys_of(config))
+        check_calibration(type(config), calibration.keys_of(config))
     except (ValueError, TypeError) as error:  # pydantic's has several lines
         text = printable(" ".join(str(error).split()))
         raise not_a_manifest(manifest.path, f"estimated: {text}") from None
     return calibration
 
 
-def check_values(schema: type[BaseModel], values: Mapping[str, Any]) -> None:
-    """Raise ValueError or TypeError where these are no values of keys of a
-    config.
-    """
+def check_calibration(schema: type[BaseModel], values: Mapping[str, Any]) -> None:
+    """Raise ValueError or TypeError where these are no values of keys of a config."""
     for name, value in values.items():
         if name not in schema.model_fields:
             raise ValueError(f"there is no key {name}")
         field = schema.model_fields[name]
         kind = field.annotation
         if isinstance(kind, type) and issubclass(kind, BaseModel):
-            check_values(kind, dict(value))
+            check_calibration(kind, dict(value))
         else:
             constrained = Annotated[kind, None, *field.metadata]  # type: ignore[valid-type]
             TypeAdapter(constrained).validate_python(value)
@@ -245,93 +235,104 @@ def make_plan(
     A part stays where its result has the size that was written, and config and inputs
     are the same.
     """
-    lines = manifest.parts if manifest is not None else {}
-    done = manifest.done if manifest is not None else {}
     files = files_of(config)
     states_of_files = {path: find_state(path) for path in files.values()}
-    parts = find_parts(
-        config,
-        folder.partition,
-        {key_of(line): file for file, line in lines.items()},
-    )
-    plain = {
-        key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN
-    }
-    text = json.dumps(plain | {"partition": folder.partition}, sort_keys=True)
-    digests = {"config": hashlib.sha256(text.encode()).hexdigest()}
-    digests |= {key: digest(path) for key, path in files.items()}
+    digests = digest_run(config, folder, files)
+    if manifest is None:
+        parts = find_parts(config, folder.partition)
+        return Plan(parts, {}, [], "", digests, states_of_files)
+    named = {key_of(line): file for file, line in manifest.parts.items()}
+    parts = find_parts(config, folder.partition, named)
     states = {part.file: part.states for part in parts}
+    done = manifest.done
     changed: list[str] = []
-    if manifest is not None and done:
+    if done:
         stated = manifest.run.digests
         changed = [key for key in digests if stated.get(key) != digests[key]]
     lost = [file for file in done if changed or states.get(file) != done[file].states]
-    names = dict.fromkeys(
-        Path(path).name for file in lost for path in done[file].inputs
-    )
-    refused = (
-        f"of {abbreviate(list(names), 3)} before it changed, or not among the inputs"
-    )
+    refused = ""
     if changed:
         refused = f"of another {listed(changed, 'and')}"
+    elif lost:
+        inputs = [Path(path).name for file in lost for path in done[file].inputs]
+        names = abbreviate(list(dict.fromkeys(inputs)), 3)
+        refused = f"of {names} before it changed, or not among the inputs"
     retained = {
         file: line
         for file, line in done.items()
         if file not in lost and find_state(folder.path / file)[0] == line.bytes
     }
-    ours = manifest.files if manifest is not None else set()
-    removed = sorted(ours - states.keys())
-    return Plan(
-        parts, retained, removed, refused if lost else "", digests, states_of_files
-    )
+    removed = sorted(manifest.files - states.keys())
+    return Plan(parts, retained, removed, refused, digests, states_of_files)
+
+
+def digest_run(
+    config: FitConfig, folder: ResultFolder, files: Mapping[str, Path]
+) -> dict[str, str]:
+    """Return digests of all that every part depends on: config and files, by key."""
+    plain = {
+        key: value
+        for key, value in config.as_plain().items()
+        if key not in KEYS_OF_THE_RUN
+    }
+    plain["partition"] = folder.partition
+    text = json.dumps(plain, sort_keys=True)
+    of_files = {key: digest(path) for key, path in files.items()}
+    return {"config": hashlib.sha256(text.encode()).hexdigest(), **of_files}
 
 
 def find_parts(
-    config: FitConfig, size: int, named: Mapping[Key, str] | None = None
+    config: FitConfig, size: int, named: Mapping[PartKey, str] | None = None
 ) -> list[Part]:
-    """Return the parts of a fit, of `size` images or more; those named already keep
-    their files.
+    """Return the parts of a fit, of `size` images or more.
+
+    Those named already keep their files.
     """
-    options, named = read_options(config), named or {}
+    options = read_options(config)
+    named = named or {}
     names = map(part_name, count())
     free = (name for name in names if name not in named.values())
     parts = []
     for file_format, inputs in group_inputs(list(config.landmarks), options):
         ranges: Sequence[tuple[int, int] | None] = [None]
         if file_format is HDF5:
-            ranges = divide(
+            ranges = divide_rows(
                 inputs, options, size, by_sequence=METHODS[config.method].sequences
             )
+        states = tuple(map(find_state, inputs))
         for rows in ranges:
-            part = Part("", inputs, rows, tuple(map(find_state, inputs)))
             file = named.get((tuple(map(path_text, inputs)), rows))
-            parts.append(part._replace(file=file or next(free)))
+            parts.append(Part(file or next(free), inputs, rows, states))
     return parts
 
 
-def divide(
+def divide_rows(
     inputs: tuple[Path, ...], options: InputOptions, size: int, *, by_sequence: bool
 ) -> Sequence[tuple[int, int] | None]:
-    """Return the ranges of rows of an HDF5 file that are parts, cut where no result
-    changes.
+    """Return the ranges of rows of an HDF5 file that are parts.
 
-    That is after whole blocks of images, which start from each other, or between
-    sequences.
+    They are cut where no result changes, that is after whole blocks of images, which
+    start from each other, or between sequences.
     """
     try:
         with open_landmarks(inputs, options, head=True) as source:
-            total, cuts = source.count, list(range(0, source.count, whole_blocks(size)))
+            total = source.count
             if by_sequence:
-                names, cuts = list(chain.from_iterable(source.sequences())), [0]
+                names = list(chain.from_iterable(source.sequences()))
+                starts = [0]
                 for row in range(1, total):
-                    if names[row] != names[row - 1] and row - cuts[-1] >= size:
-                        cuts.append(row)
+                    if names[row] != names[row - 1] and row - starts[-1] >= size:
+                        starts.append(row)
+            else:
+                starts = list(range(0, total, whole_blocks(size)))
     except InputError:  # whoever does its part reports it
         return [None]
-    return list(zip(cuts, [*cuts[1:], total], strict=True)) if len(cuts) > 1 else [None]
+    if len(starts) <= 1:
+        return [None]
+    return list(pairwise([*starts, total]))
 
 
-def key_of(line: PartLine) -> Key:
+def key_of(line: PartLine) -> PartKey:
     """Return what the part of a line is made of."""
     return line.inputs, line.rows
 
@@ -342,8 +343,10 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
     Inputs that cannot be read, or do not go with the first, are left out: their part
     reports them.
     """
-    options, files, images = read_options(config), list[SourceFile[Landmarks]](), 0
+    options = read_options(config)
     needed = {*CAMERA_DATASETS, config.leave_one_out}
+    files: list[SourceFile[Landmarks]] = []
+    images = 0
     for part in parts:
         try:
             with open_landmarks(part.inputs, options, part.slice) as source:
@@ -379,82 +382,77 @@ def do_parts(
     calibration: Calibration,
 ) -> Iterator[Result]:
     """Do the parts that are not retained, as they end; remove what is of no part."""
-    if config.threads == 0 and (
-        folder.workers or folder.scheduler or folder.scheduler_file
-    ):
+    if config.threads == 0 and is_shared_out(folder):
         config = config.changed(threads=1)
     shared = calibration.settle(config)
     shared = shared.changed(landmarks=())  # each part names its own
-    todo = (part for part in plan.parts if part.file not in plan.retained)
     jobs = deque(
-        Job(part, shared, folder.path, calibration, plan.states) for part in todo
+        Job(part, shared, folder.path, calibration, plan.states)
+        for part in plan.parts
+        if part.file not in plan.retained
     )
-    total, lost = counted(len(plan.parts), "part"), 0
     manifest.write()
     for file in plan.removed:
         (folder.path / file).unlink(missing_ok=True)
+    total = counted(len(plan.parts), "part")
+    lost = 0
     with closing(do_jobs(jobs, folder)) as ended:
         for line, result in ended:
             manifest.add(line)
-            lost += line.status != DONE
+            if line.status != DONE:
+                lost += 1
             failed = f", {lost} failed" if lost else ""
             yield result._replace(note=f"{len(manifest.done)} of {total} done{failed}")
     note = f"{len(manifest.done)} of {total} done"
     yield Result(note=note, written=(manifest.path,))
 
 
-def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[Done, None, None]:
+def is_shared_out(folder: ResultFolder) -> bool:
+    """Whether other processes do the parts."""
+    return bool(folder.workers or folder.scheduler or folder.scheduler_file)
+
+
+def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[EndedPart, None, None]:
     """Do jobs where the folder says; yield each as it ends.
 
     Where a process dies, the parts that were under way are done again, each alone in a
     new one.
     """
-    if not (folder.workers or folder.scheduler or folder.scheduler_file):
+    if not is_shared_out(folder):
         yield from map(do_job, jobs)
         return
     while jobs:
-        running: dict[Future[Done], Job] = {}
+        running: dict[Future[EndedPart], Job] = {}
         with executor(folder) as (pool, at_once), suppress(BrokenExecutor):
             while jobs or running:
                 while jobs and len(running) < at_once:
+                    # it stays among the jobs until the pool has taken it
                     running[pool.submit(do_job, jobs[0])] = jobs[0]
                     jobs.popleft()
-                for future in futures.wait(
-                    running, return_when=futures.FIRST_COMPLETED
-                ).done:
-                    yield result_of(future, running[future])
+                ended = futures.wait(running, return_when=futures.FIRST_COMPLETED).done
+                for future in ended:
+                    yield await_job(future, running[future])
                     del running[future]
         for job in running.values():
             with executor(replace(folder, workers=1)) as (pool, _):
                 try:
-                    yield result_of(pool.submit(do_job, job), job)
+                    yield await_job(pool.submit(do_job, job), job)
                 except BrokenExecutor:
-                    yield failed(
-                        job,
-                        "its process died, twice: give it more memory, or less work",
+                    reason = (
+                        "its process died, twice: give it more memory, or less work"
                     )
+                    yield failed(job, reason)
 
 
 @contextmanager
 def executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
     """Give the executor that a folder asks for, and how many parts it does at a time.
 
-    Processes end with this one, however it ends. Raises InputError where no scheduler
-    answers.
+    Raises InputError where no scheduler answers.
     """
     if folder.workers:
-        context = multiprocessing.get_context("spawn")
-        pool = futures.ProcessPoolExecutor(
-            folder.workers, context, initializer=end_with_parent
-        )
-        try:
+        with process_pool(folder.workers) as pool:
             yield pool, folder.workers
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in multiprocessing.active_children():
-                process.kill()
-            raise
-        pool.shutdown()
         return
     try:
         from distributed import Client
@@ -466,21 +464,31 @@ def executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
         fix = "run `pip install distributed`; --workers does without"
         raise input_error("fit", "a cluster needs dask distributed", fix) from None
     except (OSError, ValueError, LookupError, TypeError, AssertionError) as error:
+        fault = f"no scheduler answers ({error!r:.200})"
         fix = "start one with `dask scheduler`, or check its address or file"
-        raise input_error(
-            "Dask", f"no scheduler answers ({error!r:.200})", fix
-        ) from None
+        raise input_error("Dask", fault, fix) from None
     with client:
-        yield (
-            client.get_executor(pure=False),
-            AHEAD * max(1, sum(client.nthreads().values())),
-        )
+        threads = sum(client.nthreads().values())
+        yield client.get_executor(pure=False), PARTS_PER_THREAD * max(1, threads)
+
+
+@contextmanager
+def process_pool(workers: int) -> Iterator[Executor]:
+    """Give a pool of processes, which end with this one, however it ends."""
+    context = multiprocessing.get_context("spawn")
+    pool = futures.ProcessPoolExecutor(workers, context, initializer=end_with_parent)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            process.kill()
+        raise
+    pool.shutdown()
 
 
 def end_with_parent() -> None:
-    """Leave SIGINT to the first process, and end when it is gone, even if it was
-    killed.
-    """
+    """Leave SIGINT to the first process, and end when it is gone, even if killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -492,10 +500,8 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def result_of(future: Future[Done], job: Job) -> Done:
-    """Return the result of a job. Raises InputError where the scheduler or shapefit is
-    missing.
-    """
+def await_job(future: Future[EndedPart], job: Job) -> EndedPart:
+    """Return the end of a job; InputError where scheduler or shapefit is missing."""
     try:
         return future.result()
     except (futures.CancelledError, ModuleNotFoundError, ValueError) as error:
@@ -510,24 +516,24 @@ def result_of(future: Future[Done], job: Job) -> Done:
     except Exception as error:
         if type(error).__name__ != "KilledWorker":
             raise
-        return failed(
-            job,
-            "one worker after another died of it: give it more memory, or less work",
+        reason = (
+            "one worker after another died of it: give it more memory, or less work"
         )
+        return failed(job, reason)
 
 
-def do_job(job: Job) -> Done:
-    """Lift a part; whatever goes wrong is its result, but for a worker of another
-    version.
+def do_job(job: Job) -> EndedPart:
+    """Lift a part; whatever goes wrong is its result.
+
+    Raises InputError in a worker of another version.
     """
     if job.version != __version__:
         fault = (
             f"is a worker with shapefit {__version__}, but `fit` is version"
             f" {job.version}"
         )
-        raise input_error(
-            platform.node(), fault, "install the same version on all machines"
-        )
+        fix = "install the same version on all machines"
+        raise input_error(platform.node(), fault, fix)
     try:
         return fit_part(job)
     except InputError as error:
@@ -537,14 +543,14 @@ def do_job(job: Job) -> Done:
         return failed(job, ": ".join(filter(None, (type(error).__name__, text))))
 
 
-def failed(job: Job, error: str) -> Done:
+def failed(job: Job, error: str) -> EndedPart:
     """Return the end of a part without a result."""
     reason = error if str(job.part.inputs[0]) in error else f"{job.part}: {error}"
     result = Result(failures=(Failure(job.part.file, reason),))
     return job.part.line(FAILED, error=reason), result
 
 
-def fit_part(job: Job) -> Done:
+def fit_part(job: Job) -> EndedPart:
     """Lift the images of a part and write its result, whole or not at all."""
     log.follow_environment()  # of a worker
     began = time.perf_counter()
@@ -554,18 +560,21 @@ def fit_part(job: Job) -> Done:
     config = job.config.changed(landmarks=part.inputs, output=target)
     dictionary = once(read_dictionary, config.dictionary, find_state(config.dictionary))
     inputs = once(digests, part.inputs, part.states)
-    warnings, reasons = dict[str, Any](), dict[str, Any]()
-    images, failures = 0, list[Failure]()
-    states = dict(zip(part.inputs, part.states, strict=True)) | dict(job.states)
+    states = {**dict(zip(part.inputs, part.states, strict=True)), **job.states}
+    images = 0
+    failures: list[Failure] = []
+    warnings: dict[str, Any] = {}
+    reasons: dict[str, Any] = {}
     known = FitPart(part.slice, job.calibration, dictionary, inputs, states)
     for result in fit(config, known):
         images += result.done
         failures += result.failures
-        add_up(warnings, result.warnings, MOST_LISTED)
-        add_up(reasons, (replace(reason, items=()) for reason in result.reasons))
+        merge_warnings(warnings, result.warnings, MAX_LISTED_OF_A_PART)
+        without_items = (replace(reason, items=()) for reason in result.reasons)
+        merge_warnings(reasons, without_items)
     total = Result(
         done=images,
-        failures=tuple(failures[:MOST_LISTED]),
+        failures=tuple(failures[:MAX_LISTED_OF_A_PART]),
         warnings=tuple(warnings.values()),
         reasons=tuple(reasons.values()),
     )
@@ -590,7 +599,5 @@ def fit_part(job: Job) -> Done:
 
 @lru_cache(maxsize=8)
 def once(read: Callable[[Any], Any], files: Any, _states: Any) -> Any:
-    """Return what is read of files, once for many parts as long as their states do not
-    change.
-    """
+    """Return what is read of files, anew where their states have changed."""
     return read(files)

@@ -21,7 +21,7 @@ from shapefit.config import load_config
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.pipelines.partition.manifest import Part
-from shapefit.pipelines.partition.run import Job, do_jobs, find_parts, result_of
+from shapefit.pipelines.partition.run import Job, await_job, do_jobs, find_parts
 from tests.cli.conftest import run_in
 from tests.pipelines.partition.made import entries, make_dictionary, make_images
 from tests.pipelines.partition.made import same_bits as same_results
@@ -216,9 +216,9 @@ def test_what_dask_raises_is_reported(job, error, text):
     future.set_exception(error)
     if isinstance(error, ImportError | ValueError):
         with pytest.raises(InputError, match=text):
-            result_of(future, job)
+            await_job(future, job)
     else:
-        assert text in result_of(future, job)[0].error
+        assert text in await_job(future, job)[0].error
 
 
 @pytest.mark.parametrize(

@@ -219,7 +219,7 @@ def test_csv_cannot_be_verified_and_chunks_do_not_matter(
     path.write_text("item,landmark,x,y,z\na,b,0,0,0\n")
     with pytest.raises(InputError, match="give a result that `shapefit fit` wrote"):
         verify(path, dictionaries["people"])
-    monkeypatch.setattr("shapefit.pipelines.verify.CHUNK", 16)
+    monkeypatch.setattr("shapefit.pipelines.verify.IMAGES_CHECKED_AT_ONCE", 16)
     found = verify(
         fitted("cars", lam=1.0, leave_one_out="true_model"), dictionaries["cars"]
     )
