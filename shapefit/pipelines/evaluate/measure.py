@@ -88,94 +88,167 @@ def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Meas
     with the least error is measured. Raises InputError where no image or too few
     landmarks match, and where no metric can be measured.
     """
+    results = _with_observed(file, results, config.least_visible)
+    _check_filled(file, results, truth, config.least_visible)
+    pairs = _pair(file, results, truth, config.match)
+    data = _find_datasets(file, pairs, config)
+    with np.errstate(all="ignore"):  # overflow is not an error to report
+        metrics, frames = _comparable(config.metrics, data)
+        doubts = [
+            *_find_sides(pairs.estimate, pairs.true, pairs.names),
+            *frames,
+            *_find_units(pairs, truth.unit),
+        ]
+        scale = in_blocks(m.truth_scale, pairs.estimate, pairs.true)
+        units = truth.unit, pairs.results.unit
+        errors, lacking = _errors(file, metrics, data, scale, *units)
+        bars, without_bars = _find_bars(pairs, data, scale, truth.unit)
+    common = in_blocks(m.visible_in_both, pairs.estimate, pairs.true)
+    failures = _mark_failed(pairs, common, errors)
+    notes = (*pairs.notes, *doubts, *lacking, *without_bars)
+    return Measured(
+        items=tuple(pairs.results.items),
+        sequences=_sequences_of(pairs, truth),
+        errors=errors,
+        failures=failures,
+        warnings=tuple(f"{file}: {text}" for text in notes),
+        bars=bars,
+        objective=pairs.results.objective,
+    )
+
+
+class Pairs(NamedTuple):
+    """n images of results, each with its true shape.
+
+    rows (n,) of the truth, -1 for none; names (p,) of the landmarks that both have;
+    estimate and true (n, 3, p), nan where there is none; notes are warnings.
+    """
+
+    results: Fit
+    rows: Indices
+    names: tuple[str, ...]
+    estimate: Floats
+    true: Floats
+    notes: tuple[str, ...]
+
+
+def _with_observed(file: Path, results: Fit, least: int) -> Fit:
+    """Return the results of images in which so many landmarks were observed."""
+    if not least:
+        return results
+    observed = find_dataset(file, results, "landmarks")
+    if observed is None:
+        return results.take(slice(0))
+    count = m.visible_in_both(observed, observed).sum(axis=-1)
+    return results.take(np.flatnonzero(count >= least))
+
+
+def _check_filled(file: Path, results: Fit, truth: Shapes, least: int) -> None:
+    """Raise InputError where there are no results or no truth."""
     fault = "holds no shapes"
-    if config.least_visible:
-        observed = find_dataset(file, results, "landmarks")
-        count = (
-            0
-            if observed is None
-            else m.visible_in_both(observed, observed).sum(axis=-1)
-        )
-        results = results.take(
-            np.broadcast_to(count >= config.least_visible, len(results))
-        )
-        fault += f" with {config.least_visible} observed `landmarks`"
-    for place, records in ((file, results), ("truth", truth)):
-        if not len(records):
-            raise input_error(place, fault, "give results, and the truth of the same")
-    rows, by_frame = match_truth(file, results, truth, config.match)
+    if least:
+        fault += f" with {least} observed `landmarks`"
+    if not len(results):
+        raise input_error(file, fault, "give results, and the truth of the same")
+    if not len(truth):
+        raise input_error("truth", fault, "give results, and the truth of the same")
+
+
+def _pair(file: Path, results: Fit, truth: Shapes, match: str) -> Pairs:
+    """Match images and true shapes, and their landmarks by name. Raises InputError
+    where no image, or too few landmarks, match.
+    """
+    rows, by_frame = match_truth(file, results, truth, match)
     names = _common_landmarks(file, results.landmark_names, truth.landmark_names)
-    columns = match_landmarks(results.landmark_names, names)
     # `take` gives them in the order of the core, an index gives them landmark by
     # landmark.
+    columns = match_landmarks(results.landmark_names, names)
     estimate = results.as_columns().take(columns, axis=2)
     matching = match_landmarks(truth.landmark_names, names)
     true = truth.as_columns()[rows].take(matching, 2)
     true[rows < 0] = np.nan
-    doubts = check_numbering(
-        results.landmark_names, truth.landmark_names, str(file), "the truth"
-    )
-    notes = [*doubts]
+    notes = [
+        *check_numbering(
+            results.landmark_names, truth.landmark_names, str(file), "the truth"
+        )
+    ]
     for side, records in (("results", results), ("truth", truth)):
         if alone := [name for name in records.landmark_names if name not in set(names)]:
             notes.append(
                 f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
             )
-    if by_frame and results.sequences is not None:
-        retained, others = _one_individual(results.sequences, rows, estimate, true)
-        notes += others
-        results, rows = results.take(retained), rows[retained]
-        estimate, true = estimate[retained], true[retained]
-    data: dict[str, Any] = {"estimate": estimate, "truth": true}
+    if not by_frame or results.sequences is None:
+        return Pairs(results, rows, names, estimate, true, tuple(notes))
+    retained, others = _one_individual(results.sequences, rows, estimate, true)
+    return Pairs(
+        results=results.take(retained),
+        rows=rows[retained],
+        names=names,
+        estimate=estimate[retained],
+        true=true[retained],
+        notes=(*notes, *others),
+    )
+
+
+def _find_datasets(file: Path, pairs: Pairs, config: EvalConfig) -> dict[str, Any]:
+    """Return what the metrics take, None for what the results lack."""
+    data: dict[str, Any] = {"estimate": pairs.estimate, "truth": pairs.true}
     needed = {*FOR_ALL, *chain(*(METRICS[metric].needs for metric in config.metrics))}
-    data |= {name: find_dataset(file, results, name) for name in needed - data.keys()}
+    for name in needed - data.keys():
+        data[name] = find_dataset(file, pairs.results, name)
     if config.truth_frame == "camera":
-        data["true_rotation"] = np.tile(np.eye(3), (len(results), 1, 1))
-    bars = None
-    with np.errstate(all="ignore"):  # overflow is not an error to report
-        frames = _find_sides(estimate, true, names)
-        metrics, others = _comparable(config.metrics, data)
-        frames += [*others, *_find_units(results, truth, estimate, true)]
-        scale = in_blocks(m.truth_scale, estimate, true)
-        errors, lacking = _errors(file, metrics, data, scale, truth.unit, results.unit)
-        if results.shape_sd is not None and data["true_rotation"] is not None:
-            sides = estimate, true, data["true_rotation"]
-            deviation = in_columns(results.shape_sd).take(columns, axis=2)
-            correlation = data["shape_correlation"]
-            if correlation is not None:
-                correlation = correlation.take(columns, axis=2)
-            square, width = in_blocks(find_squares, *sides, deviation, correlation)
-            bars = ErrorBars(
-                square, {NORMALISED: width / scale[:, None], truth.unit: width}
-            )
-        elif results.shape_sd is not None:
-            text = (
-                "the error bars are not compared, without `true_rotation` or"
-                " `truth_frame`"
-            )
-            lacking.append(text)
-    common = in_blocks(m.visible_in_both, estimate, true)
+        data["true_rotation"] = np.tile(np.eye(3), (len(pairs.results), 1, 1))
+    return data
+
+
+def _find_bars(
+    pairs: Pairs, data: Arrays, scale: Floats, unit: str
+) -> tuple[ErrorBars | None, list[str]]:
+    """Return how the truth lies in the error bars, None where it cannot be compared;
+    and a warning of that.
+    """
+    results, rotation = pairs.results, data["true_rotation"]
+    if results.shape_sd is None:
+        return None, []
+    if rotation is None:
+        text = "the error bars are not compared, without `true_rotation` or"
+        return None, [f"{text} `truth_frame`"]
+    columns = match_landmarks(results.landmark_names, pairs.names)
+    deviation = in_columns(results.shape_sd).take(columns, axis=2)
+    correlation = data["shape_correlation"]
+    if correlation is not None:
+        correlation = correlation.take(columns, axis=2)
+    square, width = in_blocks(
+        find_squares, pairs.estimate, pairs.true, rotation, deviation, correlation
+    )
+    widths = {NORMALISED: width / scale[:, None], unit: width}
+    return ErrorBars(square, widths), []
+
+
+def _mark_failed(
+    pairs: Pairs, common: Flags, errors: Mapping[Kind, Floats]
+) -> dict[str, str]:
+    """Return why images without one or more errors have none, and mark these in the
+    errors: nan where an image failed, infinite where an optional metric does not count.
+    """
     for values in errors.values():
         values[~common.any(axis=-1)] = np.nan
-    failures = _failures(results, rows, common, errors)
-    lifted = np.array([item not in failures for item in results.items], dtype=np.bool_)
+    failures = _failures(pairs.results, pairs.rows, common, errors)
+    lifted = np.array([item not in failures for item in pairs.results.items], np.bool_)
     for (metric, _), values in errors.items():
         if METRICS[metric].optional:
             values[np.isnan(values) & lifted] = np.inf
-    sequences = [name or ALL for name in results.sequences or ()]
-    if results.sequences is None:
-        of_truth = [name or ALL for name in truth.sequences or ("",) * len(truth)]
-        outside = "" if truth.sequences else ALL
-        sequences = [outside if row < 0 else of_truth[row] for row in rows.tolist()]
-    return Measured(
-        items=tuple(results.items),
-        sequences=tuple(sequences),
-        errors=errors,
-        failures=failures,
-        warnings=tuple(f"{file}: {text}" for text in (*notes, *frames, *lacking)),
-        bars=bars,
-        objective=results.objective,
-    )
+    return failures
+
+
+def _sequences_of(pairs: Pairs, truth: Shapes) -> tuple[str, ...]:
+    """Return the sequence of each image, by the truth where the results have none."""
+    if pairs.results.sequences is not None:
+        return tuple(name or ALL for name in pairs.results.sequences)
+    if truth.sequences is None:
+        return (ALL,) * len(pairs.rows)
+    of_truth = [name or ALL for name in truth.sequences]
+    return tuple("" if row < 0 else of_truth[row] for row in pairs.rows.tolist())
 
 
 def match_truth(
@@ -299,18 +372,19 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
     return [f"{text} ({mirrored:.3g} for {error:.3g}); {fix}"]
 
 
-def _find_units(
-    results: Fit, truth: Shapes, estimate: Floats, true: Floats
-) -> list[str]:
+def _find_units(pairs: Pairs, true_unit: str) -> list[str]:
     """Say where shapes in the same unit differ in size by far: one unit is not stated
     right.
 
-    estimate and true (n, 3, p). Results in pixels may state how many metres these are.
+    Results in pixels may state how many metres these are.
     """
-    unit, metres = results.unit, results.metres_per_unit
-    if metres is not None and truth.unit == "m":
-        unit, estimate = "m", estimate * np.reshape(metres, (-1, 1, 1))
-    if unit != truth.unit or unit in ("px", UNKNOWN_UNIT, NORMALISED):
+    unit = pairs.results.unit
+    metres = pairs.results.metres_per_unit
+    estimate, true = pairs.estimate, pairs.true
+    if metres is not None and true_unit == "m":
+        unit = "m"
+        estimate = estimate * np.reshape(metres, (-1, 1, 1))
+    if unit != true_unit or unit in ("px", UNKNOWN_UNIT, NORMALISED):
         return []
     seen: Flags = np.asarray(np.isfinite(estimate + true).all(axis=1, keepdims=True))
     sizes = [
