@@ -12,7 +12,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,70 +79,33 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
     shapefit.viewer.page.
     """
     contents, truth, frames, landmarks, notes = read_inputs(config)
-    dictionary = (
-        None if config.dictionary is None else read_dictionary(config.dictionary)
-    )
+    dictionary = None
+    if config.dictionary is not None:
+        dictionary = read_dictionary(config.dictionary)
     if frames.step > 1:
         notes.append(
             f"One of {frames.step} frames is shown: with all of them the page would be"
             f" larger than {MEGABYTES} MB. `items` chooses others."
         )
     results = [content for content in contents if content.role == "result"]
-    in_images = [content.points for content in contents if content.role == "landmarks"]
-    in_images += [
-        one.values["landmarks"] for one in results if "landmarks" in one.values
-    ]
-    observed = first_finite(in_images) if in_images else None
+    observed = _find_observed(contents)
     layers, meshes, space_unit = make_layers(
         contents, truth, dictionary, observed, notes
     )
-    length = in_usual_units(layers)
     edges = _edges(contents, truth, dictionary, landmarks)
     meshed = any("blend" in layer for layer in layers)
-    if results and observed is None:
-        notes.append(
-            "The results hold no observed landmarks; add the landmark file to see them."
-        )
-    given = [one.rows >= 0 for one in contents if one.role == "landmarks"]
-    shown = [(one.rows >= 0) & np.any(given, axis=0) for one in results if given]
-    if shown and not np.any(shown):
-        notes.append(
-            "No shape matches the landmarks: give those that the results were"
-            " fitted to."
-        )
+    notes += _missing_of(contents, observed)
     if not edges and not meshed:
         fix = "-d DICT.h5 or --truth may have them."
         notes.append(f"No edges are known, so landmarks are points; {fix}")
-    outliers = [
-        one.values["outliers"] == 1 for one in results if "outliers" in one.values
-    ]
-    recordings, times = find_recordings(contents, frames)
-    rates = [
-        config.frame_rate,
-        *(one.records.frame_rate for one in (*contents, truth) if one),
-    ]
-    rate = next(filter(None, rates), None)
-    video = any(name for name, _ in frames.sequences) or (
-        rate is not None and len(times) > 1
-    )
-    shown_rate = (rate or ASSUMED_RATE) / frames.step
+    clock = _find_clock(config, contents, truth, frames)
     y_down = any(
         one.role != "shapes" and one.records.y_axis != "up" for one in contents
     )
-    floors = next(
-        filter(None, (_floors(one, frames, shown_rate) for one in results)), {}
-    )
-    ground = "The floor is not known: each body has its own ground."
-    if floors:
-        ground = f"Floor from resting feet: {'; '.join(map(str, floors.values()))}."
-    pictures = (
-        {} if config.images is None else embed_images(config.images, frames.items)
-    )
-    facts = [counted(len(frames.items), "image")]
-    if video:
-        facts = [*_counts(recordings, times, frames)]
-        facts.append(f"{shown_rate:.4g} Hz" + ("" if rate else " assumed"))
+    floors = _find_floors(results, frames, clock.rate)
     sides = find_sides(landmarks)
+    length = in_usual_units(layers)
+    facts = _facts_of(frames, clock)
     return {
         "title": ", ".join(config.files) + (" and the truth" if truth else ""),
         "items": frames.items,
@@ -157,23 +120,128 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
         "grounds": [
             _ground(floors.get(video_of(name)), y_down) for name, _ in frames.sequences
         ],
-        "frame_rate": shown_rate,
-        "rate_known": rate is not None,
+        "frame_rate": clock.rate,
+        "rate_known": clock.is_known,
         "flat": observed is not None or bool(results),
         "observed": observed,
-        "outliers": np.logical_or.reduce(outliers) if np.any(outliers) else None,
+        "outliers": _find_outliers(results),
         "sides": sides if any(sides) else None,
-        "recordings": recordings,
-        "times": times,
+        "recordings": clock.recordings,
+        "times": clock.times,
         "meshes": meshes,
-        "pictures": pictures,
+        "pictures": _pictures(config, frames),
         "image": _image_size(contents, y_down),
-        "video": video,
-        "rigid": meshed and not video,
+        "video": clock.is_video,
+        "rigid": meshed and not clock.is_video,
         "facts": [*({"text": text} for text in facts), *_quality(contents, layers)],
-        "assumed": [] if meshed and not video else [ground],
+        "assumed": _assumed(floors, rigid=meshed and not clock.is_video),
         "notes": notes,
     }
+
+
+class Clock(NamedTuple):
+    """How the frames of a page follow each other.
+
+    recordings are the sequences that were seen at once, times (n,) the places of the
+    frames in theirs; rate in Hz of the frames that are shown, assumed unless it
+    is_known; is_video: whether frames are those of a video.
+    """
+
+    recordings: list[list[int]]
+    times: Integers
+    rate: float
+    is_known: bool
+    is_video: bool
+
+
+def _find_clock(
+    config: ViewConfig,
+    contents: Sequence[Content],
+    truth: Content | None,
+    frames: Frames,
+) -> Clock:
+    """Return how the frames follow each other, by the config and the files."""
+    recordings, times = find_recordings(contents, frames)
+    files = [*contents] if truth is None else [*contents, truth]
+    stated = [config.frame_rate, *(one.records.frame_rate for one in files)]
+    rate = next(filter(None, stated), None)
+    named = any(name for name, _ in frames.sequences)
+    return Clock(
+        recordings=recordings,
+        times=times,
+        rate=(rate or ASSUMED_RATE) / frames.step,
+        is_known=rate is not None,
+        is_video=named or (rate is not None and len(times) > 1),
+    )
+
+
+def _find_observed(contents: Sequence[Content]) -> Floats | None:
+    """Return the landmarks (n, 2, p) of the page: of files, else of results; None
+    without any.
+    """
+    in_images = [content.points for content in contents if content.role == "landmarks"]
+    for content in contents:
+        if content.role == "result" and "landmarks" in content.values:
+            in_images.append(content.values["landmarks"])
+    return first_finite(in_images) if in_images else None
+
+
+def _missing_of(contents: Sequence[Content], observed: Floats | None) -> Iterator[str]:
+    """Yield what the files do not show of each other: observed landmarks, and shapes
+    of these.
+    """
+    results = [content for content in contents if content.role == "result"]
+    if results and observed is None:
+        yield (
+            "The results hold no observed landmarks; add the landmark file to see them."
+        )
+    given = [one.rows >= 0 for one in contents if one.role == "landmarks"]
+    shown = [(one.rows >= 0) & np.any(given, axis=0) for one in results if given]
+    if shown and not np.any(shown):
+        yield (
+            "No shape matches the landmarks: give those that the results were"
+            " fitted to."
+        )
+
+
+def _find_outliers(results: Sequence[Content]) -> Any:
+    """Return which landmarks (n, p) any result sets aside; None where none does."""
+    outliers = [
+        one.values["outliers"] == 1 for one in results if "outliers" in one.values
+    ]
+    return np.logical_or.reduce(outliers) if np.any(outliers) else None
+
+
+def _find_floors(
+    results: Sequence[Content], frames: Frames, rate: float
+) -> Mapping[str, Floor]:
+    """Return the floor of each video, of the first result that knows one."""
+    for result in results:
+        if floors := _floors(result, frames, rate):
+            return floors
+    return {}
+
+
+def _assumed(floors: Mapping[str, Floor], *, rigid: bool) -> list[str]:
+    """Return what the page assumes of the ground; rigid objects stand on none."""
+    if rigid:
+        return []
+    if not floors:
+        return ["The floor is not known: each body has its own ground."]
+    return [f"Floor from resting feet: {'; '.join(map(str, floors.values()))}."]
+
+
+def _pictures(config: ViewConfig, frames: Frames) -> dict[int, dict[str, Any]]:
+    """Return the pictures of the frames, none where no folder is given."""
+    return {} if config.images is None else embed_images(config.images, frames.items)
+
+
+def _facts_of(frames: Frames, clock: Clock) -> list[str]:
+    """Return how many frames the header states, and how fast they follow."""
+    if not clock.is_video:
+        return [counted(len(frames.items), "image")]
+    rate = f"{clock.rate:.4g} Hz" + ("" if clock.is_known else " assumed")
+    return [*_counts(clock.recordings, clock.times, frames), rate]
 
 
 def find_recordings(
