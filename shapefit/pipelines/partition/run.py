@@ -21,7 +21,7 @@ from concurrent import futures
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import chain, count, pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -98,6 +98,10 @@ EndedPart = tuple[PartLine, Result]
 
 PartKey = tuple[tuple[str, ...], tuple[int, int] | None]
 """What a part is made of: paths of the inputs, and rows."""
+
+
+GAP = ("optimal", "not_optimal", "largest_gap")
+"""What a fit says of its optimum, in the line of a part, too."""
 
 
 class Job(NamedTuple):
@@ -403,8 +407,45 @@ def do_parts(
                 lost += 1
             failed = f", {lost} failed" if lost else ""
             yield result._replace(note=f"{len(manifest.done)} of {total} done{failed}")
-    note = f"{len(manifest.done)} of {total} done"
-    yield Result(note=note, written=(manifest.path,))
+    done = tuple(manifest.done.values())
+    note = f"{len(done)} of {total} done{said_gap(done)}"
+    data = partial(numbers_of_parts, done)
+    yield Result(note=note, data=data, written=(manifest.path,))
+
+
+def numbers_of_parts(parts: Sequence[PartLine]) -> dict[str, int | float | None]:
+    """Return the images of all parts, how many are solved to their tolerance or not,
+    and their largest gap; None where a part with images that were lifted does not
+    state it.
+    """
+    images = sum(part.images for part in parts)
+    parts = [part for part in parts if part.images > part.failed]
+    numbers: dict[str, int | float | None] = dict.fromkeys(("images", *GAP))
+    numbers["images"] = images
+    gaps = [part.largest_gap for part in parts if part.largest_gap is not None]
+    if gaps and len(gaps) == len(parts):
+        numbers["largest_gap"] = max(gaps)
+    solved = [part.optimal for part in parts if part.optimal is not None]
+    missed = [part.not_optimal for part in parts if part.not_optimal is not None]
+    if parts and len(solved) == len(missed) == len(parts):
+        numbers["optimal"] = sum(solved)
+        numbers["not_optimal"] = sum(missed)
+    return numbers
+
+
+def said_gap(parts: Sequence[PartLine]) -> str:
+    """Return how far images may be from the optimum, as a note goes on; "" for methods
+    that do not say.
+    """
+    numbers = numbers_of_parts(parts)
+    gap = numbers["largest_gap"]
+    missed = numbers["not_optimal"]
+    if gap is None:
+        return ""
+    if missed is None:
+        return f", within {gap:.1e} of the convex bound"
+    solved = f"{missed:,} images not optimal" if missed else "all optimal"
+    return f", {solved}, largest gap {gap:.1e}"
 
 
 def is_shared_out(folder: ResultFolder) -> bool:
@@ -565,6 +606,7 @@ def fit_part(job: Job) -> EndedPart:
     failures: list[Failure] = []
     warnings: dict[str, Any] = {}
     reasons: dict[str, Any] = {}
+    numbers: Mapping[str, Any] = {}
     known = FitPart(part.slice, job.calibration, dictionary, inputs, states)
     for result in fit(config, known):
         images += result.done
@@ -572,6 +614,8 @@ def fit_part(job: Job) -> EndedPart:
         merge_warnings(warnings, result.warnings, MAX_LISTED_OF_A_PART)
         without_items = (replace(reason, items=()) for reason in result.reasons)
         merge_warnings(reasons, without_items)
+        if result.data is not None:
+            numbers = result.data()
     total = Result(
         done=images,
         failures=tuple(failures[:MAX_LISTED_OF_A_PART]),
@@ -585,6 +629,7 @@ def fit_part(job: Job) -> EndedPart:
         bytes=target.stat().st_size,
         digest=stated_digest(target),
         seconds=round(time.perf_counter() - began, 3),
+        **{key: numbers.get(key) for key in GAP},
     )
     log.debug(
         "parts",

@@ -78,6 +78,39 @@ def test_parts_are_files_and_row_ranges_with_the_bits_of_one_run():
     assert stamps() == before
 
 
+def test_the_gap_of_all_parts_is_said():
+    said = []
+    for _ in range(2):  # the second time all parts are there already
+        *_, last = fit("method=convex")
+        assert last.data is not None
+        said.append((last.note, last.data()))
+    assert said[0] == said[1]
+    gaps = []
+    for name in names():
+        with h5py.File(OUT / name) as file:
+            gaps.append(file["relative_gap"][:].max())
+    note, numbers = said[0]
+    assert note == f"5 of 5 parts done, all optimal, largest gap {max(gaps):.1e}"
+    assert numbers == {
+        "images": 500,
+        "optimal": 500,
+        "not_optimal": 0,
+        "largest_gap": max(gaps),
+    }
+
+
+def test_parts_without_a_gap_say_none():
+    fit("method=convex")
+    lines = MANIFEST.read_text().replace('"largest_gap"', '"of_another_version"')
+    MANIFEST.write_text(lines)
+    *_, last = fit("method=convex")
+    assert last.note == "5 of 5 parts done"
+    *_, last = fit("method=mean-shape", output="mean/")
+    assert last.note == "5 of 5 parts done"
+    assert last.data is not None
+    assert last.data()["largest_gap"] is None
+
+
 class TestResuming:
     @pytest.mark.parametrize("harm", ["forget", "remove", "shorten"])
     def test_one_part_that_is_missing_or_damaged_is_done_again(self, harm):
