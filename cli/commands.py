@@ -410,7 +410,8 @@ def make_config(spec: Spec, given: Mapping[str, Any]) -> Any:
     arguments = {
         KEYS.get(name, name): given[name] for name in names.difference(NO_KEYS)
     }
-    overrides, printing = given.get("set") or (), given.get("print_config")
+    overrides = given.get("set") or ()
+    printing = given.get("print_config")
     set_keys = {override.partition("=")[0].strip() for override in overrides}
     for key in spec.required if given.get("config") is None and not printing else ():
         if not arguments[key] and key not in set_keys:
@@ -465,23 +466,24 @@ def run_pipeline(command: str, config: Any) -> Iterator[Result]:
     run: Callable[[Any], Iterator[Result]]
     match command:
         case "learn-dict":
-            from shapefit.pipelines.learn_dict.run import run
+            from shapefit.pipelines.learn_dict.run import learn_dictionary as run
         case "project":
-            from shapefit.pipelines.projection import run
+            from shapefit.pipelines.projection import project_shapes as run
         case "fit" if hasattr(config.output, "manifest"):
-            from shapefit.pipelines.partition.run import run
+            from shapefit.pipelines.partition.run import fit_parts as run
         case "fit":
             from shapefit.pipelines.fit.fit import fit as run
         case "eval":
-            from shapefit.pipelines.evaluate.run import run
+            from shapefit.pipelines.evaluate.run import evaluate_results as run
         case "convert":
-            from shapefit.pipelines.convert import run
+            from shapefit.pipelines.convert import convert_files as run
         case "info":
-            from shapefit.pipelines.info import run
+            from shapefit.pipelines.info import describe_files as run
         case "view":
-            from shapefit.pipelines.view.run import run
+            from shapefit.pipelines.view.run import write_page as run
         case _:
-            from shapefit.pipelines.verify import Request, run
+            from shapefit.pipelines.verify import Request
+            from shapefit.pipelines.verify import verify_results as run
 
             path = Path(config.dictionary)
             if not path.is_file():  # the schemas of configs take long to import

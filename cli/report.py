@@ -23,8 +23,10 @@ MAX_LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
 MAX_FILES = 8
 """Files in one folder that are named; more are counted."""
-WIDTH, LABEL = 110, 8
-"""Characters of a line of the summary, and of the label before it."""
+MAX_LINE_CHARACTERS = 110
+"""Of the summary."""
+LABEL_CHARACTERS = 8
+"""Of the label before a line of the summary."""
 SECONDS_BETWEEN_LINES = 10.0
 """Of the progress where standard error is no terminal."""
 
@@ -89,7 +91,8 @@ class Report:
                 from tqdm import tqdm
 
                 bar = stack.enter_context(tqdm(desc=self.command, dynamic_ncols=True))
-            shown, silent = time.monotonic(), bar is None and not self.quiet
+            shown = time.monotonic()
+            silent = bar is None and not self.quiet
             for result in results:
                 self.add(result)
                 if bar is not None:
@@ -222,10 +225,8 @@ class Report:
     def _summary(self) -> Iterator[str]:
         """Yield the rows of the summary, aligned; what matters last comes last."""
         rows = self._rows()
-        following, failed = (
-            rows.pop("Next"),
-            f", {self.failed} failed" if self.failed else "",
-        )
+        following = rows.pop("Next")
+        failed = f", {self.failed} failed" if self.failed else ""
         rows["Result"] = f"{rows.pop('Result')}{failed}, {self._seconds:.1f} s"
         if self.to_stdout:
             rows = {}
@@ -234,12 +235,15 @@ class Report:
         rows["Next"] = "" if self.to_stdout else following
         for label, text in rows.items():
             lines = wrap(
-                text, WIDTH - LABEL, break_long_words=False, break_on_hyphens=False
+                text,
+                MAX_LINE_CHARACTERS - LABEL_CHARACTERS,
+                break_long_words=False,
+                break_on_hyphens=False,
             )
             if label == "Next" and text:  # a command that is copied is one line
                 lines = [text]
             for number, line in enumerate(lines):
-                yield f"{'' if number else label:{LABEL}}{line}"
+                yield f"{'' if number else label:{LABEL_CHARACTERS}}{line}"
 
     def _files(self) -> str:
         """Name the files that were written; many in one folder are counted."""

@@ -18,7 +18,7 @@ from typing import Any
 from shapefit.config import CONFIGS
 from shapefit.pipelines.fit.fit import fit as run_fit
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.projection import run as run_project
+from shapefit.pipelines.projection import project_shapes as run_project
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_data"
 INSTALLED = SAMPLES.parent / "shapefit/data/people.h5"

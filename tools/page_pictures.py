@@ -25,7 +25,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 from shapefit.config import ViewConfig
-from shapefit.pipelines.view.run import run
+from shapefit.pipelines.view.run import write_page as run
 
 PROJECT = Path(__file__).resolve().parents[1]
 DEMO, IMAGES = PROJECT / "results/demo", PROJECT / "docs/images"

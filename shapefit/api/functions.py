@@ -37,7 +37,7 @@ from shapefit.pipelines.fit.choices import (
     match_to_dictionary,
     warn_of_dictionary,
 )
-from shapefit.pipelines.fit.fit import lift_all, make_plan
+from shapefit.pipelines.fit.fit import lift_all, plan_fit
 from shapefit.pipelines.fit.record import provenance
 from shapefit.pipelines.fit.summary import Tally, warn_of_all
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
@@ -109,7 +109,7 @@ def fit(
     }
     read: FitConfig = config_of("fit", given | options, config)
     atoms = _dictionary(dictionary)
-    images = _images(landmarks, read, atoms.marked(()).landmark_names)
+    images = _as_images(landmarks, read, atoms.marked(()).landmark_names)
     if weights is not None:
         images = replace(images, confidence=np.asarray(weights))
     if matrices is not None:
@@ -125,7 +125,7 @@ def fit(
         steps = calibrate(wanted, match, sample, source.count)
         calibration, announced = _ended(steps)
         warn(result.line for result in announced)
-        plan = make_plan(wanted, match, calibration)
+        plan = plan_fit(wanted, match, calibration)
         of_dictionary = warn_of_dictionary(plan.config, match.dictionary)
         merge_warnings(messages, (*calibration.warnings, *of_dictionary))
         for batch in lift_all(source, plan):
@@ -163,7 +163,7 @@ def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
     return atoms
 
 
-def _images(
+def _as_images(
     landmarks: Landmarks | ArrayLike, section: FitConfig, names: Sequence[str]
 ) -> Landmarks:
     """Return landmarks as the package has them, with these names (p) where they have

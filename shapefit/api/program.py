@@ -54,7 +54,8 @@ def solve(
     its weight beta. Nothing is normalised or centred, as `fit` does. Raises ValueError
     on what does not fit together. The method: shapefit/core/convex/newton.hpp.
     """
-    W, B = np.asarray(landmarks, np.float64), np.asarray(atoms, np.float64)
+    W = np.asarray(landmarks, np.float64)
+    B = np.asarray(atoms, np.float64)
     omega = None if weights is None else np.asarray(weights, np.float64)
     problem = build_problem(W, B, lam, weights=omega, loss=Loss(loss), beta=beta)
     solution = solve_newton(

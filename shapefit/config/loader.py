@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 from pydantic import ValidationError
 
 from shapefit.config.commands import CONFIGS
-from shapefit.config.model import CommandConfig, ConfigKey, list_keys
+from shapefit.config.model import CommandConfig, ConfigKey, list_config_keys
 from shapefit.config.paths import (
     STANDARD_STREAM,
     FileText,
@@ -155,7 +155,7 @@ def _read_config(
 
 def _leave_out_own_data(schema: Schema, values: dict[str, Any]) -> None:
     """Take off what an installed config says of its own data."""
-    for path, key in list_keys(schema).items():
+    for path, key in list_config_keys(schema).items():
         *sections, name = path
         if isinstance(key.description, Paths) or name in OF_ONE_DATA_SET:
             of_section = values
@@ -317,12 +317,12 @@ def _describe_problem(
 
     location = problem["loc"]
     kind = problem["type"]
-    keys = cast("Mapping[Location, ConfigKey]", list_keys(schema))
+    keys = cast("Mapping[Location, ConfigKey]", list_config_keys(schema))
     paths = [location[:depth] for depth in range(len(location), -1, -1)]
     known_path = next(path for path in paths if path in places)
     place = places[known_path]
     if kind == "extra_forbidden":
-        return f"{place}: {_say_unknown(location, list(list_keys(schema)))}"
+        return f"{place}: {_say_unknown(location, list(list_config_keys(schema)))}"
     if kind == "value_error":
         message = str(problem["ctx"]["error"])
         return f"{_place_of_named(message, location, places) or place}: {message}"

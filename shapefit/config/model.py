@@ -148,7 +148,7 @@ class ConfigKey(NamedTuple):
 
 
 @cache
-def list_keys(model: type[BaseModel]) -> dict[tuple[str, ...], ConfigKey]:
+def list_config_keys(model: type[BaseModel]) -> dict[tuple[str, ...], ConfigKey]:
     """Return all keys of a model by their paths, as YAML spells them.
 
     A section comes before its keys.
@@ -166,6 +166,6 @@ def list_keys(model: type[BaseModel]) -> dict[tuple[str, ...], ConfigKey]:
         description = descriptions[0] if descriptions else None
         keys[path] = ConfigKey(model, name, field, section, description)
         if section is not None:
-            for inner, key in list_keys(section).items():
+            for inner, key in list_config_keys(section).items():
                 keys[path + inner] = key
     return keys

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from pydantic import BaseModel
 
-from shapefit.config.model import AUTO_TEXT, ConfigKey, list_keys
+from shapefit.config.model import AUTO_TEXT, ConfigKey, list_config_keys
 from shapefit.errors import input_error, listed
 
 WORDS = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
@@ -38,7 +38,7 @@ def rows(model: type[BaseModel], section: str = "") -> list[KeyInWords]:
     """
     table = [
         KeyInWords(".".join(path), expects(key), _default(key), meaning(key))
-        for path, key in list_keys(model).items()
+        for path, key in list_config_keys(model).items()
         if key.section is None and path != ("data",)
     ]
     if not section:
@@ -65,7 +65,7 @@ def _default(key: ConfigKey) -> str:
 def expects(key: ConfigKey) -> str:
     """Return what a key expects, such as `a whole number >= 1`."""
     if key.section is not None:
-        names = [path[0] for path in list_keys(key.section)]
+        names = [path[0] for path in list_config_keys(key.section)]
         return f"a mapping with the keys {', '.join(names)}"
     if key.description:
         return key.description.phrase

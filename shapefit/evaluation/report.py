@@ -374,11 +374,13 @@ def _short_errors(
     for (metric, unit), column in columns.items():
         # The last unit is that of the truth.
         if metric in _SHORT_NAMES and unit != UNSTATED_UNIT and row in column:
-            errors[metric] = f"{_SHORT_NAMES[metric]} {_in_words(column[row], unit)}"
+            errors[metric] = (
+                f"{_SHORT_NAMES[metric]} {_number_in_words(column[row], unit)}"
+            )
     return errors.values()
 
 
-def _in_words(mean_and_median: Sequence[float], unit: str) -> str:
+def _number_in_words(mean_and_median: Sequence[float], unit: str) -> str:
     """Say a mean and a median; of less than a metre in millimetres."""
     if unit == "m" and mean_and_median[0] < 1:
         unit = "mm"

@@ -55,7 +55,7 @@ by OpenPose in four cameras; the standard deviations cover six others.
 """
 
 
-class Part(NamedTuple):
+class BodyPart(NamedTuple):
     """A part of the body among the joints x: w = (fixed + sum_k theta_k along_k) x + e.
 
     It stands for a `joint` in a fit, if any: `alone`, or as the mean of all such parts.
@@ -142,12 +142,14 @@ def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
 
 
 @cache
-def parts_of_the_body() -> Mapping[str, Part]:
+def parts_of_the_body() -> Mapping[str, BodyPart]:
     """Return the joints, and the parts of the body that detectors mark, by their
     names.
     """
-    joints = {joint: Part(joint, {joint: 1.0}) for joint in JOINTS}
-    return joints | {name: Part(**values) for name, values in _data()["parts"].items()}
+    joints = {joint: BodyPart(joint, {joint: 1.0}) for joint in JOINTS}
+    return joints | {
+        name: BodyPart(**values) for name, values in _data()["parts"].items()
+    }
 
 
 @cache
@@ -168,7 +170,7 @@ def part_names(names: Iterable[str]) -> dict[str, str]:
     return {name: part_of[name] for name in names if name in part_of}
 
 
-def people_parts(names: Iterable[str]) -> dict[str, Part]:
+def people_parts(names: Iterable[str]) -> dict[str, BodyPart]:
     """Return the parts of the body by those of the names that mark one."""
     return {
         name: parts_of_the_body()[_marked()[name]]

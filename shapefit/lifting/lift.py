@@ -35,13 +35,19 @@ BETA = 0.1
 outlier.
 """
 
-NOISE_DRAWS, NOISE_SEED = 512, 1504_01507
+NOISE_DRAWS = 512
 """Draws of noise from which lambda is found."""
 
-MIN_LAMBDA, MAX_LAMBDA = 1e-3, 1e30
-"""Of lambda from the noise. Where landmarks are all but exact, smaller ones change
-little and take longer; every shape is empty long before the largest, and what is larger
-could overflow.
+NOISE_SEED = 1504_01507
+"""Of these draws: lambda is the same in every run."""
+
+MIN_LAMBDA = 1e-3
+"""From the noise. Where landmarks are all but exact, smaller ones change little and
+take longer.
+"""
+
+MAX_LAMBDA = 1e30
+"""From the noise. Every shape is empty long before, and what is larger could overflow.
 """
 
 MAX_RELATIVE_NOISE = 1e6

@@ -123,7 +123,8 @@ def pursue(
     with c_0 = 1 the constraint would leave a single atom no more than two coefficients.
     """
     problem.require_squared("matching pursuit")
-    n, k = len(problem.landmarks), len(problem.atoms)
+    n = len(problem.landmarks)
+    k = len(problem.atoms)
     shapes = np.concatenate([mean_shape[None], problem.atoms])
     limbs = shapes[:, :, edges[:, 0]] - shapes[:, :, edges[:, 1]]
     limbs = limbs.reshape(1 + k, -1)

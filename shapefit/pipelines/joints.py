@@ -19,7 +19,7 @@ from shapefit.dictionary.model import WHERE_MARKED, Dictionary, mapped
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.names import check_numbering, numbers_of, renamed
-from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
+from shapefit.io.skeletons import PEOPLE, THETA, BodyPart, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
@@ -27,11 +27,13 @@ from shapefit.records import Landmarks
 from shapefit.records.columns import Singles
 
 MEANS: Mapping[str, float] = {name: parameter.mean for name, parameter in THETA.items()}
+"""Usual parameters of a detector's skeleton."""
 
-FEWEST_LANDMARKS, FEWEST_JOINTS = 3, 6
-"""Landmarks that a file must share with a dictionary; joints that people are recognised
-by.
-"""
+MIN_SHARED_LANDMARKS = 3
+"""That a file must have in common with a dictionary."""
+
+MIN_JOINTS_OF_PEOPLE = 6
+"""By which people are recognised."""
 
 PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle")}
 """Joints that people have, and hardly any tracked animal."""
@@ -52,19 +54,20 @@ def match_names(
     listed = dictionary.landmark_names
     unknown = [name for name in names if joints.names.get(name, name) not in listed]
     matching = len(names) - len(unknown)
-    if unknown and matching < FEWEST_LANDMARKS:
-        number, verb = counted(len(names), "landmark"), "are" if matching > 1 else "is"
+    if unknown and matching < MIN_SHARED_LANDMARKS:
+        verb = "are" if matching > 1 else "is"
         fault = (
-            f"{matching or 'none'} of the {number} {verb} in the dictionary, at least "
+            f"{matching or 'none'} of the {counted(len(names), 'landmark')} {verb} in"
+            f" the dictionary, at least {MIN_SHARED_LANDMARKS} must be (files:"
+            f" {abbreviate(names, 10)}; dictionary: {abbreviate(listed, 10)})"
         )
-        fault += (
-            f"{FEWEST_LANDMARKS} must be (files: {abbreviate(names, 10)}; dictionary: "
+        fix = (
+            "give a dictionary of such objects, or name landmarks alike: `rename:"
+            " {FILE: DICTIONARY}`"
         )
-        fix = "give a dictionary of such objects, or name landmarks alike: "
-        fix += "`rename: {FILE: DICTIONARY}`"
         if numbers_of(names):
             fix += ", or numbered ones by `--keypoints`"
-        raise input_error(place, f"{fault}{abbreviate(listed, 10)})", fix)
+        raise input_error(place, fault, fix)
     return Matched(dictionary, joints, unknown, in_place, whole, doubts)
 
 
@@ -149,18 +152,14 @@ class Matched(NamedTuple):
             )
         elif not self.moves:
             return lifting, None
-        A, names = self.joints.matrix(theta), tuple(self.joints.parts)
+        A = self.joints.matrix(theta)
         joints = as_joints(lifting, A)
+        names = tuple(self.joints.parts)
         if not names:
             return joints, None
         rows = self.joints.rows(names, theta) @ np.linalg.inv(A)
-        markers = {name for several in self.joints.markers.values() for name in several}
-        std = [
-            0.0 if name in markers else self.joints.parts[name].std for name in names
-        ]
-        points = see_rows(
-            rows, lifting.shapes, lifting.estimate.covariance, np.array(std)
-        )
+        std = np.array([self.joints.deviation_of(name) for name in names])
+        points = see_rows(rows, lifting.shapes, lifting.estimate.covariance, std)
         detected = Detected(names, points.points.swapaxes(1, 2))
         if points.deviation is not None and points.correlation is not None:
             sd = lifting.scale[:, None, None] * points.deviation
@@ -175,7 +174,7 @@ class Joints(NamedTuple):
     """
 
     joint_names: tuple[str, ...]
-    parts: Mapping[str, Part]
+    parts: Mapping[str, BodyPart]
     markers: Mapping[str, tuple[str, ...]]
 
     @property
@@ -212,6 +211,15 @@ class Joints(NamedTuple):
             A[self.joint_names.index(joint)] = self.rows(landmarks, theta).mean(axis=0)
         return A
 
+    def deviation_of(self, landmark: str) -> float:
+        """Standard deviation of a landmark of the files from its row of weights: 0
+        where it stands for a joint, and is lifted itself.
+        """
+        for several in self.markers.values():
+            if landmark in several:
+                return 0.0
+        return self.parts[landmark].std
+
     def deviations(self) -> Floats:
         """Standard deviations (p,) of the landmarks from A x."""
         std = {
@@ -236,7 +244,7 @@ def find_joints(
     ).items():
         if part.joints <= set(joints) and (in_place or (part.alone and part.joint)):
             at_joint = {part.joint: 1.0} if part.joint else {}
-            parts[name] = part if in_place else Part(part.joint, at_joint)
+            parts[name] = part if in_place else BodyPart(part.joint, at_joint)
     markers: dict[str, tuple[str, ...]] = {}
     for joint in joints:
         meant = [
@@ -282,4 +290,4 @@ def named_as_joints(images: Landmarks, joints: Joints, place: str) -> Landmarks:
 def is_of_people(names: Sequence[str]) -> bool:
     """Whether landmarks are joints of people, by their names."""
     joints = set(names) & set(PEOPLE) | {*people_joints(names).values()}
-    return len(joints) >= FEWEST_JOINTS and bool(joints & PEOPLE_ALONE)
+    return len(joints) >= MIN_JOINTS_OF_PEOPLE and bool(joints & PEOPLE_ALONE)

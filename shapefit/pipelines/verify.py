@@ -94,7 +94,7 @@ class Checked(NamedTuple):
 
 
 @dataclass
-class Tally:
+class VerifyTally:
     """Counts over all files."""
 
     images: int = 0
@@ -136,7 +136,7 @@ class Statement(NamedTuple):
     certified: bool
 
 
-def run(request: Request) -> Generator[Result, None, None]:
+def verify_results(request: Request) -> Generator[Result, None, None]:
     """Verify every image of a result; yields a Result per chunk, then the summary.
 
     Raises InputError where the result is no HDF5 result of `fit`, or does not go with
@@ -144,7 +144,7 @@ def run(request: Request) -> Generator[Result, None, None]:
     """
     files, wrong, listed = find_files(request.result)
     dictionary = read_dictionary(request.dictionary)
-    tally = Tally(files=len(wrong))
+    tally = VerifyTally(files=len(wrong))
     yield Result(failures=tuple(wrong))
     fits: list[Statement] = []
     errors: list[InputError] = []
@@ -225,7 +225,7 @@ def verify_file(
     part: ResultFile,
     request: Request,
     dictionary: Dictionary,
-    tally: Tally,
+    tally: VerifyTally,
     fits: list[Statement],
     digest_of: Callable[[Path], str],
 ) -> Generator[Result, None, None]:
@@ -266,7 +266,7 @@ def verify_file(
                 yield count_in(tally, chunk)._replace(total=results.count)
 
 
-def count_in(tally: Tally, chunk: Checked) -> Result:
+def count_in(tally: VerifyTally, chunk: Checked) -> Result:
     """Add the images of a chunk to the tally, and return what became of them."""
     claims = chunk.claims
     items = chunk.result.items
@@ -561,7 +561,9 @@ def check_landmarks(
     claims.hold("items are those of the file", same, of=everyone)
 
 
-def summary_lines(tally: Tally, fit: Statement, with_landmarks: bool) -> Iterator[str]:
+def summary_lines(
+    tally: VerifyTally, fit: Statement, with_landmarks: bool
+) -> Iterator[str]:
     """Yield what was recomputed and compared of how many images, and what is false."""
     method = fit.config["method"]
     total = f"of {counted(tally.images + tally.unread, 'image')}"
@@ -591,7 +593,7 @@ def summary_lines(tally: Tally, fit: Statement, with_landmarks: bool) -> Iterato
     yield f"False      {tally.false + tally.unread} {total}{wrong}"
 
 
-def _say_certified(tally: Tally, fit: Statement) -> str:
+def _say_certified(tally: VerifyTally, fit: Statement) -> str:
     """Say what the certificates of a method prove."""
     if fit.certified:
         return (
@@ -605,7 +607,7 @@ def _say_certified(tally: Tally, fit: Statement) -> str:
     return "has no certificate"
 
 
-def _say_sealed(tally: Tally) -> str:
+def _say_sealed(tally: VerifyTally) -> str:
     """Say whether files are as they were written."""
     if tally.not_sealed:
         return "not sealed: the file has no digest of what it holds"

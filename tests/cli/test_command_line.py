@@ -16,7 +16,7 @@ from shapefit.cli import main
 from shapefit.cli.commands import COMMANDS, make_options
 
 from shapefit.config import CONFIGS
-from shapefit.config.model import list_keys
+from shapefit.config.model import list_config_keys
 from shapefit.config.reference import rows
 from shapefit.errors import InputError, path_text, printable
 from shapefit.pipelines import verify
@@ -326,7 +326,7 @@ def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
     printed = {
         line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"
     }
-    assert printed == {way[0] for way in list_keys(CONFIGS[command])}
+    assert printed == {way[0] for way in list_config_keys(CONFIGS[command])}
 
 
 def complete(words: str, kind: str = "bash_complete") -> list[str]:

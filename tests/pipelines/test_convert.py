@@ -15,7 +15,7 @@ from shapefit.io import (
     write_dictionary,
     write_shapes,
 )
-from shapefit.pipelines.convert import run
+from shapefit.pipelines.convert import convert_files as run
 from shapefit.records import Landmarks, Shapes
 from tests.io.files import load, save
 from tests.pipelines.fitted import warnings

@@ -8,8 +8,9 @@ import pytest
 from shapefit.config import load_config
 from shapefit.io import csv_file
 from shapefit.io.inputs import in_words
-from shapefit.pipelines.info import next_command, run
-from shapefit.pipelines.partition.run import run as fit
+from shapefit.pipelines.info import describe_files as run
+from shapefit.pipelines.info import next_command
+from shapefit.pipelines.partition.run import fit_parts as fit
 from shapefit.records import Landmarks
 from tests.io.files import save
 

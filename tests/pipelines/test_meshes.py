@@ -14,7 +14,7 @@ import trimesh
 from shapefit.config import CONFIGS
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_results, write_dictionary
-from shapefit.pipelines.convert import run
+from shapefit.pipelines.convert import convert_files as run
 from shapefit.pipelines.meshes import has_shape, mesh_file
 from tests.io.files import load
 from tests.pipelines.fitted import fit_images

@@ -19,7 +19,9 @@ from shapefit.pipelines.projection import (
     add_noise,
     hide_share,
     random_stream,
-    run,
+)
+from shapefit.pipelines.projection import (
+    project_shapes as run,
 )
 from shapefit.records import Shapes
 from tests.io.files import load

@@ -174,7 +174,7 @@ def open_page(browser):
 def view(tmp_path_factory):
     """Return the function that runs `view` and gives the page and the outcome."""
     from shapefit.config import ViewConfig
-    from shapefit.pipelines.view.run import run
+    from shapefit.pipelines.view.run import write_page as run
 
     def viewed(files, **settings):
         output = tmp_path_factory.mktemp("view") / "page.html"

@@ -67,7 +67,7 @@ GAUSSIAN_MEDIAN = 0.6745
 
 
 @dataclass(frozen=True)
-class Motion:
+class BodyMotion:
     """How bodies move and are built, in units of the size of their landmarks.
 
     bones (e, 2) keep their lengths with standard deviations bone_tolerance (e,);
@@ -129,7 +129,7 @@ def refine_lifting(
     lifting: Lifting[PosteriorEstimate],
     landmarks: Floats,
     sequences: Sequence[str],
-    motion: Motion,
+    motion: BodyMotion,
     residual_variance: float,
     noise: float | None,
     bar_scale: Floats,
@@ -249,7 +249,7 @@ def _mark_stopped(status: tuple[Status, ...], is_stopped: Flags) -> tuple[Status
 def refine_clips(
     clips: Clips,
     sequences: Sequence[str],
-    motion: Motion,
+    motion: BodyMotion,
     threads: int = 0,
 ) -> RefinedClips:
     """Return what sequences make of their images.
@@ -316,7 +316,7 @@ def refine_clip(
     clip: slice,
     informative: Flags,
     is_finite: Flags,
-    motion: Motion,
+    motion: BodyMotion,
     refined: RefinedClips,
 ) -> None:
     """Refine one sequence from its informative images (t,), and write it down."""
@@ -362,7 +362,7 @@ class Inference:
         clip: slice,
         informative: Flags,
         is_finite: Flags,
-        motion: Motion,
+        motion: BodyMotion,
         refined: RefinedClips,
     ) -> None:
         """Of a clip, whose images (t,) are informative or not, finite or not."""

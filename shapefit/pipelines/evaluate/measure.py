@@ -102,7 +102,9 @@ def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Meas
         metrics, notes = check_frames(config.metrics, data)
         warnings += [*notes, *_find_units(results, truth, estimate, true)]
         scale = in_blocks(m.truth_scale, estimate, true)
-        errors, lacking = _errors(file, metrics, data, scale, truth.unit, results.unit)
+        errors, lacking = _errors_of(
+            file, metrics, data, scale, truth.unit, results.unit
+        )
         warnings += lacking
         bars, notes = _find_bars(matched, data, scale, truth.unit)
         warnings += notes
@@ -151,7 +153,7 @@ def _check_not_empty(
         raise input_error("truth", fault, fix)
 
 
-class Matched(NamedTuple):
+class MatchedResults(NamedTuple):
     """Results beside their truth.
 
     rows (n,) of the true shapes, -1 for none; names of the p common landmarks; estimate
@@ -171,7 +173,7 @@ class Matched(NamedTuple):
         return match_landmarks(self.results.landmark_names, self.names)
 
 
-def _match(file: Path, results: Fit, truth: Shapes, match: str) -> Matched:
+def _match(file: Path, results: Fit, truth: Shapes, match: str) -> MatchedResults:
     """Find the true shape of each image, and the landmarks that both have."""
     rows, is_by_frame = match_truth(file, results, truth, match)
     names = _common_landmarks(file, results.landmark_names, truth.landmark_names)
@@ -197,7 +199,7 @@ def _match(file: Path, results: Fit, truth: Shapes, match: str) -> Matched:
         rows = rows[retained]
         estimate = estimate[retained]
         true = true[retained]
-    return Matched(results, rows, names, estimate, true, notes)
+    return MatchedResults(results, rows, names, estimate, true, notes)
 
 
 def _say_left_out(
@@ -209,7 +211,7 @@ def _say_left_out(
         yield f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
 
 
-def _find_datasets(file: Path, matched: Matched, config: EvalConfig) -> Datasets:
+def _find_datasets(file: Path, matched: MatchedResults, config: EvalConfig) -> Datasets:
     """Return what metrics take, beside what is always taken."""
     data: dict[str, Any] = {"estimate": matched.estimate, "truth": matched.true}
     of_metrics = chain(*(METRICS[metric].needs for metric in config.metrics))
@@ -221,7 +223,7 @@ def _find_datasets(file: Path, matched: Matched, config: EvalConfig) -> Datasets
 
 
 def _find_bars(
-    matched: Matched, data: Datasets, scale: Floats, unit: str
+    matched: MatchedResults, data: Datasets, scale: Floats, unit: str
 ) -> tuple[ErrorBars | None, list[str]]:
     """Return how the truth lies in the error bars, where there are any; and notes."""
     deviation = matched.results.shape_sd
@@ -444,7 +446,7 @@ def check_frames(
     ]
 
 
-def _errors(
+def _errors_of(
     file: Path,
     metrics: Sequence[str],
     data: Datasets,

@@ -45,7 +45,7 @@ SKIPPED_COLUMNS = (OPTIONAL - METRIC_COLUMNS) | OF_FILE.keys()
 """Datasets that no metric needs: they may differ between the files of a method."""
 
 
-def run(config: EvalConfig) -> Iterator[Result]:
+def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     """Measure the results of every method, then write the tables and the plot.
 
     One result a method, with the images that failed, and a last one with the errors in
@@ -78,7 +78,7 @@ def run(config: EvalConfig) -> Iterator[Result]:
         )
     inputs |= digests(file for files in config.results.values() for file in files)
     document = make_document(config, methods, warnings, inputs)
-    texts = _texts_of(document, methods, plots=config.plots)
+    texts = _report_texts(document, methods, plots=config.plots)
     with staged_files(config.output) as folder, storage_errors(config.output, None):
         write_per_image(folder / "per_image.csv", methods)
         for name, text in texts.items():
@@ -90,7 +90,7 @@ def run(config: EvalConfig) -> Iterator[Result]:
     )
 
 
-def _texts_of(
+def _report_texts(
     document: report.Document, methods: Mapping[str, Measured], *, plots: bool
 ) -> dict[str, str]:
     """Return the files of the report but for that of all images."""

@@ -34,10 +34,10 @@ MIN_STRETCH_GAIN = 1.5
 film of seven bodies has so much.
 """
 
-MIN_IMAGES = 20
+MIN_STRETCH_IMAGES = 20
 """Images of a sample that say something of its file."""
 
-MIN_LANDMARKS = 10
+MIN_STRETCH_LANDMARKS = 10
 """Median number of landmarks of an image: half bodies fit a stretched picture, too."""
 
 
@@ -47,9 +47,9 @@ def find_stretch(sample: Landmarks, posterior: ImagePosterior) -> float:
     People alone: the posterior must know the usual lengths of their limbs.
     """
     seen = sample.visible().sum(axis=1)
-    if posterior.limbs is None or len(sample) < MIN_IMAGES:
+    if posterior.limbs is None or len(sample) < MIN_STRETCH_IMAGES:
         return 1.0
-    if median(seen) < MIN_LANDMARKS:
+    if median(seen) < MIN_STRETCH_LANDMARKS:
         return 1.0
     posterior = replace(posterior, camera=None)
     before = log_density(sample, posterior)

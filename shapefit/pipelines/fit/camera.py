@@ -222,13 +222,16 @@ def find_camera(images: Landmarks, config: CameraConfig | None = None) -> Camera
     """Return the cameras of n images: as the config states them, else by their
     matrices.
     """
-    n, sign = len(images), pinhole.depth_sign(images.y_axis)
-    if config is None or isinstance(config.focal, str):
+    n = len(images)
+    sign = pinhole.depth_sign(images.y_axis)
+    if config is None:
+        focals, centres = read_intrinsics(images)
+        return Camera(focals, centres, sign, 0.0)
+    if isinstance(config.focal, str):
         focals, centres = read_intrinsics(images)
     else:
-        focals, centres = np.full((n, 2), config.focal), np.zeros((n, 2))
-    if config is None:
-        return Camera(focals, centres, sign, 0.0)
+        focals = np.full((n, 2), config.focal)
+        centres = np.zeros((n, 2))
     if config.principal_point is not None:
         centres = np.tile(np.array(config.principal_point), (n, 1))
     return Camera(focals, centres, sign, config.focal_sd)

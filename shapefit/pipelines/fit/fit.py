@@ -66,7 +66,7 @@ class FitPart(NamedTuple):
 WHOLE_FIT = FitPart()
 
 
-class Plan(NamedTuple):
+class FitPlan(NamedTuple):
     """A fit in which nothing is left open."""
 
     config: FitConfig
@@ -98,7 +98,7 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
         if calibration is None:
             sample = source.first(SAMPLE_POOL)
             calibration = yield from calibrate(config, match, sample, source.count)
-        plan = make_plan(config, match, calibration)
+        plan = plan_fit(config, match, calibration)
         check_export(plan.config, match.dictionary)
 
         tally = Tally()
@@ -115,14 +115,16 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
     yield from export_meshes(plan.config)
 
 
-def make_plan(config: FitConfig, match: Matched, calibration: Calibration) -> Plan:
+def plan_fit(config: FitConfig, match: Matched, calibration: Calibration) -> FitPlan:
     """Return a fit in which nothing is left open, with the config that says so."""
     config = calibration.settle(config)
     family = choose_family(config, match, calibration)
-    return Plan(config, match, family, read_lens(config), calibration)
+    return FitPlan(config, match, family, read_lens(config), calibration)
 
 
-def lift_all(source: LandmarkSource, plan: Plan) -> Generator[LiftedBatch, None, None]:
+def lift_all(
+    source: LandmarkSource, plan: FitPlan
+) -> Generator[LiftedBatch, None, None]:
     """Lift batch by batch; while one is lifted, the next is read and the last is
     stored.
     """
@@ -131,7 +133,7 @@ def lift_all(source: LandmarkSource, plan: Plan) -> Generator[LiftedBatch, None,
     return side_by_side(partial(lift_batch, plan=plan), batches, workers=int(several))
 
 
-def lift_batch(images: Landmarks, plan: Plan) -> LiftedBatch:
+def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:
     """Lift one batch of the files; each line is a stage with tests of its own."""
     straight = undistorted(images, plan.lens)
     named = plan.match.arrange(straight, place_of_names(plan.config))
@@ -140,7 +142,7 @@ def lift_batch(images: Landmarks, plan: Plan) -> LiftedBatch:
     return LiftedBatch(record, describe_batch(lifted.lifting, record))
 
 
-def open_writer(plan: Plan) -> AbstractContextManager[RecordWriter[Fit]]:
+def open_writer(plan: FitPlan) -> AbstractContextManager[RecordWriter[Fit]]:
     """Return what writes the result, which appears whole or not at all."""
     output = plan.config.output
     assert isinstance(output, Path), "a folder is written part by part"

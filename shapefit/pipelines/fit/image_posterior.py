@@ -167,7 +167,8 @@ def find_at_border(
     """Which landmarks (n, p) lie within 1% of a side of the image, with a neighbour
     there, too.
     """
-    n, p = len(images), len(images.landmark_names)
+    n = len(images)
+    p = len(images.landmark_names)
     marked = np.zeros((n, p), dtype=bool)
     if image_size is None:
         stated = images.column(IMAGE_SIZE)

@@ -27,10 +27,10 @@ from shapefit.records import Fit, Landmarks
 from shapefit.records.columns import Array, columns_of
 
 if TYPE_CHECKING:
-    from shapefit.pipelines.fit.fit import Plan
+    from shapefit.pipelines.fit.fit import FitPlan
 
 
-def to_record(images: Landmarks, lifted: Lifted, plan: Plan) -> Fit:
+def to_record(images: Landmarks, lifted: Lifted, plan: FitPlan) -> Fit:
     """Lay out a batch as it is stored, with what came with its landmarks."""
     lifting = lifted.lifting
     estimate = lifting.estimate
@@ -146,7 +146,9 @@ def size_attributes(dictionary: Dictionary) -> dict[str, str]:
     return {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}
 
 
-def provenance(plan: Plan, inputs: Mapping[str, str]) -> dict[str, str | float | int]:
+def provenance(
+    plan: FitPlan, inputs: Mapping[str, str]
+) -> dict[str, str | float | int]:
     """Return what is stored of a fit beside its images; `inputs` are the digests of its
     files.
     """

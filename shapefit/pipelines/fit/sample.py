@@ -73,7 +73,7 @@ KAPPA = "calibration_kappa"
 DISTANCE = "median_start_distance"
 """Attribute of a result: the median start distance of the sample."""
 
-INSIDE = "hidden_landmarks_inside"
+HIDDEN_INSIDE = "hidden_landmarks_inside"
 """Attribute of a result: share of hidden landmarks inside their 90% regions."""
 
 
@@ -327,7 +327,7 @@ def calibrate_bars(
     line = f"of landmarks hidden in turn, {hidden.inside:.0%} lie in their 90% regions"
     if np.isfinite(distance):
         line += f"; median distance from the convex shape {distance:.2f}"
-    numbers = {KAPPA: hidden.kappa, INSIDE: hidden.inside, DISTANCE: distance}
+    numbers = {KAPPA: hidden.kappa, HIDDEN_INSIDE: hidden.inside, DISTANCE: distance}
     return BarGrowth(tuple(hidden.growth(bar_scale).tolist()), numbers, line)
 
 

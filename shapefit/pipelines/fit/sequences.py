@@ -23,7 +23,7 @@ from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.posterior.method import scale_of_bars
 from shapefit.lifting.sequences.clips import (
-    Motion,
+    BodyMotion,
     refine_lifting,
     split_into_clips,
 )
@@ -219,7 +219,7 @@ def place_frames(images: Landmarks, rate: float) -> Floats:
     return places
 
 
-def motion_between_frames(dictionary: Dictionary, rate: float | None) -> Motion:
+def motion_between_frames(dictionary: Dictionary, rate: float | None) -> BodyMotion:
     """Return the motion between images at a frame rate, or at that of the training
     shapes.
 
@@ -235,7 +235,7 @@ def motion_between_frames(dictionary: Dictionary, rate: float | None) -> Motion:
         tolerance = np.full(len(edges), USUAL_ACCELERATION)
     rate = rate or dictionary.frame_rate or ASSUMED_RATE
     lengths = find_usual_lengths(dictionary)
-    return Motion(
+    return BodyMotion(
         edges, acceleration, np.maximum(tolerance, MIN_BONE_TOLERANCE), lengths, rate
     )
 
@@ -254,11 +254,15 @@ def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
     )
     if usual is None or covariance is None or edges is None:
         return None
-    limbs = find_limbs(dictionary.landmark_names, edges)
-    rows = np.flatnonzero((usual > 0) & (limbs if limbs.any() else True))
+    is_counted = usual > 0
+    is_limb = find_limbs(dictionary.landmark_names, edges)
+    if is_limb.any():
+        is_counted &= is_limb
+    rows = np.flatnonzero(is_counted)
     if not len(rows):
         return None
-    Q, lengths = np.zeros_like(covariance), np.full(len(usual), np.nan)
+    Q = np.zeros_like(covariance)
     Q[np.ix_(rows, rows)] = precision_of_ratios(covariance[np.ix_(rows, rows)])
+    lengths = np.full(len(usual), np.nan)
     lengths[rows] = usual[rows]
     return Lengths(lengths, Q)

@@ -27,7 +27,7 @@ from shapefit.pipelines.result import Counted, Failure, Result, nothing_in
 from shapefit.records import Fit, Landmarks
 
 if TYPE_CHECKING:
-    from shapefit.pipelines.fit.fit import Plan
+    from shapefit.pipelines.fit.fit import FitPlan
 
 ON_HEAD_COSINE = 0.5
 """Of the angle to the vertical of the image, within which a body is on its head."""
@@ -38,7 +38,7 @@ UPPER_END = ("head", "neck", "lshoulder", "rshoulder")
 LOWER_END = ("lankle", "rankle", "lhip", "rhip")
 """Likewise of its lower end."""
 
-OUTLIER_BELOW = 0.5
+MIN_INLIER_PROBABILITY = 0.5
 """Inlier probability of an outlier."""
 
 MISNAMED_SHARE = 0.5
@@ -135,7 +135,7 @@ class Tally:
             self.errors += errors[record.trusted & np.isfinite(errors)].tolist()
         probability = record.inlier_probability
         assert probability is not None, "it comes with every verdict"
-        outliers = (probability < OUTLIER_BELOW).sum(axis=0)
+        outliers = (probability < MIN_INLIER_PROBABILITY).sum(axis=0)
         visible = np.isfinite(probability).sum(axis=0)
         self.outliers = outliers if self.outliers is None else self.outliers + outliers
         self.visible = visible if self.visible is None else self.visible + visible
@@ -176,7 +176,7 @@ def middle_of(shapes: Floats, landmarks: Sequence[int]) -> Floats:
 
 
 def summarise_fit(
-    source: LandmarkSource, plan: Plan, tally: Tally, chosen: str, written: Summary
+    source: LandmarkSource, plan: FitPlan, tally: Tally, chosen: str, written: Summary
 ) -> Result:
     """Return the end of a fit: warnings about all images, a note, and the rows of the
     summary.
@@ -204,7 +204,9 @@ def summarise_fit(
     )
 
 
-def warn_of_all(tally: Tally, plan: Plan, head: Landmarks) -> Iterator[str | Counted]:
+def warn_of_all(
+    tally: Tally, plan: FitPlan, head: Landmarks
+) -> Iterator[str | Counted]:
     """Yield what is known at the end only, by shares of all images; head, as the files
     state it.
     """
@@ -225,7 +227,7 @@ def warn_of_all(tally: Tally, plan: Plan, head: Landmarks) -> Iterator[str | Cou
         )
 
 
-def warn_of_names(tally: Tally, plan: Plan) -> Iterator[Counted]:
+def warn_of_names(tally: Tally, plan: FitPlan) -> Iterator[Counted]:
     """Name the landmarks that are outliers in most images that show them."""
     if tally.outliers is None or tally.visible is None:
         return
@@ -242,7 +244,7 @@ def warn_of_names(tally: Tally, plan: Plan) -> Iterator[Counted]:
 
 
 def summary_rows(
-    source: LandmarkSource, plan: Plan, tally: Tally, chosen: str, written: Summary
+    source: LandmarkSource, plan: FitPlan, tally: Tally, chosen: str, written: Summary
 ) -> Iterator[tuple[str, str]]:
     """Yield the rows of the summary, label and text."""
     yield "Read", describe_inputs(source, plan, tally)
@@ -258,7 +260,7 @@ def summary_rows(
         yield "Next", f"shapefit view {' '.join(map(as_typed, files))}"
 
 
-def describe_inputs(source: LandmarkSource, plan: Plan, tally: Tally) -> str:
+def describe_inputs(source: LandmarkSource, plan: FitPlan, tally: Tally) -> str:
     """Return which files were read, how many images, and what was matched."""
     names = [path.name or str(path) for path in plan.config.landmarks]
     text = f"{abbreviate(names, 1)}: {counted(tally.images, 'image')}"
@@ -271,7 +273,7 @@ def describe_inputs(source: LandmarkSource, plan: Plan, tally: Tally) -> str:
     return text
 
 
-def describe_result(plan: Plan, tally: Tally) -> str:
+def describe_result(plan: FitPlan, tally: Tally) -> str:
     """Return how many images are trusted, or how far they may be from the optimum."""
     images = counted(tally.images, "image")
     if tally.judged:
@@ -287,7 +289,7 @@ def describe_result(plan: Plan, tally: Tally) -> str:
     return f"{images}{describe_gap(plan, tally)} ({bars})"
 
 
-def describe_gap(plan: Plan, tally: Tally) -> str:
+def describe_gap(plan: FitPlan, tally: Tally) -> str:
     """Return how far images may be from the optimum, as the line of the result goes on;
     "" for methods that do not say.
     """
@@ -300,7 +302,7 @@ def describe_gap(plan: Plan, tally: Tally) -> str:
     return f", {solved}, largest gap {tally.largest_gap:.1e}"
 
 
-def describe_shown(plan: Plan) -> str:
+def describe_shown(plan: FitPlan) -> str:
     """Return of how many landmarks the expected error is, "" where it is of all."""
     shown = plan.calibration.shown
     independent = plan.match.dictionary.depends_on < 0
@@ -309,7 +311,7 @@ def describe_shown(plan: Plan) -> str:
     return f" of the {sum(shown)} landmarks that are seen"
 
 
-def result_numbers(plan: Plan, tally: Tally) -> dict[str, int | float | None]:
+def result_numbers(plan: FitPlan, tally: Tally) -> dict[str, int | float | None]:
     """Return what the line of the result says, as numbers; None for what the method
     does not say. The error is the median of those expected of trusted images.
     """
@@ -343,6 +345,6 @@ def is_viewed(path: Path) -> bool:
     return path.suffix.lower() in VIEWED_ENDINGS and not of_angles
 
 
-def output_of(plan: Plan) -> Path:
+def output_of(plan: FitPlan) -> Path:
     """Return the file of the result."""
     return Path(str(plan.config.output))

@@ -119,7 +119,7 @@ class Job(NamedTuple):
     version: str = __version__
 
 
-class Plan(NamedTuple):
+class FolderPlan(NamedTuple):
     """What a run does to a folder: the parts that it is to have, and those retained.
 
     removed are files of results of other inputs; refused says which would be lost, ""
@@ -135,7 +135,7 @@ class Plan(NamedTuple):
     states: Mapping[Path, State]
 
 
-def run(config: FitConfig) -> Iterator[Result]:
+def fit_parts(config: FitConfig) -> Iterator[Result]:
     """Lift landmarks part by part into the folder that is the output."""
     folder = config.output
     assert isinstance(folder, ResultFolder), "the output is a folder"
@@ -154,7 +154,7 @@ def run(config: FitConfig) -> Iterator[Result]:
 
 
 def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
-    """Plan and do the parts of a folder that no other run writes to."""
+    """FolderPlan and do the parts of a folder that no other run writes to."""
     manifest = read_manifest(folder.path)
     strangers = find_strangers(folder.path, manifest)
     if not folder.replace:
@@ -163,7 +163,7 @@ def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
     if config.method == AUTO and manifest is not None:
         config = config.changed(method=method_of(manifest))
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
-    plan = make_plan(config, folder, manifest)
+    plan = plan_folder(config, folder, manifest)
     if plan.refused and not folder.replace:
         fault = f"holds results that differ: {plan.refused}"
         fix = (
@@ -231,9 +231,9 @@ def check_calibration(schema: type[BaseModel], values: Mapping[str, Any]) -> Non
             TypeAdapter(constrained).validate_python(value)
 
 
-def make_plan(
+def plan_folder(
     config: FitConfig, folder: ResultFolder, manifest: Manifest | None
-) -> Plan:
+) -> FolderPlan:
     """Compare the parts that a config asks for with those that a folder has.
 
     A part stays where its result has the size that was written, and config and inputs
@@ -244,7 +244,7 @@ def make_plan(
     digests = digest_run(config, folder, files)
     if manifest is None:
         parts = find_parts(config, folder.partition)
-        return Plan(parts, {}, [], "", digests, states_of_files)
+        return FolderPlan(parts, {}, [], "", digests, states_of_files)
     named = {key_of(line): file for file, line in manifest.parts.items()}
     parts = find_parts(config, folder.partition, named)
     states = {part.file: part.states for part in parts}
@@ -267,7 +267,7 @@ def make_plan(
         if file not in lost and find_state(folder.path / file)[0] == line.bytes
     }
     removed = sorted(manifest.files - states.keys())
-    return Plan(parts, retained, removed, refused, digests, states_of_files)
+    return FolderPlan(parts, retained, removed, refused, digests, states_of_files)
 
 
 def digest_run(
@@ -381,7 +381,7 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
 def do_parts(
     config: FitConfig,
     folder: ResultFolder,
-    plan: Plan,
+    plan: FolderPlan,
     manifest: Manifest,
     calibration: Calibration,
 ) -> Iterator[Result]:

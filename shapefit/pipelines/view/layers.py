@@ -30,7 +30,7 @@ from shapefit.viewer.page import (
     encode_texts,
 )
 
-CAMERA_DATASETS = ("camera_translation", "focal", "principal_point")
+SHOWN_CAMERA = ("camera_translation", "focal", "principal_point")
 """Of a result that says how a camera sees its shapes in perspective."""
 
 EXPECTED = "expected error"
@@ -162,7 +162,7 @@ def first_finite(arrays: Sequence[Floats]) -> Floats:
 
 def has_camera(content: Content) -> bool:
     """Whether a result says how a camera sees its shapes in perspective."""
-    return {*CAMERA_DATASETS, "translation", "scale"} <= content.values.keys()
+    return {*SHOWN_CAMERA, "translation", "scale"} <= content.values.keys()
 
 
 class _Space(NamedTuple):

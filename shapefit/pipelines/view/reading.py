@@ -155,7 +155,7 @@ def _read_records(
     with ExitStack() as stack:
         sources: dict[str, AnySource] = {}
         for name, paths in config.files.items():
-            sources[name] = _open(paths, roles[name], options)
+            sources[name] = _open_source(paths, roles[name], options)
             stack.enter_context(sources[name])
         rows: dict[str, list[int]] = {}
         size = 0
@@ -202,7 +202,7 @@ def _role(path: Path, options: InputOptions) -> Role:
     return "result" if in_csv else kind
 
 
-def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> AnySource:
+def _open_source(paths: Sequence[Path], role: Role, options: InputOptions) -> AnySource:
     """Open files of a kind."""
     if role == "landmarks":
         return open_landmarks(paths, options)

@@ -8,7 +8,7 @@ import pytest
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.sequences import clips
-from shapefit.lifting.sequences.clips import Motion
+from shapefit.lifting.sequences.clips import BodyMotion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.lifting.trust import expected_error
 from tests.lifting.posterior.conftest import P, Scene, draw_component, shares_of
@@ -87,7 +87,7 @@ def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
 ):
     """And covariances have the variances of the bars, which grow by landmark."""
     monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest=np.inf))
-    motion = Motion(np.array([[0, 1]]), np.full(P, 0.05), np.ones(1))
+    motion = BodyMotion(np.array([[0, 1]]), np.full(P, 0.05), np.ones(1))
     lifting.estimate.deviation[7] *= (
         1e3  # an image that says nothing has the bars of a neighbour
     )

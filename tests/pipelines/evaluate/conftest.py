@@ -11,7 +11,7 @@ import pytest
 from shapefit.config import EvalConfig
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_shapes
-from shapefit.pipelines.evaluate.run import run
+from shapefit.pipelines.evaluate.run import evaluate_results as run
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Shapes
 from tests.io.files import save

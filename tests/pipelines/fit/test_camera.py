@@ -21,7 +21,7 @@ from shapefit.pipelines.fit.camera import (
     undistorted,
 )
 from shapefit.pipelines.verify import Request
-from shapefit.pipelines.verify import run as run_verify
+from shapefit.pipelines.verify import verify_results as run_verify
 from shapefit.records import Landmarks
 from tests.io.files import load, save
 from tests.pipelines.fitted import failures

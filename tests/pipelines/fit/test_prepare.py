@@ -39,7 +39,7 @@ from shapefit.pipelines.fit.evidence import choose_factors, maximise_theta, mean
 from shapefit.pipelines.fit.fit import fit as run
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
 from shapefit.pipelines.fit.sample import MAX_SAMPLE, Shares, draw_sample
-from shapefit.pipelines.partition.run import run as run_parts
+from shapefit.pipelines.partition.run import fit_parts as run_parts
 from shapefit.records import Landmarks
 from tests.io.files import save
 from tests.pipelines.fitted import fit_images, texts

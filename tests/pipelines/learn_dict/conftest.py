@@ -9,7 +9,7 @@ from shapefit.io import (
     read_dictionary,
     write_shapes,
 )
-from shapefit.pipelines.learn_dict.run import run
+from shapefit.pipelines.learn_dict.run import learn_dictionary as run
 from shapefit.records import Shapes
 
 EDGES = np.array([[0, 1], [1, 2], [1, 3], [1, 4]])

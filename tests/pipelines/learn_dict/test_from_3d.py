@@ -21,7 +21,7 @@ from shapefit.io import (
     write_shapes,
 )
 from shapefit.pipelines.learn_dict.from_3d import every_nth
-from shapefit.pipelines.learn_dict.run import run
+from shapefit.pipelines.learn_dict.run import learn_dictionary as run
 from shapefit.records import Shapes
 from tests.pipelines.fitted import failures, warnings
 from tests.pipelines.learn_dict.conftest import EDGES, FACES

@@ -15,7 +15,8 @@ from shapefit.errors import InputError
 from shapefit.io import write_shapes
 from shapefit.pipelines.fit.fit import fit as fit_whole
 from shapefit.pipelines.partition import run as parting
-from shapefit.pipelines.partition.run import find_parts, run
+from shapefit.pipelines.partition.run import find_parts
+from shapefit.pipelines.partition.run import fit_parts as run
 from shapefit.records import Shapes
 from tests.pipelines.fitted import done, failures
 from tests.pipelines.partition.made import (

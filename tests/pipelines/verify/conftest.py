@@ -8,7 +8,8 @@ import pytest
 
 from shapefit.io.contents import digest_contents
 from shapefit.io.layout import CONTENTS
-from shapefit.pipelines.verify import Request, run
+from shapefit.pipelines.verify import Request
+from shapefit.pipelines.verify import verify_results as run
 
 TERMS = {
     "squared": {},

@@ -12,7 +12,7 @@ from shapefit.io import (
     result_writer,
     write_shapes,
 )
-from shapefit.pipelines.view.run import run
+from shapefit.pipelines.view.run import write_page as run
 from shapefit.pipelines.view.scene import make_scene
 from shapefit.records import Fit, Landmarks, Shapes
 from tests.columns import put

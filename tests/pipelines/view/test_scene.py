@@ -11,7 +11,7 @@ from shapefit.errors import InputError
 from shapefit.io import write_dictionary
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.pipelines.view.reading import Frames
-from shapefit.pipelines.view.run import run
+from shapefit.pipelines.view.run import write_page as run
 from shapefit.pipelines.view.scene import find_recordings, find_sides, make_scene
 from tests.io.files import mirror_pairs
 

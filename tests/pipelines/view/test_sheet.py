@@ -9,7 +9,8 @@ from shapefit.config import CONFIGS, ViewConfig
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_results
 from shapefit.pipelines.view import run as viewing
-from shapefit.pipelines.view.run import fitted_image, run
+from shapefit.pipelines.view.run import fitted_image
+from shapefit.pipelines.view.run import write_page as run
 from shapefit.pipelines.view.scene import make_scene
 from tests.io.files import save
 
