@@ -153,7 +153,8 @@ def warn_of_codes(points: Floats, weights: Floats | None = None) -> tuple[str, .
         others = found[~np.isin(found[:, 0], values) | (found != found[:, :1]).any(1)]
         if len(others) < count:
             continue
-        least, most = others.min(axis=0), others.max(axis=0)
+        least = others.min(axis=0)
+        most = others.max(axis=0)
         beyond = np.maximum(least - value, value - most) / np.maximum(
             most - least, 1e-9
         )

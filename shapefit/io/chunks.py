@@ -15,9 +15,20 @@ import h5py
 
 from shapefit.io.inputs import ALWAYS_FITS, MOST_INFLATED, in_words
 
-DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALEOFFSET = 1, 2, 3, 4, 5, 6
+DEFLATE = 1
+"""Number of the filter of zlib."""
+SHUFFLE = 2
+"""Number of the filter that puts bytes of one place together."""
+FLETCHER32 = 3
+"""Number of the filter that adds a checksum."""
+SZIP = 4
+"""Number of a filter that packs whole numbers."""
+NBIT = 5
+"""Number of the filter that leaves out bits that no number uses."""
+SCALEOFFSET = 6
+"""Number of the filter that stores numbers by their distance from the least."""
 LZF = 32000
-"""Numbers of filters."""
+"""Number of the filter of h5py that is fast."""
 
 CHECKSUM_BYTES = 4
 """What `fletcher32` puts behind a chunk."""

@@ -18,13 +18,13 @@ import numpy as np
 
 from shapefit.io.layout import CONTENTS
 
-BLOCK_BYTES = 1 << 22
+DIGEST_BLOCK_BYTES = 1 << 22
 """Of a dataset that are read at a time."""
 
-Rows = slice | tuple[Any, ...]
+DatasetRows = slice | tuple[Any, ...]
 
 
-def digest_contents(file: h5py.File, read: Callable[[str, Rows], Any]) -> str:
+def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], Any]) -> str:
     """Return the SHA-256 of an open file in hexadecimal; `read` gives rows of a dataset
     by its name.
 
@@ -61,12 +61,12 @@ def _describe_attributes(name: str, node: Any) -> Iterator[list[Any]]:
         if isinstance(value, str):
             value = value.encode("utf-8", "surrogateescape")
         values = np.asarray(value)
-        hashed = hashlib.sha256(_as_bytes(values)).hexdigest()
+        hashed = hashlib.sha256(_dataset_bytes(values)).hexdigest()
         yield ["attribute", name, key, _kind_of(values), list(values.shape), hashed]
 
 
 def _describe_dataset(
-    dataset: h5py.Dataset, name: str, read: Callable[[str, Rows], Any]
+    dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], Any]
 ) -> list[Any]:
     """Return kind, shape and digest of the values of a dataset, read in blocks of
     rows.
@@ -78,13 +78,13 @@ def _describe_dataset(
         return [kind, str(dataset.dtype)]
     hashed = hashlib.sha256()
     if not dataset.shape:
-        hashed.update(_as_bytes(np.asarray(read(name, ()))))
+        hashed.update(_dataset_bytes(np.asarray(read(name, ()))))
     elif dataset.size:
         row_bytes = dataset.dtype.itemsize * math.prod(dataset.shape[1:])
-        step = max(1, BLOCK_BYTES // row_bytes)
+        step = max(1, DIGEST_BLOCK_BYTES // row_bytes)
         for start in range(0, len(dataset), step):
             rows = slice(start, min(start + step, len(dataset)))
-            hashed.update(_as_bytes(np.asarray(read(name, rows))))
+            hashed.update(_dataset_bytes(np.asarray(read(name, rows))))
     return [kind, list(dataset.shape), hashed.hexdigest()]
 
 
@@ -100,7 +100,7 @@ def _kind_of(values: Any) -> str:
     return f"{values.dtype.kind}{values.dtype.itemsize}" if known else OTHER
 
 
-def _as_bytes(values: Any) -> bytes:
+def _dataset_bytes(values: Any) -> bytes:
     """Return numbers as little-endian bytes, texts in UTF-8 after their lengths."""
     if values.dtype.kind in "OSU":
         texts = [

@@ -59,13 +59,13 @@ QUOTES = (
     "put cells with commas or quotes in double quotes, and double the quotes in them"
 )
 
-Block = tuple[Integers, dict[str, Sequence[str]]]
+RowBlock = tuple[Integers, dict[str, Sequence[str]]]
 """The lines of some rows, and their cells by column."""
 
 OF_ITEMS = ("sequence", FRAME, TIME)
 """Columns that say the same in all rows of an item."""
 
-OPTIONAL = {
+OPTIONAL_COLUMNS = {
     "landmarks": ("confidence", *OF_ITEMS),
     "shapes": (*OF_ITEMS, "sd_x", "sd_y", "sd_z", "modes", "trusted"),
 }
@@ -97,7 +97,7 @@ ROW_BYTES = 100
 QUOTED = re.compile('[",\r\n]')
 """What a cell has in quotes."""
 
-NUMBER = 26
+NUMBER_CHARACTERS = 26
 """Bytes of a number with the comma behind it, at most."""
 
 Y_UP = "y points up, which CSV cannot say: read the file with `y_axis=up`"
@@ -120,7 +120,8 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     of an item do not stand together, or frames are not in order, which cannot go to a
     file item by item.
     """
-    table, spool = _Table(path, kind), Spool()
+    table = _Table(path, kind)
+    spool = Spool()
     for lines, cells in table.blocks:
         table.take(lines, cells)
         if table.size <= MAX_IN_MEMORY:
@@ -205,7 +206,7 @@ class _Table:
             "y",
             *(() if kind == "landmarks" else ("z",)),
         )
-        optional = OPTIONAL.get(kind, OPTIONAL["shapes"])
+        optional = OPTIONAL_COLUMNS.get(kind, OPTIONAL_COLUMNS["shapes"])
         unknown = {*columns} - {*required, *optional}
         if unknown or {*required} - {*columns} or len({*columns}) < len(columns):
             wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
@@ -218,10 +219,13 @@ class _Table:
         self._of_items: dict[str, dict[str, str]] = {
             column: {} for column in OF_ITEMS if column in columns
         }
-        self._items, self._landmarks = _numbering(), _numbering()
+        self._items = _numbering()
+        self._landmarks = _numbering()
         self._parts: list[tuple[Any, ...]] = []
         self._last = 0
-        self.size, self.in_order, self.numbered = 0, True, False
+        self.size = 0
+        self.in_order = True
+        self.numbered = False
 
     def take(self, lines: Integers, cells: Mapping[str, Sequence[str]]) -> None:
         """Take some rows; raises InputError for wrong ones."""
@@ -293,16 +297,21 @@ class _Table:
 
     def records(self) -> Items:
         """Return what was taken. Raises InputError for double rows."""
-        items, names = tuple(self._items), tuple(self._landmarks)
-        n, p, d = len(items), len(names), len(self._axes)
+        items = tuple(self._items)
+        names = tuple(self._landmarks)
+        n = len(items)
+        p = len(names)
+        d = len(self._axes)
         check_fits(self.name, n * p * 8 * (d + 3))
-        planes, first = np.full((d + 1, n * p), np.nan), np.full(n * p, -1)
+        planes = np.full((d + 1, n * p), np.nan)
+        first = np.full(n * p, -1)
         if self._parts:
             lines, item, landmark, *values = map(
                 np.concatenate, zip(*self._parts, strict=True)
             )
             self._parts = [(lines, item, landmark, *values)]
-            place, row = item * np.int64(p) + landmark, np.arange(len(lines))
+            place = item * np.int64(p) + landmark
+            row = np.arange(len(lines))
             first[place[::-1]] = row[::-1]
             again = np.flatnonzero(first[place] != row)
             if len(again):
@@ -354,7 +363,9 @@ class _Table:
             np.zeros_like(items[rows]),
             *(column[rows] for column in values),
         )
-        self._parts, self._items, self.size = [remaining], _numbering(item), len(rows)
+        self._parts = [remaining]
+        self._items = _numbering(item)
+        self.size = len(rows)
         self._last = 0
         for column, of_item in self._of_items.items():
             self._of_items[column] = {item: of_item[item]}
@@ -448,7 +459,7 @@ def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
     return numbers, invalid
 
 
-def open_table(path: Path) -> tuple[list[str], Iterator[Block]]:
+def open_table(path: Path) -> tuple[list[str], Iterator[RowBlock]]:
     """Open a file, a pipe or standard input: its columns, and blocks of rows that are
     not empty.
 
@@ -456,13 +467,14 @@ def open_table(path: Path) -> tuple[list[str], Iterator[Block]]:
     Raises InputError for text that is no CSV in UTF-8 with commas, and for rows of
     another width.
     """
-    name, texts = source_name(path), _read_texts(path)
+    name = source_name(path)
+    texts = _read_texts(path)
     _, text = next(texts)
     first, _, rest = text.partition("\n")
     _, header = next(read_rows([first], 1, name), (1, [""]))
     columns = [column.strip() for column in header]
 
-    def blocks() -> Iterator[Block]:
+    def blocks() -> Iterator[RowBlock]:
         for lines, cells in _divided(chain([(2, rest)], texts), len(columns), name):
             if columns != header:
                 cells = [[cell.strip() for cell in column] for column in cells]
@@ -656,7 +668,9 @@ def _columns(record: Items) -> tuple[dict[str, Floats], dict[str, Sequence[str]]
 
 def _lines(record: Items) -> memoryview:
     """Return the lines of some items."""
-    n, p, (numbers, texts) = len(record), len(record.landmark_names), _columns(record)
+    n = len(record)
+    p = len(record.landmark_names)
+    numbers, texts = _columns(record)
     item, landmark = np.divmod(np.arange(n * p), max(p, 1))
     numbers_of = [
         item,
@@ -664,12 +678,19 @@ def _lines(record: Items) -> memoryview:
         *(item + n * k + p for k in range(1, len(texts) + 1)),
     ]
     cells = [
-        *map(_encoded, chain(record.items, record.landmark_names, *texts.values()))
+        *map(
+            _encoded_texts, chain(record.items, record.landmark_names, *texts.values())
+        )
     ]
-    starts, rows_of = np.cumsum([0, *map(len, cells)]), np.column_stack(numbers_of)
+    starts = np.cumsum([0, *map(len, cells)])
+    rows_of = np.column_stack(numbers_of)
     values = np.stack([*numbers.values()], axis=-1).reshape(n * p, len(numbers))
     letters = b"".join(cells)
-    capacity = int(np.diff(starts)[rows_of].sum()) + rows_of.size + NUMBER * values.size
+    capacity = (
+        int(np.diff(starts)[rows_of].sum())
+        + rows_of.size
+        + NUMBER_CHARACTERS * values.size
+    )
     rows = np.empty(capacity // 8 + 1, np.uint64)
     size = core.write_csv_rows(
         letters=np.frombuffer(letters.ljust(len(letters) // 8 * 8 + 8), np.uint64),
@@ -683,7 +704,7 @@ def _lines(record: Items) -> memoryview:
     return rows.view(np.uint8)[:size].data
 
 
-def _encoded(text: str) -> bytes:
+def _encoded_texts(text: str) -> bytes:
     """Return a cell of text, in quotes where it needs them."""
     if not text or QUOTED.search(text):
         text = '"{}"'.format(text.replace('"', '""'))

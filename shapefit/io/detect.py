@@ -164,7 +164,7 @@ FORMATS: dict[str, FileFormat] = {
         TABLE,
         EITHER,
         deeplabcut.is_csv,
-        deeplabcut.read_csv,
+        deeplabcut.read_deeplabcut_csv,
     ),
     "deeplabcut-h5": FileFormat(
         "a DeepLabCut HDF5 file",
@@ -353,7 +353,7 @@ FORMATS: dict[str, FileFormat] = {
         (".npy", ".npz"),
         SHAPES,
         lambda head: False,
-        arrays.read_shapes,
+        arrays.read_shape_array,
     ),
 }
 """Those of the package come first; the others are asked in this order."""

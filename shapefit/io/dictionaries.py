@@ -26,7 +26,7 @@ LEAST = {
     "p_value_table": np.array([TINY, TINY, np.finfo(float).min, TINY]),
 }
 """The least that numbers of a dictionary can be; all are finite."""
-PRIOR = ("prior_weights", "prior_means", "prior_covariances")
+PRIOR_DATASETS = ("prior_weights", "prior_means", "prior_covariances")
 
 
 def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
@@ -111,7 +111,7 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
 
 def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
     """Take the parts of the prior out of the fields; None without one."""
-    parts = weights, means, covariances = [fields.pop(name) for name in PRIOR]
+    parts = weights, means, covariances = [fields.pop(name) for name in PRIOR_DATASETS]
     if all(part is None for part in parts):
         return None
     fault = "its prior is no mixture: shares that add up to 1, means and covariances"
@@ -120,7 +120,7 @@ def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
         shares = (weights > 0).all() and abs(weights.sum() - 1) < 1e-6
         if shares and np.isfinite(means).all() and _is_covariance(mixture.covariances):
             return mixture
-    raise input_error(place(PRIOR[0], None), fault, AGAIN)
+    raise input_error(place(PRIOR_DATASETS[0], None), fault, AGAIN)
 
 
 def _is_covariance(C: Floats) -> bool:

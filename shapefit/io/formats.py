@@ -40,8 +40,11 @@ MARK = "shapefit-"
 FIRST = 20
 """Entries of JSON, and files of a folder, that decide its format."""
 
-LEVELS, MOST_VALUES = 8, 1000
-"""Of JSON of an unknown kind that are looked through, and values in each."""
+MAX_LEVELS = 8
+"""Of JSON of an unknown kind that are looked through."""
+
+MAX_VALUES_PER_LEVEL = 1000
+"""Of such JSON that are looked at."""
 
 
 class Head:
@@ -127,7 +130,7 @@ class Head:
         """The keys of the first objects in JSON, some levels deep."""
         found: set[str] = set()
         level = [self.json]
-        for _ in range(LEVELS):
+        for _ in range(MAX_LEVELS):
             within: list[Any] = []
             for value in level:
                 if isinstance(value, dict):
@@ -135,7 +138,7 @@ class Head:
                     within += islice(value.values(), FIRST)
                 elif isinstance(value, list):
                     within += value[:FIRST]
-            level = within[:MOST_VALUES]
+            level = within[:MAX_VALUES_PER_LEVEL]
         return frozenset(found)
 
 
@@ -220,9 +223,9 @@ def _csv_columns() -> set[str]:
     """Return the columns of our CSV; tables with others are read as those of other
     tools.
     """
-    from shapefit.io.csv_file import OPTIONAL
+    from shapefit.io.csv_file import OPTIONAL_COLUMNS
 
-    optional = (name for names in OPTIONAL.values() for name in names)
+    optional = (name for names in OPTIONAL_COLUMNS.values() for name in names)
     return {"item", "landmark", "x", "y", "z", *optional}
 
 

@@ -76,14 +76,20 @@ PLAIN_ATTRIBUTES = (
 PREFIX = "shapefit_"
 """Before the names of other attributes of these names."""
 
-NUMBERS, INTEGERS, TEXT = ("biuf", "numbers"), ("iu", "integers"), ("O", "UTF-8 text")
+NUMBER_KINDS, INTEGERS, TEXT = (
+    ("biuf", "numbers"),
+    ("iu", "integers"),
+    ("O", "UTF-8 text"),
+)
 """Types of NumPy that datasets can have in files, O for text, and what they hold."""
 
 DAMAGED = "the file may be cut off or damaged: copy or make it again"
 
-VALUE_BYTES, TEXT_BYTES = 16, 100
-"""Bytes of memory for a number and its copy, and for a short text, while they are read.
-"""
+VALUE_BYTES = 16
+"""Of memory for a number and its copy, while it is read."""
+
+TEXT_BYTES = 100
+"""Of memory for a short text, while it is read."""
 
 CACHE_BYTES = 1 << 20
 """Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are
@@ -221,7 +227,8 @@ class Hdf5File:
             )
             value_bytes = max(2 * width, TEXT_BYTES if text else VALUE_BYTES)
             check_fits(self.place(name), count * math.prod(shape[1:]) * value_bytes)
-            size, present = math.prod(shape) * width, dataset.id.get_storage_size()
+            size = math.prod(shape) * width
+            present = dataset.id.get_storage_size()
             if size > max(ALWAYS_FITS, MOST_COMPRESSED * present):
                 fault = f"of its {in_words(size)} the file holds {in_words(present)}"
                 raise self.fault(name, fault, "write its values, or make it smaller")
@@ -565,7 +572,7 @@ def _stored_as(column: Column) -> tuple[str, str]:
     """Return the types of NumPy that a column can have in files, and what it holds."""
     if column.is_text:
         return TEXT
-    return INTEGERS if column.is_index else NUMBERS
+    return INTEGERS if column.is_index else NUMBER_KINDS
 
 
 @contextmanager

@@ -130,7 +130,8 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
 
     Raises InputError where there are none, and where they are HDF5.
     """
-    name, blocks = source_name(path), _read_blocks(path, BLOCK_BYTES)
+    name = source_name(path)
+    blocks = _read_blocks(path, BLOCK_BYTES)
     first = next(blocks, b"")
     if not first:
         raise input_error(name, "is empty (0 bytes)", "write a CSV with a header line")

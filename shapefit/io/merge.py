@@ -62,7 +62,7 @@ def merge_heads(
             if not all(_agree(first, head, name) for head in heads)
         }
     heads = [
-        arrange(_per_item(head, differing), names, file.name)
+        arrange(_has_rows(head, differing), names, file.name)
         for file, head in zip(files, heads, strict=True)
     ]
     _check_columns(places, heads)
@@ -135,7 +135,7 @@ def _check_same_landmarks(*files: tuple[str, Sequence[str]]) -> None:
 def align_to(part: Record, head: Record, file: str) -> Record:
     """Return a part of one file with the landmarks and columns of the whole source."""
     n = len(part)
-    part = _per_item(part, head.extras)
+    part = _has_rows(part, head.extras)
     changes: dict[str, Any] = {}
     if _lacks_confidence(part, head):
         ones = np.ones(part.points.shape[:2])
@@ -168,7 +168,7 @@ def _lacks_confidence(part: Items, head: Items) -> bool:
     return wanted and part.column("confidence") is None
 
 
-def _per_item(record: Record, names: Collection[str]) -> Record:
+def _has_rows(record: Record, names: Collection[str]) -> Record:
     """Return a record in which these datasets of the file are columns of each item."""
     extras = {
         name: np.broadcast_to(value, (len(record), *value.shape))
@@ -182,7 +182,8 @@ def _agree(first: Items, head: Items, name: str) -> bool:
     """Whether heads, without items, have the same column: of items, rows of one
     shape.
     """
-    one, other = first.column(name), head.column(name)
+    one = first.column(name)
+    other = head.column(name)
     if one is None or other is None:
         return False
     if (name in first.file_extras) != (name in head.file_extras):

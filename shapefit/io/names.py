@@ -34,7 +34,8 @@ def check_numbering(
     `want` are the names in `other`, a dictionary, a truth or a skeleton. Raises
     InputError at `place` where they must be.
     """
-    ours, theirs = numbers_of(have), numbers_of(want)
+    ours = numbers_of(have)
+    theirs = numbers_of(want)
     if ours is None or theirs is None or (0 in ours) == (0 in theirs):
         return ()
     from_0, from_1 = (ours, theirs) if 0 in ours else (theirs, ours)
@@ -124,7 +125,7 @@ def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
     return [*pairs.items()]
 
 
-def make_unique(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ...]]:
+def prefix_with_file(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ...]]:
     """Return files whose items begin with the file's name if two have an item, and a
     note of that.
 

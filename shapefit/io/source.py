@@ -43,7 +43,7 @@ from shapefit.io.layout import (
     Layout,
 )
 from shapefit.io.merge import align_to, merge_heads
-from shapefit.io.names import make_unique, match_landmarks, renamed
+from shapefit.io.names import match_landmarks, prefix_with_file, renamed
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.records.fit import Fit
 from shapefit.records.frames import check_frames, order_by_frame
@@ -54,15 +54,15 @@ from shapefit.records.shapes import Shapes
 if TYPE_CHECKING:
     from shapefit.io.hdf5_file import Hdf5Reader
 
-Kind = Literal["landmarks", "shapes", "result", "dictionary"]
+FileKind = Literal["landmarks", "shapes", "result", "dictionary"]
 
 MAX_OPEN = 64
 """HDF5 files that stay open together; of more, those that were read last."""
 
-BLOCK = 1 << 12
+ITEMS_PER_BLOCK = 1 << 12
 """Items whose names are read together, and images that are looked at."""
 
-OPTIONAL = RESULTS.unmarked - {"item", "sequence", "shapes"}
+OPTIONAL_DATASETS = RESULTS.unmarked - {"item", "sequence", "shapes"}
 """Datasets of results that a command need not read; the others, and those that no field
 lists, always are.
 """
@@ -82,7 +82,7 @@ def open_landmarks(
     go together, and names to rename that no file has; for wrong values when they are
     read. With `head` nothing is checked, and only the first rows of CSV are read.
     """
-    return _open(Landmarks, paths, options, rows=rows, head=head)
+    return _open_files(Landmarks, paths, options, rows=rows, head=head)
 
 
 def open_shapes(
@@ -97,7 +97,7 @@ def open_shapes(
 
     With `gaps` a landmark of an item may be unknown, NaN, and may lack its row in CSV.
     """
-    return _open(Shapes, paths, options, gaps=gaps, head=head)
+    return _open_files(Shapes, paths, options, gaps=gaps, head=head)
 
 
 def open_results(
@@ -110,10 +110,10 @@ def open_results(
     """Open results, as `open_landmarks` does, without some datasets; if `old`, of
     version 1.
     """
-    return _open(Fit, paths, without=without, old=old, head=head)
+    return _open_files(Fit, paths, without=without, old=old, head=head)
 
 
-def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
+def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> FileKind:
     """Return what a file holds. A table with the column z holds shapes.
 
     Raises InputError for what is wrong with the file, and for standard input, which
@@ -129,13 +129,13 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
     if file_format is HDF5:
         from shapefit.io.hdf5_file import hdf5_kind
 
-        return cast(Kind, hdf5_kind(path))
+        return cast(FileKind, hdf5_kind(path))
     if file_format is CSV:
         from shapefit.io.csv_file import csv_kind
 
-        return cast(Kind, csv_kind(path))
+        return cast(FileKind, csv_kind(path))
     if len(file_format.records) == 1:  # JSON, for one, would be read whole to say so
-        return cast(Kind, file_format.records[0])
+        return cast(FileKind, file_format.records[0])
     from shapefit.io.readers.items import read_poses
 
     return (
@@ -224,7 +224,7 @@ class SourceFile(Generic[Record]):
             name=name,
             count=len(record),
             read=record.take,
-            texts=lambda dataset, rows: _texts_of(record.take(rows), dataset),
+            texts=lambda dataset, rows: _column_texts(record.take(rows), dataset),
             place=place or (lambda _, row: f"{name}: item '{record.items[row]}'"),
             notes=notes,
             y_axis=y_axis,
@@ -241,8 +241,8 @@ class SourceFile(Generic[Record]):
         none.
         """
         missing = dataset == "sequence" and self.head.sequences is None
-        for start in range(0, self.count, BLOCK):
-            stop = min(start + BLOCK, self.count)
+        for start in range(0, self.count, ITEMS_PER_BLOCK):
+            stop = min(start + ITEMS_PER_BLOCK, self.count)
             yield (
                 ("",) * (stop - start)
                 if missing
@@ -263,7 +263,7 @@ class SourceFile(Generic[Record]):
         return replace(self, read=read, texts=lambda *which: longer(self.texts(*which)))
 
 
-def _texts_of(record: Items, dataset: str) -> Sequence[str]:
+def _column_texts(record: Items, dataset: str) -> Sequence[str]:
     """Return the items of a record, or its sequences."""
     return record.items if dataset == "item" else record.sequences or ()
 
@@ -292,7 +292,7 @@ class Source(Generic[Record]):
         self._files: Sequence[SourceFile[Record]] = files
         self.notes = tuple(chain.from_iterable(file.notes for file in files))
         if check:
-            self._files, note = make_unique(files)
+            self._files, note = prefix_with_file(files)
             self.notes = (*note, *self.notes)
         filled = [file for file in self._files if file.count] or self._files[:1]
         self.head: Record = merge_heads(filled, y_axis)  # what is empty may differ
@@ -364,7 +364,7 @@ ResultSource = Source[Fit]
 AnyRecord = Fit | Shapes | Landmarks
 
 
-def _open(
+def _open_files(
     kind: type[Record],
     paths: Sequence[Path],
     options: InputOptions = AS_THEY_ARE,
@@ -458,9 +458,9 @@ def _of_poses(
 
     record: Landmarks | Shapes
     if kind is Landmarks:
-        record, notes = items.read_landmarks(file_format, group, options)
+        record, notes = items.landmarks_of_files(file_format, group, options)
     else:
-        record, notes = items.read_shapes(file_format, group, options)
+        record, notes = items.shapes_of_files(file_format, group, options)
     stated = record.y_axis if file_format.states_y_axis else None
     name = source_name(group[0])
     return SourceFile.of(name, _as_kind(kind, record), notes=notes, y_axis=stated)
@@ -488,14 +488,14 @@ def _of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Record]
         name=name,
         count=len(table),
         read=lambda rows: _as_kind(kind, table.take(rows)),
-        texts=lambda dataset, rows: _texts_of(table.take(rows), dataset),
+        texts=lambda dataset, rows: _column_texts(table.take(rows), dataset),
         place=place,
     )
 
 
 def _with_doubts(file: SourceFile[Record]) -> SourceFile[Record]:
     """Return a file with a warning of numbers that may stand for missing landmarks."""
-    first = file.read(slice(0, min(file.count, BLOCK)))
+    first = file.read(slice(0, min(file.count, ITEMS_PER_BLOCK)))
     codes = warn_of_codes(first.points, _weights_of(first))
     notes = tuple(f"{file.name}: {text}" for text in codes)
     return replace(file, notes=(*file.notes, *notes)) if notes else file
@@ -525,7 +525,7 @@ def _of_hdf5(
     """
     file = readers.open(path)
     start, stop, _ = (rows or slice(None)).indices(file.count)
-    order = None if kind is Fit else _order(file, str(path))
+    order = None if kind is Fit else _order_of_frames(file, str(path))
     if order is not None:
         part = order[start:stop]
         record = file.records(slice(0, file.count), without)
@@ -552,13 +552,14 @@ def _of_hdf5(
     )
 
 
-def _order(file: Hdf5Reader, place: str) -> NDArray[np.intp] | None:
+def _order_of_frames(file: Hdf5Reader, place: str) -> NDArray[np.intp] | None:
     """Return the order of frames of an open HDF5 file, None where they stand in it.
     Raises InputError at the place for two items in one frame.
     """
     if not (file.is_dataset(FRAME) and file.is_dataset("sequence")):
         return None
-    sequences, frames = file.read("sequence"), file.read(FRAME)
+    sequences = file.read("sequence")
+    frames = file.read(FRAME)
     check_frames(sequences, frames, file.read("item"), place)
     return order_by_frame(sequences, frames)
 
@@ -567,15 +568,17 @@ MIN_SHARE = 0.9
 """Of the shapes of a file in which a landmark that is used is known."""
 
 
-def _without_gaps(file: SourceFile[Record]) -> SourceFile[Record]:
+def _without_unknown(file: SourceFile[Record]) -> SourceFile[Record]:
     """Return a file of shapes without those that lack a landmark, and a note of how
     many.
 
     Landmarks that are mostly unknown are left out first. Raises InputError where no
     landmark is known often.
     """
-    starts = range(0, file.count, BLOCK)
-    blocks = [slice(start, min(start + BLOCK, file.count)) for start in starts]
+    starts = range(0, file.count, ITEMS_PER_BLOCK)
+    blocks = [
+        slice(start, min(start + ITEMS_PER_BLOCK, file.count)) for start in starts
+    ]
     parts = [np.isnan(file.read(rows).points).any(axis=2) for rows in blocks]
     if not any(part.any() for part in parts):
         return file
@@ -650,7 +653,7 @@ def _in_pixels(file: SourceFile[Record], options: InputOptions) -> SourceFile[Re
     Raises InputError where the first are fractions of an image, and there is no
     `image_size`.
     """
-    images = file.read(slice(0, min(file.count, BLOCK)))
+    images = file.read(slice(0, min(file.count, ITEMS_PER_BLOCK)))
     if images.column("confidence") is None:
         zeros = [f"{file.name}: {text}" for text in warn_of_zeros(images.points)]
         file = replace(file, notes=(*file.notes, *zeros))
@@ -696,7 +699,7 @@ def _prepared(
     are renamed, and only some of them retained.
     """
     if kind is Shapes and not gaps:
-        files = [*map(_without_gaps, files)]
+        files = [*map(_without_unknown, files)]
     if options.rename:
         names = dict.fromkeys(
             name for file in files for name in file.head.landmark_names

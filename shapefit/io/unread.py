@@ -50,7 +50,9 @@ def _begins(*beginnings: bytes) -> Callable[[Head], bool]:
     return lambda head: head.text.lstrip().lower().startswith(lower)
 
 
-def _named(*endings: str, begins: tuple[bytes, ...] = (b"",)) -> Callable[[Head], bool]:
+def _named_formats(
+    *endings: str, begins: tuple[bytes, ...] = (b"",)
+) -> Callable[[Head], bool]:
     """Return whether a file has such a name, and begins with one of these."""
     return lambda head: head.named(*endings) and head.bytes.startswith(begins)
 
@@ -119,33 +121,35 @@ UNREAD = (
     Unread(
         "a file of IDAV Landmark",
         AS_TABLE,
-        _named(".pts", ".dta", begins=(b"Version ",)),
+        _named_formats(".pts", ".dta", begins=(b"Version ",)),
     ),
     Unread("a mesh (PLY)", SHAPES_OF_MESH, _begins(b"ply\n", b"ply\r")),
-    Unread("a mesh (glTF)", SHAPES_OF_MESH, _named(".glb", ".gltf")),
-    Unread("a mesh (STL)", SHAPES_OF_MESH, _named(".stl")),
+    Unread("a mesh (glTF)", SHAPES_OF_MESH, _named_formats(".glb", ".gltf")),
+    Unread("a mesh (STL)", SHAPES_OF_MESH, _named_formats(".stl")),
     Unread(
         "a mesh (OBJ)",
         SHAPES_OF_MESH,
         lambda head: head.named(".obj") and b"v " in head.text,
     ),
-    Unread("a mesh (OFF)", SHAPES_OF_MESH, _named(".off")),
-    Unread("an FBX file", "export BVH", _named(".fbx")),
+    Unread("a mesh (OFF)", SHAPES_OF_MESH, _named_formats(".off")),
+    Unread("an FBX file", "export BVH", _named_formats(".fbx")),
     Unread("a motion of Xsens (MVNX)", "export C3D or BVH", _has_lines(r"<mvnx\b")),
     Unread("XML of CVAT", AS_COCO, _has_lines(r"<annotations>", r"<meta>")),
     Unread("XML", AS_TABLE, _begins(b"<?xml", b"\xef\xbb\xbf<?xml")),
     Unread(
         "a spreadsheet",
         AS_CSV,
-        _named(".xlsx", ".xlsm", ".xls", ".ods", ".numbers"),
+        _named_formats(".xlsx", ".xlsm", ".xls", ".ods", ".numbers"),
     ),
     Unread("a Parquet file", AS_CSV, _begins(b"PAR1")),
     Unread(
         "a pickle, which could run programs",
         "save arrays with numpy.save, tables as CSV or HDF5",
-        _named(".pkl", ".pickle"),
+        _named_formats(".pkl", ".pickle"),
     ),
     Unread(
-        "a file of R", "write a table with write.csv", _named(".rds", ".rdata", ".rda")
+        "a file of R",
+        "write a table with write.csv",
+        _named_formats(".rds", ".rdata", ".rda"),
     ),
 )

@@ -32,7 +32,13 @@ from shapefit.io.formats import (
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
-from shapefit.io.source import AnyRecord, Kind, ResultSource, find_kind, open_results
+from shapefit.io.source import (
+    AnyRecord,
+    FileKind,
+    ResultSource,
+    find_kind,
+    open_results,
+)
 from shapefit.pipelines.items import MatchKeys, match_keys
 from shapefit.pipelines.meshes import write_meshes
 from shapefit.pipelines.result import Result, nothing_in
@@ -103,7 +109,7 @@ def convert_dictionary(config: ConvertConfig, target: FileFormat) -> Result:
     return Result(done=number, total=number, unit="shape", written=(config.output,))
 
 
-def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
+def find_common_kind(files: Sequence[Path], options: InputOptions) -> FileKind:
     """Return what the files hold; InputError where they hold different things."""
     if any(map(is_stream, files)):
         return "landmarks"
@@ -117,7 +123,7 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
 
 
 def open_source(
-    kind: Kind, files: Sequence[Path], options: InputOptions
+    kind: FileKind, files: Sequence[Path], options: InputOptions
 ) -> ConvertedSource:
     """Open files of a kind; InputError for options that results do not have."""
     options = replace(options, individual=None)  # whom `select_items` selects

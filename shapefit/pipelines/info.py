@@ -25,7 +25,7 @@ from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.readers.tables import understand
 from shapefit.io.skeletons import installed_skeletons
-from shapefit.io.source import OPTIONAL, Source, find_kind, open_results
+from shapefit.io.source import OPTIONAL_DATASETS, Source, find_kind, open_results
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.partition.manifest import (
     Manifest,
@@ -136,7 +136,7 @@ def describe_input(
         return title + describe_dictionary(paths[0]), ()
     source: Source[Any]
     if kind == "result":
-        source = open_results(paths, OPTIONAL, head=True, old=True)
+        source = open_results(paths, OPTIONAL_DATASETS, head=True, old=True)
     elif kind == "landmarks":
         source = open_landmarks(paths, options, head=True)
     else:

@@ -47,7 +47,7 @@ def is_array(head: Head) -> bool:
     return archive or numbers or head.bytes.startswith(b"\x93NUMPY")
 
 
-def read_shapes(paths: tuple[Path, ...]) -> Poses:
+def read_shape_array(paths: tuple[Path, ...]) -> Poses:
     """Return the shapes of an array (n, p, 3)."""
     return read_array(paths, 3)
 

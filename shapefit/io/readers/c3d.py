@@ -26,20 +26,23 @@ from shapefit.io.readers.text import decode
 COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Parameters that list what a model computed: no points."""
 
-BLOCK = 512
+BLOCK_SIZE = 512
 """Bytes of a block, in which C3D counts."""
 
-DEC, MIPS = 85, 86
-"""Processors by which a file names the order of its bytes; 84 is Intel, as all of
+DEC = 85
+"""Processor by which a file names the order of its bytes; 84 is Intel, as all of
 today's are.
 """
+
+MIPS = 86
+"""Another such processor."""
 
 Values = Sequence[float] | Sequence[str]
 Parameters = Mapping[tuple[str, str], Values]
 """Group and name -> values."""
 
 
-class Layout(NamedTuple):
+class DataLayout(NamedTuple):
     """What a data section holds: frames of x, y, z and residual of each point, then the
     analog values of the frame, in numbers of `width` bytes.
     """
@@ -66,7 +69,7 @@ class C3d(NamedTuple):
     section: where it begins, and its size in bytes.
     """
 
-    header: Layout
+    header: DataLayout
     first: int
     scale: float
     rate: float
@@ -108,10 +111,10 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     these contradict the size of the data, of the header.
     """
     path = paths[0]
-    file = _open(path)
+    file = _open_c3d(path)
     layout = _fitting_layout(path, file)
     require(layout.points, "no points, and no parameters POINT")
-    points = _points(path, file, layout)
+    points = _read_points(path, file, layout)
     notes = _notes_of_counts(file, layout)
     labels = file.texts("LABELS")
     further = 2  # a parameter has 255 texts
@@ -140,15 +143,15 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
 # Header and parameters.
 
 
-def _open(path: Path) -> C3d:
+def _open_c3d(path: Path) -> C3d:
     """Read the header and the parameters. Raises FormatError for damaged ones."""
     size = path.stat().st_size
     with path.open("rb") as file:
-        block = file.read(BLOCK)
-        require(len(block) == BLOCK, "cut off within its header")
-        start_of_parameters = BLOCK * max(block[0] - 1, 0)
+        block = file.read(BLOCK_SIZE)
+        require(len(block) == BLOCK_SIZE, "cut off within its header")
+        start_of_parameters = BLOCK_SIZE * max(block[0] - 1, 0)
         (start_block,) = struct.unpack_from("<H", block, 16)
-        start = BLOCK * max(start_block - 1, 0)
+        start = BLOCK_SIZE * max(start_block - 1, 0)
         file.seek(start_of_parameters)
         section = file.read(max(start - start_of_parameters, 4))
     require(len(section) >= 4, "cut off before its parameters")
@@ -159,7 +162,7 @@ def _open(path: Path) -> C3d:
     scale = _floats(block[12:16], processor == DEC)[0]
     rate = _floats(block[20:24], processor == DEC)[0]
     return C3d(
-        header=Layout(max(last - first + 1, 0), points, analog, width(scale)),
+        header=DataLayout(max(last - first + 1, 0), points, analog, width(scale)),
         first=first,
         scale=float(scale),
         rate=float(rate),
@@ -185,7 +188,7 @@ def _floats(data: bytes, is_dec: bool) -> Floats:
     return np.ascontiguousarray(halves).view("<f4").ravel().astype(np.float64) / 4
 
 
-TEXT, BYTE, WHOLE, FLOAT = -1, 1, 2, 4
+TEXT_TYPE, BYTE, WHOLE_TYPE, FLOAT = -1, 1, 2, 4
 """Kinds of parameters, each the bytes of a value."""
 
 MOST_AXES = 7
@@ -238,26 +241,26 @@ def _place_of_values(section: bytes, body: int) -> tuple[int, int]:
     """Return where the values of a parameter begin, and where they end."""
     kind, axes = struct.unpack_from("bB", section, body)
     start = body + 2 + axes
-    known = kind in (TEXT, BYTE, WHOLE, FLOAT) and axes <= MOST_AXES
+    known = kind in (TEXT_TYPE, BYTE, WHOLE_TYPE, FLOAT) and axes <= MOST_AXES
     require(known and start <= len(section), "a parameter of no known kind")
     return start, start + abs(kind) * math.prod(section[body + 2 : start])
 
 
 def _values(kind: int, lengths: bytes, data: bytes, is_dec: bool) -> Values:
     """Return the values of a parameter: numbers, or texts of the first length."""
-    if kind == TEXT:
+    if kind == TEXT_TYPE:
         size = lengths[0] if lengths else 1
         rows = [data[start : start + size] for start in range(0, len(data), size or 1)]
         return [decode(row).strip(" \0") for row in rows]
     if kind == FLOAT:
         return [*map(float, _floats(data, is_dec))]
-    return [*map(float, np.frombuffer(data, "<u2" if kind == WHOLE else "u1"))]
+    return [*map(float, np.frombuffer(data, "<u2" if kind == WHOLE_TYPE else "u1"))]
 
 
 # Data.
 
 
-def _fitting_layout(path: Path, file: C3d) -> Layout:
+def _fitting_layout(path: Path, file: C3d) -> DataLayout:
     """Return the layout that fills the data section up to the end of its last block:
     with the counts of the parameters, else of the header.
 
@@ -271,11 +274,11 @@ def _fitting_layout(path: Path, file: C3d) -> Layout:
     ]
     for one in counts:
         for frames in announced:
-            if 0 <= file.data - frames * one.frame_bytes < BLOCK:
+            if 0 <= file.data - frames * one.frame_bytes < BLOCK_SIZE:
                 return one._replace(frames=frames)
     for one in counts:
         frames, spare = divmod(file.data, one.frame_bytes)
-        zeros = spare < BLOCK and not _ends_in(path, spare).strip(b"\0")
+        zeros = spare < BLOCK_SIZE and not _ends_in(path, spare).strip(b"\0")
         if 0 < frames < min(announced) and zeros:
             return one._replace(frames=frames)
     layout = (counts or [file.header])[0]
@@ -288,12 +291,13 @@ def _fitting_layout(path: Path, file: C3d) -> Layout:
     raise FormatError(problem, "export or copy it again")
 
 
-def _of_parameters(file: C3d) -> Layout:
+def _of_parameters(file: C3d) -> DataLayout:
     """Return the layout, without frames, that the parameters state."""
-    rate, of_analog = file.number("POINT", "RATE"), file.number("ANALOG", "RATE")
+    rate = file.number("POINT", "RATE")
+    of_analog = file.number("ANALOG", "RATE")
     shares = of_analog / rate if rate > 0 and of_analog > 0 else 1.0
     samples = round(shares) if shares < LARGEST_COUNT else 1
-    return Layout(
+    return DataLayout(
         0,
         file.whole_number("POINT", "USED"),
         file.whole_number("ANALOG", "USED") * samples,
@@ -322,7 +326,7 @@ def _ends_in(path: Path, count: int) -> bytes:
         return file.read()
 
 
-def _points(path: Path, file: C3d, layout: Layout) -> Floats:
+def _read_points(path: Path, file: C3d, layout: DataLayout) -> Floats:
     """Return the points (n, p, 3) of the data section, NaN for missing ones."""
     with path.open("rb") as opened:
         opened.seek(file.start)
@@ -340,7 +344,7 @@ def _points(path: Path, file: C3d, layout: Layout) -> Floats:
     return points
 
 
-def _notes_of_counts(file: C3d, layout: Layout) -> list[str]:
+def _notes_of_counts(file: C3d, layout: DataLayout) -> list[str]:
     """Say where the counts contradict each other, and frames are missing."""
     notes = []
     stated = _of_parameters(file)

@@ -24,7 +24,7 @@ from shapefit.io.inputs import require_file
 from shapefit.io.readers.poses import as_numbers, library_reads, parsing, require
 from shapefit.io.readers.text import read_json
 
-KEYS = {
+CALIBRATION_KEYS = {
     "matrix": "matrix camera_matrix cameramatrix intrinsic_matrix mtx k",
     "distortion": (
         "distortions distortion distortion_coefficients distcoeffs dist_coeffs dist "
@@ -127,7 +127,7 @@ def _sections(name: str, value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
 def _field(table: Mapping[str, Any], field: str) -> Any:
     """Return what stands under one of the names of a field; None for nothing."""
     small = {str(key).lower(): value for key, value in table.items()}
-    values = (small.get(key) for key in KEYS[field].split())
+    values = (small.get(key) for key in CALIBRATION_KEYS[field].split())
     return next(
         (value for value in values if value is not None and value not in ([], "")), None
     )

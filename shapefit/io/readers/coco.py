@@ -24,9 +24,9 @@ from shapefit.io.readers.poses import (
     Poses,
     as_numbers,
     check_names,
-    edges_of,
     place_images,
     require,
+    skeleton_edges,
 )
 from shapefit.io.readers.text import read_json
 from shapefit.io.skeletons import edges_of as bones_of
@@ -75,8 +75,11 @@ def is_coco_annotations(head: Head) -> bool:
     return isinstance(head.json, dict) and "annotations" in head.keys and bool(beside)
 
 
-BODY, WHOLE_BODY = "coco_17", "coco_133"
-"""Skeletons of COCO, and of COCO-WholeBody, which begins with it."""
+BODY = "coco_17"
+"""Skeleton of COCO."""
+
+WHOLE_BODY = "coco_133"
+"""Skeleton of COCO-WholeBody, which begins with that of COCO."""
 
 PARTS = (
     ("foot_kpts", 6),
@@ -190,7 +193,7 @@ def _has_parts(entry: _Annotation) -> bool:
     return any(entry.get(part) for part, _ in PARTS)
 
 
-def _described(entry: _Annotation) -> str:
+def _described_entry(entry: _Annotation) -> str:
     """Return an annotation as messages name it."""
     return f"annotation {entry.get('id', 'without id')}"
 
@@ -199,15 +202,17 @@ def _annotated_points(entry: _Annotation) -> Floats:
     """Return x, y, v of the keypoints of an annotation (p, 3), in one list or in one
     for each.
     """
-    values = as_numbers(entry["keypoints"], f"keypoints of {_described(entry)}")
+    values = as_numbers(entry["keypoints"], f"keypoints of {_described_entry(entry)}")
     if values.ndim == 2 and values.shape[1] == 3:
         return values
     if values.ndim != 1:
         what = "pairs" if values.shape[-1:] == (2,) else "lists"
-        raise FormatError(f"keypoints of {_described(entry)} are {what}, not x, y, v")
+        raise FormatError(
+            f"keypoints of {_described_entry(entry)} are {what}, not x, y, v"
+        )
     fits = len(values) % 3 == 0
     number = f"{len(values)} numbers, not 3 a landmark"
-    require(fits, f"keypoints of {_described(entry)} are {number}")
+    require(fits, f"keypoints of {_described_entry(entry)} are {number}")
     return values.reshape(-1, 3)
 
 
@@ -216,9 +221,9 @@ def _points_of_parts(entry: _Annotation) -> Floats:
     parts = []
     for part, count in PARTS:
         given: Any = entry.get(part) or [0.0] * (3 * count)
-        values = as_numbers(given, f"{part} of {_described(entry)}")
+        values = as_numbers(given, f"{part} of {_described_entry(entry)}")
         fits = values.shape == (3 * count,)
-        require(fits, f"{part} of {_described(entry)} are not {count} landmarks")
+        require(fits, f"{part} of {_described_entry(entry)} are not {count} landmarks")
         parts.append(values.reshape(count, 3))
     return np.concatenate(parts)
 
@@ -254,7 +259,7 @@ class _Landmarks:
         lines: Any = category.get("skeleton")
         # COCO counts from 1, some tools from 0
         zeros = any(0 in line for line in lines or () if isinstance(line, list))
-        for a, b in edges_of(lines, len(given), first=0 if zeros else 1):
+        for a, b in skeleton_edges(lines, len(given), first=0 if zeros else 1):
             self.pairs[here[a], here[b]] = None
 
     def place(self, entry: _Annotation, points: Floats) -> Floats | None:
@@ -273,7 +278,7 @@ class _Landmarks:
         landmarks = counted(len(points), "landmark")
         require(
             len(columns) == len(points),
-            f"{_described(entry)} has {landmarks}, and {owner} {len(columns)}",
+            f"{_described_entry(entry)} has {landmarks}, and {owner} {len(columns)}",
             "correct `keypoints` of the category, or of the annotations",
         )
         placed = np.zeros((len(self.column_of), 3))
@@ -292,7 +297,7 @@ class _Landmarks:
             self.unknown["without a category" if category is None else absent] += 1
             return next(iter(self.columns.values()))
         if columns is None:
-            problem = f"{_described(entry)} is of category {category}"
+            problem = f"{_described_entry(entry)} is of category {category}"
             fix = "add the category, with the names of its keypoints"
             raise FormatError(f"{problem}, which is not among the categories", fix)
         if not columns:

@@ -30,10 +30,10 @@ from shapefit.io.readers.trackers import TrackerFile
 
 HEADER = ("scorer", "individuals", "bodyparts", "coords")
 
-Columns = list[tuple[str, ...]]
+TableColumns = list[tuple[str, ...]]
 """(scorer, [individual,] body part, coordinate) of each column."""
 
-Rows = Mapping[str, Any]
+TableRows = Mapping[str, Any]
 """Fields of `of_frames` that say what the rows are."""
 
 MANY = 10**9
@@ -51,7 +51,7 @@ def is_csv(head: Head) -> bool:
     return first in ("bodyparts", "individuals") and "coords" in others
 
 
-def read_csv(paths: tuple[Path, ...]) -> Poses:
+def read_deeplabcut_csv(paths: tuple[Path, ...]) -> Poses:
     """Read DeepLabCut CSV, which Lightning Pose writes, too: a row for each frame,
     columns by name.
 
@@ -97,7 +97,9 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
         return _of_columns(path, retained, values[:, 1:], _numbered(values[:, 0]))
     parts = table.texts(*range(min(placed, default=1)))
     images = ["/".join(filter(None, row)) for row in zip(*parts, strict=True)]
-    return _of_columns(path, retained, table.numbers(placed), _named(path, images))
+    return _of_columns(
+        path, retained, table.numbers(placed), _named_columns(path, images)
+    )
 
 
 def is_hdf5(head: Head) -> bool:
@@ -133,7 +135,7 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     in an attribute. *fixed* (labels): KEY/block0_values, its names beside it as levels
         and codes.
     """
-    columns: Columns = []
+    columns: TableColumns = []
     blocks = []
     with TrackerFile(paths[0]) as file:
         keys = [name for name in file.names() if file.text("pandas_type", name)]
@@ -165,7 +167,7 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     if index.dtype.kind in "iuf":
         rows_are = _numbered(np.asarray(index, np.float64))
     else:
-        rows_are = _named(paths[0], [*map(str, index.tolist())])
+        rows_are = _named_columns(paths[0], [*map(str, index.tolist())])
     require(blocks, "no columns of coordinates")
     alike = all(block.ndim == 2 and len(block) == len(index) for block in blocks)
     numeric = alike and all(block.dtype.kind in "biuf" for block in blocks)
@@ -175,7 +177,7 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     return _of_columns(paths[0], columns, values, rows_are)
 
 
-def _numbered(index: Floats) -> Rows:
+def _numbered(index: Floats) -> TableRows:
     """Return what rows are by an index of frames."""
     labels = number_labels(index)
     whole = (index % 1 == 0).all() and (np.abs(index) < MOST_FRAME).all()
@@ -184,7 +186,7 @@ def _numbered(index: Floats) -> Rows:
     return {"labels": labels, "frames": frames - frames.min(initial=MOST_FRAME)}
 
 
-def _named(path: Path, images: Sequence[str]) -> Rows:
+def _named_columns(path: Path, images: Sequence[str]) -> TableRows:
     """Return what rows are by the paths of images: labelled frames of videos, in a
     folder each, whose names end in the number of the frame.
     """
@@ -211,7 +213,7 @@ class NameUnpickler(pickle._Unpickler):
         raise FormatError(f"asks for {module}.{name}, which is never executed here")
 
 
-def _unpickle_names(pickled: Any) -> Columns:
+def _unpickle_names(pickled: Any) -> TableColumns:
     """Return the names of columns, a list of tuples, that an attribute has pickled."""
     data = pickled.encode() if isinstance(pickled, str) else pickled
     require(isinstance(data, bytes), "the names of its columns are missing")
@@ -222,7 +224,7 @@ def _unpickle_names(pickled: Any) -> Columns:
     return [tuple(map(str, name)) for name in names]
 
 
-def _names_of_codes(file: TrackerFile, start: str) -> Columns:
+def _names_of_codes(file: TrackerFile, start: str) -> TableColumns:
     """Return the names that levels and codes stand for, one tuple each; a code of -1 is
     no name.
     """
@@ -241,7 +243,9 @@ def _names_of_codes(file: TrackerFile, start: str) -> Columns:
 COORDINATES = ("x", "y", "z", "likelihood")
 
 
-def _of_columns(path: Path, columns: Columns, values: Floats, rows_are: Rows) -> Poses:
+def _of_columns(
+    path: Path, columns: TableColumns, values: Floats, rows_are: TableRows
+) -> Poses:
     """Return the poses of rows (n, columns), each individual a pose of the frame.
 
     A landmark that only some individuals have is missing for the others. Columns of

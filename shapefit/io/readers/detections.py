@@ -25,12 +25,12 @@ from shapefit.io.readers.poses import (
     Images,
     Poses,
     as_numbers,
-    edges_of,
     library_reads,
     name_individual,
     parsing,
     require,
     series_numbers,
+    skeleton_edges,
     unit_of,
     video_name,
 )
@@ -142,7 +142,7 @@ def detections_of(
 
 def who_of(person: Mapping[str, Any]) -> Any:
     """Return what identity a file gives a person; None for nobody."""
-    return _first(person, WHO)
+    return _first_score(person, WHO)
 
 
 def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
@@ -152,7 +152,7 @@ def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
     They are three numbers a landmark in one list, [x, y] beside a list of confidences,
     or lists of x and y and, if any, `visible`.
     """
-    given = _first(person, LISTS)
+    given = _first_score(person, LISTS)
     if given is None or (given == [] and not needed):
         require(not needed, "a person without a list of keypoints")
         return np.empty((0, 3))
@@ -168,7 +168,7 @@ def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
         solid = values.ndim == 2 and values.shape[1] == 3
         what = "[x, y, z], so points in 3D" if solid else "no pairs [x, y]"
         raise FormatError(f"keypoints are {what}", "give landmarks in 2D")
-    given_scores = _first(person, SCORES)
+    given_scores = _first_score(person, SCORES)
     if given_scores is None:
         return np.column_stack([values, np.ones(len(values))])
     scores = as_numbers(given_scores, "confidences of a person")
@@ -188,7 +188,7 @@ def _points_of_lists(given: Mapping[str, Any]) -> Floats:
     return np.column_stack([x, y, scores])
 
 
-def _first(content: Mapping[str, Any], keys: Sequence[str]) -> Any:
+def _first_score(content: Mapping[str, Any], keys: Sequence[str]) -> Any:
     """Return the value of the first key that an object has."""
     return next((content[key] for key in keys if content.get(key) is not None), None)
 
@@ -271,7 +271,7 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
         scored=any(not np.isin(values, (0, 1, 2)).all() for values in marks),
         unit=FRACTION,
         landmark_names=tuple(map(str, names)) or None,
-        edges=edges_of(data.get("skeleton"), count),
+        edges=skeleton_edges(data.get("skeleton"), count),
     )
 
 
@@ -336,7 +336,7 @@ class _Meta(TypedDict, total=False):
     skeleton_links: Any
 
 
-class _Video(TypedDict, total=False):
+class _TrackedVideo(TypedDict, total=False):
     meta_info: _Meta | None
     instance_info: Required[list[dict[str, Any]]]
 
@@ -358,7 +358,7 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     content = read_json(paths[0])
     meta: _Meta = {}
     if isinstance(content, dict):
-        video = checked(_Video, content)
+        video = checked(_TrackedVideo, content)
         meta, content = video.get("meta_info") or {}, video["instance_info"]
         if content and "instances" not in content[0]:  # of one image
             content = [{"frame_id": 0, "instances": content}]
@@ -376,7 +376,7 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
         detections,
         landmark_names=tuple(names[str(number)] for number in range(len(names)))
         or None,
-        edges=edges_of(meta.get("skeleton_links"), len(names)),
+        edges=skeleton_edges(meta.get("skeleton_links"), len(names)),
     )
 
 

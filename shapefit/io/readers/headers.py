@@ -164,11 +164,11 @@ def _of_names(delimiter: str, line: int, names: Sequence[str]) -> Header | None:
             places.append(_Place(column, match["name"], axis, capital))
     if {"landmark", "x", "y"} <= roles.keys():
         return Header(delimiter, line, names, roles, ())
-    bodies = _bodies(places)
+    bodies = _header_bodies(places)
     return Header(delimiter, line, names, roles, bodies) if bodies else None
 
 
-def _bodies(places: Sequence[_Place]) -> list[Body]:
+def _header_bodies(places: Sequence[_Place]) -> list[Body]:
     """Return the bodies whose landmarks stand in these columns, the largest first.
 
     x and X of a landmark are two bodies, as OpenFace has pixels and millimetres; so are

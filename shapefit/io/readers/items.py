@@ -31,14 +31,14 @@ from shapefit.records.shapes import Shapes
 Notes = tuple[str, ...]
 
 
-def read_landmarks(
+def landmarks_of_files(
     form: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Landmarks, Notes]:
     """Return the images of a file of poses, and warnings. Raises InputError."""
     return landmarks_of(_read_kind(form, paths, "landmarks", 2), options)
 
 
-def read_shapes(
+def shapes_of_files(
     form: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Shapes, Notes]:
     """Return the shapes of a file of poses, NaN where a landmark is unknown, and
@@ -401,10 +401,8 @@ def with_landmarks(shapes: S, names: Sequence[str]) -> S:
     nearest of its ancestors that stays. The index of mirrored landmarks does not stay.
     """
     if shapes.edges is not None:
-        edges, stay = (
-            shapes.edges.tolist(),
-            [name in names for name in shapes.landmark_names],
-        )
+        edges = shapes.edges.tolist()
+        stay = [name in names for name in shapes.landmark_names]
         parents = {below: above for above, below in edges}
         for _ in (
             parents if len(parents) == len(edges) else ()

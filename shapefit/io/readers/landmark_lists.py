@@ -29,7 +29,7 @@ BODIES = (
 )
 """Where the bodies of a frame stand."""
 
-SCORES = ("visibility", "score", "confidence", "presence")
+SCORE_KEYS = ("visibility", "score", "confidence", "presence")
 """Where the confidence of a landmark stands."""
 
 NUMBERS = ("frame", "frame_id", "frame_index", "frame_idx", "frame_number")
@@ -41,8 +41,8 @@ NESTED = 4
 
 def is_landmark_lists(head: Head) -> bool:
     """Whether the reader below finds a body in one of the first frames."""
-    frames = _frames(head.json)[1][:FIRST]
-    return any(True for frame in frames for _ in _bodies(frame))
+    frames = _frames_of_list(head.json)[1][:FIRST]
+    return any(True for frame in frames for _ in _listed_bodies(frame))
 
 
 def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
@@ -52,16 +52,18 @@ def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
     under `pose_landmarks` or the like. A file has one frame, a list of them, an object
     with `frames`, or one whose keys are the numbers of frames.
     """
-    stated, frames = _frames(read_json(paths[0]))
+    stated, frames = _frames_of_list(read_json(paths[0]))
     bodies = [
-        (body, number) for number, frame in enumerate(frames) for body in _bodies(frame)
+        (body, number)
+        for number, frame in enumerate(frames)
+        for body in _listed_bodies(frame)
     ]
     require(bodies, "no list of landmarks")
     names = tuple(str(point.get("name") or "") for point in bodies[0][0])
     detections: list[Detection] = []
     for body, number in bodies:
         rows = [
-            (point.get("x"), point.get("y"), _first(point, SCORES, 1.0))
+            (point.get("x"), point.get("y"), _first_entry(point, SCORE_KEYS, 1.0))
             for point in body
         ]
         values = as_numbers(rows, f"x, y and confidence of landmarks of frame {number}")
@@ -86,7 +88,7 @@ def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _frames(content: Any) -> tuple[list[int], Sequence[Any]]:
+def _frames_of_list(content: Any) -> tuple[list[int], Sequence[Any]]:
     """Return the frames of a file, and their numbers as far as they are stated."""
     if isinstance(content, dict):
         numbered = [key for key in content if key.isdecimal() and key.isascii()]
@@ -97,7 +99,9 @@ def _frames(content: Any) -> tuple[list[int], Sequence[Any]]:
         content = [content]
     frames = content if isinstance(content, list) else []
     stated = [
-        _first(frame, NUMBERS, None) for frame in frames if isinstance(frame, dict)
+        _first_entry(frame, NUMBERS, None)
+        for frame in frames
+        if isinstance(frame, dict)
     ]
     return [number for number in stated if isinstance(number, int)], frames
 
@@ -109,17 +113,17 @@ def _is_body(content: object) -> bool:
     )
 
 
-def _bodies(frame: Any, nested: int = NESTED) -> Iterator[list[dict[str, Any]]]:
+def _listed_bodies(frame: Any, nested: int = NESTED) -> Iterator[list[dict[str, Any]]]:
     """Yield the bodies of a frame; there may be none."""
     if isinstance(frame, dict):
-        frame = _first(frame, BODIES, ())
+        frame = _first_entry(frame, BODIES, ())
     if _is_body(frame):
         yield [point if isinstance(point, dict) else {} for point in frame]
     elif isinstance(frame, list) and nested:
         for one in frame:
-            yield from _bodies(one, nested - 1)
+            yield from _listed_bodies(one, nested - 1)
 
 
-def _first(content: Mapping[str, Any], keys: Sequence[str], default: Any) -> Any:
+def _first_entry(content: Mapping[str, Any], keys: Sequence[str], default: Any) -> Any:
     """Return the value of the first key that an object has."""
     return next((content[key] for key in keys if content.get(key) is not None), default)

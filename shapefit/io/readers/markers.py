@@ -18,7 +18,7 @@ from shapefit.io.readers.poses import (
     Poses,
     frames_of_labels,
     frames_of_times,
-    make_unique,
+    number_repeats,
     of_frames,
     require,
 )
@@ -186,7 +186,7 @@ def of_markers(
     `subject:` before all their names is the individual; `fields` are those of
     `of_frames`.
     """
-    names = make_unique(markers)
+    names = number_repeats(markers)
     factor, unit = as_metres(unit)
     subjects = {name.rpartition(":")[0] for name in names if not name.startswith("*")}
     individuals = [*subjects] if len(subjects) == 1 and any(subjects) else None

@@ -46,13 +46,14 @@ def read_tps(paths: tuple[Path, ...]) -> Poses:
         number += 1
         if match is None:
             continue
-        key, value = match[1].upper(), match[2].strip()
+        key = match[1].upper()
+        value = match[2].strip()
         if key in ("LM", "LM3", "POINTS"):
             count = _count(path, number, value)
             d = 3 if key == "LM3" else 2
             rows = lines[number : number + count]
             if key != "POINTS":
-                specimens.append(_points(path, rows, number, count, d))
+                specimens.append(_specimen_points(path, rows, number, count, d))
                 stated.append({})
             number += count
         elif stated:
@@ -67,7 +68,9 @@ def read_tps(paths: tuple[Path, ...]) -> Poses:
         points[row, : len(own)] = np.array(own).reshape(-1, d)
     left_out = sorted({key for keys in stated for key in keys} - {"IMAGE", "ID"})
     notes = [f"left out: {', '.join(map(printable, left_out))}"] if left_out else []
-    return _images(path, points, _labels(stated), y_axis="up", notes=tuple(notes))
+    return _specimen_images(
+        path, points, _specimen_labels(stated), y_axis="up", notes=tuple(notes)
+    )
 
 
 def _count(path: Path, line: int, value: str) -> int:
@@ -78,7 +81,7 @@ def _count(path: Path, line: int, value: str) -> int:
     return int(value)
 
 
-def _points(
+def _specimen_points(
     path: Path, rows: Sequence[str], line: int, count: int, d: int
 ) -> list[list[float]]:
     """Return the points of so many lines. Raises InputError where one is no point."""
@@ -94,7 +97,7 @@ def _points(
     return points
 
 
-def _labels(stated: Sequence[dict[str, str]]) -> list[str]:
+def _specimen_labels(stated: Sequence[dict[str, str]]) -> list[str]:
     """Return what specimens are called: by images, else their ID, else their number."""
     for key in ("IMAGE", "ID"):
         names = [keys.get(key, "") for keys in stated]
@@ -103,7 +106,9 @@ def _labels(stated: Sequence[dict[str, str]]) -> list[str]:
     return [*map(str, range(len(stated)))]
 
 
-def _images(path: Path, points: Floats, labels: Sequence[str], **fields: Any) -> Poses:
+def _specimen_images(
+    path: Path, points: Floats, labels: Sequence[str], **fields: Any
+) -> Poses:
     """Return images of landmarks that are numbered from 1."""
     return of_bodies(
         path,
@@ -133,7 +138,7 @@ def read_pts(paths: tuple[Path, ...]) -> Poses:
     numbers = " and ".join(map(str, sorted(sizes)))
     require(len(sizes) == 1, f"files of {numbers} landmarks; give those of one kind")
     labels = [path.stem for path in files]
-    return _images(paths[0], np.array(found), labels)
+    return _specimen_images(paths[0], np.array(found), labels)
 
 
 def _read_one(path: Path) -> list[list[float]]:
@@ -145,4 +150,4 @@ def _read_one(path: Path) -> list[list[float]]:
         fault, fix = "does not begin with n_points and {", "copy or make it again"
         raise input_error(path, fault, fix)
     rows = rest.split("\n")[1:]
-    return _points(path, rows, before.count("\n") + 1, int(stated[1]), 2)
+    return _specimen_points(path, rows, before.count("\n") + 1, int(stated[1]), 2)

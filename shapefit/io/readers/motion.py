@@ -17,7 +17,7 @@ from shapefit.io.readers.poses import (
     Poses,
     check_names,
     frames_of_labels,
-    make_unique,
+    number_repeats,
     of_frames,
     parsing,
     require,
@@ -44,7 +44,7 @@ class Joint:
     channels: Sequence[Channel] = ()
 
 
-def forward_kinematics(joints: Sequence[Joint], values: Floats) -> Floats:
+def place_bones(joints: Sequence[Joint], values: Floats) -> Floats:
     """x = x_parent + R_parent (before + shift) + R after, with R = R_parent C M C^T.
 
     values (n, c) are those of all channels, joint by joint, angles in degrees; returns
@@ -59,7 +59,8 @@ def forward_kinematics(joints: Sequence[Joint], values: Floats) -> Floats:
     rotations: dict[int, Floats] = {-1: np.eye(3)}
     for number in _parents_first([joint.parent for joint in joints]):
         joint = joints[number]
-        before, motion = np.tile(joint.before, (n, 1)), np.eye(3)
+        before = np.tile(joint.before, (n, 1))
+        motion = np.eye(3)
         columns = values[:, starts[number] : starts[number + 1]]
         for (turns, axis), value in zip(joint.channels, columns.T, strict=True):
             if turns:
@@ -125,9 +126,9 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
         rate = float(round(rate))  # the time was rounded: 0.033333 s is 30 Hz
     return of_frames(
         path,
-        forward_kinematics(joints, motion)[:, order],
+        place_bones(joints, motion)[:, order],
         video=path.stem,
-        landmark_names=make_unique([joints[number].name for number in order]),
+        landmark_names=number_repeats([joints[number].name for number in order]),
         frame_rate=rate,
         notes=(note,) if lost > 0 else (),
         edges=tuple(
@@ -145,7 +146,8 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float
     above: list[int] = []
     for number, line in enumerate(text.split("\n"), 1):
         word, *rest = line.replace("{", " ").replace("}", " ").split() or [""]
-        key, parent = word.upper(), above[-1] if above else -1
+        key = word.upper()
+        parent = above[-1] if above else -1
         with parsing(f"{path}:{number}", "BVH", "correct it"):
             if key in ("ROOT", "JOINT", "END"):
                 fits = (parent < 0) == (key == "ROOT")
@@ -192,7 +194,7 @@ def is_acclaim(head: Head) -> bool:
 
 
 INCH = 0.0254
-WHOLE = "give whole files, in which every frame lists the bones of the skeleton"
+WHOLE_FILE = "give whole files, in which every frame lists the bones of the skeleton"
 
 
 def read_acclaim(paths: tuple[Path, ...]) -> Poses:
@@ -212,13 +214,13 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     named = [file for file in skeletons if path.stem.startswith(file.stem)]
     problem = f"none of the {len(skeletons)} skeletons beside it is named like it"
     require(named or len(skeletons) == 1, problem)
-    bones, unit, scale = _read_skeleton(
+    bones, unit, scale = _read_asf_skeleton(
         max(named or skeletons, key=lambda file: len(file.stem))
     )
     labels, values = _read_motion(path, bones)
     return of_frames(
         path,
-        scale * forward_kinematics(bones, values),
+        scale * place_bones(bones, values),
         labels=labels,
         frames=frames_of_labels(labels),
         video=path.stem,
@@ -230,7 +232,7 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:
+def _read_asf_skeleton(path: Path) -> tuple[list[Joint], str, float]:
     """Return the bones of an ASF file, the root first, their unit, and what lengths are
     times.
 
@@ -261,9 +263,9 @@ def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:
             links.append([word, *rest])
     bones = []
     for number, block in blocks:
-        with parsing(f"{path}:{number}", "a bone of ASF", WHOLE):
+        with parsing(f"{path}:{number}", "a bone of ASF", WHOLE_FILE):
             bones.append(_bone(block))
-    with parsing(path, "ASF", WHOLE):
+    with parsing(path, "ASF", WHOLE_FILE):
         require(units.get("angle", "deg").startswith("deg"), "angles in radians")
         check_names([bone.name for bone in bones], "bone")
         (length,) = floats([units.get("length", "1")])
@@ -297,13 +299,16 @@ def _bone(block: dict[str, list[str]]) -> Joint:
     if "orientation" not in block:
         lacking |= {"direction", "length"} - block.keys()
     require(not lacking, f"there is no {abbreviate(sorted(lacking))}")
-    before, after, turn = np.zeros(3), np.zeros(3), block["axis"]
+    before = np.zeros(3)
+    after = np.zeros(3)
+    turn = block["axis"]
     if "orientation" in block:
         turn = [*block["orientation"], *turn]
         before = np.array(floats(block["position"], 3))
     else:
         after = np.array(floats(block["direction"], 3)) * floats(block["length"], 1)[0]
-    angles, letters = floats(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
+    angles = floats(turn[:3], 3)
+    letters = (turn[3:] or ["XYZ"])[0].lower()
     ordered = sorted(letters) == ["x", "y", "z"]
     require(
         ordered, f"the order of axes {letters!r}, not XYZ or another of these three"
@@ -336,7 +341,7 @@ def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]
                     f"{len(row)} numbers of {name!r}, not {count.get(name, 0)} in each"
                     " frame"
                 )
-                raise input_error(f"{path}:{line}", problem, WHOLE)
+                raise input_error(f"{path}:{line}", problem, WHOLE_FILE)
             cells[name] += reversed(row)
     require(labels, "no frames")
     sizes = [(bone.name, len(labels) * count[bone.name]) for bone in bones]

@@ -287,7 +287,7 @@ def image_labels(paths: Sequence[str]) -> list[str]:
     )
 
 
-NUMBER = re.compile("([0-9]{1,18})")
+NUMBER_IN_NAME = re.compile("([0-9]{1,18})")
 
 SPARSEST = 100
 """How many numbers of names there are at most for each frame that is there."""
@@ -297,7 +297,7 @@ def series_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] 
     """Return the number in which alone names differ, of one name the last; None where
     they differ otherwise, or are no frames: there is one in so many at least.
     """
-    parts = [NUMBER.split(name) for name in names]  # text, number, text, ...
+    parts = [NUMBER_IN_NAME.split(name) for name in names]  # text, number, text, ...
     if len({len(part) for part in parts}) > 1:
         return None
     columns = [*zip(*parts, strict=True)]
@@ -464,7 +464,7 @@ def number_labels(values: NDArray[Any]) -> list[str]:
     return [f"{value:.6f}".rstrip("0").rstrip(".") for value in values.tolist()]
 
 
-def make_unique(labels: Sequence[str]) -> tuple[str, ...]:
+def number_repeats(labels: Sequence[str]) -> tuple[str, ...]:
     """Return labels, numbered where they repeat an earlier one; the eighth, if empty,
     is `*7`.
     """
@@ -491,7 +491,7 @@ def name_individual(who: Any) -> str:
     return f"id {who:g}" if number and who >= 0 else ""
 
 
-def edges_of(lines: object, landmarks: int, *, first: int = 0) -> Edges:
+def skeleton_edges(lines: object, landmarks: int, *, first: int = 0) -> Edges:
     """Return those of a list of lines that join two of so many landmarks, which a file
     counts from `first`; lines of another kind join none.
     """

@@ -32,7 +32,7 @@ from shapefit.io.readers.text import Table, decode, read_table, read_text
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.timeline import find_rate
 
-METRES = {
+METRES_PER_NAMED_UNIT = {
     "frame",
     "time",
     "landmark",
@@ -122,11 +122,11 @@ def understand(path: Path, dimensions: int | None = None) -> Understood:
     if with_depth and confidence is not None and not header.triangulated:
         points[confidence == 0] = np.nan
         confidence = None
-    fields, rows, of_images = _images(path, grid, header)
+    fields, rows, of_images = _table_images(path, grid, header)
     notes = [*grid.keys.guessed, *_notes_of_weights(grid, header)]
     if not header.is_long and len(header.bodies) > 1:
         notes.append(_two_bodies(header, body))
-    if header.is_long and {*header.names} >= METRES:
+    if header.is_long and {*header.names} >= METRES_PER_NAMED_UNIT:
         fields |= {"unit": "m"}
     elif unused := header.unused(grid.used):
         listed = abbreviate([*map(printable, unused)])
@@ -415,14 +415,15 @@ def _tell_apart(cells: Sequence[str], landmarks: Sequence[str] | None) -> bool:
     return len(pairs) == len(cells) and len(names) < len(cells)
 
 
-def _images(
+def _table_images(
     path: Path, grid: Grid, header: Header
 ) -> tuple[dict[str, Any], Integers, tuple[Line, ...]]:
     """Return the fields of `Poses` that say what the images are, the order of the rows,
     and lines that say how items and frames were understood.
     """
     cells, count = grid.cells, len(grid.axes["x"])
-    stem, order = video_name(path), np.arange(count)
+    stem = video_name(path)
+    order = np.arange(count)
 
     def called(role: str) -> str:
         return f"column {printable(header.called(grid.keys.columns[role]))}"
@@ -439,7 +440,9 @@ def _images(
         items: Line = ("items", called("item"))
     if "frame" in cells:
         named = "item" in cells
-        fields["frame"], order = _frames(cells["frame"], fields.get("video"), named)
+        fields["frame"], order = _table_frames(
+            cells["frame"], fields.get("video"), named
+        )
         labels = [
             cell if cell.isdecimal() else number_labels(read_numbers([cell])[0])[0]
             for cell in cells["frame"]
@@ -449,7 +452,7 @@ def _images(
     elif "time" in cells:
         seconds, _ = read_numbers(cells["time"])
         fields["frame"] = _frames_of_times(seconds, fields.get("video"))
-        order, _ = _order(seconds, fields.get("video"))
+        order, _ = _table_order(seconds, fields.get("video"))
         fields.setdefault("labels", number_labels(seconds))
         frames = ("frames", f"times in {called('time')}")
     elif "sequence" in cells or ("item" not in cells and _is_freemocap(header)):
@@ -505,18 +508,18 @@ def _whole_numbers(cells: Sequence[str]) -> list[int]:
     return [*map(int, values.tolist())]
 
 
-def _frames(
+def _table_frames(
     cells: Sequence[str], videos: Sequence[str] | None, named: bool
 ) -> tuple[Integers, Integers]:
     """Return the frames in their videos, from the first on, and their order. Those of
     items that are named keep their numbers, as in our CSV.
     """
     frames = np.array(_whole_numbers(cells), np.int64)
-    order, first = _order(frames, videos)
+    order, first = _table_order(frames, videos)
     return frames if named else frames - frames[first], order
 
 
-def _order(
+def _table_order(
     values: Floats | Integers, videos: Sequence[str] | None
 ) -> tuple[Integers, Integers]:
     """Return the order of rows in their videos, and the first row of each (n,)."""
@@ -531,7 +534,7 @@ def _frames_of_times(seconds: Floats, videos: Sequence[str] | None) -> Integers:
     """Return the frames of times in their videos, from the first on: those of one grid
     for all videos, else counted.
     """
-    _, first = _order(seconds, videos)
+    _, first = _table_order(seconds, videos)
     since = np.round(seconds - seconds[first], MICROSECONDS)
     moments, place = np.unique(since, return_inverse=True)
     on_grid = frames_of_times(moments, None)

@@ -23,8 +23,8 @@ from shapefit.io.readers.poses import (
     Poses,
     check_names,
     frames_of_times,
-    make_unique,
     number_labels,
+    number_repeats,
     of_frames,
     require,
     video_name,
@@ -129,7 +129,8 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     those of `node_names`, and of `track_occupancy` (frame, track).
     """
     with TrackerFile(paths[0]) as file:
-        nodes, names = file.texts("node_names"), file.texts("track_names")
+        nodes = file.texts("node_names")
+        names = file.texts("track_names")
         tracks = file.numbers("tracks")
         dims = file.attribute("dims", "tracks")
         scores = file.numbers_if_any("point_scores")
@@ -172,12 +173,16 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
         scores,
         present=np.asarray(np.isfinite(points).any(axis=(2, 3))) if many > 1 else None,
         landmark_names=nodes,
-        individuals=make_unique(names) or None,
+        individuals=number_repeats(names) or None,
         edges=edges,
     )
 
 
-USER, PREDICTED = 0, 1
+USER = 0
+"""Type of an instance that a person has labelled."""
+
+PREDICTED = 1
+"""Type of an instance that a model has found."""
 
 FRAME_COLUMNS = ("video", "frame_idx", "instance_id_start", "instance_id_end")
 INSTANCE_COLUMNS = (
@@ -278,7 +283,10 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     pairs = dict.fromkeys(
         pair for skeleton in file.skeletons for pair in skeleton.edges
     )
-    individuals = (*make_unique(file.track_names), "")  # the last is that of track -1
+    individuals = (
+        *number_repeats(file.track_names),
+        "",
+    )  # the last is that of track -1
     several = len(file.video_names) > 1
     return Poses(
         name=str(paths[0]),
@@ -313,9 +321,10 @@ def _open_slp(path: Path) -> SlpFile:
         format_id = file.number("format_id", "metadata")
         return SlpFile(
             track_names=tuple(str(track[1]) for track in tracks),
-            video_names=make_unique([_name_of_video(video) for video in videos]),
+            video_names=number_repeats([_name_of_video(video) for video in videos]),
             skeletons=[
-                _read_skeleton(one, metadata["nodes"]) for one in metadata["skeletons"]
+                _read_slp_skeleton(one, metadata["nodes"])
+                for one in metadata["skeletons"]
             ],
             frames=file.table("frames", FRAME_COLUMNS),
             instances=file.table("instances", INSTANCE_COLUMNS),
@@ -334,7 +343,7 @@ def _name_of_video(video: _Video) -> str:
     return PureWindowsPath(name if isinstance(name, str) else name[0]).stem
 
 
-def _read_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
+def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
     """Return a skeleton: its edges are links whose type, or its place, is 1.
 
     A skeleton that comes from a preset has its graph in `nx_graph`.
@@ -547,7 +556,8 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     with TrackerFile(paths[0]) as file:
         kind = file.text("ds_type")
         require(kind == "poses", f"{kind or 'data of no stated type'}, not poses")
-        points, times = _arranged(file, "position", AXES), file.numbers_if_any("time")
+        points = _arranged(file, "position", AXES)
+        times = file.numbers_if_any("time")
         scored = file.is_dataset("confidence")
         confidence = _arranged(file, "confidence", AXES[:3]) if scored else None
         individuals, landmarks, space = (
@@ -639,7 +649,8 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     confidence = np.full(cells.shape[:3], np.nan)
     present = np.zeros(cells.shape[:2], bool)
     for (animal, landmark), (points, scores, at, *_) in series.items():
-        rows, number = np.searchsorted(times, at), animals.index(animal)
+        rows = np.searchsorted(times, at)
+        number = animals.index(animal)
         place = rows, number, names.index(landmark)
         cells[place], confidence[place], present[rows, number] = points, scores, True
     rates = {rate for rate, at in zip(all_rates, all_times, strict=True) if len(at) > 1}

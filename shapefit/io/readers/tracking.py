@@ -22,16 +22,25 @@ import numpy as np
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.io.readers.poses import Poses
 
-REACH, REACH_PER_GAP, FARTHEST = 0.35, 0.1, 1.0
-"""How far landmarks go in a frame beyond the motion so far, in diagonals of the box
-(who runs crosses a fifth of it at 30 Hz); what each missed frame adds; and the largest
-reach.
+FRAME_REACH = 0.35
+"""How far landmarks go in a frame beyond the motion so far, in diagonals of the box:
+who runs crosses a fifth of it at 30 Hz.
 """
 
-LONGEST_GAP = 14  # frames that a track goes on unseen
-SMOOTH_MOTION = 3  # frames for which it is then expected to move on
+REACH_PER_MISSED_FRAME = 0.1
+"""What each missed frame adds to the reach."""
 
-FORGETTING = 0.3  # share of a frame's motion in the smooth motion of a track
+MAX_REACH = 1.0
+"""However many frames are missed."""
+
+MAX_UNSEEN_FRAMES = 14
+"""For which a track goes on."""
+
+MAX_MOVING_FRAMES = 3
+"""For which an unseen track is expected to move on."""
+
+MOTION_SHARE = 0.3
+"""Of a frame's motion in the smooth motion of a track."""
 
 
 class _Detections(NamedTuple):
@@ -82,7 +91,7 @@ def track_people(poses: Poses) -> Sequence[str] | None:
     for (video, frame), detected in rows_of.items():
         rows = np.array(detected)
         tracks = open_tracks.get(video, rows[:0])
-        tracks = tracks[frame - detections.frame[tracks] <= LONGEST_GAP + 1]
+        tracks = tracks[frame - detections.frame[tracks] <= MAX_UNSEEN_FRAMES + 1]
         if len(tracks):
             who, which = _follow(detections, tracks, rows)
             number[rows[which]] = number[tracks[who]]
@@ -107,7 +116,7 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
     Landmarks that a detection lacks are taken from its track, and move as that does.
     """
     passed = np.maximum(detections.frame[rows[0]] - detections.frame[tracks], 1)
-    steps = detections.motion[tracks] * np.minimum(passed, SMOOTH_MOTION)[:, None]
+    steps = detections.motion[tracks] * np.minimum(passed, MAX_MOVING_FRAMES)[:, None]
     expected = detections.points[tracks]
     expected[..., :2] += steps[:, None]
 
@@ -115,7 +124,7 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
         (detections.boxes[tracks] + np.tile(steps, 2))[:, None],
         detections.boxes[rows],
     )
-    reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
+    reach = np.minimum(FRAME_REACH + REACH_PER_MISSED_FRAME * (passed - 1), MAX_REACH)
     scale = np.maximum(detections.size[tracks, None], detections.size[rows])
     difference = detections.points[rows] - expected[:, None]
     away = np.sqrt(np.einsum("tdpc,tdpc->tdp", difference, difference))
@@ -144,7 +153,7 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
     number = both.sum(axis=1)
     mean = np.where(both, moved, 0.0).sum(axis=1) / np.maximum(number, 1)
     smooth = detections.motion[before]
-    motion = smooth + FORGETTING * (mean / passed[who, None] - smooth)
+    motion = smooth + MOTION_SHARE * (mean / passed[who, None] - smooth)
     detections.motion[after] = np.where(number > 0, motion, smooth)
     detections.points[after] = np.where(np.isnan(points), expected[who], points)
     detections.size[after] = np.maximum(

@@ -18,7 +18,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.geometry.joint_rotations import Rig, find_rig, forward_kinematics
 from shapefit.io.skeletons import part_names
-from shapefit.io.writers.motion import Motion
+from shapefit.io.writers.motion import FileMotion
 
 TIP = 0.25  # length of the end after the last joint of a limb, in bones before it
 DECIMALS = 6  # of metres and degrees
@@ -29,13 +29,13 @@ LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 """Without all of these, left and right, it is no person."""
 
 
-def write_bvh(path: Path, motion: Motion) -> str:
+def write_bvh(path: Path, motion: FileMotion) -> str:
     """Write one motion, gaps bridged in straight lines; say how far joints are from the
     landmarks.
 
     Raises InputError where no edge joins two landmarks that have a place.
     """
-    points = _without_gaps(motion.points)
+    points = _bridged(motion.points)
     placed = np.asarray(np.isfinite(points).all(axis=(0, 1)))
     column = np.cumsum(placed) - 1
     edges = column[motion.edges[placed[motion.edges].all(axis=1)]]
@@ -76,14 +76,15 @@ def write_bvh(path: Path, motion: Motion) -> str:
     return f"{said}; {motion.steady}" if motion.steady else said
 
 
-def _without_gaps(points: Floats) -> Floats:
+def _bridged(points: Floats) -> Floats:
     """Return points (f, 3, p) over gaps in a straight line; nan what is never known."""
-    points, frames = points.copy(), np.arange(len(points))
-    for track in points.reshape(len(points), -1).T:
+    bridged = points.copy()
+    frames = np.arange(len(points))
+    for track in bridged.reshape(len(points), -1).T:
         finite = np.isfinite(track)
         if finite.any():
             track[:] = np.interp(frames, frames[finite], track[finite])
-    return points
+    return bridged
 
 
 def _parts(names: tuple[str, ...]) -> dict[str, Mapping[str, Any]]:
@@ -122,10 +123,8 @@ def find_angles(rotations: Floats) -> Floats:
     a = np.arctan2(-R[..., 0, 1], R[..., 1, 1])
     b = np.arcsin(np.clip(R[..., 2, 1], -1, 1))
     c = np.arctan2(-R[..., 2, 0], R[..., 2, 2])
-    one, other = (
-        np.stack([a, b, c], axis=-1),
-        np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1),
-    )
+    one = np.stack([a, b, c], axis=-1)
+    other = np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1)
 
     def change(start: Floats, end: Floats) -> Floats:
         turn = (end - start + np.pi) % (2 * np.pi) - np.pi

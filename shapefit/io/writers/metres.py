@@ -22,10 +22,8 @@ from shapefit.records import Fit, Shapes
 
 Shapes3D = Shapes | Fit
 
-EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = (
-    "extrinsic_rotation",
-    "extrinsic_translation",
-)
+EXTRINSIC_ROTATION = "extrinsic_rotation"
+EXTRINSIC_TRANSLATION = "extrinsic_translation"
 """Datasets of the file or of each image: X_camera = R X_world + t, in metres; z away
 from it.
 """
@@ -38,7 +36,8 @@ Drillis and R. Contini, Body segment parameters, 1966).
 EXTENT_PERCENTILE = (
     95.0  # of the frames of a sequence: a few that went wrong do not count
 )
-FARTHEST = 100.0  # metres from a camera to the origin of its world in any room or arena
+MAX_METRES_FROM_ORIGIN = 100.0
+"""From a camera to the origin of its world, in any room or arena."""
 
 
 class MetricShapes(NamedTuple):
@@ -87,7 +86,7 @@ def in_metres(
     )
     warning += "millimetres, divide their translation by 1000"
     return MetricShapes(
-        points, factor, axes, size, (warning,) if far > FARTHEST else ()
+        points, factor, axes, size, (warning,) if far > MAX_METRES_FROM_ORIGIN else ()
     )
 
 

@@ -21,7 +21,7 @@ from shapefit.geometry.joint_angles import measurable_angles, measure_angles
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import check_output, file_stem, staged_files
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
-from shapefit.io.readers.poses import make_unique
+from shapefit.io.readers.poses import number_repeats
 from shapefit.io.skeletons import edges_of, joint_columns, model_names
 from shapefit.io.writers.metres import (
     EXTRINSIC_ROTATION,
@@ -35,8 +35,11 @@ from shapefit.records import Fit, Record, concatenate
 from shapefit.records.columns import Array, in_columns
 from shapefit.timeline import ASSUMED_RATE, JITTER, LONGEST_GAP, find_rate
 
-ANGLES, ANGLE_SD = "joint_angles", "joint_angle_sd"
-"""Columns (n, a) of records on their way to a file of motion, in degrees."""
+ANGLES = "joint_angles"
+"""Column (n, a) of records on their way to a file of motion, in degrees."""
+
+ANGLE_SD = "joint_angle_sd"
+"""Column (n, a) of their standard deviations."""
 
 RETAINED = {
     "landmark_names",
@@ -66,11 +69,13 @@ RETAINED = {
 }
 """Columns of which files of motion are made."""
 
-FOCAL_SD, SCALE_SD = 0.18, 0.05
-"""Of the logarithm of the distance to a body: by a focal length that is assumed (lenses
-have .8 to
-1.5 widths), and by a known one.
+ASSUMED_DISTANCE_SD = 0.18
+"""Of the logarithm of the distance to a body, by a focal length that is assumed: lenses
+have 0.8 to 1.5 widths.
 """
+
+KNOWN_DISTANCE_SD = 0.05
+"""Of that logarithm, by a known focal length."""
 
 UNKNOWN_SD = 0.1
 """Standard deviation of a coordinate in the unit of the shapes, where none is known."""
@@ -82,7 +87,7 @@ NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class FileMotion:
     """Every frame of a sequence, from the number `first` on, missing ones too.
 
     points (f, 3, p) and deviations (f, p) in metres, angles and deviations (f, a) in
@@ -123,13 +128,13 @@ class Motion:
         return f"times are off the steady {self.rate:g} Hz by up to {away:.3g} s"
 
 
-Track = tuple[str, Shapes3D, Integers]
+MotionTrack = tuple[str, Shapes3D, Integers]
 """A sequence: its name, and items by their frames (n,)."""
 
 Write = Callable[
-    [Path, Motion], str | None
+    [Path, FileMotion], str | None
 ]  # fills a new file; may return a note for the summary
-JudgeAngles = Callable[[Sequence[Motion]], str]
+JudgeAngles = Callable[[Sequence[FileMotion]], str]
 
 
 class MotionWriter(RecordWriter[Shapes3D]):
@@ -237,13 +242,17 @@ def _file_stems(stem: str, names: Sequence[str]) -> list[str]:
         len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts
     ):
         shared += 1
-    short = make_unique(["_".join(part[shared:]).replace(" ", "_") for part in parts])
+    short = number_repeats(
+        ["_".join(part[shared:]).replace(" ", "_") for part in parts]
+    )
     return [
         str(file_stem(f"{stem}_{name}")) if len(names) > 1 else stem for name in short
     ]
 
 
-def find_motions(records: Shapes3D, options: OutputOptions, place: str) -> list[Motion]:
+def find_motions(
+    records: Shapes3D, options: OutputOptions, place: str
+) -> list[FileMotion]:
     """Part records by sequence, each in the order of its frames, on the floor of its
     video.
 
@@ -299,7 +308,7 @@ def find_floors(
             body = FilmedBody(points, deviations, joint_columns(names), tall, rate)
             bodies.setdefault(video_of(name), []).append(body)
     floors = {
-        name: find_floor(of, FOCAL_SD if assumed else SCALE_SD)
+        name: find_floor(of, ASSUMED_DISTANCE_SD if assumed else KNOWN_DISTANCE_SD)
         for name, of in bodies.items()
     }
     return {name: floor for name, floor in floors.items() if floor is not None}
@@ -353,7 +362,8 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
         if rotation is not None:
             turn = np.asarray(rotation, np.float64)
             upward = turn @ TO_Y_UP[up or nearest_axis_up(turn)][1]
-        upward, covariance = upward * flip(record), _covariance(record)
+        upward = upward * flip(record)
+        covariance = _covariance(record)
     values, sd = measure_angles(record.as_columns(), upward, joints, covariance)
     return {ANGLES: values, ANGLE_SD: sd}
 
@@ -395,7 +405,8 @@ def _tracks(records: Record, place: str) -> list[tuple[str, Record, Integers]]:
             fix = "give each individual a sequence of its own"
             raise input_error(place, problem, fix)
         if len(rows) and frames[-1] - frames[0] > MOST_MISSING * len(rows):
-            one, other = int(frames[0]), int(frames[-1])
+            one = int(frames[0])
+            other = int(frames[-1])
             problem = f"{counted(len(rows), 'item')} are of the frames {one} to {other}"
             fix = "number the frames of a video, not the time; or write .h5 or .csv"
             raise input_error(place, problem, fix)
@@ -418,8 +429,8 @@ def _visible_around(
 
 
 def _motion(
-    track: Track, options: OutputOptions, place: str, floor: Floor | None
-) -> Motion:
+    track: MotionTrack, options: OutputOptions, place: str, floor: Floor | None
+) -> FileMotion:
     """Return one sequence in metres, with gaps for the frames that it lacks."""
     name, records, frames = track
     names = angle_names(records.landmark_names)
@@ -436,7 +447,8 @@ def _motion(
     if options.markers == "input" and isinstance(records, Fit):
         records = _as_markers(records)
     metric = in_metres(records, options, place, floor)
-    n, first = len(frames), int(frames[0]) if len(frames) else 0
+    n = len(frames)
+    first = int(frames[0]) if len(frames) else 0
     length = int(frames[-1]) - first + 1 if n else 0
     of = f" of {name}" if name else ""
 
@@ -460,7 +472,7 @@ def _motion(
     times = find_times(frames, length, records.times, rate)
     stated = records.lines
     edges = edges_of(records.landmark_names) if stated is None else stated
-    return Motion(
+    return FileMotion(
         name=name,
         landmark_names=records.landmark_names,
         points=points,

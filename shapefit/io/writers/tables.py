@@ -16,9 +16,9 @@ import orjson
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, printable
-from shapefit.io.writers.motion import Motion
+from shapefit.io.writers.motion import FileMotion
 
-BLOCK = 4096
+C3D_BLOCK = 4096
 """Frames that are made text at a time."""
 
 TRC_COLUMNS = (
@@ -27,17 +27,15 @@ TRC_COLUMNS = (
 )
 
 
-def write_trc(path: Path, motion: Motion) -> None:
+def write_trc(path: Path, motion: FileMotion) -> None:
     """Write one motion as TRC, which OpenSim reads, and its joint angles to
     NAME_angles.csv.
     """
     if motion.angle_names:
         write_angles(path.with_name(f"{path.stem}_angles.csv"), motion)
-    count, p, rate = (
-        len(motion.points),
-        len(motion.landmark_names),
-        f"{motion.rate:.10g}",
-    )
+    count = len(motion.points)
+    p = len(motion.landmark_names)
+    rate = f"{motion.rate:.10g}"
     file_name = f"{printable(motion.name) or 'motion'}.trc"
     head = [
         ["PathFileType", "4", "(X/Y/Z)", file_name, f"{motion.axes}; {motion.size}"],
@@ -52,15 +50,15 @@ def write_trc(path: Path, motion: Motion) -> None:
     ]
     with path.open("wb") as file:
         file.write("".join("\t".join(cells) + "\n" for cells in head).encode())
-        for start in range(0, count, BLOCK):
-            frames = motion.frames[start : start + BLOCK]
+        for start in range(0, count, C3D_BLOCK):
+            frames = motion.frames[start : start + C3D_BLOCK]
             # (f, 3, p) -> time, and x, y, z of one landmark after the other
             points = (
-                motion.points[start : start + BLOCK]
+                motion.points[start : start + C3D_BLOCK]
                 .swapaxes(1, 2)
                 .reshape(len(frames), -1)
             )
-            times = motion.times[start : start + BLOCK]
+            times = motion.times[start : start + C3D_BLOCK]
             table = np.column_stack([np.round(times, 9), points])
             text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
             lines = (
@@ -70,19 +68,20 @@ def write_trc(path: Path, motion: Motion) -> None:
             file.write(b"".join(b"%d\t%b\n" % row for row in rows))
 
 
-def write_metres(path: Path, motion: Motion) -> None:
+def write_metres(path: Path, motion: FileMotion) -> None:
     """Write a row per frame and landmark of one motion; what is not known is empty."""
     columns = metres_columns(motion)
     _write_csv(path, [*columns], zip(*columns.values(), strict=True), ".7g")
 
 
-def metres_columns(motion: Motion) -> dict[str, Any]:
+def metres_columns(motion: FileMotion) -> dict[str, Any]:
     """Return the columns of a table of one motion: a row per frame and landmark, nan if
     not known.
 
     sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2).
     """
-    f, p = len(motion.points), len(motion.landmark_names)
+    f = len(motion.points)
+    p = len(motion.landmark_names)
     return {
         "frame": np.repeat(motion.frames, p),
         "time": np.repeat(motion.times, p),
@@ -118,7 +117,7 @@ MAX_ANGLE_SD = 15.0
 """
 
 
-def write_angles(path: Path, motion: Motion) -> None:
+def write_angles(path: Path, motion: FileMotion) -> None:
     """Write each angle of a motion and its standard deviation, and the uncertain
     ones.
     """
@@ -142,13 +141,13 @@ def write_angles(path: Path, motion: Motion) -> None:
     _write_csv(path, header, zip(*columns, strict=True), ".4g")
 
 
-def write_mot(path: Path, motion: Motion) -> None:
+def write_mot(path: Path, motion: FileMotion) -> None:
     """Write the joint angles of a motion as OpenSim reads them, and their standard
     deviations, where there are any, to NAME_sd.sto.
 
     OpenSim's `Storage` reads number after number and ends at the first NaN, so all
     are finite: frames without a shape have no row, and an angle that is unknown in a
-    frame is that of the nearest one, with the deviation `UNKNOWN_SD`.
+    frame is that of the nearest one, with the deviation `UNKNOWN_TABLE_SD`.
     """
     names = _angle_names(path, motion)
     rows = np.isfinite(motion.angles).any(axis=1)
@@ -162,7 +161,7 @@ def write_mot(path: Path, motion: Motion) -> None:
         _write_storage(beside, f"Standard deviations{of}", names, times, deviations)
 
 
-UNKNOWN_SD = 180.0
+UNKNOWN_TABLE_SD = 180.0
 """Standard deviation in degrees that stands for an unknown angle, and the largest."""
 
 
@@ -179,11 +178,11 @@ def _of_nearest_frames(angles: Floats, frames: Integers) -> Floats:
     return filled
 
 
-def _known_deviations(motion: Motion) -> Floats:
-    """Return the deviations (f, a) of angles, UNKNOWN_SD where one is not known."""
+def _known_deviations(motion: FileMotion) -> Floats:
+    """Return the deviations (f, a) of angles, a wide one where it is not known."""
     known = np.isfinite(motion.angle_deviations) & np.isfinite(motion.angles)
-    sd = np.where(known, motion.angle_deviations, UNKNOWN_SD)
-    return np.asarray(np.minimum(sd, UNKNOWN_SD))
+    sd = np.where(known, motion.angle_deviations, UNKNOWN_TABLE_SD)
+    return np.asarray(np.minimum(sd, UNKNOWN_TABLE_SD))
 
 
 def _write_storage(
@@ -209,7 +208,7 @@ MOST_NAMED = 4
 """Joint angles that are named among those that are uncertain."""
 
 
-def count_uncertain(motions: Sequence[Motion]) -> str:
+def count_uncertain(motions: Sequence[FileMotion]) -> str:
     """Return how many of the joint angles of all motions have a standard deviation
     above `MAX_ANGLE_SD`, and which.
     """
@@ -241,7 +240,7 @@ def count_uncertain(motions: Sequence[Motion]) -> str:
     )
 
 
-def point_to_trc(motions: Sequence[Motion]) -> str:
+def point_to_trc(motions: Sequence[FileMotion]) -> str:
     """Return how certain the angles of a MOT file are, and what inverse kinematics
     takes in their place.
     """
@@ -249,7 +248,7 @@ def point_to_trc(motions: Sequence[Motion]) -> str:
     return "; ".join(filter(None, [count_uncertain(motions), hint]))
 
 
-def _angle_names(path: Path, motion: Motion) -> Sequence[str]:
+def _angle_names(path: Path, motion: FileMotion) -> Sequence[str]:
     """Return the names of the joint angles. Raises InputError where landmarks determine
     none.
     """
@@ -262,13 +261,14 @@ def _angle_names(path: Path, motion: Motion) -> Sequence[str]:
     return motion.angle_names
 
 
-MAX_FRAMES, MAX_LABELS = 65535, 255
-"""Largest number of a frame, in 16 bits; landmarks, and bytes of a name: a byte counts
-each.
-"""
+MAX_FRAMES = 65535
+"""Largest number of a frame, in 16 bits."""
+
+MAX_LABELS = 255
+"""Of landmarks, and of bytes of a name: a byte counts each."""
 
 
-def write_c3d(path: Path, motion: Motion) -> str:
+def write_c3d(path: Path, motion: FileMotion) -> str:
     """Write one motion in millimetres; a missing point has the residual -1. Say where
     its times are not those of the one rate of a file.
 

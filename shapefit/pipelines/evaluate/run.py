@@ -26,7 +26,7 @@ from shapefit.io.detect import detect_format
 from shapefit.io.formats import check_holds
 from shapefit.io.layout import OF_FILE
 from shapefit.io.options import input_options
-from shapefit.io.source import OPTIONAL, open_results
+from shapefit.io.source import OPTIONAL_DATASETS, open_results
 from shapefit.pipelines.evaluate.measure import Measured, measure, with_shapes_of
 from shapefit.pipelines.result import Failure, Result
 from shapefit.records import Fit
@@ -41,7 +41,7 @@ METRIC_COLUMNS = {dataset for metric in METRICS.values() for dataset in metric.n
 METRIC_COLUMNS |= {"status", "objective", "scale", "shape_sd"}
 """Datasets of results that metrics and the report need."""
 
-SKIPPED_COLUMNS = (OPTIONAL - METRIC_COLUMNS) | OF_FILE.keys()
+SKIPPED_COLUMNS = (OPTIONAL_DATASETS - METRIC_COLUMNS) | OF_FILE.keys()
 """Datasets that no metric needs: they may differ between the files of a method."""
 
 

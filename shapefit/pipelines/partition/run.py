@@ -154,7 +154,7 @@ def fit_parts(config: FitConfig) -> Iterator[Result]:
 
 
 def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
-    """FolderPlan and do the parts of a folder that no other run writes to."""
+    """Plan and do the parts of a folder that no other run writes to."""
     manifest = read_manifest(folder.path)
     strangers = find_strangers(folder.path, manifest)
     if not folder.replace:

@@ -28,7 +28,7 @@ from shapefit.io.layout import FRAME, UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import people_joints
 from shapefit.io.source import (
-    OPTIONAL,
+    OPTIONAL_DATASETS,
     AnyRecord,
     Source,
     find_kind,
@@ -211,7 +211,7 @@ def _open_source(paths: Sequence[Path], role: Role, options: InputOptions) -> An
         return source_of(atoms, str(paths[0]), {}, gaps=True)
     if role == "shapes":
         return open_shapes(paths, options, gaps=True)
-    return open_results(paths, OPTIONAL - SHOWN_DATASETS)
+    return open_results(paths, OPTIONAL_DATASETS - SHOWN_DATASETS)
 
 
 def _take(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:

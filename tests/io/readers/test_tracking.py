@@ -14,7 +14,7 @@ from shapefit.arrays import Floats
 from shapefit.io import open_landmarks
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.poses import Poses
-from shapefit.io.readers.tracking import LONGEST_GAP, assign, track_people
+from shapefit.io.readers.tracking import MAX_UNSEEN_FRAMES, assign, track_people
 
 FIGURE = np.array(
     [
@@ -90,7 +90,7 @@ def test_two_people_who_cross_in_any_order(seed: int) -> None:
 def test_a_short_gap_is_survived_and_a_long_one_is_not(
     rng: np.random.Generator,
 ) -> None:
-    for gap, numbers in ((LONGEST_GAP, {1}), (LONGEST_GAP + 1, {1, 2})):
+    for gap, numbers in ((MAX_UNSEEN_FRAMES, {1}), (MAX_UNSEEN_FRAMES + 1, {1, 2})):
         one = walking(0, 1, 60, rng)
         one[20 : 20 + gap] = np.nan
         assert {*tracks(instances([one], None)[0]).tolist()} == numbers
