@@ -185,8 +185,11 @@ arm64: $(READY)
 
 check: format-check lint types test
 
+FORMATTED := $(shell find shapefit/core shapefit/viewer/scripts -name '*.[ch]pp' -o -name '*.js')
+
 format-check: $(READY)
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run -Werror $(FORMATTED)
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -24,8 +24,8 @@ import numpy as np
 
 from shapefit import read_landmarks
 from shapefit.arrays import Floats
-from shapefit.dictionary.learning import learn
-from shapefit.geometry.cameras import project, turntable
+from shapefit.dictionary.learning import learn_atoms
+from shapefit.geometry.cameras import project_from_afar, turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
@@ -283,11 +283,12 @@ def mocap_case(folder: Path) -> Arrays:
     shapes = read_shapes([folder / "subject13_24fps.h5"])
     lengths = Counter(shapes.sequences)
     turns = np.concatenate([np.arange(length) / length for length in lengths.values()])
-    views = normalise(project(shapes.as_columns(), turntable(turns, "y"))).points
+    solid = project_from_afar(shapes.as_columns(), turntable(turns, "y"))
+    views = normalise(solid).points
     training = read_shapes([folder / "subject86_24fps.h5"])
     retained = training.as_columns()[every_nth(training.sequences or (), 3)]
     aligned = generalised_procrustes(normalise(retained).points).shapes
-    *_, learned = learn(aligned, 64, 0.1, iterations=15)
+    *_, learned = learn_atoms(aligned, 64, 0.1, iterations=15)
     return program(views, learned.atoms)
 
 

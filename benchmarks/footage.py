@@ -38,7 +38,7 @@ from scipy.interpolate import CubicSpline
 import shapefit
 from benchmarks.coverage import CONFIGS, DATA, read_bodies, run, write_page
 from shapefit.config import EvalConfig
-from shapefit.evaluation.calibration import QUANTILE
+from shapefit.evaluation.calibration import WIDTH_SQUARED_RADIUS
 from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.geometry.rotations import rotation_about_axis
@@ -372,7 +372,7 @@ def measure(
         if judged.bars is not None:
             square = judged.bars.square
             row[f"{method} holds"] = float(
-                (square[~np.isnan(square)] <= QUANTILE).mean()
+                (square[~np.isnan(square)] <= WIDTH_SQUARED_RADIUS).mean()
             )
             size = np.sqrt(fit.shapes.var(axis=1)).mean(axis=1)
             assert fit.expected_error is not None, "it comes with error bars"

@@ -15,7 +15,7 @@ import shapefit
 from shapefit.arrays import Floats
 from shapefit.dictionary.coding import sparse_code
 from shapefit.dictionary.model import Dictionary
-from shapefit.evaluation.metrics import FEWEST_LANDMARKS, similarity, truth_scale
+from shapefit.evaluation.metrics import MIN_COMMON_LANDMARKS, similarity, truth_scale
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import read_dictionary, read_shapes
 from shapefit.io.arrange import arrange
@@ -116,7 +116,7 @@ def best_combination(shapes: Floats, atoms: Floats) -> Floats:
     known = np.isfinite(shapes).all(axis=-2)
     best = np.full(shapes.shape, np.nan)
     for pattern in np.unique(known, axis=0):
-        if pattern.sum() >= FEWEST_LANDMARKS:
+        if pattern.sum() >= MIN_COMMON_LANDMARKS:
             rows = np.flatnonzero((known == pattern).all(axis=-1))
             place = np.ix_(rows, np.arange(3), np.flatnonzero(pattern))
             best[place] = _combine(

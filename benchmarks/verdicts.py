@@ -34,7 +34,7 @@ from benchmarks.footage import (
     choose_clips,
     film,
 )
-from shapefit.evaluation.calibration import QUANTILE
+from shapefit.evaluation.calibration import WIDTH_SQUARED_RADIUS
 from shapefit.evaluation.report import markdown_table
 from shapefit.io import write_shapes
 from shapefit.io.atomic import atomic_path
@@ -129,7 +129,7 @@ def judge(
         images=len(error),
         error=float(np.nansum(error)),
         regions=len(square),
-        inside=int((square <= QUANTILE).sum()),
+        inside=int((square <= WIDTH_SQUARED_RADIUS).sum()),
         fine=int(fine.sum()),
         fine_doubted=int((fine & ~trusted).sum()),
         far=int(far.sum()),

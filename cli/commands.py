@@ -23,7 +23,7 @@ from shapefit.errors import as_typed
 from .report import Report, tell
 
 if TYPE_CHECKING:
-    from shapefit.config.reference import Row
+    from shapefit.config.reference import KeyInWords
     from shapefit.pipelines.result import Result
 
 TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
@@ -426,8 +426,10 @@ def make_config(spec: Spec, given: Mapping[str, Any]) -> Any:
 
     path = Path(given["config"]) if given["config"] else None
     absent = [*spec.required, *(name for name in ("output",) if name in names)]
-    stand_ins = dict.fromkeys(absent) if printing else None
-    config = load_config(spec.name, path, overrides, arguments, stand_ins=stand_ins)
+    placeholders = dict.fromkeys(absent) if printing else None
+    config = load_config(
+        spec.name, path, overrides, arguments, placeholders=placeholders
+    )
     return config if printing else with_parts(config, given)
 
 
@@ -469,7 +471,7 @@ def run_pipeline(command: str, config: Any) -> Iterator[Result]:
         case "fit" if hasattr(config.output, "manifest"):
             from shapefit.pipelines.partition.run import run
         case "fit":
-            from shapefit.pipelines.fit.run import run
+            from shapefit.pipelines.fit.fit import fit as run
         case "eval":
             from shapefit.pipelines.evaluate.run import run
         case "convert":
@@ -506,7 +508,7 @@ def list_keys(command: str, section: str, option_json: bool) -> int:
     return 0
 
 
-def keys_text(table: Sequence[Row], width: int) -> str:
+def keys_text(table: Sequence[KeyInWords], width: int) -> str:
     """Return a table of keys for a terminal."""
     lines = []
     for row in table:

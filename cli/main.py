@@ -12,7 +12,7 @@ from typing import NoReturn
 
 import click
 
-from shapefit import __version__
+from shapefit import __version__, log
 from shapefit.errors import InputError
 
 from .commands import COMMANDS, TRACEBACK_VARIABLE, config_command, make_command
@@ -145,6 +145,7 @@ def main() -> NoReturn:
     # Threads are the core's. On a busy machine those of BLAS wait for one another: a
     # fit of sequences took 9 times as long with two of them as with one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    log.follow_environment()
     gc.disable()  # `run_command` enables it: what is imported until then stays
     catch_signals()
     try:

@@ -1,28 +1,33 @@
-"""The arrays that signatures name; docstrings give their axes. Their median;
-indices.
+"""Arrays by the names that signatures use, their median, and indices that lie evenly.
+
+Docstrings give the axes of an array.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+Numbers = NDArray[np.floating] | NDArray[np.integer]
+"""Real numbers of any type."""
 
 
-def median(values: NDArray[Any]) -> float:
-    """Median of numbers (n,), one at least; NumPy's first takes 0.06 s to import masked
-    arrays.
-    """
+def median(values: Numbers) -> float:
+    """Return the median of numbers (n,), at least one."""
+    # np.median imports masked arrays, which takes 0.06 s at its first call
     ordered = np.sort(values)
-    return float((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)
+    lower = ordered[(len(ordered) - 1) // 2]
+    upper = ordered[len(ordered) // 2]
+    return float((lower + upper) / 2)
 
 
-def finite_median(values: NDArray[Any], default: float = float("nan")) -> float:
+def finite_median(values: Numbers, default: float = float("nan")) -> float:
     """Median of the finite ones among numbers (n,), the default where there is none."""
     finite = values[np.isfinite(values)]
     return median(finite) if len(finite) else default
@@ -31,4 +36,6 @@ def finite_median(values: NDArray[Any], default: float = float("nan")) -> float:
 def evenly(n: int, most: int) -> NDArray[np.intp]:
     """Return at most so many indices out of n that lie evenly."""
     rows = np.linspace(0, n - 1, min(n, most)).astype(np.intp)
-    return rows[np.diff(rows, prepend=-1) > 0]  # np.unique imports numpy.ma
+    # np.unique imports masked arrays too
+    is_new = np.diff(rows, prepend=-1) > 0
+    return rows[is_new]

@@ -10,7 +10,7 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.io import open_landmarks
-from shapefit.pipelines.fit.run import run as fit
+from shapefit.pipelines.fit.fit import fit
 from shapefit.pipelines.partition.run import run as fit_parts
 from tests.io.files import save
 

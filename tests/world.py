@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.config import CONFIGS
-from shapefit.pipelines.fit.run import run as run_fit
+from shapefit.pipelines.fit.fit import fit as run_fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.projection import run as run_project
 

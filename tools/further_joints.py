@@ -27,9 +27,9 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.bodies import (
     find_acceleration,
     find_bone_tolerance,
+    find_bone_tree,
     find_edge_covariance,
     find_lengths,
-    find_skeleton,
     vary,
 )
 from shapefit.dictionary.mixture import Mixture, expected_log_density, maximise
@@ -156,7 +156,7 @@ def training_shapes(given: Shapes, dictionary: Dictionary) -> Floats:
     bones = [edge for edge in edges_of(names) if set(edge) != {0, names.index("neck")}]
     varied = vary(
         shapes,
-        find_skeleton(np.array(bones), len(names)),
+        find_bone_tree(np.array(bones), len(names)),
         copies=FEWEST_COPIES,
         bone_scale=prior["bone_scale"],
         exchange=prior["exchange"],

@@ -18,7 +18,7 @@ from shapefit.cli.main import commands
 from shapefit import core
 from shapefit.config import CONFIGS
 from shapefit.config.commands.input import LandmarksConfig, MetresConfig, TruthConfig
-from shapefit.config.reference import Row, rows
+from shapefit.config.reference import KeyInWords, rows
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 WIDTH = 90
@@ -120,7 +120,7 @@ def config_page() -> str:
     return "\n".join(sections)
 
 
-def _table(shown: Iterable[Row]) -> str:
+def _table(shown: Iterable[KeyInWords]) -> str:
     lines = (
         f"| `{row.name}` | {row.expects} | `{row.default}` | {row.meaning} |"
         for row in shown

@@ -22,7 +22,7 @@ from shapefit.api.messages import unnamed, warn, with_names
 from shapefit.config import FitConfig, load_config
 from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
-from shapefit.evaluation.report import Summary, group_sequences, summarise
+from shapefit.evaluation.report import ErrorSummary, group_sequences, summarise_errors
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.options import input_options
@@ -30,14 +30,16 @@ from shapefit.io.readers.arrays import of_array
 from shapefit.io.readers.items import landmarks_of
 from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.measure import measure
-from shapefit.pipelines.fit.prepare import (
-    FIRST,
+from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
+from shapefit.pipelines.fit.choices import (
     are_long,
     choose_method,
-    prepare,
+    match_landmarks,
     warn_of_dictionary,
 )
-from shapefit.pipelines.fit.run import Counts, attributes_of, lift_source, warn_of_all
+from shapefit.pipelines.fit.fit import lift_all, make_plan
+from shapefit.pipelines.fit.record import provenance
+from shapefit.pipelines.fit.summary import Tally, warn_of_all
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.result import Counted, Result, add_up
 from shapefit.records import Fit, Landmarks, Shapes, concatenate
@@ -115,23 +117,27 @@ def fit(
     wanted, _ = choose_method(read, atoms, lambda: are_long(images.sequences))
     records = []
     failures: dict[str, str] = {}
+    messages: dict[str, str | Counted] = {}
+    tally = Tally()
     with source_of(images, "landmarks", wanted.rename) as source:
-        names, count = source.head.landmark_names, source.count
-        preparing = prepare(wanted, atoms, names, lambda: source.first(FIRST), count)
-        setup, announced = _ended(preparing)
+        match = match_landmarks(wanted, atoms, source.head.landmark_names)
+        sample = source.first(SAMPLE_POOL)
+        steps = calibrate(wanted, match, sample, source.count)
+        calibration, announced = _ended(steps)
         warn(result.line for result in announced)
-        counts, messages = Counts(), dict[str, str | Counted]()
-        of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
-        add_up(messages, (*setup.estimates.warnings, *of_dictionary))
-        reasons = setup.matched.warnings()
-        for result, record in lift_source(source, setup):
-            counts.add(record)
-            records.append(record)
-            failures |= {failure.item: failure.reason for failure in result.failures}
-            add_up(messages, result.warnings)
-    warn((*messages.values(), *reasons, *warn_of_all(counts, setup, source.head)))
+        plan = make_plan(wanted, match, calibration)
+        of_dictionary = warn_of_dictionary(plan.config, match.dictionary)
+        add_up(messages, (*calibration.warnings, *of_dictionary))
+        for batch in lift_all(source, plan):
+            tally.add(batch.record)
+            records.append(batch.record)
+            for failure in batch.event.failures:
+                failures[failure.item] = failure.reason
+            add_up(messages, batch.event.warnings)
+    of_all = warn_of_all(tally, plan, source.head)
+    warn((*messages.values(), *match.warnings(), *of_all))
     whole = concatenate(records)
-    attributes = {**whole.attributes, **attributes_of(setup, {})}
+    attributes = {**whole.attributes, **provenance(plan, {})}
     return replace(whole, attributes=attributes, failures=failures)
 
 
@@ -262,7 +268,7 @@ class Evaluation:
     items: tuple[str, ...]
     sequences: tuple[str, ...]
     errors: Mapping[tuple[str, str], NDArray[np.float64]]
-    summaries: tuple[Summary, ...]
+    summaries: tuple[ErrorSummary, ...]
     failures: Mapping[str, str]
 
     def mean(self, metric: str, unit: str | None = None) -> float:
@@ -321,7 +327,7 @@ def evaluate(
         sequences=measured.sequences,
         errors=measured.errors,
         summaries=tuple(
-            summarise("result", measured.sequences, measured.errors, grouping)
+            summarise_errors("result", measured.sequences, measured.errors, grouping)
         ),
         failures=measured.failures,
     )
@@ -357,9 +363,9 @@ def config_of(
         )
         raise input_error(f"{prefix}{key}", f"there is no argument `{key}`", fix)
     path = None if config is None else Path(config)
-    arguments, stand_ins = plain(given), FILES[command]
+    arguments, placeholders = plain(given), FILES[command]
     return load_config(
-        command, path, arguments=arguments, prefix=prefix, stand_ins=stand_ins
+        command, path, arguments=arguments, prefix=prefix, placeholders=placeholders
     )
 
 

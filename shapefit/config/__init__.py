@@ -1,8 +1,6 @@
-"""Schema and loader of the YAML configs; the schema of a command is imported when it is
-used.
-"""
+"""Schema and loader of the YAML configs; a command's schema is imported when used."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from shapefit.config.commands import CONFIGS
 from shapefit.config.loader import dump_config, load_config
@@ -26,8 +24,6 @@ __all__ = [
     "EvalConfig",
     "FitConfig",
     "InfoConfig",
-]
-__all__ += [
     "LearnDictConfig",
     "ProjectConfig",
     "ViewConfig",
@@ -36,10 +32,8 @@ __all__ += [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """Return the config of a command by the name of its class, such as
-    LearnDictConfig.
-    """
+def __getattr__(name: str) -> type[CommandConfig]:
+    """Return the config of a command by its class's name, such as LearnDictConfig."""
     for command in CONFIGS:
         if name == f"{command.title().replace('-', '')}Config":
             return CONFIGS[command]

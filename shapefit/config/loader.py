@@ -1,6 +1,4 @@
-"""From YAML files, `--set` options and arguments to a checked config, or every problem
-at once.
-"""
+"""From YAML files, `--set` and arguments to a checked config, or all its problems."""
 
 from __future__ import annotations
 
@@ -10,12 +8,12 @@ import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pydantic import ValidationError
 
 from shapefit.config.commands import CONFIGS
-from shapefit.config.model import CommandConfig, keys_of
+from shapefit.config.model import CommandConfig, ConfigKey, list_keys
 from shapefit.config.paths import (
     STANDARD_STREAM,
     FileText,
@@ -25,6 +23,9 @@ from shapefit.config.paths import (
     find_presets,
 )
 from shapefit.errors import InputError, input_error, printable
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
 
 Schema = type[CommandConfig]
 Location = tuple[str | int, ...]
@@ -36,7 +37,7 @@ Places = dict[Location, str]
 MAX_VALUES = 100_000
 """Aliases of aliases make more of them than memory holds, from a few lines."""
 
-CORE = "tag:yaml.org,2002:"
+CORE_TAG = "tag:yaml.org,2002:"
 """Before the names of YAML's own tags."""
 
 KINDS = {
@@ -57,58 +58,54 @@ def load_config(
     command: str,
     file: Path | None = None,
     overrides: Sequence[str] = (),
-    arguments: Mapping[str, Any] | None = None,
+    arguments: Mapping[str, object] | None = None,
     *,
     prefix: str = "",
-    stand_ins: Mapping[str, Any] | None = None,
+    placeholders: Mapping[str, object] | None = None,
 ) -> Any:
-    """Return the checked config of a command: a file, then `overrides`, then
-    `arguments`.
+    """Return the checked config of a command: a file, `overrides`, then `arguments`.
 
     `file` is a YAML file, `-`, or the name of an installed config; paths in it are
     relative to it, others to the working directory. `overrides` are texts `a.b=value`;
     `arguments` (`a.b` -> value) count unless None or (), and messages name them after
-    `prefix`. `stand_ins` replace files, or, where they are None, fill keys of files
+    `prefix`. `placeholders` replace files, or, where they are None, fill keys of files
     that are not given. Raises InputError with every problem, each with its place.
     """
-    schema, values, places = CONFIGS[command], dict[str, Any](), Places({(): command})
+    schema = CONFIGS[command]
+    values: dict[str, Any] = {}
+    places: Places = {(): command}
     if file is not None:
         values = _read_config(schema, command, file, places)
     for option in overrides:
+        origin = f"--set {option}"
         name, equals, text = option.partition("=")
-        keys, origin = name.strip().split("."), f"--set {option}"
-        if not equals or not all(keys):
+        path = tuple(name.strip().split("."))
+        if not equals or not all(path):
             raise InputError(f"{origin}: expected key=value or key.key=value")
-        _put(values, places, tuple(keys), read_yaml(text, origin), origin)
+        _set_value(values, places, path, read_yaml(text, origin), origin)
     for name, value in (arguments or {}).items():
         if value is not None and value != ():
-            _put(values, places, tuple(name.split(".")), value, prefix + name)
+            path = tuple(name.split("."))
+            _set_value(values, places, path, value, prefix + name)
     replaced = {
-        k: v for k, v in (stand_ins or {}).items() if v is not None or k not in values
+        key: value
+        for key, value in (placeholders or {}).items()
+        if value is not None or key not in values
     }
-    values |= dict.fromkeys(replaced, "-")
-    if isinstance(data := values.get("data"), str):
+    values.update(dict.fromkeys(replaced, "-"))
+    data = values.get("data")
+    if isinstance(data, str):
         values = fill_in(values, str(absolute_path(data)))
     try:
         config = schema.model_validate(values, by_alias=True, by_name=False)
     except ValidationError as error:
-        problems = error.errors()
-        outer = {
-            p["loc"][:-1] for p in problems if p["loc"]
-        }  # a list without its wrong items
-        lines = (
-            _describe(schema, p, values, places)
-            for p in problems
-            if p["loc"] not in outer
-        )
-        raise InputError(dict.fromkeys(lines)) from None
+        problems = _list_problems(schema, error, values, places)
+        raise InputError(problems) from None
     return config.model_copy(update=replaced)
 
 
 def dump_config(config: CommandConfig) -> str:
-    """Return the config as YAML with every default; it loads again to the same
-    config.
-    """
+    """Return the config as YAML with every default; it loads to the same config."""
     from ruamel.yaml import YAML
 
     text = io.StringIO()
@@ -126,9 +123,8 @@ def _read_config(
     presets = find_presets(command)
     preset = None if path.is_file() else presets.get(str(path))
     name = "standard input" if path == STANDARD_STREAM else str(path)
-    if (
-        path.is_fifo() and path.parent.name != "fd"
-    ):  # but <(...) of a shell is /dev/fd/63
+    # <(...) of a shell, which is /dev/fd/63, is read as other files are
+    if path.is_fifo() and path.parent.name != "fd":
         raise input_error(
             name, "is a pipe", "save the config to a file, or send it to -"
         )
@@ -137,9 +133,8 @@ def _read_config(
             content = sys.stdin.buffer.read() if sys.stdin else b""
         else:
             content = (preset or path).read_bytes()
-        values = read_yaml(
-            content.decode("utf-8-sig"), name, places, Path.cwd() / path.parent
-        )
+        text = content.decode("utf-8-sig")
+        values = read_yaml(text, name, places, Path.cwd() / path.parent)
     except UnicodeDecodeError:
         raise input_error(name, "not UTF-8 text", "save it as UTF-8") from None
     except OSError as error:
@@ -148,25 +143,36 @@ def _read_config(
             name, f"{error.strerror}".lower(), f"give one of: {names}"
         ) from None
     places[()] = f"{name}:1:1"
-    if not isinstance(values, dict | None):
-        fault = f"expected keys with values (key: value), found {_shown(values)}"
+    if values is None:
+        values = {}
+    if not isinstance(values, dict):
+        fault = f"expected keys with values (key: value), found {_in_words(values)}"
         raise InputError(f"{places[()]}: {fault}")
-    values = values or {}
-    for way, key in keys_of(schema).items() if preset is not None else ():
-        if isinstance(key.description, Paths) or way[-1] in OF_ONE_DATA_SET:
-            (values if len(way) == 1 else values.get(way[0], {})).pop(way[-1], None)
+    if preset is not None:
+        _leave_out_own_data(schema, values)
     return values
+
+
+def _leave_out_own_data(schema: Schema, values: dict[str, Any]) -> None:
+    """Take off what an installed config says of its own data."""
+    for path, key in list_keys(schema).items():
+        *sections, name = path
+        if isinstance(key.description, Paths) or name in OF_ONE_DATA_SET:
+            of_section = values
+            for section in sections:
+                of_section = of_section.get(section, {})
+            of_section.pop(name, None)
 
 
 def read_yaml(
     text: str, name: str, places: Places | None = None, folder: Path = Path()
 ) -> Any:
-    """Return the values of a YAML 1.2 text in a folder; `places` gets the line and
-    column of each.
+    """Return the values of a YAML 1.2 text in a folder.
 
-    Keys and dates are texts. Raises InputError, which names the text, and the line and
-    column if there are places, for what is not YAML, for a key that stands twice, and
-    for tags but those of the core schema.
+    `places` gets the line and column of each. Keys and dates are texts. Raises
+    InputError, which names the text, and the line and column if there are places, for
+    what is not YAML, for a key that stands twice, and for tags but those of the core
+    schema.
     """
     if places is None and text.strip() not in ("true", "false", "null"):
         # A word, - too (in YAML a list), or a number alone: ruamel.yaml takes 10 ms to
@@ -178,63 +184,20 @@ def read_yaml(
     from ruamel.yaml import YAML
     from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
 
-    yaml, lines = YAML(typ="safe", pure=True), Places() if places is None else places
-
-    def position(mark: Any) -> str:
-        return name if places is None else f"{name}:{mark.line + 1}:{mark.column + 1}"
-
-    def plain(node: Any, location: Location) -> Any:
-        if len(lines) > MAX_VALUES:
-            raise ValueError(
-                f"more than {MAX_VALUES} values, aliases written out; write fewer"
-            )
-        kind = str(node.tag).removeprefix(CORE)
-        if kind not in KINDS[type(node).__name__]:
-            found = printable(node.tag).replace(CORE, "!!")
-            raise InputError(
-                f"{position(node.start_mark)}: the tag {found} has no meaning here;"
-                " leave it out"
-            )
-        if isinstance(node.value, str):
-            if any("\ud800" <= letter <= "\udfff" for letter in node.value):
-                raise ValueError("half a letter, which no file can hold")
-            if kind in ("int", "float", "bool", "null"):
-                try:
-                    return yaml.constructor.construct_object(node)
-                except (ValueError, LookupError) as error:
-                    where = position(node.start_mark)
-                    raise InputError(
-                        f"{where}: not valid YAML: {node.value!r} is no {kind}"
-                    ) from error
-            written = FileText(node.value)
-            written.folder = folder
-            return written
-        items: dict[Any, Any] = {}
-        for number, entry in enumerate(node.value):
-            key, inner = (entry, entry) if kind == "seq" else entry
-            step = number if kind == "seq" else str(key.value)
-            place = lines[*location, step] = position(key.start_mark)
-            if step in items:
-                raise InputError(
-                    f"{place}: not valid YAML: found duplicate key {step!r}"
-                )
-            items[step] = plain(inner, (*location, step))
-        return list(items.values()) if kind == "seq" else items
-
+    yaml = YAML(typ="safe", pure=True)
+    reader = _NodeReader(yaml.constructor, name, places, folder)
     place = name if places is None else f"{name}:1:1"
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", YAMLWarning
-            )  # on YAML 1.1, and repeated anchors
+            # on YAML 1.1, and repeated anchors
+            warnings.simplefilter("ignore", YAMLWarning)
             root = yaml.compose(text)
-            return None if root is None else plain(root, ())
+            return None if root is None else reader.read(root, ())
     except MarkedYAMLError as error:
-        mark, problem = (
-            error.problem_mark or error.context_mark,
-            error.problem or error.context,
-        )
-        place = position(mark) if mark else place
+        problem = error.problem or error.context
+        mark = error.problem_mark or error.context_mark
+        if mark:
+            place = reader.place_of(mark)
     except (YAMLError, ValueError, LookupError) as error:
         problem = str(error).splitlines()[0]
     except RecursionError:
@@ -242,63 +205,161 @@ def read_yaml(
     raise InputError(f"{place}: not valid YAML: {problem}")
 
 
-def _put(
+class _NodeReader:
+    """Reads nodes of YAML as plain values, and writes down where each stands."""
+
+    def __init__(
+        self, constructor: Any, name: str, places: Places | None, folder: Path
+    ) -> None:
+        self.constructor = constructor
+        self.name = name
+        self.has_places = places is not None
+        self.places: Places = {} if places is None else places
+        self.folder = folder
+
+    def place_of(self, mark: Any) -> str:
+        """Return the name of the text, with line and column if there are places."""
+        if not self.has_places:
+            return self.name
+        return f"{self.name}:{mark.line + 1}:{mark.column + 1}"
+
+    def read(self, node: Any, location: Location) -> Any:
+        """Return the value of a node, which is at a location."""
+        if len(self.places) > MAX_VALUES:
+            raise ValueError(
+                f"more than {MAX_VALUES} values, aliases written out; write fewer"
+            )
+        kind = str(node.tag).removeprefix(CORE_TAG)
+        if kind not in KINDS[type(node).__name__]:
+            found = printable(node.tag).replace(CORE_TAG, "!!")
+            place = self.place_of(node.start_mark)
+            raise InputError(
+                f"{place}: the tag {found} has no meaning here; leave it out"
+            )
+        if isinstance(node.value, str):
+            return self._read_scalar(node, kind)
+        entries: list[tuple[str | int, Any, Any]]
+        if kind == "seq":
+            entries = [(number, item, item) for number, item in enumerate(node.value)]
+        else:
+            entries = [(str(key.value), key, item) for key, item in node.value]
+        items: dict[str | int, Any] = {}
+        for step, marked, item in entries:
+            place = self.place_of(marked.start_mark)
+            self.places[*location, step] = place
+            if step in items:
+                raise InputError(
+                    f"{place}: not valid YAML: found duplicate key {step!r}"
+                )
+            items[step] = self.read(item, (*location, step))
+        return list(items.values()) if kind == "seq" else items
+
+    def _read_scalar(self, node: Any, kind: str) -> Any:
+        """Return a number, a truth value or nothing, else the text as it is written."""
+        if any("\ud800" <= letter <= "\udfff" for letter in node.value):
+            raise ValueError("half a letter, which no file can hold")
+        if kind in ("int", "float", "bool", "null"):
+            try:
+                return self.constructor.construct_object(node)
+            except (ValueError, LookupError) as error:
+                place = self.place_of(node.start_mark)
+                raise InputError(
+                    f"{place}: not valid YAML: {node.value!r} is no {kind}"
+                ) from error
+        text = FileText(node.value)
+        text.folder = self.folder
+        return text
+
+
+def _set_value(
     values: dict[str, Any],
     places: Places,
-    keys: tuple[str, ...],
-    value: Any,
+    path: tuple[str, ...],
+    value: object,
     origin: str,
 ) -> None:
     """Set a value, in the place of the old one; `origin` names it in messages."""
-    for depth, key in enumerate(keys[:-1], start=1):
+    for depth, key in enumerate(path[:-1], start=1):
         if not isinstance(values.get(key), dict):
             values[key] = {}
-            places[keys[:depth]] = origin
+            places[path[:depth]] = origin
         values = values[key]
-    values[keys[-1]] = value
-    for location in [other for other in places if other[: len(keys)] == keys]:
-        del places[location]
-    places[keys] = origin
+    values[path[-1]] = value
+    for location in list(places):
+        if location[: len(path)] == path:
+            del places[location]
+    places[path] = origin
 
 
-def _describe(
-    schema: Schema, problem: Any, values: Mapping[str, Any], places: Places
+def _list_problems(
+    schema: Schema,
+    error: ValidationError,
+    values: Mapping[str, Any],
+    places: Places,
+) -> list[str]:
+    """Return what is wrong with a config, each thing once."""
+    problems = error.errors()
+    # a list with wrong items is itself no problem
+    outer = {problem["loc"][:-1] for problem in problems if problem["loc"]}
+    lines = [
+        _describe_problem(schema, problem, values, places)
+        for problem in problems
+        if problem["loc"] not in outer
+    ]
+    return list(dict.fromkeys(lines))
+
+
+def _describe_problem(
+    schema: Schema, problem: ErrorDetails, values: Mapping[str, Any], places: Places
 ) -> str:
-    """Return what is wrong, with its place and the nearest value or key that is
-    right.
-    """
+    """Return what is wrong, its place, and the nearest value or key that is right."""
     from shapefit.config.reference import expects, meaning
 
-    location, kind, keys = problem["loc"], problem["type"], keys_of(schema)
-    ways = [location[:depth] for depth in range(len(location), -1, -1)]
-    located: Any = next(way for way in ways if way in places)
+    location = problem["loc"]
+    kind = problem["type"]
+    keys = cast("Mapping[Location, ConfigKey]", list_keys(schema))
+    paths = [location[:depth] for depth in range(len(location), -1, -1)]
+    known_path = next(path for path in paths if path in places)
+    place = places[known_path]
     if kind == "extra_forbidden":
-        siblings = [way for way in keys if way[:-1] == location[:-1]]
-        near = _nearest(
-            location[-1], {way[-1]: ".".join(way) for way in [*keys, *siblings]}
-        )
-        names = ", ".join(way[-1] for way in siblings)
-        hint = near or f"; the keys here are {names}"
-        return f"{places[located]}: unknown key {'.'.join(location)!r}{hint}"
+        return f"{place}: {_say_unknown(location, list(list_keys(schema)))}"
     if kind == "value_error":
         message = str(problem["ctx"]["error"])
-        quoted = (name.partition(":")[0] for name in message.split("`")[1::2])
-        named = ((*location, *name.split(".")) for name in quoted)
-        return (
-            f"{places[next((way for way in named if way in places), located)]}:"
-            f" {message}"
-        )
-    of_key = next(way for way in ways if way in keys)
-    key = keys[of_key]
-    if kind == "missing" and of_key == location:
-        return f"{places[located]}: missing key {key.name!r} ({meaning(key)})"
+        return f"{_place_of_named(message, location, places) or place}: {message}"
+    key_path = next(path for path in paths if path in keys)
+    key = keys[key_path]
+    if kind == "missing" and key_path == location:
+        return f"{place}: missing key {key.name!r} ({meaning(key)})"
+    # the whole value of a key that is described as a whole, else the wrong part of it
+    value_path = key_path
+    if not key.description and len(known_path) > len(key_path):
+        value_path = known_path
     value: Any = values
-    for step in of_key if key.description else max(located, of_key, key=len):
+    for step in value_path:
         value = value[step]
-    near = _nearest(
-        str(value), {word: word for word in problem["msg"].split("'")[1::2]}
-    )
-    return f"{places[located]}: expected {expects(key)}, found {_shown(value)}{near}"
+    allowed = problem["msg"].split("'")[1::2]
+    near = _nearest(str(value), {word: word for word in allowed})
+    return f"{place}: expected {expects(key)}, found {_in_words(value)}{near}"
+
+
+def _say_unknown(location: Location, keys: Sequence[tuple[str, ...]]) -> str:
+    """Say that there is no key at a location, with the nearest or all that are."""
+    siblings = [path for path in keys if path[:-1] == location[:-1]]
+    choices = {path[-1]: ".".join(path) for path in [*keys, *siblings]}
+    hint = _nearest(str(location[-1]), choices)
+    if not hint:
+        hint = f"; the keys here are {', '.join(path[-1] for path in siblings)}"
+    return f"unknown key {'.'.join(map(str, location))!r}{hint}"
+
+
+def _place_of_named(message: str, section: Location, places: Places) -> str | None:
+    """Return the place of the first key that a message names, `like.this`, if any."""
+    for quoted in message.split("`")[1::2]:
+        name, _, _ = quoted.partition(":")
+        place = places.get((*section, *name.split(".")))
+        if place is not None:
+            return place
+    return None
 
 
 def _nearest(name: str, choices: Mapping[str, str]) -> str:
@@ -309,10 +370,12 @@ def _nearest(name: str, choices: Mapping[str, str]) -> str:
     return f"; did you mean {choices[near[0]]!r}?" if near else ""
 
 
-def _shown(value: Any) -> str:
+def _in_words(value: object) -> str:
     """Return a value as a message names it."""
-    if isinstance(value, dict | list | tuple):
-        return "a mapping" if isinstance(value, dict) else "a list"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list | tuple):
+        return "a list"
     if isinstance(value, str):
         return f"{value!r:.200}"
     return "nothing" if value is None else str(value).lower()

@@ -19,16 +19,16 @@ MANIFEST = "manifest.jsonl"
 EARLIER_MANIFEST = "manifest.json"
 """The list of results that version 0.2 wrote."""
 
-Status = Literal["done", "failed"]
 DONE: Final = "done"
 FAILED: Final = "failed"
+PartStatus = Literal["done", "failed"]
 """Status of a part in the manifest."""
 
-LARGEST = 2**63 - 1
-"""Number that a manifest can hold; more is no size of anything."""
+MAX_NUMBER = 2**63 - 1
+"""That a manifest can hold; more is no size of anything."""
 
-Count = Annotated[int, Field(ge=0, le=LARGEST)]
-Time = Annotated[int, Field(ge=-LARGEST, le=LARGEST)]
+PartCount = Annotated[int, Field(ge=0, le=MAX_NUMBER)]
+ChangeTime = Annotated[int, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 PathName = Annotated[str, Field(pattern=r"^[^\x00]+$")]
 PartName = Annotated[str, Field(pattern=r"^part-[0-9]{5,9}\.h5$")]
 """Files of no other name are results: none outside of the folder, and no device."""
@@ -39,18 +39,18 @@ def part_name(number: int) -> str:
     return f"part-{number:05}.h5"
 
 
-def number_of(file: str) -> int:
+def part_number(file: str) -> int:
     """Return the number of a part by the name of its file."""
     return int(file.removeprefix("part-").removesuffix(".h5"))
 
 
-class Line(BaseModel):
+class ManifestLine(BaseModel):
     """A line of a manifest; keys of later versions are kept as they are."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="allow")
 
 
-class RunLine(Line):
+class RunLine(ManifestLine):
     """The line of a run: what all its parts depend on.
 
     `parts` are the numbers of the files that it writes, `removed` those of an earlier
@@ -64,8 +64,8 @@ class RunLine(Line):
     shapefit: str
     method: str
     estimated: dict[str, Any]
-    parts: tuple[Count, ...] = ()
-    removed: tuple[Count, ...] = ()
+    parts: tuple[PartCount, ...] = ()
+    removed: tuple[PartCount, ...] = ()
 
     @property
     def digests(self) -> Mapping[str, str]:
@@ -73,7 +73,7 @@ class RunLine(Line):
         return self.__pydantic_extra__
 
 
-class PartLine(Line):
+class PartLine(ManifestLine):
     """The line of a part: what it is made of, and what became of it.
 
     rows (start, stop) of the one input, None for all; states, the bytes and time of
@@ -83,12 +83,12 @@ class PartLine(Line):
 
     file: PartName
     inputs: Annotated[tuple[PathName, ...], Field(min_length=1)]
-    rows: tuple[Count, Count] | None
-    states: tuple[tuple[Count, Time], ...]
-    status: Status
-    images: Count = 0
-    failed: Count = 0
-    bytes: Count = 0
+    rows: tuple[PartCount, PartCount] | None
+    states: tuple[tuple[PartCount, ChangeTime], ...]
+    status: PartStatus
+    images: PartCount = 0
+    failed: PartCount = 0
+    bytes: PartCount = 0
     digest: str = ""
     seconds: Annotated[float, Field(ge=0, strict=False)] = 0.0
     error: str = ""
@@ -97,7 +97,8 @@ class PartLine(Line):
     def _check_whole(self) -> Self:
         """Refuse a line that lacks what a part with its status has."""
         needed = {"images", "failed", "bytes"} if self.status == DONE else {"error"}
-        if missing := sorted(needed - self.model_fields_set):
+        missing = sorted(needed - self.model_fields_set)
+        if missing:
             raise ValueError(f"{self.status}, but without {', '.join(missing)}")
         if len(self.states) != len(self.inputs):
             raise ValueError("as many states as inputs are needed")
@@ -110,11 +111,11 @@ AnyLine = TypeVar("AnyLine", RunLine, PartLine)
 
 
 def read_lines(folder: Path) -> tuple[RunLine, list[PartLine]] | None:
-    """Read the manifest of a folder, None without one; of the lines of a part the last
-    counts.
+    """Read the manifest of a folder; None without one.
 
-    A line without an end was being written, and is omitted. Raises InputError, which
-    names the line, where a file of that name is something else.
+    Of the lines of a part the last counts. A line without an end was being written, and
+    is omitted. Raises InputError, which names the line, where a file of that name is
+    something else.
     """
     path = folder / MANIFEST
     if not path.is_file():
@@ -151,16 +152,16 @@ def not_a_manifest(place: str | Path, reason: str) -> InputError:
 
 
 def result_parts(folder: Path) -> tuple[Path, ...]:
-    """Return the results in a folder that `fit` wrote part by part, in the order of
-    their numbers.
+    """Return the results in a folder that `fit` wrote part by part, by their numbers.
 
     There are none for anything else. Raises InputError as `read_lines`.
     """
     lines = read_lines(folder)
     if lines is None:
         return ()
-    status = {part.file: part.status for part in lines[1]}
+    _, parts = lines
+    status = {part.file: part.status for part in parts}
     names = [name for name in status if status[name] == DONE]
-    return tuple(
-        folder / name for name in sorted(names, key=lambda name: (len(name), name))
-    )
+    # the number of a part is as long as it must be
+    in_order = sorted(names, key=lambda name: (len(name), name))
+    return tuple(folder / name for name in in_order)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 
 from shapefit.config.paths import (
     STANDARD_STREAM,
-    UNNAMED,
+    UNNAMED_OUTPUT,
     Description,
     OptionalPath,
     ResultFolder,
@@ -36,22 +36,20 @@ ListOf = Annotated[tuple[Value, ...], FROM_LIST]
 Pair = Annotated[tuple[Value, Value], FROM_LIST]
 """Lists of YAML, which become tuples, so that a config cannot change."""
 
-AUTO = "auto"
+AUTO_TEXT = "auto"
 """Annotation metadata, and the text in YAML that is None inside."""
 
 Auto = Annotated[
     Value | None,
-    AUTO,
-    BeforeValidator(lambda value: None if value == AUTO else value),
-    PlainSerializer(lambda value: AUTO if value is None else value),
+    AUTO_TEXT,
+    BeforeValidator(lambda value: None if value == AUTO_TEXT else value),
+    PlainSerializer(lambda value: AUTO_TEXT if value is None else value),
 ]
 """A value, or `auto`."""
 
 
 class ConfigModel(BaseModel):
-    """A frozen mapping of fixed keys; nothing is converted silently ("3" is not a
-    number).
-    """
+    """A frozen mapping of fixed keys; nothing is converted silently: "3" is a text."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -74,27 +72,18 @@ class CommandConfig(ConfigModel):
     """Everything that can be set for one command."""
 
     OUTPUT: ClassVar[str] = ""
-    """End of the name of an output that is not given, after the name of the first
-    input.
-    """
+    """End of the name of an output that is not given, after that of the first input."""
 
     data: OptionalPath = None
     """Folder that replaces `{data}` at the beginning of any other path."""
 
     @model_validator(mode="after")
     def _check_output(self) -> Self:
-        """Name the output after the first input where it is not given; refuse to
-        replace inputs.
-        """
+        """Name an output that is not given; refuse to replace inputs."""
         files = [path for _, path in self.inputs() if path != STANDARD_STREAM]
         output = getattr(self, "output", None)
-        if self.OUTPUT and output == UNNAMED:
-            stem = (
-                files[0].name.partition(".")[0] or "standard" if files else "standard"
-            )
-            output = Path.cwd() / f"{stem}{self.OUTPUT}"
-            if output in files:
-                output = output.with_name(f"{stem}_result{output.suffix}")
+        if self.OUTPUT and output == UNNAMED_OUTPUT:
+            output = self._name_after(files)
             object.__setattr__(self, "output", output)
         target = output.manifest if isinstance(output, ResultFolder) else output
         for path in files:
@@ -104,20 +93,31 @@ class CommandConfig(ConfigModel):
                 )
         return self
 
+    def _name_after(self, files: Sequence[Path]) -> Path:
+        """Return the output that is named after the first of the input files."""
+        stem = files[0].name.partition(".")[0] if files else ""
+        stem = stem or "standard"
+        output = Path.cwd() / f"{stem}{self.OUTPUT}"
+        if output in files:
+            return output.with_name(f"{stem}_result{output.suffix}")
+        return output
+
     def inputs(self) -> Iterator[tuple[str, Path]]:
         """Yield the files to read, except those of sections, each with its key."""
         for key in type(self).model_fields:
-            value = () if key in ("output", "data") else getattr(self, key)
-            for group in value.values() if isinstance(value, Mapping) else [value]:
+            if key in ("output", "data"):
+                continue
+            value = getattr(self, key)
+            groups = value.values() if isinstance(value, Mapping) else [value]
+            for group in groups:
                 paths = group if isinstance(group, tuple) else [group]
                 yield from ((key, path) for path in paths if isinstance(path, Path))
 
     def changed(self, **values: Any) -> Self:
-        """Return the config with other values, unchecked; those of a section as a
-        mapping.
-        """
+        """Return the config with other values, unchecked; of a section in a mapping."""
         for key, value in values.items():
-            if isinstance(old := getattr(self, key), ConfigModel):
+            old = getattr(self, key)
+            if isinstance(old, ConfigModel):
                 values[key] = old.model_copy(update=value)
         return self.model_copy(update=values)
 
@@ -137,10 +137,8 @@ class CommandConfig(ConfigModel):
         return values
 
 
-class Key(NamedTuple):
-    """A key: the model that has it, its name and field there, and its model if it is a
-    section.
-    """
+class ConfigKey(NamedTuple):
+    """A key: the model that has it, its name and field there; a section has a model."""
 
     owner: type[BaseModel]
     name: str
@@ -150,20 +148,24 @@ class Key(NamedTuple):
 
 
 @cache
-def keys_of(model: type[BaseModel]) -> dict[tuple[str, ...], Key]:
-    """Return all keys of a model by their ways, as YAML spells them; sections come
-    first.
+def list_keys(model: type[BaseModel]) -> dict[tuple[str, ...], ConfigKey]:
+    """Return all keys of a model by their paths, as YAML spells them.
+
+    A section comes before its keys.
     """
-    keys: dict[tuple[str, ...], Key] = {}
+    keys: dict[tuple[str, ...], ConfigKey] = {}
     for name, field in model.model_fields.items():
-        kind, way = field.annotation, (field.alias or name,)
-        section = (
-            kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
-        )
-        described = next(
-            (part for part in field.metadata if isinstance(part, Description)), None
-        )
-        keys[way] = Key(model, name, field, section, described)
+        path = (field.alias or name,)
+        kind = field.annotation
+        section = None
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            section = kind
+        descriptions = [
+            part for part in field.metadata if isinstance(part, Description)
+        ]
+        description = descriptions[0] if descriptions else None
+        keys[path] = ConfigKey(model, name, field, section, description)
         if section is not None:
-            keys |= {way + inner: key for inner, key in keys_of(section).items()}
+            for inner, key in list_keys(section).items():
+                keys[path + inner] = key
     return keys

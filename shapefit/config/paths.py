@@ -1,6 +1,4 @@
-"""Paths in configs: relative to the file that names them, globs, installed names, `-`,
-`{data}`.
-"""
+"""Paths in configs: relative to their file, globs, installed names, `-`, `{data}`."""
 
 from __future__ import annotations
 
@@ -26,10 +24,11 @@ from shapefit.errors import path_text
 
 STANDARD_STREAM = Path("-")
 
-UNNAMED = Path()
+UNNAMED_OUTPUT = Path()
 """An output that is named after the first input."""
 
-DATA = "{data}"
+DATA_FOLDER = "{data}"
+"""What the folder `data` of a config replaces in its paths."""
 
 DICTIONARIES = Path(__file__).resolve().parents[1] / "data"
 """The installed dictionaries."""
@@ -37,8 +36,7 @@ DICTIONARIES = Path(__file__).resolve().parents[1] / "data"
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """A folder as output: one result file for `partition` images each, and a manifest
-    of them.
+    """A folder as output: a result file for `partition` images each, and a manifest.
 
     `workers` processes of this machine do the parts, or a running Dask scheduler;
     `replace` replaces other results in the folder.
@@ -60,13 +58,11 @@ class ResultFolder:
 class FileText(str):
     """A text of a config file, to whose folder paths are relative."""
 
-    folder: Path
+    folder: Path = Path()
 
 
 class Description(NamedTuple):
-    """Annotation metadata: what a field expects, where its type does not say it
-    well.
-    """
+    """Annotation metadata: what a field expects that its type does not say well."""
 
     phrase: str
 
@@ -81,13 +77,13 @@ def find_dictionaries() -> dict[str, Path]:
 
 
 def find_presets(command: str) -> dict[str, Path]:
-    """Return the installed configs of a command by name, sorted: `cars` of fit is
-    cars/fit.yaml.
+    """Return the installed configs of a command by name, sorted.
+
+    `cars` of fit is cars/fit.yaml.
     """
     package = DICTIONARIES.parent
-    folder = next(
-        f for f in (package / "configs", package.parent / "configs") if f.is_dir()
-    )
+    folders = (package / "configs", package.parent / "configs")
+    folder = next(folder for folder in folders if folder.is_dir())
     return {file.parent.name: file for file in sorted(folder.glob(f"*/{command}.yaml"))}
 
 
@@ -97,31 +93,30 @@ def fill_in(value: Any, data: str) -> Any:
         return [fill_in(item, data) for item in value]
     if isinstance(value, dict):
         return {key: fill_in(item, data) for key, item in value.items()}
-    return (
-        value.replace(DATA, data) if isinstance(value, str) and DATA in value else value
-    )
+    if isinstance(value, str) and DATA_FOLDER in value:
+        return value.replace(DATA_FOLDER, data)
+    return value  # which may know the folder of its file
 
 
 # What reads a value: each raises ValueError for a wrong one.
 
 
-def absolute_path(value: Any) -> Path:
+def absolute_path(value: object) -> Path:
     """Return the absolute path of a text or path; `-` stays."""
     text = str(value)
     if not isinstance(value, str | Path) or not text or "\0" in text:
         raise ValueError(f"expected a path, found {value!r}")
-    if DATA in text:
+    if DATA_FOLDER in text:
         raise ValueError(
             f"{text!r} begins with the folder `data`; give --set data=FOLDER"
         )
     if text == "-":
         return STANDARD_STREAM
-    return Path(
-        os.path.abspath(getattr(value, "folder", "") / Path(os.path.expanduser(text)))
-    )
+    folder = value.folder if isinstance(value, FileText) else Path()
+    return Path(os.path.abspath(folder / os.path.expanduser(text)))
 
 
-def expand_path(value: Any) -> tuple[Path, ...]:
+def expand_path(value: object) -> tuple[Path, ...]:
     """Return the files that a path or glob names, sorted, at least one.
 
     A path can be that of a pipe, or of a folder, whose files may be one recording; a
@@ -131,7 +126,8 @@ def expand_path(value: Any) -> tuple[Path, ...]:
     path = absolute_path(value)
     if path == STANDARD_STREAM or os.path.exists(path):
         return result_parts(path) or (path,)
-    if value in (installed := find_dictionaries()):
+    installed = find_dictionaries()
+    if isinstance(value, str) and value in installed:
         return (installed[value],)
     folder, pattern = _existing_folder(path)
     if not glob.has_magic(pattern):
@@ -145,14 +141,15 @@ def expand_path(value: Any) -> tuple[Path, ...]:
 
 
 def _existing_folder(path: Path) -> tuple[Path, str]:
-    """Return the folder of a path that exists as it is written, whatever brackets are
-    in its name, and what follows it.
+    """Return the folder of a path that exists as it is written, and what follows.
+
+    Whatever brackets are in its name.
     """
     folder = next(above for above in path.parents if above.is_dir())
     return folder, str(path.relative_to(folder))
 
 
-def find_file(value: Any) -> Path:
+def find_file(value: object) -> Path:
     """Return the one file that a path or glob names."""
     path, *others = expand_path(value)
     if others or path.is_dir():
@@ -160,26 +157,24 @@ def find_file(value: Any) -> Path:
     return path
 
 
-def find_dictionary(value: Any) -> Path:
-    """Return the file of a dictionary, or, where there is no such file, the installed
-    one.
-    """
+def find_dictionary(value: object) -> Path:
+    """Return the file of a dictionary, else the installed one of that name."""
     installed = find_dictionaries().get(str(value))
-    return (
-        installed
-        if installed and not absolute_path(value).is_file()
-        else find_file(value)
-    )
+    if installed and not absolute_path(value).is_file():
+        return installed
+    return find_file(value)
 
 
-def name_files(value: Any) -> Any:
+def name_files(value: object) -> Mapping[str, object]:
     """Name each file of a list after itself; a mapping has its names already."""
     if isinstance(value, Mapping):
         return value
+    patterns = value if isinstance(value, list | tuple) else [value]
     named: dict[str, Path] = {}
-    for pattern in value if isinstance(value, list | tuple) else [value]:
+    for pattern in patterns:
         folder = absolute_path(pattern)
-        for path in (folder,) if folder.is_dir() else expand_path(pattern):
+        paths = (folder,) if folder.is_dir() else expand_path(pattern)
+        for path in paths:
             name = path_text(path.stem)
             if named.setdefault(name, path) != path:
                 fault = f"{named[name]} and {path} would both be called {name!r}"
@@ -189,15 +184,17 @@ def name_files(value: Any) -> Any:
     return named
 
 
-def find_output(value: Any) -> Path | ResultFolder:
-    """Return the path of an output: a folder where it ends in /, UNNAMED for None."""
-    if value is None or isinstance(value, ResultFolder):
-        return UNNAMED if value is None else value
+def find_output(value: object) -> Path | ResultFolder:
+    """Return the path of an output: a folder where it ends in /."""
+    if value is None:
+        return UNNAMED_OUTPUT
+    if isinstance(value, ResultFolder):
+        return value
     path = absolute_path(value)
     return ResultFolder(path) if str(value).endswith("/") else path
 
 
-def unless_none(read: Callable[[Any], Any]) -> BeforeValidator:
+def unless_none(read: Callable[[object], Path]) -> BeforeValidator:
     """Return what reads a value that may be None."""
     return BeforeValidator(lambda value: None if value is None else read(value))
 
@@ -210,7 +207,9 @@ _PATH = Paths("a path")
 _DICTIONARY = Paths("a path, or the name of an installed dictionary")
 
 OutputPath = Annotated[
-    Path, _PATH, BeforeValidator(lambda v: UNNAMED if v is None else absolute_path(v))
+    Path,
+    _PATH,
+    BeforeValidator(lambda v: UNNAMED_OUTPUT if v is None else absolute_path(v)),
 ]
 OutputOrFolder = Annotated[
     Path | InstanceOf[ResultFolder],

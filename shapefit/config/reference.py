@@ -1,6 +1,4 @@
-"""What a schema says of its keys, in words: for messages, `shapefit config` and
-docs/config.md.
-"""
+"""What a schema says of its keys in words, for messages and docs/config.md."""
 
 from __future__ import annotations
 
@@ -17,17 +15,15 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from pydantic import BaseModel
 
-from shapefit.config.model import AUTO, Key, keys_of
+from shapefit.config.model import AUTO_TEXT, ConfigKey, list_keys
 from shapefit.errors import input_error, listed
 
 WORDS = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
 BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 
 
-class Row(NamedTuple):
-    """A key: its name (`a.b` in a section), what it expects, its default and its
-    meaning.
-    """
+class KeyInWords(NamedTuple):
+    """A key: its name (`a.b` in a section), what it expects, default and meaning."""
 
     name: str
     expects: str
@@ -35,19 +31,19 @@ class Row(NamedTuple):
     meaning: str
 
 
-def rows(model: type[BaseModel], section: str = "") -> list[Row]:
+def rows(model: type[BaseModel], section: str = "") -> list[KeyInWords]:
     """Return a row for each key of a model but `data`, or of one section of it.
 
     Raises InputError where there is no such section.
     """
     table = [
-        Row(".".join(way), expects(key), _default(key), meaning(key))
-        for way, key in keys_of(model).items()
-        if key.section is None and way != ("data",)
+        KeyInWords(".".join(path), expects(key), _default(key), meaning(key))
+        for path, key in list_keys(model).items()
+        if key.section is None and path != ("data",)
     ]
-    selected = [
-        row for row in table if not section or f"{row.name}.".startswith(f"{section}.")
-    ]
+    if not section:
+        return table
+    selected = [row for row in table if f"{row.name}.".startswith(f"{section}.")]
     if not selected:
         names = ", ".join(dict.fromkeys(row.name.partition(".")[0] for row in table))
         fault = f"there is no key or section '{section}'"
@@ -55,46 +51,48 @@ def rows(model: type[BaseModel], section: str = "") -> list[Row]:
     return selected
 
 
-def _default(key: Key) -> str:
+def _default(key: ConfigKey) -> str:
     if key.field.is_required():
         return "required"
     default = key.field.get_default(call_default_factory=True)
     if isinstance(default, Path):
         return default.stem or "by the input"
-    empty = AUTO if AUTO in key.field.metadata else "none"
-    return empty if default is None else json.dumps(default)
+    if default is not None:
+        return json.dumps(default)
+    return AUTO_TEXT if AUTO_TEXT in key.field.metadata else "none"
 
 
-def expects(key: Key) -> str:
+def expects(key: ConfigKey) -> str:
     """Return what a key expects, such as `a whole number >= 1`."""
     if key.section is not None:
-        names = [way[0] for way in keys_of(key.section)]
+        names = [path[0] for path in list_keys(key.section)]
         return f"a mapping with the keys {', '.join(names)}"
-    description = key.description
-    return (
-        description.phrase
-        if description
-        else _phrase(key.field.annotation, key.field.metadata)
-    )
+    if key.description:
+        return key.description.phrase
+    return _phrase(key.field.annotation, key.field.metadata)
 
 
-def _phrase(annotation: Any, metadata: Sequence[Any] = ()) -> str:
+def _phrase(annotation: object, metadata: Sequence[object] = ()) -> str:
     """Return the words for a type and its bounds."""
-    words = _words(annotation) + [AUTO] * (AUTO in metadata)
+    words = _words(annotation)
+    if AUTO_TEXT in metadata:
+        words.append(AUTO_TEXT)
     flat = [
         inner for entry in metadata for inner in getattr(entry, "metadata", (entry,))
     ]
     bounds = [
-        f"{BOUNDS[n]} {getattr(b, n)}" for b in flat for n in BOUNDS if hasattr(b, n)
+        f"{sign} {getattr(bound, name)}"
+        for bound in flat
+        for name, sign in BOUNDS.items()
+        if hasattr(bound, name)
     ]
     return f"{listed(words)} {' and '.join(bounds)}".rstrip()
 
 
 def _words(kind: Any) -> list[str]:
-    """Return the words for a type, for each type of a union, or for each value of a
-    literal.
-    """
-    origin, inner = get_origin(kind), get_args(kind)
+    """Return the words for a type, each type of a union, or each value of a literal."""
+    origin = get_origin(kind)
+    inner = get_args(kind)
     if origin in (Union, UnionType):
         return [word for part in inner if part is not NoneType for word in _words(part)]
     if origin is Annotated:
@@ -109,10 +107,12 @@ def _words(kind: Any) -> list[str]:
     return WORDS[kind].split(" or ")
 
 
-def meaning(key: Key) -> str:
+def meaning(key: ConfigKey) -> str:
     """Return what a key means: the text below its field, or that of its section."""
     text = key.field.description or _docstrings(key.owner).get(key.name)
-    return " ".join((text or str(key.section and key.section.__doc__)).split())
+    if not text and key.section is not None:
+        text = key.section.__doc__
+    return " ".join(str(text).split())
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,17 +36,26 @@ class Loss(Enum):
         return self in (Loss.SQUARED, Loss.SPARSE_ERROR)
 
 
+class ProblemArrays(TypedDict):
+    """What every kernel needs of a problem, by the names of its arguments."""
+
+    landmarks: Floats
+    weights: Floats
+    atoms: Floats
+    lam: Floats
+
+
 @dataclass(frozen=True)
 class Problem:
-    """min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2 for n
-    images.
+    """min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2.
 
-    landmarks W (n, 2, p), weights Omega (n, p) >= 0 with 0 = hidden (what W holds there
-    is irrelevant), atoms B (k, 3, p) shared by all images, lam (n,) > 0, loss f, and
-    beta > 0, the weight of ||E||_1 where the loss is SPARSE_ERROR. noise (n, p, 2, 2),
-    the covariance of each landmark's measurement, and camera, that of the images in the
-    unit of W, are no part of the program: methods that start from its solution may use
-    them where they are known. Raises ValueError on shapes or values that do not fit.
+    For n images: landmarks W (n, 2, p), weights Omega (n, p) >= 0 with 0 = hidden (what
+    W holds there is irrelevant), atoms B (k, 3, p) shared by all images, lam (n,) > 0,
+    loss f, and beta > 0, the weight of ||E||_1 where the loss is SPARSE_ERROR. noise
+    (n, p, 2, 2), the covariance of each landmark's measurement, and camera, that of the
+    images in the unit of W, are no part of the program: methods that start from its
+    solution may use them where they are known. Raises ValueError on shapes or values
+    that do not fit.
     """
 
     landmarks: Floats
@@ -63,51 +72,62 @@ class Problem:
             # one memory layout, the one that kernels read
             values = np.require(getattr(self, name), np.float64, ("C", "W"))
             object.__setattr__(self, name, values)
-        W, omega, B, lam = self.landmarks, self.weights, self.atoms, self.lam
-        n, two, p = W.shape
-        k, three, q = B.shape
+        self._check_shapes()
+        self._check_values()
+
+    def _check_shapes(self) -> None:
+        n, two, p = self.landmarks.shape
+        k, three, q = self.atoms.shape
         if two != 2 or three != 3 or p != q or k == 0:
             raise ValueError(
-                f"landmarks {W.shape} and atoms {B.shape} must be (n, 2, p), (k, 3, p)"
+                f"landmarks {self.landmarks.shape} and atoms {self.atoms.shape} must be"
+                " (n, 2, p), (k, 3, p)"
             )
-        if omega.shape != (n, p) or lam.shape != (n,):
+        if self.weights.shape != (n, p) or self.lam.shape != (n,):
             raise ValueError(
-                f"weights {omega.shape}, lam {lam.shape} must be ({n}, {p}), ({n},)"
+                f"weights {self.weights.shape}, lam {self.lam.shape} must be"
+                f" ({n}, {p}), ({n},)"
             )
-        for holds, rule in (
-            (
-                np.isfinite(omega).all() and (omega >= 0).all(),
-                "weights must be finite and >= 0",
-            ),
-            (np.isfinite(lam).all() and (lam > 0).all(), "lam must be finite and > 0"),
-            (np.isfinite(B).all(), "atoms must be finite"),
-            (self.beta > 0, "beta must be > 0"),
-        ):
-            if not holds:
-                raise ValueError(rule)
+
+    def _check_values(self) -> None:
+        if not (np.isfinite(self.weights).all() and (self.weights >= 0).all()):
+            raise ValueError("weights must be finite and >= 0")
+        if not (np.isfinite(self.lam).all() and (self.lam > 0).all()):
+            raise ValueError("lam must be finite and > 0")
+        if not np.isfinite(self.atoms).all():
+            raise ValueError("atoms must be finite")
+        if not self.beta > 0:  # a beta that is not a number fails too
+            raise ValueError("beta must be > 0")
 
     def take(self, images: NDArray[np.intp] | NDArray[np.bool_]) -> Problem:
         """Keep some of the images."""
-        rows = np.arange(len(self.landmarks))[images]
+        noise = None
+        if self.noise is not None:
+            noise = self.noise[images]
+        camera = None
+        if self.camera is not None:
+            camera = self.camera.take(np.arange(len(self.landmarks))[images])
         return replace(
             self,
             landmarks=self.landmarks[images],
             weights=self.weights[images],
             lam=self.lam[images],
-            noise=None if self.noise is None else self.noise[images],
-            camera=None if self.camera is None else self.camera.take(rows),
+            noise=noise,
+            camera=camera,
         )
 
     @property
-    def arrays(self) -> dict[str, Any]:
+    def arrays(self) -> ProblemArrays:
         """What every kernel needs of it, by the names of its arguments."""
-        names = ("landmarks", "weights", "atoms", "lam")
-        return {name: getattr(self, name) for name in names}
+        return {
+            "landmarks": self.landmarks,
+            "weights": self.weights,
+            "atoms": self.atoms,
+            "lam": self.lam,
+        }
 
     def require_squared(self, method: str) -> None:
-        """Raise ValueError, which names the method, unless the loss is the squared
-        one.
-        """
+        """Raise ValueError, which names the method, unless the loss is squared."""
         if self.loss is not Loss.SQUARED:
             raise ValueError(
                 f"{method} knows the squared loss only, not {self.loss.value}"
@@ -116,7 +136,11 @@ class Problem:
     @property
     def bound(self) -> float:
         """Bound on the entries of the dual Y: beta, 1 or none, by the loss."""
-        return {Loss.SPARSE_ERROR: self.beta, Loss.ABSOLUTE: 1.0}.get(self.loss, np.inf)
+        if self.loss is Loss.SPARSE_ERROR:
+            return self.beta
+        if self.loss is Loss.ABSOLUTE:
+            return 1.0
+        return np.inf
 
 
 def build_problem(
@@ -128,21 +152,22 @@ def build_problem(
     loss: Loss = Loss.SQUARED,
     beta: float = 0.1,
 ) -> Problem:
-    """Problem with defaults filled in: one lambda for all, weight 1 where W is finite,
-    else 0.
+    """Return the problem with defaults filled in.
 
-    landmarks (n, 2, p) or (2, p) for a single image; hidden landmarks may be nan. Under
-    the EXACT loss a weight says only whether a landmark is seen: all positive weights
-    become 1.
+    landmarks (n, 2, p), or (2, p) of a single image; hidden landmarks may be nan.
+    Weights are by default 1 where a landmark is finite, else 0. lam (n,), or one number
+    for all images. Under the EXACT loss a weight says only whether a landmark is seen:
+    all positive weights become 1.
     """
     W = landmarks if landmarks.ndim == 3 else landmarks[None]
     visible = np.all(np.isfinite(W), axis=1)
-    omega = np.broadcast_to(
-        visible.astype(float) if weights is None else weights, visible.shape
-    )
+    if weights is None:
+        weights = visible.astype(float)
+    omega = np.broadcast_to(weights, visible.shape)
     if loss is Loss.EXACT:
         omega = np.where(omega > 0, 1.0, omega)
     if not visible[omega > 0].all():
         raise ValueError("landmarks of positive weight must be finite")
     W = np.where((omega > 0)[:, None, :], W, 0.0)
-    return Problem(W, omega, atoms, np.broadcast_to(lam, (len(W),)), loss, beta)
+    lam_of_each = np.broadcast_to(lam, (len(W),))
+    return Problem(W, omega, atoms, lam_of_each, loss, beta)

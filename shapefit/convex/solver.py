@@ -1,6 +1,4 @@
-"""Solve the convex program for many images: one status, certificate and set of
-transforms each.
-"""
+"""Solve the convex program for many images, each with its status and certificate."""
 
 from __future__ import annotations
 
@@ -12,11 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
+from shapefit import core, log
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.span import find_span, reduce_images
 from shapefit.convex.transforms import Transforms
+
+LOGGER = "convex.solver"
+"""What is logged of the solver, below `shapefit`."""
 
 
 class Status(Enum):
@@ -43,10 +44,9 @@ class Solution(NamedTuple):
 
     transforms M; translation T (n, 2); dual Y (n, 2, p), feasible up to scaling; errors
     E (n, 2, p), the sparse errors of a robust loss in the units of the landmarks, else
-    zero; objective and relative_gap (n,), computed from scratch at the end; residual
-    (n,),
-    ||Omega o (W - sum M_i B_i - T 1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,);
-    status, a Status per image.
+    zero; objective and relative_gap (n,), computed from scratch at the end; iterations
+    (n,); status, a Status per image. The residual (n,) is ||Omega o (W - sum M_i B_i -
+    T 1^T)||_F / ||Omega o (W - mean)||_F.
     """
 
     transforms: Transforms
@@ -67,14 +67,13 @@ def solve_newton(
     max_iterations: int = 1000,
     threads: int = 0,
 ) -> Solution:
-    """Solve every image to a relative duality gap <= tolerance by semismooth Newton
-    steps.
+    """Solve every image to a relative duality gap <= tolerance by Newton's method.
 
-    `threads` = 0 means all cores. For the EXACT loss the relative residual
-    ||W - sum M_i B_i|| / ||W|| must fall below the tolerance too, and the gap is nan
-    where it does not. An image with fewer than two visible landmarks is DEGENERATE. The
-    method is written down in shapefit/core/convex/newton.hpp. Large shapes are solved
-    in the span of the atoms, see `span`.
+    `threads` = 0 means all cores. For the EXACT loss the relative residual ||W - sum
+    M_i B_i|| / ||W|| must fall below the tolerance too, and the gap is nan where it
+    does not. An image with fewer than two visible landmarks is DEGENERATE. The method,
+    of semismooth Newton steps, is written down in shapefit/core/convex/newton.hpp.
+    Large shapes are solved in the span of the atoms, see `span`.
     """
     solve = partial(
         solve_directly,
@@ -84,8 +83,49 @@ def solve_newton(
     )
     span = find_span(problem)
     if span is None:
-        return solve(problem)
-    return solve_in_span(problem, span, solve, threads)
+        solution = solve(problem)
+    else:
+        solution = solve_in_span(problem, span, solve, threads)
+    log_solution(solution)
+    if log.is_heard(LOGGER, log.TRACE):
+        log_trace(problem, tolerance, int(solution.iterations.max(initial=0)))
+    return solution
+
+
+def log_solution(solution: Solution) -> None:
+    """Log how many iterations images took, and the largest gap."""
+    if not log.is_heard(LOGGER) or not len(solution.iterations):
+        return
+    log.debug(
+        LOGGER,
+        "%d images, %.1f iterations each, at most %d; largest relative gap %.1e",
+        len(solution.iterations),
+        solution.iterations.mean(),
+        solution.iterations.max(),
+        np.nanmax(solution.relative_gap, initial=0.0),
+    )
+
+
+def log_trace(problem: Problem, tolerance: float, iterations: int) -> None:
+    """Log objective and relative gap after each iteration of each image.
+
+    The program is solved again with one iteration, with two, and so on: the solver is
+    deterministic, and pays nothing for a trace that nobody asks for.
+    """
+    for limit in range(1, iterations + 1):
+        stopped = solve_directly(
+            problem, tolerance=tolerance, max_iterations=limit, threads=1
+        )
+        both = zip(stopped.objective, stopped.relative_gap, strict=True)
+        for image, (objective, gap) in enumerate(both):
+            log.trace(
+                LOGGER,
+                "image %d, iteration %d: objective %.9g, relative gap %.1e",
+                image,
+                limit,
+                objective,
+                gap,
+            )
 
 
 def solve_directly(
@@ -95,8 +135,10 @@ def solve_directly(
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)
     first, count, steps, codes = np.zeros((4, n), np.int64)
-    atom, blocks = np.empty(n * k, np.int64), np.empty((n * k, 2, 3))
-    translation, dual = np.zeros((n, 2)), np.zeros((n, 2, p))
+    atom = np.empty(n * k, np.int64)
+    blocks = np.empty((n * k, 2, 3))
+    translation = np.zeros((n, 2))
+    dual = np.zeros((n, 2, p))
     errors = np.zeros((n, 2, 0 if problem.loss is Loss.SQUARED else p))
     objective, gap, residual = np.zeros((3, n))
     core.solve_convex(
@@ -137,25 +179,27 @@ def solve_in_span(
     solve: Callable[[Problem], Solution],
     threads: int,
 ) -> Solution:
-    """Solve the images reduced to the span (p, r) of the atoms, and certify their
-    solutions as those of the problem.
+    """Solve images reduced to the span (p, r) of the atoms, and certify what is found.
 
     The part of the landmarks that the atoms do not span joins the objective, never the
     gap's numerator: a reduction that is solved to the tolerance solves the problem to
     it.
     """
     n, _, p = problem.landmarks.shape
-    dual, order, solved = np.zeros((n, 2, p)), [], []
+    dual = np.zeros((n, 2, p))
+    rows, transforms_of_parts, steps_of_parts = [], [], []
+    statuses: list[Status] = []
     for part in reduce_images(problem, span):
         solution = solve(part.problem)
         dual[part.rows] = part.expand(solution.dual, problem)
-        order.append(part.rows)
-        solved.append(solution)
-    back = np.argsort(np.concatenate(order))
-    transforms = Transforms.joined([solution.transforms for solution in solved]).take(
-        back
-    )
-    status = np.array([value for solution in solved for value in solution.status])[back]
+        rows.append(part.rows)
+        transforms_of_parts.append(solution.transforms)
+        statuses.extend(solution.status)
+        steps_of_parts.append(solution.iterations)
+    in_order = np.argsort(np.concatenate(rows))
+    transforms = Transforms.joined(transforms_of_parts).take(in_order)
+    status = np.array(statuses)[in_order]
+    steps = np.concatenate(steps_of_parts)[in_order]
     translation = np.zeros((n, 2))
     objective, gap, residual = np.full((3, n), np.nan)
     core.certify(
@@ -171,15 +215,13 @@ def solve_in_span(
         residual=residual,
         threads=threads,
     )
-    degenerate = status == Status.DEGENERATE
-    objective[degenerate] = gap[degenerate] = residual[degenerate] = np.nan
-    steps = np.concatenate([solution.iterations for solution in solved])[back]
-    errors = np.broadcast_to(0.0, dual.shape)
+    for measure in (objective, gap, residual):
+        measure[status == Status.DEGENERATE] = np.nan
     return Solution(
         transforms,
         translation,
         dual,
-        errors,
+        np.broadcast_to(0.0, dual.shape),
         objective,
         gap,
         residual,
@@ -189,17 +231,16 @@ def solve_in_span(
 
 
 def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:
-    """Landmarks (n, p) with a weighted residual beyond beta in a coordinate; None if
-    not robust.
+    """Landmarks (n, p) whose weighted residual is beyond beta in a coordinate.
 
-    For the sparse-error loss these are the ones with an error E that is not 0.
+    For the sparse-error loss these are the ones with an error E that is not 0. None of
+    a loss that is not robust.
     """
     outliers: NDArray[np.bool_]
     if problem.loss is Loss.ABSOLUTE:
-        outliers = np.any(
-            np.abs(solution.errors) * problem.weights[:, None, :] > problem.beta, axis=1
-        )
-        return outliers
+        residuals = np.abs(solution.errors) * problem.weights[:, None, :]
+        beyond: NDArray[np.bool_] = np.any(residuals > problem.beta, axis=1)
+        return beyond
     if problem.loss is Loss.SPARSE_ERROR:
         outliers = np.any(solution.errors != 0, axis=1)
         return outliers

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
-from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -24,84 +23,81 @@ from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
 
-LARGE = 200
+MIN_LANDMARKS_OF_A_SPAN = 200
 """Landmarks from which on the span of the atoms is sought."""
 
-WORTH = 0.75
-"""Coordinates of the span, as a share of the landmarks, up to which it is worth its
-price.
-"""
+MAX_SPAN_SHARE = 0.75
+"""Coordinates of the span, as a share of the landmarks, up to which it pays."""
 
-SHARED = 4
-"""Images that share their weights, in the mean, from which on the span pays for itself.
-"""
+MIN_IMAGES_OF_WEIGHTS = 4
+"""Images that share their weights, in the mean, from which on the span pays."""
 
-NEGLIGIBLE = 1e-12
+NEGLIGIBLE_SINGULAR_VALUE = 1e-12
 """Singular value of the atoms beside the largest below which a direction is rounding.
 """
 
-INDEPENDENT = 1e-10
+MIN_SQUARED_DISTANCE = 1e-10
 """Squared distance of a row from the span of those before it, beside the largest
 squared length, above which no rounding has made it.
 """
 
-MIXTURES = (64, 128, 256, 512, 1024, 2048)
-"""Random mixtures of the rows whose span is tried."""
+RANDOM_MIXTURES = (64, 128, 256, 512, 1024, 2048)
+"""How many random mixtures of the rows are tried, one number after the other."""
 
 
 class Reduced(NamedTuple):
-    """Images `rows` (m,) as a problem of r + 1 landmarks; basis U Z (p, r + 1) of
-    weighted ones.
+    """Images `rows` (m,) as a problem of r + 1 landmarks.
 
-    Without a basis the problem has all p landmarks.
+    The basis U Z (p, r + 1) reduces weighted landmarks; without one the problem has all
+    p landmarks.
     """
 
     rows: NDArray[np.intp]
     problem: Problem
     basis: Floats | None
 
-    def expand(self, dual: Floats, given: Problem) -> Floats:
-        """Return the dual (m, 2, p) of the images as given, for that (m, 2, r + 1) of
-        these.
-        """
+    def expand(self, dual: Floats, original: Problem) -> Floats:
+        """Return the dual (m, 2, p) in the original problem, of (m, 2, r + 1) here."""
         if self.basis is None:
             return dual
-        w = weighted(given.landmarks[self.rows], given.weights[self.rows])
+        w = weighted(original.landmarks[self.rows], original.weights[self.rows])
         expanded: Floats = w + (dual - w @ self.basis) @ self.basis.T
         return expanded
 
 
 def find_span(problem: Problem) -> Floats | None:
-    """Return an orthonormal basis (p, r) of the rows of all atoms; None where the
-    problem is not to be reduced to it.
-    """
+    """Return an orthonormal basis (p, r) of the rows of all atoms, where it pays."""
     p = problem.landmarks.shape[2]
-    if problem.loss is not Loss.SQUARED or p < LARGE or not len(problem.lam):
+    if problem.loss is not Loss.SQUARED:
         return None
-    return find_row_space(problem.atoms.reshape(-1, p), int(WORTH * p) - 1)
+    if p < MIN_LANDMARKS_OF_A_SPAN or not len(problem.lam):
+        return None
+    return find_row_space(problem.atoms.reshape(-1, p), int(MAX_SPAN_SHARE * p) - 1)
 
 
-def find_row_space(rows: Floats, most: int) -> Floats | None:
-    """Return an orthonormal basis (p, r) of the span of rows (m, p); None where its
-    dimension is above `most`.
+def find_row_space(rows: Floats, max_dimension: int) -> Floats | None:
+    """Return an orthonormal basis (p, r) of the span of rows (m, p).
 
-    Of many rows of a low rank, random mixtures span the same (Halko, Martinsson and
-    Tropp, SIAM Review 2011), which the rows themselves then prove.
+    None where its dimension is above `max_dimension`. Of many rows of a low rank,
+    random mixtures span the same (Halko, Martinsson and Tropp, SIAM Review 2011), which
+    the rows themselves then prove.
     """
     rows = rows / (np.abs(rows).max() or 1.0)
-    if are_independent(rows[: most + 1]):
-        return np.linalg.qr(rows.T).Q if len(rows) <= most else None
+    if are_independent(rows[: max_dimension + 1]):
+        return np.linalg.qr(rows.T).Q if len(rows) <= max_dimension else None
     rng = np.random.default_rng(0)
-    largest = min(most, len(rows))
-    for mixtures in (*takewhile(largest.__gt__, MIXTURES), largest):
+    most = min(max_dimension, len(rows))
+    numbers = [number for number in RANDOM_MIXTURES if number < most]
+    for mixtures in (*numbers, most):
         mixed = rng.normal(size=(mixtures, len(rows))) @ rows
         basis = np.linalg.qr(mixed.T).Q
         along = rows @ basis
         left = np.linalg.norm(rows - along @ basis.T)
-        if left <= NEGLIGIBLE * np.linalg.norm(rows):
+        if left <= NEGLIGIBLE_SINGULAR_VALUE * np.linalg.norm(rows):
             size, turned = np.linalg.svd(along, full_matrices=False)[1:]
-            found: Floats = basis @ turned[size > NEGLIGIBLE * size[0]].T
-            return found
+            is_real = size > NEGLIGIBLE_SINGULAR_VALUE * size[0]
+            reduced: Floats = basis @ turned[is_real].T
+            return reduced
     return None
 
 
@@ -112,69 +108,70 @@ def are_independent(rows: Floats) -> bool:
         pivots = np.linalg.cholesky(products).diagonal() ** 2
     except np.linalg.LinAlgError:
         return False
-    return bool(pivots.min() > INDEPENDENT * products.diagonal().max())
+    return bool(pivots.min() > MIN_SQUARED_DISTANCE * products.diagonal().max())
 
 
 def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
-    """Yield the images in parts of equal weights, for a basis (p, r) of the rows of all
-    atoms.
+    """Yield the images in parts of equal weights, reduced to the span of the atoms.
 
-    How a block of images is divided does not depend on the others, so that no result
-    depends on how images are batched; blocks of one set of weights stay together, for
-    threads to share.
+    span (p, r). How a block of images is divided does not depend on the others, so that
+    no result depends on how images are batched; blocks of one set of weights stay
+    together, for threads to share.
     """
     together: list[NDArray[np.intp]] = []
     basis_of = lru_cache(maxsize=8)(lambda key: find_basis(span, np.frombuffer(key)))
 
-    def reduced(rows: NDArray[np.intp]) -> Reduced:
+    def reduce_part(rows: NDArray[np.intp]) -> Reduced:
         weights = problem.weights[rows]
         basis = basis_of(weights[0].tobytes())
         w = weighted(problem.landmarks[rows], weights)
-        B = weighted(
-            problem.atoms, np.broadcast_to(weights[0], problem.atoms.shape[::2])
-        )
+        weights_of_atoms = np.broadcast_to(weights[0], problem.atoms.shape[::2])
+        B = weighted(problem.atoms, weights_of_atoms)
         ones = np.ones((len(rows), basis.shape[1]))
-        return Reduced(
-            rows, Problem(w @ basis, ones, B @ basis, problem.lam[rows]), basis
-        )
+        reduced = Problem(w @ basis, ones, B @ basis, problem.lam[rows])
+        return Reduced(rows, reduced, basis)
 
     for start in range(0, len(problem.lam), core.IMAGES_PER_BLOCK):
         rows = np.arange(start, min(start + core.IMAGES_PER_BLOCK, len(problem.lam)))
-        masks, of = distinct_rows(problem.weights[rows])
-        same = together and (problem.weights[together[-1][0]] == masks).all()
-        if together and (len(masks) > 1 or not same):
-            yield reduced(np.concatenate(together))
-            together = []
+        masks, mask_of = distinct_rows(problem.weights[rows])
+        if together:
+            has_same_weights = problem.weights[together[-1][0]] == masks
+            if len(masks) > 1 or not has_same_weights.all():
+                yield reduce_part(np.concatenate(together))
+                together = []
         if len(masks) == 1:
             together.append(rows)
-        elif len(masks) * SHARED > len(rows):
+        elif len(masks) * MIN_IMAGES_OF_WEIGHTS > len(rows):
             yield Reduced(rows, problem.take(rows), None)
         else:
-            yield from (reduced(rows[of == number]) for number in range(len(masks)))
+            for mask in range(len(masks)):
+                yield reduce_part(rows[mask_of == mask])
     if together:
-        yield reduced(np.concatenate(together))
+        yield reduce_part(np.concatenate(together))
 
 
 def distinct_rows(x: Floats) -> tuple[Floats, NDArray[np.intp]]:
     """Return the rows of x (n, p) that differ, and which of them each is."""
     if (x == x[0]).all():  # np.unique takes longer than all else
         return x[:1], np.zeros(len(x), np.intp)
-    rows, of = np.unique(x, axis=0, return_inverse=True)
-    return rows, of.ravel()
+    rows, row_of = np.unique(x, axis=0, return_inverse=True)
+    return rows, row_of.ravel()
 
 
 def find_basis(span: Floats, weights: Floats) -> Floats:
-    """Return U Z (p, r + 1) for the weights (p,): U (p, r) spans the rows of all atoms,
-    weighted and centred, where `span` (p, r) spans the atoms as they are.
+    """Return U Z (p, r + 1) for the weights (p,).
 
-    Weighted, their rows are in the span of U and the weights, to which centring makes
-    them orthogonal. The rows of Z^T (r + 1, r) are orthonormal and orthogonal to 1:
-    centring takes nothing off.
+    U (p, r) spans the rows of all atoms, weighted and centred, where `span` (p, r)
+    spans the atoms as they are. Weighted, their rows are in the span of U and the
+    weights, to which centring makes them orthogonal. The rows of Z^T (r + 1, r) are
+    orthonormal and orthogonal to 1: centring takes nothing off.
     """
     largest = weights.max() or 1.0
     scaled = weights[:, None] / largest
-    U = np.linalg.qr(np.hstack([scaled, scaled * span])).Q[:, 1:]
+    spanning = np.hstack([scaled, scaled * span])
+    U = np.linalg.qr(spanning).Q[:, 1:]
     r = U.shape[1]
+    # all but the last row of the Householder reflection that turns 1 into an axis
     h = np.full(r + 1, 1 / np.sqrt(r + 1))
     h[-1] += 1
     Z = np.eye(r + 1)[:r] - np.outer(h[:r], h) / h[-1]
@@ -182,15 +179,16 @@ def find_basis(span: Floats, weights: Floats) -> Floats:
 
 
 def weighted(points: Floats, weights: Floats) -> Floats:
-    """Points (m, d, p) less their mean by the weights (m, p) squared, times the
-    weights.
+    """Return omega o (points - mean), the mean being weighted by omega^2.
+
+    points (m, d, p), weights omega (m, p).
     """
-    largest = np.maximum(weights.max(axis=1, keepdims=True), np.finfo(float).tiny)
+    tiny = np.finfo(float).tiny
+    largest = np.maximum(weights.max(axis=1, keepdims=True), tiny)
     squares = (weights / largest)[:, None] ** 2
-    points = np.where(
-        squares > 0, points, 0.0
-    )  # what hidden landmarks hold is irrelevant
-    total = np.maximum(squares.sum(axis=-1, keepdims=True), np.finfo(float).tiny)
+    # what hidden landmarks hold is irrelevant
+    points = np.where(squares > 0, points, 0.0)
+    total = np.maximum(squares.sum(axis=-1, keepdims=True), tiny)
     mean = (squares * points).sum(axis=-1, keepdims=True) / total
     scaled: Floats = weights[:, None] * (points - mean)
     return scaled

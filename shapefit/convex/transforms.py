@@ -1,7 +1,6 @@
-"""The transforms of the convex program, of which most are 0, and the norm of their 2x3
-blocks.
+"""The transforms of the convex program, most of them 0, and the norm of their blocks.
 
-For a block Q the singular values satisfy s1^2 + s2^2 = ||Q||_F^2 and s1 s2 = |q_1 x
+For a 2x3 block Q the singular values satisfy s1^2 + s2^2 = ||Q||_F^2 and s1 s2 = |q_1 x
 q_2|, the length of the rows' cross product; no SVD is needed.
 """
 
@@ -9,27 +8,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 
-Indices = NDArray[np.int64]
+
+class TransformArrays(TypedDict):
+    """What a kernel needs of transforms, by the names of its arguments."""
+
+    first: Integers
+    count: Integers
+    atom: Integers
+    blocks: Floats
 
 
 @dataclass(frozen=True)
 class Transforms:
-    """M (n, k, 2, 3) as a list of what is not 0, image by image, in the order of the
-    atoms.
+    """M (n, k, 2, 3) as a list of the blocks that are not 0.
 
-    count (n,), how many each image has; atom (a,) and block (a, 2, 3) of each; k atoms
-    in all.
+    They stand image by image, in the order of the atoms: count (n,), how many each
+    image has; atom (a,) and block (a, 2, 3) of each; k atoms in all.
     """
 
-    count: Indices
-    atom: Indices
+    count: Integers
+    atom: Integers
     blocks: Floats
     k: int
 
@@ -37,27 +42,27 @@ class Transforms:
     def of(cls, M: Floats) -> Transforms:
         """List the blocks of M (n, k, 2, 3) that are not 0."""
         image, atom = np.nonzero(M.any(axis=(2, 3)))
-        return cls(
-            np.bincount(image, minlength=len(M)), atom, M[image, atom], M.shape[1]
-        )
+        count = np.bincount(image, minlength=len(M))
+        return cls(count, atom, M[image, atom], M.shape[1])
 
     @classmethod
     def with_one_rotation(cls, c: Floats, R: Floats) -> Transforms:
         """M_i = c_i Rbar of c (n, k), most of them 0, and R (n, 3, 3)."""
         image, atom = np.nonzero(c)
+        count = np.bincount(image, minlength=len(c))
         blocks = c[image, atom, None, None] * R[image, :2]
-        return cls(np.bincount(image, minlength=len(c)), atom, blocks, c.shape[1])
+        return cls(count, atom, blocks, c.shape[1])
 
     @classmethod
     def gathered(
-        cls, first: Indices, count: Indices, atom: Indices, blocks: Floats, k: int
+        cls, first: Integers, count: Integers, atom: Integers, blocks: Floats, k: int
     ) -> Transforms:
-        """Put lists in which each image has its `count` from `first` on in the order of
-        images.
+        """Put lists in the order of images, each of which has `count` from `first` on.
 
         Lists that stand in this order already are not copied.
         """
-        shift, total = first - starts_of(count), count.sum()
+        shift = first - starts_of(count)
+        total = count.sum()
         if not shift.any():
             return cls(count, atom[:total], blocks[:total], k)
         place = np.repeat(shift, count) + np.arange(total)
@@ -66,10 +71,9 @@ class Transforms:
     @classmethod
     def joined(cls, parts: Sequence[Transforms]) -> Transforms:
         """Put the images of all parts one after another; they have the same atoms."""
-        count, atom, blocks = (
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("count", "atom", "blocks")
-        )
+        count = np.concatenate([part.count for part in parts])
+        atom = np.concatenate([part.atom for part in parts])
+        blocks = np.concatenate([part.blocks for part in parts])
         return cls(count, atom, blocks, parts[0].k)
 
     @property
@@ -78,11 +82,10 @@ class Transforms:
         return np.repeat(np.arange(len(self.count)), self.count)
 
     @property
-    def arrays(self) -> dict[str, Any]:
+    def arrays(self) -> TransformArrays:
         """What a kernel needs of it, by the names of its arguments."""
-        first = starts_of(self.count)
         return {
-            "first": first,
+            "first": starts_of(self.count),
             "count": self.count,
             "atom": self.atom,
             "blocks": self.blocks,
@@ -92,13 +95,12 @@ class Transforms:
         self, images: NDArray[np.intp] | NDArray[np.bool_] | Sequence[int]
     ) -> Transforms:
         """Keep some of the images, in the order given."""
-        first, count = starts_of(self.count)[images], self.count[images]
+        first = starts_of(self.count)[images]
+        count = self.count[images]
         return Transforms.gathered(first, count, self.atom, self.blocks, self.k)
 
     def scatter(self, values: Floats) -> Floats:
-        """Return values (a, ...) at their images and atoms, and 0 elsewhere: (n, k,
-        ...).
-        """
+        """Return values (a, ...) at their images and atoms, else 0: (n, k, ...)."""
         full = np.zeros((len(self.count), self.k, *values.shape[1:]))
         full[self.image, self.atom] = values
         return full
@@ -108,13 +110,15 @@ class Transforms:
         return self.scatter(self.blocks)
 
 
-def starts_of(count: Indices) -> Indices:
+def starts_of(count: Integers) -> Integers:
     """Where lists of these lengths start when they stand one after another."""
     return np.cumsum(count) - count
 
 
 def nuclear_norm(Q: Floats) -> Floats:
     """||Q||_* = s1 + s2, the dual norm of the spectral norm, of blocks (..., 2, 3)."""
-    product = np.linalg.norm(np.cross(Q[..., 0, :], Q[..., 1, :]), axis=-1)
-    norm: Floats = np.sqrt((Q**2).sum(axis=(-2, -1)) + 2 * product)
+    cross = np.cross(Q[..., 0, :], Q[..., 1, :])
+    product = np.linalg.norm(cross, axis=-1)
+    squares = (Q**2).sum(axis=(-2, -1))
+    norm: Floats = np.sqrt(squares + 2 * product)
     return norm

@@ -1,8 +1,8 @@
 """Non-negative sparse coding: shapes as cheap non-negative mixtures of fixed atoms.
 
-min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i  over c >= 0, for each shape S by
-                                                      itself
-(paper, eq. dl with the atoms fixed).
+min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i  over c >= 0,
+
+for each shape S by itself (paper, eq. dl with the atoms fixed).
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def sparse_code(
     An active set method (Lawson and Hanson 1974, with the l1 term), see
     core/base/active_set.hpp. Warns (RuntimeWarning) where a shape does not stop.
     """
-    X, B = flat(shapes), flat(atoms)
-    C = (
-        np.zeros((len(X), len(B)))
-        if start is None
-        else np.array(start, dtype=np.float64)
-    )
+    X = flat(shapes)
+    B = flat(atoms)
+    if start is None:
+        C = np.zeros((len(X), len(B)))
+    else:
+        C = np.array(start, dtype=np.float64)
     if C.shape != (len(X), len(B)) or (C < 0).any():
         raise ValueError(f"start must be {(len(X), len(B))} and >= 0, is {C.shape}")
     smallest_move = tolerance * np.linalg.norm(X, axis=1)
@@ -67,16 +67,12 @@ def objectives(
 ) -> Floats:
     """1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji for each shape; (n,)."""
     left = flat(shapes) - coefficients @ flat(atoms)
-    values: Floats = 0.5 * np.einsum("nd,nd->n", left, left) + beta * coefficients.sum(
-        axis=1
-    )
+    squares = np.einsum("nd,nd->n", left, left)
+    values: Floats = 0.5 * squares + beta * coefficients.sum(axis=1)
     return values
 
 
 def flat(shapes: Floats) -> Floats:
-    """Return shapes (n, 3, p) as rows (n, 3p): a view where they lie in order in
-    memory.
-    """
-    return np.ascontiguousarray(shapes, dtype=np.float64).reshape(
-        len(shapes), prod(shapes.shape[1:])
-    )
+    """Return shapes (n, 3, p) as rows (n, 3p): a view where memory allows it."""
+    in_order = np.ascontiguousarray(shapes, dtype=np.float64)
+    return in_order.reshape(len(shapes), prod(shapes.shape[1:]))

@@ -1,5 +1,4 @@
-"""Dictionary learning: alternate sparse coding and atom update (paper, eq. dl); PCA
-bases.
+"""Dictionary learning: alternate sparse coding and atom update; PCA bases.
 
 min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C  over C >= 0, ||B_i||_F <= 1.
 """
@@ -15,10 +14,10 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.coding import flat, objectives, sparse_code
 from shapefit.geometry.normalisation import std
 
-BOUND = 1.0
+MAX_ATOM_NORM = 1.0
 """The largest norm of an atom."""
 
-REACH = 0.5
+OVERRELAXATION = 0.5
 """How far beyond its end the atom update is followed, in lengths of the update."""
 
 
@@ -36,15 +35,16 @@ class Learned:
     trace: Floats
 
 
-def learn(
+def learn_atoms(
     shapes: Floats,
     k: int,
     beta: float,
     *,
     iterations: int,
 ) -> Iterator[Learned]:
-    """min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C  over C >= 0, ||B_i||_F
-                                                                <= 1.
+    """min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C.
+
+    Over C >= 0 and ||B_i||_F <= 1.
 
     shapes (n, 3, p), normalised, aligned, centred, none of them 0; k <= n atoms. The
     start is k shapes at even distances in the order given, scaled to norm 1, and their
@@ -77,11 +77,10 @@ def learn(
     for _ in range(iterations):
         updated = update_atoms(shapes, C, B)
         trace.append(total(updated, C))
-        beyond = updated + REACH * (updated - B)
-        beyond *= BOUND / np.linalg.norm(beyond, axis=(1, 2), keepdims=True).clip(
-            min=BOUND
-        )
-        coded = recode(updated, C), recode(beyond, C)
+        beyond = updated + OVERRELAXATION * (updated - B)
+        norm = np.linalg.norm(beyond, axis=(1, 2), keepdims=True)
+        beyond *= MAX_ATOM_NORM / norm.clip(min=MAX_ATOM_NORM)
+        coded = [recode(updated, C), recode(beyond, C)]
         objective, B, C = min(coded, key=lambda state: state[0])
         trace.append(objective)
         yield Learned(B, C, np.array(trace))
@@ -93,7 +92,7 @@ def update_atoms(
     shapes: Floats,
     coefficients: Floats,
     atoms: Floats,
-    bound: float = BOUND,
+    bound: float = MAX_ATOM_NORM,
     sweeps: int = 5,
 ) -> Floats:
     """Lower 1/2 sum_j ||S_j - sum_i C_ji B_i||_F^2 over atoms with ||B_i||_F <= bound.
@@ -104,7 +103,8 @@ def update_atoms(
     ball, so no step raises the objective. Atoms that no shape uses stay as they are.
     Source: Mairal et al. 2010, algorithm 2.
     """
-    A, D = coefficients.T @ coefficients, coefficients.T @ flat(shapes)
+    A = coefficients.T @ coefficients
+    D = coefficients.T @ flat(shapes)
     B = np.array(flat(atoms))
     used = np.flatnonzero(A.diagonal() > 0)
     for _ in range(sweeps):
@@ -115,13 +115,12 @@ def update_atoms(
 
 
 def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> Floats:
-    """Put the worst reconstructed training shape, scaled to norm 1, in place of a dead
-    atom.
+    """Put the worst reconstructed training shapes in place of dead atoms.
 
-    An atom is dead if no shape uses it. Its coefficients are 0, so the objective stays.
-    Of several dead atoms each later one gets the shape that is worst after the earlier
-    ones have taken up their part of the residuals, so that neighbouring frames do not
-    fill them all.
+    An atom is dead if no shape uses it. Its coefficients are 0, so the objective stays;
+    the shape is scaled to norm 1. Of several dead atoms each later one gets the shape
+    that is worst after the earlier ones have taken up their part of the residuals, so
+    that neighbouring frames do not fill them all.
     """
     dead = np.flatnonzero(~coefficients.any(axis=0))
     if not len(dead):
@@ -129,7 +128,8 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> F
     B = atoms.copy()
     residual = shapes - np.tensordot(coefficients, atoms, axes=1)
     for i in dead:
-        B[i] = of_norm_one(shapes[np.linalg.norm(residual, axis=(1, 2)).argmax()])
+        worst = np.linalg.norm(residual, axis=(1, 2)).argmax()
+        B[i] = of_norm_one(shapes[worst])
         part = np.maximum(np.tensordot(residual, B[i], axes=2), 0.0)
         residual -= part[:, None, None] * B[i]
     return B
@@ -137,15 +137,13 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> F
 
 def of_norm_one(shapes: Floats) -> Floats:
     """Return shapes (..., 3, p), none of them 0, scaled to the bound of atoms."""
-    scaled: Floats = shapes * (
-        BOUND / np.linalg.norm(shapes, axis=(-2, -1), keepdims=True)
-    )
-    return scaled
+    norm = np.linalg.norm(shapes, axis=(-2, -1), keepdims=True)
+    bounded: Floats = shapes * (MAX_ATOM_NORM / norm)
+    return bounded
 
 
 def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats:
-    """(sum_j C_ji s_j / sum_j C_ji) / std(B_i): as large as the shapes that use the
-    atom.
+    """(sum_j C_ji s_j / sum_j C_ji) / std(B_i): the size of the shapes that use atom i.
 
     A learned atom has no size: grown to the standard deviation 1 of a normalised shape
     it is as large as the training shapes are on average, each by its share in the
@@ -162,31 +160,29 @@ def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats
 
 
 def principal_components(shapes: Floats, bases: float = 0.99) -> Floats:
-    """Orthonormal directions (m, 3, p) in which the shapes differ most from their own
-    mean.
+    """Return the directions (m, 3, p) in which shapes differ most from their mean.
 
-    shapes (n, 3, p), n >= 1, normalised, aligned, centred. The strongest come first,
-    each with its largest entry positive. m is `bases`, or, where that is below 1, the
-    least number that holds this share of the summed squared distances from the mean; at
-    most the rank, and so 0 for shapes that are all alike. The dictionary of matching
-    pursuit concatenates those of all activities. Source: Ramakrishna, Kanade and Sheikh
-    2012.
+    shapes (n, 3, p), n >= 1, normalised, aligned, centred. The directions are
+    orthonormal, the strongest first, each with its largest entry positive. m is
+    `bases`, or, where that is below 1, the least number that holds this share of the
+    summed squared distances from the mean; at most the rank, and so 0 for shapes that
+    are all alike. The dictionary of matching pursuit concatenates those of all
+    activities. Source: Ramakrishna, Kanade and Sheikh 2012.
     """
     X = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
     _, s, directions = np.linalg.svd(X, full_matrices=False)
     # Shapes come from files in single precision, and what aligns them rounds them
     # differently.
-    rounding = (
-        np.finfo(np.float32).eps * np.sqrt(X.size) * np.abs(shapes).max(initial=0.0)
-    )
+    largest_coordinate = np.abs(shapes).max(initial=0.0)
+    rounding = np.finfo(np.float32).eps * np.sqrt(X.size) * largest_coordinate
     rank = int((s > rounding).sum())
-    number = int(bases)
-    if bases < 1:
+    if rank == 0 or bases >= 1:
+        number = int(bases)
+    else:
         explained = np.cumsum(s[:rank] ** 2)
-        number = int((explained < bases * explained[-1]).sum()) + 1 if rank else 0
+        number = int((explained < bases * explained[-1]).sum()) + 1
     retained = directions[: min(number, rank)]
-    largest = np.take_along_axis(
-        retained, np.abs(retained).argmax(axis=1)[:, None], axis=1
-    )
-    components: Floats = (retained * np.sign(largest)).reshape(-1, *shapes.shape[1:])
-    return components
+    place = np.abs(retained).argmax(axis=1)[:, None]
+    largest = np.take_along_axis(retained, place, axis=1)
+    components: Floats = retained * np.sign(largest)
+    return components.reshape(-1, *shapes.shape[1:])

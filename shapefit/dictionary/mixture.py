@@ -1,13 +1,11 @@
-"""A prior over shapes: a mixture of Gaussians, learned by expectation maximisation with
-a prior.
+"""A prior over shapes: a mixture of Gaussians, learned by expectation maximisation.
 
 max over pi, mu, C of  sum_n w_n log sum_k pi_k exp(E log N(x_n + e; mu_k, C_k))
-                       - kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G)),      e ~ N(0, floor
-                         I).
+                       - kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G)),
 
-The expectation over e raises every covariance by the floor; kappa draws the covariances
-towards G, that of all shapes and e together, as that many shapes would. No round lowers
-the objective.
+e ~ N(0, floor I). The expectation over e raises every covariance by the floor; kappa
+draws the covariances towards G, that of all shapes and e together, as that many shapes
+would. No round lowers the objective.
 """
 
 from __future__ import annotations
@@ -19,28 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
+from shapefit.threads import on_threads
 
-KMEANS_ROUNDS = 20
+MAX_KMEANS_ROUNDS = 20
+"""Of Lloyd's method, which finds the start."""
 
-LEAST_SHAPES = 1e-3
-"""Shapes of a component below which it is left out: it has died, and would only
-mislead.
-"""
+MIN_SHAPES = 1e-3
+"""Shapes of a component below which it has died, and would only mislead."""
 
-
-LEAST_SHARE = 1e-15
-"""Share of a shape in a component below which it adds nothing to its covariance: most
-are so.
-"""
+MIN_SHAPE_SHARE = 1e-15
+"""Of a shape in a component, below which it adds nothing to the covariance; most do."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """p(x) = sum_k pi_k N(x; mu_k, C_k) over shapes x, flattened: all x, then all y,
-    then all z.
+    """p(x) = sum_k pi_k N(x; mu_k, C_k) over shapes x.
 
-    weights pi (K,), positive, with the sum 1; means mu (K, 3, p); covariances C (K, 3p,
-    3p).
+    Shapes are flattened: all x, then all y, then all z. weights pi (K,), positive, with
+    the sum 1; means mu (K, 3, p); covariances C (K, 3p, 3p).
     """
 
     weights: Floats
@@ -67,25 +61,29 @@ class Mixture:
 
     def marginal(self, landmarks: Integers) -> Mixture:
         """Return the mixture over some of the landmarks, in this order."""
-        C = np.take(np.take(self.by_landmark, landmarks, axis=1), landmarks, axis=3)
-        return self.of_landmarks(
-            self.weights, np.take(self.means, landmarks, axis=2), C
-        )
+        means = np.take(self.means, landmarks, axis=2)
+        rows = np.take(self.by_landmark, landmarks, axis=1)
+        C = np.take(rows, landmarks, axis=3)
+        return self.of_landmarks(self.weights, means, C)
 
     def log_density(self, shapes: Floats) -> Floats:
-        """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K)."""
+        """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K).
+
+        Components are taken side by side on all cores.
+        """
         x = np.ascontiguousarray(shapes.reshape(len(shapes), -1).T)
-        density, z = np.empty((x.shape[1], len(self))), np.empty_like(x)
-        for k, (mean, covariance) in enumerate(
-            zip(self.means, self.covariances, strict=True)
-        ):
-            L = np.linalg.cholesky(covariance)
+        density = np.empty((x.shape[1], len(self)))
+
+        def fill(k: int) -> None:
+            L = np.linalg.cholesky(self.covariances[k])
             whiten = np.linalg.inv(L)
-            np.matmul(whiten, x, out=z)
-            z -= (whiten @ mean.ravel())[:, None]
-            log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
+            z = whiten @ x
+            z -= (whiten @ self.means[k].ravel())[:, None]
             np.square(z, out=z)
+            log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
             density[:, k] = np.log(self.weights[k]) - 0.5 * z.sum(axis=0) - log_size
+
+        on_threads(fill, range(len(self)), 0)
         return density
 
 
@@ -126,7 +124,8 @@ def learn_mixture(
     ones = np.ones(n)
     G = _scatter(X, ones, ones @ X / n) / n + floor * np.eye(d)
     kappa = shrinkage / (1 - shrinkage) * n / components
-    mixture = maximise(X, np.eye(components)[kmeans(X, components)], G, kappa, floor)
+    nearest = np.eye(components)[kmeans(X, components)]
+    mixture = maximise(X, nearest, G, kappa, floor)
     trace: list[float] = []
     for _ in range(max_rounds):
         density = expected_log_density(X, mixture, floor)
@@ -136,30 +135,33 @@ def learn_mixture(
         if len(trace) > 1 and trace[-1] - trace[-2] <= tolerance * n:
             break
         mixture = maximise(X, np.exp(density - log_sum[:, None]), G, kappa, floor)
-    retained = mixture.weights * n > LEAST_SHAPES
+    return LearnedMixture(_alive(mixture, n), np.array(trace))
+
+
+def _alive(mixture: Mixture, n: int) -> Mixture:
+    """Return the components that shapes, n in all, belong to."""
+    retained = mixture.weights * n > MIN_SHAPES
     weights = mixture.weights[retained]
-    alive = Mixture(
-        weights / weights.sum(), mixture.means[retained], mixture.covariances[retained]
-    )
-    return LearnedMixture(alive, np.array(trace))
+    means = mixture.means[retained]
+    return Mixture(weights / weights.sum(), means, mixture.covariances[retained])
 
 
 def maximise(
     X: Floats, share: Floats, G: Floats, kappa: float, floor: float
 ) -> Mixture:
-    """Return the best mixture for responsibilities (n, K) of the components for shapes
-    X (n, d).
-    """
+    """Return the best mixture for shares (n, K) of components in shapes X (n, d)."""
     count = np.maximum(share.sum(axis=0), 1e-300)
     means = (share.T @ X) / count[:, None]
     prior = floor * np.eye(X.shape[1])
-    covariances = [
-        (_scatter(X, w, mean) + total * prior + kappa * G) / (total + kappa)
-        for w, mean, total in zip(share.T, means, count, strict=True)
-    ]
-    return Mixture(
-        count / count.sum(), means.reshape(len(count), 3, -1), np.stack(covariances)
-    )
+
+    def covariance_of(k: int) -> Floats:
+        scatter = _scatter(X, share[:, k], means[k])
+        pulled = scatter + count[k] * prior + kappa * G
+        return np.asarray(pulled / (count[k] + kappa))
+
+    covariances = on_threads(covariance_of, range(len(count)), 0)
+    weights = count / count.sum()
+    return Mixture(weights, means.reshape(len(count), 3, -1), np.stack(covariances))
 
 
 def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
@@ -173,25 +175,20 @@ def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
 def log_prior(mixture: Mixture, G: Floats, kappa: float) -> float:
     """-kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G))."""
     log_size = np.linalg.slogdet(mixture.covariances)[1]
-    pulled = np.linalg.solve(
-        mixture.covariances, np.broadcast_to(G, mixture.covariances.shape)
-    )
-    return float(-0.5 * kappa * (log_size + pulled.trace(axis1=1, axis2=2)).sum())
+    G_of_each = np.broadcast_to(G, mixture.covariances.shape)
+    pulled = np.linalg.solve(mixture.covariances, G_of_each)
+    trace = pulled.trace(axis1=1, axis2=2)
+    return float(-0.5 * kappa * (log_size + trace).sum())
 
 
 def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
-    """Nearest centre (n,) of X (n, d) after some rounds of Lloyd's from the seeds of
-    k-means++.
+    """Return the centre (n,) that is nearest to each of X (n, d), after some rounds.
+
+    Lloyd's method, from the seeds of k-means++.
     """
-    rng, n = np.random.default_rng(0), len(X)
-    centres = X[[rng.choice(n, p=np.ones(n) / n)]]
-    nearest = ((X - centres[0]) ** 2).sum(axis=1)
-    for _ in range(k - 1):
-        chance = nearest / nearest.sum() if nearest.sum() > 0 else np.ones(n) / n
-        centres = np.concatenate([centres, X[[rng.choice(n, p=chance)]]])
-        nearest = np.minimum(nearest, ((X - centres[-1]) ** 2).sum(axis=1))
-    label = np.zeros(n, np.intp)
-    for _ in range(KMEANS_ROUNDS):
+    centres = _seeds(X, k)
+    label = np.zeros(len(X), np.intp)
+    for _ in range(MAX_KMEANS_ROUNDS):
         before = label
         label = ((centres**2).sum(axis=1) - 2 * X @ centres.T).argmin(axis=1)
         if (label == before).all():
@@ -203,9 +200,26 @@ def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
     return label
 
 
+def _seeds(X: Floats, k: int) -> Floats:
+    """Draw centres (k, d) from X (n, d), the likelier the farther from those before.
+
+    Source: k-means++, Arthur and Vassilvitskii 2007.
+    """
+    rng = np.random.default_rng(0)
+    n = len(X)
+    uniform = np.ones(n) / n
+    centres = X[[rng.choice(n, p=uniform)]]
+    nearest = ((X - centres[0]) ** 2).sum(axis=1)
+    for _ in range(k - 1):
+        chance = nearest / nearest.sum() if nearest.sum() > 0 else uniform
+        centres = np.concatenate([centres, X[[rng.choice(n, p=chance)]]])
+        nearest = np.minimum(nearest, ((X - centres[-1]) ** 2).sum(axis=1))
+    return centres
+
+
 def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
     """sum_n w_n (x_n - mean) (x_n - mean)^T."""
-    some = np.flatnonzero(w > LEAST_SHARE)
+    some = np.flatnonzero(w > MIN_SHAPE_SHARE)
     weighted = np.sqrt(w[some])[:, None] * X[some]
     scatter: Floats = weighted.T @ weighted - w.sum() * np.outer(mean, mean)
     return scatter

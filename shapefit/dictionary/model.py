@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, Indices, Integers
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 
@@ -17,21 +16,16 @@ LEARNED_FROM = "learned_from"
 """Of the provenance: what a dictionary was learned from where it was no 3D shapes."""
 
 VERDICT = "verdict"
-"""Provenance: how sure depth is that was learned from 2D landmarks, as `judgement` says
-it.
-"""
+"""Provenance: how sure depth is that was learned from 2D landmarks, by `judgement`."""
 
 DEPTH_AMBIGUITY = "near_and_far"
-"""Provenance: what told near from far where shapes were learned from 2D landmarks, or
-`OPEN`.
-"""
+"""Provenance: what told near from far in shapes of 2D landmarks, or `OPEN`."""
 
 OPEN = "open"
+"""Value of DEPTH_AMBIGUITY where nothing has told near from far."""
 
 SUITS = "suits"
-"""Provenance: names of the configs of `fit` that suit the dictionary, with spaces
-between.
-"""
+"""Provenance: names of the configs of `fit` that suit the dictionary, with spaces."""
 
 WHERE_MARKED = "where_marked"
 """Provenance: groups of landmarks that a fit has only where its files mark one of them,
@@ -93,9 +87,7 @@ class Dictionary:
 
     @property
     def prior_covariances(self) -> Floats | None:
-        """Return C (K, p, 3, p, 3) of the prior, the covariance of each coordinate with
-        each.
-        """
+        """Return C (K, p, 3, p, 3) of the prior, by landmark; None without one."""
         return None if self.prior is None else self.prior.by_landmark
 
     @property
@@ -112,11 +104,13 @@ class Dictionary:
         retained = self.atoms_without(item)
         if not retained.any():
             raise ValueError(f"every atom is the item {item!r}")
-        vertices, scale = self.mesh_vertices, self.atom_scale
+        atoms = self.atoms[retained]
+        vertices = self.mesh_vertices
+        scale = self.atom_scale
         return replace(
             self,
-            atoms=self.atoms[retained],
-            mean_shape=normalise(self.atoms[retained].mean(axis=0)).points,
+            atoms=atoms,
+            mean_shape=normalise(atoms.mean(axis=0)).points,
             mesh_vertices=None if vertices is None else vertices[retained],
             atom_scale=None if scale is None else scale[retained],
             atom_items=tuple(name for name in self.atom_items or () if name != item),
@@ -133,9 +127,7 @@ class Dictionary:
 
     @property
     def depth_ambiguity(self) -> bool:
-        """Whether nothing has told near from far: the class may be its mirror image in
-        depth.
-        """
+        """Whether nothing has told near from far: depth may be mirrored."""
         return (
             LEARNED_FROM in self.provenance
             and self.provenance.get(DEPTH_AMBIGUITY, OPEN) == OPEN
@@ -143,41 +135,35 @@ class Dictionary:
 
     @property
     def groups(self) -> dict[str, tuple[str, tuple[str, ...]]]:
-        """Return the groups of `WHERE_MARKED` by their text: (depends on, landmarks) of
-        each.
+        """Return what each group of `WHERE_MARKED` depends on, and its landmarks.
+
+        Groups go by their text, such as `rankle:rheel,rball,rtoe`.
         """
-        texts = self.provenance.get(WHERE_MARKED, "").split()
-        pairs = ((text, text.partition(":")) for text in texts)
-        return {text: (pair[0], tuple(pair[2].split(","))) for text, pair in pairs}
+        groups = {}
+        for text in self.provenance.get(WHERE_MARKED, "").split():
+            depends_on, _, landmarks = text.partition(":")
+            groups[text] = (depends_on, tuple(landmarks.split(",")))
+        return groups
 
     @property
     def depends_on(self) -> NDArray[np.int64]:
-        """Return the landmark that each one (p,) of those groups depends on, -1 for the
-        others.
-        """
+        """Return the landmark on which each (p,) of those groups depends, else -1."""
+        index_of = self.landmark_names.index
         indices = np.full(len(self.landmark_names), -1)
-        for other, landmarks in self.groups.values():
+        for depends_on, landmarks in self.groups.values():
             for name in landmarks:
-                indices[self.landmark_names.index(name)] = self.landmark_names.index(
-                    other
-                )
+                indices[index_of(name)] = index_of(depends_on)
         return indices
 
     def marked(self, landmarks: Collection[str]) -> Dictionary:
-        """Return the dictionary without the optional joints (toes) that no landmark
-        marks.
-        """
-        retained = [
-            text
-            for text, (_, members) in self.groups.items()
-            if set(members) & set(landmarks)
-        ]
-        dropped = {
-            name
-            for text, (_, members) in self.groups.items()
-            if text not in retained
-            for name in members
-        }
+        """Return the dictionary without optional joints (toes) that nothing marks."""
+        retained: list[str] = []
+        dropped: set[str] = set()
+        for text, (_, members) in self.groups.items():
+            if set(members) & set(landmarks):
+                retained.append(text)
+            else:
+                dropped.update(members)
         if not dropped:
             return self
         names = [name for name in self.landmark_names if name not in dropped]
@@ -185,59 +171,72 @@ class Dictionary:
         return replace(self.of_landmarks(names), provenance=provenance)
 
     def of_landmarks(self, names: Sequence[str]) -> Dictionary:
-        """Return the dictionary of some landmarks: the marginal of the prior, edges
-        between them.
+        """Return the dictionary of some landmarks.
 
-        `mirror_index` stays where the partners of all are among them.
+        It has the marginal of the prior and the edges between them; `mirror_index`
+        stays where the partners of all are among them.
         """
         columns = np.array(
             [self.landmark_names.index(name) for name in names], dtype=np.int64
         )
-        place = np.full(len(self.landmark_names), -1)
-        place[columns] = np.arange(len(columns))
-        changes: dict[str, Any] = {}
-        if self.edges is not None:
-            inside = np.flatnonzero((place[self.edges] >= 0).all(axis=1))
-            changes["edges"] = place[self.edges[inside]]
-            for name in ("bone_tolerance", "edge_length", "edge_covariance"):
-                values = getattr(self, name)
-                if values is not None:
-                    changes[name] = values[np.ix_(*[inside] * values.ndim)]
-        if self.mirror_index is not None:
-            partners = place[self.mirror_index[columns]]
-            changes["mirror_index"] = partners if (partners >= 0).all() else None
-        if self.prior is not None:
-            changes["prior"] = self.prior.marginal(columns)
-        if self.acceleration is not None:
-            changes["acceleration"] = self.acceleration[columns]
-        return replace(
+        changed = replace(
             self,
             atoms=np.take(self.atoms, columns, axis=2),
             landmark_names=tuple(names),
             mean_shape=np.take(self.mean_shape, columns, axis=1),
-            **changes,
+        )
+        place = np.full(len(self.landmark_names), -1)
+        place[columns] = np.arange(len(columns))
+        if self.edges is not None:
+            inside = np.flatnonzero((place[self.edges] >= 0).all(axis=1))
+            changed = changed._with_edges(place[self.edges[inside]], inside)
+        if self.mirror_index is not None:
+            partners = place[self.mirror_index[columns]]
+            has_all_partners = (partners >= 0).all()
+            changed = replace(
+                changed, mirror_index=partners if has_all_partners else None
+            )
+        if self.prior is not None:
+            changed = replace(changed, prior=self.prior.marginal(columns))
+        if self.acceleration is not None:
+            changed = replace(changed, acceleration=self.acceleration[columns])
+        return changed
+
+    def _with_edges(self, edges: Integers, retained: Indices) -> Dictionary:
+        """Return the dictionary with these edges, which are the retained ones."""
+        tolerance = self.bone_tolerance
+        length = self.edge_length
+        covariance = self.edge_covariance
+        if covariance is not None:
+            covariance = covariance[np.ix_(retained, retained)]
+        return replace(
+            self,
+            edges=edges,
+            bone_tolerance=None if tolerance is None else tolerance[retained],
+            edge_length=None if length is None else length[retained],
+            edge_covariance=covariance,
         )
 
 
 def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
-    """Return the dictionary of the landmarks y = A x + e, e with the deviations
-    `residual` (p,).
+    """Return the dictionary of the landmarks y = A x + e.
 
         p(y) = sum_k pi_k N(y; A mu_k, A C_k A^T + V),  atoms A B_i
 
-    A (p, p), rows of weights that each add up to 1; V is the variance of e. Landmark j
-    stands for joint j: edges, motion and names stay as they are; edges get longer as
-    their root mean square lengths do.
+    A (p, p), rows of weights that each add up to 1; e has the deviations `residual`
+    (p,), whose squares are V. Landmark j stands for joint j: edges, motion and names
+    stay as they are; edges get longer as their root mean square lengths do.
     """
-    prior, length = dictionary.prior, dictionary.edge_length
+    prior = dictionary.prior
+    length = dictionary.edge_length
     if prior is not None:
-        every, noise = np.kron(np.eye(3), A), np.diag(np.tile(residual**2, 3))
+        every = np.kron(np.eye(3), A)
+        noise = np.diag(np.tile(residual**2, 3))
         covariances = every @ prior.covariances @ every.T + noise
         moved = Mixture(prior.weights, prior.means @ A.T, covariances)
         if length is not None and dictionary.edges is not None:
-            longer = edge_squares(moved, dictionary.edges) / edge_squares(
-                prior, dictionary.edges
-            )
+            before = edge_squares(prior, dictionary.edges)
+            longer = edge_squares(moved, dictionary.edges) / before
             length = length * np.sqrt(longer)
         prior = moved
     return replace(
@@ -250,33 +249,29 @@ def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
 
 
 def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
-    """E ||x_i - x_j||^2 (e,) of the edges ij: of the means, and the trace of the
-    covariance.
-    """
+    """E ||x_i - x_j||^2 (e,) of the edges ij under the prior."""
     i, j = edges.T
-    second = prior.by_landmark + np.einsum("kap,kbq->kpaqb", prior.means, prior.means)
+    squared_means = np.einsum("kap,kbq->kpaqb", prior.means, prior.means)
+    second = prior.by_landmark + squared_means
     moments = np.einsum("k,kpaqa->pq", prior.weights, second)
     squares: Floats = moments[i, i] + moments[j, j] - moments[i, j] - moments[j, i]
     return squares
 
 
 def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
-    """Say of a class that was learned from 2D landmarks how sure its depth is; else
-    nothing.
-    """
+    """Say how sure the depth of a class is that was learned from 2D landmarks."""
     provenance = dictionary.provenance
     if LEARNED_FROM not in provenance:
         return ()
     verdict = provenance.get(VERDICT, "of an earlier version, which stored no verdict")
-    line = (
-        f"the class was learned from 2D {provenance[LEARNED_FROM]}: {verdict}; near and"
-        " far "
-    )
     if dictionary.depth_ambiguity:
-        line += (
+        near_and_far = (
             f"{OPEN}, so that no image is trusted: learn it again with "
             "`flip=true` or `flip=false`, as results show it"
         )
     else:
-        line += provenance[DEPTH_AMBIGUITY]
-    return (line,)
+        near_and_far = provenance[DEPTH_AMBIGUITY]
+    return (
+        f"the class was learned from 2D {provenance[LEARNED_FROM]}: {verdict}; near and"
+        f" far {near_and_far}",
+    )

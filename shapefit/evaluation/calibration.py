@@ -1,27 +1,29 @@
-"""Whether error bars are true: the share of the truth inside their ellipsoids, and
-their width.
-"""
+"""Whether error bars are true: how much of the truth they hold, and their width."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
+from shapefit.evaluation.metrics import MIN_COMMON_LANDMARKS, visible_in_both
 
-QUANTILES = {0.5: 2.3659738843753377, 0.9: 6.251388631170325}
-"""Nominal share of the truth -> squared Mahalanobis radius: quantiles of chi^2 with 3
-degrees.
+SQUARED_RADII = {0.5: 2.3659738843753377, 0.9: 6.251388631170325}
+"""Nominal share of the truth -> squared Mahalanobis radius of its ellipsoid: quantiles
+of chi^2 with 3 degrees of freedom.
 """
-WIDTH_OF = 0.9
-"""The ellipsoid whose width is reported, and that an image's share is of."""
-QUANTILE = QUANTILES[WIDTH_OF]
-SMALLEST = 1e-12
-"""Share of a variance that is left where correlations leave none."""
+
+WIDTH_SHARE = 0.9
+"""Of the ellipsoid whose width is reported, and that an image's share is of."""
+
+WIDTH_SQUARED_RADIUS = SQUARED_RADII[WIDTH_SHARE]
+"""Of that ellipsoid."""
+
+MIN_VARIANCE_SHARE = 1e-12
+"""Of a variance that is left where correlations leave none."""
 
 
 class ErrorBars(NamedTuple):
@@ -37,16 +39,29 @@ class ErrorBars(NamedTuple):
     width: Mapping[str, Floats]
 
     def shares(self) -> Floats:
-        """Share (n,) of the landmarks of each image inside the 90% ellipsoids; nan of
-        none.
+        """Share (n,) of the landmarks of each image inside the 90% ellipsoids.
+
+        nan where there are none.
         """
         count = (~np.isnan(self.square)).sum(axis=1)
-        inside, none = (
-            (self.square <= QUANTILE).sum(axis=1),
-            np.full(len(count), np.nan),
-        )
-        share: Floats = np.divide(inside, count, out=none, where=count > 0)
+        inside = (self.square <= WIDTH_SQUARED_RADIUS).sum(axis=1)
+        share = np.full(len(count), np.nan)
+        np.divide(inside, count, out=share, where=count > 0)
         return share
+
+
+class Coverage(TypedDict):
+    """How many true landmarks the error bars of a method hold in a group.
+
+    counted, how many landmarks there are; inside, the share of each of SQUARED_RADII;
+    median_width by unit.
+    """
+
+    method: str
+    group: str
+    counted: int
+    inside: list[float]
+    median_width: dict[str, float]
 
 
 def find_squares(
@@ -56,53 +71,49 @@ def find_squares(
     deviation: Floats,
     correlation: Floats | None,
 ) -> tuple[Floats, Floats]:
-    """d^T C^-1 d, d = e_j - y_j, of the truth y = a R x + t placed in the image; and
-    the width.
+    """Return d^T C^-1 d, d = e_j - y_j, of the truth y = a R x + t; and the width.
 
-    a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2, t on z takes the centroid
-    of the depths to that of the estimate (why: docs/metrics.md). What this takes off
-    the variance of x_j, its leverage h_j with the weights 1 / sd^2, is given back: d_x
-    / sqrt(1 - h), as in studentised residuals.
+    The truth is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) /
+    sd_j)^2, t on z takes the centroid of the depths to that of the estimate (why:
+    docs/metrics.md). What this takes off the variance of x_j, its leverage h_j with the
+    weights 1 / sd^2, is given back: d_x / sqrt(1 - h), as in studentised residuals.
 
     estimate e and deviation (n, 3, p) in the camera frame, truth x (n, 3, p), rotation
     R (n, 3, 3) from its frame there, correlation (n, 3, p) of x with y, x with z, y
-    with z, or None for none
-    -> squares (n, p), and the width (n, p) of the 90% ellipsoid, sqrt(q tr C / 3), in
-     the unit of
-    the truth. nan for landmarks that one side lacks, images with fewer than three, and
-        those that
-    no scale above 0 places.
+    with z, or None for none. Returns squares (n, p), and the width (n, p) of the 90%
+    ellipsoid, sqrt(q tr C / 3), in the unit of the truth. nan for landmarks that one
+    side lacks, images with fewer than three, and those that no scale above 0 places.
     """
     visible = visible_in_both(estimate, truth)
+    sd = deviation
     y = rotation @ np.where(visible[:, None], truth, 0.0)
-    e, sd = np.where(visible[:, None], estimate, 0.0), deviation
-    least = SMALLEST * np.where(np.isfinite(sd), sd, 0.0).max(
-        axis=(1, 2), keepdims=True
-    )
+    e = np.where(visible[:, None], estimate, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        weights = (
-            np.where(visible[:, None] & np.isfinite(sd), 1 / np.maximum(sd, least), 0.0)
-            ** 2
-        )
+        weights = np.where(visible[:, None] & np.isfinite(sd), 1 / _floored(sd), 0.0)
+        weights = weights**2
         weights[:, 2] = visible  # depths: the centroid
         shares = weights / weights.sum(axis=2, keepdims=True)
-        e, y = (
-            points - (shares * points).sum(axis=2, keepdims=True) for points in (e, y)
-        )
+        e = e - (shares * e).sum(axis=2, keepdims=True)
+        y = y - (shares * y).sum(axis=2, keepdims=True)
         size = (weights * y**2)[:, :2].sum(axis=(1, 2))
         scale = (weights * e * y)[:, :2].sum(axis=(1, 2)) / size
         leverage = (shares + weights * y**2 / size[:, None, None])[:, :2]
         z = (e - scale[:, None, None] * y) / sd
-        z[:, :2] /= np.sqrt(np.maximum(1 - leverage, SMALLEST))
+        z[:, :2] /= np.sqrt(np.maximum(1 - leverage, MIN_VARIANCE_SHARE))
         square = mahalanobis(z, correlation)
-        width = np.sqrt(QUANTILE * (sd**2).mean(axis=1)) / scale[:, None]
-    counted = (
-        visible
-        & (visible.sum(axis=1) >= FEWEST_LANDMARKS)[:, None]
-        & (scale > 0)[:, None]
-    )
-    counted &= np.isfinite(width) & ~np.isnan(square)
-    return np.where(counted, square, np.nan), np.where(counted, width, np.nan)
+        radius = np.sqrt(WIDTH_SQUARED_RADIUS * (sd**2).mean(axis=1))
+        width = radius / scale[:, None]
+    is_placed = (visible.sum(axis=1) >= MIN_COMMON_LANDMARKS) & (scale > 0)
+    counts = visible & is_placed[:, None]
+    counts &= np.isfinite(width) & ~np.isnan(square)
+    return np.where(counts, square, np.nan), np.where(counts, width, np.nan)
+
+
+def _floored(sd: Floats) -> Floats:
+    """Return deviations (n, 3, p), none of them next to nothing beside the largest."""
+    largest = np.where(np.isfinite(sd), sd, 0.0).max(axis=(1, 2), keepdims=True)
+    floored: Floats = np.maximum(sd, MIN_VARIANCE_SHARE * largest)
+    return floored
 
 
 def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
@@ -115,13 +126,13 @@ def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
         return np.asarray((z**2).sum(axis=1))
     x, y, depth = np.moveaxis(z, 1, 0)
     a, b, c = np.moveaxis(correlation, 1, 0)
-    of_y = np.maximum(1 - a**2, SMALLEST)
-    tie = (c - a * b) / of_y
-    of_depth = np.maximum(1 - b**2 - tie**2 * of_y, SMALLEST)
-    rest = y - a * x
-    return np.asarray(
-        x**2 + rest**2 / of_y + (depth - b * x - tie * rest) ** 2 / of_depth
-    )
+    y_variance = np.maximum(1 - a**2, MIN_VARIANCE_SHARE)
+    slope = (c - a * b) / y_variance
+    depth_variance = 1 - b**2 - slope**2 * y_variance
+    depth_variance = np.maximum(depth_variance, MIN_VARIANCE_SHARE)
+    y_left = y - a * x
+    depth_left = depth - b * x - slope * y_left
+    return np.asarray(x**2 + y_left**2 / y_variance + depth_left**2 / depth_variance)
 
 
 def cover(
@@ -129,27 +140,35 @@ def cover(
     bars: ErrorBars,
     sequences: Sequence[str],
     grouping: Mapping[str, Sequence[str]],
-) -> Iterator[dict[str, Any]]:
-    """Sum up the error bars of images of these sequences (n,), for each group that has
-    any.
+) -> Iterator[Coverage]:
+    """Sum up the error bars of images, whose sequences (n,) are in groups.
 
-    counted landmarks; inside, the share of each of `QUANTILES`; median_width by unit.
+    Groups without any are left out.
     """
     names = np.array(sequences, dtype=str)
     for group, members in grouping.items():
-        some = np.isin(names, list(members))
-        square, row = bars.square[some], {"method": method, "group": group}
-        if counted := int((~np.isnan(square)).sum()):
-            inside = [int((square <= q).sum()) / counted for q in QUANTILES.values()]
-            widths = {
-                unit: float(np.nanmedian(w[some])) for unit, w in bars.width.items()
-            }
-            yield row | {"counted": counted, "inside": inside, "median_width": widths}
+        is_member = np.isin(names, list(members))
+        square = bars.square[is_member]
+        counted = int((~np.isnan(square)).sum())
+        if not counted:
+            continue
+        yield {
+            "method": method,
+            "group": group,
+            "counted": counted,
+            "inside": [
+                int((square <= radius).sum()) / counted
+                for radius in SQUARED_RADII.values()
+            ],
+            "median_width": {
+                unit: float(np.nanmedian(width[is_member]))
+                for unit, width in bars.width.items()
+            },
+        }
 
 
 def bar_scale_factors(bars: ErrorBars) -> dict[str, float | None]:
-    """Return how many times as wide error bars are true at each of `QUANTILES`, by its
-    name.
+    """Return how many times as wide error bars are true at each nominal share.
 
     sqrt(r / q) for the distance r that as many of the m landmarks do not exceed as
     split conformal prediction requires, ceil((m + 1) level), and the quantile q of
@@ -157,10 +176,11 @@ def bar_scale_factors(bars: ErrorBars) -> dict[str, float | None]:
     """
     squares = np.sort(bars.square[~np.isnan(bars.square)])
     factors: dict[str, float | None] = {}
-    for level, q in QUANTILES.items():
+    for level, q in SQUARED_RADII.items():
         rank = math.ceil((len(squares) + 1) * level)
-        # A little more, so that rounding leaves none of them out.
-        enough = rank <= len(squares)
-        factor = math.sqrt(squares[rank - 1] / q) * (1 + 1e-9) if enough else None
+        factor = None
+        if rank <= len(squares):
+            # a little more, so that rounding leaves none of them out
+            factor = math.sqrt(squares[rank - 1] / q) * (1 + 1e-9)
         factors[f"{100 * level:.0f}%"] = factor
     return factors

@@ -1,5 +1,4 @@
-"""The metrics: errors of estimated shapes and landmarks, one number per image; and
-their table.
+"""The metrics: errors of shapes and landmarks, one number per image; and their table.
 
 Functions take whole sets of images and ignore landmarks that are nan on either side. An
 image with too few landmarks left has the error nan: it failed.
@@ -13,43 +12,42 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, Numbers
 from shapefit.geometry.procrustes import centred, similarity_errors
 from shapefit.geometry.rotations import rotation_angle
 
-FEWEST_LANDMARKS = 3
+MIN_COMMON_LANDMARKS = 3
 """A similarity or a camera makes any two points coincide, so fewer say nothing."""
-BLOCK = 1 << 10
-"""Images that are measured together: their arrays fit into the cache of the processor.
-"""
+
+IMAGES_MEASURED_AT_ONCE = 1 << 10
+"""Their arrays fit into the cache of the processor."""
 
 
 def similarity(estimate: Floats, truth: Floats) -> Floats:
-    """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean over j of that
-    distance.
+    """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean distance over j.
 
     estimate and truth (n, 3, p) in any two frames -> (n,), in the unit of the truth. R
     is proper: a mirrored estimate is not forgiven.
     """
-    return similarity_errors(estimate, truth, FEWEST_LANDMARKS)
+    return similarity_errors(estimate, truth, MIN_COMMON_LANDMARKS)
 
 
 def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
-    """min over s >= 0, t of sum_j |s e_j + t - R x_j|^2; then the mean over j of that
-    distance.
+    """min over s >= 0, t of sum_j |s e_j + t - R x_j|^2; then the mean distance over j.
 
     estimate (n, 3, p) in the camera frame; truth (n, 3, p) in the frame of its file and
     rotation (n, 3, 3) from there to the camera -> (n,), in the unit of the truth.
     """
     visible = visible_in_both(estimate, truth)
     x = rotation @ np.where(visible[:, None], truth, 0.0)
-    e, x = centred(estimate, visible), centred(x, visible)
-    overlap, size = (
-        np.maximum((points * e).sum(axis=(1, 2)), 0.0) for points in (x, e)
-    )
+    e = centred(estimate, visible)
+    x = centred(x, visible)
+    overlap = np.maximum((x * e).sum(axis=(1, 2)), 0.0)
+    size = np.maximum((e * e).sum(axis=(1, 2)), 0.0)
     scale = np.divide(overlap, size, out=np.zeros_like(size), where=size > 0)
-    distance = np.sqrt(((scale[:, None, None] * e - x) ** 2).sum(axis=1))
-    return _mean_over_visible(distance, visible, FEWEST_LANDMARKS)
+    residual = scale[:, None, None] * e - x
+    distance = np.sqrt((residual**2).sum(axis=1))
+    return _mean_over_visible(distance, visible, MIN_COMMON_LANDMARKS)
 
 
 def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
@@ -58,27 +56,23 @@ def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
     By the ratio of the sizes of truth and estimate, (n, 3, p) each.
     """
     visible = visible_in_both(estimate, truth)
-    e, x = (
-        np.sqrt((centred(points, visible) ** 2).sum(axis=(1, 2)))
-        for points in (estimate, truth)
-    )
-    scaled: Floats = error * np.divide(x, e, out=np.full_like(e, np.nan), where=e > 0)
+    size = np.sqrt((centred(estimate, visible) ** 2).sum(axis=(1, 2)))
+    true_size = np.sqrt((centred(truth, visible) ** 2).sum(axis=(1, 2)))
+    ratio = np.full_like(size, np.nan)
+    np.divide(true_size, size, out=ratio, where=size > 0)
+    scaled: Floats = error * ratio
     return scaled
 
 
 def reprojection(fitted: Floats, observed: Floats) -> Floats:
-    """sqrt(mean over the visible landmarks j of |w_j - v_j|^2); (n, 2, p) each ->
-    (n,).
-    """
+    """sqrt(mean over visible landmarks j of |w_j - v_j|^2); (n, 2, p) each -> (n,)."""
     visible = visible_in_both(fitted, observed)
     squares = ((fitted - observed) ** 2).sum(axis=-2)
-    return np.sqrt(_mean_over_visible(squares, visible, fewest=1))
+    return np.sqrt(_mean_over_visible(squares, visible, min_visible=1))
 
 
-def precision(labelled: NDArray[Any], corrupted: NDArray[Any]) -> Floats:
-    """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is
-    labelled.
-    """
+def precision(labelled: Numbers, corrupted: Numbers) -> Floats:
+    """|labelled and corrupted| / |labelled| of each image (n,); nan where that is 0."""
     count = (labelled != 0).sum(axis=-1)
     both = ((labelled != 0) & (corrupted != 0)).sum(axis=-1)
     share: Floats = np.divide(
@@ -87,18 +81,16 @@ def precision(labelled: NDArray[Any], corrupted: NDArray[Any]) -> Floats:
     return share
 
 
-def recall(labelled: NDArray[Any], corrupted: NDArray[Any]) -> Floats:
-    """|labelled and corrupted| / |corrupted| of each image (n,); nan where nothing is
-    corrupted.
-    """
+def recall(labelled: Numbers, corrupted: Numbers) -> Floats:
+    """|labelled and corrupted| / |corrupted| of each image (n,); nan if that is 0."""
     return precision(corrupted, labelled)
 
 
 def box_diagonal(observed: Floats, boxes: Floats | None = None) -> Floats:
-    """Diagonal (n,) of the boxes (n, 4), x y w h, else of those around visible
-    landmarks (n, 2, p).
+    """Return the diagonal (n,) of boxes (n, 4), or of those around landmarks.
 
-    nan where none is visible, or all are on one point: such a box measures nothing.
+    Boxes are x y w h; without them, those around visible landmarks (n, 2, p) count. nan
+    where none is visible, or all are on one point: such a box measures nothing.
     """
     if boxes is not None:
         sides = boxes[:, 2:].T
@@ -112,23 +104,21 @@ def box_diagonal(observed: Floats, boxes: Floats | None = None) -> Floats:
 
 
 def truth_scale(estimate: Floats, truth: Floats) -> Floats:
-    """Standard deviation of the true landmarks on both sides: error / scale is
-    normalised.
+    """Return the standard deviation of the true landmarks that are on both sides.
 
-    (n, 3, p) each -> (n,), in the frame of the truth file; nan where the true landmarks
-    lie on one point, which leaves no scale.
+    An error over it is normalised. (n, 3, p) each -> (n,), in the frame of the truth
+    file; nan where the true landmarks lie on one point, which leaves no scale.
     """
     visible = visible_in_both(estimate, truth)
     x = centred(truth, visible)
     size = np.abs(np.where(visible[:, None], truth, 0.0)).max(axis=(1, 2), initial=0.0)
-    extended = (
-        np.ptp(x, axis=-1).max(axis=-1, initial=0.0) > 4 * np.finfo(float).eps * size
-    )
+    extent = np.ptp(x, axis=-1).max(axis=-1, initial=0.0)
+    is_extended = extent > 4 * np.finfo(float).eps * size
+    count = visible.sum(axis=-1)[:, None]
     with np.errstate(invalid="ignore"):  # where no landmark is on both sides
-        scale = np.sqrt((x**2).sum(axis=-1) / visible.sum(axis=-1)[:, None]).mean(
-            axis=-1
-        )
-    return np.where(extended, scale, np.nan)
+        variance = (x**2).sum(axis=-1) / count
+        scale = np.sqrt(variance).mean(axis=-1)
+    return np.where(is_extended, scale, np.nan)
 
 
 def visible_in_both(first: Floats, second: Floats) -> Flags:
@@ -137,38 +127,36 @@ def visible_in_both(first: Floats, second: Floats) -> Flags:
     return visible
 
 
-def _mean_over_visible(values: Floats, visible: Flags, fewest: int) -> Floats:
-    """Mean of the visible of values (n, p) -> (n,); nan with less than the fewest
-    visible.
-    """
+def _mean_over_visible(values: Floats, visible: Flags, min_visible: int) -> Floats:
+    """Mean over the visible of values (n, p) -> (n,); nan where these are too few."""
     count = visible.sum(axis=-1)
     total = np.where(visible, values, 0.0).sum(axis=-1)
-    mean: Floats = np.divide(
-        total, count, out=np.full(len(values), np.nan), where=count >= fewest
-    )
+    mean = np.full(len(values), np.nan)
+    np.divide(total, count, out=mean, where=count >= min_visible)
     return mean
 
 
 def in_blocks(measure: Callable[..., Any], *arrays: NDArray[Any] | None) -> Any:
-    """Return measure(*arrays), an array (n, ...) or a tuple of them, in blocks of n
-    images.
-    """
+    """Return measure(*arrays), an array (n, ...) or a tuple of them, block by block."""
     count = next(len(array) for array in arrays if array is not None)
-    parts = [
-        measure(
-            *(None if array is None else array[row : row + BLOCK] for array in arrays)
-        )
-        for row in range(0, count, BLOCK)
-    ]
+    parts = []
+    for start in range(0, count, IMAGES_MEASURED_AT_ONCE):
+        rows = slice(start, start + IMAGES_MEASURED_AT_ONCE)
+        block = [None if array is None else array[rows] for array in arrays]
+        parts.append(measure(*block))
     if isinstance(parts[0], tuple):
         return tuple(map(np.concatenate, zip(*parts, strict=True)))
     return np.concatenate(parts)
 
 
-LENGTH, IMAGE, SHARE = "length", "image", "share"
-"""Units of metrics: that of the truth, and normalised by the true shape; that of the
-landmarks, and as a share of the box; a share of landmarks.
-"""
+LENGTH = "length"
+"""Of metrics in the unit of the truth, and normalised by the true shape."""
+
+IMAGE_LENGTH = "image"
+"""Of metrics in the unit of the landmarks, and as a share of the box."""
+
+SHARE = "share"
+"""Of metrics that are a share of landmarks."""
 
 CARRIED: dict[str, tuple[int | Literal["p"], ...]] = {
     "landmarks": ("p", 2),
@@ -179,9 +167,7 @@ CARRIED: dict[str, tuple[int | Literal["p"], ...]] = {
     "outliers": ("p",),
     "corrupted": ("p",),
 }
-"""Datasets that results carry for metrics -> their shape within one image, p landmarks
-a row.
-"""
+"""Datasets that results carry for metrics -> their shape within one image."""
 
 
 class Metric(NamedTuple):
@@ -189,8 +175,8 @@ class Metric(NamedTuple):
 
     function takes the datasets `needs` in their order (`estimate` and `truth` are the
     shapes) and returns (n,), nan where an image cannot be measured; unit is LENGTH,
-    IMAGE, SHARE or deg; title is that of a plot. Where `optional`, an image may have no
-    such error and has not failed.
+    IMAGE_LENGTH, SHARE or deg; title is that of a plot. Where `optional`, an image may
+    have no such error and has not failed.
     """
 
     function: Callable[..., Floats]
@@ -200,31 +186,51 @@ class Metric(NamedTuple):
     optional: bool = False
 
 
-_SHAPES, _LABELS = ("estimate", "truth"), ("outliers", "corrupted")
 METRICS = {
-    "similarity": Metric(similarity, _SHAPES, LENGTH, "3D error up to a similarity"),
+    "similarity": Metric(
+        similarity,
+        needs=("estimate", "truth"),
+        unit=LENGTH,
+        title="3D error up to a similarity",
+    ),
     "camera": Metric(
-        camera, (*_SHAPES, "true_rotation"), LENGTH, "3D error in the camera frame"
+        camera,
+        needs=("estimate", "truth", "true_rotation"),
+        unit=LENGTH,
+        title="3D error in the camera frame",
     ),
     "rotation": Metric(
         rotation_angle,
-        ("true_rotation", "rotation"),
-        "deg",
-        "Angle to the true rotation",
+        needs=("true_rotation", "rotation"),
+        unit="deg",
+        title="Angle to the true rotation",
     ),
     "reprojection": Metric(
-        reprojection, ("landmarks_fitted", "landmarks"), IMAGE, "RMS reprojection error"
+        reprojection,
+        needs=("landmarks_fitted", "landmarks"),
+        unit=IMAGE_LENGTH,
+        title="RMS reprojection error",
     ),
     "expected": Metric(
         expected,
-        (*_SHAPES, "expected_error"),
-        LENGTH,
-        "Expected 3D error up to a similarity",
-        True,
+        needs=("estimate", "truth", "expected_error"),
+        unit=LENGTH,
+        title="Expected 3D error up to a similarity",
+        optional=True,
     ),
     "precision": Metric(
-        precision, _LABELS, SHARE, "Precision of the outlier labels", True
+        precision,
+        needs=("outliers", "corrupted"),
+        unit=SHARE,
+        title="Precision of the outlier labels",
+        optional=True,
     ),
-    "recall": Metric(recall, _LABELS, SHARE, "Recall of the outlier labels", True),
+    "recall": Metric(
+        recall,
+        needs=("outliers", "corrupted"),
+        unit=SHARE,
+        title="Recall of the outlier labels",
+        optional=True,
+    ),
 }
 """The metrics by name. A new one is a function and a row."""

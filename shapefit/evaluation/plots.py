@@ -1,6 +1,4 @@
-"""The errors of all images, sorted, a line for each method: an SVG, written without a
-library.
-"""
+"""The errors of all images, sorted, a line for each method: an SVG, written by hand."""
 
 from __future__ import annotations
 
@@ -23,10 +21,26 @@ COLOURS = (
     "#000000",
     "#F0E442",
 )
-POINTS = 1000
-"""Of a line, at most."""
-WIDTH, HEIGHT, LEFT, TOP, LINE = 640, 400, 70, 40, 20
-"""Pixels of the axes and their place, and of a line of the legend."""
+
+MAX_LINE_POINTS = 1000
+"""Of a line."""
+
+# In pixels.
+
+AXES_WIDTH = 640
+AXES_HEIGHT = 400
+
+AXES_LEFT = 70
+"""Left border of the axes."""
+
+AXES_TOP = 40
+"""Upper border of the axes."""
+
+LEGEND_TOP = AXES_TOP + AXES_HEIGHT + 60
+"""Middle of the first line of the legend."""
+
+LEGEND_LINE = 20
+"""Height of a line of the legend."""
 
 
 def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
@@ -37,50 +51,66 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
     finite = {
         name: np.sort(values[~np.isnan(values)]) for name, values in errors.items()
     }
-    largest = (
-        max((values[-1] for values in finite.values() if len(values)), default=0.0)
-        or 1.0
-    )
-    middle, below, label = TOP + HEIGHT / 2, TOP + HEIGHT + 60, f"error ({unit})"
-    parts = [
-        _text(LEFT, TOP - 14, escape(title), "start"),
-        _text(LEFT + WIDTH / 2, TOP + HEIGHT + 38, "images (%), sorted by error"),
-        (
-            '<g transform="rotate(-90 18'
-            f' {middle})">{_text(18, middle, escape(label))}</g>'
-        ),
-    ]
-    for value in _ticks(largest):
-        y = TOP + HEIGHT * (1 - value / largest)
-        parts.append(f'<path d="M{LEFT} {y:.1f}h{WIDTH}" stroke="#ddd"/>')
-        parts.append(_text(LEFT - 6, y + 4, f"{value:.6g}", "end"))
-    for share in range(0, 101, 20):
-        x = LEFT + WIDTH * share / 100
-        parts.append(f'<path d="M{x:.1f} {TOP}v{HEIGHT}" stroke="#ddd"/>')
-        parts.append(_text(x, TOP + HEIGHT + 18, str(share)))
+    worst = [values[-1] for values in finite.values() if len(values)]
+    largest = max(worst, default=0.0) or 1.0
+    parts = _labels(title, f"error ({unit})") + _grid(largest)
     for number, (name, values) in enumerate(finite.items()):
-        colour, y = COLOURS[number % len(COLOURS)], below + LINE * number
-        every = np.unique(np.linspace(0, len(values) - 1, POINTS).astype(int))[
-            : len(values)
-        ]
-        across = LEFT + WIDTH * (every + 0.5) / max(len(errors[name]), 1)
-        down = TOP + HEIGHT * (1 - values[every] / largest)
-        line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))
+        colour = COLOURS[number % len(COLOURS)]
+        line = _line(values, len(errors[name]), largest)
         parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}"/>')
-        parts.append(f'<path d="M{LEFT} {y}h24" stroke="{colour}" stroke-width="3"/>')
-        parts.append(_text(LEFT + 32, y + 4, escape(name), "start"))
-    size = f'width="{WIDTH + LEFT + 20}" height="{below + LINE * len(errors)}"'
+        y = LEGEND_TOP + LEGEND_LINE * number
+        parts.append(
+            f'<path d="M{AXES_LEFT} {y}h24" stroke="{colour}" stroke-width="3"/>'
+        )
+        parts.append(_text(AXES_LEFT + 32, y + 4, escape(name), "start"))
+    width = AXES_WIDTH + AXES_LEFT + 20
+    height = LEGEND_TOP + LEGEND_LINE * len(errors)
+    size = f'width="{width}" height="{height}"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif"'
     back = '<rect width="100%" height="100%" fill="#fff"/>'
     return "\n".join([f'{head} font-size="12">', back, *parts, "</svg>\n"])
 
 
+def _labels(title: str, label: str) -> list[str]:
+    """Return the title, and what the axes are."""
+    below = AXES_TOP + AXES_HEIGHT + 38
+    middle = AXES_TOP + AXES_HEIGHT / 2
+    beside = _text(18, middle, escape(label))
+    return [
+        _text(AXES_LEFT, AXES_TOP - 14, escape(title), "start"),
+        _text(AXES_LEFT + AXES_WIDTH / 2, below, "images (%), sorted by error"),
+        f'<g transform="rotate(-90 18 {middle})">{beside}</g>',
+    ]
+
+
+def _grid(largest: float) -> list[str]:
+    """Return the lines of the grid with their numbers, for errors up to the largest."""
+    parts = []
+    for value in _ticks(largest):
+        y = AXES_TOP + AXES_HEIGHT * (1 - value / largest)
+        parts.append(f'<path d="M{AXES_LEFT} {y:.1f}h{AXES_WIDTH}" stroke="#ddd"/>')
+        parts.append(_text(AXES_LEFT - 6, y + 4, f"{value:.6g}", "end"))
+    for share in range(0, 101, 20):
+        x = AXES_LEFT + AXES_WIDTH * share / 100
+        parts.append(f'<path d="M{x:.1f} {AXES_TOP}v{AXES_HEIGHT}" stroke="#ddd"/>')
+        parts.append(_text(x, AXES_TOP + AXES_HEIGHT + 18, str(share)))
+    return parts
+
+
+def _line(values: Floats, images: int, largest: float) -> str:
+    """Return the points of the line of sorted errors of so many images."""
+    places = np.linspace(0, len(values) - 1, MAX_LINE_POINTS).astype(int)
+    some = np.unique(places)[: len(values)]  # none where there are no errors
+    across = AXES_LEFT + AXES_WIDTH * (some + 0.5) / max(images, 1)
+    down = AXES_TOP + AXES_HEIGHT * (1 - values[some] / largest)
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(across, down, strict=True))
+
+
 def _ticks(largest: float) -> Floats:
     """Return round numbers from 0 to the largest, five to ten of them."""
     power = 10.0 ** math.floor(math.log10(largest))
-    step = next(
-        power * part for part in (0.1, 0.2, 0.5, 1) if largest / (power * part) <= 10
-    )
+    steps = [power * part for part in (0.1, 0.2, 0.5, 1)]
+    step = next(step for step in steps if largest / step <= 10)
     return np.asarray(step * np.arange(int(largest / step * (1 + 1e-9)) + 1))
 
 

@@ -1,6 +1,4 @@
-"""Errors summed up over sequences and groups: as CSV, as JSON, as Markdown and in a few
-lines.
-"""
+"""Errors summed up over sequences and groups: as CSV, Markdown and in a few lines."""
 
 from __future__ import annotations
 
@@ -11,31 +9,40 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from io import StringIO
-from typing import Any
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error, printable
-from shapefit.evaluation.calibration import QUANTILES
+from shapefit.evaluation.calibration import SQUARED_RADII, Coverage
 from shapefit.evaluation.metrics import SHARE
 
 ALL = "all"
 """Name of the one group, and of the one sequence, where none are named."""
-NORMALISED, UNKNOWN_UNIT = "normalised", "unknown"
-"""Units of errors against the truth scaled to unit standard deviation, and of a file
-without.
-"""
-BARS = [f"in {level:.0%} bars" for level in QUANTILES]
+
+NORMALISED = "normalised"
+"""Unit of errors against the truth scaled to unit standard deviation."""
+
+UNSTATED_UNIT = "unknown"
+"""Unit of a file that states none."""
+
+BARS = [f"in {share:.0%} bars" for share in SQUARED_RADII]
+"""Columns of error bars."""
+
 BARS_50 = (BARS[0], "%")
 BARS_90 = (BARS[-1], "%")
+
 RATIO = ("expected / error", "")
-"""Columns of error bars, and of mean expected over mean measured errors."""
-MOST_SHOWN = 10
+"""Column of mean expected over mean measured errors."""
+
+MAX_FAILED_SHOWN = 10
 """Failed images of a method that the page lists; report.json has all."""
+
 ABSENT = "–"
 """Cell of a number that does not exist."""
-SUMMARY = (
+
+CSV_COLUMNS = (
     "method",
     "metric",
     "group",
@@ -46,37 +53,37 @@ SUMMARY = (
     "p90",
     "unit",
 )
-"""Columns of report.csv."""
+"""Of report.csv."""
 
-_ERRORS = (
+_ERRORS_EXPLAINED = (
     "Each cell is mean / median over the images; of several sequences, the mean over "
     "them. Normalised errors are shares of the standard deviation of the true shape; "
     "those in boxes, of the diagonal of the box around the landmarks."
 )
-_BARS = (
+_BARS_EXPLAINED = (
     "Bars: the share of landmarks whose truth, placed in the image by its x and y, is "
     "in the ellipsoids. Wide bars hold anything: the width is the median of the 90% "
     "ellipsoids' root mean squared semi-axes."
 )
-_SHORT = {
+_SHORT_NAMES = {
     "similarity": "error aligned",
     "camera": "camera frame",
     "rotation": "rotation",
 }
 """Metrics of the few lines, and their names there."""
 
-Kind = tuple[str, str]
-"""A metric and its unit."""
-Row = tuple[str, str]
-"""A group and a method."""
-Document = Mapping[str, Any]
-"""What report.json holds: methods, summaries, calibration, factors, warnings, and what
-made it.
-"""
+Quantity = tuple[str, str]
+"""A metric, or a column of error bars, and its unit."""
+
+GroupMethod = tuple[str, str]
+"""A group and a method: a row of the page's table."""
+
+Column = dict[GroupMethod, tuple[float, ...]]
+"""The numbers of one quantity by row."""
 
 
 @dataclass(frozen=True)
-class Summary:
+class ErrorSummary:
     """Errors of one method in one metric and unit over a sequence, or over a group.
 
     `sequence` is None for a group. `images` counts the images with an error, `failed`
@@ -95,6 +102,37 @@ class Summary:
     mean: float
     median: float
     p90: float
+
+
+class FailedImage(TypedDict):
+    """An image without an error, and why."""
+
+    item: str
+    reason: str
+
+
+class MethodOutcome(TypedDict):
+    """What became of the images of a method."""
+
+    name: str
+    files: list[str]
+    images: int
+    failures: list[FailedImage]
+    mean_objective: float | None
+    failed: int
+
+
+class Document(TypedDict):
+    """What report.json holds; factors are those of `bar_scale_factors` by method."""
+
+    methods: list[MethodOutcome]
+    summaries: list[ErrorSummary]
+    calibration: list[Coverage]
+    factors: dict[str, dict[str, float | None]]
+    warnings: list[str]
+    version: str
+    config: dict[str, object]
+    inputs: dict[str, str]
 
 
 def group_sequences(
@@ -118,12 +156,12 @@ def group_sequences(
     return grouping
 
 
-def summarise(
+def summarise_errors(
     method: str,
     sequences: Sequence[str],
-    errors: Mapping[Kind, Floats],
+    errors: Mapping[Quantity, Floats],
     grouping: Mapping[str, Sequence[str]],
-) -> Iterator[Summary]:
+) -> Iterator[ErrorSummary]:
     """Sum up errors (n,) by metric and unit: each group followed by its sequences (n,).
 
     nan is a failed image; an infinite error does not count. A sequence or group without
@@ -134,106 +172,111 @@ def summarise(
     starts = np.searchsorted(codes[order], np.arange(1, len(names)))
     for (metric, unit), values in errors.items():
         parts = np.split(values[order], starts)
-        rows = {
+        of_sequence = {
             name: _statistics(part)
             for name, part in zip(names.tolist(), parts, strict=True)
         }
         for group, members in grouping.items():
             inside = {
-                name: rows[name]
+                name: of_sequence[name]
                 for name in members
-                if name in rows and any(rows[name][:2])
+                if name in of_sequence and of_sequence[name].counts
             }
             if not inside:
                 continue
-            table = np.array(list(inside.values()))
-            fitted = table[table[:, 0] > 0, 2:]
-            mean = fitted.mean(axis=0) if len(fitted) else np.full(3, np.nan)
-            whole = (*table[:, :2].sum(axis=0), *mean)
-            for name, (count, failed, *numbers) in ((None, whole), *inside.items()):
-                counts = int(count), int(failed)
-                yield Summary(
-                    method, metric, unit, group, name, *counts, *map(float, numbers)
-                )
+            of_group = _mean_over_sequences(list(inside.values()))
+            for sequence, numbers in ((None, of_group), *inside.items()):
+                yield ErrorSummary(method, metric, unit, group, sequence, *numbers)
 
 
-def _statistics(values: Floats) -> tuple[float, ...]:
-    """Return how many errors are finite and nan, and mean, median and 90th percentile
-    of them.
-    """
+class _Statistics(NamedTuple):
+    """How many errors are finite and nan, and three numbers of the finite ones."""
+
+    images: int
+    failed: int
+    mean: float
+    median: float
+    p90: float
+
+    @property
+    def counts(self) -> bool:
+        """Whether there is an image that counts."""
+        return self.images > 0 or self.failed > 0
+
+
+def _statistics(values: Floats) -> _Statistics:
+    """Return the numbers of errors (n,)."""
     finite = np.sort(values[np.isfinite(values)])
-    numbers = (np.nan,) * 3
-    if n := len(finite):
-        places = np.array([0.5, 0.9]) * (n - 1)
-        numbers = (finite.mean(), *np.interp(places, np.arange(n), finite))
-    return n, int(np.isnan(values).sum()), *numbers
+    n = len(finite)
+    failed = int(np.isnan(values).sum())
+    if n == 0:
+        return _Statistics(0, failed, np.nan, np.nan, np.nan)
+    places = np.array([0.5, 0.9]) * (n - 1)
+    median, p90 = np.interp(places, np.arange(n), finite).tolist()
+    return _Statistics(n, failed, float(finite.mean()), median, p90)
+
+
+def _mean_over_sequences(sequences: Sequence[_Statistics]) -> _Statistics:
+    """Return the sums of images, and the means of the numbers of those with images."""
+    table = np.array(sequences)
+    images, failed = table[:, :2].sum(axis=0)
+    with_images = table[table[:, 0] > 0, 2:]
+    mean = np.full(3, np.nan)
+    if len(with_images):
+        mean = with_images.mean(axis=0)
+    return _Statistics(int(images), int(failed), *mean.tolist())
 
 
 def report_csv(report: Document) -> str:
-    """Return the sums as CSV; those of error bars as the metrics inside_50, inside_90
-    and width.
+    """Return the sums as CSV; those of error bars are inside_50, inside_90 and width.
 
     `images` of these are the landmarks counted, and the width is a median.
     """
-    rows: list[Iterable[Any]] = [
-        [getattr(s, name) for name in SUMMARY] for s in report["summaries"]
+    rows = [
+        [getattr(summary, name) for name in CSV_COLUMNS]
+        for summary in report["summaries"]
     ]
-    for c in report["calibration"]:
-        method, group, counted = c["method"], c["group"], c["counted"]
-        for level, share in zip(QUANTILES, c["inside"], strict=True):
-            name = f"inside_{100 * level:.0f}"
-            rows.append((method, name, group, None, counted, share, None, None, SHARE))
-        for unit, width in c["median_width"].items():
-            rows.append(
-                (method, "width", group, None, counted, None, width, None, unit)
-            )
+    for coverage in report["calibration"]:
+        rows += _rows_of_coverage(coverage)
     text = StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(SUMMARY)
+    table.writerow(CSV_COLUMNS)
     table.writerows(
-        [value if value == value else None for value in row] for row in rows
+        [None if _is_nan(value) else value for value in row] for row in rows
     )
     return text.getvalue()
 
 
+def _rows_of_coverage(coverage: Coverage) -> list[list[str | float | None]]:
+    """Return the rows of the error bars of a method in a group."""
+    method = coverage["method"]
+    group = coverage["group"]
+    counted = coverage["counted"]
+    rows: list[list[str | float | None]] = []
+    for nominal, share in zip(SQUARED_RADII, coverage["inside"], strict=True):
+        name = f"inside_{100 * nominal:.0f}"
+        rows.append([method, name, group, None, counted, share, None, None, SHARE])
+    for unit, width in coverage["median_width"].items():
+        rows.append([method, "width", group, None, counted, None, width, None, unit])
+    return rows
+
+
+def _is_nan(value: str | float | None) -> bool:
+    return isinstance(value, float) and math.isnan(value)
+
+
 def report_markdown(report: Document, plot: str = "") -> str:
-    """Return the page: a table of errors and error bars, failures, and the plot's
-    file.
-    """
-    counts, columns = table_of(report)
-    digits = {
-        kind: decimals_of(v for row in c.values() for v in row)
-        for kind, c in columns.items()
-    }
-    groups, rows = [*dict.fromkeys(group for group, _ in counts)], []
-    for row in sorted(counts, key=lambda row: groups.index(row[0])):
-        cells = [*row, *map(str, counts[row])]
-        for kind, column in columns.items():
-            cells.append(
-                " / ".join(number(v, digits[kind]) for v in column.get(row, (None,)))
-            )
-        rows.append(cells)
-    names = [f"{name} ({unit})" if unit else name for name, unit in columns]
-    header, alone = ["group", "method", "images", "failed", *names], groups == [ALL]
-    table = markdown_table(header[alone:], [row[alone:] for row in rows])
-    blocks = [
-        "# Errors against the truth",
-        _ERRORS,
-        *[_BARS] * bool(report["calibration"]),
-        table,
+    """Return the page: a table of errors and error bars, failures, and the plot."""
+    blocks = ["# Errors against the truth", _ERRORS_EXPLAINED]
+    if report["calibration"]:
+        blocks.append(_BARS_EXPLAINED)
+    blocks.append(_table_of_errors(report))
+    failed = [
+        f"{method['name']}, {image['item']}: {image['reason']}"
+        for method in report["methods"]
+        for image in method["failures"][:MAX_FAILED_SHOWN]
     ]
-    failed: list[str] = []
-    for method in report["methods"]:
-        name, failures = method["name"], method["failures"]
-        failed += [
-            f"{name}, {one['item']}: {one['reason']}" for one in failures[:MOST_SHOWN]
-        ]
-    for title, lines in (("Failed", failed), ("Warnings", report["warnings"])):
-        if lines:
-            blocks += [
-                f"## {title}",
-                "\n".join(f"- {' '.join(line.split())}" for line in lines),
-            ]
+    blocks += _list_of("Failed", failed) + _list_of("Warnings", report["warnings"])
     if plot:
         blocks += ["## Plot", f"![errors, sorted]({plot})"]
     # No name is HTML, or moves the cursor of a terminal.
@@ -241,94 +284,139 @@ def report_markdown(report: Document, plot: str = "") -> str:
     return "\n".join(map(printable, text.split("\n"))) + "\n"
 
 
+def _table_of_errors(report: Document) -> str:
+    """Return the table of the page: a row for each group and method."""
+    counts, columns = table_of(report)
+    digits = {
+        quantity: decimals_of(value for row in column.values() for value in row)
+        for quantity, column in columns.items()
+    }
+    names = [f"{name} ({unit})" if unit else name for name, unit in columns]
+    header = ["group", "method", "images", "failed", *names]
+    groups = [*dict.fromkeys(group for group, _ in counts)]
+    rows = []
+    for row in sorted(counts, key=lambda row: groups.index(row[0])):
+        cells = [*row, *map(str, counts[row])]
+        for quantity, column in columns.items():
+            values = column.get(row, (None,))
+            texts = [number(value, digits[quantity]) for value in values]
+            cells.append(" / ".join(texts))
+        rows.append(cells)
+    if groups == [ALL]:  # which need not be named
+        return markdown_table(header[1:], [row[1:] for row in rows])
+    return markdown_table(header, rows)
+
+
+def _list_of(title: str, lines: Sequence[str]) -> list[str]:
+    """Return the blocks of a list with its title; none of an empty one."""
+    if not lines:
+        return []
+    return [f"## {title}", "\n".join(f"- {' '.join(line.split())}" for line in lines)]
+
+
 def table_of(
     report: Document,
-) -> tuple[dict[Row, tuple[int, int]], dict[Kind, dict[Row, tuple[float, ...]]]]:
-    """Return images and failed images by group and method; and the numbers of each
-    quantity.
+) -> tuple[dict[GroupMethod, tuple[int, int]], dict[Quantity, Column]]:
+    """Return images and failed images by group and method; the numbers by quantity.
 
     Those of a metric are mean and median; then come the error bars, and expected /
     error.
     """
-    counts: dict[Row, tuple[int, int]] = {}
-    columns: dict[Kind, dict[Row, tuple[float, ...]]] = {}
-    for s in report["summaries"]:
-        if s.sequence is None:
-            counts.setdefault((s.group, s.method), (s.images, s.failed))
-            column = columns.setdefault((s.metric, s.unit), {})
-            if not math.isnan(s.mean):
-                column[s.group, s.method] = s.mean, s.median
-    for c in report["calibration"]:
-        bars = {
-            (name, "%"): 100 * share
-            for name, share in zip(BARS, c["inside"], strict=True)
-        }
-        bars |= {("width", unit): width for unit, width in c["median_width"].items()}
-        for kind, value in bars.items():
-            columns.setdefault(kind, {})[c["group"], c["method"]] = (value,)
+    counts: dict[GroupMethod, tuple[int, int]] = {}
+    columns: dict[Quantity, Column] = {}
+    for summary in report["summaries"]:
+        if summary.sequence is not None:
+            continue
+        row = (summary.group, summary.method)
+        counts.setdefault(row, (summary.images, summary.failed))
+        column = columns.setdefault((summary.metric, summary.unit), {})
+        if not math.isnan(summary.mean):
+            column[row] = (summary.mean, summary.median)
+    for coverage in report["calibration"]:
+        row = (coverage["group"], coverage["method"])
+        for name, share in zip(BARS, coverage["inside"], strict=True):
+            columns.setdefault((name, "%"), {})[row] = (100 * share,)
+        for unit, width in coverage["median_width"].items():
+            columns.setdefault(("width", unit), {})[row] = (width,)
     measured = columns.get(("similarity", NORMALISED), {})
-    for row, (mean, _) in columns.get(("expected", NORMALISED), {}).items():
-        if measured.get(row, (0.0,))[0]:
-            columns.setdefault(RATIO, {})[row] = (mean / measured[row][0],)
+    for row, (expected, _) in columns.get(("expected", NORMALISED), {}).items():
+        error, *_ = measured.get(row, (0.0,))
+        if error:
+            columns.setdefault(RATIO, {})[row] = (expected / error,)
     return counts, columns
 
 
 def short_lines(report: Document) -> list[str]:
-    """Return a few aligned lines for people: the errors of each method and what its
-    bars hold.
-    """
+    """Return a few aligned lines for people: errors of methods, what bars hold."""
     counts, columns = table_of(report)
-    wide, lines = max(len(method) for _, method in counts), []
-    for row in counts:
-        errors: dict[str, str] = {}
-        for (metric, unit), column in columns.items():
-            # The last unit is that of the truth.
-            if metric in _SHORT and unit != UNKNOWN_UNIT and row in column:
-                factor, unit = (
-                    (1000, "mm") if unit == "m" and column[row][0] < 1 else (1, unit)
-                )
-                both = [factor * value for value in column[row]]
-                mean, median = (number(value, decimals_of(both)) for value in both)
-                errors[metric] = (
-                    f"{_SHORT[metric]} {mean} mean, {median} median ({unit})"
-                )
-        texts = [*errors.values(), f"{counts[row][0]} images"]
-        for kind, text in (
-            (BARS_50, "50% bars hold {:.0f}%"),
-            (BARS_90, "90% bars hold {:.0f}%"),
-            (RATIO, "expected / error {:.2f}"),
-        ):
-            if row in columns.get(kind, {}):
-                texts.append(text.format(*columns[kind][row]))
+    width = max(len(method) for _, method in counts)
+    lines = []
+    for row, (images, _) in counts.items():
+        texts = [*_short_errors(columns, row), f"{images} images"]
+        texts += _short_bars(columns, row)
         group, method = row
-        lines.append(
-            "  ".join([method.ljust(wide), *[group] * (group != ALL), "; ".join(texts)])
-        )
-    for method in report["methods"]:
-        if method["failed"]:
-            text = f"failed: {method['failed']} of {method['images']}"
-            lines.append(f"{method['name'].ljust(wide)}  {text}")
+        cells = [method.ljust(width), "; ".join(texts)]
+        if group != ALL:
+            cells.insert(1, group)
+        lines.append("  ".join(cells))
+    for outcome in report["methods"]:
+        if outcome["failed"]:
+            text = f"failed: {outcome['failed']} of {outcome['images']}"
+            lines.append(f"{outcome['name'].ljust(width)}  {text}")
     return lines
 
 
+def _short_errors(
+    columns: Mapping[Quantity, Column], row: GroupMethod
+) -> Iterable[str]:
+    """Return the errors of a row in words, a metric once, in the unit of the truth."""
+    errors: dict[str, str] = {}
+    for (metric, unit), column in columns.items():
+        # The last unit is that of the truth.
+        if metric in _SHORT_NAMES and unit != UNSTATED_UNIT and row in column:
+            errors[metric] = f"{_SHORT_NAMES[metric]} {_in_words(column[row], unit)}"
+    return errors.values()
+
+
+def _in_words(mean_and_median: Sequence[float], unit: str) -> str:
+    """Say a mean and a median; of less than a metre in millimetres."""
+    if unit == "m" and mean_and_median[0] < 1:
+        unit = "mm"
+        mean_and_median = [1000 * value for value in mean_and_median]
+    decimals = decimals_of(mean_and_median)
+    mean, median = (number(value, decimals) for value in mean_and_median)
+    return f"{mean} mean, {median} median ({unit})"
+
+
+def _short_bars(columns: Mapping[Quantity, Column], row: GroupMethod) -> list[str]:
+    """Return in words what the error bars of a row hold."""
+    texts = []
+    for quantity, text in (
+        (BARS_50, "50% bars hold {:.0f}%"),
+        (BARS_90, "90% bars hold {:.0f}%"),
+        (RATIO, "expected / error {:.2f}"),
+    ):
+        if row in columns.get(quantity, {}):
+            texts.append(text.format(*columns[quantity][row]))
+    return texts
+
+
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table whose columns line up; those after the first stand to the
-    right.
-    """
+    """Return a table whose columns line up, those after the first to the right."""
     cells = [
         [" ".join(cell.split()).replace("|", "\\|") for cell in row]
         for row in (header, *rows)
     ]
     widths = [max(3, *map(len, column)) for column in zip(*cells, strict=True)]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
-    lines = [
-        [
-            row[0].ljust(widths[0]),
-            *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)),
+    lines = []
+    for first, *others in cells:
+        right = [
+            cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)
         ]
-        for row in cells
-    ]
-    return "\n".join(f"| {' | '.join(line)} |" for line in (lines[0], rule, *lines[1:]))
+        lines.append([first.ljust(widths[0]), *right])
+    lines.insert(1, rule)
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def number(value: float | None, decimals: int) -> str:
@@ -337,11 +425,14 @@ def number(value: float | None, decimals: int) -> str:
 
 
 def decimals_of(values: Iterable[float | None]) -> int:
-    """Digits after the point: three as in the paper, one from 10 on, more for tiny
-    numbers.
+    """Return the digits after the point: three, as in the paper.
+
+    One from 10 on, more for tiny numbers.
     """
     finite = (value for value in values if value is not None and not math.isnan(value))
     largest = max(finite, default=0.0)
     if largest >= 10:
         return 1
-    return max(3, 2 - math.floor(math.log10(largest))) if largest > 0 else 3
+    if largest <= 0:
+        return 3
+    return max(3, 2 - math.floor(math.log10(largest)))

@@ -32,35 +32,35 @@ IMAGE_UP: Up = "-y"
 
 
 def nearest_axis_up(rotation: Floats) -> Up:
-    """argmax over axes a of the world of <R a, up in the image>: the axis that points
-    up.
+    """Return the axis of the world that points up: argmax_a <R a, up in the image>.
 
     R (..., 3, 3) maps the world to the frame of the camera, x right, y down, z away
     from it. The cameras of a recording are rarely tilted by more than 45 degrees, and
     worlds have an axis upright; which one differs from tool to tool.
     """
-    upward = -np.asarray(rotation, np.float64)[..., 1, :].reshape(-1, 3).mean(axis=0)
+    downward = np.asarray(rotation, np.float64)[..., 1, :].reshape(-1, 3)
+    upward = -downward.mean(axis=0)
     axis = int(np.abs(upward).argmax())
-    names: tuple[tuple[Up, Up], ...] = (("-x", "x"), ("-y", "y"), ("-z", "z"))
-    return names[axis][int(upward[axis] > 0)]
+    positive: tuple[Up, ...] = ("x", "y", "z")
+    negative: tuple[Up, ...] = ("-x", "-y", "-z")
+    return positive[axis] if upward[axis] > 0 else negative[axis]
 
 
 Axis = Literal["x", "y", "z"]
 
 
-def project(shapes: Floats, rotations: Floats, scale: float = 1.0) -> Floats:
-    """W = s [1 0 0; 0 1 0] R S; shapes (..., 3, p), rotations (..., 3, 3) -> (..., 2,
-    p).
+def project_from_afar(shapes: Floats, rotations: Floats, scale: float = 1.0) -> Floats:
+    """W = s [1 0 0; 0 1 0] R S: what a camera far from the shapes sees.
 
-    s = 1 is the orthographic camera, any other positive s the weak-perspective one.
-    Rotations map object frame to camera frame: x right, y up, z towards the viewer.
+    shapes (..., 3, p), rotations (..., 3, 3) -> (..., 2, p). s = 1 is the orthographic
+    camera, any other positive s the weak-perspective one. Rotations map object frame to
+    camera frame: x right, y up, z towards the viewer.
     """
     return scale * (rotations[..., :2, :] @ shapes)
 
 
 def turntable(turns: Floats, up: Axis) -> Floats:
-    """R = U R_up(2 pi turns): the object stands upright and has made `turns` turns
-    about `up`.
+    """R = U R_up(2 pi turns): the object stands upright and has turned about `up`.
 
     turns (n,) -> (n, 3, 3). The camera looks horizontally. U brings the axis `up` of
     the object to y of the camera by the shorter way; it is the identity for y. Seen

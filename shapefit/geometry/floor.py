@@ -1,9 +1,9 @@
-"""The floor that people stand on, as a camera at rest sees it: how high above it, and
-how tilted.
+"""The floor that people stand on, as a camera at rest sees it.
 
-The frame is that of the camera: x right, y up in the image, z towards the viewer,
-metres. With the direction n = (a, 1, b) / r that is up, r = sqrt(1 + a^2 + b^2), and
-the height h = g / r of the camera, weighted least squares find a, b and g of
+It tells how high above the floor the camera is, and how tilted. The frame is that of
+the camera: x right, y up in the image, z towards the viewer, metres. With the direction
+n = (a, 1, b) / r that is up, r = sqrt(1 + a^2 + b^2), and the height h = g / r of the
+camera, weighted least squares find a, b and g of
 
     a x + b z + g   = r k - y          feet at rest at (x, y, z), whose landmarks are k
                     above it
@@ -47,44 +47,62 @@ R. Contini, Body segment parameters, 1966, and the shapes of seven bodies).
 FORWARD = 0.045
 """Where a foot bears a standing body before its ankle, in heights of the body."""
 
-STRAIGHT, SLOW, LOWER, SECONDS = 0.85, 0.17, 0.07, 0.3
-"""A leg bears where hip and ankle are at least this share of its length apart, and its
-foot moves by at most so many heights of the body a second and is at most so many above
-the other, for so many seconds.
-"""
+# A leg bears the body where it is straight and its foot slow and low, for a while.
 
-ALONG = 1 / 3
+STRAIGHT_LEG_SHARE = 0.85
+"""Distance of hip and ankle from which on a leg is straight, in lengths of the leg."""
+
+MAX_FOOT_SPEED = 0.17
+"""Speed of a foot at rest, in heights of the body a second."""
+
+MAX_FOOT_HEIGHT = 0.07
+"""Height of a foot at rest above the lower one, in heights of the body."""
+
+MIN_REST_SECONDS = 0.3
+"""How long a foot rests."""
+
+LINE_OF_SIGHT_WEIGHT = 1 / 3
 """Weight of motion along the line of sight, which one camera hardly sees."""
 
-LEVEL, SWAY, LEAN = (np.tan(np.radians(degrees)) for degrees in (15.0, 5.0, 2.0))
-"""Deviations of tilt: of cameras; of a body from moment to moment; of a body in all
-moments alike. Chosen, as the others, on seven filmed bodies.
-"""
+# Deviations of tilt, chosen, as the others, on seven filmed bodies.
 
-LASTING = 0.5
+CAMERA_TILT_SD = np.tan(np.radians(15.0))
+"""Deviation of the tilt of cameras."""
+
+SWAY_SD = np.tan(np.radians(5.0))
+"""Deviation of the tilt of a body from moment to moment."""
+
+LEAN_SD = np.tan(np.radians(2.0))
+"""Deviation of the tilt of a body in all moments alike."""
+
+MIN_UPRIGHT_COSINE = np.cos(np.pi / 4)
+"""Of the tilt of a body that stands: 45 degrees, nobody stands nearer to the level."""
+
+LASTING_SHARE = 0.5
 """Share of the deviations of a fit that all frames have in common (docs/sequences.md).
 """
 
-FOOT, DEPTH, SIZE = 0.03, 0.12, 0.04
-"""Deviations of a foot across the line of sight in heights of the body and along it in
-distances, and of the size of a body.
-"""
+FOOT_SD = 0.03
+"""Deviation of a foot across the line of sight, in heights of the body."""
 
-SURE = 0.29
+DEPTH_SD = 0.12
+"""Deviation of a foot along the line of sight, in distances."""
+
+STATURE_SD = 0.04
+"""Deviation of the size of a body, as a share of it."""
+
+MAX_HEIGHT_SD = 0.29
 """Largest deviation of a height that counts as known, in heights of the body."""
 
-STEPS = 10
+ROBUST_STEPS = 10
 """Of least squares with weights 1 / (1 + u^2 / 4) of residuals u in deviations."""
 
 
-Bearing = tuple[Floats, Floats, Floats, Floats]
+class FilmedBody(NamedTuple):
+    """A body before the camera, and what is known of it.
 
-
-class Body(NamedTuple):
-    """A body before the camera: points and their deviations (n, 3, p) in metres, nan in
-    gaps.
-
-    joints: the column of each joint; stature in metres; rate in Hz.
+    points and their deviations (n, 3, p) in metres, nan in gaps; joints, the column of
+    each joint; stature in metres; rate in Hz.
     """
 
     points: Floats
@@ -111,9 +129,7 @@ class Floor(NamedTuple):
     roll_sd: float
 
     def stand(self, points: Floats) -> Floats:
-        """R x + (0, height, 0) with the shortest rotation R up = y; points (..., 3,
-        p).
-        """
+        """R x + (0, height, 0) with the shortest rotation R up = y: (..., 3, p)."""
         turn = shortest_rotations(self.up, np.array([[0.0, 1.0, 0.0]]))[0]
         standing: Floats = turn @ points + np.array([[0.0], [self.height], [0.0]])
         return standing
@@ -128,133 +144,212 @@ class Floor(NamedTuple):
         )
 
 
-def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
-    """Return the floor; None where no body stands on feet that rest, or they leave it
-    unsure.
+class Evidence(NamedTuple):
+    """What bodies tell about the floor.
+
+    places (m, 3) of feet at rest and how high (m,) above the floor these are; how the
+    bodies lean (k, 2) at moments, a and b of the equations, and the variances (k, 2) of
+    that.
+    """
+
+    places: Floats
+    above: Floats
+    leaning: Floats
+    variances: Floats
+
+
+def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None:
+    """Return the floor; None where no foot rests, or they leave it unsure.
 
     distance_sd: standard deviation of the logarithm of the distance, the same for all
     frames.
     """
     needed = {f"{side}{joint}" for side in "lr" for joint in MASS}
     whole = [body for body in bodies if needed <= body.joints.keys()]
-    parts = [_bearing(body) for body in whole]
-    if not any(len(place) for place, *_ in parts):
+    found = [_find_evidence(body) for body in whole]
+    if not any(len(evidence.places) for evidence in found):
         return None
-    place, *further = map(np.concatenate, zip(*parts, strict=True))
+    evidence = Evidence(*map(np.concatenate, zip(*found, strict=True)))
     stature = float(np.mean([body.stature for body in whole]))
-    abg, covariance = _solve(FOOT * stature, place, *further)
-    farther = place * np.array([1.0, 1.0, 1 + distance_sd])
-    change = _solve(FOOT * stature, farther, *further)[0] - abg
+    foot_sd = FOOT_SD * stature
+    abg, covariance = _solve(foot_sd, evidence)
+    farther = evidence.places * np.array([1.0, 1.0, 1 + distance_sd])
+    change = _solve(foot_sd, evidence._replace(places=farther))[0] - abg
     covariance += np.outer(change, change)
+    floor = _read_floor(abg, covariance)
+    return None if floor.height_sd > MAX_HEIGHT_SD * stature else floor
+
+
+def _read_floor(abg: Floats, covariance: Floats) -> Floor:
+    """Return the floor of a, b and g; deviations are linearised."""
     a, b, g = abg
     r = np.sqrt(1 + a**2 + b**2)
     slope = np.array([-g * a / r**3, -g * b / r**3, 1 / r])
-    height_sd = np.sqrt(slope @ covariance @ slope + (SIZE * g / r) ** 2)
-    if height_sd > SURE * stature:
-        return None
+    height_sd = np.sqrt(slope @ covariance @ slope + (STATURE_SD * g / r) ** 2)
     roll, pitch = np.degrees(np.arctan(abg[:2]))
-    roll_sd, pitch_sd = np.degrees(
-        np.sqrt(np.diag(covariance)[:2]) / (1 + abg[:2] ** 2)
+    tilt_sd = np.sqrt(np.diag(covariance)[:2]) / (1 + abg[:2] ** 2)
+    roll_sd, pitch_sd = np.degrees(tilt_sd)
+    return Floor(
+        up=np.array([a, 1.0, b]) / r,
+        height=float(g / r),
+        pitch=float(pitch),
+        roll=float(roll),
+        height_sd=float(height_sd),
+        pitch_sd=float(pitch_sd),
+        roll_sd=float(roll_sd),
     )
-    numbers = (g / r, pitch, roll, height_sd, pitch_sd, roll_sd)
-    return Floor(np.array([a, 1.0, b]) / r, *map(float, numbers))
 
 
-def _bearing(body: Body) -> Bearing:
-    """Return places (m, 3) of feet at rest and how high (m,) above the floor they are;
-    how the body leans (k, 2) at moments, and the variances (k, 2) of that.
-    """
+def _find_evidence(body: FilmedBody) -> Evidence:
+    """Return where the feet of one body rest, and how it leans above them."""
     X = {joint: body.points[..., column] for joint, column in body.joints.items()}
-    trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
-    ahead = np.cross(X["lhip"] - X["rhip"], trunk)
-    ahead *= FORWARD * body.stature / np.linalg.norm(ahead, axis=1, keepdims=True)
-    parts = (m / 2 * (X[f"l{joint}"] + X[f"r{joint}"]) for joint, m in MASS.items())
-    centre = sum(parts, 0 * trunk)
+    centre = _centre_of_mass(X)
+    ahead = _bearing_offset(X, body.stature)
+    under = np.stack([X[f"{side}ankle"] + ahead for side in "lr"])
     marks = [mark for mark in ABOVE_FLOOR if {f"l{mark}", f"r{mark}"} <= X.keys()]
     feet = np.stack(
-        [np.mean([X[f"{s}{mark}"] for mark in marks], axis=0) for s in "lr"]
+        [np.mean([X[f"{side}{mark}"] for mark in marks], axis=0) for side in "lr"]
     )
-    under = np.stack([X[f"{s}ankle"] + ahead for s in "lr"])
-    upright = centre - under.mean(axis=0)
-    high = (under * upright / np.linalg.norm(upright, axis=1, keepdims=True)).sum(
-        axis=2
-    )
-    rests = np.stack(
-        [_rests(body, X, s, foot) for s, foot in zip("lr", feet, strict=True)]
-    )
-    rests = np.asarray(rests & (high < high.min(axis=0) + LOWER * body.stature))
-    fewest = max(SECONDS * body.rate, 2)
-    leaning, variances = [], []
-    ankles = [body.joints[f"{s}ankle"] for s in "lr"]
-    for begin, end in _runs(np.asarray(rests.any(axis=0)), fewest):
-        for rows in np.array_split(
-            np.arange(begin, end), max(round((end - begin) / body.rate), 1)
-        ):
-            weights = rests[:, rows, None] / rests[:, rows].sum(axis=0)[:, None]
-            d = (centre[rows] - (weights * under[:, rows]).sum(axis=0)).mean(axis=0)
-            if d[1] > np.cos(np.pi / 4) * np.linalg.norm(
-                d
-            ):  # nobody stands nearer to the level
-                leaning.append(d[[0, 2]] / d[1])
-                sd = body.deviations[rows][:, ::2][..., ankles].mean(axis=(0, 2))
-                variances.append((sd / np.linalg.norm(d)) ** 2)
-    places = [
-        foot[begin:end].mean(axis=0)
-        for foot, rest in zip(feet, rests if leaning else (), strict=False)
-        for begin, end in _runs(rest, fewest)
-    ]
+    rests = _find_rests(body, X, feet, under, centre)
+    leaning, variances = _find_leaning(body, rests, under, centre)
+    places = []
+    if leaning:
+        min_frames = _min_rest_frames(body)
+        for foot, rest in zip(feet, rests, strict=True):
+            for begin, end in _runs(rest, min_frames):
+                places.append(foot[begin:end].mean(axis=0))
     above = body.stature * float(np.mean([ABOVE_FLOOR[mark] for mark in marks]))
-    shaped = (np.reshape(leaning, (-1, 2)), np.reshape(variances, (-1, 2)))
-    return (np.reshape(places, (-1, 3)), np.full(len(places), above), *shaped)
+    return Evidence(
+        np.reshape(places, (-1, 3)),
+        np.full(len(places), above),
+        np.reshape(leaning, (-1, 2)),
+        np.reshape(variances, (-1, 2)),
+    )
 
 
-def _rests(
-    body: Body, X: Mapping[str, Floats], side: str, foot: Floats
+def _centre_of_mass(X: Mapping[str, Floats]) -> Floats:
+    """Return the centre of mass (n, 3) of a body, borne by its joints."""
+    trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
+    parts = (
+        share / 2 * (X[f"l{joint}"] + X[f"r{joint}"]) for joint, share in MASS.items()
+    )
+    return sum(parts, 0 * trunk)
+
+
+def _bearing_offset(X: Mapping[str, Floats], stature: float) -> Floats:
+    """Return the way (n, 3) from an ankle to where the foot bears the body."""
+    trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
+    ahead = np.cross(X["lhip"] - X["rhip"], trunk)
+    ahead *= FORWARD * stature / np.linalg.norm(ahead, axis=1, keepdims=True)
+    return ahead
+
+
+def _find_rests(
+    body: FilmedBody,
+    X: Mapping[str, Floats],
+    feet: Floats,
+    under: Floats,
+    centre: Floats,
+) -> NDArray[np.bool_]:
+    """Whether the left and right foot rest: (2, n).
+
+    feet (2, n, 3), where they bear the body `under` (2, n, 3), and its centre of mass
+    (n, 3).
+    """
+    upright = centre - under.mean(axis=0)
+    length = np.linalg.norm(upright, axis=1, keepdims=True)
+    height = (under * upright / length).sum(axis=2)
+    is_low = height < height.min(axis=0) + MAX_FOOT_HEIGHT * body.stature
+    bears = [_bears(body, X, side, foot) for side, foot in zip("lr", feet, strict=True)]
+    return np.asarray(np.stack(bears) & is_low)
+
+
+def _bears(
+    body: FilmedBody, X: Mapping[str, Floats], side: str, foot: Floats
 ) -> NDArray[np.bool_]:
     """Whether a foot (n, 3) is slow and below a leg that is straight."""
     hip, knee, ankle = (X[f"{side}{joint}"] for joint in ("hip", "knee", "ankle"))
-    leg = np.linalg.norm(hip - knee, axis=1) + np.linalg.norm(knee - ankle, axis=1)
-    step, frame = max(round(body.rate * SECONDS / 2), 1), np.arange(len(foot))
-    early, late = np.maximum(frame - step, 0), np.minimum(frame + step, len(foot) - 1)
-    moved = (
-        (foot[late] - foot[early]) * body.rate / np.maximum(late - early, 1)[:, None]
-    )
+    thigh = np.linalg.norm(hip - knee, axis=1)
+    leg = thigh + np.linalg.norm(knee - ankle, axis=1)
+    step = max(round(body.rate * MIN_REST_SECONDS / 2), 1)
+    frame = np.arange(len(foot))
+    early = np.maximum(frame - step, 0)
+    late = np.minimum(frame + step, len(foot) - 1)
+    moved = (foot[late] - foot[early]) * body.rate
+    velocity = moved / np.maximum(late - early, 1)[:, None]
     ray = foot / np.linalg.norm(foot, axis=1, keepdims=True)
-    moved = moved - (1 - ALONG) * (moved * ray).sum(axis=1, keepdims=True) * ray
-    slow = np.linalg.norm(moved, axis=1) < SLOW * body.stature
-    return np.asarray(slow & (np.linalg.norm(hip - ankle, axis=1) > STRAIGHT * leg))
+    along = (velocity * ray).sum(axis=1, keepdims=True)
+    velocity = velocity - (1 - LINE_OF_SIGHT_WEIGHT) * along * ray
+    is_slow = np.linalg.norm(velocity, axis=1) < MAX_FOOT_SPEED * body.stature
+    is_straight = np.linalg.norm(hip - ankle, axis=1) > STRAIGHT_LEG_SHARE * leg
+    return np.asarray(is_slow & is_straight)
 
 
-def _runs(rest: NDArray[np.bool_], fewest: float) -> list[tuple[int, int]]:
+def _find_leaning(
+    body: FilmedBody, rests: NDArray[np.bool_], under: Floats, centre: Floats
+) -> tuple[list[Floats], list[Floats]]:
+    """Return how a body leans, a and b, at moments, and the variances of that.
+
+    A moment lasts about a second of a time in which a foot rests.
+    """
+    ankles = [body.joints[f"{side}ankle"] for side in "lr"]
+    leaning, variances = [], []
+    for begin, end in _runs(np.asarray(rests.any(axis=0)), _min_rest_frames(body)):
+        moments = max(round((end - begin) / body.rate), 1)
+        for rows in np.array_split(np.arange(begin, end), moments):
+            weights = rests[:, rows, None] / rests[:, rows].sum(axis=0)[:, None]
+            support = (weights * under[:, rows]).sum(axis=0)
+            d = (centre[rows] - support).mean(axis=0)
+            if d[1] > MIN_UPRIGHT_COSINE * np.linalg.norm(d):
+                leaning.append(d[[0, 2]] / d[1])
+                across = body.deviations[rows][:, ::2]
+                sd = across[..., ankles].mean(axis=(0, 2))
+                variances.append((sd / np.linalg.norm(d)) ** 2)
+    return leaning, variances
+
+
+def _min_rest_frames(body: FilmedBody) -> float:
+    return max(MIN_REST_SECONDS * body.rate, 2)
+
+
+def _runs(rest: NDArray[np.bool_], min_frames: float) -> list[tuple[int, int]]:
     """Return begin and end of each run of at least so many frames."""
     turns = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]])))
-    return [(b, e) for b, e in turns.reshape(-1, 2).tolist() if e - b >= fewest]
+    runs = turns.reshape(-1, 2).tolist()
+    return [(begin, end) for begin, end in runs if end - begin >= min_frames]
 
 
-def _solve(
-    foot_sd: float, place: Floats, above: Floats, leaning: Floats, variance: Floats
-) -> tuple[Floats, Floats]:
-    """Return a, b, g and their covariance; foot_sd of a foot across the line of
-    sight.
+def _solve(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
+    """Return a, b, g and their covariance; foot_sd of a foot across the line of sight.
+
+    Least squares with weights anew in each step, of the leaning and then of the feet.
     """
-    shared = LASTING**2 * variance.mean(axis=0)
-    usual, weights = np.median(leaning, axis=0), np.ones(len(leaning))
-    for _ in range(STEPS):
-        weights = 1 / (1 + (((leaning - usual) / SWAY) ** 2).sum(axis=1) / 4)
-        usual = weights @ leaning / weights.sum()
-    lean_precision = 1 / (SWAY**2 / weights.sum() + LEAN**2 + shared)
-    prior = np.diag([*(lean_precision + LEVEL**-2), 0.0])
-    x, y, z = place.T
+    usual, lean_precision = _usual_leaning(evidence.leaning, evidence.variances)
+    prior = np.diag([*(lean_precision + CAMERA_TILT_SD**-2), 0.0])
+    x, y, z = evidence.places.T
     A = np.column_stack([x, z, np.ones(len(x))])
-    abg = np.array([*usual, -np.median(usual[0] * x + y + usual[1] * z)])
+    height = -np.median(usual[0] * x + y + usual[1] * z)
+    abg = np.array([*usual, height])
     precision = prior
-    for _ in range(STEPS):
+    for _ in range(ROBUST_STEPS):
         r = np.sqrt(1 + abg[0] ** 2 + abg[1] ** 2)
         along = (abg[0] * x + y + abg[1] * z) / r
-        target = r * above - y
-        foot = r**2 * (foot_sd**2 + (DEPTH * along) ** 2)
-        w = 1 / (foot + (A @ abg - target) ** 2 / 4)
+        target = r * evidence.above - y
+        variance = r**2 * (foot_sd**2 + (DEPTH_SD * along) ** 2)
+        w = 1 / (variance + (A @ abg - target) ** 2 / 4)
         precision = (A.T * w) @ A + prior
         linear = A.T @ (w * target) + np.array([*(lean_precision * usual), 0.0])
         abg = np.linalg.solve(precision, linear)
     return abg, np.linalg.inv(precision)
+
+
+def _usual_leaning(leaning: Floats, variances: Floats) -> tuple[Floats, Floats]:
+    """Return a and b as bodies lean in most moments (k, 2), and their precisions."""
+    usual = np.median(leaning, axis=0)
+    weights = np.ones(len(leaning))
+    for _ in range(ROBUST_STEPS):
+        squares = (((leaning - usual) / SWAY_SD) ** 2).sum(axis=1)
+        weights = 1 / (1 + squares / 4)
+        usual = weights @ leaning / weights.sum()
+    shared = LASTING_SHARE**2 * variances.mean(axis=0)
+    return usual, 1 / (SWAY_SD**2 / weights.sum() + LEAN_SD**2 + shared)

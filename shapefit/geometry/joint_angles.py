@@ -18,15 +18,12 @@ import numpy as np
 
 from shapefit.arrays import Floats
 
-STEP = 1e-5
-"""Of the derivatives, in units of the spread of the points: errors are 1e-10 of an
-angle.
-"""
+DIFFERENCE_STEP = 1e-5
+"""Of derivatives, in spreads of the points: errors are 1e-10 of an angle."""
 
 
 class JointAngle(NamedTuple):
-    """An angle: its name in OpenSim's models, the joints that it takes, and the
-    equation.
+    """An angle: its name in OpenSim's models, the joints it takes, and its equation.
 
     measure takes points (m, 3, n) and the direction that is up (3, n); returns radians
     (n,).
@@ -58,9 +55,8 @@ def measure_angles(
     values, deviations = np.full((2, n, len(angles)), np.nan)
     for number, angle in enumerate(angles):
         columns = [joints[joint] for joint in angle.joints]
-        points = np.ascontiguousarray(
-            shapes[:, :, columns].transpose(2, 1, 0), np.float64
-        )
+        points_first = shapes[:, :, columns].transpose(2, 1, 0)
+        points = np.ascontiguousarray(points_first, np.float64)
         with np.errstate(invalid="ignore", divide="ignore"):
             values[:, number] = angle.measure(points, upward)
             if covariance is None:
@@ -71,7 +67,8 @@ def measure_angles(
                 "min,nmij,mjn->n", slope, covariance[:, columns], slope
             )
         else:
-            blocks = covariance.reshape(n, p, 3, p, 3)[:, columns][:, :, :, columns]
+            blocks = covariance.reshape(n, p, 3, p, 3)
+            blocks = blocks[:, columns][:, :, :, columns]
             variance = np.einsum("min,nmikj,kjn->n", slope, blocks, slope)
         deviations[:, number] = np.sqrt(np.maximum(variance, 0.0))
     return np.degrees(values), np.degrees(deviations)
@@ -79,19 +76,24 @@ def measure_angles(
 
 def measurable_angles(joints: Iterable[str]) -> tuple[JointAngle, ...]:
     """Return the angles whose joints are all among these."""
-    return tuple(angle for angle in ANGLES if {*angle.joints} <= {*joints})
+    known = {*joints}
+    return tuple(angle for angle in JOINT_ANGLES if {*angle.joints} <= known)
 
 
 def _slope(angle: JointAngle, points: Floats, up: Floats) -> Floats:
     """d angle / d points (m, 3, n), by central differences."""
-    step = STEP * np.sqrt(((points - points.mean(axis=0)) ** 2).mean(axis=(0, 1)))
+    squares = (points - points.mean(axis=0)) ** 2
+    step = DIFFERENCE_STEP * np.sqrt(squares.mean(axis=(0, 1)))
     slope = np.empty_like(points)
     for place in np.ndindex(points.shape[:2]):
-        ahead, behind = points.copy(), points.copy()
+        ahead = points.copy()
         ahead[place] += step
+        behind = points.copy()
         behind[place] -= step
         turn = angle.measure(ahead, up) - angle.measure(behind, up)
-        slope[place] = ((turn + np.pi) % (2 * np.pi) - np.pi) / (2 * step)
+        # an angle may pass from pi to -pi on the way
+        shortest = (turn + np.pi) % (2 * np.pi) - np.pi
+        slope[place] = shortest / (2 * step)
     return slope
 
 
@@ -116,18 +118,22 @@ def _flexion(points: Floats, _: Floats, head: float) -> Floats:
     either end of the line.
     """
     left, right, other_left, other_right, end = points
-    z, limb = right - left, end - left
+    z = right - left
+    limb = end - left
     x = np.cross(head * (left + right - other_left - other_right), z, axis=0)
     y = np.cross(z, x, axis=0)
-    forward, along = (_dot(limb, axis) / np.sqrt(_dot(axis, axis)) for axis in (x, y))
+    forward = _dot(limb, x) / np.sqrt(_dot(x, x))
+    along = _dot(limb, y) / np.sqrt(_dot(y, y))
     return np.arctan2(forward, -along)
 
 
 def _tilt(points: Floats, up: Floats) -> Floats:
-    """Return the angle to the vertical of the line between the middles of two pairs of
-    points.
+    """Return the angle to the vertical of the line from one middle to another.
+
+    It leads from the middle of the first two points to that of the others.
     """
-    return _between(2 * points[2:].mean(axis=0) - points[0] - points[1], up)
+    line = 2 * points[2:].mean(axis=0) - points[0] - points[1]
+    return _between(line, up)
 
 
 def _between(a: Floats, b: Floats) -> Floats:
@@ -140,25 +146,38 @@ def _dot(a: Floats, b: Floats) -> Floats:
     return np.asarray((a * b).sum(axis=0))
 
 
-_HIPS, _SHOULDERS = ("lhip", "rhip"), ("lshoulder", "rshoulder")
+_HIPS = ("lhip", "rhip")
+_SHOULDERS = ("lshoulder", "rshoulder")
+_hip_flexion = partial(_flexion, head=-1.0)
+_shoulder_flexion = partial(_flexion, head=1.0)
 
 
-def _angles_of_side(s: str) -> tuple[JointAngle, ...]:
-    leg, arm = partial(_flexion, head=-1.0), partial(_flexion, head=1.0)
+def _angles_of_side(side: str) -> tuple[JointAngle, ...]:
+    shoulder, elbow, wrist, hip, knee, ankle, heel, toe = (
+        side + joint
+        for joint in (
+            "shoulder",
+            "elbow",
+            "wrist",
+            "hip",
+            "knee",
+            "ankle",
+            "heel",
+            "toe",
+        )
+    )
+    thigh = (*_HIPS, *_SHOULDERS, knee)
+    upper_arm = (*_SHOULDERS, *_HIPS, elbow)
     return (
-        JointAngle(f"hip_flexion_{s}", (*_HIPS, *_SHOULDERS, f"{s}knee"), leg),
-        JointAngle(f"knee_angle_{s}", (f"{s}hip", f"{s}knee", f"{s}ankle"), _hinge),
-        JointAngle(
-            f"ankle_angle_{s}", (f"{s}knee", f"{s}ankle", f"{s}heel", f"{s}toe"), _ankle
-        ),
-        JointAngle(f"arm_flex_{s}", (*_SHOULDERS, *_HIPS, f"{s}elbow"), arm),
-        JointAngle(
-            f"elbow_flex_{s}", (f"{s}shoulder", f"{s}elbow", f"{s}wrist"), _hinge
-        ),
+        JointAngle(f"hip_flexion_{side}", thigh, _hip_flexion),
+        JointAngle(f"knee_angle_{side}", (hip, knee, ankle), _hinge),
+        JointAngle(f"ankle_angle_{side}", (knee, ankle, heel, toe), _ankle),
+        JointAngle(f"arm_flex_{side}", upper_arm, _shoulder_flexion),
+        JointAngle(f"elbow_flex_{side}", (shoulder, elbow, wrist), _hinge),
     )
 
 
-ANGLES = (
+JOINT_ANGLES = (
     *_angles_of_side("r"),
     *_angles_of_side("l"),
     JointAngle("trunk_tilt", (*_HIPS, *_SHOULDERS), _tilt),

@@ -26,25 +26,22 @@ from shapefit.geometry.rotations import (
     shortest_rotations,
 )
 
-FRAMES = 200
+FRAMES_COMPARED = 200
 """Frames, evenly over a motion, that say which landmarks keep their distance."""
 
-PRIOR = 0.02
-"""Weight of the parent's rotation beside bones, of 1 each, that may all lie in one
-line.
-"""
+PARENT_WEIGHT = 0.02
+"""Of the parent's rotation beside bones, of 1 each, that may all lie in one line."""
 
-Pose = Mapping[int, Sequence[float]]
+RestPose = Mapping[int, Sequence[float]]
 """Landmark where a bone ends -> the direction (3,) of the bone."""
 
 
 class Node(NamedTuple):
-    """A joint of the tree at the landmark `joint`; `above` is the number of its parent,
-    or -1.
+    """A joint of the tree at the landmark `joint`.
 
-    aims are the landmarks at the other ends of its bones. Where several bones leave a
-    landmark, its first node turns with all of them, and one more node per bone turns
-    with that alone.
+    `above` is the number of its parent, or -1; aims are the landmarks at the other ends
+    of its bones. Where several bones leave a landmark, its first node turns with all of
+    them, and one more node per bone turns with that alone.
     """
 
     joint: int
@@ -53,9 +50,10 @@ class Node(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """A tree of m nodes in motion: offsets (m, 3) at rest and rotations L (m, f, 3, 3)
-    in the frame of the parent; root (f, 3), where the first node is; rest, the frame
-    that the pose is made of.
+    """A tree of m nodes in motion.
+
+    Offsets (m, 3) at rest and rotations L (m, f, 3, 3) are in the frame of the parent;
+    root (f, 3) is where the first node is; rest, the frame that the pose is made of.
     """
 
     tree: tuple[Node, ...]
@@ -66,33 +64,35 @@ class Rig(NamedTuple):
 
 
 def find_rig(
-    points: Floats, edges: Integers, root: int | None = None, pose: Pose | None = None
+    points: Floats,
+    edges: Integers,
+    root: int | None = None,
+    pose: RestPose | None = None,
 ) -> Rig:
-    """Return the bones of points (f, 3, p), all known, and their rotations: see
-    `find_tree`.
+    """Return the bones of points (f, 3, p), all known, and their rotations.
 
-    At rest bones have their median lengths and the directions of `pose`. Bones without
-    one turn with their parent, from the pose of a usual frame.
+    The tree is that of `find_tree`. At rest bones have their median lengths and the
+    directions of `pose`. Bones without one turn with their parent, from the pose of a
+    usual frame.
     """
     tree = find_tree(points, edges, root)
     rest = _find_rest(points, tree)
-    bones = np.stack(
-        [points[:, :, n.joint] - points[:, :, tree[n.above].joint] for n in tree]
-    )
+    starts = points[:, :, [tree[node.above].joint for node in tree]]
+    ends = points[:, :, [node.joint for node in tree]]
+    bones = np.moveaxis(ends - starts, -1, 0)
     bones[0] = 0
-    lengths, at_rest = (
-        np.median(np.linalg.norm(bones, axis=2), axis=1),
-        _unit(bones[:, rest]),
-    )
+    lengths = np.median(np.linalg.norm(bones, axis=2), axis=1)
+    at_rest = _unit(bones[:, rest])
     G = _find_rotations(points, tree, rest)
-    ends = {
-        n.joint: at
-        for n, length, at in zip(tree, lengths, at_rest, strict=True)
+    directions = {
+        node.joint: direction
+        for node, length, direction in zip(tree, lengths, at_rest, strict=True)
         if length
     }
-    T = _find_pose(tree, ends, pose or {})
+    T = _find_pose(tree, directions, pose or {})
     above = [node.above for node in tree[1:]]
-    L = np.concatenate([G[:1], G[above].swapaxes(-1, -2) @ G[1:]])
+    relative = G[above].swapaxes(-1, -2) @ G[1:]
+    L = np.concatenate([G[:1], relative])
     P = np.concatenate([np.eye(3)[None], T[above]])
     offsets = (P @ (lengths[:, None] * at_rest)[..., None])[..., 0]
     rotations = P[:, None] @ L @ T[:, None].swapaxes(-1, -2)
@@ -101,7 +101,8 @@ def find_rig(
 
 def forward_kinematics(rig: Rig) -> Floats:
     """x = x_parent + P offset: where all nodes are (m, f, 3)."""
-    places, G = [rig.root], [rig.rotations[0]]
+    places = [rig.root]
+    G = [rig.rotations[0]]
     for node, offset, L in zip(
         rig.tree[1:], rig.offsets[1:], rig.rotations[1:], strict=True
     ):
@@ -113,23 +114,16 @@ def forward_kinematics(rig: Rig) -> Floats:
 def find_tree(
     points: Floats, edges: Integers, root: int | None = None
 ) -> tuple[Node, ...]:
-    """Return the tree of those bones that keep their lengths best: parents first, limb
-    by limb.
+    """Return the tree of those bones that keep their lengths best.
 
-    points (f, 3, p), all known; edges (e, 2) come before other pairs of landmarks,
-    which join only what edges leave apart. The root is by default the landmark with the
-    fewest bones to all others.
+    Parents come first, limb by limb. points (f, 3, p), all known; edges (e, 2) come
+    before other pairs of landmarks, which join only what edges leave apart. The root is
+    by default the landmark with the fewest bones to all others.
     """
-    rows = np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int)
-    distances = np.stack([cdist(x, x) for x in points[rows].swapaxes(1, 2)])
-    cost = 1 + distances.std(axis=0)  # what is nearly 0 would be no edge to scipy
-    is_no_edge = np.ones_like(cost)
-    is_no_edge[edges[:, 0], edges[:, 1]] = is_no_edge[edges[:, 1], edges[:, 0]] = 0
-    graph = minimum_spanning_tree(np.triu(cost + cost.max() * is_no_edge, 1))
+    graph = minimum_spanning_tree(np.triu(_joining_cost(points, edges), 1))
     if root is None:
-        root = int(
-            shortest_path(graph, directed=False, unweighted=True).sum(axis=1).argmin()
-        )
+        bones_between = shortest_path(graph, directed=False, unweighted=True)
+        root = int(bones_between.sum(axis=1).argmin())
     order, above = breadth_first_order(graph, root, directed=False)
     children: list[tuple[int, ...]] = [() for _ in above]
     for landmark in sorted(order[1:].tolist()):
@@ -139,11 +133,28 @@ def find_tree(
     while waiting:
         node = waiting.pop()
         for child in reversed(node.aims):
-            alone = len(node.aims) == 1
-            joint, aims = (child, children[child]) if alone else (node.joint, (child,))
-            waiting.append(Node(joint, len(nodes), aims))
+            if len(node.aims) == 1:
+                follower = Node(child, len(nodes), children[child])
+            else:  # one more node at the same landmark, for this bone alone
+                follower = Node(node.joint, len(nodes), (child,))
+            waiting.append(follower)
         nodes.append(node)
     return tuple(nodes)
+
+
+def _joining_cost(points: Floats, edges: Integers) -> Floats:
+    """Return how much each pair of landmarks changes its distance, from 1 on: (p, p).
+
+    Pairs that are no edge cost more than all edges.
+    """
+    rows = np.linspace(0, len(points) - 1, min(len(points), FRAMES_COMPARED))
+    compared = points[rows.astype(int)].swapaxes(1, 2)
+    distances = np.stack([cdist(x, x) for x in compared])
+    cost = 1 + distances.std(axis=0)  # what is nearly 0 would be no edge to scipy
+    is_no_edge = np.ones_like(cost)
+    is_no_edge[edges[:, 0], edges[:, 1]] = 0
+    is_no_edge[edges[:, 1], edges[:, 0]] = 0
+    return np.asarray(cost + cost.max() * is_no_edge)
 
 
 def find_bones(tree: Sequence[Node]) -> dict[int, int]:
@@ -153,48 +164,52 @@ def find_bones(tree: Sequence[Node]) -> dict[int, int]:
 
 
 def _find_rest(points: Floats, tree: Sequence[Node]) -> int:
-    """Return the frame of points (f, 3, p) whose joints are bent most like the median,
-    by the distances of the landmarks on both sides of them.
+    """Return the frame of points (f, 3, p) whose joints are bent most like the median.
+
+    How far a joint is bent shows in the distance of the landmarks on both sides of it.
     """
-    before = find_bones(tree)
-    pairs = [(end, before[at]) for end, at in before.items() if at in before]
+    start_of = find_bones(tree)
+    pairs = [
+        (end, start_of[joint]) for end, joint in start_of.items() if joint in start_of
+    ]
     i, j = np.reshape(pairs, (-1, 2)).astype(int).T
     bends = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1)
-    return int(np.abs(bends - np.median(bends, axis=0)).sum(axis=1).argmin())
+    unlike = np.abs(bends - np.median(bends, axis=0)).sum(axis=1)
+    return int(unlike.argmin())
 
 
 def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
-    """Return the rotation G (m, f, 3, 3) in space of every node, the identity in the
-    frame `rest`.
+    """Return the rotation G (m, f, 3, 3) in space of every node.
 
-    Several bones turn by least squares. A single bone turns the shortest way from its
-    mean direction, seen by its parent, and then about itself as the bones that follow
-    do.
+    It is the identity in the frame `rest`. Several bones turn by least squares. A
+    single bone turns the shortest way from its mean direction, seen by its parent, and
+    then about itself as the bones that follow do.
     """
     G = np.empty((len(tree), len(points), 3, 3))
     for number, node in enumerate(tree):
-        P = (
-            G[node.above]
-            if node.above >= 0
-            else np.tile(np.eye(3), (len(points), 1, 1))
-        )
-        bones = [
-            _unit(points[:, :, end] - points[:, :, node.joint]) for end in node.aims
-        ]
+        if node.above >= 0:
+            P = G[node.above]
+        else:
+            P = np.tile(np.eye(3), (len(points), 1, 1))
+        bones = _directions(points, node.joint, node.aims)
         if not bones:
             G[number] = P
         elif len(bones) > 1:
             A = sum(bone[:, :, None] * bone[rest] for bone in bones)
-            G[number] = nearest_rotation(A + PRIOR * P)
+            G[number] = nearest_rotation(A + PARENT_WEIGHT * P)
         else:
             (end,) = node.aims
             beyond = next(other.aims for other in tree if other.joint == end)
-            following = [_unit(points[:, :, j] - points[:, :, end]) for j in beyond]
-            Q = _aim(
-                _turn_back(P, bones[0]), [_turn_back(P, bone) for bone in following]
-            )
+            following = _directions(points, end, beyond)
+            seen = [_turn_back(P, bone) for bone in following]
+            Q = _aim(_turn_back(P, bones[0]), seen)
             G[number] = P @ Q @ Q[rest].T
     return G
+
+
+def _directions(points: Floats, start: int, ends: Sequence[int]) -> list[Floats]:
+    """Return the directions (f, 3) from one landmark to each of others."""
+    return [_unit(points[:, :, end] - points[:, :, start]) for end in ends]
 
 
 def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
@@ -207,10 +222,12 @@ def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
     """
     mean = _unit(bone.mean(axis=0))
     Q = shortest_rotations(mean, bone)
-    e1, e2, _ = np.linalg.svd(np.eye(3) - np.outer(mean, mean))[0].T
+    across = np.eye(3) - np.outer(mean, mean)
+    e1, e2, _ = np.linalg.svd(across)[0].T
     if np.cross(e1, e2) @ mean < 0:
         e2 = -e2
-    z, w = np.zeros(len(bone), dtype=complex), 0.0
+    z = np.zeros(len(bone), dtype=complex)
+    w = 0.0
     for other in following:
         turned = _turn_back(Q, other)
         b = turned @ e1 + 1j * (turned @ e2)
@@ -221,7 +238,7 @@ def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
 
 
 def _find_pose(
-    tree: Sequence[Node], at_rest: Mapping[int, Floats], pose: Pose
+    tree: Sequence[Node], at_rest: Mapping[int, Floats], pose: RestPose
 ) -> Floats:
     """Return the rotations T (m, 3, 3) that turn the bones of each node to a pose.
 
@@ -232,12 +249,15 @@ def _find_pose(
     for number, node in enumerate(tree):
         P = T[node.above] if node.above >= 0 else np.eye(3)
         aims = [end for end in node.aims if end in pose and end in at_rest]
-        ends = _unit(np.array([pose[end] for end in aims], np.float64).reshape(-1, 3))
+        posed = np.array([pose[end] for end in aims], np.float64)
+        ends = _unit(posed.reshape(-1, 3))
         starts = np.array([at_rest[end] for end in aims]).reshape(-1, 3)
-        if len(aims) == len(node.aims) == 1:
+        if not aims:
+            T[number] = P
+        elif len(node.aims) == 1:
             T[number] = shortest_rotations(P @ starts[0], ends)[0] @ P
         else:
-            T[number] = nearest_rotation(ends.T @ starts + PRIOR * P) if aims else P
+            T[number] = nearest_rotation(ends.T @ starts + PARENT_WEIGHT * P)
     return T
 
 

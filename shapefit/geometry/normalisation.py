@@ -1,6 +1,4 @@
-"""Sizes: point sets in the units in which lambda and beta are stated, and units of
-length.
-"""
+"""Sizes: points in the unit in which lambda and beta are stated; units of length."""
 
 from __future__ import annotations
 
@@ -14,9 +12,14 @@ from shapefit.arrays import Floats
 
 # Coordinates and their distances are squared and summed, which must neither overflow
 # nor vanish.
-LARGEST, SMALLEST = 1e150, 1e-150
 
-_NAMES = {
+MAX_COORDINATE = 1e150
+"""Largest coordinate that is taken."""
+
+MIN_EXTENT = 1e-150
+"""Smallest extent of points that is taken."""
+
+_UNIT_NAMES = {
     1.0: "m meter meters metre metres",
     0.1: "dm decimeter decimeters decimetre decimetres",
     0.01: "cm centimeter centimeters centimetre centimetres",
@@ -27,7 +30,7 @@ _NAMES = {
 }
 
 METRES = MappingProxyType(
-    {name: size for size, names in _NAMES.items() for name in names.split()}
+    {name: size for size, names in _UNIT_NAMES.items() for name in names.split()}
 )
 """Metres in one of each unit, by its names in small letters."""
 
@@ -51,8 +54,9 @@ def centroid(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats
         return middle
     count = visible.sum(axis=-1)[..., None]
     total = np.where(visible[..., None, :], points, 0.0).sum(axis=-1)
-    middle = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
-    return middle
+    mean = np.full(total.shape, np.nan)
+    np.divide(total, count, out=mean, where=count > 0)
+    return mean
 
 
 def std(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
@@ -64,8 +68,7 @@ def std(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
 
 
 def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Normalised:
-    """(points - centroid) / spread, as the convex program and the dictionary expect
-    them.
+    """(points - centroid) / spread, as the program and the dictionary expect points.
 
     points (..., d, p), visible (..., p) bool or None for all. Where the visible points
     coincide the scale is 0 and the normalised points are not finite: the caller decides
@@ -83,15 +86,12 @@ def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Norma
 
 
 def metres_in(unit: str) -> float | None:
-    """Return the metres in a unit, whatever its letters' case; None where it is no
-    known length.
-    """
+    """Return the metres in a unit, in letters of any case; None of no known length."""
     return METRES.get(unit.strip().lower())
 
 
 def as_metres(unit: str) -> tuple[float, str]:
-    """Return the factor to the unit in which lengths are given out, and the name of
-    that one.
+    """Return the factor to the unit in which lengths are given out, and its name.
 
     It is the metre; lengths of a unit that is not known keep it.
     """

@@ -31,23 +31,29 @@ With it the posterior does as well as with the true cameras of the man on the be
 """
 
 ASSUMED_FOCAL_SD = 0.2
-"""Standard deviation of the logarithm of a focal length that is assumed: lenses of 0.8
-to 1.5.
-"""
+"""Deviation of the logarithm of an assumed focal length: lenses of 0.8 to 1.5."""
 
 COEFFICIENTS = 8
-_STEPS = 60
-_EXACT = 1e-12
+"""Numbers that describe a lens."""
+
+MAX_NEWTON_STEPS = 60
+"""Of the way back through a lens."""
+
+NEGLIGIBLE_LENGTH = 1e-12
+"""Step, beside the distance from the axis, that changes nothing."""
+
+PATH_STATIONS = 17
+"""Points from the axis on at which a lens is checked not to bend back."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """u = centre + focal X_xy / (sign X_z) for n images: focal (n, 2) > 0, centre (n,
-    2).
+    """u = centre + focal X_xy / (sign X_z) for n images.
 
-    In the unit of the landmarks they go with. sign is +1 where z points away from the
-    camera (y of the landmarks down), -1 where it points to it (y up). focal_sd, the
-    standard deviation of the logarithm of the focal length: 0 where it was measured.
+    focal (n, 2) > 0 and centre (n, 2), in the unit of the landmarks they go with. sign
+    is +1 where z points away from the camera (y of the landmarks down), -1 where it
+    points to it (y up). focal_sd, the standard deviation of the logarithm of the focal
+    length: 0 where it was measured.
     """
 
     focal: Floats
@@ -66,11 +72,11 @@ class Camera:
         return replace(self, focal=self.focal / size, centre=centre)
 
 
-def project(camera: Camera, points: Floats) -> Floats:
-    """u = centre + focal X_xy / (sign X_z): points (n, 3, p) in the camera's frame ->
-    (n, 2, p).
+def project_pinhole(camera: Camera, points: Floats) -> Floats:
+    """u = centre + focal X_xy / (sign X_z).
 
-    nan for a point that is not in front of the camera.
+    points (n, 3, p) in the camera's frame -> (n, 2, p); nan for a point that is not in
+    front of the camera.
     """
     depth = camera.sign * points[:, 2:]
     depth = np.where(depth > 0, depth, np.nan)
@@ -78,16 +84,12 @@ def project(camera: Camera, points: Floats) -> Floats:
 
 
 def depth_sign(y_axis: Literal["up", "down"] | None) -> float:
-    """+1 where z, the cross product of x and y, points away from the camera, else
-    -1.
-    """
+    """+1 where z, the cross product of x and y, points away from the camera, or -1."""
     return -1.0 if y_axis == "up" else 1.0
 
 
-def complete(coefficients: Sequence[float] | Floats) -> Floats:
-    """Return coefficients (..., m), m = 4, 5 or 8, with those that are not given as 0
-    (..., 8).
-    """
+def complete_coefficients(coefficients: Sequence[float] | Floats) -> Floats:
+    """Return coefficients (..., m), m = 4, 5 or 8, with 0 for the others (..., 8)."""
     given = np.asarray(coefficients, dtype=np.float64)
     if given.shape[-1] not in (4, 5, COEFFICIENTS):  # more are a thin prism and tilt
         raise ValueError(f"{given.shape[-1]} coefficients of distortion, not 4, 5 or 8")
@@ -103,52 +105,52 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
     back before that.
     """
     undistorted = np.array(points, dtype=np.float64)
-    size = np.maximum(np.linalg.norm(undistorted, axis=-2), _EXACT)
+    size = np.maximum(np.linalg.norm(undistorted, axis=-2), NEGLIGIBLE_LENGTH)
     with np.errstate(all="ignore"):
-        for _ in range(_STEPS):
+        for _ in range(MAX_NEWTON_STEPS):
             reached, across, along, skew = distort(undistorted, coefficients)
             x, y = np.moveaxis(points - reached, -2, 0)
-            step = np.stack([along * x - skew * y, across * y - skew * x], axis=-2)
+            step_x = along * x - skew * y
+            step_y = across * y - skew * x
+            step = np.stack([step_x, step_y], axis=-2)
             step /= (across * along - skew**2)[..., None, :]
+            # at most half of the way to the axis, which Newton's step may overshoot
             longest = np.maximum(np.linalg.norm(undistorted, axis=-2), size)
             length = np.linalg.norm(step, axis=-2)
-            step *= np.minimum(1.0, 0.5 * longest / np.maximum(length, _EXACT))[
-                ..., None, :
-            ]
+            share = 0.5 * longest / np.maximum(length, NEGLIGIBLE_LENGTH)
+            step *= np.minimum(1.0, share)[..., None, :]
             undistorted = undistorted + step
-            if not (length > _EXACT * longest).any():
+            if not (length > NEGLIGIBLE_LENGTH * longest).any():
                 break
         reached = distort(undistorted, coefficients)[0]
-        right = np.linalg.norm(points - reached, axis=-2) <= 1e-9 * size
-        for share in np.linspace(
-            0.0, 1.0, 17
-        ):  # nor does the lens bend back on the way there
+        is_right = np.linalg.norm(points - reached, axis=-2) <= 1e-9 * size
+        # nor does the lens bend back on the way there
+        for share in np.linspace(0.0, 1.0, PATH_STATIONS):
             _, across, along, skew = distort(share * undistorted, coefficients)
-            right &= (across > 0) & (across * along > skew**2)
-    return np.where(right[..., None, :], undistorted, np.nan)
+            is_right &= (across > 0) & (across * along > skew**2)
+    return np.where(is_right[..., None, :], undistorted, np.nan)
 
 
 def distort(
     points: Floats, coefficients: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the points where the lens puts them, and the derivatives dx/dx, dy/dy and
-    dx/dy.
+    """Return the points where the lens puts them, and the derivative of that.
 
-    The derivative is symmetric: the model is the gradient of a function of the plane.
+    It is dx/dx, dy/dy and dx/dy: the derivative is symmetric, since the model is the
+    gradient of a function of the plane.
     """
-    k1, k2, p1, p2, k3, k4, k5, k6 = (
-        c[..., None] for c in np.moveaxis(coefficients, -1, 0)
-    )
-    x, y = points[..., 0, :], points[..., 1, :]
+    each = np.moveaxis(coefficients, -1, 0)[..., None]
+    k1, k2, p1, p2, k3, k4, k5, k6 = each
+    x = points[..., 0, :]
+    y = points[..., 1, :]
     r2 = x * x + y * y
-    above, below = (
-        1 + r2 * (k1 + r2 * (k2 + r2 * k3)),
-        1 + r2 * (k4 + r2 * (k5 + r2 * k6)),
-    )
+    above = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
     gain = above / below
-    slope = (
-        k1 + r2 * (2 * k2 + 3 * r2 * k3) - gain * (k4 + r2 * (2 * k5 + 3 * r2 * k6))
-    ) / below
+    # d gain / d r^2
+    slope_above = k1 + r2 * (2 * k2 + 3 * r2 * k3)
+    slope_below = k4 + r2 * (2 * k5 + 3 * r2 * k6)
+    slope = (slope_above - gain * slope_below) / below
     moved_x = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     moved_y = y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     across = gain + 2 * slope * x * x + 2 * p1 * y + 6 * p2 * x

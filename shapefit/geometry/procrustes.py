@@ -1,6 +1,4 @@
-"""Procrustes: one point set onto another, many shapes onto their mean; and mirror
-images.
-"""
+"""Procrustes: points onto others, many shapes onto their mean; and mirror images."""
 
 from __future__ import annotations
 
@@ -13,7 +11,8 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats
 from shapefit.geometry.rotations import nearest_rotation
 
-Indices = NDArray[np.integer] | Sequence[int]
+MirrorIndex = NDArray[np.integer] | Sequence[int]
+"""The partner of each point, itself for a point on the plane of symmetry."""
 
 
 class Similarity(NamedTuple):
@@ -72,44 +71,46 @@ def similarity_transform(source: Floats, target: Floats) -> Similarity:
     X = np.where(coincide(source)[..., None, None], 0.0, source - source_middle)
     Y = np.where(coincide(target)[..., None, None], 0.0, target - target_middle)
     R, scale = _scaled_rotation(X, Y)
-    translation = (target_middle - scale[..., None, None] * (R @ source_middle))[..., 0]
+    moved_middle = scale[..., None, None] * (R @ source_middle)
+    translation = (target_middle - moved_middle)[..., 0]
     return Similarity(scale, R, translation)
 
 
-def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Floats:
-    """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean over j of that
-    distance.
+def similarity_errors(
+    estimate: Floats, truth: Floats, min_landmarks: int = 3
+) -> Floats:
+    """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean distance over j.
 
     estimate e and truth x (n, 3, p) -> (n,). Landmarks that are not finite on one side
-    do not count; nan where fewer than `fewest` do.
+    do not count; nan where fewer than `min_landmarks` do.
     """
     finite: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
     count = finite.sum(axis=1)
-    first = (
-        finite.argmax(axis=1)[:, None, None]
-        if finite.size
-        else np.zeros((len(truth), 1, 1), int)
-    )
-    centre = []
-    for points in (estimate, truth):
-        filled = np.where(
-            finite[:, None], points, np.take_along_axis(points, first, axis=2)
-        )
-        centre.append(
-            np.where(coincide(filled)[:, None, None], 0.0, centred(filled, finite))
-        )
-    e, x = centre
+    e = _centred_unless_one(estimate, finite)
+    x = _centred_unless_one(truth, finite)
     R, scale = _scaled_rotation(e, x)
-    distance = np.sqrt(((scale[:, None, None] * (R @ e) - x) ** 2).sum(axis=1))
-    return np.where(
-        count >= fewest, distance.sum(axis=1) / np.maximum(count, 1), np.nan
+    residual = scale[:, None, None] * (R @ e) - x
+    distance = np.sqrt((residual**2).sum(axis=1))
+    mean = distance.sum(axis=1) / np.maximum(count, 1)
+    return np.where(count >= min_landmarks, mean, np.nan)
+
+
+def _centred_unless_one(points: Floats, finite: Flags) -> Floats:
+    """Points (n, d, p) less the mean of the finite ones; 0 where these coincide."""
+    if finite.size:
+        first = finite.argmax(axis=1)[:, None, None]
+    else:
+        first = np.zeros((len(points), 1, 1), int)
+    # a point that does not count lies where the first one does that counts
+    filled = np.where(
+        finite[:, None], points, np.take_along_axis(points, first, axis=2)
     )
+    is_one_point = coincide(filled)[:, None, None]
+    return np.where(is_one_point, 0.0, centred(filled, finite))
 
 
 def coincide(points: Floats) -> Flags:
-    """Tell where all points of (..., d, p) are one point, up to rounding, or none;
-    shape (...).
-    """
+    """Tell where all points of (..., d, p) are one, up to rounding, or none: (...)."""
     if points.shape[-1] == 0:
         return np.ones(points.shape[:-2], dtype=np.bool_)
     extent = np.ptp(points, axis=-1).max(axis=-1)
@@ -118,25 +119,23 @@ def coincide(points: Floats) -> Flags:
 
 
 def centred(points: Floats, finite: Flags) -> Floats:
-    """Points (n, d, p) less the mean of the finite ones (n, p); 0 where they are
-    not.
-    """
+    """Points (n, d, p) less the mean of the finite ones (n, p), 0 for the others."""
     points = np.where(finite[:, None], points, 0.0)
-    mean = (
-        points.sum(axis=-1, keepdims=True)
-        / np.maximum(finite.sum(axis=-1), 1)[:, None, None]
-    )
+    count = np.maximum(finite.sum(axis=-1), 1)
+    mean = points.sum(axis=-1, keepdims=True) / count[:, None, None]
     return np.where(finite[:, None], points - mean, 0.0)
 
 
 def _scaled_rotation(X: Floats, Y: Floats) -> tuple[Floats, Floats]:
-    """argmin ||s R X - Y||_F of centred points (..., 3, p): R (..., 3, 3), s (1 where X
-    = 0).
+    """argmin ||s R X - Y||_F of centred points (..., 3, p): R (..., 3, 3) and s (...).
+
+    s is 1 where X = 0.
     """
     R = rotation_onto(X, Y)
     size = (X**2).sum(axis=(-2, -1))
     overlap = ((R @ X) * Y).sum(axis=(-2, -1))
-    return R, np.divide(overlap, size, out=np.ones_like(size), where=size != 0)
+    scale = np.divide(overlap, size, out=np.ones_like(size), where=size != 0)
+    return R, scale
 
 
 def generalised_procrustes(
@@ -153,29 +152,31 @@ def generalised_procrustes(
     most `tolerance` of its norm. The first mean is the first shape, and the answer is
     given in its frame (rotations[0] = I). Source: Gower 1975.
     """
-    chosen = choose(shapes, landmarks)
-    mean, converged, rounds = chosen[0], False, 0
+    chosen = choose_landmarks(shapes, landmarks)
+    mean = chosen[0]
+    converged = False
+    rounds = 0
     while not converged and rounds < max_rounds:
         rounds += 1
         R = rotation_onto(chosen, mean)
-        previous, mean = mean, np.einsum("jab,jbp->ap", R, chosen) / len(chosen)
-        converged = bool(
-            np.linalg.norm(mean - previous) <= tolerance * np.linalg.norm(previous)
-        )
+        previous = mean
+        mean = np.einsum("jab,jbp->ap", R, chosen) / len(chosen)
+        change = np.linalg.norm(mean - previous)
+        converged = bool(change <= tolerance * np.linalg.norm(previous))
     R = R[0].T @ R
     R[0] = np.eye(3)
     aligned = R @ shapes
     return Alignment(aligned, aligned.mean(axis=0), R, rounds, converged)
 
 
-def choose(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:
-    """Return the given landmarks (None: all) of shapes (..., 3, p), centred."""
+def choose_landmarks(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:
+    """Return these landmarks (None: all) of shapes (..., 3, p), centred."""
     chosen = shapes if landmarks is None else shapes[..., list(landmarks)]
     centred: Floats = chosen - chosen.mean(axis=-1, keepdims=True)
     return centred
 
 
-def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
+def mirror(shapes: Floats, mirror_index: MirrorIndex, lateral: int = 0) -> Floats:
     """F S P: negate the lateral coordinate and exchange each point with its partner.
 
     shapes (..., 3, p) in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0,
@@ -187,11 +188,12 @@ def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
     return mirrored
 
 
-def lateral_axis(shapes: Floats, mirror_index: Indices) -> int:
-    """argmax_a sum over points of (x_a - x_a of the partner)^2: where left and right
-    lie apart.
+def lateral_axis(shapes: Floats, mirror_index: MirrorIndex) -> int:
+    """Return the axis along which left and right lie apart: 0, 1 or 2.
 
-    shapes (..., 3, p) in frames that share their lateral axis -> 0, 1 or 2.
+    argmax_a sum over points of (x_a - x_a of the partner)^2. shapes (..., 3, p) are in
+    frames that share their lateral axis.
     """
     difference = shapes - shapes[..., mirror_index]
-    return int((difference**2).sum(axis=-1).reshape(-1, 3).sum(axis=0).argmax())
+    squares = (difference**2).sum(axis=-1).reshape(-1, 3)
+    return int(squares.sum(axis=0).argmax())

@@ -1,6 +1,4 @@
-"""Rotations: nearest, completed from two rows, random, about an axis, and the angle
-between.
-"""
+"""Rotations: nearest, completed from two rows, random, about an axis; their angle."""
 
 from __future__ import annotations
 
@@ -8,7 +6,7 @@ import numpy as np
 
 from shapefit.arrays import Floats
 
-OPPOSITE = 1e-9
+OPPOSITE_BELOW = 1e-9
 """1 + cosine of directions between which there is no shortest rotation."""
 
 
@@ -40,10 +38,9 @@ def nearest_rows(rows: Floats) -> Floats:
 
 
 def random_rotations(n: int, rng: np.random.Generator) -> Floats:
-    """n rotations, uniform over SO(3) (unit quaternions of Gaussian direction); (n, 3,
-    3).
-    """
-    w, x, y, z = (q := rng.standard_normal((4, n))) / np.linalg.norm(q, axis=0)
+    """n rotations (n, 3, 3), uniform over SO(3): quaternions of Gaussian direction."""
+    q = rng.standard_normal((4, n))
+    w, x, y, z = q / np.linalg.norm(q, axis=0)
     entries = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
@@ -53,10 +50,9 @@ def random_rotations(n: int, rng: np.random.Generator) -> Floats:
 
 
 def rotation_about(axis: Floats, angles: Floats) -> Floats:
-    """R = I + sin(a) [u]_x + (1 - cos(a)) [u]_x^2 (Rodrigues); axis (3,), angles in
-    rad.
+    """R = I + sin(a) [u]_x + (1 - cos(a)) [u]_x^2 (Rodrigues).
 
-    angles (...) -> (..., 3, 3).
+    axis (3,), angles (...) in radians -> (..., 3, 3).
     """
     x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -66,37 +62,40 @@ def rotation_about(axis: Floats, angles: Floats) -> Floats:
 
 
 def rotation_about_axis(axis: int, angles: Floats) -> Floats:
-    """Return the rotations (..., 3, 3) by angles (...), in radians, about x, y or z (0,
-    1, 2).
-    """
+    """Return the rotations (..., 3, 3) by angles (...) in radians about axis 0 to 2."""
     return rotation_about(np.eye(3)[axis], angles)
 
 
 def exponential(turns: Floats) -> Floats:
-    """R = exp([omega]_x) of turns omega (..., 3), in radians: (..., 3, 3)
-    (Rodrigues).
-    """
+    """R = exp([omega]_x) of turns omega (..., 3) in radians: (..., 3, 3)."""
     angle = np.linalg.norm(turns, axis=-1)[..., None, None]
-    K = np.cross(turns[..., None, :], np.eye(3)).swapaxes(-1, -2)
+    K = _cross_matrix(turns)
     # np.sinc(x) = sin(pi x) / (pi x), finite at 0
-    R: Floats = (
-        np.eye(3)
-        + np.sinc(angle / np.pi) * K
-        + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * K @ K
-    )
+    first = np.sinc(angle / np.pi)
+    half_second = np.sinc(angle / (2 * np.pi))
+    R: Floats = np.eye(3) + first * K + 0.5 * half_second**2 * K @ K
     return R
 
 
+def _cross_matrix(vectors: Floats) -> Floats:
+    """[v]_x of vectors (..., 3): the matrices (..., 3, 3) with [v]_x a = v x a."""
+    return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)
+
+
 def shortest_rotations(start: Floats, ends: Floats) -> Floats:
-    """R = I + K + K^2 / (1 + cos), K = [start x end]_x: (3,), (f, 3), unit -> (f, 3,
-    3).
+    """R = I + K + K^2 / (1 + cos), K = [start x end]_x.
+
+    Unit vectors start (3,) and ends (f, 3) -> (f, 3, 3). Between opposite ones it is
+    half a turn about some axis across them.
     """
     cosine = ends @ start
-    K = np.cross(np.cross(start, ends)[:, None, :], np.eye(3)).swapaxes(-1, -2)
-    R = np.eye(3) + K + K @ K / np.maximum(1 + cosine, OPPOSITE)[:, None, None]
+    K = _cross_matrix(np.cross(start, ends))
+    divisor = np.maximum(1 + cosine, OPPOSITE_BELOW)[:, None, None]
+    R = np.eye(3) + K + K @ K / divisor
     across = np.eye(3)[np.abs(start).argmin()]
     axis = across - (across @ start) * start
-    R[1 + cosine < OPPOSITE] = 2 * np.outer(axis, axis) / (axis @ axis) - np.eye(3)
+    half_turn = 2 * np.outer(axis, axis) / (axis @ axis) - np.eye(3)
+    R[1 + cosine < OPPOSITE_BELOW] = half_turn
     return R
 
 
@@ -107,5 +106,6 @@ def rotation_angle(first: Floats, second: Floats) -> Floats:
     angles.
     """
     distance = np.linalg.norm(first - second, axis=(-2, -1))
-    degrees: Floats = np.degrees(2 * np.arcsin(np.clip(distance / np.sqrt(8), 0, 1)))
-    return degrees
+    sine_of_half = np.clip(distance / np.sqrt(8), 0, 1)
+    angle: Floats = np.degrees(2 * np.arcsin(sine_of_half))
+    return angle

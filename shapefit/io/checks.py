@@ -8,7 +8,7 @@ import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import InputError, counted, input_error
-from shapefit.geometry.normalisation import LARGEST
+from shapefit.geometry.normalisation import MAX_COORDINATE
 from shapefit.records.items import Items
 from shapefit.records.landmarks import Landmarks
 from shapefit.records.shapes import Shapes
@@ -68,8 +68,8 @@ def check_finite(
     That is NaN, infinite, or so large that its square is. With `gaps` NaN is an unknown
     landmark; points without names of landmarks are vertices.
     """
-    fix = f"write a finite number, at most {LARGEST:g}, or leave the item out"
-    bad = ~(np.abs(points) <= LARGEST) & ~(gaps & np.isnan(points))
+    fix = f"write a finite number, at most {MAX_COORDINATE:g}, or leave the item out"
+    bad = ~(np.abs(points) <= MAX_COORDINATE) & ~(gaps & np.isnan(points))
     _refuse(place, name, points, bad, names, fix)
 
 

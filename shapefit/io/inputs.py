@@ -11,10 +11,10 @@ import stat
 import sys
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import nullcontext, suppress
 from functools import partial
+from io import BytesIO
 from pathlib import Path
-from typing import IO, cast
 
 from shapefit.errors import InputError, input_error
 
@@ -27,6 +27,9 @@ BLOCK_BYTES = 1 << 16
 """Of text that are read at a time; larger blocks leave the processor's cache and take
 longer.
 """
+
+WHOLE_BLOCK_BYTES = 1 << 20
+"""Of a file that is read whole: memory is asked for at each."""
 
 LARGEST_BYTES = 1 << 30
 """Of a file that is read whole."""
@@ -127,67 +130,56 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
 
     Raises InputError where there are none, and where they are HDF5.
     """
-    name = source_name(path)
-    with nullcontext(sys.stdin.buffer) if is_stream(path) else _open_text(path) as file:
-        block = file.read(BLOCK_BYTES)
-        if not block:
-            raise input_error(
-                name, "is empty (0 bytes)", "write a CSV with a header line"
-            )
-        if block.startswith(HDF5_SIGNATURE):
-            fault = "is HDF5, which cannot come through a pipe"
-            raise input_error(name, fault, "name the file itself, or send CSV")
-        yield block
-        size = len(block)
-        for block in iter(partial(file.read, BLOCK_BYTES), b""):
-            size += len(block)
-            _check_growth(path, size)
-            yield block
-
-
-def _check_growth(path: Path, size: int) -> None:
-    """Raise InputError where a file of text is packed, and holds too many bytes for
-    that.
-    """
-    if size > ALWAYS_FITS and _is_packed(path):
-        check_unpacked(path, size, path.stat().st_size)
-
-
-def _is_packed(path: Path) -> bool:
-    """Whether a file was made smaller by gzip; pipes are left alone."""
-    return path.is_file() and read_head(path, 2) == GZIP_SIGNATURE
+    name, blocks = source_name(path), _read_blocks(path, BLOCK_BYTES)
+    first = next(blocks, b"")
+    if not first:
+        raise input_error(name, "is empty (0 bytes)", "write a CSV with a header line")
+    if first.startswith(HDF5_SIGNATURE):
+        fault = "is HDF5, which cannot come through a pipe"
+        raise input_error(name, fault, "name the file itself, or send CSV")
+    yield first
+    yield from blocks
 
 
 def read_whole(path: Path) -> bytes:
     """Return the bytes of a file of text. Raises InputError where it is too large for
     that.
     """
-    largest = LARGEST_BYTES
-    packed = _is_packed(path)
-    if packed:
-        largest = min(largest, most_unpacked(path.stat().st_size))
-    with _open_text(path) as file:
-        text = file.read(largest + 1)
-    if packed and len(text) > largest:
-        check_unpacked(path, len(text), path.stat().st_size)
-    if len(text) > LARGEST_BYTES:
-        fault = (
-            f"holds more than {in_words(LARGEST_BYTES)} of text, and it is read whole"
-        )
-        raise input_error(path, fault, "divide it into smaller files")
-    return text
+    text = BytesIO()
+    for block in _read_blocks(path, WHOLE_BLOCK_BYTES):
+        text.write(block)
+        check_fits(str(path), text.tell())
+        if text.tell() > LARGEST_BYTES:
+            largest = in_words(LARGEST_BYTES)
+            fault = f"holds more than {largest} of text, and it is read whole"
+            raise input_error(path, fault, "divide it into smaller files")
+    return text.getvalue()
 
 
-@contextmanager
-def _open_text(path: Path) -> Iterator[IO[bytes]]:
-    """Open the bytes of a file of text, also of one that gzip made smaller."""
-    packed = _is_packed(path)
-    with cast(IO[bytes], gzip.open(path)) if packed else path.open("rb") as file:
+def _read_blocks(path: Path, block_bytes: int) -> Iterator[bytes]:
+    """Yield the bytes of a text, block by block, also of one that gzip made smaller.
+
+    Raises InputError for text that cannot be unpacked, and at the place where it has
+    become too large for the bytes that were read of its file.
+    """
+    with nullcontext(sys.stdin.buffer) if is_stream(path) else path.open("rb") as file:
+        if not _is_packed(path):
+            yield from iter(partial(file.read, block_bytes), b"")
+            return
+        size, unpacked = 0, gzip.GzipFile(fileobj=file)
         try:
-            yield file
+            for block in iter(partial(unpacked.read, block_bytes), b""):
+                size += len(block)
+                check_unpacked(path, size, file.tell())
+                yield block
         except (gzip.BadGzipFile, EOFError, zlib.error) as error:
             fix = "the file may be cut off or damaged: copy or make it again"
             raise input_error(path, f"cannot be unpacked ({error})", fix) from error
+
+
+def _is_packed(path: Path) -> bool:
+    """Whether a file was made smaller by gzip; pipes are left alone."""
+    return path.is_file() and read_head(path, 2) == GZIP_SIGNATURE
 
 
 def check_fits(place: str, size: int, what: str = "it") -> None:
@@ -205,18 +197,12 @@ def check_fits(place: str, size: int, what: str = "it") -> None:
 
 
 def check_unpacked(place: str | Path, size: int, packed: int) -> None:
-    """Raise InputError at `place` where a compressed file holds too many bytes for its
-    own.
+    """Raise InputError at `place` where `packed` bytes of a compressed file hold too
+    many.
     """
-    if size > most_unpacked(packed):
-        fault = f"of {in_words(packed)} become {in_words(size)} or more"
+    if size > max(ALWAYS_FITS, MOST_INFLATED * packed):
+        fault = f"{in_words(packed)} of it become {in_words(size)} or more"
         raise input_error(place, fault, "unpack it, and name what was in it")
-    check_fits(str(place), size)
-
-
-def most_unpacked(packed: int) -> int:
-    """Return how many bytes a compressed file of so many may hold."""
-    return max(ALWAYS_FITS, MOST_INFLATED * packed)
 
 
 def free_memory() -> int:

@@ -131,6 +131,9 @@ UNREAD = (
     ),
     Unread("a mesh (OFF)", SHAPES_OF_MESH, _named(".off")),
     Unread("an FBX file", "export BVH", _named(".fbx")),
+    Unread("a motion of Xsens (MVNX)", "export C3D or BVH", _has_lines(r"<mvnx\b")),
+    Unread("XML of CVAT", AS_COCO, _has_lines(r"<annotations>", r"<meta>")),
+    Unread("XML", AS_TABLE, _begins(b"<?xml", b"\xef\xbb\xbf<?xml")),
     Unread(
         "a spreadsheet",
         AS_CSV,

@@ -25,22 +25,21 @@ def find_consensus(
     max_rounds: int,
     threads: int = 0,
 ) -> NDArray[np.bool_]:
-    """Landmarks (n, p) that agree with a weak perspective pose of the shape, the
-    inliers.
+    """Return the inliers (n, p): landmarks that agree with one pose of the shape.
 
-    landmarks (n, 2, p) in any unit; weights (n, p), 0 = hidden; shape (3, p), such as
-    the mean shape; seeds (n,), on which alone the draws of an image depend. A landmark
-    agrees where its residual is at most threshold times the size of the posed shape.
-    Poses of `draws` random triples compete; each that takes the lead is fitted to its
-    inliers, and these are judged again, `max_rounds` times at most. An image has no
-    inliers where no triple determines a pose.
+    Poses are those of weak perspective. landmarks (n, 2, p) in any unit; weights (n,
+    p), 0 = hidden; shape (3, p), such as the mean shape; seeds (n,), on which alone the
+    draws of an image depend. A landmark agrees where its residual is at most threshold
+    times the size of the posed shape. Poses of `draws` random triples compete; each
+    that takes the lead is fitted to its inliers, and these are judged again,
+    `max_rounds` times at most. An image has no inliers where no triple determines a
+    pose.
     """
     n, _, p = landmarks.shape
     visible = weights > 0
     square = weights**2
-    mean = square.sum(axis=1, keepdims=True) / np.maximum(
-        visible.sum(axis=1, keepdims=True), 1
-    )
+    count = np.maximum(visible.sum(axis=1, keepdims=True), 1)
+    mean = square.sum(axis=1, keepdims=True) / count
     square = np.divide(square, mean, out=np.zeros_like(square), where=visible)
     inliers = np.zeros((n, p), dtype=bool)
     core.find_consensus(

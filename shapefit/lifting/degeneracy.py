@@ -5,59 +5,77 @@ from __future__ import annotations
 import numpy as np
 
 from shapefit.arrays import Flags, Floats
-from shapefit.geometry.normalisation import LARGEST, SMALLEST, Normalised, normalise
+from shapefit.geometry.normalisation import (
+    MAX_COORDINATE,
+    MIN_EXTENT,
+    Normalised,
+    normalise,
+)
 
-FEWEST = 3
-BEYOND_CHANCE = FEWEST + 1
-"""Landmarks that must agree with each other to count as inliers: some shape fits any
-three.
+MIN_VISIBLE_LANDMARKS = 3
+"""Of an image that is lifted."""
+
+BEYOND_CHANCE = MIN_VISIBLE_LANDMARKS + 1
+"""Landmarks that must agree to count as inliers: some shape fits any three."""
+
+MIN_SINGULAR_VALUE = 1e-9
+"""Second singular value of landmarks, beside the first, down to which they lie on a
+line.
 """
 
-FLAT = 1e-9
-"""Landmarks lie on a line where their second singular value is this small beside the
-first.
-"""
+# Most images are far from degenerate by three quick rules; the others are looked at.
 
-WIDE, SMALL, LARGE = 1e-3, 1e-100, 1e100
-"""Landmarks whose singular values have at least this share of the sum of their squares
-as their product are far from any line, and such sizes far within the bounds of
-normalisation: of those nobody need look closer.
-"""
+FAR_FROM_A_LINE = 1e-3
+"""Product of the singular values, as a share of the sum of their squares."""
+
+FAR_FROM_TOO_SMALL = 1e-100
+"""Scale of landmarks."""
+
+FAR_FROM_TOO_LARGE = 1e100
+"""Scale, and distance from the origin, of landmarks."""
 
 
 def normalise_visible(
     landmarks: Floats, weights: Floats
 ) -> tuple[Normalised, dict[int, str]]:
-    """(landmarks - centroid) / scale of what is seen, and the images where that means
-    nothing.
+    """(landmarks - centroid) / scale of what is seen, and where that means nothing.
 
     landmarks (n, 2, p), weights (n, p) with 0 = hidden. Images that find_degenerate
     names have the points 0, and centroid and scale nan.
     """
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # find_degenerate names what is too large
+    # find_degenerate names what is too large
+    with np.errstate(over="ignore", invalid="ignore"):
         norm = normalise(landmarks, weights > 0)
-        # the product of the singular values of two rows is the root of their Gram
-        # determinant
-        x, y = norm.points[:, 0], norm.points[:, 1]
-        xx, yy, xy = (np.einsum("np,np->n", *rows) for rows in ((x, x), (y, y), (x, y)))
-        plain = xx * yy - xy**2 > (WIDE * (xx + yy)) ** 2
-        plain &= np.abs(norm.centroid).max(axis=1) < LARGE
-        plain &= (norm.scale > SMALL) & (norm.scale < LARGE)
-    doubtful = np.flatnonzero(~plain)
+        doubtful = np.flatnonzero(~_far_from_degenerate(norm))
     degenerate = find_degenerate(landmarks[doubtful], weights[doubtful])
-    failures = {int(doubtful[row]): why for row, why in degenerate.items()}
+    failures = {int(doubtful[row]): reason for row, reason in degenerate.items()}
     failed = list(failures)
-    norm.points[failed], norm.centroid[failed], norm.scale[failed] = 0.0, np.nan, np.nan
+    norm.points[failed] = 0.0
+    norm.centroid[failed] = np.nan
+    norm.scale[failed] = np.nan
     return norm, failures
 
 
-def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
-    """Images whose visible landmarks do not span the image plane in float64, with the
-    reason.
+def _far_from_degenerate(norm: Normalised) -> Flags:
+    """Whether the landmarks of each image (n,) need no closer look."""
+    x = norm.points[:, 0]
+    y = norm.points[:, 1]
+    xx = np.einsum("np,np->n", x, x)
+    yy = np.einsum("np,np->n", y, y)
+    xy = np.einsum("np,np->n", x, y)
+    # the product of the singular values of two rows is the root of their Gram
+    # determinant
+    is_fine = xx * yy - xy**2 > (FAR_FROM_A_LINE * (xx + yy)) ** 2
+    is_fine &= np.abs(norm.centroid).max(axis=1) < FAR_FROM_TOO_LARGE
+    is_fine &= norm.scale > FAR_FROM_TOO_SMALL
+    is_fine &= norm.scale < FAR_FROM_TOO_LARGE
+    return np.asarray(is_fine)
 
-    landmarks (n, 2, p), weights (n, p) with 0 = hidden.
+
+def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
+    """Return images whose visible landmarks do not span the image plane, and why.
+
+    In float64. landmarks (n, 2, p), weights (n, p) with 0 = hidden.
     """
     visible: Flags = np.asarray(weights > 0)
     count = visible.sum(axis=1)
@@ -66,27 +84,34 @@ def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
     points = points / np.where(size > 0, size, 1.0)[:, None, None]
     mean = points.sum(axis=2) / np.maximum(count, 1)[:, None]
     centred = np.where(visible[:, None, :], points - mean[..., None], 0.0)
-    extent = np.minimum(size, LARGEST) * np.abs(centred).max(axis=(1, 2), initial=0.0)
+    widest = np.abs(centred).max(axis=(1, 2), initial=0.0)
+    extent = np.minimum(size, MAX_COORDINATE) * widest
     s = np.linalg.svd(centred, compute_uv=False)
-    rules = (
-        (count == 0, "all landmarks are hidden"),
-        (count < FEWEST, "only {count} visible landmarks, {fewest} are needed"),
-        (s[:, 0] <= FLAT, "all visible landmarks are at one point"),
-        (s[:, 1] <= FLAT * s[:, 0], "all visible landmarks lie on one line"),
-        (size > LARGEST, "coordinates too large, up to {size:.2g}: use a larger unit"),
-        (
-            extent < SMALLEST,
-            "landmarks too close together, within {extent:.2g}: use a smaller unit",
-        ),
-    )
+    is_point = s[:, 0] <= MIN_SINGULAR_VALUE
+    is_line = s[:, 1] <= MIN_SINGULAR_VALUE * s[:, 0]
+    is_too_large = size > MAX_COORDINATE
+    is_too_small = extent < MIN_EXTENT
+    has_few = count < MIN_VISIBLE_LANDMARKS
+    is_degenerate = has_few | is_point | is_line | is_too_large | is_too_small
     reasons: dict[int, str] = {}
-    for holds, text in rules:
-        for i in np.flatnonzero(holds).tolist():
-            facts = {
-                "count": count[i],
-                "fewest": FEWEST,
-                "size": size[i],
-                "extent": extent[i],
-            }
-            reasons.setdefault(i, text.format(**facts))
-    return dict(sorted(reasons.items()))
+    for i in np.flatnonzero(is_degenerate).tolist():
+        if count[i] == 0:
+            reasons[i] = "all landmarks are hidden"
+        elif has_few[i]:
+            reasons[i] = (
+                f"only {count[i]} visible landmarks, {MIN_VISIBLE_LANDMARKS} are needed"
+            )
+        elif is_point[i]:
+            reasons[i] = "all visible landmarks are at one point"
+        elif is_line[i]:
+            reasons[i] = "all visible landmarks lie on one line"
+        elif is_too_large[i]:
+            reasons[i] = (
+                f"coordinates too large, up to {size[i]:.2g}: use a larger unit"
+            )
+        else:
+            reasons[i] = (
+                f"landmarks too close together, within {extent[i]:.2g}: use a smaller"
+                " unit"
+            )
+    return reasons

@@ -1,18 +1,16 @@
-"""Landmarks that are not lifted themselves: dependent ones, and those that a map left
-out.
+"""Landmarks that are not lifted: dependent ones, and those that a map left out.
 
 Dependent landmarks are seen from another and never move it: feet from ankles, as
 detectors often guess them.
 
-    y_a += K ((w_a - y_o) - (w_b - y_b)),    K = C_ao (C_oo + R)^-1,    R = v (I + 1
-                                             1^T)
+    y_a += K ((w_a - y_o) - (w_b - y_b)),
+    K = C_ao (C_oo + R)^-1,    R = v (I + 1 1^T)
 
 for the shape y of an image, lifted without the landmarks w_a: each is seen from the
 landmark b that it depends on, as the image has both. C is the covariance of y_a where
 all other landmarks are known, o are x and y, v is the residual variance. v I is the
 noise of each landmark, v 1 1^T that of the one on which several depend, in x and in y.
-The covariance of y becomes T C T^T + K R K^T for y
--> T y.
+The covariance of y becomes T C T^T + K R K^T for y -> T y.
 
 Where landmarks y = A x were lifted for joints x, other points of the same bodies are
 rows of weights r y:
@@ -30,18 +28,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats, Integers
-from shapefit.geometry.pinhole import project
-from shapefit.lifting.estimate import CORRELATION, PAIRS
+from shapefit.arrays import Flags, Floats, Indices, Integers
+from shapefit.geometry.pinhole import project_pinhole
+from shapefit.lifting.estimate import PAIRS, PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 
-UNSEEN = 1e9
+UNSEEN_VARIANCE = 1e9
 """Residual variance of what an image does not show."""
 
 
 class Points(NamedTuple):
-    """points (n, 3, q), their standard deviations (n, 3, q), correlations (n, 3, q) of
-    x with y, x with z, and y with z; None where the landmarks have no covariance.
+    """Points and what is known of their errors.
+
+    points (n, 3, q), their standard deviations (n, 3, q), correlations (n, 3, q) of x
+    with y, x with z, and y with z; None where the landmarks have no covariance.
     """
 
     points: Floats
@@ -50,78 +50,105 @@ class Points(NamedTuple):
 
 
 def place_dependents(
-    lifting: Lifting,
+    lifting: Lifting[PosteriorEstimate],
     landmarks: Floats,
     shown: Flags,
     depends_on: Integers,
     residual_variance: float,
-) -> Lifting:
+) -> Lifting[PosteriorEstimate]:
     """Return a lifting with covariances whose dependent landmarks are where images say.
 
     landmarks (n, 2, p) as observed, which of them (n, p) are; depends_on (p,), the
     landmark that each depends on, -1 for none; residual_variance, that of landmarks in
     the unit of shapes.
     """
-    C, p, scale = (
-        lifting.estimate.covariance,
-        len(depends_on),
-        lifting.scale[:, None, None],
-    )
+    C = lifting.estimate.covariance
     assert C is not None, "the plan asks for it"
-    a, b = np.flatnonzero(depends_on >= 0), depends_on[depends_on >= 0]
-    every, o = np.concatenate([a, p + a, 2 * p + a]), np.concatenate([a, p + a])
-    on, q = np.concatenate([b, p + b]), len(o)
-    rest = np.setdiff1d(np.arange(3 * p), every)
+    p = len(depends_on)
+    a = np.flatnonzero(depends_on >= 0)
+    b = depends_on[a]
+    scale = lifting.scale[:, None, None]
+    is_seen = np.tile(shown[:, a] & shown[:, b], 2)
+    R = _noise_of_differences(is_seen, np.concatenate([b, p + b]), residual_variance)
+    K = _gain(C, R, np.concatenate([a, p + a, 2 * p + a]))
     residual = (landmarks - lifting.landmarks_fitted) / scale
-    visible = np.tile(shown[:, a] & shown[:, b], 2)
-    r = np.where(
-        visible, (residual[..., a] - residual[..., b]).reshape(visible.shape), 0.0
-    )
-    # of differences: those on one landmark share its noise, and what is not shown has
-    # much
-    shared = visible[:, :, None] & visible[:, None] & (on[:, None] == on)
-    R = np.where(visible, residual_variance, UNSEEN)[:, :, None] * np.eye(q)
-    R += np.where(shared, residual_variance, 0.0)
-    given = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
-    across = C[:, every][:, :, rest]
-    conditional = C[:, every][:, :, every] - across @ np.linalg.solve(
-        given, across.swapaxes(1, 2)
-    )
-    K = conditional[:, :, :q] @ np.linalg.inv(conditional[:, :q, :q] + R)
-    T = np.tile(np.eye(3 * p), (len(C), 1, 1))
-    for column, (landmark, other) in enumerate(zip(o, on, strict=True)):
-        T[:, every, landmark] -= K[..., column]
-        T[:, every, other] += K[..., column]
-    C = T @ C @ T.swapaxes(1, 2)
-    C[:, every[:, None], every] += K @ R @ K.swapaxes(1, 2)
+    difference = residual[..., a] - residual[..., b]
+    r = np.where(is_seen, difference.reshape(is_seen.shape), 0.0)
     step = np.zeros((len(C), 3, p))
     step[..., a] = (K @ r[..., None]).reshape(len(C), 3, -1)
     shapes = lifting.shapes + scale * step
-    fitted, view = shapes[:, :2], lifting.perspective
+    fitted = shapes[:, :2]
+    view = lifting.perspective
     if view is not None:
         about = shapes.copy()
         about[:, :2] -= lifting.translation[..., None]
-        fitted = project(view.camera, about / scale + view.translation[..., None])
+        in_space = about / scale + view.translation[..., None]
+        fitted = project_pinhole(view.camera, in_space)
     estimate = replace(
-        lifting.estimate, shapes=lifting.estimate.shapes + step, covariance=C
+        lifting.estimate,
+        shapes=lifting.estimate.shapes + step,
+        covariance=_covariance_of_placed(C, K, R, a, b),
     )
     return replace(lifting, shapes=shapes, landmarks_fitted=fitted, estimate=estimate)
+
+
+def _noise_of_differences(
+    is_seen: Flags, others: Integers, residual_variance: float
+) -> Floats:
+    """Return R (n, q, q) of differences of landmarks from the `others` (q,).
+
+    Those from one landmark share its noise, and what is not seen (n, q) has much.
+    """
+    of_each = np.where(is_seen, residual_variance, UNSEEN_VARIANCE)
+    both_seen = is_seen[:, :, None] & is_seen[:, None]
+    is_shared = both_seen & (others[:, None] == others)
+    R: Floats = of_each[:, :, None] * np.eye(len(others))
+    R += np.where(is_shared, residual_variance, 0.0)
+    return R
+
+
+def _gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
+    """Return K (n, 3a, q): x, y and z of dependent landmarks by their x and y."""
+    q = R.shape[1]
+    rest = np.setdiff1d(np.arange(C.shape[1]), dependent)
+    known = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
+    across = C[:, dependent][:, :, rest]
+    explained = across @ np.linalg.solve(known, across.swapaxes(1, 2))
+    conditional = C[:, dependent][:, :, dependent] - explained
+    K: Floats = conditional[:, :, :q] @ np.linalg.inv(conditional[:, :q, :q] + R)
+    return K
+
+
+def _covariance_of_placed(
+    C: Floats, K: Floats, R: Floats, a: Indices, b: Integers
+) -> Floats:
+    """Return T C T^T + K R K^T of landmarks `a`, placed from landmarks `b`."""
+    p = C.shape[1] // 3
+    dependent = np.concatenate([a, p + a, 2 * p + a])
+    own = np.concatenate([a, p + a])
+    others = np.concatenate([b, p + b])
+    T = np.tile(np.eye(3 * p), (len(C), 1, 1))
+    for column, (landmark, other) in enumerate(zip(own, others, strict=True)):
+        T[:, dependent, landmark] -= K[..., column]
+        T[:, dependent, other] += K[..., column]
+    placed: Floats = T @ C @ T.swapaxes(1, 2)
+    placed[:, dependent[:, None], dependent] += K @ R @ K.swapaxes(1, 2)
+    return placed
 
 
 def see_rows(
     rows: Floats, shapes: Floats, covariance: Floats | None, sd: Floats | float = 0.0
 ) -> Points:
-    """Combine the landmarks of shapes (n, 3, p) by rows of weights (q, p), covariances
-    likewise.
+    """Combine the landmarks of shapes (n, 3, p) by rows of weights (q, p).
 
-    They have a variance of their own besides, that of the standard deviations `sd`
-    (q,).
+    Their covariances likewise. They have a variance of their own besides, that of the
+    standard deviations `sd` (q,).
     """
     points = shapes @ rows.T
     if covariance is None:
         return Points(points, None, None)
-    n, p = len(shapes), rows.shape[1]
-    blocks = covariance.reshape(n, 3, p, 3, p)
+    p = rows.shape[1]
+    blocks = covariance.reshape(len(shapes), 3, p, 3, p)
 
     def combined(a: int, b: int) -> Floats:
         block: Floats = np.einsum(
@@ -132,36 +159,33 @@ def see_rows(
     variance = np.maximum(np.stack([combined(a, a) for a in range(3)], axis=1), 0.0)
     deviation: Floats = np.sqrt(variance + np.square(sd))
     with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = np.stack(
-            [combined(a, b) / (deviation[:, a] * deviation[:, b]) for a, b in PAIRS],
-            axis=1,
-        )
+        of_pairs = [
+            combined(a, b) / (deviation[:, a] * deviation[:, b]) for a, b in PAIRS
+        ]
+    correlation = np.stack(of_pairs, axis=1)
     return Points(points, deviation, np.nan_to_num(correlation))
 
 
-def as_joints(lifting: Lifting, A: Floats) -> Lifting:
-    """Return a lifting of landmarks y = A x with the joints x as its shapes, and their
-    error bars.
+def as_joints(
+    lifting: Lifting[PosteriorEstimate], A: Floats
+) -> Lifting[PosteriorEstimate]:
+    """Return a lifting of landmarks y = A x with the joints x as its shapes.
 
-    The landmarks fitted stay those of y. Shapes stay about the middle that those of y
-    have.
+    Error bars are theirs, too. The landmarks fitted stay those of y. Shapes stay about
+    the middle that those of y have.
     """
     back = np.asarray(np.linalg.inv(A), dtype=np.float64)
     estimate = lifting.estimate
     joints = see_rows(back, estimate.shapes, estimate.covariance)
-    covariance, further = None, dict(estimate.further)
+    estimate = replace(estimate, shapes=joints.points)
+    if joints.deviation is not None and joints.correlation is not None:
+        estimate = replace(
+            estimate,
+            deviation=joints.deviation,
+            correlation=joints.correlation.astype(np.float32),
+        )
     if estimate.covariance is not None:
         every = np.kron(np.eye(3), back)
         covariance = every @ estimate.covariance @ every.T
-    if joints.correlation is not None:
-        further[CORRELATION] = joints.correlation.swapaxes(1, 2).astype(np.float32)
-    estimate = replace(
-        estimate,
-        shapes=joints.points,
-        deviation=(
-            joints.deviation if joints.deviation is not None else estimate.deviation
-        ),
-        covariance=covariance,
-        further=further,
-    )
+        estimate = replace(estimate, covariance=covariance)
     return replace(lifting, shapes=lifting.shapes @ back.T, estimate=estimate)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Flags, Floats, Integers, Singles
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Solution, Status
 from shapefit.convex.transforms import Transforms
@@ -17,11 +17,6 @@ from shapefit.convex.transforms import Transforms
 if TYPE_CHECKING:
     from shapefit.lifting.posterior.posterior import Modes as PosteriorModes
 
-
-CORRELATION = "shape_correlation"
-"""Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each
-landmark.
-"""
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""
@@ -58,17 +53,12 @@ class Estimate:
     objective (n,), that of the method; residual (n,), ||Omega o (W - shapes - T
     1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,); status, a Status per image.
 
-    None where the method has no such thing: coefficients (n, k) and active_atoms (n,),
-    how many of them are not 0; transforms M; relative_gap (n,); tight (n,), as in
-    Reconstruction; outliers (n, p), the landmarks that a robust loss or a search before
-    the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y,
-    then z), how uncertain shapes + T are; posterior_modes of each image, from which
-    sequences are inferred; convex_proof, of the convex program that it is or starts
-    from; camera_translation (n, 3), of a method that looks through the camera of the
-    problem itself: then W is seen of shapes + camera_translation, both in the unit of
-    the dictionary, and T (n, 2) is where the middle of the shapes is seen. further:
-    what else a method knows, (n, ...) by the name of its dataset in the result, in the
-    unit that it is stored in.
+    outliers (n, p), the landmarks that a robust loss or a search before the fit set
+    aside, None without either; convex_proof, of the convex program that the method is
+    or starts from, None without one; camera_translation (n, 3), of a method that looks
+    through the camera of the problem itself: then W is seen of shapes +
+    camera_translation, both in the unit of the dictionary, and T (n, 2) is where the
+    middle of the shapes is seen.
     """
 
     shapes: Floats
@@ -76,20 +66,11 @@ class Estimate:
     rotation: Floats
     objective: Floats
     residual: Floats
-    iterations: NDArray[np.int64]
+    iterations: Integers
     status: tuple[Status, ...]
-    coefficients: Floats | None = None
-    active_atoms: NDArray[np.int64] | None = None
-    transforms: Transforms | None = None
-    relative_gap: Floats | None = None
-    tight: NDArray[np.bool_] | None = None
-    outliers: NDArray[np.bool_] | None = None
-    deviation: Floats | None = None
-    covariance: Floats | None = None
-    camera_translation: Floats | None = None
-    posterior_modes: PosteriorModes | None = None
+    outliers: Flags | None = None
     convex_proof: ConvexProof | None = None
-    further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    camera_translation: Floats | None = None
 
     def status_words(self) -> NDArray[np.object_]:
         """Return the words of all statuses (n,); to ask each one takes ten times as
@@ -98,24 +79,75 @@ class Estimate:
         words = {id(status): status.value for status in Status}
         return np.array([*map(words.__getitem__, map(id, self.status))], dtype=object)
 
+
+@dataclass(frozen=True, kw_only=True)
+class AtomEstimate(Estimate):
+    """What methods estimate that combine atoms, without a prior over shapes.
+
+    coefficients c (n, k); active_atoms (n,), how many of them are not 0; transforms M;
+    relative_gap (n,), of the method's objective; tight (n,), as in Reconstruction. None
+    where a method has no such thing.
+    """
+
+    coefficients: Floats | None = None
+    active_atoms: Integers | None = None
+    transforms: Transforms | None = None
+    relative_gap: Floats | None = None
+    tight: Flags | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosteriorEstimate(Estimate):
+    """What methods estimate that weigh landmarks against a prior over shapes.
+
+    deviation (n, 3, p), of the coordinates of shapes + T; correlation (n, 3, p), of
+    the `PAIRS` of coordinates of a landmark; covariance (n, 3p, 3p), all x, then y,
+    then z, None where nobody asked for it; log_evidence log p(w) (n,);
+    inlier_probability (n, p), nan where a landmark is not seen; squared_mahalanobis
+    (n,), of the landmarks from those expected. modes of each image, from which
+    sequences are inferred, None unless asked for.
+
+    p_value and start_distance (n,) are added by `with_p_value`; sequence_noise and
+    image_error (n,), and sides_exchanged (n,), by the inference of sequences.
+    image_error is in the unit of the landmarks.
+    """
+
+    deviation: Floats
+    correlation: Singles
+    log_evidence: Floats
+    inlier_probability: Floats
+    squared_mahalanobis: Floats
+    covariance: Floats | None = None
+    modes: PosteriorModes | None = None
+    p_value: Floats | None = None
+    start_distance: Floats | None = None
+    sequence_noise: Floats | None = None
+    image_error: Floats | None = None
+    sides_exchanged: Floats | None = None
+
     def in_unit(
         self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0
-    ) -> Estimate:
+    ) -> PosteriorEstimate:
         """Return the estimate in another unit: error bars times grow / shrink, (n, 1,
         1) or one.
 
         The unit is smaller by `grow`, or larger by `shrink`; variances change by the
         squares.
         """
-        deviation, covariance = self.deviation, self.covariance
-        return replace(
-            self,
-            deviation=None if deviation is None else grow * deviation / shrink,
-            covariance=None if covariance is None else grow**2 * covariance / shrink**2,
-        )
+        covariance = self.covariance
+        if covariance is not None:
+            covariance = grow**2 * covariance / shrink**2
+        deviation = grow * self.deviation / shrink
+        return replace(self, deviation=deviation, covariance=covariance)
 
 
-Estimator = Callable[[Problem], Estimate]
+Solve = Callable[[Problem], Solution]
+"""Solves the convex program of a problem."""
+
+E = TypeVar("E", bound=Estimate)
+
+Estimator = Callable[[Problem], E]
+"""Estimates the shapes of a problem."""
 
 
 class Placement(NamedTuple):

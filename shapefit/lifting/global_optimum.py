@@ -15,34 +15,57 @@ from shapefit import core
 from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status, read_statuses
-from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.methods import Settings
+from shapefit.lifting.estimate import AtomEstimate, Solve
+from shapefit.lifting.methods import STARTS
 from shapefit.lifting.shared_rotation import (
     alternate_from_mean,
-    describe,
+    describe_shapes,
     refine_convex,
 )
 
-MAX_CELLS, MAX_SECONDS = 200_000, 10.0
-"""The search of an image gives up after so many cells, or so many seconds."""
+MAX_SEARCH_CELLS = 200_000
+"""Tests of cells after which the search of an image gives up."""
+
+MAX_KEPT_NUMBERS = 2**27
+"""It gives up earlier where k and p are large: what it keeps of a rotation are
+8 k + 2 p numbers, of which a thread keeps at most so many, 1 GiB. There is no limit of
+time: results must not depend on what else the machine does.
+"""
 
 
-def find_global(problem: Problem, settings: Settings) -> Estimate:
+def find_global(
+    problem: Problem,
+    *,
+    solve: Solve,
+    mean_shape: Floats,
+    starts: int = STARTS,
+    tolerance: float = 1e-2,
+    threads: int = 0,
+) -> AtomEstimate:
     """Search all rotations, from the results of convex+refine and alternate on.
 
     So it is never above either of them. The iterations are cells; the gap is that to
     the bound.
     """
-    local = replace(settings, signed=False)
-    ends = [refine_convex(problem, local), alternate_from_mean(problem, local)]
+    refined = refine_convex(
+        problem, solve=solve, mean_shape=mean_shape, threads=threads
+    )
+    alternated = alternate_from_mean(
+        problem, mean_shape=mean_shape, starts=starts, threads=threads
+    )
     optimum = find_optimum(
         problem,
-        np.stack([end.rotation for end in ends], axis=1),
-        tolerance=settings.tolerance,
-        threads=settings.threads,
+        np.stack([refined.rotation, alternated.rotation], axis=1),
+        tolerance=tolerance,
+        threads=threads,
     )
-    coefficients, rotation = optimum.coefficients, optimum.rotation
-    estimate = describe(problem, coefficients, rotation, optimum.cells, optimum.status)
+    estimate = describe_shapes(
+        problem,
+        optimum.coefficients,
+        optimum.rotation,
+        iterations=optimum.cells,
+        status=optimum.status,
+    )
     return replace(estimate, relative_gap=optimum.relative_gap)
 
 
@@ -64,39 +87,67 @@ class GlobalOptimum(NamedTuple):
     status: tuple[Status, ...]
 
 
+class DroppedCells(NamedTuple):
+    """The first cells that the search of n images drops, by which the bound is checked.
+
+    number (n,); corners (n, d, 4, 4), unit quaternions (w, x, y, z); cuts (n, d): no
+    rotation of the cell has an objective below.
+    """
+
+    number: Integers
+    corners: Floats
+    cuts: Floats
+
+    @classmethod
+    def room(cls, n: int, d: int) -> DroppedCells:
+        """Return room for d cells of each of n images."""
+        return cls(np.zeros(n, np.int64), np.zeros((n, d, 4, 4)), np.zeros((n, d)))
+
+
+def limit_cells(k: int, p: int) -> int:
+    """Return after how many tests of cells a search with k atoms of p landmarks gives
+    up.
+    """
+    return min(MAX_SEARCH_CELLS, MAX_KEPT_NUMBERS // (8 * k + 2 * p))
+
+
 def find_optimum(
     problem: Problem,
     starts: Floats | None = None,
     *,
     tolerance: float = 1e-2,
-    max_cells: int = MAX_CELLS,
-    max_seconds: float = MAX_SECONDS,
+    max_cells: int | None = None,
     threads: int = 0,
+    dropped: DroppedCells | None = None,
 ) -> GlobalOptimum:
-    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over
-    all R.
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1.
 
-    (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0 and Rbar
-    Rbar^T = I. The optimum found is never above v at one of starts (n, s, 3, 3); a
-    start that is nan counts for nothing. Fewer than two visible landmarks are
-    DEGENERATE. Bound and search: docs/global.md. Raises ValueError for a loss other
-    than the squared one.
+    (Paper, eq. originalnoisy, with weights and translation.) Over all R, with Rbar
+    Rbar^T = I, and c >= 0. The optimum found is never above v at one of starts (n, s,
+    3, 3); a start that is nan counts for nothing. Fewer than two visible landmarks are
+    DEGENERATE. A search that has not ended after max_cells tests of cells, by default
+    `limit_cells`, goes on with looser gaps for as many again, and is an
+    ITERATION_LIMIT. The cells that it drops are written to `dropped`. Bound and search:
+    docs/global.md. Raises ValueError for a loss other than the squared one.
     """
     problem.require_squared("the search")
-    n, k = len(problem.landmarks), len(problem.atoms)
-    coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
+    n, _, p = problem.landmarks.shape
+    k = len(problem.atoms)
+    if starts is None:
+        starts = np.zeros((n, 0, 3, 3))
+    if max_cells is None:
+        max_cells = limit_cells(k, p)
+    if dropped is None:
+        dropped = DroppedCells.room(n, 0)
+    coefficients = np.zeros((n, k))
+    rotation = np.full((n, 3, 3), np.nan)
     objective, bound = np.full((2, n), np.nan)
     cells, vertices, codes = np.zeros((3, n), np.int64)
     core.find_optimum(
         **problem.arrays,
-        starts=(
-            np.zeros((n, 0, 3, 3))
-            if starts is None
-            else np.ascontiguousarray(starts, float)
-        ),
+        starts=np.ascontiguousarray(starts, float),
         tolerance=tolerance,
         most_cells=max_cells,
-        most_seconds=max_seconds,
         coefficients=coefficients,
         rotation=rotation,
         objective=objective,
@@ -104,9 +155,20 @@ def find_optimum(
         cells=cells,
         vertices=vertices,
         status=codes,
+        dropped=dropped.number,
+        corners=dropped.corners,
+        cuts=dropped.cuts,
         threads=threads,
     )
     rotation[~coefficients.any(axis=1)] = np.nan
-    gap = np.divide(objective - bound, objective, out=np.zeros(n), where=objective > 0)
-    status = read_statuses(codes)
-    return GlobalOptimum(coefficients, rotation, objective, bound, gap, cells, status)
+    gap = np.zeros(n)
+    np.divide(objective - bound, objective, out=gap, where=objective > 0)
+    return GlobalOptimum(
+        coefficients=coefficients,
+        rotation=rotation,
+        objective=objective,
+        bound=bound,
+        relative_gap=gap,
+        cells=cells,
+        status=read_statuses(codes),
+    )

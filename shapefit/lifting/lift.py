@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Generic, NamedTuple
 
 import numpy as np
 
@@ -14,9 +14,9 @@ from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status
 from shapefit.convex.transforms import Transforms, nuclear_norm
-from shapefit.geometry.pinhole import project
+from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.degeneracy import normalise_visible
-from shapefit.lifting.estimate import Estimate, Estimator, join_images
+from shapefit.lifting.estimate import AtomEstimate, E, Estimator, join_images
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -77,7 +77,7 @@ class PerspectiveView:
 
 
 @dataclass(frozen=True)
-class Lifting:
+class Lifting(Generic[E]):
     """Shapes in the camera frame and the units of the landmarks, and all that they rest
     on.
 
@@ -92,7 +92,7 @@ class Lifting:
     translation: Floats
     scale: Floats
     problem: Problem
-    estimate: Estimate
+    estimate: E
     failures: Mapping[int, str]
     perspective: PerspectiveView | None = None
 
@@ -102,14 +102,13 @@ def lift(
     weights: Floats,
     atoms: Floats,
     program: Program,
-    estimator: Estimator,
+    estimator: Estimator[E],
     camera: Camera | None = None,
-) -> Lifting:
+) -> Lifting[E]:
     """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3,
     p).
 
-    camera of the images, for a method that looks through it. `estimator` is a method
-    with its settings, see choose_method.
+    camera of the images, for a method that looks through it.
     """
     norm, failures = normalise_visible(landmarks, weights)
     fine = np.isfinite(norm.scale)
@@ -147,7 +146,9 @@ def lift(
     shapes[:, :2] += translation[:, :, None]
     fitted = shapes[:, :2]
     if view is not None:
-        fitted = project(view.camera, estimate.shapes + view.translation[..., None])
+        fitted = project_pinhole(
+            view.camera, estimate.shapes + view.translation[..., None]
+        )
     return Lifting(
         shapes, fitted, translation, scale, problem, estimate, failures, view
     )
@@ -200,7 +201,7 @@ def noise_dual_norm(atoms: Floats) -> float:
     return float(nuclear_norm(N.swapaxes(1, 2)).max(axis=1).mean())
 
 
-def fail_nonfinite(lifting: Lifting) -> Lifting:
+def fail_nonfinite(lifting: Lifting[E]) -> Lifting[E]:
     """Fail the images whose shape is not finite throughout, and that have not failed
     before.
 
@@ -240,12 +241,12 @@ class Group(NamedTuple):
     images (m,) and atoms (j,): which of all images and of all atoms its axes run over.
     """
 
-    lifting: Lifting
+    lifting: Lifting[AtomEstimate]
     images: Integers
     atoms: Integers
 
 
-def merge(groups: Sequence[Group], atoms: Floats) -> Lifting:
+def merge(groups: Sequence[Group], atoms: Floats) -> Lifting[AtomEstimate]:
     """Join the liftings of groups of images, each image in one group, in the order of
     the images.
 
@@ -259,12 +260,12 @@ def merge(groups: Sequence[Group], atoms: Floats) -> Lifting:
         for image, reason in group.lifting.failures.items()
     }
     padded = [_pad(group, len(atoms)) for group in groups]
-    joined: Lifting = join_images(padded, order)
+    joined: Lifting[AtomEstimate] = join_images(padded, order)
     problem = replace(joined.problem, atoms=atoms)
     return replace(joined, problem=problem, failures=dict(sorted(failures.items())))
 
 
-def _pad(group: Group, k: int) -> Lifting:
+def _pad(group: Group, k: int) -> Lifting[AtomEstimate]:
     """Return the lifting with coefficients and transforms of k atoms; the others have
     no part.
     """

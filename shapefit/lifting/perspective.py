@@ -1,5 +1,4 @@
-"""Refine what was lifted by weak perspective under the full projection of a known
-camera.
+"""Refine what was lifted by weak perspective under the projection of a known camera.
 
 The refinement starts from where another method left the shape, placed in depth.
 """
@@ -18,13 +17,13 @@ from shapefit.convex.solver import Status, read_statuses
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.pinhole import Camera, project
-from shapefit.lifting.estimate import fit_translation
+from shapefit.geometry.pinhole import Camera, project_pinhole
+from shapefit.lifting.estimate import AtomEstimate, fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation import find_pose
 
-REASONS = {
+REFINEMENT_FAILURES = {
     Status.DEGENERATE: (
         "landmarks start behind the camera: with so short a focal length it would be"
         " inside the object; give `camera.focal` and `camera.principal_point` in"
@@ -34,13 +33,18 @@ REASONS = {
 }
 """Endings of a refinement without a result, and why."""
 
+PRIOR_RIDGE = 0.3
+"""Weight of the distance from the prior's coefficients, in normalised units."""
 
-RIDGE, SOFTNESS, MAX_ROUNDS = 0.3, 0.1, 1000
-"""Of `refine_perspective`; the first two in normalised units."""
+RESIDUAL_SOFTNESS = 0.1
+"""Residual beyond which landmarks count ever less, in normalised units."""
+
+MAX_REFINEMENT_ROUNDS = 1000
+"""Of an image."""
 
 
 @dataclass(frozen=True)
-class Refined:
+class RefinedViews:
     """Stationary points for n images: X = R sum_i c_i B_i + t.
 
     rotation R (n, 3, 3); translation t (n, 3); coefficients c (n, k) >= 0; objective
@@ -57,14 +61,13 @@ class Refined:
 
 
 def refine_view(
-    lifting: Lifting,
+    lifting: Lifting[AtomEstimate],
     landmarks: Floats,
     camera: Camera,
     dictionary: Dictionary,
     threads: int = 0,
-) -> Lifting:
-    """Refine rotation, translation and coefficients of n images under the full
-    projection.
+) -> Lifting[AtomEstimate]:
+    """Refine rotation, translation and coefficients of n images before a camera.
 
     landmarks (n, 2, p) and camera in the unit of the images. Landmarks of weight 0 in
     the problem stay left out; what a robust loss labelled is seen, for labels are at
@@ -75,7 +78,8 @@ def refine_view(
     geometric mean of both axes.
     """
     rows = np.flatnonzero(np.isfinite(lifting.scale))
-    old, whole, n = lifting.estimate, lifting.problem, len(landmarks)
+    old = lifting.estimate
+    whole = lifting.problem
     norm = normalise(landmarks[rows], whole.weights[rows] > 0)
     part = Problem(norm.points, whole.weights[rows], dictionary.atoms, whole.lam[rows])
     in_unit = camera.take(rows)
@@ -85,52 +89,53 @@ def refine_view(
     refined = refine_perspective(
         part.landmarks, part.weights, part.atoms, nearby, starts, prior, threads=threads
     )
-    c, R, t = refined.coefficients, refined.rotation, refined.translation
-    S = combine(c, dictionary.atoms, R)
+    t = refined.translation
+    S = combine(refined.coefficients, dictionary.atoms, refined.rotation)
+    projected = project_pinhole(nearby, S + t[..., None])
+    # what is hidden may lie behind the camera, and counts for nothing
+    shown = np.where(part.weights[:, None] > 0, projected, 0.0)
+    residual = fit_translation(part, shown, np.zeros((len(rows), 2))).residual
     depth = camera.sign * t[:, 2]
     scale = np.sqrt(in_unit.focal.prod(axis=1)) / depth
     origin = in_unit.centre + in_unit.focal * t[:, :2] / depth[:, None]
     shapes = scale[:, None, None] * S
     shapes[:, :2] += origin[..., None]
-    projected = project(nearby, S + t[..., None])
-    # what is hidden may lie behind the camera, and counts for nothing
-    shown = np.where(part.weights[:, None] > 0, projected, 0.0)
+    fitted = norm.scale[:, None, None] * projected + norm.centroid[..., None]
 
     def among_all(values: Floats, rest: float = np.nan) -> Floats:
         """Put values of the refined images in their rows."""
-        every = np.full((n, *values.shape[1:]), rest)
+        every = np.full((len(landmarks), *values.shape[1:]), rest)
         every[rows] = values
         return every
 
-    iterations, status = old.iterations.copy(), list(old.status)
+    iterations = old.iterations.copy()
     iterations[rows] += refined.rounds
+    status = list(old.status)
     failures = dict(lifting.failures)
     for row, ending in zip(rows.tolist(), refined.status, strict=True):
         status[row] = ending
-        if ending in REASONS:
-            failures[row] = REASONS[ending]
+        if ending in REFINEMENT_FAILURES:
+            failures[row] = REFINEMENT_FAILURES[ending]
+    coefficients = among_all(refined.coefficients, 0.0)
+    rotation = among_all(refined.rotation)
     estimate = replace(
         old,
         shapes=among_all(S),
         translation=among_all((origin - norm.centroid) / norm.scale[:, None]),
-        rotation=among_all(R),
+        rotation=rotation,
         objective=among_all(refined.objective),
-        residual=among_all(
-            fit_translation(part, shown, np.zeros((len(rows), 2))).residual
-        ),
+        residual=among_all(residual),
         iterations=iterations,
         status=tuple(status),
-        coefficients=among_all(c, 0.0),
-        active_atoms=is_active(among_all(c, 0.0)).sum(axis=1),
-        transforms=Transforms.with_one_rotation(among_all(c, 0.0), among_all(R)),
+        coefficients=coefficients,
+        active_atoms=is_active(coefficients).sum(axis=1),
+        transforms=Transforms.with_one_rotation(coefficients, rotation),
         relative_gap=None,
         tight=None,
     )
     return Lifting(
         shapes=among_all(shapes),
-        landmarks_fitted=among_all(
-            norm.scale[:, None, None] * projected + norm.centroid[..., None]
-        ),
+        landmarks_fitted=among_all(fitted),
         translation=among_all(origin),
         scale=among_all(scale),
         problem=whole,
@@ -141,12 +146,10 @@ def refine_view(
 
 
 def find_rotations(
-    stated: Floats, problem: Problem, mean_shape: Floats, threads: int
+    known: Floats, problem: Problem, mean_shape: Floats, threads: int
 ) -> Floats:
-    """Rotations (m, 3, 3) as stated; where they are nan, those of the posed mean shape
-    (3, p).
-    """
-    R = stated.copy()
+    """Return known rotations (m, 3, 3), else those of the posed mean shape."""
+    R = known.copy()
     unknown = np.flatnonzero(~np.isfinite(R).all(axis=(1, 2)))
     if len(unknown):
         pose = find_pose(problem.take(unknown), mean_shape, threads=threads)
@@ -162,32 +165,28 @@ def refine_perspective(
     rotation: Floats,
     prior: Floats,
     *,
-    ridge: float = RIDGE,
-    softness: float = SOFTNESS,
-    max_rounds: int = MAX_ROUNDS,
+    ridge: float = PRIOR_RIDGE,
+    softness: float = RESIDUAL_SOFTNESS,
+    max_rounds: int = MAX_REFINEMENT_ROUNDS,
     threads: int = 0,
-) -> Refined:
-    """min over R, t, c >= 0 of sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c -
-    prior|^2.
+) -> RefinedViews:
+    """min sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2.
 
-    s is the softness; max_rounds are those of an image. r_j = Omega_j (w_j - projection
-    of column j of R sum_i c_i B_i + t), in normalised units: landmarks w (n, 2, p),
-    weights Omega (n, p), atoms B (k, 3, p), camera in the unit of w. It starts from the
-    rotations R (n, 3, 3), c = prior (k,), and t where weak perspective puts it. A shape
-    twice as large at twice the depth looks the same, so the size is fixed: prior^T c =
-    prior^T prior. The result is a local minimum; no certificate bounds it.
+    Over R, t and c >= 0. s is the softness; max_rounds are those of an image. r_j =
+    Omega_j (w_j - projection of column j of R sum_i c_i B_i + t), in normalised units:
+    landmarks w (n, 2, p), weights Omega (n, p), atoms B (k, 3, p), camera in the unit
+    of w. It starts from the rotations R (n, 3, 3), c = prior (k,), and t where weak
+    perspective puts it. A shape twice as large at twice the depth looks the same, so
+    the size is fixed: prior^T c = prior^T prior. The result is a local minimum; no
+    certificate bounds it.
     """
     n = len(landmarks)
     R = np.array(rotation, np.float64)
     c = np.tile(np.asarray(prior, np.float64), (n, 1))
-    t = place_in_depth(
-        landmarks, weights, np.tensordot(prior, atoms, axes=1), camera, R
-    )
-    objective, rounds, codes = (
-        np.full(n, np.nan),
-        np.zeros(n, np.int64),
-        np.zeros(n, np.int64),
-    )
+    usual_shape = np.tensordot(prior, atoms, axes=1)
+    t = place_in_depth(landmarks, weights, usual_shape, camera, R)
+    objective = np.full(n, np.nan)
+    rounds, codes = np.zeros((2, n), np.int64)
     core.refine_perspective(
         landmarks=np.ascontiguousarray(landmarks, np.float64),
         weights=np.ascontiguousarray(weights, np.float64),
@@ -208,40 +207,37 @@ def refine_perspective(
         threads=threads,
     )
     status = read_statuses(codes)
-    failed = [ending in REASONS for ending in status]
-    R[failed], t[failed], c[failed] = np.nan, np.nan, np.nan
-    return Refined(R, t, c, objective, rounds, status)
+    failed = [ending in REFINEMENT_FAILURES for ending in status]
+    for result in (R, t, c):
+        result[failed] = np.nan
+    return RefinedViews(R, t, c, objective, rounds, status)
 
 
 def place_in_depth(
     landmarks: Floats, weights: Floats, shape: Floats, camera: Camera, rotation: Floats
 ) -> Floats:
-    """t (n, 3) at which R S, seen by weak perspective, has the size and place of the
-    landmarks.
+    """Return t (n, 3) at which R S has about the size and place of the landmarks.
 
-    The depth is that of the visible landmarks' middle; S (3, p), the rest as above.
+    That is where weak perspective puts it. The depth is that of the visible landmarks'
+    middle; S (3, p), the rest as above.
     """
     omega = np.where(weights > 0, weights, 0.0) ** 2
     share = omega / omega.sum(axis=1, keepdims=True)
     X = rotation @ shape
     W = np.where(weights[:, None] > 0, landmarks, 0.0)
-    middle, visible = (
-        np.einsum("nap,np->na", X, share),
-        np.einsum("nap,np->na", W, share),
-    )
+    middle = np.einsum("nap,np->na", X, share)
+    middle_of_landmarks = np.einsum("nap,np->na", W, share)
     rays = (W - camera.centre[..., None]) / camera.focal[..., None]
-    ray = (visible - camera.centre) / camera.focal
+    ray = (middle_of_landmarks - camera.centre) / camera.focal
     flat = X[:, :2] - middle[:, :2, None]
     centred = rays - ray[..., None]
-    size, overlap, extent = (
-        np.einsum("nap,nap,np->n", one, other, share)
-        for one, other in ((flat, flat), (flat, centred), (centred, centred))
-    )
+    size = np.einsum("nap,nap,np->n", flat, flat, share)
+    overlap = np.einsum("nap,nap,np->n", flat, centred, share)
+    extent = np.einsum("nap,nap,np->n", centred, centred, share)
     # a rotation that fits not at all must not put the shape at infinity
     least = 0.1 * np.sqrt(size * extent)
-    with np.errstate(
-        divide="ignore", invalid="ignore"
-    ):  # landmarks that are all in one place
+    # landmarks may all be in one place
+    with np.errstate(divide="ignore", invalid="ignore"):
         depth = size / np.maximum(overlap, least)
     t = np.empty((len(W), 3))
     t[:, :2] = ray * depth[:, None] - middle[:, :2]

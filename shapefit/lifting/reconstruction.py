@@ -1,6 +1,4 @@
-"""The method `convex`: from the transforms of the convex program to coefficients and
-shapes.
-"""
+"""The method `convex`: from the transforms of the convex program to shapes."""
 
 from __future__ import annotations
 
@@ -14,22 +12,20 @@ from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import find_outliers
 from shapefit.convex.transforms import Transforms
-from shapefit.lifting.estimate import ConvexProof, Estimate
-from shapefit.lifting.methods import Settings
+from shapefit.lifting.estimate import AtomEstimate, ConvexProof, Solve
 
-# An atom is active where its coefficient is more than this share of the largest one.
-ACTIVE = 1e-6
+MIN_ACTIVE_SHARE = 1e-6
+"""Coefficient of an atom that is active, as a share of the largest one."""
 
 
-def lift_convex(problem: Problem, settings: Settings) -> Estimate:
-    """Solve the convex program and complete each transform (paper, section
-    Reconstruction).
+def lift_convex(problem: Problem, *, solve: Solve, threads: int = 0) -> AtomEstimate:
+    """Solve the convex program and complete each transform.
+
+    Source: paper, section Reconstruction.
     """
-    solution = settings.solve(problem)
-    reconstruction = reconstruct(
-        solution.transforms, problem.atoms, threads=settings.threads
-    )
-    return Estimate(
+    solution = solve(problem)
+    reconstruction = reconstruct(solution.transforms, problem.atoms, threads=threads)
+    return AtomEstimate(
         shapes=reconstruction.shapes,
         translation=solution.translation,
         rotation=reconstruction.rotation,
@@ -64,11 +60,10 @@ class Reconstruction(NamedTuple):
 
 
 def is_active(coefficients: Floats) -> NDArray[np.bool_]:
-    """Atoms whose coefficient (n, k) is not negligible beside the largest of the
-    image.
-    """
+    """Whether coefficients (n, k) are not negligible beside the largest of an image."""
     size = np.abs(coefficients)
-    active: NDArray[np.bool_] = size > ACTIVE * size.max(axis=1, keepdims=True)
+    largest = size.max(axis=1, keepdims=True)
+    active: NDArray[np.bool_] = size > MIN_ACTIVE_SHARE * largest
     return active
 
 
@@ -78,13 +73,12 @@ def reconstruct(M: Transforms, atoms: Floats, *, threads: int = 0) -> Reconstruc
     R_i completes M_i / c_i by the cross product of its rows; `threads` = 0 means all
     cores. The method is written down in shapefit/core/pose/transforms.cpp.
     """
-    n, p = len(M.count), atoms.shape[2]
-    shapes, rotation = np.zeros((n, 3, p)), np.full((n, 3, 3), np.nan)
-    sizes, active, tight = (
-        np.empty(len(M.atom)),
-        np.empty(n, np.int64),
-        np.empty(n, bool),
-    )
+    n = len(M.count)
+    shapes = np.zeros((n, 3, atoms.shape[2]))
+    rotation = np.full((n, 3, 3), np.nan)
+    sizes = np.empty(len(M.atom))
+    active = np.empty(n, np.int64)
+    tight = np.empty(n, bool)
     core.reconstruct(
         **M.arrays,
         atoms=atoms,
@@ -101,9 +95,7 @@ def reconstruct(M: Transforms, atoms: Floats, *, threads: int = 0) -> Reconstruc
 def combine(
     coefficients: Floats, atoms: Floats, rotation: Floats | None = None
 ) -> Floats:
-    """R sum_i c_i B_i for each image; c (n, k), atoms B (k, 3, p), R (n, 3, 3) -> (n,
-    3, p).
-    """
+    """R sum_i c_i B_i (n, 3, p) for c (n, k), atoms B (k, 3, p) and R (n, 3, 3)."""
     # atom by atom: the rounding of an image then depends on no other one
     shapes = np.zeros((len(coefficients), *atoms.shape[1:]))
     for c, atom in zip(coefficients.T, atoms, strict=True):

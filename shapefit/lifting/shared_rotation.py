@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,18 +17,30 @@ from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import (
+    AtomEstimate,
     ConvexProof,
-    Estimate,
+    Solve,
     fit_translation,
     join_images,
 )
-from shapefit.lifting.methods import STARTS, Settings
+from shapefit.lifting.methods import STARTS
 from shapefit.lifting.reconstruction import combine, is_active
 
+FAILURES = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
+"""Ends of the convex program after which there is nothing to refine."""
+
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+"""Radians between neighbours on a spiral that covers a sphere evenly."""
 
 
-def refine_convex(problem: Problem, settings: Settings) -> Estimate:
+def refine_convex(
+    problem: Problem,
+    *,
+    solve: Solve,
+    mean_shape: Floats,
+    signed: bool = False,
+    threads: int = 0,
+) -> AtomEstimate:
     """Synchronise the convex solution to one rotation and alternate from there.
 
     Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). The
@@ -36,63 +49,87 @@ def refine_convex(problem: Problem, settings: Settings) -> Estimate:
     program finds the outliers, and the squared residuals of the other landmarks are
     refined, which it does not bound.
     """
-    solution = settings.solve(problem)
-    starts = synchronise(solution.transforms, threads=settings.threads)[:, None]
+    solution = solve(problem)
+    starts = synchronise(solution.transforms, threads=threads)[:, None]
+    alternate_from = partial(
+        _alternate_or_restart,
+        starts=starts,
+        mean_shape=mean_shape,
+        signed=signed,
+        threads=threads,
+    )
     outliers = find_outliers(problem, solution)
     if outliers is None:
-        refined = _alternate_or_restart(problem, settings, starts)
-        objective = refined.objective
-        bound, gap = (
-            solution.objective * (1 - solution.relative_gap),
-            np.zeros_like(objective),
-        )
-        np.divide(objective - bound, objective, out=gap, where=objective != 0)
-        refined = replace(refined, relative_gap=gap)
+        refined = alternate_from(problem)
+        bound = solution.objective * (1 - solution.relative_gap)
+        refined = replace(refined, relative_gap=_gap_to(bound, refined.objective))
     else:
-        weights = np.where(outliers, 0.0, problem.weights)
-        lost = list(
-            find_degenerate(problem.landmarks, weights)
-        )  # not to be lifted without them
-        outliers[lost], weights[lost] = False, problem.weights[lost]
-        inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
-        refined = replace(
-            _alternate_or_restart(inliers, settings, starts), outliers=outliers
-        )
-    failed, status = (Status.DEGENERATE, Status.NUMERICAL_FAILURE), refined.status
-    if any(
-        end in solution.status for end in failed
-    ):  # rare, and slow to ask of every image
-        both = zip(solution.status, status, strict=True)
-        status = tuple(first if first in failed else second for first, second in both)
+        inliers = _without_outliers(problem, outliers)
+        refined = replace(alternate_from(inliers), outliers=outliers)
     return replace(
         refined,
-        status=status,
+        status=_worse_of(solution.status, refined.status),
         iterations=solution.iterations + refined.iterations,
         convex_proof=ConvexProof.of(solution),
     )
 
 
-def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
+def _gap_to(bound: Floats, objective: Floats) -> Floats:
+    """(objective - bound) / objective (n,), 0 where the objective is 0."""
+    gap = np.zeros_like(objective)
+    np.divide(objective - bound, objective, out=gap, where=objective != 0)
+    return gap
+
+
+def _without_outliers(problem: Problem, outliers: NDArray[np.bool_]) -> Problem:
+    """Return the problem of the squared loss without these landmarks (n, p).
+
+    Images that could not be lifted without them keep theirs, and the flags are cleared.
+    """
+    weights = np.where(outliers, 0.0, problem.weights)
+    lost = list(find_degenerate(problem.landmarks, weights))
+    outliers[lost] = False
+    weights[lost] = problem.weights[lost]
+    return replace(problem, weights=weights, loss=Loss.SQUARED)
+
+
+def _worse_of(
+    solved: tuple[Status, ...], refined: tuple[Status, ...]
+) -> tuple[Status, ...]:
+    """Return how each image ended: as refined, unless its solution failed before."""
+    # rare, and slow to ask of every image
+    if not any(failure in solved for failure in FAILURES):
+        return refined
+    both = zip(solved, refined, strict=True)
+    return tuple(first if first in FAILURES else second for first, second in both)
+
+
+def alternate_from_mean(
+    problem: Problem,
+    *,
+    mean_shape: Floats,
+    starts: int = STARTS,
+    signed: bool = False,
+    threads: int = 0,
+) -> AtomEstimate:
     """Alternate from the pose of the mean shape (paper, Experiments, "Alternate").
 
     The paper has one start; with more, the pose that fits best is the one to begin at.
     """
-    pose = find_pose(
-        problem, settings.mean_shape, settings.starts, threads=settings.threads
-    )
-    return _alternate(problem, settings, pose.rotation[:, None])
+    pose = find_pose(problem, mean_shape, starts, threads=threads)
+    return _alternate(problem, pose.rotation[:, None], signed=signed, threads=threads)
 
 
-def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
+def pose_mean_shape(
+    problem: Problem, *, mean_shape: Floats, starts: int = STARTS, threads: int = 0
+) -> AtomEstimate:
     """Pose the mean shape: rotation, scale and translation and nothing else."""
-    pose = find_pose(
-        problem, settings.mean_shape, settings.starts, threads=settings.threads
-    )
-    posed = pose.size > 0
-    R = np.where(posed[:, None, None], pose.rotation, 0.0)
-    shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
+    pose = find_pose(problem, mean_shape, starts, threads=threads)
+    is_posed = pose.size > 0
+    R = np.where(is_posed[:, None, None], pose.rotation, 0.0)
+    shapes = pose.size[:, None, None] * (R @ mean_shape)
     placement = fit_translation(problem, shapes)
-    return Estimate(
+    return AtomEstimate(
         shapes=shapes,
         translation=placement.translation,
         rotation=pose.rotation,
@@ -100,56 +137,70 @@ def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
         residual=placement.residual,
         iterations=np.zeros(len(shapes), np.int64),
         status=tuple(
-            Status.CONVERGED if fine else Status.DEGENERATE for fine in posed.tolist()
+            Status.CONVERGED if fine else Status.DEGENERATE
+            for fine in is_posed.tolist()
         ),
     )
 
 
 def _alternate_or_restart(
-    problem: Problem, settings: Settings, starts: Floats
-) -> Estimate:
-    """Alternate; where no atom fits at the synchronised rotation, from the mean shape's
-    pose too.
+    problem: Problem,
+    starts: Floats,
+    mean_shape: Floats,
+    *,
+    signed: bool,
+    threads: int,
+) -> AtomEstimate:
+    """Alternate; where no atom fits at the start, from the mean shape's pose too.
 
     Without coefficients there is no rotation to go on from, though another one may fit.
     """
-    first = _alternate(problem, settings, starts)
+    first = _alternate(problem, starts, signed=signed, threads=threads)
     assert first.coefficients is not None
     empty = np.flatnonzero(~first.coefficients.any(axis=1))
     if not len(empty):
         return first
     part = problem.take(empty)
-    pose = find_pose(part, settings.mean_shape, threads=settings.threads)
-    posed = pose.size > 0  # degenerate images have none
-    again = _alternate(part.take(posed), settings, pose.rotation[posed, None])
-    rows, order = empty[posed], np.arange(len(problem.lam))
+    pose = find_pose(part, mean_shape, threads=threads)
+    is_posed = pose.size > 0  # degenerate images have no pose
+    rotation = pose.rotation[is_posed, None]
+    again = _alternate(part.take(is_posed), rotation, signed=signed, threads=threads)
+    rows = empty[is_posed]
     again = replace(again, iterations=first.iterations[rows] + again.iterations)
+    order = np.arange(len(problem.lam))
     order[rows] = len(order) + np.arange(len(rows))
-    joined: Estimate = join_images([first, again], order)
+    joined: AtomEstimate = join_images([first, again], order)
     return joined
 
 
-def _alternate(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
+def _alternate(
+    problem: Problem, starts: Floats, *, signed: bool, threads: int
+) -> AtomEstimate:
     """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
-    end = alternate(problem, starts, signed=settings.signed, threads=settings.threads)
-    return describe(problem, end.coefficients, end.rotation, end.rounds, end.status)
+    end = alternate(problem, starts, signed=signed, threads=threads)
+    return describe_shapes(
+        problem,
+        end.coefficients,
+        end.rotation,
+        iterations=end.rounds,
+        status=end.status,
+    )
 
 
-def describe(
+def describe_shapes(
     problem: Problem,
     coefficients: Floats,
     rotation: Floats,
+    *,
     iterations: Integers,
     status: tuple[Status, ...],
-) -> Estimate:
-    """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3), nan where it is
-    unknown.
-    """
+) -> AtomEstimate:
+    """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3) or nan."""
     R = np.where(np.isfinite(rotation), rotation, 0.0)
     shapes = combine(coefficients, problem.atoms, R)
     placement = fit_translation(problem, shapes)
     penalty = problem.lam * np.abs(coefficients).sum(axis=1)
-    return Estimate(
+    return AtomEstimate(
         shapes=shapes,
         translation=placement.translation,
         rotation=rotation,
@@ -175,21 +226,17 @@ class Pose(NamedTuple):
 
 
 def even_views(count: int) -> Floats:
-    """Rotations (count, 3, 3) whose optical axes are spread evenly; the first is the
-    identity.
+    """Return rotations (count, 3, 3) whose optical axes are spread evenly.
 
-    The axes lie on a golden spiral about the first, each reached by the shortest turn.
+    The first is the identity. The axes lie on a golden spiral about the first, each
+    reached by the shortest turn.
     """
     height = 1 - 2 * np.arange(count) / count
     angle = GOLDEN_ANGLE * np.arange(count)
     axes = np.stack([-np.sin(angle), np.cos(angle), np.zeros(count)], axis=1)
-    turns = np.arccos(height)
-    return np.concatenate(
-        [
-            rotation_about(axis, turn)
-            for axis, turn in zip(axes, turns[:, None], strict=True)
-        ]
-    )
+    turns = np.arccos(height)[:, None]
+    views = [rotation_about(axis, turn) for axis, turn in zip(axes, turns, strict=True)]
+    return np.concatenate(views)
 
 
 def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
@@ -197,17 +244,21 @@ def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
 
     views (v, 3, 3); landmarks_by_shape D = w S^T (n, 2, 3).
     """
-    D, R = landmarks_by_shape[:, None], views  # rows of D beside those of every R
-    sine = (D[:, :, 1] * R[:, 0]).sum(axis=-1) - (D[:, :, 0] * R[:, 1]).sum(axis=-1)
-    cosine = (D[:, :, :2] * R[:, :2]).sum(axis=-1).sum(axis=-1)
+    D = landmarks_by_shape[:, None]  # its rows beside those of every view
+    x = views[:, 0]
+    y = views[:, 1]
+    z = views[:, 2]
+    sine = (D[:, :, 1] * x).sum(axis=-1) - (D[:, :, 0] * y).sum(axis=-1)
+    cosine = (D[:, :, :2] * views[:, :2]).sum(axis=-1).sum(axis=-1)
     length = np.hypot(sine, cosine)
-    defined = length > 0
-    s = np.divide(sine, length, out=np.zeros_like(length), where=defined)[..., None]
-    c = np.divide(cosine, length, out=np.ones_like(length), where=defined)[..., None]
-    third = np.broadcast_to(R[:, 2], (len(D), *R[:, 2].shape))
-    return np.stack(
-        [c * R[:, 0] - s * R[:, 1], s * R[:, 0] + c * R[:, 1], third], axis=2
-    )
+    is_defined = length > 0
+    s = np.zeros_like(length)
+    np.divide(sine, length, out=s, where=is_defined)
+    c = np.ones_like(length)
+    np.divide(cosine, length, out=c, where=is_defined)
+    turned_x = c[..., None] * x - s[..., None] * y
+    turned_y = s[..., None] * x + c[..., None] * y
+    return np.stack([turned_x, turned_y, np.broadcast_to(z, turned_x.shape)], axis=2)
 
 
 def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
@@ -229,15 +280,15 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
 def find_pose(
     problem: Problem, shape: Floats, starts: int = STARTS, *, threads: int = 0
 ) -> Pose:
-    """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape
-    S (3, p).
+    """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T.
 
-    Trust regions start from so many even views, of which the first is the identity.
-    Each is turned in the plane to where it correlates best, and the best local minimum
-    counts.
+    Shape S (3, p). Trust regions start from so many even views, of which the first is
+    the identity. Each is turned in the plane to where it correlates best, and the best
+    local minimum counts.
     """
     P, D = find_moments(problem, shape)
-    rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
+    rotation = np.full((len(P), 3, 3), np.nan)
+    size = np.zeros(len(P))
     views = turn_in_plane(even_views(starts), D)
     core.find_pose(
         shape_moments=P,
@@ -273,20 +324,20 @@ def alternate(
     max_rounds: int = 500,
     threads: int = 0,
 ) -> Alternation:
-    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar
-    Rbar^T = I.
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1.
 
-    (Paper, eq. originalnoisy, with weights and translation.) Each round minimises over
-    c >= 0 (any c where `signed`), exactly, and over T with it; then takes Rbar to a
-    local minimum by trust region steps. Neither raises the objective. It stops when a
-    round lowers it by at most the tolerance. starts (n, s, 3, 3) are the rotations to
-    begin at: the best result of an image counts. Fewer than two visible landmarks are
-    DEGENERATE.
+    Over Rbar Rbar^T = I. (Paper, eq. originalnoisy, with weights and translation.) Each
+    round minimises over c >= 0 (any c where `signed`), exactly, and over T with it;
+    then takes Rbar to a local minimum by trust region steps. Neither raises the
+    objective. It stops when a round lowers it by at most the tolerance. starts (n, s,
+    3, 3) are the rotations to begin at: the best result of an image counts. Fewer than
+    two visible landmarks are DEGENERATE.
     """
     problem.require_squared("alternation")
-    n, k = len(problem.landmarks), len(problem.atoms)
-    coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
-    rounds, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    n = len(problem.landmarks)
+    coefficients = np.zeros((n, len(problem.atoms)))
+    rotation = np.full((n, 3, 3), np.nan)
+    rounds, codes = np.zeros((2, n), np.int64)
     core.alternate(
         **problem.arrays,
         starts=np.ascontiguousarray(starts, dtype=np.float64),
@@ -304,13 +355,13 @@ def alternate(
 
 
 def synchronise(M: Transforms, *, threads: int = 0) -> Floats:
-    """argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2, for
-    n images.
+    """argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2.
 
-    The rotations (n, 3, 3), nan where all M_i are 0: the projection on the deformable
-    Stiefel manifold. For a given Rbar c_i = max(0, <M_i, Rbar>) / 2, which leaves the
-    maximum of sum_i max(0, <M_i, Rbar>)^2: a monotone iteration climbs from the polar
-    factors of sum_i M_i and of the largest M_i, and the best local maximum counts.
+    For n images. The rotations (n, 3, 3), nan where all M_i are 0: the projection on
+    the deformable Stiefel manifold. For a given Rbar c_i = max(0, <M_i, Rbar>) / 2,
+    which leaves the maximum of sum_i max(0, <M_i, Rbar>)^2: a monotone iteration climbs
+    from the polar factors of sum_i M_i and of the largest M_i, and the best local
+    maximum counts.
     """
     rotation = np.full((len(M.count), 3, 3), np.nan)
     core.synchronise(**M.arrays, rotation=rotation, threads=threads)

@@ -38,21 +38,24 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats, median
 from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import std
-from shapefit.lifting.estimate import CORRELATION, Estimate
+from shapefit.lifting.estimate import PosteriorEstimate
 
-VIEWED = 6
-"""Numbers of a view: rotation, scale, translation; they take up as many of the 2 m
-coordinates.
-"""
+VIEW_NUMBERS = 6
+"""Rotation, scale and translation: they take up as many of the 2 m coordinates."""
 
-TRUSTED, REASONS, P_VALUE = "trusted", "reasons", "p_value"
-"""Datasets (n,) of a result: true or false, why not, and a p-value."""
+TRUSTED = "trusted"
+"""Dataset (n,) of a result: true or false."""
+
+REASONS = "reasons"
+"""Dataset (n,) of a result: why an image is not trusted."""
+
+P_VALUE = "p_value"
+"""Dataset (n,) of a result."""
 
 START_DISTANCE = "start_distance"
 """Dataset (n,): similarity distance of the visible landmarks of a shape from those of
 the convex program's, in units of the size of the shape.
 """
-
 
 SIDES = "sides_exchanged"
 """Dataset (n,) of sequences: 1 where left and right were exchanged and are put back, 0
@@ -62,52 +65,70 @@ nobody knows which are right.
 
 
 class Limits(NamedTuple):
-    """The numbers of both rules, in one place; none is a key.
-
-    min_p_value     of an image. By definition it flags 5% of those that are as the
-                    model says;
-                    without it 2 to 10% fewer of the errors above 0.4 are noticed
-    max_error       expected error in sizes of the shape. On film of seven bodies that
-                    the dictionary does not know (`benchmarks.verdicts`, whole bodies
-                    and half ones) it doubts 8% of the single images whose error is
-                    below 0.25 and 53% of those above 0.4; with truths drawn from the
-                    posteriors themselves no rule finds more than 62 to 71% of these at
-                    10% of the former
-    max_distance    start distance of an image, and median of a file. Of right files of
-                    four other
-                    bodies and of held-out animals 2 to 9% of the good images are beyond
-                    it, of errors above 0.4 about 90%
-    fewest_visible  landmarks of an image with which its start distance says something:
-                    with fewer
-                    18 to 48% of good images are beyond it
-    min_trusted     share of a sample that would be trusted; where it is less, and more
-    max_doubtful    than max_doubtful is implausible or far, what passes does so by
-                    chance. Without it 2 of 20 clips whose names are moved by one
-                    landmark have 4% of trusted images; none of 72 right files of nine
-                    bodies on film is affected
-    mostly_trusted  share of a sample that would be trusted, with bars as wide as kappa
-                    asks for, from which neither kappa nor the distance refuses a file:
-                    a motion or class unlike training is told apart image by image. Of
-                    film whose names are moved by one landmark, mixed, or exchanged
-                    between arms and legs 0 to 2% would be
-    max_kappa       by which the variances of hidden landmarks are too small; see
-                    `calibration`.
-                    None of 260 right files has more, 156 of 160 with wrong names have
-                    (or have no kappa, or the distance)
-    fewest_images   of a sample that says something of its file: the logarithm of kappa
-                    has a
-                    standard deviation of 0.25 with 20 images, of 0.13 with 60
-    """
+    """The numbers of both rules, in one place; none is a key."""
 
     min_p_value: float = 0.05
+    """Of an image.
+
+    By definition it flags 5% of those that are as the model says; without it 2 to 10%
+    fewer of the errors above 0.4 are noticed.
+    """
+
     max_error: float = 0.305
+    """Expected error in sizes of the shape.
+
+    On film of seven bodies that the dictionary does not know (`benchmarks.verdicts`,
+    whole bodies and half ones) it doubts 8% of the single images whose error is below
+    0.25 and 53% of those above 0.4; with truths drawn from the posteriors themselves no
+    rule finds more than 62 to 71% of these at 10% of the former.
+    """
+
     max_distance: float = 0.5
+    """Start distance of an image, and median of a file.
+
+    Of right files of four other bodies and of held-out animals 2 to 9% of the good
+    images are beyond it, of errors above 0.4 about 90%.
+    """
+
     fewest_visible: int = 10
+    """Landmarks of an image with which its start distance says something.
+
+    With fewer, 18 to 48% of good images are beyond it.
+    """
+
     min_trusted: float = 0.1
+    """Share of a sample that would be trusted.
+
+    Where it is less, and more than max_doubtful is implausible or far, what passes does
+    so by chance. Without it 2 of 20 clips whose names are moved by one landmark have 4%
+    of trusted images; none of 72 right files of nine bodies on film is affected.
+    """
+
     max_doubtful: float = 0.25
+    """Share of a sample that is implausible or far, see min_trusted."""
+
     mostly_trusted: float = 0.5
+    """Share of a sample that would be trusted, with bars as wide as kappa asks for,
+    from which neither kappa nor the distance refuses a file.
+
+    A motion or class unlike training is told apart image by image. Of film whose names
+    are moved by one landmark, mixed, or exchanged between arms and legs 0 to 2% would
+    be.
+    """
+
     max_kappa: float = 2.5
+    """By which the variances of hidden landmarks are too small; see `calibration`.
+
+    None of 260 right files has more, 156 of 160 with wrong names have (or have no
+    kappa, or the distance).
+    """
+
     fewest_images: int = 20
+    """Of a sample that says something of its file.
+
+    The logarithm of kappa has a standard deviation of 0.25 with 20 images, of 0.13 with
+    60.
+    """
 
 
 LIMITS = Limits()
@@ -115,9 +136,9 @@ LIMITS = Limits()
 NO_SHAPE = "no shape"
 TOO_FEW = "too few landmarks seen"
 IMPLAUSIBLE = "implausible landmarks"
-FAR = "far from any training shape"
-MIRRORED = "near and far not told apart"
-WIDE = "large expected error"
+FAR_FROM_TRAINING = "far from any training shape"
+DEPTH_OPEN = "near and far not told apart"
+LARGE_ERROR = "large expected error"
 UNSURE_SIDES = "left and right change places"
 NOT_OPTIMAL = "not optimal"
 STRETCHED = "x and y have different scales"
@@ -143,28 +164,28 @@ def find_reasons(
     where nothing can be said; sides (n,), see `SIDES`; depth_ambiguity, see
     `Dictionary`; shown (p,), the landmarks whose errors and size count, all by default.
     """
+    n = len(shapes)
+    if sides is None:
+        sides = np.zeros(n)
     of_shown = shapes if shown is None else shapes[..., shown]
-    failed = ~np.isfinite(shapes).all(axis=(1, 2))
-    stopped = np.array(
-        [value is Status.ITERATION_LIMIT for value in status], dtype=bool
-    )
+    has_shape = np.isfinite(shapes).all(axis=(1, 2))
+    is_stopped = [value is Status.ITERATION_LIMIT for value in status]
     with np.errstate(invalid="ignore"):
-        far = (start_distance > LIMITS.max_distance) & (
-            visible >= LIMITS.fewest_visible
-        )
-        rules = (
-            (failed, NO_SHAPE),
-            (2 * visible <= VIEWED, TOO_FEW),
+        is_far = start_distance > LIMITS.max_distance
+        is_far &= visible >= LIMITS.fewest_visible
+        holds = [
+            (np.asarray(~has_shape), NO_SHAPE),
+            (2 * visible <= VIEW_NUMBERS, TOO_FEW),
             (p_value < LIMITS.min_p_value, IMPLAUSIBLE),
-            (far, FAR),
-            (np.full(len(shapes), depth_ambiguity), MIRRORED),
-            (expected > LIMITS.max_error * std(of_shown), WIDE),
-            (np.isnan(np.zeros(len(shapes)) if sides is None else sides), UNSURE_SIDES),
-            (stopped, NOT_OPTIMAL),
-        )
-    reasons = np.full(len(shapes), "", dtype=object)
-    for holds, text in reversed(rules):
-        reasons[holds] = text
+            (is_far, FAR_FROM_TRAINING),
+            (np.full(n, depth_ambiguity), DEPTH_OPEN),
+            (expected > LIMITS.max_error * std(of_shown), LARGE_ERROR),
+            (np.isnan(sides), UNSURE_SIDES),
+            (np.array(is_stopped, dtype=bool), NOT_OPTIMAL),
+        ]
+    reasons = np.full(n, "", dtype=object)
+    for images, reason in reversed(holds):  # the first one that holds stays
+        reasons[images] = reason
     return reasons
 
 
@@ -177,8 +198,9 @@ def contradicts(kappa: float, distance: float, trusted: float, doubtful: float) 
     it started.
     """
     by_chance = trusted < LIMITS.min_trusted and doubtful > LIMITS.max_doubtful
-    unlike = distance > LIMITS.max_distance or not kappa <= LIMITS.max_kappa
-    return by_chance or (unlike and trusted < LIMITS.mostly_trusted)
+    is_predicted = kappa <= LIMITS.max_kappa  # nan is not
+    is_unlike = distance > LIMITS.max_distance or not is_predicted
+    return by_chance or (is_unlike and trusted < LIMITS.mostly_trusted)
 
 
 def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> float:
@@ -186,37 +208,38 @@ def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> flo
 
     nan where these are fewer than `fewest_images`.
     """
-    distances = start_distance[
-        np.isfinite(start_distance) & (visible >= LIMITS.fewest_visible)
-    ]
-    return median(distances) if len(distances) >= LIMITS.fewest_images else float("nan")
+    says_something = np.isfinite(start_distance) & (visible >= LIMITS.fewest_visible)
+    distances = start_distance[says_something]
+    if len(distances) < LIMITS.fewest_images:
+        return float("nan")
+    return median(distances)
 
 
-def cover_mirror_image(estimate: Estimate) -> Estimate:
-    """Widen error bars to those of a shape and its mirror image in depth, both as
-    likely.
+def cover_mirror_image(estimate: PosteriorEstimate) -> PosteriorEstimate:
+    """Widen error bars to those of a shape and its mirror image in depth.
 
-    About the shape S itself, with depths z of mean 0 and their covariance C:
+    Both are as likely. About the shape S itself, with depths z of mean 0 and their
+    covariance C:
 
         E (z' - z)(z' - z)^T = (C + (C + 4 z z^T)) / 2 = C + 2 z z^T,
 
     and depth is not correlated with x and y, as its sign is open.
     """
-    if estimate.deviation is None:
-        return estimate
     z = estimate.shapes[:, 2] - estimate.shapes[:, 2].mean(axis=1, keepdims=True)
     deviation = estimate.deviation.copy()
     deviation[:, 2] = np.sqrt(deviation[:, 2] ** 2 + 2 * z**2)
-    covariance, p = estimate.covariance, z.shape[1]
+    covariance = estimate.covariance
     if covariance is not None:
+        in_image = slice(2 * z.shape[1])
+        in_depth = slice(2 * z.shape[1], None)
         covariance = covariance.copy()
-        covariance[:, : 2 * p, 2 * p :] = covariance[:, 2 * p :, : 2 * p] = 0.0
-        covariance[:, 2 * p :, 2 * p :] += 2 * z[:, :, None] * z[:, None]
-    further = dict(estimate.further)
-    if CORRELATION in further:  # of x with y, x with z, y with z
-        further[CORRELATION] = further[CORRELATION] * np.array([1, 0, 0], np.float32)
+        covariance[:, in_image, in_depth] = 0.0
+        covariance[:, in_depth, in_image] = 0.0
+        covariance[:, in_depth, in_depth] += 2 * z[:, :, None] * z[:, None]
+    only_x_with_y = np.array([1, 0, 0], np.float32)[:, None]
+    correlation = estimate.correlation * only_x_with_y
     return replace(
-        estimate, deviation=deviation, covariance=covariance, further=further
+        estimate, deviation=deviation, covariance=covariance, correlation=correlation
     )
 
 
@@ -228,28 +251,26 @@ IMAGE_ERROR = "image_error"
 shapes.
 """
 
-GAIN = 0.86
+SEQUENCE_ERROR_SHARE = 0.86
 """Errors of sequences beside those of their images, on film. The error bars of a
 sequence do not know of errors that last as long as it does, so that less than this
 share is not expected of it.
 """
 
-CALIBRATED = 0.77
+MEASURED_ERROR_SHARE = 0.77
 """Error that was measured beside that which is expected: error bars are made to hold
 90%, not to have the mean of the errors. On film of six bodies (72 cells and bodies):
 single images 0.78, whole sequences 0.75.
 """
 
-SLICE = 128
-"""Images whose expected errors are found together: their covariances stay in the cache.
-"""
+IMAGES_AT_ONCE = 128
+"""Whose expected errors are found together: their covariances stay in the cache."""
 
 
 def expected_error(
     shapes: Floats, covariance: Floats, shown: Flags | None = None
 ) -> Floats:
-    """Calibrated E mean_j ||d_j|| of errors d ~ N(0, P C P), P without a similarity's
-    directions.
+    """Calibrated E mean_j ||d_j|| of errors d ~ N(0, P C P), similarities taken off.
 
     Translations, rotations and the scale move a shape S in seven directions e_a, omega
     x S and S of its 3p coordinates, which an alignment takes off; P projects onto what
@@ -261,43 +282,59 @@ def expected_error(
     landmarks that count, all by default; returns (n,), nan where either is not finite.
     """
     if shown is not None and not shown.all():
-        of = np.flatnonzero(np.tile(shown, 3))
-        shapes, covariance = shapes[..., shown], covariance[:, of[:, None], of]
+        rows = np.flatnonzero(np.tile(shown, 3))
+        shapes = shapes[..., shown]
+        covariance = covariance[:, rows[:, None], rows]
     n, _, p = shapes.shape
-    if n > SLICE:
-        slices = [slice(first, first + SLICE) for first in range(0, n, SLICE)]
-        return np.concatenate(
-            [expected_error(shapes[part], covariance[part]) for part in slices]
-        )
-    finite: Flags = np.asarray(
-        np.isfinite(shapes).all(axis=(1, 2)) & np.isfinite(covariance).all(axis=(1, 2))
-    )
-    S = np.where(finite[:, None, None], shapes, np.eye(3, p))
-    C = np.where(finite[:, None, None], covariance, 0.0)
-    x, y, z = (S - S.mean(axis=2, keepdims=True)).transpose(1, 0, 2)
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    directions = np.array(
-        [
-            [one, zero, zero],
-            [zero, one, zero],
-            [zero, zero, one],
-            [zero, -z, y],
-            [z, zero, -x],
-            [-y, x, zero],
-            [x, y, z],
+    if n > IMAGES_AT_ONCE:
+        parts = [
+            slice(start, start + IMAGES_AT_ONCE)
+            for start in range(0, n, IMAGES_AT_ONCE)
         ]
-    )
-    Q, _ = np.linalg.qr(directions.transpose(2, 1, 3, 0).reshape(n, 3 * p, 7))
+        return np.concatenate(
+            [expected_error(shapes[part], covariance[part]) for part in parts]
+        )
+    has_shape = np.isfinite(shapes).all(axis=(1, 2))
+    has_covariance = np.isfinite(covariance).all(axis=(1, 2))
+    is_finite: Flags = np.asarray(has_shape & has_covariance)
+    S = np.where(is_finite[:, None, None], shapes, np.eye(3, p))
+    C = np.where(is_finite[:, None, None], covariance, 0.0)
+    A = _without_similarities(S, C)
+    trace = np.maximum(np.trace(A, axis1=2, axis2=3), 0.0)
+    whole = trace[..., None, None]
+    share = np.divide(A, whole, out=np.zeros_like(A), where=whole > 0)
+    length = np.sqrt(trace) * (1 - (share**2).sum(axis=(2, 3)) / 4)
+    error = MEASURED_ERROR_SHARE * length.mean(axis=1)
+    return np.where(is_finite, error, np.nan)
+
+
+def _without_similarities(S: Floats, C: Floats) -> Floats:
+    """Return the blocks (n, p, 3, 3) of P C P, those of each landmark with itself.
+
+    With orthonormal directions Q (3p, 7) of similarities, P C P = C - Q Q^T C - C Q Q^T
+    + Q (Q^T C Q) Q^T.
+    """
+    n, _, p = S.shape
+    Q, _ = np.linalg.qr(_directions_of_similarities(S))
     CQ = C @ Q
     middle = Q.swapaxes(1, 2) @ CQ
-    q, cq = (M.reshape(n, 3, p, 7).transpose(0, 2, 1, 3) for M in (Q, CQ))
-    A = C.reshape(n, 3, p, 3, p)[:, :, range(p), :, range(p)].transpose(1, 0, 2, 3)
+    q = Q.reshape(n, 3, p, 7).transpose(0, 2, 1, 3)
+    cq = CQ.reshape(n, 3, p, 7).transpose(0, 2, 1, 3)
+    every = range(p)
+    A = C.reshape(n, 3, p, 3, p)[:, :, every, :, every].transpose(1, 0, 2, 3)
     across = q @ cq.swapaxes(2, 3)
-    A = A - across - across.swapaxes(2, 3) + q @ middle[:, None] @ q.swapaxes(2, 3)
-    trace = np.maximum(np.trace(A, axis1=2, axis2=3), 0.0)
-    some = trace > 0
-    share = np.divide(
-        A, trace[..., None, None], out=np.zeros_like(A), where=some[..., None, None]
-    )
-    length = np.sqrt(trace) * (1 - (share**2).sum(axis=(2, 3)) / 4)
-    return np.where(finite, CALIBRATED * length.mean(axis=1), np.nan)
+    inside = q @ middle[:, None] @ q.swapaxes(2, 3)
+    return np.asarray(A - across - across.swapaxes(2, 3) + inside)
+
+
+def _directions_of_similarities(S: Floats) -> Floats:
+    """Return the directions (n, 3p, 7) in which similarities move shapes (n, 3, p)."""
+    n, _, p = S.shape
+    x, y, z = (S - S.mean(axis=2, keepdims=True)).transpose(1, 0, 2)
+    zero = np.zeros_like(x)
+    one = np.ones_like(x)
+    translations = [[one, zero, zero], [zero, one, zero], [zero, zero, one]]
+    rotations = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    scale = [x, y, z]
+    directions = np.array([*translations, *rotations, scale])
+    return directions.transpose(2, 1, 3, 0).reshape(n, 3 * p, 7)

@@ -11,8 +11,7 @@ from shapefit.geometry.normalisation import Normalised
 def carry_mesh(
     mesh_vertices: Floats, normalised: Normalised, rotations: Floats
 ) -> Floats:
-    """R_j (V_j - centroid_j 1^T) / scale_j: normalise and turn meshes as their
-    landmarks were.
+    """R_j (V_j - centroid_j 1^T) / scale_j: treat meshes as their landmarks were.
 
     mesh_vertices V (n, 3, q) in the frame and unit of the landmarks that gave
     `normalised`; rotations R (n, 3, 3), those of their alignment -> (n, 3, q).
@@ -22,22 +21,19 @@ def carry_mesh(
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
-    """Return the length of a normalised unit: the weighted mean of the lengths in the
-    atoms.
+    """Return the length of a normalised unit: the weighted mean of those in the atoms.
 
     (sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i
     = 1, so that the shape of an image is as large as its atoms are on average: an image
     does not determine whether a car is small or far away. atoms B (k, 3, p), the
     landmarks; coefficients (n, k); atom_scale s (k,): atom i measures s_i B_i in the
-    unit wanted
-    -> (n,), nan where all coefficients are 0.
+    unit wanted. Returns (n,), nan where all coefficients are 0.
     """
     size = np.linalg.norm(atoms, axis=(1, 2))
     share = coefficients * size
-    length = np.linalg.norm(np.tensordot(coefficients, atoms, axes=1), axis=(1, 2))
-    total = share.sum(axis=1) * length
+    shapes = np.tensordot(coefficients, atoms, axes=1)
+    total = share.sum(axis=1) * np.linalg.norm(shapes, axis=(1, 2))
+    lengths = share @ (atom_scale * size)
     unknown = np.full_like(total, np.nan)
-    scale: Floats = np.divide(
-        share @ (atom_scale * size), total, out=unknown, where=total > 0
-    )
+    scale: Floats = np.divide(lengths, total, out=unknown, where=total > 0)
     return scale

@@ -21,6 +21,7 @@ from shapefit.io.arrange import arrange
 from shapefit.io.names import check_numbering, numbers_of, renamed
 from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
+from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.records import Landmarks
 from shapefit.records.columns import Singles
@@ -42,6 +43,7 @@ def match_names(
     """Match the landmarks of files to those of a dictionary; at least three must be in
     both.
     """
+    whole = dictionary
     doubts = check_numbering(names, dictionary.landmark_names, place, "the dictionary")
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
@@ -63,7 +65,7 @@ def match_names(
         if numbers_of(names):
             fix += ", or numbered ones by `--keypoints`"
         raise input_error(place, f"{fault}{abbreviate(listed, 10)})", fix)
-    return Matched(dictionary, joints, unknown, in_place, doubts)
+    return Matched(dictionary, joints, unknown, in_place, whole, doubts)
 
 
 class Detected(NamedTuple):
@@ -81,13 +83,15 @@ class Matched(NamedTuple):
     """Landmarks of files beside a dictionary without what these do not mark.
 
     unknown landmarks are left out. in_place: they lie where A says, else at their
-    joints. doubts are warnings about their numbers.
+    joints. whole is the dictionary as it was read. doubts are warnings about their
+    numbers.
     """
 
     dictionary: Dictionary
     joints: Joints
     unknown: Sequence[str]
     in_place: bool
+    whole: Dictionary
     doubts: tuple[str, ...] = ()
 
     @property
@@ -129,12 +133,12 @@ class Matched(NamedTuple):
 
     def to_joints(
         self,
-        lifting: Lifting,
+        lifting: Lifting[PosteriorEstimate],
         theta: Mapping[str, float],
         landmarks: Floats,
         visible: Flags,
         residual_variance: float,
-    ) -> tuple[Lifting, Detected | None]:
+    ) -> tuple[Lifting[PosteriorEstimate], Detected | None]:
         """Return the lifting of the joints, and all landmarks of the files in 3D, None
         where these are the joints. landmarks (n, 2, p), visible (n, p).
         """

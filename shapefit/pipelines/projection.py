@@ -105,7 +105,7 @@ def project(
     else:
         rotations = np.broadcast_to(np.array(camera.view, dtype=np.float64), (n, 3, 3))
     scale = 1.0 if camera.scale is None else camera.scale
-    landmarks = cameras.project(shapes.as_columns(), rotations, scale)
+    landmarks = cameras.project_from_afar(shapes.as_columns(), rotations, scale)
     if config.noise > 0:
         landmarks = add_noise(
             landmarks, config.noise, stream(config.seed, NOISE, batch)

@@ -42,7 +42,7 @@ from shapefit.records import Fit, Landmarks
 from shapefit.records.columns import held_columns, in_columns
 from shapefit.threads import side_by_side
 from shapefit.verification import certificate
-from shapefit.verification.certificate import Claims, Program
+from shapefit.verification.certificate import CertifiedProgram, Claims
 
 if TYPE_CHECKING:  # pydantic takes long to import, and only folders need it
     from shapefit.config.manifest import PartLine
@@ -367,7 +367,7 @@ def match_files(
 
 def read_program(
     head: Fit, file: Path, path: Path, dictionary: Dictionary, fit: Statement
-) -> Program:
+) -> CertifiedProgram:
     """Return the convex program of a fit. Raises InputError for another dictionary."""
     names = f"{path}: landmark names"
     columns = match_landmarks(dictionary.landmark_names, head.landmark_names, names)
@@ -379,7 +379,7 @@ def read_program(
             path, fault, "give the dictionary of the fit, whose atoms have items"
         )
     outliers, perspective = fit.config["outliers"], head.focal is not None
-    return Program(
+    return CertifiedProgram(
         atoms=np.ascontiguousarray(dictionary.atoms[:, :, columns]),
         atom_items=dictionary.atom_items if omits else None,
         refined=perspective or fit.config["method"] != "convex",
@@ -441,7 +441,10 @@ def open_images(
 
 
 def check_chunk(
-    result: Fit, given: Landmarks | None, program: Program, certified: bool
+    result: Fit,
+    given: Landmarks | None,
+    program: CertifiedProgram,
+    certified: bool,
 ) -> Checked:
     """Check the claims of some images."""
     columns = claimed_columns(result)
@@ -517,11 +520,12 @@ def summary_lines(tally: Tally, fit: Statement, with_landmarks: bool) -> Iterato
             "the convex program is solved to within the gap that is stated,"
             f" {tally.largest_gap:.1g} at most"
         )
-    elif method in (*CERTIFIED, "global"):
+    elif method in CERTIFIED:
+        why = "no certificate is stored"
+    elif method == "global":
         why = (
-            "no certificate is stored"
-            if method in CERTIFIED
-            else "states its gap, not checked"
+            "its bound on all rotations is stated, not checked: no file holds the"
+            " search that proves it"
         )
     sealed = "all that the file holds is as `fit` wrote it, by one digest"
     if tally.not_sealed:

@@ -1,9 +1,10 @@
-"""Claims of a result: the certificate of the convex program, and the ranges of
-datasets.
+"""Claims of a result: the certificate of the convex program, the ranges of datasets.
 
-    P = f(Omega o (V - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2 D = <Y, Omega o
-    V> - delta / 2 ||Y||_F^2 where Y omega = 0, ||(Y o Omega) B_i^T||_* <= lambda for
-    all i, |Y| <= the bound of the loss
+    P = f(Omega o (V - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2
+    D = <Y, Omega o V> - delta / 2 ||Y||_F^2
+
+    where Y omega = 0, ||(Y o Omega) B_i^T||_* <= lambda for all i,
+    |Y| <= the bound of the loss
 
 V are the normalised landmarks; delta is 1 for the losses squared and sparse-error, else
 0. The shape is scale sum_i c_i R_i B_i + translation, c_i = ||M_i||_2 and R_i the rows
@@ -25,50 +26,48 @@ from numpy.typing import ArrayLike, NDArray
 from shapefit.arrays import Flags, Floats
 from shapefit.geometry.normalisation import normalise
 
-TOLERANCE = 1e-9
-"""Share of its size by which a number may be off from the one that is computed again.
-"""
-ORTHONORMAL = 1e-8
+CLAIM_TOLERANCE = 1e-9
+"""Share of its size by which a number may be off from that which is computed again."""
+
+ORTHONORMAL_WITHIN = 1e-8
 """By which entries of R^T R may differ from those of the identity."""
+
+SUM_ROUNDING = 64 * 2.0**-53
+"""Share of the magnitudes of its terms by which a sum may be off, in the fit and here.
+"""
 
 Columns = Mapping[str, NDArray[Any]]
 """Datasets of n images by name; points one a column, (n, 3, p) or (n, 2, p)."""
 
-WITHOUT_SHAPE = ("degenerate input", "numerical failure")
-STATUS = ("optimal", "converged", "iteration limit")
+STATUS_WITHOUT_SHAPE = ("degenerate input", "numerical failure")
+STATUS_WITH_SHAPE = ("optimal", "converged", "iteration limit")
+
+POSITIVE = (np.nextafter(0.0, 1.0), np.inf)
+NOT_NEGATIVE = (0.0, np.inf)
+SHARE_RANGE = (0.0, 1.0)
+CORRELATION_RANGE = (-1.0 - 2.0**-23, 1.0 + 2.0**-23)  # in single precision
+FINITE = (-np.inf, np.inf)
 
 RANGES: Mapping[tuple[float, float], str] = {
-    (np.nextafter(0.0, 1.0), np.inf): "scale lambda metres_per_unit focal",
-    (
-        0.0,
-        np.inf,
-    ): (
+    POSITIVE: "scale lambda metres_per_unit focal",
+    NOT_NEGATIVE: (
         "shape_sd input_shape_sd active_atoms iterations residual expected_error "
         "image_error"
     ),
-    (0.0, 1.0): "p_value inlier_probability trusted tight outliers",
-    (
-        -1.0 - 2.0**-23,
-        1.0 + 2.0**-23,
-    ): "shape_correlation input_shape_correlation",  # single
-    (
-        -np.inf,
-        np.inf,
-    ): (
+    SHARE_RANGE: "p_value inlier_probability trusted tight outliers",
+    CORRELATION_RANGE: "shape_correlation input_shape_correlation",
+    FINITE: (
         "shapes input_shapes landmarks_fitted coefficients translation objective "
         "log_evidence camera_translation principal_point shape_covariance"
     ),
 }
 """(least, greatest) -> datasets with finite numbers in this range, or nan."""
+
 CERTIFICATE = "dual convex_translation transform_count transform_atom active_transforms"
 """Datasets that certify the optimum of the convex program."""
-ROUNDING = 64 * 2.0**-53
-"""Share of the sum of its terms' magnitudes by which a sum may be off, in the fit and
-here.
-"""
 
 
-class Program(NamedTuple):
+class CertifiedProgram(NamedTuple):
     """The convex program of a fit.
 
     atoms B (k, 3, p), and the items of the training shapes that they are, where they
@@ -88,7 +87,7 @@ class Program(NamedTuple):
     tolerance: float
 
 
-class Images(NamedTuple):
+class ProgramImages(NamedTuple):
     """n images as the program has them: landmarks = size x points + centroid.
 
     points V (n, 2, p), 0 where hidden; weights omega (n, p); centroid (n, 2); size, lam
@@ -103,76 +102,97 @@ class Images(NamedTuple):
     retained: Flags | None
 
 
-def check_certificate(columns: Columns, program: Program, claims: Claims) -> Flags:
-    """Claim that the dual bounds the objective as stated, and that the shapes are those
-    bounded.
+def check_certificate(
+    columns: Columns, program: CertifiedProgram, claims: Claims
+) -> Flags:
+    """Claim that the dual bounds the objective as stated, of the shapes as stated.
 
     Returns the images (n,) that state a gap: without one nothing is certified of an
     image.
     """
     images = read_images(columns, program)
-    n, (k, _, p) = len(images.size), program.atoms.shape
+    k, _, p = program.atoms.shape
+    n = len(images.size)
     rows = program.atoms.reshape(3 * k, p)
     prefix = "convex_" if program.refined else ""
     gap = stated_gap(columns, program)
-    stated = np.asarray(claims.fitted & np.isfinite(gap))
-    M, c = np.zeros((n, k, 2, 3)), np.zeros((n, k))
-    # Of an atom that is not there another one is taken, with which the objective is
-    # false.
-    place = (
-        np.repeat(np.arange(n), columns["transform_count"]),
-        columns["transform_atom"] % k,
-    )
-    transforms = columns["active_transforms"]
-    finite = np.asarray(np.isfinite(transforms).all(axis=(1, 2)))
-    M[place] = np.where(finite[:, None, None], transforms, 0.0)
-    whole = np.ones(n, bool)
-    whole[place[0][~finite]] = False
-    claims.hold("transforms are finite", whole, of=np.ones(n, bool))
-    c[place] = np.linalg.norm(M[place], 2, axis=(1, 2))
-    D = check_dual(images, columns["dual"], program, claims, stated)
+    states_gap = np.asarray(claims.fitted & np.isfinite(gap))
+    M, c = read_transforms(columns, n, k, claims)
+    D = check_dual(images, columns["dual"], program, claims, states_gap)
     T = columns["convex_translation"]
     X = (M.swapaxes(1, 2).reshape(2 * n, -1) @ rows).reshape(n, 2, p)
     P = objective(images, X, T, c.sum(axis=1), program)
-    check_gap(P, D, (columns[f"{prefix}objective"], gap), prefix, claims, stated)
+    stated = (columns[f"{prefix}objective"], gap)
+    check_gap(P, D, stated, prefix, claims, states_gap)
     if images.retained is not None:
-        claims.hold(
-            "atoms that are left out have no coefficient", images.retained | (c == 0)
-        )
+        is_right = images.retained | (c == 0)
+        claims.hold("atoms that are left out have no coefficient", is_right)
     if not program.refined:
-        optimal = columns["status"].astype(str) == "optimal"
-        text = "the gap of an optimal image is within the tolerance"
+        is_optimal = columns["status"].astype(str) == "optimal"
         claims.near(
-            text, np.abs(gap), program.tolerance + TOLERANCE, of=claims.fitted & optimal
+            "the gap of an optimal image is within the tolerance",
+            np.abs(gap),
+            program.tolerance + CLAIM_TOLERANCE,
+            of=claims.fitted & is_optimal,
         )
         third = np.nan_to_num(np.cross(M[:, :, 0], M[:, :, 1]) / c[..., None])
         turned = np.concatenate([M, third[:, :, None]], axis=2)
         S = (turned.swapaxes(1, 2).reshape(3 * n, -1) @ rows).reshape(n, 3, p)
         check_shapes(columns, images, c, S, T, claims)
     elif program.bounds:
-        c, R = columns["coefficients"], np.nan_to_num(columns["rotation"])
-        S = R @ (c @ program.atoms.reshape(k, -1)).reshape(n, 3, p)
-        square = images.weights**2
-        T = (
-            np.einsum("nap,np->na", images.points - S[:, :2], square)
-            / square.sum(1)[:, None]
-        )
-        P = objective(images, S[:, :2], T, np.abs(c).sum(axis=1), program)
-        check_gap(
-            P, D, (columns["objective"], columns["relative_gap"]), "", claims, stated
-        )
-        check_shapes(columns, images, c, S, T, claims)
-    return stated
+        check_refined(columns, images, program, D, claims, states_gap)
+    return states_gap
 
 
-def stated_gap(columns: Columns, program: Program) -> Floats:
+def check_refined(
+    columns: Columns,
+    images: ProgramImages,
+    program: CertifiedProgram,
+    D: Floats,
+    claims: Claims,
+    of: Flags,
+) -> None:
+    """Claim the objective of shapes with one rotation, its gap to D, and the shapes."""
+    k, _, p = program.atoms.shape
+    c = columns["coefficients"]
+    R = np.nan_to_num(columns["rotation"])
+    S = R @ (c @ program.atoms.reshape(k, -1)).reshape(len(c), 3, p)
+    square = images.weights**2
+    total = np.einsum("nap,np->na", images.points - S[:, :2], square)
+    T = total / square.sum(1)[:, None]
+    P = objective(images, S[:, :2], T, np.abs(c).sum(axis=1), program)
+    stated = (columns["objective"], columns["relative_gap"])
+    check_gap(P, D, stated, "", claims, of)
+    check_shapes(columns, images, c, S, T, claims)
+
+
+def read_transforms(
+    columns: Columns, n: int, k: int, claims: Claims
+) -> tuple[Floats, Floats]:
+    """Return M (n, k, 2, 3) and c (n, k), and claim that transforms are finite."""
+    image = np.repeat(np.arange(n), columns["transform_count"])
+    # Of an atom that is not there another one is taken, with which the objective is
+    # false.
+    atom = columns["transform_atom"] % k
+    transforms = columns["active_transforms"]
+    is_finite = np.asarray(np.isfinite(transforms).all(axis=(1, 2)))
+    M = np.zeros((n, k, 2, 3))
+    M[image, atom] = np.where(is_finite[:, None, None], transforms, 0.0)
+    are_finite = np.ones(n, bool)
+    are_finite[image[~is_finite]] = False
+    claims.hold("transforms are finite", are_finite, of=np.ones(n, bool))
+    c = np.zeros((n, k))
+    c[image, atom] = np.linalg.norm(M[image, atom], 2, axis=(1, 2))
+    return M, c
+
+
+def stated_gap(columns: Columns, program: CertifiedProgram) -> Floats:
     """Return the relative gap (n,) that is stated of the convex program."""
-    return np.asarray(
-        columns["convex_relative_gap" if program.refined else "relative_gap"]
-    )
+    name = "convex_relative_gap" if program.refined else "relative_gap"
+    return np.asarray(columns[name])
 
 
-def read_images(columns: Columns, program: Program) -> Images:
+def read_images(columns: Columns, program: CertifiedProgram) -> ProgramImages:
     """Weigh and normalise the landmarks of n images of a result.
 
     omega is the confidence, 1 without one, and 0 where a landmark is unseen or was set
@@ -189,22 +209,32 @@ def read_images(columns: Columns, program: Program) -> Images:
     if "omitted" in columns and program.atom_items is not None:
         items = np.array(program.atom_items, dtype=str)
         retained = columns["omitted"].astype(str)[:, None] != items
-    V, centroid, size = normalised.points, normalised.centroid, normalised.scale
-    return Images(V, weights, centroid, size, columns["lambda"], retained)
+    return ProgramImages(
+        points=normalised.points,
+        weights=weights,
+        centroid=normalised.centroid,
+        size=normalised.scale,
+        lam=columns["lambda"],
+        retained=retained,
+    )
 
 
 def objective(
-    images: Images, X: Floats, T: Floats, total: Floats, program: Program
+    images: ProgramImages,
+    X: Floats,
+    T: Floats,
+    total: Floats,
+    program: CertifiedProgram,
 ) -> tuple[Floats, Floats]:
-    """P (n,) of projections X (n, 2, p), of transforms whose norms sum to `total`, at T
-    (n, 2).
+    """Return P (n,) of projections X (n, 2, p) at T (n, 2), and its size.
 
-    And its size, which differences are to be compared with: P and the objective without
-    a shape.
+    total (n,), the sum of the norms of transforms. Differences are to be compared with
+    the size: P and the objective without a shape.
     """
+    beta = program.beta
 
     def loss(r: Floats) -> Floats:
-        size, beta = np.abs(images.weights[:, None] * r), program.beta
+        size = np.abs(images.weights[:, None] * r)
         f = size**2 / 2
         if program.loss == "sparse-error":
             f = np.where(size <= beta, f, beta * (size - beta / 2))
@@ -217,29 +247,35 @@ def objective(
 
 
 def check_dual(
-    images: Images, Y: Floats, program: Program, claims: Claims, of: Flags
+    images: ProgramImages,
+    Y: Floats,
+    program: CertifiedProgram,
+    claims: Claims,
+    of: Flags,
 ) -> Floats:
-    """Claim that the dual Y (n, 2, p) is feasible, of these images (n,); returns D
-    (n,).
-    """
-    (n, _, p), (k, *_) = Y.shape, program.atoms.shape
+    """Claim that the dual Y (n, 2, p) is feasible, of some images; return D (n,)."""
+    n, _, p = Y.shape
+    k = len(program.atoms)
     columns = np.ascontiguousarray(program.atoms.transpose(2, 1, 0).reshape(p, 3 * k))
     weighted = Y * images.weights[:, None]
     products = (weighted.reshape(-1, p) @ columns).reshape(n, 2, 3, k)
     norms = nuclear_norms(products[:, 0], products[:, 1])
-    most = largest(norms if images.retained is None else norms * images.retained)
-    reach = np.sqrt((program.atoms**2).sum(axis=1)).max()
-    terms = np.sqrt((weighted**2).sum(axis=1)).sum(axis=1) * reach / images.lam
-    allowed = TOLERANCE + ROUNDING * terms
+    if images.retained is not None:
+        norms = norms * images.retained
+    most = largest(norms)
+    farthest = np.sqrt((program.atoms**2).sum(axis=1)).max()
+    lengths = np.sqrt((weighted**2).sum(axis=1))
+    terms = lengths.sum(axis=1) * farthest / images.lam
+    allowed = CLAIM_TOLERANCE + SUM_ROUNDING * terms
     claims.near("the dual point is feasible", most / images.lam - 1, allowed, of)
+    sums = np.abs(weighted.sum(axis=2))
     sizes = np.abs(weighted).sum(axis=2).max(axis=1)
-    claims.near(
-        "the dual point is balanced",
-        np.abs(weighted.sum(axis=2)),
-        TOLERANCE * sizes,
-        of,
-    )
-    bound = {"l1": 1.0, "sparse-error": program.beta}.get(program.loss, np.inf)
+    claims.near("the dual point is balanced", sums, CLAIM_TOLERANCE * sizes, of)
+    bound = np.inf
+    if program.loss == "l1":
+        bound = 1.0
+    elif program.loss == "sparse-error":
+        bound = program.beta
     off = np.abs(Y).max(axis=(1, 2)) / bound - 1
     claims.near("the dual point is within the bound of the loss", off, of=of)
     along = np.einsum("nap,nap->n", weighted, images.points)
@@ -255,59 +291,67 @@ def check_gap(
     claims: Claims,
     of: Flags,
 ) -> None:
-    """Claim the objective P, with its size, and the gap (P - D) / P, 0 where both are
-    0.
-    """
+    """Claim the objective P, with its size, and the gap (P - D) / P; 0 / 0 is 0."""
     P, size = objective
+    stated_objective, stated_gap = stated
     text = f"{prefix}objective is that of the shape"
-    claims.near(text, np.abs(stated[0] - P), TOLERANCE * size, of)
-    none = (P == 0) & (D == 0)
-    gap = np.where(none, 0.0, (P - D) / P)
-    allowed = TOLERANCE * np.where(none, 1.0, 1 + np.abs(gap) + size / P)
+    claims.near(text, np.abs(stated_objective - P), CLAIM_TOLERANCE * size, of)
+    is_nothing = (P == 0) & (D == 0)
+    gap = np.where(is_nothing, 0.0, (P - D) / P)
+    gap_size = np.where(is_nothing, 1.0, 1 + np.abs(gap) + size / P)
     text = f"{prefix}relative_gap is that between objective and dual point"
-    claims.near(text, np.abs(stated[1] - gap), allowed, of)
+    claims.near(text, np.abs(stated_gap - gap), CLAIM_TOLERANCE * gap_size, of)
 
 
 def check_shapes(
-    columns: Columns, images: Images, c: Floats, S: Floats, T: Floats, claims: Claims
+    columns: Columns,
+    images: ProgramImages,
+    c: Floats,
+    S: Floats,
+    T: Floats,
+    claims: Claims,
 ) -> None:
-    """Claim c (n, k) and the shapes size S + (size T + centroid), for S (n, 3, p) and T
-    (n, 2).
+    """Claim coefficients c (n, k) and the shapes size S + (size T + centroid).
+
+    S (n, 3, p) and T (n, 2) are normalised.
     """
     size = images.size
     place = size[:, None] * T + images.centroid
-    far = ROUNDING * (largest(np.abs(images.centroid)) + size * largest(np.abs(T)))
+    distance = largest(np.abs(images.centroid)) + size * largest(np.abs(T))
+    rounding = SUM_ROUNDING * distance
     X = size[:, None, None] * S
     X[:, :2] += place[..., None]
-    share = TOLERANCE * (1 + largest(np.abs(S)))
-    for text, off, allowed in (
-        (
-            "coefficients are those of the transforms",
-            columns["coefficients"] - c,
-            TOLERANCE * (1 + largest(c)),
-        ),
-        ("scale is the size of the landmarks", columns["scale"] / size - 1, TOLERANCE),
-        (
-            "translation is that of the shape",
-            columns["translation"] - place,
-            TOLERANCE * size + far,
-        ),
-        (
-            "shapes are those of the certificate",
-            columns["shapes"] - X,
-            share * size + far,
-        ),
-    ):
-        claims.near(text, np.abs(off), allowed)
+    claims.near(
+        "coefficients are those of the transforms",
+        np.abs(columns["coefficients"] - c),
+        CLAIM_TOLERANCE * (1 + largest(c)),
+    )
+    claims.near(
+        "scale is the size of the landmarks",
+        np.abs(columns["scale"] / size - 1),
+        CLAIM_TOLERANCE,
+    )
+    claims.near(
+        "translation is that of the shape",
+        np.abs(columns["translation"] - place),
+        CLAIM_TOLERANCE * size + rounding,
+    )
+    shape_tolerance = CLAIM_TOLERANCE * (1 + largest(np.abs(S)))
+    claims.near(
+        "shapes are those of the certificate",
+        np.abs(columns["shapes"] - X),
+        shape_tolerance * size + rounding,
+    )
 
 
 def nuclear_norms(x: Floats, y: Floats) -> Floats:
     """Return s1 + s2 of the blocks with rows x and y, (..., 3, k) each: (..., k)."""
     x0, x1, x2 = (x[..., axis, :] for axis in range(3))
     y0, y1, y2 = (y[..., axis, :] for axis in range(3))
-    across = (
-        (x1 * y2 - x2 * y1) ** 2 + (x2 * y0 - x0 * y2) ** 2 + (x0 * y1 - x1 * y0) ** 2
-    )
+    z0 = x1 * y2 - x2 * y1
+    z1 = x2 * y0 - x0 * y2
+    z2 = x0 * y1 - x1 * y0
+    across = z0**2 + z1**2 + z2**2
     square = x0 * x0 + x1 * x1 + x2 * x2 + y0 * y0 + y1 * y1 + y2 * y2
     return np.asarray(np.sqrt(square + 2 * np.sqrt(across)))
 
@@ -328,15 +372,18 @@ class Claims:
         self,
         text: str,
         off: Floats,
-        allowed: ArrayLike = TOLERANCE,
+        allowed: ArrayLike = CLAIM_TOLERANCE,
         of: Flags | None = None,
     ) -> None:
         """Claim that differences (n, ...) are at most `allowed` (n,), and not nan.
 
         of (n,): the images of which it is claimed, by default those with a shape.
         """
+        if of is None:
+            of = self.fitted
         off = largest(np.asarray(off, dtype=np.float64))
-        false = (self.fitted if of is None else of) & ~(off <= np.asarray(allowed))
+        is_near = off <= np.asarray(allowed)  # nan is not
+        false = of & ~is_near
         for image in np.flatnonzero(false & ~self.missed).tolist():
             self.reasons[image] = f"not true: {text}; off by {off[image]:.2g}"
         self.missed |= false
@@ -347,31 +394,30 @@ class Claims:
 
 
 def largest(values: Floats) -> Floats:
-    """Return the largest number of each image (n,) of values (n, ...); nan where one is
-    nan.
-    """
-    return np.asarray(values.max(axis=tuple(range(1, values.ndim)), initial=-np.inf))
+    """Return the largest number of each image (n,) of values (n, ...), or nan."""
+    axes = tuple(range(1, values.ndim))
+    return np.asarray(values.max(axis=axes, initial=-np.inf))
 
 
 def check_ranges(columns: Columns, claims: Claims) -> None:
-    """Claim that numbers are in their range, rotations proper, shapes whole or
-    absent.
-    """
+    """Claim that numbers are in range, rotations proper, shapes whole or absent."""
     for (low, high), names in RANGES.items():
         for name in columns.keys() & set(names.split()):
             values = np.asarray(columns[name], dtype=np.float64)
-            fine = (values >= low) & (values <= high) & np.isfinite(values)
-            claims.hold(f"{name} is in its range", fine | np.isnan(values))
+            is_inside = (values >= low) & (values <= high) & np.isfinite(values)
+            claims.hold(f"{name} is in its range", is_inside | np.isnan(values))
     everyone = np.ones_like(claims.fitted)
-    absent = np.isnan(columns["shapes"]).all(axis=(1, 2))
-    claims.hold("a shape is whole or absent", absent | claims.fitted, of=everyone)
-    words = columns["status"].astype(str)
-    right = np.where(
-        claims.fitted, np.isin(words, STATUS), np.isin(words, WITHOUT_SHAPE)
+    is_absent = np.isnan(columns["shapes"]).all(axis=(1, 2))
+    claims.hold("a shape is whole or absent", is_absent | claims.fitted, of=everyone)
+    status = columns["status"].astype(str)
+    is_right = np.where(
+        claims.fitted,
+        np.isin(status, STATUS_WITH_SHAPE),
+        np.isin(status, STATUS_WITHOUT_SHAPE),
     )
-    claims.hold("the status says whether there is a shape", right, of=everyone)
+    claims.hold("the status says whether there is a shape", is_right, of=everyone)
     R = columns["rotation"]
-    stated = np.asarray(~np.isnan(R).all(axis=(1, 2)))
+    has_rotation = np.asarray(~np.isnan(R).all(axis=(1, 2)))
     off = np.abs(R.swapaxes(1, 2) @ R - np.eye(3))
-    claims.near("the rotation is orthonormal", off, ORTHONORMAL, of=stated)
-    claims.hold("the rotation is proper", np.linalg.det(R) > 0, of=stated)
+    claims.near("the rotation is orthonormal", off, ORTHONORMAL_WITHIN, of=has_rotation)
+    claims.hold("the rotation is proper", np.linalg.det(R) > 0, of=has_rotation)

@@ -1,36 +1,7 @@
 """A scene as one HTML file that needs nothing else: code, style and data inlined.
 
-A scene is a dict, whose keys are those that the scripts read, of n frames of p
-landmarks, those of a sequence one after the other. Arrays are as `as_json` takes them;
-what is absent is None.
-
-title       its first line
-items, landmarks, edges (pairs of landmarks), sides (0 middle, 1 left, 2 right of each
-    landmark)
-sequences   (name, first frame); recordings are those that were seen at once, times (n,)
-            the time of
-            each frame in its recording
-grounds     of each sequence: `upright` (9) turns space so that y is up; `floor` is its
-            y there
-layers      results, shapes, truth: name, role; points (n, 3, p) in space, nan where
-            there are none;
-            fitted (n, 2, p) in the image; sd (n, 3, p) of points; camera (n, 4), focal
-            lengths and principal point that take points to the image: x f / |z| + c in
-            `perspective`, else x f + c; pose (n, 13), rotation, scale, translation that
-            carry a mesh into space; blend, the meshes; status and reasons, words of
-            frames; measures for the chart: name, values (n,), unit, sd (n,)
-meshes      vertices (k, 3, q) of atoms, faces (f, 3)
-observed    landmarks (n, 2, p), nan where hidden; outliers (n, p); pictures {frame:
-            data URL, size}
-unit        of the image, whose size is `image`; space_unit that of points, length that
-            of their
-            errors and how many of it are one of the former
-y_down, frame_rate, rate_known; flat: there are images to show; video: frames follow
-each other in
-            time; rigid: shapes are shown in the frame of the object
-facts       words of the header: text, its definition `title`, style; assumed and notes
-            are
-            sentences: what is taken for granted, what is missing
+A scene holds n frames of p landmarks, those of a sequence one after the other, by the
+keys that the scripts read. What is absent is None.
 """
 
 from __future__ import annotations
@@ -38,23 +9,210 @@ from __future__ import annotations
 import json
 import re
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
-from typing import Any
+from typing import Any, Literal, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 
 SCRIPTS = ("blocks", "geometry", "scene", "look", "plane", "space", "chart", "viewer")
 """In this order: each file uses only those before it."""
-MISSING, LARGEST = -32768, 32767
+
+MAX_CODE = 32767
+"""Largest coordinate of a point in 16 bits."""
+
+MISSING_CODE = -32768
+"""Coordinate of a point that is missing."""
 
 
-def viewer_page(scene: Mapping[str, Any]) -> str:
+class Measure(TypedDict):
+    """A curve of the chart: values (n,) in a unit, with standard deviations (n,)."""
+
+    name: str
+    values: Floats
+    unit: str
+    sd: Floats | None
+
+
+class EncodedTexts(TypedDict):
+    """Texts of frames: the different ones, and which one (n,) each is."""
+
+    words: list[str]
+    codes: Integers
+
+
+class Blend(TypedDict):
+    """How a layer mixes the meshes of one set.
+
+    Frame i shows the mesh sum_j weight_j V_atom_j, start[i] <= j < start[i + 1].
+    """
+
+    mesh_set: int
+    start: Integers
+    atom: Integers
+    weight: Floats
+
+
+class Layer(TypedDict):
+    """Shapes of one name: a result, shapes of a file, or the truth."""
+
+    name: str
+    role: Literal["result", "shapes", "landmarks", "truth"]
+
+    points: Floats
+    """(n, 3, p) in space, nan where there are none."""
+
+    fitted: NotRequired[Floats]
+    """(n, 2, p) in the image."""
+
+    sd: NotRequired[Floats | None]
+    """Standard deviations (n, 3, p) of points."""
+
+    pose: Floats | None
+    """(n, 13): rotation, scale and translation that carry a mesh into space."""
+
+    camera: NotRequired[Floats | None]
+    """(n, 4): focal lengths and principal point that take points to the image.
+
+    In `perspective` by x f / |z| + c, else by x f + c.
+    """
+
+    perspective: bool
+
+    status: NotRequired[EncodedTexts | None]
+    """How frames ended that were not solved."""
+
+    reasons: NotRequired[EncodedTexts | None]
+    """Why frames are not trusted."""
+
+    measures: list[Measure]
+    blend: NotRequired[Blend]
+
+
+class MeshSet(TypedDict):
+    """Vertices (k, 3, q) of meshes that share their faces (f, 3)."""
+
+    vertices: Floats
+    faces: Integers | None
+
+
+class Ground(TypedDict):
+    """The ground of a sequence.
+
+    upright (9), the rotation that turns space so that y is up; floor, its y there.
+    """
+
+    upright: list[float]
+    floor: NotRequired[float]
+
+
+class Picture(TypedDict):
+    """A picture as data URL, and its width and height before it was made smaller."""
+
+    data: str
+    size: tuple[int, int]
+
+
+class Fact(TypedDict):
+    """Some words of the header, with a definition and a style."""
+
+    text: str
+    title: NotRequired[str]
+    style: NotRequired[str]
+
+
+class Scene(TypedDict):
+    """All that a page shows."""
+
+    title: str
+    """The first line of the page."""
+
+    items: Sequence[str]
+
+    sequences: Sequence[tuple[str, int]]
+    """Name and first frame of each."""
+
+    landmarks: Sequence[str]
+
+    edges: list[list[int]]
+    """Pairs of landmarks."""
+
+    layers: list[Layer]
+
+    unit: str
+    """Of the image."""
+
+    space_unit: str
+    """Of points."""
+
+    length: tuple[str, float]
+    """Unit of the errors of points, and how many of it are one of space_unit."""
+
+    y_down: bool
+
+    grounds: list[Ground]
+    """Of each sequence."""
+
+    frame_rate: float
+    rate_known: bool
+
+    flat: bool
+    """Whether there are images to show."""
+
+    observed: Floats | None
+    """Landmarks (n, 2, p), nan where hidden."""
+
+    outliers: NDArray[np.bool_] | None
+    """Which landmarks (n, p) are judged wrong."""
+
+    sides: list[int] | None
+    """0 middle, 1 left, 2 right for each landmark."""
+
+    recordings: list[list[int]]
+    """Sequences that were seen at once."""
+
+    times: Integers
+    """The time (n,) of each frame in its recording."""
+
+    meshes: list[MeshSet]
+
+    pictures: Mapping[int, Picture]
+    """By frame."""
+
+    image: list[float] | None
+    """Width and height of the images."""
+
+    video: bool
+    """Whether frames follow each other in time."""
+
+    rigid: bool
+    """Whether shapes are shown in the frame of the object."""
+
+    facts: list[Fact]
+    """Words of the header."""
+
+    assumed: list[str]
+    """Sentences on what is taken for granted."""
+
+    notes: list[str]
+    """Sentences on what is missing."""
+
+
+class Block(TypedDict):
+    """An array as scripts/blocks.js reads it: base64 of small integers or floats."""
+
+    type: str
+    shape: list[int]
+    data: str
+    places: NotRequired[Block]
+
+
+def viewer_page(scene: Scene) -> str:
     """Return the page of a scene.
 
     Names come from files of any origin: in the markup they are escaped, and the script
@@ -63,14 +221,13 @@ def viewer_page(scene: Mapping[str, Any]) -> str:
     """
     script = "\n".join(resource(f"scripts/{name}.js") for name in SCRIPTS)
     style = resource("palette.css") + resource("viewer.css")
-    facts = (
+    facts = [
         f'<li class="{fact.get("style", "")}" title="{escape(fact.get("title", ""))}">'
         f"{escape(fact['text'])}</li>"
         for fact in scene["facts"]
-    )
-    notes = (
-        f"<li>{escape(note)}</li>" for note in (*scene["assumed"], *scene["notes"])
-    )
+    ]
+    sentences = (*scene["assumed"], *scene["notes"])
+    notes = [f"<li>{escape(sentence)}</li>" for sentence in sentences]
     data = json.dumps(as_json(scene), allow_nan=False, separators=(",", ":"))
     parts = {
         "policy": content_security_policy(style, script),
@@ -79,14 +236,10 @@ def viewer_page(scene: Mapping[str, Any]) -> str:
         "title": escape(scene["title"]),
         "facts": "".join(facts),
         "notes": "".join(notes),
-        # Nothing in it ends or opens an element.
-        "page": (
-            data.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e")
-        ),
+        "page": _without_markup(data),
     }
-    return re.sub(
-        r"\{\{([a-z]+)\}\}", lambda name: parts[name[1]], resource("viewer.html")
-    )
+    template = resource("viewer.html")
+    return re.sub(r"\{\{([a-z]+)\}\}", lambda name: parts[name[1]], template)
 
 
 def resource(name: str) -> str:
@@ -94,35 +247,35 @@ def resource(name: str) -> str:
     return files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
+def _without_markup(data: str) -> str:
+    """Return JSON in which nothing ends or opens an element."""
+    data = data.replace("&", r"\u0026")
+    return data.replace("<", r"\u003c").replace(">", r"\u003e")
+
+
 def content_security_policy(style: str, script: str) -> str:
-    """Return the policy of a page with this one style and script: no request leaves the
-    page.
-    """
-    hashes = (sha256(text.encode()).digest() for text in (script, style))
-    of_script, of_style = (
-        f"'sha256-{b64encode(one).decode('ascii')}'" for one in hashes
-    )
+    """Return the policy of a page with this style and script: it makes no requests."""
     return (
-        f"default-src 'none'; script-src {of_script}; style-src {of_style}; "
-        "img-src data:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src {_hash_of(script)}; style-src"
+        f" {_hash_of(style)}; img-src data:; base-uri 'none'; form-action 'none'"
     )
 
 
-def encode_texts(texts: NDArray[Any] | None) -> dict[str, Any] | None:
-    """Return texts (n,) as the different ones, and codes (n,) of those of the
-    frames.
-    """
+def _hash_of(text: str) -> str:
+    digest = sha256(text.encode()).digest()
+    return f"'sha256-{b64encode(digest).decode('ascii')}'"
+
+
+def encode_texts(texts: NDArray[np.object_] | None) -> EncodedTexts | None:
+    """Return texts (n,) as the different ones, and which one each is."""
     if texts is None:
         return None
     different, codes = np.unique(texts.astype(str), return_inverse=True)
     return {"words": different.tolist(), "codes": codes}
 
 
-def blend(mesh_set: int, weights: Floats) -> dict[str, Any]:
-    """Return weights (n, k), most of which are 0, of meshes of one set.
-
-    Frame i shows the mesh sum_j weight_j V_atom_j, start[i] <= j < start[i + 1].
-    """
+def blend_meshes(mesh_set: int, weights: Floats) -> Blend:
+    """Return how weights (n, k), most of which are 0, mix the meshes of one set."""
     frame, atom = np.nonzero(weights)
     start = np.searchsorted(frame, np.arange(len(weights) + 1))
     return {
@@ -133,7 +286,7 @@ def blend(mesh_set: int, weights: Floats) -> dict[str, Any]:
     }
 
 
-def as_json(value: Any) -> Any:
+def as_json(value: object) -> object:
     """Return a scene, or a part of one, as the page reads it, without what is None.
 
     Arrays are blocks: points (n, d, p) on a scale of each set, other floats in 32 bits,
@@ -150,13 +303,13 @@ def as_json(value: Any) -> Any:
     if value.dtype.kind == "f":
         return block_of_points(value) if value.ndim == 3 else block(value, "f4")
     largest = int(value.max(initial=0))
-    return block(value, "u1" if largest < 2**8 else "u2" if largest < 2**16 else "u4")
+    if largest < 2**8:
+        return block(value, "u1")
+    return block(value, "u2" if largest < 2**16 else "u4")
 
 
-def block(values: NDArray[Any], kind: str) -> dict[str, Any]:
-    """Return an array as base64 of small integers or floats, as scripts/blocks.js reads
-    it.
-    """
+def block(values: NDArray[Any], kind: str) -> Block:
+    """Return an array as base64 of numbers of a kind, such as `i2` or `f4`."""
     data = np.ascontiguousarray(values.astype(f"<{kind}")).tobytes()
     return {
         "type": kind,
@@ -165,32 +318,28 @@ def block(values: NDArray[Any], kind: str) -> dict[str, Any]:
     }
 
 
-def block_of_points(points: Floats) -> dict[str, Any]:
-    """Return points (n, d, p) as 16-bit integers, each of the n sets on a scale of its
-    own.
+def block_of_points(points: Floats) -> Block:
+    """Return points (n, d, p) as 16-bit integers, each set on a scale of its own.
 
     A point that is not finite in 32 bits is missing.
     """
     rows = points.swapaxes(1, 2)
     with np.errstate(over="ignore", invalid="ignore"):
         finite = np.isfinite(rows.astype("<f4")).all(axis=2, keepdims=True)
-    some = finite.any(axis=1)
-    low = np.where(
-        some, np.where(finite, rows, np.inf).min(axis=1, initial=np.inf), 0.0
-    )
-    high = np.where(
-        some, np.where(finite, rows, -np.inf).max(axis=1, initial=-np.inf), 0.0
-    )
-    scale = (high - low).max(axis=1, keepdims=True) / (2 * LARGEST)
-    places = np.hstack([(low + high) / 2, np.where(scale > 0, scale, 1.0)]).astype(
-        "<f4"
-    )
-    offset, scale = (
-        places[:, None, :-1].astype(float),
-        places[:, None, -1:].astype(float),
-    )
-    codes = np.rint(
-        (np.where(finite, rows, offset) - offset) / np.maximum(scale, 1e-300)
-    )
-    codes = np.where(finite, np.clip(codes, -LARGEST, LARGEST), MISSING)
-    return block(codes, "i2") | {"places": block(places, "f4")}
+    has_any = finite.any(axis=1)
+    low = np.where(finite, rows, np.inf).min(axis=1, initial=np.inf)
+    high = np.where(finite, rows, -np.inf).max(axis=1, initial=-np.inf)
+    low = np.where(has_any, low, 0.0)
+    high = np.where(has_any, high, 0.0)
+    scale = (high - low).max(axis=1, keepdims=True) / (2 * MAX_CODE)
+    places = np.hstack([(low + high) / 2, np.where(scale > 0, scale, 1.0)])
+    # the page has them in 32 bits, so these are what codes must go with
+    places = places.astype("<f4")
+    offset = places[:, None, :-1].astype(float)
+    scale = places[:, None, -1:].astype(float)
+    centred = np.where(finite, rows, offset) - offset
+    codes = np.rint(centred / np.maximum(scale, 1e-300))
+    codes = np.where(finite, np.clip(codes, -MAX_CODE, MAX_CODE), MISSING_CODE)
+    encoded = block(codes, "i2")
+    encoded["places"] = block(places, "f4")
+    return encoded

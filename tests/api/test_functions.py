@@ -11,7 +11,7 @@ import pytest
 import shapefit
 from shapefit.config import load_config
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit.run import run
+from shapefit.pipelines.fit.fit import fit as run
 from tests.api.conftest import run_command, same_file
 
 

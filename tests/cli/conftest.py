@@ -63,6 +63,7 @@ def fake_pipeline(monkeypatch):
 
         module = ModuleType(f"shapefit.pipelines.{name}")
         module.run = pipeline_run
+        module.fit = pipeline_run
         monkeypatch.setitem(sys.modules, module.__name__, module)
         return configs
 

@@ -16,7 +16,7 @@ from shapefit.cli import main
 from shapefit.cli.commands import COMMANDS, make_options
 
 from shapefit.config import CONFIGS
-from shapefit.config.model import keys_of
+from shapefit.config.model import list_keys
 from shapefit.config.reference import rows
 from shapefit.errors import InputError, path_text, printable
 from shapefit.pipelines import verify
@@ -25,7 +25,7 @@ from shapefit.pipelines.result import Counted, Failure, Result
 NAMES = [spec.name for spec in COMMANDS if spec.has_config]
 FIT = "fit -c fit.yaml"
 EVAL = "eval result.h5 --truth shapes.h5 -o report"
-PIPELINES = {"fit": "fit.run", "eval": "evaluate.run", "view": "view.run"}
+PIPELINES = {"fit": "fit.fit", "eval": "evaluate.run", "view": "view.run"}
 FAILING = tuple(Failure(f"img_{i}", "hidden") for i in range(27))
 NOT_OPTIMAL = [
     Result(warnings=(Counted(n, "image", "not optimal"),)) for n in (128, 13, 1)
@@ -225,7 +225,7 @@ def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
 
 
 def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
-    configs = fake_pipeline("fit.run", [Result()])
+    configs = fake_pipeline("fit.fit", [Result()])
     line = f"{FIT} v*.h5 dict.h5 -o out.csv --set lambda=1e-3 --set outliers=l1"
     shapefit(*line.split(), "-d", "shapes.h5")
     (config,) = configs
@@ -298,7 +298,7 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(
 ):
     clock = count(0, 4)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
-    fake_pipeline("fit.run", [Result(done=10, total=90, note="gap 1e-5")] * 9)
+    fake_pipeline("fit.fit", [Result(done=10, total=90, note="gap 1e-5")] * 9)
     lines = [
         line
         for line in shapefit(*FIT.split()).err.splitlines()
@@ -326,7 +326,7 @@ def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
     printed = {
         line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"
     }
-    assert printed == {way[0] for way in keys_of(CONFIGS[command])}
+    assert printed == {way[0] for way in list_keys(CONFIGS[command])}
 
 
 def complete(words: str, kind: str = "bash_complete") -> list[str]:

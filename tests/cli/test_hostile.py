@@ -19,12 +19,12 @@ from shapefit.cli.main import run as shapefit
 
 from shapefit.io import landmark_writer
 from shapefit.io.formats import record_writer
-from shapefit.io.inputs import free_memory
+from shapefit.io.inputs import ALWAYS_FITS, free_memory, read_whole
 from shapefit.io.layout import SHAPES
 from shapefit.records import Landmarks, Shapes
 
 MEGABYTE = 1 << 20
-MOST_MEMORY = 400 * MEGABYTE
+MOST_MEMORY = 300 * MEGABYTE
 """Of a run that refuses a file of a few megabytes."""
 
 NASTY = "\x1b]0;title\x07\x9b31m\u202eevil\n"
@@ -101,6 +101,42 @@ def put_chunk(file: h5py.File, name: str, chunk: bytes, **keys) -> None:
     dataset.id.write_direct_chunk((0,) * len(shape), chunk)
 
 
+TRC = """PathFileType\t4\t(X/Y/Z)\ta.trc
+DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits
+30\t30\t1\t2\tm
+Frame#\tTime\ta\t\t\tb\t\t
+\t\tX1\tY1\tZ1\tX2\tY2\tZ2
+1\t0\t0\t0\t1\t1\t2\t3
+"""
+
+BVH = """HIERARCHY
+ROOT hip
+{
+OFFSET 0 0 0
+CHANNELS 3 Xrotation Yrotation Zrotation
+End Site
+{
+OFFSET 1 2 3
+}
+}
+MOTION
+Frames: 1
+Frame Time: 0.04
+1 2 3
+"""
+
+TEXTS = {
+    "table.csv.gz": "item,landmark,x,y\n",
+    "wide.csv.gz": "image,a_x,a_y,b_x,b_y\n",
+    "long.csv.gz": "image;landmark;x;y\n",
+    "dlc.csv.gz": "scorer,s,s,s\nbodyparts,a,a,a\ncoords,x,y,likelihood\n",
+    "marks.trc.gz": TRC,
+    "walk.bvh.gz": BVH,
+    "shapes.tps.gz": "LM=2\n1 2\n3 4\nID=a\n",
+}
+"""How texts of several readers begin."""
+
+
 class TestMemory:
     @pytest.mark.parametrize("name", ["landmarks", "item"])
     def test_a_chunk_that_holds_more_than_it_declares(self, bomb, name):
@@ -164,24 +200,50 @@ class TestMemory:
                 member.write(bytes(1 << 24))
         check_refused("arrays.npz", "become 403 MB or more")
 
-    @pytest.mark.parametrize("header", ["item,landmark,x,y", "image,a_x,a_y,b_x,b_y"])
-    @pytest.mark.parametrize("end", ["\n", "\r\n", "  \n"])
-    def test_a_table_of_line_ends(self, header, end):
-        with gzip.open("table.csv.gz", "wb") as file:
-            file.write(f"{header}\n".encode())
-            for _ in range(20):
-                file.write(end.encode() * (1 << 23 >> len(end) // 2))
-        code, said, memory = info("table.csv.gz")
-        assert code == 2, said
+    @pytest.mark.parametrize(
+        ("name", "end"),
+        [
+            *((name, ",,,,\n") for name in TEXTS),
+            *(("wide.csv.gz", end) for end in ("\n", "\r\n", "  \n", '""\n')),
+            *(("table.csv.gz", end) for end in ("\n", "\r\n", "  \n")),
+        ],
+    )
+    def test_a_text_of_line_ends(self, name, end):
+        """As many as a packed file may hold without a question."""
+        with gzip.open(name, "wb") as file:
+            file.write(TEXTS[name].encode())
+            file.write(end.encode() * ((60 << 20) // len(end)))
+        code, said, memory = info(name)
+        assert code in (0, 2), said
         assert memory < MOST_MEMORY
 
-    def test_json_that_inflates(self):
-        with gzip.open("frames.json.gz", "wb") as file:
-            file.write(b"[")
-            for _ in range(20):
-                file.write(b"0," * (1 << 22))
-            file.write(b"0]")
-        check_refused("frames.json.gz", "become")
+    @pytest.mark.parametrize(
+        ("name", "begin", "piece"),
+        [
+            ("table.csv.gz", "item,landmark,x,y\n", "\n"),
+            ("wide.csv.gz", "image,a_x,a_y,b_x,b_y\n", "\r\n"),
+            ("frames.json.gz", "[0", ",0"),
+        ],
+    )
+    def test_text_that_inflates(self, name, begin, piece):
+        """To 3 GB, of 3 MB."""
+        with gzip.open(name, "wb") as file:
+            file.write(begin.encode())
+        packed = Path(name).read_bytes()
+        member = gzip.compress(piece.encode() * ((1 << 24) // len(piece)))
+        count = BOMB >> 24
+        Path(name).write_bytes(packed + count * member)
+        assert Path(name).stat().st_size < 4 * MEGABYTE
+        check_refused(name, "become")
+
+    def test_honest_text_is_unpacked(self, rng):
+        """More than is read without a question."""
+        rows = "\n".join(map(str, rng.normal(size=50_000).round(6)))
+        text = 160 * rows.encode()
+        with gzip.open("numbers.csv.gz", "wb", compresslevel=1) as file:
+            file.write(text)
+        assert len(text) > ALWAYS_FITS
+        assert read_whole(Path("numbers.csv.gz")) == text
 
     def test_free_memory_is_below_every_limit(self):
         total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")

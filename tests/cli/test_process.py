@@ -26,11 +26,11 @@ from types import ModuleType
 from shapefit.pipelines.result import Result
 from shapefit.cli import main
 
-def run(config):
+def fit(config):
 {body}
 
-module = ModuleType("shapefit.pipelines.fit.run")
-module.run = run
+module = ModuleType("shapefit.pipelines.fit.fit")
+module.fit = fit
 sys.modules[module.__name__] = module
 main.main()
 """

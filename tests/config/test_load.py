@@ -236,7 +236,7 @@ def test_every_key_that_is_printed_is_listed(command):
         for key, field in fields.items()
         if field.is_required() or key == "output"
     }
-    config = load_config(command, None, (), {}, stand_ins=absent)
+    config = load_config(command, None, (), {}, placeholders=absent)
     printed = YAML(typ="safe").load(dump_config(config))
     listed = {row.name for row in rows(CONFIGS[command])}
     assert {*leaves(printed)} - {"data"} <= listed
@@ -290,10 +290,10 @@ def test_every_preset_is_right_but_for_files(folder, command):
 def test_stand_ins_take_the_place_of_files(folder):
     text = "landmarks: nowhere.h5\ndictionary: nowhere.h5\nlambda: 2\n"
     files = {"landmarks": ("x",), "dictionary": "y", "output": "z"}
-    config = load_config("fit", write(folder, text), stand_ins=files)
+    config = load_config("fit", write(folder, text), placeholders=files)
     assert (config.landmarks, config.dictionary, config.output) == (("x",), "y", "z")
     shown = load_config(
-        "fit", None, ["lambda=2"], stand_ins={"landmarks": None, "output": None}
+        "fit", None, ["lambda=2"], placeholders={"landmarks": None, "output": None}
     )
     assert (shown.landmarks, shown.output, shown.lam) == (None, None, 2)
     again = load_config(

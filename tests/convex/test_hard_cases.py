@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.problem import Loss, Problem, build_problem
-from shapefit.convex.solver import solve_newton
+from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.rotations import random_rotations
 from tests.convex.conftest import assert_certified, lambda_max
 
@@ -159,3 +159,25 @@ def test_robust_losses_place_the_translation_without_atoms(rng):
     huber = solve_newton(problem, tolerance=1e-12)
     slopes = np.clip(landmarks - huber.translation[..., None], -0.5, 0.5).sum(axis=2)
     np.testing.assert_allclose(slopes, 0, atol=1e-4)
+
+
+@pytest.mark.parametrize("size", [1e-60, 1e-100, 1e-163, 1e-165, 1e-200, 1e-300])
+def test_tiny_atoms_are_solved_or_a_failure(rng, loss, size):
+    """The same program in another unit of the transforms, until squares underflow."""
+    usual = random(rng)
+    atoms, lam = size * usual["atoms"], size * usual["lam"]
+    found = solve_newton(build_problem(usual["landmarks"], atoms, lam, loss=loss))
+    if size < 1e-72:
+        assert set(found.status) == {Status.NUMERICAL_FAILURE}
+        assert np.isnan(found.relative_gap).all()
+        return
+    expected = solve_newton(build_problem(**usual, loss=loss))
+    assert set(found.status) == {Status.OPTIMAL}
+    np.testing.assert_allclose(found.objective, expected.objective, rtol=1e-3)
+
+
+def test_tiny_atoms_beside_a_usual_lambda_are_not_used(rng):
+    usual = random(rng)
+    found = solve_newton(build_problem(**usual | {"atoms": 1e-200 * usual["atoms"]}))
+    assert set(found.status) == {Status.OPTIMAL}
+    assert not found.transforms.count.any()

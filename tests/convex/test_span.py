@@ -38,7 +38,7 @@ def test_the_optimum_is_that_of_all_landmarks(rng, monkeypatch, rank, masks):
     parts = list(span.reduce_images(problem, rows))
     assert len(parts) == masks
     assert {part.basis.shape[1] for part in parts} == {(rank or 3 * K) + 1}
-    monkeypatch.setattr(span, "LARGE", P + 1)
+    monkeypatch.setattr(span, "MIN_LANDMARKS_OF_A_SPAN", P + 1)
     whole = solve_newton(problem, tolerance=1e-8)
     assert set(found.status) == {Status.OPTIMAL}
     np.testing.assert_allclose(found.objective, whole.objective, rtol=2e-8)

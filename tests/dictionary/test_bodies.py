@@ -8,9 +8,9 @@ import pytest
 from shapefit.dictionary.bodies import (
     find_acceleration,
     find_bone_tolerance,
+    find_bone_tree,
     find_edge_covariance,
     find_lengths,
-    find_skeleton,
     metres_per_unit,
     vary,
 )
@@ -175,7 +175,7 @@ def lengths(shapes):
 @pytest.mark.parametrize("edges", [TREE[:-1], np.vstack([TREE[:-1], [[1, 4]]])])
 def test_bones_that_are_no_tree_are_refused(edges):
     with pytest.raises(ValueError, match=r"tree|apart"):
-        find_skeleton(edges, 8)
+        find_bone_tree(edges, 8)
 
 
 def test_stretching_keeps_directions_and_partners_alike():
@@ -183,7 +183,7 @@ def test_stretching_keeps_directions_and_partners_alike():
     partners = np.array([0, 4, 5, 6, 1, 2, 3, 7])
     varied = vary(
         shapes,
-        find_skeleton(TREE, 8),
+        find_bone_tree(TREE, 8),
         copies=1,
         bone_scale=0.2,
         exchange=0.0,
@@ -200,7 +200,7 @@ def test_stretching_keeps_directions_and_partners_alike():
 def test_exchanged_limbs_come_from_other_shapes_whole():
     shapes = np.random.default_rng(0).normal(size=(30, 3, 8))
     varied = vary(
-        shapes, find_skeleton(TREE, 8), copies=1, bone_scale=0.0, exchange=1.0
+        shapes, find_bone_tree(TREE, 8), copies=1, bone_scale=0.0, exchange=1.0
     )
     assert varied[:, :, [0, 1, 4, 7]] == pytest.approx(shapes[:, :, [0, 1, 4, 7]])
     limb = (varied[:, :, [2, 3]] - varied[:, :, [1, 1]]).reshape(30, -1)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.from_2d.judgement import (
-    ALIKE,
-    DOUBTFUL,
+    DOUBTFUL_DEPTH,
     LEARNED,
-    UNLIKE,
+    NOTHING_IN_COMMON,
+    VIEWS_ALIKE,
     evaluate_class,
     roll_angles,
 )
-from shapefit.dictionary.from_2d.learning import learn, upgrade
+from shapefit.dictionary.from_2d.learning import learn_class, upgrade
 from shapefit.dictionary.from_2d.model import (
     Gaussian,
     Images,
@@ -206,7 +206,7 @@ def test_planted_shapes_are_recovered_and_the_objective_never_falls(
     plant, noise, hidden, most
 ):
     made = plant(60, noise=noise, hidden=hidden)
-    states = list(learn(made.images))
+    states = list(learn_class(made.images))
     assert (np.diff([state.objective for state in states]) > 0).all()
     assert relative_error(states[-1].in_camera, made.shapes) < most
 
@@ -221,7 +221,7 @@ def test_halves_disagree_where_each_pose_is_seen_from_one_side(rng, turn, learne
     shapes -= shapes.mean(axis=2, keepdims=True)
     shapes = rotation_about_axis(1, np.radians(np.linspace(0, turn, n))) @ shapes
     images = Images(shapes[:, :2], np.ones((n, p)), np.zeros(n, np.intp))
-    *_, state = learn(images)
+    *_, state = learn_class(images)
     found = evaluate_class(images, state)
     assert (found.verdict == LEARNED) == learned
     assert relative_error(state.in_camera, shapes) < found.half_distance
@@ -267,32 +267,32 @@ def seen_from_before(rng, degrees, **given):
 
 
 VERDICTS = {
-    "camera at rest": (shapes_of, {}, {ALIKE}),
-    "same shape, same view": (shapes_of, {"deviation": 0.0}, {ALIKE}),
-    "sways by 15 degrees": (partial(swayed, axis=1, degrees=15), {}, {ALIKE}),
-    "camera rolls": (partial(swayed, axis=2, degrees=90), {}, {ALIKE}),
+    "camera at rest": (shapes_of, {}, {VIEWS_ALIKE}),
+    "same shape, same view": (shapes_of, {"deviation": 0.0}, {VIEWS_ALIKE}),
+    "sways by 15 degrees": (partial(swayed, axis=1, degrees=15), {}, {VIEWS_ALIKE}),
+    "camera rolls": (partial(swayed, axis=2, degrees=90), {}, {VIEWS_ALIKE}),
     "same shape, camera rolls": (
         partial(swayed, axis=2, degrees=90),
         {"deviation": 0.0},
-        {ALIKE},
+        {VIEWS_ALIKE},
     ),
-    "flat and stiff": (seen_anywhere, {"deviation": 0.0, "depth": 0.0}, {ALIKE}),
-    "flat and bends": (seen_anywhere, {"depth": 0.0}, {ALIKE, DOUBTFUL}),
+    "flat and stiff": (seen_anywhere, {"deviation": 0.0, "depth": 0.0}, {VIEWS_ALIKE}),
+    "flat and bends": (seen_anywhere, {"depth": 0.0}, {VIEWS_ALIKE, DOUBTFUL_DEPTH}),
     "20 images of 6 modes": (
         seen_anywhere,
         {"n": 20, "modes": 6, "deviation": 0.25},
-        {DOUBTFUL},
+        {DOUBTFUL_DEPTH},
     ),
     "sways by 45 degrees": (
         partial(swayed, axis=1, degrees=45),
         {"n": 100},
-        {DOUBTFUL, LEARNED},
+        {DOUBTFUL_DEPTH, LEARNED},
     ),
     "any view": (seen_anywhere, {}, {LEARNED}),
     "stiff, 30 images": (seen_anywhere, {"n": 30, "deviation": 0.0}, {LEARNED}),
     "shallow": (seen_anywhere, {"depth": 0.2}, {LEARNED}),
     "from before": (partial(seen_from_before, degrees=30), {"n": 100}, {LEARNED}),
-    "noise": (lambda rng: rng.standard_normal((80, 3, P)), {}, {UNLIKE}),
+    "noise": (lambda rng: rng.standard_normal((80, 3, P)), {}, {NOTHING_IN_COMMON}),
 }
 """Planted set -> what makes it, how, and the verdicts that are right."""
 
@@ -304,7 +304,7 @@ def test_verdicts(rng, name):
     X = X / (X - X.mean(axis=2, keepdims=True))[:, :2].std()
     landmarks = X[:, :2] + NOISE * rng.standard_normal((len(X), 2, P))
     images = Images(landmarks, np.ones((len(X), P)), np.zeros(len(X), np.intp))
-    *_, state = learn(images)
+    *_, state = learn_class(images)
     assert evaluate_class(images, state).verdict in verdicts
 
 
@@ -324,7 +324,7 @@ def spoil(images, share, rng):
 def test_gross_landmarks_are_found_and_the_objective_never_falls(plant, rng):
     made = plant(100, p=24, noise=0.01)
     spoilt, bad = spoil(made.images, 0.05, rng)
-    states = list(learn(spoilt))
+    states = list(learn_class(spoilt))
     assert (np.diff([state.objective for state in states]) > 0).all()
     outliers = states[-1].outliers
     assert (outliers & bad).sum() > 0.9 * bad.sum()
@@ -337,7 +337,7 @@ def test_no_landmark_of_clean_images_is_gross_even_where_a_pose_is_rare(plant, r
     views, raised = made.views.rotation[:5], np.zeros((3, 24))
     raised[:, :4] = 1.2 * rng.standard_normal((3, 1))
     made.images.landmarks[:5] += (views @ raised)[:, :2]
-    *_, state = learn(made.images)
+    *_, state = learn_class(made.images)
     assert not state.outliers.any()
 
 

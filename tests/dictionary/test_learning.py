@@ -8,7 +8,7 @@ import pytest
 from shapefit.arrays import Floats
 from shapefit.dictionary.coding import flat, objectives, sparse_code
 from shapefit.dictionary.learning import (
-    learn,
+    learn_atoms,
     principal_components,
     replace_dead_atoms,
     scale_of_atoms,
@@ -144,11 +144,11 @@ class TestDescent:
         ("k", "beta"), [(1, 0.1), (8, 0.01), (8, 1.0), (30, 0.1), (80, 0.1)]
     )
     def test_no_half_step_raises_the_objective(self, shapes, k, beta):
-        state = last(learn(shapes, k, beta, iterations=30))
+        state = last(learn_atoms(shapes, k, beta, iterations=30))
         assert (np.diff(state.trace) <= 1e-13 * state.trace[0]).all()
 
     def test_coefficients_are_optimal_for_the_atoms(self, shapes):
-        state = last(learn(shapes, 8, BETA, iterations=5))
+        state = last(learn_atoms(shapes, 8, BETA, iterations=5))
         gaps = duality_gaps(shapes, state.atoms, BETA, state.coefficients)
         assert (gaps <= 1e-9).all()
 
@@ -166,7 +166,7 @@ class TestPlanted:
             C[j] = 0.3
             C[j, i] = 5
         shapes = np.tensordot(C, atoms, axes=1)
-        state = last(learn(shapes, 6, 1e-3, iterations=300))
+        state = last(learn_atoms(shapes, 6, 1e-3, iterations=300))
         overlap = np.tensordot(state.atoms, atoms, axes=([1, 2], [1, 2]))
         np.testing.assert_allclose(np.diag(overlap), 1, atol=1e-4)
         np.testing.assert_allclose(state.coefficients, C, atol=0.05)
@@ -191,7 +191,7 @@ class TestDeadAtoms:
         start = np.repeat(shapes[:1] / norms(shapes[0]), 8, axis=0)
         first = sparse_code(shapes, start, BETA)
         assert (first.max(axis=0) == 0).sum() == 7
-        state = next(learn(shapes, 8, BETA, iterations=1))
+        state = next(learn_atoms(shapes, 8, BETA, iterations=1))
         assert state.coefficients.any(axis=0).all()
         assert (np.diff(state.trace) < 0).all()
 

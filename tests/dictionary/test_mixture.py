@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from shapefit.dictionary.mixture import Mixture, learn_mixture, log_prior
+from shapefit.dictionary.mixture import (
+    Mixture,
+    expected_log_density,
+    learn_mixture,
+    log_prior,
+)
 
 
 def draw(n: int, seed: int = 0, p: int = 3):
@@ -51,6 +56,17 @@ def test_the_log_prior_of_two_covariances():
     mixture = Mixture(np.full(2, 0.5), np.zeros((2, 3, 1)), covariances)
     expected = -1.5 * (np.log(6) + 2 * (1 + 1 / 2 + 1 / 3) + 3 * np.log(4) + 2 * 3 / 4)
     assert log_prior(mixture, 2 * np.eye(3), 3.0) == pytest.approx(expected)
+
+
+def test_the_expected_log_density_is_that_of_shapes_with_errors(rng):
+    """Exact for a quadratic: the mean over errors of sqrt(d floor) along each axis."""
+    shapes, mixture = draw(7)
+    d, floor = 9, 0.05
+    X = shapes.reshape(7, d)
+    errors = np.sqrt(d * floor) * np.concatenate([np.eye(d), -np.eye(d)])
+    apart = (X + errors[:, None]).reshape(-1, 3, 3)
+    expected = mixture.log_density(apart).reshape(2 * d, 7, 3).mean(axis=0)
+    np.testing.assert_allclose(expected_log_density(X, mixture, floor), expected)
 
 
 def test_one_component_is_the_gaussian_of_all_shapes(rng):

@@ -9,7 +9,7 @@ import pytest
 
 from shapefit.config.loader import load_config
 from shapefit.config.paths import DICTIONARIES
-from shapefit.dictionary.bodies import find_skeleton
+from shapefit.dictionary.bodies import find_bone_tree
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.procrustes import mirror, rotation_onto
 from shapefit.io import read_dictionary
@@ -44,7 +44,7 @@ def test_it_has_the_joints_onto_which_all_skeletons_map(people):
 def test_it_has_what_all_methods_need(people):
     assert people.unit == "m"
     assert people.frame_rate == 24
-    find_skeleton(people.marked(()).edges, len(PEOPLE))
+    find_bone_tree(people.marked(()).edges, len(PEOPLE))
     assert {tuple(sorted(edge)) for edge in people.edges.tolist()} == {
         tuple(sorted(edge)) for edge in edges_of(JOINTS)
     }

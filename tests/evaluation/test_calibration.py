@@ -7,7 +7,7 @@ import pytest
 from scipy.special import chdtr, chdtri  # scipy.stats takes a second to import
 
 from shapefit.evaluation.calibration import (
-    QUANTILES,
+    SQUARED_RADII,
     ErrorBars,
     bar_scale_factors,
     cover,
@@ -148,8 +148,8 @@ def test_what_is_not_known_is_left_out(rng):
 
 
 def test_groups_are_summed_up():
-    assert [*QUANTILES.values()] == pytest.approx(
-        chdtri(3, [1 - level for level in QUANTILES]), rel=1e-14
+    assert [*SQUARED_RADII.values()] == pytest.approx(
+        chdtri(3, [1 - level for level in SQUARED_RADII]), rel=1e-14
     )
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
@@ -175,6 +175,6 @@ def test_factors_undo_what_error_bars_lack(rng):
     assert list(factors(4 * z).values()) == pytest.approx([2, 2], rel=0.01)
     outer = np.where(z > np.quantile(z, 0.6), 4 * z, z)
     assert list(factors(outer).values()) == pytest.approx([1, 2], rel=0.01)
-    fifth_and_ninth = np.sqrt(np.array([5, 9]) / [*QUANTILES.values()])
+    fifth_and_ninth = np.sqrt(np.array([5, 9]) / [*SQUARED_RADII.values()])
     assert list(factors(np.arange(1.0, 10)).values()) == pytest.approx(fifth_and_ninth)
     assert factors(z[:8])["90%"] is None

@@ -9,7 +9,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from shapefit.evaluation.plots import HEIGHT, LEFT, TOP, WIDTH, draw_errors
+from shapefit.evaluation.plots import (
+    AXES_HEIGHT,
+    AXES_LEFT,
+    AXES_TOP,
+    AXES_WIDTH,
+    draw_errors,
+)
 from shapefit.evaluation.report import (
     ABSENT,
     decimals_of,
@@ -18,7 +24,7 @@ from shapefit.evaluation.report import (
     report_csv,
     report_markdown,
     short_lines,
-    summarise,
+    summarise_errors,
 )
 
 NAN, INF = float("nan"), float("inf")
@@ -32,7 +38,9 @@ def sums(groups, **sequences):
     order = np.argsort(
         np.arange(len(names)) % 2, kind="stable"
     )  # images of a sequence lie apart
-    rows = summarise("convex", [names[i] for i in order], {KIND: values[order]}, groups)
+    rows = summarise_errors(
+        "convex", [names[i] for i in order], {KIND: values[order]}, groups
+    )
     found = {}
     for row in rows:
         found.setdefault(row.group, {})[row.sequence] = row
@@ -84,7 +92,7 @@ def make_report(groups, failures=1):
     summaries = [
         row
         for method, errors in SIZES.items()
-        for row in summarise(
+        for row in summarise_errors(
             method,
             ("s", "s", "s", "t"),
             {k: np.array(v) for k, v in errors.items()},
@@ -214,9 +222,9 @@ def test_the_plot_has_a_line_a_method_and_ends_early_where_images_failed():
     assert [len(line) for line in lines] == [4, 4, 0]
     first = np.array([point.split(",") for point in lines[0]], float)
     np.testing.assert_allclose(
-        first[:, 0], LEFT + WIDTH * np.array([0.1, 0.3, 0.5, 0.7])
+        first[:, 0], AXES_LEFT + AXES_WIDTH * np.array([0.1, 0.3, 0.5, 0.7])
     )
-    heights = TOP + HEIGHT * (1 - np.array([1, 3, 5, 6]) / 7)
+    heights = AXES_TOP + AXES_HEIGHT * (1 - np.array([1, 3, 5, 6]) / 7)
     np.testing.assert_allclose(first[:, 1], heights, atol=0.06)
     texts = [each.text for each in root.findall(".//{*}text")]
     assert {"3D error", "error (m)", "a<b", "b", "none", "0", "7", "100"} <= set(texts)

@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from shapefit.geometry import pinhole
-from shapefit.geometry.cameras import TO_Y_UP, nearest_axis_up, project, turntable
-from shapefit.geometry.pinhole import Camera, complete, distort, undistort
+from shapefit.geometry.cameras import (
+    TO_Y_UP,
+    nearest_axis_up,
+    project_from_afar,
+    turntable,
+)
+from shapefit.geometry.pinhole import Camera, complete_coefficients, distort, undistort
 
 # One point on each axis of the object, and one off all of them.
 POINTS = np.array([[1.0, 0, 0, 1], [0, 2, 0, 2], [0, 0, 3, 3]])
@@ -27,12 +32,14 @@ START = {
 
 @pytest.mark.parametrize("scale", [1.0, 250.0])
 def test_a_camera_far_away_keeps_x_and_y_but_for_their_scale(scale):
-    assert np.array_equal(project(POINTS, np.eye(3), scale) / scale, POINTS[:2])
+    assert np.array_equal(
+        project_from_afar(POINTS, np.eye(3), scale) / scale, POINTS[:2]
+    )
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 def test_the_turntable_starts_upright_and_turns_anticlockwise(up):
-    start, quarter = project(POINTS, turntable(np.array([0, 0.25]), up))
+    start, quarter = project_from_afar(POINTS, turntable(np.array([0, 0.25]), up))
     np.testing.assert_allclose(start, START[up], atol=1e-12)
     np.testing.assert_allclose(quarter, QUARTER[up], atol=1e-12)
 
@@ -87,16 +94,18 @@ def test_forward_and_back(rng, name):
     lens = LENSES[name]
     reach = 0.03 if name == "telephoto" else 0.7
     points = rng.uniform(-reach, reach, (3, 2, 50))
-    moved = distort(points, complete(lens))[0]
+    moved = distort(points, complete_coefficients(lens))[0]
     known = [[opencv(x, y, *lens) for x, y in image.T] for image in points]
     np.testing.assert_allclose(moved.swapaxes(1, 2), known, atol=1e-14)
-    np.testing.assert_allclose(undistort(moved, complete(lens)), points, atol=1e-12)
+    np.testing.assert_allclose(
+        undistort(moved, complete_coefficients(lens)), points, atol=1e-12
+    )
 
 
 def test_where_the_lens_bends_back_there_is_no_point():
     """1 - 0.3 r^2 turns over at r = 1.054, where the lens reaches 0.7027."""
     points = np.array([[0.70, 0.71, -5.0, np.nan], [0.0, 0.0, 0.0, 0.0]])
-    found = undistort(points, complete([-0.3, 0, 0, 0]))
+    found = undistort(points, complete_coefficients([-0.3, 0, 0, 0]))
     assert np.isfinite(found[:, 0]).all()
     assert found[0, 0] < np.sqrt(1 / 0.9)
     assert np.isnan(found[:, 1:]).all()
@@ -106,7 +115,7 @@ def test_large_points_are_undistorted_to_their_own_precision():
     """The residual that counts as none grows with the points."""
     points, lens = (
         np.array([[1e4, -2e4, 3e3], [1e3, 7e3, -9e3]]),
-        complete([1e-10, 1e-20, 0, 0]),
+        complete_coefficients([1e-10, 1e-20, 0, 0]),
     )
     np.testing.assert_allclose(
         undistort(distort(points, lens)[0], lens), points, rtol=1e-12
@@ -115,9 +124,11 @@ def test_large_points_are_undistorted_to_their_own_precision():
 
 def test_zero_distortion_and_other_counts(rng):
     points = rng.normal(size=(2, 2, 5))
-    np.testing.assert_array_equal(undistort(points, complete([0, 0, 0, 0, 0])), points)
+    np.testing.assert_array_equal(
+        undistort(points, complete_coefficients([0, 0, 0, 0, 0])), points
+    )
     with pytest.raises(ValueError, match="3 coefficients"):
-        complete([0.1, 0.2, 0.3])
+        complete_coefficients([0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -125,7 +136,7 @@ def test_points_before_the_camera_are_seen_however_near(sign):
     z = np.array([1e-3, 0.3, 50.0, 0.0, -2.0])
     points = np.stack([np.full(5, 0.2), np.full(5, -0.1), sign * z])[None]
     camera = Camera(np.full((1, 2), 800.0), np.array([[320.0, 240.0]]), sign)
-    visible = pinhole.project(camera, points)
+    visible = pinhole.project_pinhole(camera, points)
     expected = np.array([320 + 160 / z[:3], 240 - 80 / z[:3]])
     np.testing.assert_allclose(visible[0, :, :3], expected)
     assert np.isnan(visible[0, :, 3:]).all()

@@ -5,7 +5,7 @@ stands.
 import numpy as np
 import pytest
 
-from shapefit.geometry.floor import ABOVE_FLOOR, FORWARD, Body, Floor, find_floor
+from shapefit.geometry.floor import ABOVE_FLOOR, FORWARD, FilmedBody, Floor, find_floor
 from shapefit.geometry.rotations import rotation_about_axis
 
 RATE, TALL = 25.0, 1.7
@@ -77,7 +77,7 @@ def visible(points, height=1.5, pitch=12.0, roll=-5.0, away=5.0):
 
 
 def body(points, sd=0.05):
-    return Body(points, np.full_like(points, sd), JOINTS, TALL, RATE)
+    return FilmedBody(points, np.full_like(points, sd), JOINTS, TALL, RATE)
 
 
 def find(points, distance_sd=0.05, **deviations) -> Floor:
@@ -156,7 +156,7 @@ def test_without_feet_or_bodies_there_is_no_floor():
     points, _ = visible(walk())
     joints = {name: column for name, column in JOINTS.items() if name != "lankle"}
     assert find_floor([], 0.05) is None
-    assert find_floor([Body(points, points, joints, TALL, RATE)], 0.05) is None
+    assert find_floor([FilmedBody(points, points, joints, TALL, RATE)], 0.05) is None
     assert find_floor([body(np.full_like(points, np.nan))], 0.05) is None
     assert find_floor([body(visible(still(seconds=0.28))[0])], 0.05) is None  # a moment
     moved = still(seconds=2 / RATE)

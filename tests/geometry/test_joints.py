@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from shapefit.geometry.joint_angles import ANGLES, measurable_angles, measure_angles
+from shapefit.geometry.joint_angles import (
+    JOINT_ANGLES,
+    measurable_angles,
+    measure_angles,
+)
 from shapefit.geometry.joint_rotations import (
     find_bones,
     find_rig,
@@ -73,7 +77,7 @@ def measured(joints, up=UP, covariance=None):
 
 def test_planted_angles_are_found():
     found, deviations = measured(person())
-    assert found.keys() == TRUTH.keys() == {angle.name for angle in ANGLES}
+    assert found.keys() == TRUTH.keys() == {angle.name for angle in JOINT_ANGLES}
     for name, degrees in TRUTH.items():
         assert found[name][0] == pytest.approx(degrees, abs=1e-9), name
         assert np.isnan(deviations[name][0])

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.geometry.normalisation import LARGEST
+from shapefit.geometry.normalisation import MAX_COORDINATE
 from shapefit.geometry.procrustes import coincide
 from shapefit.io import (
     landmark_writer,
@@ -29,7 +29,7 @@ from shapefit.io.names import as_composed
 from shapefit.io.source import open_results
 from shapefit.records import Fit, Landmarks, Shapes, concatenate
 
-finite = st.floats(-LARGEST, LARGEST)
+finite = st.floats(-MAX_COORDINATE, MAX_COORDINATE)
 positive = st.floats(0, exclude_min=True, allow_infinity=False)
 anything = st.floats()
 letters = st.characters(exclude_characters="\0", codec="utf-8")

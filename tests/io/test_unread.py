@@ -47,6 +47,9 @@ UNREAD = [
     ("a.rds", b"\x1f\x8b\x08\0\0\0", "a file of R", "write.csv"),
     ("s.pts", "Version 1.0\n3\nS000 1 2 3\n", "IDAV Landmark", "docs/formats.md"),
     ("a.fbx", b"Kaydara FBX Binary  \0", "an FBX file", "export BVH"),
+    ("a.mvnx", '<?xml version="1.0"?>\n<mvnx version="4">', "Xsens", "C3D or BVH"),
+    ("a.xml", "<?xml?>\n<annotations>\n  <meta>", "of CVAT", "as COCO keypoints"),
+    ("a.xml", '<?xml version="1.0"?>\n<dataset>', "XML", "write a table"),
 ]
 
 

@@ -100,6 +100,17 @@ def test_labels_depend_neither_on_order_nor_on_threads_nor_on_company(
     )
 
 
+def test_three_landmarks_in_one_place_are_no_proof(posed, shape, rng):
+    """A tiny shape there fits them as exactly as can be, and nothing else."""
+    landmarks, weights = posed.copy(), np.zeros((N, P))
+    weights[:, :11] = 1.0
+    size = np.ptp(landmarks, axis=2).max(axis=1)[:, None, None]
+    place = landmarks.mean(axis=2, keepdims=True) + 0.3 * size
+    landmarks[:, :, :3] = place + 1e-4 * size * rng.standard_normal((N, 2, 3))
+    expected = np.tile((np.arange(P) >= 3) & (np.arange(P) < 11), (N, 1))
+    np.testing.assert_array_equal(search(landmarks, shape, weights), expected)
+
+
 def test_degenerate_images(posed, shape):
     landmarks, weights = posed[:5].copy(), np.ones((5, P))
     weights[0, 3:] = 0.0  # three landmarks fit some pose

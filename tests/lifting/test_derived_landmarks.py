@@ -9,7 +9,7 @@ from shapefit.config.paths import find_dictionary
 from shapefit.convex.solver import Status
 from shapefit.io import read_dictionary
 from shapefit.lifting.derived_landmarks import PAIRS, place_dependents, see_rows
-from shapefit.lifting.estimate import Estimate
+from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.records import Landmarks
 from tests.pipelines.fitted import fit_images
@@ -77,7 +77,7 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
         0.0  # the foot says nothing of the rest
     )
     shapes, landmarks = rng.standard_normal((1, 3, p)), rng.standard_normal((1, 2, p))
-    estimate = Estimate(
+    estimate = PosteriorEstimate(
         shapes=shapes,
         translation=np.zeros((1, 2)),
         rotation=np.eye(3)[None],
@@ -85,6 +85,11 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
         residual=np.zeros(1),
         iterations=np.ones(1, int),
         status=(Status.CONVERGED,),
+        deviation=np.ones((1, 3, p)),
+        correlation=np.zeros((1, 3, p), np.float32),
+        log_evidence=np.zeros(1),
+        inlier_probability=np.ones((1, p)),
+        squared_mahalanobis=np.zeros(1),
         covariance=C[None],
     )
     lifting = Lifting(

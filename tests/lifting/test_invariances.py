@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +18,11 @@ from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting import shared_rotation
-from shapefit.lifting.estimate import Estimate
+from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.posterior import posterior
+from shapefit.lifting.posterior.model import PosteriorModel
+from tests.lifting.estimators import make_estimator
 
 N, K, P = 10, 8, 12
 FAR = 2.0**38
@@ -51,11 +53,13 @@ class Case:
     edges: np.ndarray
     prior: Mixture
 
-    def settings(self, name: str, threads: int = 1) -> Settings:
-        return Settings(
+    def estimator(self, name: str, threads: int = 1) -> Estimator[Any]:
+        return make_estimator(
+            METHODS[name][0],
             solve=partial(solve_newton, tolerance=1e-10, threads=threads),
             mean_shape=self.mean,
-            needs={"edges": self.edges, "prior": self.prior},
+            edges=self.edges,
+            model=PosteriorModel(prior=self.prior, mean_shape=self.mean),
             threads=threads,
         )
 
@@ -68,13 +72,13 @@ class Case:
             loss=METHODS[name][1],
             beta=0.3,
         )
-        return choose_method(METHODS[name][0], self.settings(name, threads))(problem)
+        return self.estimator(name, threads)(problem)
 
 
 @pytest.fixture(autouse=True)
 def to_the_end(monkeypatch):
     """Go on until nothing more is gained, as far as numbers can tell."""
-    monkeypatch.setattr(posterior, "TOLERANCE", 1e-12)
+    monkeypatch.setattr(posterior, "MIN_LIKELIHOOD_GAIN", 1e-12)
     fine = partial(shared_rotation.alternate, tolerance=1e-14, max_rounds=5000)
     monkeypatch.setattr(shared_rotation, "alternate", fine)
 
@@ -227,8 +231,8 @@ def test_a_weight_of_root_two_counts_as_a_landmark_seen_twice(case, name):
 @pytest.mark.parametrize("name", METHODS)
 def test_landmarks_in_another_unit_and_place(case, name):
     """Through `lift`, which normalises: nothing of a method depends on pixels."""
-    method, loss = METHODS[name]
-    estimator = choose_method(method, case.settings(name))
+    _, loss = METHODS[name]
+    estimator = case.estimator(name)
     program = Program(None if loss is Loss.EXACT else 0.1, loss, beta=0.3)
     place = np.array([[300.0], [-20.0]])
     found, moved = (

@@ -3,14 +3,13 @@ groups.
 """
 
 from dataclasses import fields, replace
-from functools import partial
 
 import numpy as np
 import pytest
 
-from shapefit.convex.solver import Status, solve_newton
+from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import normalise
-from shapefit.lifting.degeneracy import FLAT, find_degenerate
+from shapefit.lifting.degeneracy import MIN_SINGULAR_VALUE, find_degenerate
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import (
     LEAST,
@@ -23,7 +22,7 @@ from shapefit.lifting.lift import (
     merge,
     noise_dual_norm,
 )
-from shapefit.lifting.methods import Settings, choose_method
+from tests.lifting.estimators import make_estimator
 
 PROGRAM = Program(lam=0.1)
 
@@ -136,8 +135,7 @@ def test_lambda_is_the_mean_dual_norm_of_the_noise_that_is_seen(rng, visible):
 def lifting(make_scene):
     scene = make_scene(n=5)
     scene.weights[3] = 0.0
-    settings = Settings(solve=partial(solve_newton), mean_shape=scene.mean_shape)
-    method = choose_method("convex", settings)
+    method = make_estimator("convex")
     return lift(scene.landmarks, scene.weights, scene.atoms, Program(lam=0.1), method)
 
 
@@ -180,10 +178,8 @@ def run(rng, atoms):
 
     def run(images=slice(None), retained=slice(None), method="convex"):
         B = atoms[retained]
-        settings = Settings(
-            solve=solve_newton, mean_shape=normalise(B.mean(axis=0)).points
-        )
-        estimator = choose_method(method, settings)
+        mean_shape = normalise(B.mean(axis=0)).points
+        estimator = make_estimator(method, mean_shape=mean_shape)
         return lift(landmarks[images], weights[images], B, PROGRAM, estimator)
 
     return run
@@ -266,7 +262,10 @@ def test_how_thin_a_line_is_counts_beside_its_length():
     across = (-1.0) ** np.arange(20)
     across -= x * (x @ across) / (x @ x)
     wide, long = np.linalg.norm(across), np.linalg.norm(x)
-    thin = [np.stack([x, share * FLAT * long / wide * across]) for share in (0.7, 1.4)]
+    thin = [
+        np.stack([x, share * MIN_SINGULAR_VALUE * long / wide * across])
+        for share in (0.7, 1.4)
+    ]
     found = find_degenerate(np.array(thin), np.ones((2, 20)))
     assert found == {0: "all visible landmarks lie on one line"}
 

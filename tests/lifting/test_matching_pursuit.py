@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.problem import build_problem
-from shapefit.convex.solver import Status, solve_newton
+from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import random_rotations
@@ -24,7 +24,6 @@ from shapefit.lifting.matching_pursuit import (
     minimise_on_sphere,
     pursue,
 )
-from shapefit.lifting.methods import Settings
 
 P, RADIUS = 12, 1.7
 
@@ -58,8 +57,7 @@ class Scene:
 
 
 def method(mean, edges):
-    settings = Settings(solve=solve_newton, mean_shape=mean, needs={"edges": edges})
-    return partial(lift_by_pursuit, settings=settings)
+    return partial(lift_by_pursuit, mean_shape=mean, edges=edges)
 
 
 @pytest.fixture
@@ -217,7 +215,7 @@ class TestPursuit:
     ):
         scene = make_scene(n=40, noise=0.3)
         together = scene.pursue(most_atoms=4)
-        monkeypatch.setattr(matching_pursuit, "TOGETHER", 7)
+        monkeypatch.setattr(matching_pursuit, "IMAGES_PURSUED_AT_ONCE", 7)
         apart = scene.pursue(most_atoms=4)
         for one, other in zip(together, apart, strict=True):
             np.testing.assert_array_equal(one, other)

@@ -13,7 +13,7 @@ from shapefit.convex.solver import Status, solve_newton
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.mixture import Mixture
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import Settings, choose_method
+from tests.lifting.estimators import make_estimator
 
 RIGID = ("convex+refine", "alternate")
 # Matching pursuit has bases and tests of its own: test_matching_pursuit.py.
@@ -38,9 +38,10 @@ def scene(make_scene):
 
 @pytest.fixture
 def settings(scene):
-    return Settings(
-        solve=partial(solve_newton, tolerance=1e-7), mean_shape=scene.mean_shape
-    )
+    return {
+        "solve": partial(solve_newton, tolerance=1e-7),
+        "mean_shape": scene.mean_shape,
+    }
 
 
 @pytest.mark.parametrize("name", RIGID)
@@ -48,7 +49,7 @@ def settings(scene):
 def test_an_estimate_of_one_rotation_agrees_with_itself(name, signed, scene, settings):
     """Shape, transforms, objective and residual follow from c, R and T."""
     problem = scene.problem(0.1)
-    found = choose_method(name, replace(settings, signed=signed))(problem)
+    found = make_estimator(name, **settings | {"signed": signed})(problem)
     c, R = found.coefficients, found.rotation
     np.testing.assert_allclose(
         found.shapes, R @ np.einsum("nk,kap->nap", c, scene.atoms), atol=1e-12
@@ -71,9 +72,9 @@ def test_an_estimate_of_one_rotation_agrees_with_itself(name, signed, scene, set
 
 def test_refinement_is_bounded_by_the_convex_program(scene, settings):
     problem = scene.problem(0.1)
-    convex = choose_method("convex", settings)(problem)
+    convex = make_estimator("convex", **settings)(problem)
     for signed in (False, True):
-        found = choose_method("convex+refine", replace(settings, signed=signed))(
+        found = make_estimator("convex+refine", **settings | {"signed": signed})(
             problem
         )
         assert (found.relative_gap >= -1e-12).all()
@@ -88,7 +89,7 @@ def test_refinement_is_bounded_by_the_convex_program(scene, settings):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_large_lambda_and_hidden_images_are_no_accident(name, scene, settings):
     scene.weights[4] = 0.0
-    found = choose_method(name, settings)(scene.problem(1e4))
+    found = make_estimator(name, **settings)(scene.problem(1e4))
     assert found.status[4] is Status.DEGENERATE
     if name != "mean-shape":
         np.testing.assert_array_equal(found.coefficients, 0.0)
@@ -100,7 +101,7 @@ def test_a_large_lambda_and_hidden_images_are_no_accident(name, scene, settings)
         scene.weights,
         scene.atoms,
         Program(1e4),
-        choose_method(name, settings),
+        make_estimator(name, **settings),
     )
     assert lifting.failures == {4: "all landmarks are hidden"}
     assert np.isnan(lifting.shapes[4]).all()
@@ -123,8 +124,8 @@ def test_only_images_without_an_atom_begin_again(scene, settings):
         transforms[wrong] *= -1
         return solution._replace(transforms=Transforms.of(transforms))
 
-    refined = choose_method("convex+refine", replace(settings, solve=solve))(problem)
-    plain = choose_method("convex+refine", replace(settings, solve=solve_newton))(
+    refined = make_estimator("convex+refine", **settings | {"solve": solve})(problem)
+    plain = make_estimator("convex+refine", **settings | {"solve": solve_newton})(
         problem
     )
     retained = np.setdiff1d(np.arange(25), [*wrong, 4])
@@ -139,7 +140,7 @@ def test_only_images_without_an_atom_begin_again(scene, settings):
     assert refined.status[7] is Status.DEGENERATE
     assert {refined.status[i] for i in range(25) if i != 7} == {Status.CONVERGED}
 
-    alone = choose_method("alternate", settings)(problem.take(wrong))
+    alone = make_estimator("alternate", **settings)(problem.take(wrong))
     np.testing.assert_allclose(
         refined.coefficients[wrong], alone.coefficients, atol=1e-9
     )
@@ -153,7 +154,7 @@ def test_outliers_are_the_landmarks_whose_weighted_residual_exceeds_beta(
     loss, scene, settings
 ):
     problem = replace(scene.problem(1.0), loss=loss, beta=0.1)
-    found = choose_method("convex", settings)(problem)
+    found = make_estimator("convex", **settings)(problem)
     left = np.abs(
         problem.landmarks - found.shapes[:, :2] - found.translation[..., None]
     )
@@ -166,12 +167,12 @@ def test_outliers_are_the_landmarks_whose_weighted_residual_exceeds_beta(
 @pytest.mark.parametrize("loss", [Loss.SQUARED, Loss.ABSOLUTE])
 def test_a_failure_of_the_convex_solver_is_not_forgotten(loss, scene, settings):
     def solve(problem):
-        solution = settings.solve(problem)
+        solution = settings["solve"](problem)
         status = list(solution.status)
         status[3], status[5] = Status.NUMERICAL_FAILURE, Status.ITERATION_LIMIT
         return solution._replace(status=tuple(status))
 
     problem = replace(scene.problem(0.1), loss=loss)
-    found = choose_method("convex+refine", replace(settings, solve=solve))(problem)
+    found = make_estimator("convex+refine", **settings | {"solve": solve})(problem)
     assert found.status[3] is Status.NUMERICAL_FAILURE
     assert set(np.delete(found.status, 3)) == {Status.CONVERGED}

@@ -7,19 +7,19 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from shapefit.convex.solver import Status, solve_newton
+from shapefit.convex.solver import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.perspective import (
     mean_coefficients,
     place_in_depth,
     refine_perspective,
     refine_view,
 )
+from tests.lifting.estimators import make_estimator
 
 K, P = 6, 16
 FLIP = np.diag([1.0, -1.0, -1.0])  # y down and z forward <-> y up and z to the viewer
@@ -52,7 +52,9 @@ class Planted:
         self.shapes = self.rotation @ np.tensordot(self.coefficients, atoms, axes=1)
         focal = np.stack([np.full(n, 7.0), np.full(n, 7.5)], axis=1)
         self.camera = Camera(focal, rng.uniform(-0.5, 0.5, (n, 2)), 1.0)
-        self.landmarks = project(self.camera, self.shapes + self.translation[..., None])
+        self.landmarks = project_pinhole(
+            self.camera, self.shapes + self.translation[..., None]
+        )
         self.landmarks = self.landmarks + noise * rng.standard_normal(
             self.landmarks.shape
         )
@@ -164,7 +166,7 @@ def test_an_independent_solver_cannot_lower_the_objective(
 def test_what_is_far_away_starts_where_it_is(rng, atoms):
     shape, t = atoms[0] + [[3], [1], [2]], np.array([[5.0, -4.0, 2000.0]])
     R, camera = random_rotations(1, rng), Camera(np.ones((1, 2)), np.zeros((1, 2)), 1.0)
-    w = project(camera, R @ shape + t[..., None])
+    w = project_pinhole(camera, R @ shape + t[..., None])
     start = place_in_depth(w, np.ones((1, P)), shape, camera, R)
     np.testing.assert_allclose(start, t, rtol=5e-4)
 
@@ -238,12 +240,11 @@ def landmarks(dictionary, rotations, camera, rng):
         [rng.uniform(-1, 1, N), rng.uniform(-1, 1, N), np.full(N, 8.0)], axis=1
     )
     X = rotations @ np.tensordot(c, dictionary.atoms, axes=1) + t[..., None]
-    return project(camera, X)
+    return project_pinhole(camera, X)
 
 
 def view(landmarks, weights, dictionary, camera, method="convex+refine"):
-    settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
-    estimator = choose_method(method, settings)
+    estimator = make_estimator(method, mean_shape=dictionary.mean_shape)
     first = lift(landmarks, weights, dictionary.atoms, Program(lam=0.3), estimator)
     return first, refine_view(first, landmarks, camera, dictionary)
 
@@ -270,12 +271,15 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
         found.shapes, found.scale[:, None, None] * S + flat[..., None]
     )
     X = S + visible.translation[..., None]
-    np.testing.assert_allclose(found.landmarks_fitted, project(camera, X), rtol=1e-9)
+    np.testing.assert_allclose(
+        found.landmarks_fitted, project_pinhole(camera, X), rtol=1e-9
+    )
     np.testing.assert_allclose(
         found.scale, np.sqrt(900 * 910) / visible.translation[:, 2]
     )
     np.testing.assert_allclose(
-        found.translation, project(camera, visible.translation[..., None])[..., 0]
+        found.translation,
+        project_pinhole(camera, visible.translation[..., None])[..., 0],
     )
     np.testing.assert_allclose(
         e.transforms.dense(), e.coefficients[..., None, None] * e.rotation[:, None, :2]

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from shapefit.convex.solver import solve_newton
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.estimate import fit_translation, join_images
-from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.reconstruction import reconstruct
+from tests.lifting.estimators import make_estimator
 
 
 @pytest.fixture
@@ -22,8 +21,8 @@ def scene(make_scene):
 @pytest.fixture
 def run(scene):
     def run(lam, method="convex+refine"):
-        settings = Settings(solve=solve_newton, mean_shape=scene.mean_shape)
-        return choose_method(method, settings)(scene.problem(lam))
+        estimate = make_estimator(method, mean_shape=scene.mean_shape)
+        return estimate(scene.problem(lam))
 
     return run
 
@@ -52,9 +51,7 @@ def test_a_shape_is_placed_where_no_other_place_is_better(scene, rng):
 
 
 def test_images_of_two_estimates_are_joined_in_the_order_asked_for(run):
-    one, other = (
-        replace(run(lam), further={"sd": np.full(5, lam)}) for lam in (0.1, 1.0)
-    )
+    one, other = (replace(run(lam), tight=np.full(5, lam > 0.5)) for lam in (0.1, 1.0))
     order = np.array([7, 0, 5, 3])
     both = join_images([one, other], order)
     for field in fields(one):
@@ -68,7 +65,7 @@ def test_images_of_two_estimates_are_joined_in_the_order_asked_for(run):
         other.status[0],
         one.status[3],
     )
-    np.testing.assert_array_equal(both.further["sd"], [1.0, 0.1, 1.0, 0.1])
+    np.testing.assert_array_equal(both.tight, [True, False, True, False])
     np.testing.assert_array_equal(
         both.transforms.dense()[[0, 1]],
         [other.transforms.dense()[2], one.transforms.dense()[0]],
@@ -114,6 +111,18 @@ def test_all_of_it_is_what_singular_value_decompositions_say(planted, rng):
     np.testing.assert_array_equal(
         found.tight, (s[..., 0] - s[..., 1] < 1e-9).all(axis=1)
     )
+
+
+@pytest.mark.parametrize(("off", "tight"), [(0.9e-3, True), (1.1e-3, False)])
+def test_transforms_are_tight_where_rows_are_orthogonal_to_a_thousandth(
+    rng, off, tight
+):
+    """||M M^T / c^2 - I||_F = off for the second of two transforms."""
+    R = random_rotations(2, rng)
+    M = R[:, :2].copy()
+    M[1] = 3 * np.diag([1, np.sqrt(1 - off)]) @ R[1, :2]
+    found = reconstruct(Transforms.of(M[None]), rng.standard_normal((2, 3, 7)))
+    assert found.tight[0] == tight
 
 
 def test_without_coefficients_there_is_no_rotation(planted):

@@ -16,8 +16,8 @@ from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting import shared_rotation
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.shared_rotation import alternate, even_views, find_pose
+from tests.lifting.estimators import make_estimator
 
 signs = pytest.mark.parametrize("signed", [False, True])
 
@@ -126,6 +126,13 @@ def shape(rng):
     return rng.standard_normal((3, 10))
 
 
+def test_an_image_whose_atoms_underflow_is_a_failure(make_scene, rng):
+    problem = make_scene(n=2).problem(0.2)
+    tiny = replace(problem, atoms=1e-165 * problem.atoms, lam=1e-165 * problem.lam)
+    found = alternate(tiny, random_rotations(4, rng).reshape(2, 2, 3, 3))
+    assert set(found.status) == {Status.NUMERICAL_FAILURE}
+
+
 def posed(shape, R, size, T, noise=0.0, rng=None):
     landmarks = size[:, None, None] * R[:, :2] @ shape + T[..., None]
     return landmarks + (noise * rng.standard_normal(landmarks.shape) if noise else 0.0)
@@ -196,9 +203,9 @@ def test_more_starts_never_fit_worse(turned):
 @pytest.mark.parametrize("name", ["alternate", "mean-shape"])
 def test_the_methods_start_from_as_many_views_as_they_are_told(name, turned):
     mean_shape, problem = turned
-    settings = Settings(solve=solve_newton, mean_shape=mean_shape)
+    settings = {"mean_shape": mean_shape}
     one, six = (
-        choose_method(name, replace(settings, starts=starts))(problem)
+        make_estimator(name, **settings | {"starts": starts})(problem)
         for starts in (1, 6)
     )
     assert one.objective.mean() > 2 * six.objective.mean()
@@ -206,7 +213,7 @@ def test_the_methods_start_from_as_many_views_as_they_are_told(name, turned):
     from_it = alternate(problem, pose.rotation[:, None]).rotation
     expected = pose.rotation if name == "mean-shape" else from_it
     np.testing.assert_array_equal(one.rotation, expected)
-    default = choose_method(name, settings)(problem)
+    default = make_estimator(name, **settings)(problem)
     np.testing.assert_array_equal(default.rotation, six.rotation)
 
 
@@ -315,9 +322,10 @@ def scene(make_scene):
 
 @pytest.fixture
 def settings(scene):
-    return Settings(
-        solve=partial(solve_newton, tolerance=1e-6), mean_shape=scene.mean_shape
-    )
+    return {
+        "solve": partial(solve_newton, tolerance=1e-6),
+        "mean_shape": scene.mean_shape,
+    }
 
 
 @pytest.fixture
@@ -333,13 +341,13 @@ def corrupted(scene, rng):
 @pytest.mark.parametrize("loss", ROBUST)
 def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
     problem, wrong = corrupted
-    robust = choose_method("convex+refine", settings)(
+    robust = make_estimator("convex+refine", **settings)(
         replace(problem, loss=loss, beta=0.1)
     )
     assert set(robust.status) == {Status.CONVERGED}
     assert robust.relative_gap is None
     assert robust.outliers[wrong].all()
-    labels = choose_method("convex", settings)(
+    labels = make_estimator("convex", **settings)(
         replace(problem, loss=loss, beta=0.1)
     ).outliers
     np.testing.assert_array_equal(robust.outliers, labels)
@@ -350,7 +358,7 @@ def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
         landmarks=garbage,
         weights=np.where(robust.outliers, 0.0, problem.weights),
     )
-    alone = choose_method("convex+refine", settings)(inliers)
+    alone = make_estimator("convex+refine", **settings)(inliers)
     np.testing.assert_allclose(robust.objective, alone.objective, rtol=1e-3)
     assert (robust.residual < 0.05).all()
 
@@ -358,7 +366,7 @@ def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
 def test_labels_that_leave_too_little_are_not_believed(scene, settings):
     """With a beta so small that every landmark is an outlier of the convex program."""
     program = Program(0.02, Loss.SPARSE_ERROR, beta=1e-9)
-    method = choose_method("convex+refine", settings)
+    method = make_estimator("convex+refine", **settings)
     found = lift(scene.landmarks, scene.weights, scene.atoms, program, method)
     assert found.failures == {}
     assert np.isfinite(found.shapes).all()

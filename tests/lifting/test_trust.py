@@ -6,7 +6,7 @@ import pytest
 from shapefit.convex.solver import Status
 from shapefit.evaluation.metrics import similarity
 from shapefit.lifting.trust import (
-    CALIBRATED,
+    MEASURED_ERROR_SHARE,
     contradicts,
     expected_error,
     find_reasons,
@@ -119,7 +119,7 @@ def test_the_expected_error_is_that_of_draws(rng, kind):
     truths = shape + (L @ rng.standard_normal((L.shape[1], draws))).T.reshape(
         draws, 3, p
     )
-    found = expected_error(shape[None], (L @ L.T)[None])[0] / CALIBRATED
+    found = expected_error(shape[None], (L @ L.T)[None])[0] / MEASURED_ERROR_SHARE
     measured = similarity(np.repeat(shape[None], draws, axis=0), truths).mean()
     assert found == pytest.approx(measured, rel=0.08, abs=2e-3)
 

@@ -21,8 +21,8 @@ from shapefit.meshes.dense import (
 )
 from shapefit.meshes.pictures import (
     IN_AXES,
+    DrawnModel,
     FittedImage,
-    Model,
     contact_sheet,
     save,
 )
@@ -123,7 +123,7 @@ def on_screen(axes, points):
 
 @pytest.mark.parametrize("y_axis", ["up", "down"])
 def test_landmarks_stand_as_in_the_image(y_axis, image, box_faces):
-    axes = contact_sheet([image], Model(y_axis, box_faces)).axes[0]
+    axes = contact_sheet([image], DrawnModel(y_axis, box_faces)).axes[0]
     found = marks(axes)
     np.testing.assert_array_equal(found["judged outlier"], image.landmarks[:, [5]])
     np.testing.assert_array_equal(found["hidden, from the model"], image.shape[:2, [3]])
@@ -145,7 +145,7 @@ def test_landmarks_stand_as_in_the_image(y_axis, image, box_faces):
 def test_novel_views_walk_around_the_model_which_stands_upright(
     y_axis, image, box_faces
 ):
-    _, right = contact_sheet([image], Model(y_axis, box_faces)).axes
+    _, right = contact_sheet([image], DrawnModel(y_axis, box_faces)).axes
     corner = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
     flip = np.array([1.0, 1, 1] if y_axis == "up" else [1.0, -1, -1])[:, None]
     viewer = flip * corner  # x right, y up, z towards the viewer
@@ -167,7 +167,7 @@ def test_novel_views_walk_around_the_model_which_stands_upright(
 def test_edges_are_drawn_where_there_is_no_mesh(image):
     edges = np.array([[0, 1], [1, 3]])
     bare = image._replace(mesh=None, projected_mesh=None)
-    flat, right = contact_sheet([bare], Model("down", edges=edges)).axes
+    flat, right = contact_sheet([bare], DrawnModel("down", edges=edges)).axes
     drawn, residuals = flat.collections
     np.testing.assert_array_equal(drawn.get_segments(), image.shape[:2].T[edges])
     (bones,) = right.collections
@@ -175,7 +175,7 @@ def test_edges_are_drawn_where_there_is_no_mesh(image):
     np.testing.assert_array_equal(bones._segments3d, in_axes[edges])
     widths = [lines.get_linewidths()[0] for lines in (residuals, drawn, bones)]
     assert widths == [0.8, 1.5, 1.5]  # thin residuals on thick bones
-    flat, right = contact_sheet([bare], Model("down")).axes
+    flat, right = contact_sheet([bare], DrawnModel("down")).axes
     ring = next(
         line for line in flat.lines if line.get_label() == "hidden, from the model"
     )
@@ -190,22 +190,28 @@ def test_edges_are_drawn_where_there_is_no_mesh(image):
 def test_an_image_without_a_shape_says_so(image, box_faces):
     nowhere = np.full((3, 8), np.nan)
     failed = FittedImage("f", image.landmarks, nowhere, nowhere[:2])
-    figure = contact_sheet([failed], Model("down", box_faces))
+    figure = contact_sheet([failed], DrawnModel("down", box_faces))
     (axes,) = figure.axes
     assert [text.get_text() for text in axes.texts] == ["no shape"]
     assert set(marks(axes)) == {"seen"}
     empty = failed._replace(landmarks=np.full((2, 8), np.nan))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert marks(contact_sheet([empty], Model("down", box_faces)).axes[0]) == {}
+        assert (
+            marks(contact_sheet([empty], DrawnModel("down", box_faces)).axes[0]) == {}
+        )
 
 
 def test_titles_are_taken_literally_and_of_long_ones_the_end(image, box_faces):
     titled = image._replace(title="recording_of_monday/person 1/$x^2$\n\x1b" + "0" * 30)
-    titles = contact_sheet([titled], Model("down")).axes[0].get_title(loc="left")
+    titles = contact_sheet([titled], DrawnModel("down")).axes[0].get_title(loc="left")
     assert titles == "x^2$\\n\\x1b" + "0" * 30
     odd = image._replace(title="$\\frac{$ \u4f60")
     for file_format in ("png", "svg"):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            save(contact_sheet([odd], Model("down", box_faces)), BytesIO(), file_format)
+            save(
+                contact_sheet([odd], DrawnModel("down", box_faces)),
+                BytesIO(),
+                file_format,
+            )

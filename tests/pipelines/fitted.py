@@ -8,7 +8,7 @@ from typing import Any
 
 from shapefit.config import FitConfig
 from shapefit.io import read_results
-from shapefit.pipelines.fit.run import run
+from shapefit.pipelines.fit.fit import fit as run
 from shapefit.pipelines.result import Counted, Result
 from shapefit.records import Fit, Landmarks
 from tests.io.files import save

@@ -116,7 +116,7 @@ def test_fit_refuses_before_an_image_is_lifted(
     write_dictionary(changed, replace(read_dictionary(cars[0]), **change))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "shapefit.pipelines.fit.run.lift_batch",
+        "shapefit.pipelines.fit.fit.lift_batch",
         lambda *_: pytest.fail("an image was lifted"),
     )
     images = load(world.images("cars")).take(slice(3))

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from shapefit.verification.certificate import (
+    CertifiedProgram,
     Claims,
-    Program,
     check_certificate,
+    check_dual,
     check_ranges,
     nuclear_norms,
+    read_images,
 )
 
 
@@ -83,7 +85,7 @@ def planted():
 
 def missed(columns):
     """Return the first false claim of each way that leads to one."""
-    program = Program(B, None, False, True, False, "squared", 0.1, 1e-6)
+    program = CertifiedProgram(B, None, False, True, False, "squared", 0.1, 1e-6)
     claims = Claims(np.ones(1, dtype=bool))
     with np.errstate(all="ignore"):
         assert check_certificate(columns, program, claims).tolist() == [True]
@@ -115,3 +117,16 @@ def test_a_known_optimum_is_certified_and_nothing_else(planted):
         planted | {"shapes": half, "status": np.array(["degenerate input"])}, claims
     )
     assert "whole or absent" in claims.reasons[0]
+
+
+@pytest.mark.parametrize(("loss", "bound"), [("sparse-error", 0.1), ("l1", 1.0)])
+@pytest.mark.parametrize("over", [-1e-6, 1e-6])
+def test_the_dual_of_a_robust_loss_is_bounded(planted, loss, bound, over):
+    """With a lambda so large that nothing else limits it."""
+    program = CertifiedProgram(B, None, False, True, False, loss, 0.1, 1e-6)
+    images = read_images(planted | {"lambda": np.array([100.0])}, program)
+    Y = planted["dual"] * (1 + over) * bound / np.abs(planted["dual"]).max()
+    claims = Claims(np.ones(1, dtype=bool))
+    check_dual(images, Y, program, claims, np.ones(1, dtype=bool))
+    assert claims.missed.tolist() == [over > 0]
+    assert over < 0 or "within the bound of the loss" in claims.reasons[0]

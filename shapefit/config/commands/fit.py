@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -9,7 +10,7 @@ from pydantic import Field, model_validator
 from shapefit.config.commands.input import MetresConfig, NotNegative, Positive, Text
 from shapefit.config.model import Auto, ConfigModel, Pair, section
 from shapefit.config.paths import (
-    UNNAMED,
+    UNNAMED_OUTPUT,
     Description,
     DictionaryPath,
     InputPaths,
@@ -18,20 +19,22 @@ from shapefit.config.paths import (
     OutputOrFolder,
     find_dictionaries,
 )
+from shapefit.errors import listed
 from shapefit.lifting.methods import (
     AUTO,
     METHODS,
+    ROBUST,
     STARTS,
-    PosteriorOptions,
-    find_conflict,
+    Method,
     summarise,
 )
 
 if TYPE_CHECKING:
     MethodName = str
-    Part = str
+    BodyMeasure = str
 else:
-    MethodName, Part = Literal[(AUTO, *METHODS)], Literal["head", "hips", "shoulders"]
+    MethodName = Literal[(AUTO, *METHODS)]
+    BodyMeasure = Literal["head", "hips", "shoulders"]
 
 
 class CameraConfig(ConfigModel):
@@ -83,7 +86,7 @@ class PriorConfig(ConfigModel):
     """
     calibration: OptionalInputPath = None
     """error_bars.json of a report of eval, whose factors scale the error bars."""
-    bar_scale: Positive = PosteriorOptions.bar_scale
+    bar_scale: Positive = 1.0
     """Factor on all covariances of error bars, for bodies and motions that the prior
     lacks.
     """
@@ -120,7 +123,7 @@ class FitConfig(MetresConfig):
         default_factory=lambda: find_dictionaries()["people"]
     )
     """Dictionary file that learn-dict wrote, or the name of an installed one."""
-    output: OutputOrFolder = UNNAMED
+    output: OutputOrFolder = UNNAMED_OUTPUT
     """Result file, by its ending (docs/export.md); - is stdout, FOLDER/ one file per
     part.
     """
@@ -150,7 +153,7 @@ class FitConfig(MetresConfig):
     """
     prior: PriorConfig = section(PriorConfig)
     skeleton: Annotated[
-        Auto[dict[Part, Positive]],
+        Auto[dict[BodyMeasure, Positive]],
         Description("a mapping of head, hips and shoulders to factors > 0, or auto"),
     ] = None
     """A detector's height of the head and distances of hips and shoulders, times the
@@ -178,6 +181,58 @@ class FitConfig(MetresConfig):
             raise ValueError(
                 "`lambda: auto` needs `noise`; give the noise of a landmark"
             )
-        if (conflict := find_conflict(self)) is not None:
+        conflict = find_conflict(self)
+        if conflict is not None:
             raise ValueError(conflict)
         return self
+
+
+def find_conflict(fit: FitConfig) -> str | None:
+    """Return which key of a config its method cannot use, and the fix; None where there
+    is none.
+    """
+    if fit.method == AUTO:
+        return None
+    for fault, fix in list_conflicts(fit, METHODS[fit.method]):
+        return f"the method {fit.method} {fault}; {fix}"
+    return None
+
+
+def list_conflicts(fit: FitConfig, method: Method) -> Iterator[tuple[str, str]]:
+    """Yield what a method cannot do that a config asks for, and the fix."""
+    given = fit.model_fields_set
+    if fit.outliers in ROBUST and fit.outliers not in method.losses:
+        yield f"does not support `outliers: {fit.outliers}`", "use `method: convex`"
+    if fit.leave_one_out and method.has_prior:
+        yield (
+            "has a prior that was learned from all shapes; `leave_one_out` needs"
+            " another",
+            "use another method, or a dictionary learned without the shapes",
+        )
+    if fit.camera.focal not in ("auto", "none") and method.perspective == "none":
+        yield "has no perspective camera", "leave out `camera.focal`"
+    keys = keys_of_priors(fit)
+    if keys and not method.has_prior:
+        priors = name_methods(lambda row: row.has_prior)
+        yield (
+            f"has no prior; `{keys[0]}` needs one",
+            f"use {priors}, or leave it out",
+        )
+    if "starts" in given and not method.has_starts:
+        starts = name_methods(lambda row: row.has_starts)
+        yield "does not support `starts`", f"use {starts}, or leave it out"
+
+
+def keys_of_priors(fit: FitConfig) -> list[str]:
+    """Return the keys of a config that only methods with a prior have."""
+    keys = [f"prior.{key}" for key in sorted(fit.prior.model_fields_set)]
+    if "skeleton" in fit.model_fields_set and fit.skeleton is not None:
+        keys.append("skeleton")
+    if fit.save.covariance:
+        keys.append("save.covariance")
+    return keys
+
+
+def name_methods(suits: Callable[[Method], bool]) -> str:
+    """Return the methods whose row suits, as a message names them."""
+    return listed(f"`method: {name}`" for name, row in METHODS.items() if suits(row))

@@ -1,6 +1,4 @@
-"""Keys that several commands have: how files are read, how the truth is found, sizes in
-metres.
-"""
+"""Keys that several commands have: how files and the truth are read; metres."""
 
 from __future__ import annotations
 

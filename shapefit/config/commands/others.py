@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -25,7 +25,7 @@ from shapefit.config.model import (
     section,
 )
 from shapefit.config.paths import (
-    UNNAMED,
+    UNNAMED_OUTPUT,
     Description,
     InputPaths,
     NamedFiles,
@@ -69,7 +69,7 @@ class LearnDictConfig(LandmarksConfig):
 
     shapes: InputPaths
     """Files of 3D training shapes, or of 2D landmarks."""
-    output: OutputPath = UNNAMED
+    output: OutputPath = UNNAMED_OUTPUT
     """Dictionary file to write (HDF5); by default NAME_dictionary.h5 in the working
     directory.
     """
@@ -101,13 +101,12 @@ class LearnDictConfig(LandmarksConfig):
     """Rounds of coding all shapes and updating all atoms."""
 
 
-Row = Annotated[tuple[float, float, float], FROM_LIST]
+RotationRow = Annotated[tuple[float, float, float], FROM_LIST]
+Rotation = Annotated[tuple[RotationRow, RotationRow, RotationRow], FROM_LIST]
 
 
-def _rotation(view: Any) -> Any:
-    """Return the view; raises ValueError for rows that are not orthonormal, determinant
-    +1.
-    """
+def _check_view(view: str | Rotation) -> str | Rotation:
+    """Return the view; ValueError for rows that are not those of a rotation."""
     if not isinstance(view, str):
         R = np.array(view)
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
@@ -119,9 +118,9 @@ class CameraConfig(ConfigModel):
     """The camera that sees the shapes."""
 
     view: Annotated[
-        Literal["turntable", "random"] | Annotated[tuple[Row, Row, Row], FROM_LIST],
+        Literal["turntable", "random"] | Rotation,
         Description("turntable, random, or a rotation as three rows of three numbers"),
-        AfterValidator(_rotation),
+        AfterValidator(_check_view),
     ] = "turntable"
     """One turn per sequence about y, a random rotation per image, or one from object to
     camera.
@@ -138,7 +137,7 @@ class ProjectConfig(CommandConfig):
 
     shapes: InputPaths
     """Files of 3D shapes (- is stdin, CSV)."""
-    output: OutputPath = UNNAMED
+    output: OutputPath = UNNAMED_OUTPUT
     """Landmark file to write, HDF5 or CSV; by default NAME_landmarks.h5 in the working
     folder.
     """
@@ -166,7 +165,7 @@ class EvalConfig(TruthConfig):
     """Result files to compare, each with its name; in a list files name themselves."""
     truth: InputPaths
     """Files of the true 3D shapes."""
-    output: OutputPath = UNNAMED
+    output: OutputPath = UNNAMED_OUTPUT
     """Folder to write the report to; by default NAME_report in the working directory.
     """
     groups: Mapping[str, str] = Field(default_factory=dict)

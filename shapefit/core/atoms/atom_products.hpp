@@ -9,28 +9,28 @@ namespace shapefit {
 // weights. An atom has a place here: where all places are taken, all are given up.
 class AtomProducts {
   public:
-    AtomProducts(Workspace& workspace, long k);
+    AtomProducts(Workspace& workspace, Index k);
 
     // The atoms have changed.
     void clear() { ++generation_, taken_ = 0; }
 
     // Make the products among some atoms; false where there are more atoms than places.
-    bool make(ReducedAtoms& atoms, const long* used, long count);
+    bool make(ReducedAtoms& atoms, const Index* used, Index count);
 
-    long place(long i) const { return place_[i]; }
+    Index place(Index i) const { return place_[i]; }
 
     // Entry (b, c) of B_i B_j^T is in row 3 b + c, column `place(j)` of (9, places).
-    const double* with(long i) const { return products_ + 9 * place_[i] * places_; }
-    long places() const { return places_; }
+    const double* with(Index i) const { return products_ + 9 * place_[i] * places_; }
+    Index places() const { return places_; }
 
   private:
-    bool has(long i) const { return made_for_[i] == generation_; }
-    void add(ReducedAtoms& atoms, long i);
+    bool has(Index i) const { return made_for_[i] == generation_; }
+    void add(ReducedAtoms& atoms, Index i);
 
-    long places_, taken_ = 0, generation_ = 1;
-    long *place_, *made_for_;  // (k,)
-    long* atom_;               // (places,) the atom of each place
-    double* products_;         // (places, 9, places)
+    Index places_, taken_ = 0, generation_ = 1;
+    Index *place_, *made_for_;  // (k,)
+    Index* atom_;               // (places,) the atom of each place
+    double* products_;          // (places, 9, places)
 };
 
 }  // namespace shapefit

@@ -3,14 +3,14 @@
 namespace shapefit {
 namespace {
 
-constexpr double SLACK =
-    1e-9;  // by which an unused correlation may exceed lambda, as a share of it
-constexpr double DEPENDENT =
-    1e-11;  // share of an atom's square outside the span of the others
+// By which an unused correlation may exceed lambda, as a share of it.
+constexpr double SLACK = 1e-9;
+// Share of an atom's square outside the span of the others.
+constexpr double DEPENDENT = 1e-11;
 
 }  // namespace
 
-CoefficientStep::CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, long p)
+CoefficientStep::CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, Index p)
     : set(workspace, atoms.k),
       atoms_(atoms),
       projected_(workspace.zeros<double>(atoms.k * 2 * padded(p))),
@@ -28,38 +28,38 @@ void CoefficientStep::aim(const double* w, double lam, bool is_signed) {
 
 double CoefficientStep::minimise_at(const double* R) {
     R_ = R;
-    for (long e = 0; e < set.count; ++e) project(set.index[e]);
+    for (Index e = 0; e < set.count; ++e) project(set.index[e]);
     minimise(*this, set, DEPENDENT, 10 * atoms_.k + 100);
     double objective = 0.5 * dot_padded(residual_, residual_, 2 * atoms_.row);
-    for (long e = 0; e < set.count; ++e) objective += lam_ * magnitude(set.x[e]);
+    for (Index e = 0; e < set.count; ++e) objective += lam_ * magnitude(set.x[e]);
     return objective;
 }
 
 double CoefficientStep::mix(double* shape) {
-    const long size = 3 * atoms_.row;
+    const Index size = 3 * atoms_.row;
     double penalty = 0;
-    for (long j = 0; j < size; ++j) shape[j] = 0;
-    for (long e = 0; e < set.count; ++e) {
+    for (Index j = 0; j < size; ++j) shape[j] = 0;
+    for (Index e = 0; e < set.count; ++e) {
         penalty += magnitude(set.x[e]);
         add_to(shape, set.x[e], atoms_[set.index[e]], size);
     }
     return penalty;
 }
 
-void CoefficientStep::overlaps(long i, const long* used, long m, double* out) const {
+void CoefficientStep::overlaps(Index i, const Index* used, Index m, double* out) const {
     const double* V = projected(i);
-    for (long e = 0; e < m; ++e)
+    for (Index e = 0; e < m; ++e)
         out[e] = dot_padded(V, projected(used[e]), 2 * atoms_.row);
 }
 
-bool CoefficientStep::choose(const ActiveSet&, long& next, double& sign) {
+bool CoefficientStep::choose(const ActiveSet&, Index& next, double& sign) {
     find_residual();
     correlate();
-    for (long e = 0; e < set.count; ++e) correlation_[set.index[e]] = 0;
-    const long k = atoms_.planes.padded_atoms;
+    for (Index e = 0; e < set.count; ++e) correlation_[set.index[e]] = 0;
+    const Index k = atoms_.planes.padded_atoms;
     const double* score = correlation_;
     if (is_signed_) {
-        for (long i = 0; i < k; ++i) magnitudes_[i] = magnitude(correlation_[i]);
+        for (Index i = 0; i < k; ++i) magnitudes_[i] = magnitude(correlation_[i]);
         score = magnitudes_;
     }
     const double best = largest_of(score, k);
@@ -71,12 +71,12 @@ bool CoefficientStep::choose(const ActiveSet&, long& next, double& sign) {
 }
 
 // V_i = Rbar B_i, row after row, and <V_i, w>.
-void CoefficientStep::project(long i) {
-    const long row = atoms_.row;
+void CoefficientStep::project(Index i) {
+    const Index row = atoms_.row;
     const double* B = atoms_[i];
     double* __restrict V = projected(i);
     const double *r = R_, *s = R_ + 3;
-    for (long j = 0; j < row; ++j) {
+    for (Index j = 0; j < row; ++j) {
         const double x = B[j], y = B[row + j], z = B[2 * row + j];
         V[j] = r[0] * x + r[1] * y + r[2] * z;
         V[row + j] = s[0] * x + s[1] * y + s[2] * z;
@@ -85,18 +85,18 @@ void CoefficientStep::project(long i) {
 }
 
 void CoefficientStep::find_residual() {
-    const long size = 2 * atoms_.row;
-    for (long j = 0; j < size; ++j) residual_[j] = w_[j];
+    const Index size = 2 * atoms_.row;
+    for (Index j = 0; j < size; ++j) residual_[j] = w_[j];
     subtract_mixture(residual_, set.x, set.index, set.count, projected_, size, size);
 }
 
 // <Rbar B_i, residual> = <B_i, Rbar^T residual> for all atoms.
 void CoefficientStep::correlate() {
-    const long q = atoms_.q();
+    const Index q = atoms_.q();
     const double *u = residual_, *v = residual_ + atoms_.row;
     for (int b = 0; b < 3; ++b) {
         const double x = R_[b], y = R_[3 + b];
-        for (long j = 0; j < q; ++j) back_[b * q + j] = x * u[j] + y * v[j];
+        for (Index j = 0; j < q; ++j) back_[b * q + j] = x * u[j] + y * v[j];
     }
     find_inner_products(atoms_.planes, back_, correlation_);
 }

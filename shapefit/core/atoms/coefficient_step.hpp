@@ -6,6 +6,9 @@
 
 namespace shapefit {
 
+// Below this lambda the squares of atoms of which a coefficient is not 0 underflow.
+constexpr double LEAST_LAMBDA = 1e-140;
+
 // argmin_c 1/2 ||w - sum_i c_i Rbar B_i||_F^2 + lam ||c||_1, over c >= 0 unless signed.
 //
 // At the end used atoms have correlation sign(c_i) lam with the residual, others at
@@ -15,7 +18,7 @@ class CoefficientStep {
   public:
     static constexpr bool scaled = false;
 
-    CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, long p);
+    CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, Index p);
 
     // The coefficients; the step starts from them.
     ActiveSet set;
@@ -32,16 +35,16 @@ class CoefficientStep {
     // shape (3, row) = sum_i c_i B_i; returns ||c||_1.
     double mix(double* shape);
 
-    double square(long i) const {
+    double square(Index i) const {
         return dot_padded(projected(i), projected(i), 2 * atoms_.row);
     }
-    void overlaps(long i, const long* used, long m, double* out) const;
-    double linear_term(long i, double sign) const { return along_[i] - lam_ * sign; }
-    bool choose(const ActiveSet& used, long& next, double& sign);
+    void overlaps(Index i, const Index* used, Index m, double* out) const;
+    double linear_term(Index i, double sign) const { return along_[i] - lam_ * sign; }
+    bool choose(const ActiveSet& used, Index& next, double& sign);
 
   private:
-    double* projected(long i) const { return projected_ + i * 2 * atoms_.row; }
-    void project(long i);
+    double* projected(Index i) const { return projected_ + i * 2 * atoms_.row; }
+    void project(Index i);
     void find_residual();
     void correlate();
 

@@ -7,7 +7,7 @@ namespace shapefit {
 void Reduction::find(Vector<const double> omega) {
     visible_count = 0;
     double total = 0;
-    for (long j = 0; j < omega.size[0]; ++j) {
+    for (Index j = 0; j < omega.size[0]; ++j) {
         if (!(omega[j] > 0)) continue;
         visible[visible_count] = j;
         h[visible_count] = omega[j];
@@ -16,36 +16,36 @@ void Reduction::find(Vector<const double> omega) {
     }
     if (visible_count == 0) return;
     const double length = root(total);
-    for (long m = 0; m < visible_count; ++m) h[m] /= length;
+    for (Index m = 0; m < visible_count; ++m) h[m] /= length;
     h[visible_count - 1] += 1;
     // |u + e|^2 = 2 (1 + u_last), so h h^T = 2 v v^T / v^T v
     const double scale = 1 / root(h[visible_count - 1]);
-    for (long m = 0; m < visible_count; ++m) h[m] *= scale;
+    for (Index m = 0; m < visible_count; ++m) h[m] *= scale;
 }
 
 void Reduction::reduce(const double* x, const double* omega, double* out,
                        double anchor) const {
     double along = 0;
-    for (long m = 0; m < visible_count; ++m)
+    for (Index m = 0; m < visible_count; ++m)
         along += (x[visible[m]] - anchor) * omega[visible[m]] * h[m];
-    for (long m = 0; m < visible_count - 1; ++m)
+    for (Index m = 0; m < visible_count - 1; ++m)
         out[m] = (x[visible[m]] - anchor) * omega[visible[m]] - along * h[m];
 }
 
-void Reduction::expand(const double* y, double* out, long p) const {
+void Reduction::expand(const double* y, double* out, Index p) const {
     double along = 0;
-    for (long m = 0; m < visible_count - 1; ++m) along += y[m] * h[m];
-    for (long j = 0; j < p; ++j) out[j] = 0;
-    for (long m = 0; m < visible_count - 1; ++m) out[visible[m]] = y[m] - along * h[m];
+    for (Index m = 0; m < visible_count - 1; ++m) along += y[m] * h[m];
+    for (Index j = 0; j < p; ++j) out[j] = 0;
+    for (Index m = 0; m < visible_count - 1; ++m) out[visible[m]] = y[m] - along * h[m];
     out[visible[visible_count - 1]] = -along * h[visible_count - 1];
 }
 
 Planes find_planes(Tensor<const double> atoms, Workspace& workspace) {
-    const long k = atoms.size[0], p = atoms.size[2];
+    const Index k = atoms.size[0], p = atoms.size[2];
     Planes planes{workspace.zeros<double>(3 * p * padded(k)), p, padded(k)};
-    for (long i = 0; i < k; ++i)
+    for (Index i = 0; i < k; ++i)
         for (int b = 0; b < 3; ++b)
-            for (long j = 0; j < p; ++j) *planes.at(b, j, i) = atoms[i][b][j];
+            for (Index j = 0; j < p; ++j) *planes.at(b, j, i) = atoms[i][b][j];
     return planes;
 }
 
@@ -54,9 +54,10 @@ namespace {
 // `count` vectors of atoms from i.
 template <int count>
 [[gnu::always_inline]] inline void correlate_some(const Planes& B, const double* y0,
-                                                  const double* y1, double* N, long i) {
+                                                  const double* y1, double* N,
+                                                  Index i) {
     Doubles sums[6][count] = {};
-    for (long j = 0; j < B.columns; ++j)
+    for (Index j = 0; j < B.columns; ++j)
         for (int b = 0; b < 3; ++b)
             for (int v = 0; v < count; ++v) {
                 const Doubles atoms = load(B.at(b, j, i + v * WIDTH));
@@ -70,9 +71,9 @@ template <int count>
 
 template <int count>
 [[gnu::always_inline]] inline void find_some(const Planes& B, const double* X,
-                                             double* out, long i) {
+                                             double* out, Index i) {
     Doubles sums[3][count] = {};
-    for (long j = 0; j < B.columns; ++j)
+    for (Index j = 0; j < B.columns; ++j)
         for (int b = 0; b < 3; ++b)
             for (int v = 0; v < count; ++v)
                 sums[b][v] += X[b * B.columns + j] * load(B.at(b, j, i + v * WIDTH));
@@ -84,7 +85,7 @@ template <int count>
 
 void correlate(const Planes& B, const double* y0, const double* y1, double* N) {
     constexpr int PAIR = WIDTH == 8 ? 2 : 1;  // 12 sums of 32 registers, 6 of 16
-    long i = 0;
+    Index i = 0;
     for (; i + PAIR * WIDTH <= B.padded_atoms; i += PAIR * WIDTH)
         correlate_some<PAIR>(B, y0, y1, N, i);
     for (; i < B.padded_atoms; i += WIDTH) correlate_some<1>(B, y0, y1, N, i);
@@ -92,7 +93,7 @@ void correlate(const Planes& B, const double* y0, const double* y1, double* N) {
 
 void find_inner_products(const Planes& B, const double* X, double* out) {
     constexpr int MANY = 4;
-    long i = 0;
+    Index i = 0;
     for (; i + MANY * WIDTH <= B.padded_atoms; i += MANY * WIDTH)
         find_some<MANY>(B, X, out, i);
     for (; i < B.padded_atoms; i += WIDTH) find_some<1>(B, X, out, i);
@@ -101,16 +102,16 @@ void find_inner_products(const Planes& B, const double* X, double* out) {
 double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
     resize(reduction.coordinates());
     double most = 0;
-    for (long i = 0; i < planes.padded_atoms; i += WIDTH) {
+    for (Index i = 0; i < planes.padded_atoms; i += WIDTH) {
         Doubles squares = {};
         for (int b = 0; b < 3; ++b) {
             Doubles along = {};
-            for (long m = 0; m < reduction.visible_count; ++m) {
-                const long j = reduction.visible[m];
+            for (Index m = 0; m < reduction.visible_count; ++m) {
+                const Index j = reduction.visible[m];
                 along += (omega[j] * reduction.h[m]) * load(all_.at(b, j, i));
             }
-            for (long m = 0; m < q(); ++m) {
-                const long j = reduction.visible[m];
+            for (Index m = 0; m < q(); ++m) {
+                const Index j = reduction.visible[m];
                 const Doubles x =
                     omega[j] * load(all_.at(b, j, i)) - reduction.h[m] * along;
                 squares += x * x;
@@ -123,7 +124,7 @@ double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
 }
 
 void ReducedAtoms::scale(double factor) {
-    for (long e = 0; e < planes.size(); e += WIDTH)
+    for (Index e = 0; e < planes.size(); e += WIDTH)
         store(planes.data + e, factor * load(planes.data + e));
 }
 
@@ -132,16 +133,16 @@ void ReducedAtoms::copy() {
     memcpy(planes.data, all_.data, sizeof(double) * all_.size());
 }
 
-void ReducedAtoms::resize(long coordinates) {
+void ReducedAtoms::resize(Index coordinates) {
     planes.columns = coordinates;
     row = padded(coordinates);
-    for (long i = 0; i < k; ++i) laid_[i] = false;
+    for (Index i = 0; i < k; ++i) laid_[i] = false;
 }
 
-const double* ReducedAtoms::lay(long i) {
+const double* ReducedAtoms::lay(Index i) {
     double* B = rows_ + i * 3 * row;
     for (int b = 0; b < 3; ++b)
-        for (long j = 0; j < row; ++j)
+        for (Index j = 0; j < row; ++j)
             B[b * row + j] = j < q() ? *planes.at(b, j, i) : 0;
     laid_[i] = true;
     return B;
@@ -151,7 +152,7 @@ bool ReducedImage::take(Matrix<const double> W, Vector<const double> weights) {
     if (!last_weights_ || !are_equal(weights.data, last_weights_, weights.size[0])) {
         reduction.find(weights);
         largest_norm = atoms.reduce(weights.data, reduction);
-        for (long j = 0; j < 2 * atoms.row; ++j) w[j] = 0;
+        for (Index j = 0; j < 2 * atoms.row; ++j) w[j] = 0;
     }
     last_weights_ = weights.data;
     if (reduction.visible_count < 2) return false;

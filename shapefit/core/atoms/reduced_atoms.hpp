@@ -13,14 +13,14 @@
 namespace shapefit {
 
 struct Reduction {
-    long visible_count = 0;  // visible landmarks; q = visible_count - 1
-    Vector<long> visible;    // (p,) their indices
-    Vector<double> h;        // (p,) the reflection that maps omega to the last axis
+    Index visible_count = 0;  // visible landmarks; q = visible_count - 1
+    Vector<Index> visible;    // (p,) their indices
+    Vector<double> h;         // (p,) the reflection that maps omega to the last axis
 
-    Reduction(Workspace& workspace, long p)
-        : visible(workspace.vector<long>(p)), h(workspace.vector<double>(p)) {}
+    Reduction(Workspace& workspace, Index p)
+        : visible(workspace.vector<Index>(p)), h(workspace.vector<double>(p)) {}
 
-    long coordinates() const { return visible_count > 0 ? visible_count - 1 : 0; }
+    Index coordinates() const { return visible_count > 0 ? visible_count - 1 : 0; }
 
     // Landmarks of positive weight in omega (p,), and their reflection.
     void find(Vector<const double> omega);
@@ -33,14 +33,14 @@ struct Reduction {
     // seen, so that no digits are lost where they are far from the origin, and those on
     // one point are exactly 0.
     void reduce_landmarks(Matrix<const double> W, const double* omega, double* out,
-                          long stride) const {
+                          Index stride) const {
         for (int a = 0; a < 2; ++a)
             reduce(W[a].data, omega, out + a * stride, W[a][visible[0]]);
     }
 
     // out = [y 0](I - h h^T) at the visible landmarks, 0 elsewhere: orthogonal to
     // omega. out (p,).
-    void expand(const double* y, double* out, long p) const;
+    void expand(const double* y, double* out, Index p) const;
 };
 
 // Atoms with the atoms innermost, PADDING of them together, in the order in which they
@@ -50,13 +50,13 @@ struct Reduction {
 // in row 3 a + b, so that loops over atoms vectorise. Zero atoms fill the last vector.
 struct Planes {
     double* data = nullptr;  // (padded / PADDING, columns, 3, PADDING)
-    long columns = 0;
-    long padded_atoms = 0;
+    Index columns = 0;
+    Index padded_atoms = 0;
 
-    long size() const { return 3 * columns * padded_atoms; }
+    Index size() const { return 3 * columns * padded_atoms; }
 
     // Entry (b, j) of atoms i, i + 1, ... up to the next multiple of PADDING.
-    double* at(int b, long j, long i) const {
+    double* at(int b, Index j, Index i) const {
         return data + ((i / PADDING * columns + j) * 3 + b) * PADDING + i % PADDING;
     }
 };
@@ -73,19 +73,19 @@ void find_inner_products(const Planes& B, const double* X, double* out);
 // The atoms of one image after another.
 class ReducedAtoms {
   public:
-    const long k;   // atoms
+    const Index k;  // atoms
     Planes planes;  // B (3, q, padded)
-    long row = 0;   // q, padded
+    Index row = 0;  // q, padded
 
     // Room for reductions of all atoms.
-    ReducedAtoms(Workspace& workspace, const Planes& all, long k)
+    ReducedAtoms(Workspace& workspace, const Planes& all, Index k)
         : k(k),
           planes{workspace.zeros<double>(all.size()), 0, all.padded_atoms},
           all_(all),
           rows_(workspace.zeros<double>(k * 3 * padded(all.columns))),
           laid_(workspace.zeros<bool>(k)) {}
 
-    long q() const { return planes.columns; }
+    Index q() const { return planes.columns; }
 
     // (B_i o omega)(I - h h^T); returns the largest norm.
     double reduce(const double* omega, const Reduction& reduction);
@@ -96,11 +96,13 @@ class ReducedAtoms {
 
     // B_i (3, row). Few atoms of an image are ever used: rows are laid when they are
     // asked for.
-    const double* operator[](long i) { return laid_[i] ? rows_ + i * 3 * row : lay(i); }
+    const double* operator[](Index i) {
+        return laid_[i] ? rows_ + i * 3 * row : lay(i);
+    }
 
   private:
-    void resize(long coordinates);
-    const double* lay(long i);
+    void resize(Index coordinates);
+    const double* lay(Index i);
 
     Planes all_;
     double* rows_;  // B (k, 3, row)

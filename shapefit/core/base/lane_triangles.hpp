@@ -6,17 +6,17 @@
 
 namespace shapefit {
 
-constexpr long TILE = 4;
+constexpr Index TILE = 4;
 constexpr double LEAST_PIVOT = 1e-12;
-constexpr long tiled(long n) { return (n + TILE - 1) / TILE * TILE; }
+constexpr Index tiled(Index n) { return (n + TILE - 1) / TILE * TILE; }
 
 // Of n rows, a multiple of TILE; the tiles on the diagonal are whole.
 template <class Lanes>
 struct Triangle {
-    static constexpr long size(long n) { return n * (n + TILE) / 2; }
+    static constexpr Index size(Index n) { return n * (n + TILE) / 2; }
 
-    [[gnu::always_inline]] Lanes* operator[](long i) const {
-        const long tile = i / TILE;
+    [[gnu::always_inline]] Lanes* operator[](Index i) const {
+        const Index tile = i / TILE;
         return data + TILE * (tile + 1) * (TILE * tile / 2 + i % TILE);
     }
 
@@ -26,9 +26,9 @@ struct Triangle {
 // sums_rc += sum_k a(k, r) b(k, c) for first <= k < last.
 template <class Lanes, int columns, class A, class B>
 [[gnu::always_inline]] inline void add_products(Lanes (&sums)[TILE][columns],
-                                                long first, long last, const A& a,
+                                                Index first, Index last, const A& a,
                                                 const B& b) {
-    for (long k = first; k < last; ++k) {
+    for (Index k = first; k < last; ++k) {
         Lanes x[TILE], y[columns];
 #pragma GCC unroll 4
         for (int r = 0; r < TILE; ++r) x[r] = a(k, r);
@@ -99,16 +99,16 @@ template <class Lanes>
 
 // S = L L^T in place, zeros above the diagonal, with 1 / L_ii; returns log det S.
 template <class Lanes>
-Lanes factorise(long n, Triangle<Lanes> S, Lanes* reciprocal) {
+Lanes factorise(Index n, Triangle<Lanes> S, Lanes* reciprocal) {
     Lanes log_det = {};
-    for (long i = 0; i < n; i += TILE)
-        for (long j = 0; j <= i; j += TILE) {
+    for (Index i = 0; i < n; i += TILE)
+        for (Index j = 0; j <= i; j += TILE) {
             Lanes* a[TILE] = {S[i], S[i + 1], S[i + 2], S[i + 3]};
             Lanes* b[TILE] = {S[j], S[j + 1], S[j + 2], S[j + 3]};
             Tile<Lanes> sums = {};
             add_products(
-                sums, 0, j, [=](long k, int r) { return a[r][k]; },
-                [=](long k, int c) { return b[c][k]; });
+                sums, 0, j, [=](Index k, int r) { return a[r][k]; },
+                [=](Index k, int c) { return b[c][k]; });
             for (int r = 0; r < TILE; ++r) {
                 a[r] += j;
                 b[r] += j;
@@ -121,15 +121,15 @@ Lanes factorise(long n, Triangle<Lanes> S, Lanes* reciprocal) {
 
 // L <- L^-1 in place.
 template <class Lanes>
-void invert(long n, Triangle<Lanes> L, const Lanes* reciprocal) {
-    for (long i = 0; i < n; i += TILE) {
+void invert(Index n, Triangle<Lanes> L, const Lanes* reciprocal) {
+    for (Index i = 0; i < n; i += TILE) {
         Lanes* a[TILE] = {L[i], L[i + 1], L[i + 2], L[i + 3]};
         Lanes* diagonal[TILE] = {a[0] + i, a[1] + i, a[2] + i, a[3] + i};
-        for (long j = 0; j <= i; j += TILE) {
+        for (Index j = 0; j <= i; j += TILE) {
             Tile<Lanes> sums = {};
             add_products(
-                sums, j, i, [=](long k, int r) { return a[r][k]; },
-                [=](long k, int c) { return L[k][j + c]; });
+                sums, j, i, [=](Index k, int r) { return a[r][k]; },
+                [=](Index k, int c) { return L[k][j + c]; });
             if (j == i)
                 for (int r = 0; r < TILE; ++r) sums[r][r] = all<Lanes>(-1.0);
             solve_back(sums, diagonal, reciprocal + i);
@@ -143,13 +143,13 @@ void invert(long n, Triangle<Lanes> L, const Lanes* reciprocal) {
 
 // out_v = M x_v for `count` vectors of n numbers, one after another.
 template <int count, class Lanes>
-[[gnu::always_inline]] inline void multiply(long n, Triangle<Lanes> M, const Lanes* x,
+[[gnu::always_inline]] inline void multiply(Index n, Triangle<Lanes> M, const Lanes* x,
                                             Lanes* __restrict out) {
-    for (long i = 0; i < n; i += TILE) {
+    for (Index i = 0; i < n; i += TILE) {
         Lanes sums[TILE][count] = {};
         add_products(
-            sums, 0, i + TILE, [&](long k, int r) { return M[i + r][k]; },
-            [&](long k, int v) { return x[v * n + k]; });
+            sums, 0, i + TILE, [&](Index k, int r) { return M[i + r][k]; },
+            [&](Index k, int v) { return x[v * n + k]; });
         for (int r = 0; r < TILE; ++r)
             for (int v = 0; v < count; ++v) out[v * n + i + r] = sums[r][v];
     }
@@ -157,14 +157,14 @@ template <int count, class Lanes>
 
 // out_v = M^T x_v likewise.
 template <int count, class Lanes>
-[[gnu::always_inline]] inline void multiply_transposed(long n, Triangle<Lanes> M,
+[[gnu::always_inline]] inline void multiply_transposed(Index n, Triangle<Lanes> M,
                                                        const Lanes* x,
                                                        Lanes* __restrict out) {
-    for (long i = 0; i < n; i += TILE) {
+    for (Index i = 0; i < n; i += TILE) {
         Lanes sums[TILE][count] = {};
         add_products(
-            sums, i, n, [&](long k, int r) { return M[k][i + r]; },
-            [&](long k, int v) { return x[v * n + k]; });
+            sums, i, n, [&](Index k, int r) { return M[k][i + r]; },
+            [&](Index k, int v) { return x[v * n + k]; });
         for (int r = 0; r < TILE; ++r)
             for (int v = 0; v < count; ++v) out[v * n + i + r] = sums[r][v];
     }

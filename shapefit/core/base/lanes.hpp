@@ -6,6 +6,8 @@
 
 #include <type_traits>
 
+#include "index.hpp"
+
 namespace shapefit {
 
 // The compiler knows them without <math.h>, which takes longer to read than most
@@ -45,8 +47,8 @@ typedef double LooseDoubles __attribute__((vector_size(WIDTH * sizeof(double)),
                                            aligned(sizeof(double)), may_alias));
 
 // Rows are padded with zeros to this many numbers, whatever the width.
-constexpr long PADDING = 8;
-constexpr long padded(long n) { return (n + PADDING - 1) / PADDING * PADDING; }
+constexpr Index PADDING = 8;
+constexpr Index padded(Index n) { return (n + PADDING - 1) / PADDING * PADDING; }
 
 inline Doubles load(const double* x) {
     return *reinterpret_cast<const LooseDoubles*>(x);

@@ -7,16 +7,18 @@
 
 #include <type_traits>
 
+#include "index.hpp"
+
 namespace shapefit {
 
 template <class T, int rank>
 struct View {
     T* data = nullptr;
-    long size[rank] = {};
+    Index size[rank] = {};
 
-    View<T, rank - 1> operator[](long i) const {
+    View<T, rank - 1> operator[](Index i) const {
         View<T, rank - 1> part;
-        long stride = 1;
+        Index stride = 1;
         for (int d = 1; d < rank; ++d) {
             part.size[d - 1] = size[d];
             stride *= size[d];
@@ -37,9 +39,9 @@ struct View {
 template <class T>
 struct View<T, 1> {
     T* data = nullptr;
-    long size[1] = {};
+    Index size[1] = {};
 
-    T& operator[](long i) const { return data[i]; }
+    T& operator[](Index i) const { return data[i]; }
     operator View<const T, 1>() const
         requires(!std::is_const_v<T>)
     {
@@ -58,25 +60,22 @@ using Blocks = View<T, 4>;
 
 // Images first <= image < last of a batch: whole blocks, but for the end of the batch.
 struct Range {
-    long first = 0;
-    long last = 0;
+    Index first = 0;
+    Index last = 0;
 };
 
 // Images of one block may start from one another's solutions; each block starts afresh.
 // Its length is fixed, so that no result depends on the number of threads, nor on how a
 // file is cut into batches of whole blocks.
-constexpr long IMAGES_PER_BLOCK = 64;
+constexpr Index IMAGES_PER_BLOCK = 64;
 
 // From outside the code of any instruction set.
-[[noreturn]] void raise_out_of_memory(long bytes);
+[[noreturn]] void raise_out_of_memory(Index bytes);
 
 // Ends the call of the kernel where the program has been asked to end, by throwing.
 // Every loop that may take long asks once a step; it costs as much as a look at the
 // clock.
 void check_interrupt();
-
-// Of a clock that is never set.
-double monotonic_seconds();
 
 // Blocks of zeros that live as long as the workspace.
 class Workspace {
@@ -94,12 +93,12 @@ class Workspace {
 
     // `count` zeros, aligned to 64 bytes and followed by a vector's worth of padding.
     template <class T>
-    T* zeros(long count) {
+    T* zeros(Index count) {
         const size_t bytes =
             (static_cast<size_t>(count) * sizeof(T) + 63) / 64 * 64 + 64;
         // calloc: pages that nobody touches cost nothing
         void* memory = ::calloc(1, sizeof(Block) + bytes + 64);
-        if (!memory) raise_out_of_memory(static_cast<long>(bytes));
+        if (!memory) raise_out_of_memory(static_cast<Index>(bytes));
         const uintptr_t address = reinterpret_cast<uintptr_t>(memory);
         Block* block = reinterpret_cast<Block*>((address + 63) / 64 * 64);
         block->before = last_;
@@ -109,15 +108,15 @@ class Workspace {
     }
 
     template <class T>
-    Vector<T> vector(long n) {
+    Vector<T> vector(Index n) {
         return {zeros<T>(n), {n}};
     }
     template <class T>
-    Matrix<T> matrix(long rows, long columns) {
+    Matrix<T> matrix(Index rows, Index columns) {
         return {zeros<T>(rows * columns), {rows, columns}};
     }
     template <class T>
-    Tensor<T> tensor(long n, long rows, long columns) {
+    Tensor<T> tensor(Index n, Index rows, Index columns) {
         return {zeros<T>(n * rows * columns), {n, rows, columns}};
     }
 

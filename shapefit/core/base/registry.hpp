@@ -33,7 +33,7 @@ struct AnyArray {
     bool written;
     int rank;
     void* data = nullptr;
-    long size[4] = {};
+    Index size[4] = {};
 };
 
 // How the work on an image ended, in the order of `Status` in convex/solver.py.
@@ -57,7 +57,7 @@ struct Argument {
     template <class T, int rank>
     operator View<T, rank>() const;
     operator double() const;
-    operator long() const;
+    operator Index() const;
     operator bool() const;
 };
 
@@ -71,7 +71,7 @@ class Arguments {
 
     virtual void take(const Argument& argument, AnyArray& array) = 0;
     virtual double take_number(const Argument& argument) = 0;
-    virtual long take_count(const Argument& argument) = 0;
+    virtual Index take_count(const Argument& argument) = 0;
     virtual bool take_flag(const Argument& argument) = 0;
 
     // After the last argument of a function that is called once: whether it is to be
@@ -81,14 +81,14 @@ class Arguments {
     // threads.
     virtual void run(void (*kernel)(const void* data, Range), const void* data) = 0;
     // What the function returns.
-    virtual void give_count(long value) = 0;
+    virtual void give_count(Index value) = 0;
 
   protected:
     ~Arguments() = default;
 };
 
 inline Argument::operator double() const { return from.take_number(*this); }
-inline Argument::operator long() const { return from.take_count(*this); }
+inline Argument::operator Index() const { return from.take_count(*this); }
 inline Argument::operator bool() const { return from.take_flag(*this); }
 
 template <class T, int rank>

@@ -5,26 +5,26 @@
 namespace shapefit {
 namespace {
 
-constexpr long LARGE = 256;  // rows from which on a factorisation takes long
+constexpr Index LARGE = 256;  // rows from which on a factorisation takes long
 
 // row -= share other, from the vector of column j on.
-void subtract(double* __restrict row, double share, const double* other, long j,
-              long end) {
-    for (long c = j / PADDING * PADDING; c < end; ++c) row[c] -= share * other[c];
+void subtract(double* __restrict row, double share, const double* other, Index j,
+              Index end) {
+    for (Index c = j / PADDING * PADDING; c < end; ++c) row[c] -= share * other[c];
 }
 
 // U in the place of four rows, which have lost what the rows above take; false where S
 // has no U.
-bool factorise_rows(double* S, long i, long stride, double& log_det) {
+bool factorise_rows(double* S, Index i, Index stride, double& log_det) {
     double product = 1;
-    for (long r = i; r < i + TILE_ROWS; ++r) {
+    for (Index r = i; r < i + TILE_ROWS; ++r) {
         double* row = S + r * stride;
-        for (long m = i; m < r; ++m)
+        for (Index m = i; m < r; ++m)
             subtract(row, S[m * stride + r], S + m * stride, r, stride);
         if (!(row[r] > TINY)) return false;
         product *= row[r];
         const double pivot = root(row[r]), inverse = 1 / pivot;
-        for (long c = r / PADDING * PADDING; c < stride; ++c) row[c] *= inverse;
+        for (Index c = r / PADDING * PADDING; c < stride; ++c) row[c] *= inverse;
         row[r] = pivot;
     }
     log_det += log(product);
@@ -33,30 +33,30 @@ bool factorise_rows(double* S, long i, long stride, double& log_det) {
 
 // V_r = (e_r - sum_(k < r) U_kr V_k) / U_rr for four rows, which have lost what the
 // rows above take.
-void invert_rows(const double* U, double* V, long i, long stride) {
-    for (long r = i; r < i + TILE_ROWS; ++r) {
+void invert_rows(const double* U, double* V, Index i, Index stride) {
+    for (Index r = i; r < i + TILE_ROWS; ++r) {
         double* row = V + r * stride;
-        for (long m = i; m < r; ++m)
+        for (Index m = i; m < r; ++m)
             subtract(row, U[m * stride + r], V + m * stride, 0, padded(r));
         const double inverse = 1 / U[r * stride + r];
-        for (long c = 0; c < padded(r); ++c) row[c] *= inverse;
+        for (Index c = 0; c < padded(r); ++c) row[c] *= inverse;
         row[r] = inverse;
     }
 }
 
 }  // namespace
 
-double cholesky_inverse(double* S, double* V, long n, long stride) {
+double cholesky_inverse(double* S, double* V, Index n, Index stride) {
     double log_det = 0;
-    for (long i = 0; i < n; i += TILE_ROWS) {
+    for (Index i = 0; i < n; i += TILE_ROWS) {
         if (n >= LARGE) check_interrupt();
-        const long from = i / PADDING * PADDING;
+        const Index from = i / PADDING * PADDING;
         add_product(-1, transposed(S + i, stride), S + from, S + i * stride + from,
                     TILE_ROWS, stride - from, stride, stride, every(i));
         if (!factorise_rows(S, i, stride, log_det)) return NOT_A_NUMBER;
     }
-    for (long e = 0; e < n * stride; ++e) V[e] = 0;
-    for (long i = 0; i < n; i += TILE_ROWS) {
+    for (Index e = 0; e < n * stride; ++e) V[e] = 0;
+    for (Index i = 0; i < n; i += TILE_ROWS) {
         if (n >= LARGE) check_interrupt();
         add_product(-1, transposed(S + i, stride), V, V + i * stride, TILE_ROWS,
                     padded(i), stride, stride, from_column(i));
@@ -65,15 +65,15 @@ double cholesky_inverse(double* S, double* V, long n, long stride) {
     return log_det;
 }
 
-void multiply_out(const double* V, double* C, long n, long stride) {
-    for (long e = 0; e < n * stride; ++e) C[e] = 0;
+void multiply_out(const double* V, double* C, Index n, Index stride) {
+    for (Index e = 0; e < n * stride; ++e) C[e] = 0;
     add_product(1, transposed(V, stride), V, C, n, stride, stride, stride,
                 upper_from_column(n));
 }
 
-void mirror(double* C, long n, long stride) {
-    for (long i = 0; i < n; ++i)
-        for (long j = 0; j < i; ++j) C[i * stride + j] = C[j * stride + i];
+void mirror(double* C, Index n, Index stride) {
+    for (Index i = 0; i < n; ++i)
+        for (Index j = 0; j < i; ++j) C[i * stride + j] = C[j * stride + i];
 }
 
 namespace {
@@ -83,14 +83,14 @@ constexpr double ROUNDING = 0x1p-56;  // of an entry beside the norm of the matr
 
 double norm(Matrix<const double> A) {
     double total = 0;
-    for (long e = 0; e < A.size[0] * A.size[1]; ++e) total += square(A.data[e]);
+    for (Index e = 0; e < A.size[0] * A.size[1]; ++e) total += square(A.data[e]);
     return root(total);
 }
 
 // (x, y) <- (c x - s y, s x + c y)
 void rotate_rows(double c, double s, double* __restrict x, double* __restrict y,
-                 long count) {
-    for (long e = 0; e < count; ++e) {
+                 Index count) {
+    for (Index e = 0; e < count; ++e) {
         const double before = x[e];
         x[e] = c * before - s * y[e];
         y[e] = s * before + c * y[e];
@@ -98,8 +98,8 @@ void rotate_rows(double c, double s, double* __restrict x, double* __restrict y,
 }
 
 // Turn axes p and q so that A_pq becomes 0.
-void rotate(Matrix<double> A, Matrix<double> V, long p, long q) {
-    const long m = A.size[0];
+void rotate(Matrix<double> A, Matrix<double> V, Index p, Index q) {
+    const Index m = A.size[0];
     const double pp = A[p][p], qq = A[q][q], pq = A[p][q];
     const double ratio = (qq - pp) / (2 * pq);
     const double tangent =
@@ -107,7 +107,7 @@ void rotate(Matrix<double> A, Matrix<double> V, long p, long q) {
     const double c = 1 / root(1 + square(tangent)), s = c * tangent;
     rotate_rows(c, s, A[p].data, A[q].data, m);
     rotate_rows(c, s, V[p].data, V[q].data, m);
-    for (long j = 0; j < m; ++j) {
+    for (Index j = 0; j < m; ++j) {
         A[j][p] = A[p][j];
         A[j][q] = A[q][j];
     }
@@ -118,16 +118,16 @@ void rotate(Matrix<double> A, Matrix<double> V, long p, long q) {
 
 // Exchange rows so that the values ascend.
 void sort(Vector<double> values, Matrix<double> V) {
-    const long m = values.size[0];
-    for (long i = 0; i < m; ++i) {
-        long least = i;
-        for (long j = i + 1; j < m; ++j)
+    const Index m = values.size[0];
+    for (Index i = 0; i < m; ++i) {
+        Index least = i;
+        for (Index j = i + 1; j < m; ++j)
             if (values[j] < values[least]) least = j;
         if (least == i) continue;
         const double value = values[i];
         values[i] = values[least];
         values[least] = value;
-        for (long e = 0; e < m; ++e) {
+        for (Index e = 0; e < m; ++e) {
             const double entry = V[i][e];
             V[i][e] = V[least][e];
             V[least][e] = entry;
@@ -138,21 +138,21 @@ void sort(Vector<double> values, Matrix<double> V) {
 }  // namespace
 
 void symmetric_eigen(Matrix<double> A, Vector<double> values, Matrix<double> V) {
-    const long m = A.size[0];
-    for (long i = 0; i < m; ++i)
-        for (long j = 0; j < m; ++j) V[i][j] = i == j;
+    const Index m = A.size[0];
+    for (Index i = 0; i < m; ++i)
+        for (Index j = 0; j < m; ++j) V[i][j] = i == j;
     const double negligible = ROUNDING * norm({A.data, {m, m}});
     for (int sweep = 0; sweep < MOST_SWEEPS; ++sweep) {
         bool converged = true;
-        for (long p = 0; p < m; ++p)
-            for (long q = p + 1; q < m; ++q)
+        for (Index p = 0; p < m; ++p)
+            for (Index q = p + 1; q < m; ++q)
                 if (magnitude(A[p][q]) > negligible) {
                     rotate(A, V, p, q);
                     converged = false;
                 }
         if (converged) break;
     }
-    for (long i = 0; i < m; ++i) values[i] = A[i][i];
+    for (Index i = 0; i < m; ++i) values[i] = A[i][i];
     sort(values, V);
 }
 

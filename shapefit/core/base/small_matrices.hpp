@@ -9,14 +9,14 @@ namespace shapefit {
 // From the upper triangle of S (n, n), rows `stride` apart, to U in its place and V,
 // whose rows are filled with zeros to the stride; log det S, or nan where S is not
 // positive definite. n is a multiple of PADDING.
-double cholesky_inverse(double* S, double* V, long n, long stride);
+double cholesky_inverse(double* S, double* V, Index n, Index stride);
 
 // C (n, n) of `stride`, its upper triangle and the tiles on the diagonal, = V^T V =
 // S^-1.
-void multiply_out(const double* V, double* C, long n, long stride);
+void multiply_out(const double* V, double* C, Index n, Index stride);
 
 // The lower triangle becomes that above it.
-void mirror(double* C, long n, long stride);
+void mirror(double* C, Index n, Index stride);
 
 // A = V^T diag(values) V: the rows of V (m, m) are orthonormal, the values (m,) ascend.
 // A (m, m), given in full, is overwritten.

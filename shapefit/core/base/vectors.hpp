@@ -6,29 +6,29 @@
 
 namespace shapefit {
 
-[[gnu::always_inline]] inline double dot(const double* a, const double* b, long n) {
+[[gnu::always_inline]] inline double dot(const double* a, const double* b, Index n) {
     double total = 0;
-    for (long i = 0; i < n; ++i) total += a[i] * b[i];
+    for (Index i = 0; i < n; ++i) total += a[i] * b[i];
     return total;
 }
 
-inline bool are_equal(const double* x, const double* y, long n) {
-    for (long i = 0; i < n; ++i)
+inline bool are_equal(const double* x, const double* y, Index n) {
+    for (Index i = 0; i < n; ++i)
         if (x[i] != y[i]) return false;
     return true;
 }
 
 // y += factor x; x and y are disjoint.
 [[gnu::always_inline]] inline void add_to(double* __restrict y, double factor,
-                                          const double* __restrict x, long n) {
-    for (long i = 0; i < n; ++i) y[i] += factor * x[i];
+                                          const double* __restrict x, Index n) {
+    for (Index i = 0; i < n; ++i) y[i] += factor * x[i];
 }
 
 // <a, b> of padded rows.
 [[gnu::always_inline]] inline double dot_padded(const double* a, const double* b,
-                                                long n) {
+                                                Index n) {
     Doubles even = {}, odd = {};
-    long i = 0;
+    Index i = 0;
     for (; i + 2 * WIDTH <= n; i += 2 * WIDTH) {
         even += load(a + i) * load(b + i);
         odd += load(a + i + WIDTH) * load(b + i + WIDTH);
@@ -38,7 +38,7 @@ inline bool are_equal(const double* x, const double* y, long n) {
 }
 
 // P = S S^T (3, 3) of three padded rows.
-inline void find_gram(const double* S, long row, double* P) {
+inline void find_gram(const double* S, Index row, double* P) {
     for (int a = 0; a < 3; ++a)
         for (int b = 0; b <= a; ++b)
             P[3 * a + b] = P[3 * b + a] = dot_padded(S + a * row, S + b * row, row);
@@ -46,11 +46,11 @@ inline void find_gram(const double* S, long row, double* P) {
 
 // `count` vectors from `column` of sum_r x_r row_r; see mix_rows.
 template <int count>
-[[gnu::always_inline]] inline void mix_columns(const double* x, long m,
-                                               const double* rows, long stride,
-                                               long column, double* out) {
+[[gnu::always_inline]] inline void mix_columns(const double* x, Index m,
+                                               const double* rows, Index stride,
+                                               Index column, double* out) {
     Doubles sums[count] = {};
-    for (long r = 0; r < m; ++r)
+    for (Index r = 0; r < m; ++r)
         for (int v = 0; v < count; ++v)
             sums[v] += x[r] * load(rows + r * stride + column + v * WIDTH);
     for (int v = 0; v < count; ++v) store(out + column + v * WIDTH, sums[v]);
@@ -59,19 +59,20 @@ template <int count>
 // The last `left` vectors, at most `most`, all at once: each sum alone would wait for
 // itself.
 template <int most>
-[[gnu::always_inline]] inline void mix_last_columns(long left, const double* x, long m,
-                                                    const double* rows, long stride,
-                                                    long column, double* out) {
+[[gnu::always_inline]] inline void mix_last_columns(Index left, const double* x,
+                                                    Index m, const double* rows,
+                                                    Index stride, Index column,
+                                                    double* out) {
     if (left == most) mix_columns<most>(x, m, rows, stride, column, out);
     else if constexpr (most > 1)
         mix_last_columns<most - 1>(left, x, m, rows, stride, column, out);
 }
 
 // out = sum_r x_r row_r for m padded rows of n numbers.
-inline void mix_rows(const double* x, long m, const double* rows, long stride, long n,
-                     double* out) {
+inline void mix_rows(const double* x, Index m, const double* rows, Index stride,
+                     Index n, double* out) {
     constexpr int MOST = 8;  // as many sums as hide the latency
-    long column = 0;
+    Index column = 0;
     for (; column + MOST * WIDTH <= n; column += MOST * WIDTH)
         mix_columns<MOST>(x, m, rows, stride, column, out);
     mix_last_columns<MOST - 1>((n - column) / WIDTH, x, m, rows, stride, column, out);
@@ -79,72 +80,73 @@ inline void mix_rows(const double* x, long m, const double* rows, long stride, l
 
 // y -= sum_e x_e row_(index_e) for m rows of n numbers.
 inline void subtract_mixture(double* __restrict y, const double* __restrict x,
-                             const long* __restrict index, long m,
-                             const double* __restrict rows, long stride, long n) {
-    long e = 0;
+                             const Index* __restrict index, Index m,
+                             const double* __restrict rows, Index stride, Index n) {
+    Index e = 0;
     for (; e + 4 <= m; e += 4) {
         const double *r0 = rows + index[e] * stride, *r1 = rows + index[e + 1] * stride;
         const double *r2 = rows + index[e + 2] * stride,
                      *r3 = rows + index[e + 3] * stride;
         const double x0 = x[e], x1 = x[e + 1], x2 = x[e + 2], x3 = x[e + 3];
-        for (long i = 0; i < n; ++i)
+        for (Index i = 0; i < n; ++i)
             y[i] -= x0 * r0[i] + x1 * r1[i] + x2 * r2[i] + x3 * r3[i];
     }
     for (; e < m; ++e) {
         const double* row = rows + index[e] * stride;
-        for (long i = 0; i < n; ++i) y[i] -= x[e] * row[i];
+        for (Index i = 0; i < n; ++i) y[i] -= x[e] * row[i];
     }
 }
 
 // The largest of n numbers, -infinity where there are none; nan never is.
-inline double largest_of(const double* x, long n) {
+inline double largest_of(const double* x, Index n) {
     double best[PADDING];
-    for (long lane = 0; lane < PADDING; ++lane) best[lane] = -INFINITE;
-    long i = 0;
+    for (Index lane = 0; lane < PADDING; ++lane) best[lane] = -INFINITE;
+    Index i = 0;
     for (; i + PADDING <= n; i += PADDING)
-        for (long lane = 0; lane < PADDING; ++lane)
+        for (Index lane = 0; lane < PADDING; ++lane)
             best[lane] = larger(x[i + lane], best[lane]);
     for (; i < n; ++i) best[0] = larger(x[i], best[0]);
-    for (long lane = 1; lane < PADDING; ++lane) best[0] = larger(best[lane], best[0]);
+    for (Index lane = 1; lane < PADDING; ++lane) best[0] = larger(best[lane], best[0]);
     return best[0];
 }
 
 // The first place of `value` among n numbers; n where it is not there.
-inline long place_of(double value, const double* x, long n) {
-    long i = 0;
+inline Index place_of(double value, const double* x, Index n) {
+    Index i = 0;
     while (i < n && x[i] != value) ++i;
     return i;
 }
 
 // Products of small dense matrices with sums in registers.
 //
-//   C_ij += sign sum_k A_ki B_kj      for first <= k < last, which may depend on the
-//   tile
+//     C_ij += sign sum_k A_ki B_kj
+//
+// over first <= k < last, which may depend on the tile.
 //
 // Rows of B and C are padded and their strides multiples of PADDING; A is read number
 // by number, in either order. A tile is 4 rows and up to 3 vectors wide.
 
 struct Factor {
     const double* data;
-    long by_k, by_i;  // A_ki stands at data[k by_k + i by_i]
+    Index by_k, by_i;  // A_ki stands at data[k by_k + i by_i]
 };
 
 // A^T of a matrix whose rows are k, and A itself of one whose rows are i.
-inline Factor transposed(const double* data, long stride) { return {data, stride, 1}; }
-inline Factor plain(const double* data, long stride) { return {data, 1, stride}; }
+inline Factor transposed(const double* data, Index stride) { return {data, stride, 1}; }
+inline Factor plain(const double* data, Index stride) { return {data, 1, stride}; }
 
 struct Inner {
-    long first, last;
+    Index first, last;
 };
 
-constexpr long TILE_ROWS = 4;
+constexpr Index TILE_ROWS = 4;
 
 template <int vectors>
 [[gnu::always_inline]] inline void add_tile(double sign, Factor A, const double* B,
-                                            double* C, long stride, Inner k,
-                                            long stride_of_B) {
+                                            double* C, Index stride, Inner k,
+                                            Index stride_of_B) {
     Doubles sums[TILE_ROWS][vectors] = {};
-    for (long e = k.first; e < k.last; ++e) {
+    for (Index e = k.first; e < k.last; ++e) {
         const double* a = A.data + e * A.by_k;
         Doubles b[vectors];
         for (int v = 0; v < vectors; ++v) b[v] = load(B + e * stride_of_B + v * WIDTH);
@@ -161,12 +163,12 @@ template <int vectors>
 // C (rows, columns) += sign A^T B; inner(i, j, width) the k of the tile from row i and
 // column j on, where first > last leaves it out.
 template <class Inside>
-inline void add_product(double sign, Factor A, const double* B, double* C, long rows,
-                        long columns, long stride_of_B, long stride,
+inline void add_product(double sign, Factor A, const double* B, double* C, Index rows,
+                        Index columns, Index stride_of_B, Index stride,
                         const Inside& inner) {
-    for (long j = 0; j < columns;) {
-        const long left = (columns - j) / WIDTH, vectors = left < 3 ? left : 3;
-        for (long i = 0; i < rows; i += TILE_ROWS) {
+    for (Index j = 0; j < columns;) {
+        const Index left = (columns - j) / WIDTH, vectors = left < 3 ? left : 3;
+        for (Index i = 0; i < rows; i += TILE_ROWS) {
             const Inner k = inner(i, j, vectors * WIDTH);
             if (k.first >= k.last) continue;
             const Factor part{A.data + i * A.by_i, A.by_k, A.by_i};
@@ -183,20 +185,22 @@ inline void add_product(double sign, Factor A, const double* B, double* C, long 
 
 // Which k count: all of n; those of a factor A with A_ki = 0 for k > i, or of a B with
 // B_kj = 0 for k < j; and, of a symmetric C, tiles that reach the upper triangle only.
-inline auto every(long n) {
-    return [n](long, long, long) { return Inner{0, n}; };
+inline auto every(Index n) {
+    return [n](Index, Index, Index) { return Inner{0, n}; };
 }
 inline auto up_to_row() {
-    return [](long i, long, long) { return Inner{0, i + TILE_ROWS}; };
+    return [](Index i, Index, Index) { return Inner{0, i + TILE_ROWS}; };
 }
-inline auto from_column(long n) {
-    return [n](long, long j, long) { return Inner{j, n}; };
+inline auto from_column(Index n) {
+    return [n](Index, Index j, Index) { return Inner{j, n}; };
 }
-inline auto upper(long n) {
-    return [n](long i, long j, long width) { return Inner{0, i < j + width ? n : 0}; };
+inline auto upper(Index n) {
+    return
+        [n](Index i, Index j, Index width) { return Inner{0, i < j + width ? n : 0}; };
 }
-inline auto upper_from_column(long n) {
-    return [n](long i, long j, long width) { return Inner{j, i < j + width ? n : 0}; };
+inline auto upper_from_column(Index n) {
+    return
+        [n](Index i, Index j, Index width) { return Inner{j, i < j + width ? n : 0}; };
 }
 
 }  // namespace shapefit

@@ -27,7 +27,7 @@ int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& retained
         if (rank != array.rank) return rank;
         array.data = const_cast<std::remove_const_t<T>*>(found.data());
         for (int d = 0; d < array.rank; ++d)
-            array.size[d] = static_cast<long>(found.shape(d));
+            array.size[d] = static_cast<Index>(found.shape(d));
         retained.emplace_back(found);
         return rank;
     };
@@ -100,9 +100,9 @@ double Call::take_number(const Argument& argument) {
     return value;
 }
 
-long Call::take_count(const Argument& argument) {
+Index Call::take_count(const Argument& argument) {
     const nb::handle given = find(argument);
-    long value = 0;
+    Index value = 0;
     if (!nb::try_cast(given, value)) refuse(argument, "an integer", given);
     return value;
 }
@@ -140,7 +140,7 @@ void Call::end() const {
     throw nb::type_error((std::string(function_) + ": " + text + " are known").c_str());
 }
 
-long Call::size(std::string_view name) const {
+Index Call::size(std::string_view name) const {
     for (const Size& size : sizes_)
         if (size.name == name) return size.value;
     return 0;
@@ -163,8 +163,8 @@ bool Call::has_shape(const Argument& argument, const AnyArray& array) {
 }
 
 // "3", "p", "3p" or "1+k": a name stands for the size that it met first.
-bool Call::fits(std::string_view token, long value) {
-    long number = 0;
+bool Call::fits(std::string_view token, Index value) {
+    Index number = 0;
     bool leads = false;
     for (; !token.empty() && token[0] >= '0' && token[0] <= '9';
          token.remove_prefix(1)) {

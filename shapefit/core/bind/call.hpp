@@ -25,12 +25,12 @@ class Call : public Arguments {
 
     void take(const Argument& argument, AnyArray& array) override;
     double take_number(const Argument& argument) override;
-    long take_count(const Argument& argument) override;
+    Index take_count(const Argument& argument) override;
     bool take_flag(const Argument& argument) override;
 
     bool begin() override;
     void run(void (*kernel)(const void* data, Range), const void* data) override;
-    void give_count(long value) override { count_ = value; }
+    void give_count(Index value) override { count_ = value; }
 
     // What the function has returned, as Python has it.
     nb::object result();
@@ -44,14 +44,14 @@ class Call : public Arguments {
     };
     struct Size {
         std::string_view name;
-        long value;
+        Index value;
     };
 
     void end() const;  // after the last argument
-    long size(std::string_view name)
+    Index size(std::string_view name)
         const;  // of a name in the shapes, 0 where it does not occur
     nb::handle find(const Argument& argument);
-    bool fits(std::string_view token, long value);
+    bool fits(std::string_view token, Index value);
     bool has_shape(const Argument& argument, const AnyArray& array);
     [[noreturn]] void refuse(const Argument& argument, const std::string& wanted,
                              nb::handle given, bool is_array = false);
@@ -62,7 +62,7 @@ class Call : public Arguments {
     size_t taken_ = 0;
     std::vector<Size> sizes_;
     std::vector<nb::ndarray<>> retained_;
-    std::optional<long> count_;
+    std::optional<Index> count_;
     std::optional<Running> running_;  // while the function runs
 };
 
@@ -73,7 +73,7 @@ class Signature : public Arguments {
     double take_number(const Argument& argument) override {
         return add(argument, "float"), 0;
     }
-    long take_count(const Argument& argument) override {
+    Index take_count(const Argument& argument) override {
         return add(argument, "int"), 0;
     }
     bool take_flag(const Argument& argument) override {
@@ -84,7 +84,7 @@ class Signature : public Arguments {
     void run(void (*)(const void* data, Range), const void*) override {
         add({*this, "threads", ""}, "int");
     }
-    void give_count(long) override {}
+    void give_count(Index) override {}
 
     std::string text;
 

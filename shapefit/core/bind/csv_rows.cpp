@@ -10,18 +10,18 @@ namespace shapefit {
 
 struct CsvRowsData {
     Arguments& from;
-    Vector<const uint64_t> letters =
-        from("letters", "w");  // of the texts, one after another
-    Vector<const int64_t> starts =
-        from("starts", "1+t");  // of each text, and the end of the last
-    Matrix<const int64_t> texts =
-        from("texts", "n c");  // of each row, by their numbers
+    // of the texts, one after another
+    Vector<const uint64_t> letters = from("letters", "w");
+    // of each text, and the end of the last
+    Vector<const int64_t> starts = from("starts", "1+t");
+    // of each row, by their numbers
+    Matrix<const int64_t> texts = from("texts", "n c");
     Matrix<const double> numbers = from("numbers", "n d");  // nan is an empty cell
-    long leading =
-        from("leading");  // texts of a row before its numbers; the others follow them
+    // texts of a row before its numbers; the others follow them
+    Index leading = from("leading");
     bool as_python = from("as_python");  // as `repr` has numbers; else as orjson
-    Vector<uint64_t> rows =
-        from("rows", "s");  // room for all texts, commas, 25 bytes a number
+    // room for all texts, commas, 25 bytes a number
+    Vector<uint64_t> rows = from("rows", "s");
 };
 
 namespace {
@@ -60,7 +60,7 @@ char* put_number(char* out, double number, bool as_python) {
 }  // namespace
 
 // Returns the number of bytes.
-long write_csv_rows(const CsvRowsData& data) {
+Index write_csv_rows(const CsvRowsData& data) {
     const char* letters = reinterpret_cast<const char*>(data.letters.data);
     char* const start = reinterpret_cast<char*>(data.rows.data);
     char* out = start;
@@ -70,16 +70,16 @@ long write_csv_rows(const CsvRowsData& data) {
         out += count;
         *out++ = ',';
     };
-    const long columns = data.texts.size[1];
-    for (long row = 0; row < data.texts.size[0]; ++row) {
+    const Index columns = data.texts.size[1];
+    for (Index row = 0; row < data.texts.size[0]; ++row) {
         const auto texts = data.texts[row];
         const auto numbers = data.numbers[row];
-        for (long c = 0; c < data.leading; ++c) put_text(texts[c]);
-        for (long d = 0; d < numbers.size[0]; ++d) {
+        for (Index c = 0; c < data.leading; ++c) put_text(texts[c]);
+        for (Index d = 0; d < numbers.size[0]; ++d) {
             out = put_number(out, numbers[d], data.as_python);
             *out++ = ',';
         }
-        for (long c = data.leading; c < columns; ++c) put_text(texts[c]);
+        for (Index c = data.leading; c < columns; ++c) put_text(texts[c]);
         out[-1] = '\n';
     }
     return out - start;

@@ -1,6 +1,5 @@
 // The functions of one instruction set as a Python module, named after it.
 #include <algorithm>
-#include <chrono>
 #include <cstring>
 #include <deque>
 #include <new>
@@ -10,12 +9,7 @@
 
 namespace shapefit {
 
-void raise_out_of_memory(long) { throw std::bad_alloc(); }
-
-double monotonic_seconds() {
-    const auto now = std::chrono::steady_clock::now().time_since_epoch();
-    return std::chrono::duration<double>(now).count();
-}
+void raise_out_of_memory(Index) { throw std::bad_alloc(); }
 
 namespace {
 

@@ -8,7 +8,7 @@ namespace shapefit {
 namespace {
 
 // At most so many blocks at a time: what a kernel sets up is spent on more images.
-constexpr long MAX_BLOCKS = 8;
+constexpr Index MAX_BLOCKS = 8;
 
 // What is free before a thread is made, in bytes: its stack, and more. Where a new
 // thread finds no memory for its thread-local data, libc ends the process.
@@ -22,16 +22,17 @@ bool has_memory_for_a_thread() {
 
 }  // namespace
 
-void run_blocks(const Work& work, long count, int threads) {
-    const long blocks = (count + IMAGES_PER_BLOCK - 1) / IMAGES_PER_BLOCK;
-    const long cores = std::max(1u, std::thread::hardware_concurrency());
-    const long wanted = std::min<long>(threads > 0 ? threads : cores, blocks);
-    const long step = std::clamp(blocks / std::max(1L, 8 * wanted), 1L, MAX_BLOCKS) *
-                      IMAGES_PER_BLOCK;
+void run_blocks(const Work& work, Index count, int threads) {
+    const Index blocks = (count + IMAGES_PER_BLOCK - 1) / IMAGES_PER_BLOCK;
+    const Index cores = std::max(1u, std::thread::hardware_concurrency());
+    const Index wanted = std::min<Index>(threads > 0 ? threads : cores, blocks);
+    const Index step =
+        std::clamp<Index>(blocks / std::max<Index>(1, 8 * wanted), 1, MAX_BLOCKS) *
+        IMAGES_PER_BLOCK;
     Team(work, count, step).run(wanted);
 }
 
-void Team::run(long threads) {
+void Team::run(Index threads) {
     hire(threads - 1);
     try {
         lead();
@@ -43,10 +44,10 @@ void Team::run(long threads) {
 }
 
 // One after another, as long as there is memory for one more.
-void Team::hire(long helpers) {
-    threads_.reserve(std::max(0L, helpers));
+void Team::hire(Index helpers) {
+    threads_.reserve(std::max<Index>(0, helpers));
     returned_.reserve(threads_.capacity());
-    for (long helper = 1; helper <= helpers && has_memory_for_a_thread(); ++helper) {
+    for (Index helper = 1; helper <= helpers && has_memory_for_a_thread(); ++helper) {
         std::unique_lock<std::mutex> lock(guard_);
         try {
             threads_.emplace_back(&Team::help, this);

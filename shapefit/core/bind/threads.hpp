@@ -25,15 +25,15 @@ struct Work {
 class Team {
   public:
     // Ranges of `step` images that cover 0..count.
-    Team(const Work& work, long count, long step)
+    Team(const Work& work, Index count, Index step)
         : work_(work), count_(count), step_(step) {}
 
     // Work on as many threads, or as many as there can be. The first exception of a
     // thread is raised again, after all have ended.
-    void run(long threads);
+    void run(Index threads);
 
   private:
-    void hire(long helpers);
+    void hire(Index helpers);
     void lead();
     void help();
     void begin();
@@ -44,12 +44,12 @@ class Team {
     void leave();
 
     const Work& work_;
-    const long count_, step_;
+    const Index count_, step_;
     KernelCall call_;
     std::mutex guard_;  // of all that follows
     std::condition_variable changed_;
-    long next_ = 0, helpers_ = 0;
-    long begun_ = 0;  // helpers that have all that libc and C++ need of memory
+    Index next_ = 0, helpers_ = 0;
+    Index begun_ = 0;  // helpers that have all that libc and C++ need of memory
     std::vector<Range> returned_;
     std::vector<std::thread> threads_;
     std::exception_ptr failure_;
@@ -57,6 +57,6 @@ class Team {
 
 // Call the kernel on whole blocks that cover 0..count; `threads` = 0 means one per
 // core.
-void run_blocks(const Work& work, long count, int threads);
+void run_blocks(const Work& work, Index count, int threads);
 
 }  // namespace shapefit

@@ -3,9 +3,9 @@
 namespace shapefit {
 
 double moreau(const double* M, const double* N, double step, const double* dN,
-              double sigma, double t, double* total, long k) {
+              double sigma, double t, double* total, Index k) {
     Doubles value = {};
-    for (long i = 0; i < k; i += WIDTH) {
+    for (Index i = 0; i < k; i += WIDTH) {
         const BlockLanes m = load_blocks(M, k, i), n = load_blocks(N, k, i);
         const BlockLanes d = load_blocks(dN, k, i);
         Doubles q[6];
@@ -24,8 +24,8 @@ double moreau(const double* M, const double* N, double step, const double* dN,
 }
 
 void sum_singular_values(const double* M, const double* N, double sigma, double* total,
-                         long k) {
-    for (long i = 0; i < k; i += WIDTH) {
+                         Index k) {
+    for (Index i = 0; i < k; i += WIDTH) {
         const BlockLanes m = load_blocks(M, k, i), n = load_blocks(N, k, i);
         Doubles q[6];
         for (int e = 0; e < 6; ++e) q[e] = m.q[e] + sigma * n.q[e];
@@ -33,9 +33,9 @@ void sum_singular_values(const double* M, const double* N, double sigma, double*
     }
 }
 
-double largest_nuclear_norm(const double* N, long k) {
+double largest_nuclear_norm(const double* N, Index k) {
     Doubles found = {};
-    for (long i = 0; i < k; i += WIDTH) {
+    for (Index i = 0; i < k; i += WIDTH) {
         const Invariants<Doubles> block = invariants(load_blocks(N, k, i).q);
         found = larger(found, block.trace + 2.0 * block.product);
     }
@@ -44,18 +44,18 @@ double largest_nuclear_norm(const double* N, long k) {
 
 namespace {
 
-constexpr double RANK_ONE =
-    1e-14;  // s2 / s1, below which any direction orthogonal to v serves
+// s2 / s1, below which any direction orthogonal to v serves.
+constexpr double RANK_ONE = 1e-14;
 constexpr double HALF_ROOT = 0.70710678118654752440;
 
 struct Vector3 {
     Doubles x[3];
 };
 
-[[gnu::always_inline]] inline Vector3 load3(const double* rows, long stride, long c) {
+[[gnu::always_inline]] inline Vector3 load3(const double* rows, Index stride, Index c) {
     return {{load(rows + c), load(rows + stride + c), load(rows + 2 * stride + c)}};
 }
-[[gnu::always_inline]] inline void store3(double* rows, long stride, long c,
+[[gnu::always_inline]] inline void store3(double* rows, Index stride, Index c,
                                           const Vector3& v) {
     for (int b = 0; b < 3; ++b) store(rows + b * stride + c, v.x[b]);
 }
@@ -77,8 +77,8 @@ struct Turned {
     Vector3 first, second;
 };
 [[gnu::always_inline]] inline Turned to_frame(const ActiveBlocks& a, const double* G,
-                                              long c) {
-    const long n = a.capacity;
+                                              Index c) {
+    const Index n = a.capacity;
     const Vector3 top = load3(G, n, c), low = load3(G + 3 * n, n, c);
     const Doubles cosine = load(a.cosine + c), sine = load(a.sine + c);
     const Vector3 along = combine(cosine, top, sine, low),
@@ -90,10 +90,10 @@ struct Turned {
 
 }  // namespace
 
-ActiveBlocks::ActiveBlocks(Workspace& workspace, long padded_atoms)
+ActiveBlocks::ActiveBlocks(Workspace& workspace, Index padded_atoms)
     : capacity(padded_atoms) {
-    index = workspace.zeros<long>(capacity);
-    const auto rows = [&](long count) {
+    index = workspace.zeros<Index>(capacity);
+    const auto rows = [&](Index count) {
         return workspace.zeros<double>(count * capacity);
     };
     argument = rows(6), prox = rows(6), weight = rows(6);
@@ -104,24 +104,24 @@ ActiveBlocks::ActiveBlocks(Workspace& workspace, long padded_atoms)
 }
 
 void ActiveBlocks::find(const double* M, const double* N, double sigma, double t,
-                        const double* total, long k) {
+                        const double* total, Index k) {
     count = 0;
-    for (long i = 0; i < k; ++i) {
+    for (Index i = 0; i < k; ++i) {
         index[count < capacity ? count : capacity - 1] = i;
         count += total[i] > t;
     }
-    for (long c = 0; c < count; ++c)
+    for (Index c = 0; c < count; ++c)
         for (int e = 0; e < 6; ++e)
             argument[e * capacity + c] =
                 M[e * k + index[c]] + sigma * N[e * k + index[c]];
-    for (long c = 0; c < count; c += WIDTH) svd_and_prox(c, t);
+    for (Index c = 0; c < count; c += WIDTH) svd_and_prox(c, t);
     norms = 0;
-    for (long c = 0; c < count; ++c) norms += norm[c];
+    for (Index c = 0; c < count; ++c) norms += norm[c];
 }
 
 // Frame and prox of blocks c, c + 1, ...
-void ActiveBlocks::svd_and_prox(long c, double t) {
-    const long n = capacity;
+void ActiveBlocks::svd_and_prox(Index c, double t) {
+    const Index n = capacity;
     const Vector3 x = load3(argument, n, c), y = load3(argument + 3 * n, n, c),
                   normal = cross(x, y);
     const Doubles A = dot(x, x), C = dot(y, y), D = dot(x, y),
@@ -162,7 +162,7 @@ void ActiveBlocks::svd_and_prox(long c, double t) {
 }
 
 void ActiveBlocks::weigh(double t, Weighing weighing) {
-    const long n = capacity;
+    const Index n = capacity;
     const bool resolvent = weighing == Weighing::resolvent;
     const double whole = resolvent ? MOST_WEIGHT : 1;
     const Doubles none = {}, most = all(whole);
@@ -171,7 +171,7 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
         const Doubles base = resolvent ? rest : part + rest;
         return base > 0.0 ? smaller(part / base, most) : part > 0.0 ? most : none;
     };
-    for (long c = 0; c < count; c += WIDTH) {
+    for (Index c = 0; c < count; c += WIDTH) {
         const Doubles s1 = load(first + c), s2 = load(second + c), f1 = load(norm + c);
         const Doubles plus = s1 + s2, minus = load(difference + c), level = all(t);
         const auto equal = minus <= t;
@@ -189,9 +189,9 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
 // Row r of block c is (top . B, low . B): top and low in the coordinates of B, three
 // numbers each.
 void ActiveBlocks::lay_directions(double sigma, const double* moved) {
-    const long n = capacity;
+    const Index n = capacity;
     const Doubles none = {};
-    for (long c = 0; c < count; c += WIDTH) {
+    for (Index c = 0; c < count; c += WIDTH) {
         const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
         const Doubles u = load(cosine + c), s = load(sine + c);
         Turned X = {};
@@ -221,11 +221,11 @@ void ActiveBlocks::lay_directions(double sigma, const double* moved) {
 // `directions` rows of one block: (top . B, low . B), the numbers of each `capacity`
 // apart.
 template <int directions>
-[[gnu::always_inline]] inline void write_block(const double* number, long capacity,
-                                               const double* B, long atom_stride,
-                                               long q, double* row, long stride) {
+[[gnu::always_inline]] inline void write_block(const double* number, Index capacity,
+                                               const double* B, Index atom_stride,
+                                               Index q, double* row, Index stride) {
     for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
-        for (long j = 0; j < atom_stride; j += WIDTH) {
+        for (Index j = 0; j < atom_stride; j += WIDTH) {
             const Doubles b0 = load(B + j), b1 = load(B + atom_stride + j);
             const Doubles b2 = load(B + 2 * atom_stride + j);
             for (int r = 0; r < directions; ++r) {
@@ -236,10 +236,10 @@ template <int directions>
         }
 }
 
-long ActiveBlocks::write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const {
-    const long unknowns = gram.unknowns(), q = unknowns / 2, right = gram.right_side();
-    long rows = 0;
-    for (long c = 0; c < count; ++c) {
+Index ActiveBlocks::write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const {
+    const Index unknowns = gram.unknowns(), q = unknowns / 2, right = gram.right_side();
+    Index rows = 0;
+    for (Index c = 0; c < count; ++c) {
         const double *B = atoms[index[c]], *number = row_ + c;
         const int count = directions(c);
         double* row = gram.row(rows);
@@ -247,7 +247,7 @@ long ActiveBlocks::write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const {
             write_block<4>(number, capacity, B, atoms.row, q, row, gram.stride());
         else write_block<6>(number, capacity, B, atoms.row, q, row, gram.stride());
         for (int r = 0; r < count; ++r, row += gram.stride()) {
-            for (long j = unknowns; j < right; ++j) row[j] = 0;
+            for (Index j = unknowns; j < right; ++j) row[j] = 0;
             row[right] = number[(7 * r + 6) * capacity];
         }
         rows += count;
@@ -256,8 +256,8 @@ long ActiveBlocks::write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const {
 }
 
 void ActiveBlocks::apply_weights(const double* X, double* out) const {
-    const long n = capacity;
-    for (long c = 0; c < count; c += WIDTH) {
+    const Index n = capacity;
+    for (Index c = 0; c < count; c += WIDTH) {
         const Turned G = to_frame(*this, X, c);
         const auto scaled = [&](int r, Doubles value) {
             return load(weight + r * n + c) * value;
@@ -281,11 +281,11 @@ void ActiveBlocks::apply_weights(const double* X, double* out) const {
 }
 
 void ActiveBlocks::subtract_fit(ReducedAtoms& atoms, double* y0, double* y1,
-                                long q) const {
-    const long stride = atoms.row, n = capacity;
-    for (long j = 0; j < q; j += WIDTH) {
+                                Index q) const {
+    const Index stride = atoms.row, n = capacity;
+    for (Index j = 0; j < q; j += WIDTH) {
         Doubles top = {}, low = {};
-        for (long c = 0; c < count; ++c) {
+        for (Index c = 0; c < count; ++c) {
             const double *B = atoms[index[c]] + j, *m = prox + c;
             const Doubles b0 = load(B), b1 = load(B + stride),
                           b2 = load(B + 2 * stride);

@@ -44,8 +44,8 @@ template <class Number>
 struct BlockLanes {
     Doubles q[6];
 };
-[[gnu::always_inline]] inline BlockLanes load_blocks(const double* Q, long stride,
-                                                     long i) {
+[[gnu::always_inline]] inline BlockLanes load_blocks(const double* Q, Index stride,
+                                                     Index i) {
     BlockLanes blocks;
     for (int e = 0; e < 6; ++e) blocks.q[e] = load(Q + e * stride + i);
     return blocks;
@@ -54,9 +54,9 @@ struct BlockLanes {
 // left -= M B for one block M (2, 3) and atom B (3, n), its rows `stride` apart; left
 // (2, n).
 [[gnu::always_inline]] inline void subtract_shape(const double* M, const double* B,
-                                                  long stride, double* left, long n) {
+                                                  Index stride, double* left, Index n) {
     for (int a = 0; a < 2; ++a, left += n, M += 3)
-        for (long j = 0; j < n; ++j)
+        for (Index j = 0; j < n; ++j)
             left[j] -= M[0] * B[j] + M[1] * B[stride + j] + M[2] * B[2 * stride + j];
 }
 
@@ -64,24 +64,28 @@ struct BlockLanes {
 // total (k,): atom i is active where total[i] > t. M, N, dN (6, k), k a multiple of
 // PADDING.
 double moreau(const double* M, const double* N, double step, const double* dN,
-              double sigma, double t, double* total, long k);
+              double sigma, double t, double* total, Index k);
 
 // s1 + s2 of every M_i + sigma N_i, in total (k,).
 void sum_singular_values(const double* M, const double* N, double sigma, double* total,
-                         long k);
+                         Index k);
 
 // max_i ||N_i||_*.
-double largest_nuclear_norm(const double* N, long k);
+double largest_nuclear_norm(const double* N, Index k);
 
 // The blocks that the prox leaves alive, their frames, and the derivative of the prox
 // in them.
 //
 // With Q = U diag(s) V^T and prox_t(Q) = U diag(f) V^T the derivative D acts on X = U^T
 // dQ V: it scales the six unit directions
-//     (X11 + X22) / sqrt 2   by 1,                    (X12 - X21) / sqrt 2   by (f1 +
-//     f2) / (s1 + s2), X13                    by f1 / s1,              X23 by f2 / s2,
-//     (X11 - X22) / sqrt 2   by 0 where f1 = f2, else 1,
-//     (X12 + X21) / sqrt 2   by (f1 - f2) / (s1 - s2),
+//
+//     (X11 + X22) / sqrt 2   by 1
+//     (X12 - X21) / sqrt 2   by (f1 + f2) / (s1 + s2)
+//     X13                    by f1 / s1
+//     X23                    by f2 / s2
+//     (X11 - X22) / sqrt 2   by 0 where f1 = f2, else 1
+//     (X12 + X21) / sqrt 2   by (f1 - f2) / (s1 - s2)
+//
 // so that a block whose singular values have become equal moves in four directions
 // only.
 
@@ -92,10 +96,10 @@ enum class Weighing { derivative, resolvent };
 constexpr double MOST_WEIGHT = 1e3;
 
 struct ActiveBlocks {
-    long count = 0;
+    Index count = 0;
     double norms = 0;         // sum of the spectral norms of prox
-    long capacity;            // of every row below, a multiple of PADDING
-    long* index;              // atoms
+    Index capacity;           // of every row below, a multiple of PADDING
+    Index* index;             // atoms
     double *argument, *prox;  // (6, capacity)
     double *v, *w,
         *z;  // (3, capacity) right frame; u1 = (cosine, sine), u2 = (-sine, cosine)
@@ -105,12 +109,12 @@ struct ActiveBlocks {
     double* norm;            // (capacity,) f1
     double* weight;          // (6, capacity) of the directions in the order above
 
-    ActiveBlocks(Workspace& workspace, long padded_atoms);
+    ActiveBlocks(Workspace& workspace, Index padded_atoms);
 
     // The blocks with s1 + s2 > t (total (k,) holds the sums) of M + sigma N (6, k),
     // and their prox.
     void find(const double* M, const double* N, double sigma, double t,
-              const double* total, long k);
+              const double* total, Index k);
 
     // Weights of the directions; after `find`, with the same t.
     void weigh(double t, Weighing weighing);
@@ -121,24 +125,24 @@ struct ActiveBlocks {
     void lay_directions(double sigma, const double* moved);
 
     // Of block c: four where f1 = f2.
-    int directions(long c) const { return weight[4 * capacity + c] == 0 ? 4 : 6; }
+    int directions(Index c) const { return weight[4 * capacity + c] == 0 ? 4 : 6; }
     // Entry e of a direction of all blocks, and its right-hand side as entry 6.
     const double* number(int direction, int e) const {
         return row_ + (7 * direction + e) * capacity;
     }
 
     // Write the rows T B_i of all directions; returns their number.
-    long write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const;
+    Index write_rows(ReducedAtoms& atoms, ShiftedGram& gram) const;
 
     // out = W X for X and out (6, capacity): the part of X in each direction, times its
     // weight.
     void apply_weights(const double* X, double* out) const;
 
     // rows (2, q) -= sum_i prox_i B_i; rows y0, y1.
-    void subtract_fit(ReducedAtoms& atoms, double* y0, double* y1, long q) const;
+    void subtract_fit(ReducedAtoms& atoms, double* y0, double* y1, Index q) const;
 
   private:
-    void svd_and_prox(long c, double t);
+    void svd_and_prox(Index c, double t);
 
     double* row_;  // (7, 6, capacity): the six numbers of each direction, and the
                    // right-hand side

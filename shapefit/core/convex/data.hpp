@@ -27,19 +27,19 @@ struct ConvexProgram {
 struct ImageTransforms {
     const int64_t* atom;
     const double* blocks;
-    long count;
+    Index count;
 };
 
 // Those of n images in one list: each has `count` of them, from `first` on.
-template <class Index, class Number>
+template <class Integer, class Number>
 struct SparseTransforms {
     Arguments& from;
-    Vector<Index> first = from("first", "n"), count = from("count", "n");
-    Vector<Index> atom = from("atom", "a");
+    Vector<Integer> first = from("first", "n"), count = from("count", "n");
+    Vector<Integer> atom = from("atom", "a");
     Tensor<Number> blocks = from("blocks", "a 2 3");
 
-    ImageTransforms operator[](long image) const {
-        const long at = first[image];
+    ImageTransforms operator[](Index image) const {
+        const Index at = first[image];
         return {atom.data + at, blocks.data + 6 * at, count[image]};
     }
 };
@@ -71,7 +71,7 @@ struct ConvexProof {
 struct ConvexOptions {
     Arguments& from;
     double tolerance = from("tolerance");
-    long most_steps = from("most_steps");
+    Index most_steps = from("most_steps");
 };
 
 struct ConvexEnd {

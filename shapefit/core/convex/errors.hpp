@@ -1,7 +1,10 @@
 // The sparse errors E of the robust losses, as a part of the augmented Lagrangian.
 //
-//     |Y| <= bound   becomes   sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j
-//     Y_j)||^2
+//     |Y| <= bound
+//
+// becomes
+//
+//     sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j Y_j)||^2
 //
 // for columns E_j and Y_j. rho_j bound_j is the same for all j, so that the steps of E
 // and M fit the sizes of both, whatever the bounds and lambda. NoErrors is the same
@@ -20,15 +23,15 @@ struct ErrorsPoint {
 
 struct NoErrors {
     static constexpr bool robust = false;
-    void begin(double, const double*, long) {}
+    void begin(double, const double*, Index) {}
     double value(double) const { return 0; }
-    ErrorsPoint find(double*, long) { return {}; }
-    double penalty(const double*, long, bool) { return 0; }
-    void aim(const double*, long) {}
+    ErrorsPoint find(double*, Index) { return {}; }
+    double penalty(const double*, Index, bool) { return 0; }
+    void aim(const double*, Index) {}
     void step(double) {}
     void accept() {}
-    long count_curved() { return 0; }
-    void append_rows(long, ShiftedGram&) const {}
+    Index count_curved() { return 0; }
+    void append_rows(Index, ShiftedGram&) const {}
     void write_matrix(double, double*) const {}
 };
 
@@ -36,22 +39,22 @@ class SparseErrors {
   public:
     static constexpr bool robust = true;
 
-    SparseErrors(Workspace& workspace, long p);
+    SparseErrors(Workspace& workspace, Index p);
 
     // The image: E (2, p) in landmark space, overwritten, and its bounds (p,).
     void attach(const Reduction& reduction, const double* bounds, double* E);
 
     // Take up y (2, q), with rho_j bound_j = threshold.
-    void begin(double threshold, const double* y, long q);
+    void begin(double threshold, const double* y, Index q);
     // 1/2 sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j along the aim D.
     double value(double step) const;
     // fresh E = soft(E + rho Y), reduced and added to the gradient g (2, q).
-    ErrorsPoint find(double* g, long q);
+    ErrorsPoint find(double* g, Index q);
     // bound |fresh E|, with what the gradient leaves of the landmarks where no
     // quadratic takes it.
-    double penalty(const double* g, long q, bool quadratic);
+    double penalty(const double* g, Index q, bool quadratic);
     // The direction d (2, q) of y as D, and a step along it.
-    void aim(const double* d, long q);
+    void aim(const double* d, Index q);
     void step(double length);
     void accept();
 
@@ -59,12 +62,12 @@ class SparseErrors {
     // turn: rho_j at those of fresh errors. f = e_m - h_m h is row m of the reflection
     // without its last entry, placed in the half of axis a. As rows sqrt(c_am) f where
     // c_am > 0, from row `first` on; and as a matrix shift I + it (n, n).
-    long count_curved();
-    void append_rows(long first, ShiftedGram& gram) const;
+    Index count_curved();
+    void append_rows(Index first, ShiftedGram& gram) const;
     void write_matrix(double shift, double* C) const;
 
   private:
-    long p_;
+    Index p_;
     const Reduction* reduction_ = nullptr;
     const double* bounds_ = nullptr;
     double* E_ = nullptr;

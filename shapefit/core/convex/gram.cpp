@@ -12,17 +12,19 @@ constexpr int TILE = WIDTH == 8 ? 4 : 2;
 // begin at the vector that it is in, so that none straddles two lines of the cache;
 // nobody reads what is left of it.
 constexpr int DIAGONAL = WIDTH >= BLOCK ? 1 : BLOCK / WIDTH;
-constexpr long GRID = WIDTH >= BLOCK ? WIDTH : BLOCK;
-constexpr long grid_at(long i) { return i / GRID * GRID; }
+constexpr Index GRID = WIDTH >= BLOCK ? WIDTH : BLOCK;
+constexpr Index grid_at(Index i) { return i / GRID * GRID; }
 // Pivots that rounding has made tiny or negative are lifted to this share of their
 // diagonal: the step stays a descent direction.
 constexpr double LEAST_PIVOT = 1e-14;
 
-// Columns from which on a factorisation takes long, and each block of rows so much that
-// a look at the clock beside it is nothing.
-constexpr long LARGE = 256;
+// Columns from which on a factorisation takes long: then it goes by panels, and looks
+// at the clock.
+constexpr Index LARGE = 256;
+// Rows of a panel, which stay in the cache; a multiple of BLOCK.
+constexpr Index PANEL = 64;
 
-constexpr long blocks_of(long n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
+constexpr Index blocks_of(Index n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
 
 // sums += sign * share^T row for one row of F or of the factor.
 template <int count>
@@ -34,45 +36,59 @@ template <int count>
     }
 }
 
-// Rows i .. i + 3 and `count` vectors of columns from j on: what `factor` holds there,
-// + F^T F,
-// - what the rows above have taken. Narrow tiles take turns between several sums, or
-// each addition would wait for the one before.
+// A tile of rows i .. i + 3 and `count` vectors of columns, summed in registers. Narrow
+// ones take turns between several sums, or each addition would wait for the one before.
 template <int count>
-[[gnu::always_inline]] inline void sum_tile(const GramSystem& s, long i, long j,
-                                            Doubles (&sums)[BLOCK][count]) {
-    constexpr int TURNS = count < 3 ? 2 : 1;
+struct Tile {
+    static constexpr int TURNS = count < 3 ? 2 : 1;
+    static_assert(BLOCK % TURNS == 0);
+
     Doubles parts[TURNS][BLOCK][count];
-    for (int r = 0; r < BLOCK; ++r)
-        for (int v = 0; v < count; ++v) {
-            parts[0][r][v] = load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
-            for (int t = 1; t < TURNS; ++t) parts[t][r][v] = Doubles{};
-        }
-    long f = 0;
-    for (; f + TURNS <= s.rows; f += TURNS)
-        for (int t = 0; t < TURNS; ++t)
-            add_row<count>(s.F + (f + t) * s.stride + j, s.F + (f + t) * s.stride + i,
-                           1, parts[t]);
-    for (; f < s.rows; ++f)
-        add_row<count>(s.F + f * s.stride + j, s.F + f * s.stride + i, 1, parts[0]);
-    static_assert(BLOCK % TURNS == 0);  // i is a multiple of BLOCK
-    for (long m = 0; m < i; m += TURNS)
-        for (int t = 0; t < TURNS; ++t)
-            add_row<count>(s.factor + (m + t) * s.factor_stride + j,
-                           s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
-    for (int r = 0; r < BLOCK; ++r)
-        for (int v = 0; v < count; ++v) {
-            sums[r][v] = parts[0][r][v];
-            for (int t = 1; t < TURNS; ++t) sums[r][v] += parts[t][r][v];
-        }
-}
+
+    [[gnu::always_inline]] void load_factor(const GramSystem& s, Index i, Index j) {
+        for (int r = 0; r < BLOCK; ++r)
+            for (int v = 0; v < count; ++v) {
+                parts[0][r][v] =
+                    load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
+                for (int t = 1; t < TURNS; ++t) parts[t][r][v] = Doubles{};
+            }
+    }
+
+    // += F^T F.
+    [[gnu::always_inline]] void add_squares(const GramSystem& s, Index i, Index j) {
+        Index f = 0;
+        for (; f + TURNS <= s.rows; f += TURNS)
+            for (int t = 0; t < TURNS; ++t)
+                add_row<count>(s.F + (f + t) * s.stride + j,
+                               s.F + (f + t) * s.stride + i, 1, parts[t]);
+        for (; f < s.rows; ++f)
+            add_row<count>(s.F + f * s.stride + j, s.F + f * s.stride + i, 1, parts[0]);
+    }
+
+    // -= what the rows first <= m < end have taken.
+    [[gnu::always_inline]] void subtract_rows(const GramSystem& s, Index i, Index j,
+                                              Index first, Index end) {
+        for (Index m = first; m < end; m += TURNS)
+            for (int t = 0; t < TURNS; ++t)
+                add_row<count>(s.factor + (m + t) * s.factor_stride + j,
+                               s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
+    }
+
+    [[gnu::always_inline]] void sum(Doubles (&sums)[BLOCK][count]) const {
+        for (int r = 0; r < BLOCK; ++r)
+            for (int v = 0; v < count; ++v) {
+                sums[r][v] = parts[0][r][v];
+                for (int t = 1; t < TURNS; ++t) sums[r][v] += parts[t][r][v];
+            }
+    }
+};
 
 // L D L^T of the diagonal block: share[m][r] is what row r gives up of row m.
 template <int count>
 [[gnu::always_inline]] inline void factorise_diagonal(
-    const GramSystem& s, long i, const Doubles (&sums)[BLOCK][count],
+    const GramSystem& s, Index i, const Doubles (&sums)[BLOCK][count],
     double (&share)[BLOCK][BLOCK]) {
-    const long at = i - grid_at(i);
+    const Index at = i - grid_at(i);
     double block[BLOCK][DIAGONAL * WIDTH];
     for (int r = 0; r < BLOCK; ++r)
         for (int v = 0; v < DIAGONAL; ++v) store(block[r] + v * WIDTH, sums[r][v]);
@@ -90,48 +106,58 @@ template <int count>
 
 template <int count>
 [[gnu::always_inline]] inline void eliminate_and_store(
-    const GramSystem& s, long i, long j, const double (&share)[BLOCK][BLOCK],
+    const GramSystem& s, Index i, Index j, const double (&share)[BLOCK][BLOCK],
     Doubles (&sums)[BLOCK][count]) {
     for (int r = 0; r < BLOCK; ++r)
         for (int v = 0; v < count; ++v) {
             for (int m = 0; m < r; ++m) sums[r][v] -= share[m][r] * sums[m][v];
-            const long at = (i + r) * s.factor_stride + j + v * WIDTH;
+            const Index at = (i + r) * s.factor_stride + j + v * WIDTH;
             store(s.factor + at, sums[r][v]);
             store(s.scaled + at, s.inverse[i + r] * sums[r][v]);
         }
 }
 
 template <int count, bool first>
-void finish_tile(const GramSystem& s, long i, long j, double (&share)[BLOCK][BLOCK]) {
+void finish_tile(const GramSystem& s, Index i, Index j, Index above,
+                 double (&share)[BLOCK][BLOCK]) {
+    Tile<count> tile;
+    tile.load_factor(s, i, j);
+    tile.add_squares(s, i, j);
+    tile.subtract_rows(s, i, j, above, i);
     Doubles sums[BLOCK][count];
-    sum_tile<count>(s, i, j, sums);
+    tile.sum(sums);
     if constexpr (first) factorise_diagonal<count>(s, i, sums, share);
     eliminate_and_store<count>(s, i, j, share, sums);
 }
 
-// `count` vectors of columns from j, as many as are left but at most TILE; not one
-// alone if it can be.
+// Vectors of columns from j on, as many as are left but at most TILE; not one alone if
+// it can be. Returns how many.
 template <bool first>
-long finish_tiles(const GramSystem& s, long i, long j, long left,
-                  double (&share)[BLOCK][BLOCK]) {
-    const long count = left > TILE && left % TILE == 1 && TILE > 2 ? TILE - 1 : left;
-    if (count >= TILE) return finish_tile<TILE, first>(s, i, j, share), TILE;
-    if (count == 3) return finish_tile<3, first>(s, i, j, share), 3;
-    if (count == 2) return finish_tile<2, first>(s, i, j, share), 2;
-    return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, share),
+Index finish_tiles(const GramSystem& s, Index i, Index j, Index above, Index left,
+                   double (&share)[BLOCK][BLOCK]) {
+    const Index count = left > TILE && left % TILE == 1 && TILE > 2 ? TILE - 1 : left;
+    if (count >= TILE) return finish_tile<TILE, first>(s, i, j, above, share), TILE;
+    if (count == 3) return finish_tile<3, first>(s, i, j, above, share), 3;
+    if (count == 2) return finish_tile<2, first>(s, i, j, above, share), 2;
+    return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, above, share),
            first ? DIAGONAL : 1;
 }
 
-void cholesky_inverse(const GramSystem& s, long i) {
+// Vectors of columns from the diagonal of row i on, r among them.
+Index vectors_from(const GramSystem& s, Index i) {
+    return (s.columns + 1 - grid_at(i) + WIDTH - 1) / WIDTH;
+}
+
+// Finish rows i .. i + 3, from which those before `above` have taken their share.
+void eliminate_rows(const GramSystem& s, Index i, Index above) {
     double share[BLOCK][BLOCK];
-    const long start = grid_at(i);
-    long left = (s.columns + 1 - start + WIDTH - 1) /
-                WIDTH;  // vectors of columns, r among them
-    long taken = finish_tiles<true>(s, i, start, left, share);
-    for (long j = start; left > taken;) {
+    const Index start = grid_at(i);
+    Index left = vectors_from(s, i);
+    Index taken = finish_tiles<true>(s, i, start, above, left, share);
+    for (Index j = start; left > taken;) {
         j += taken * WIDTH;
         left -= taken;
-        taken = finish_tiles<false>(s, i, j, left, share);
+        taken = finish_tiles<false>(s, i, j, above, left, share);
     }
 }
 
@@ -140,12 +166,12 @@ void cholesky_inverse(const GramSystem& s, long i) {
 // stored one by one.
 void substitute_back(const GramSystem& s, double* x) {
     double below[BLOCK] = {};
-    for (long i = s.columns - BLOCK; i >= 0; i -= BLOCK) {
+    for (Index i = s.columns - BLOCK; i >= 0; i -= BLOCK) {
         double values[BLOCK];
         for (int r = 0; r < BLOCK; ++r) {
             const double* row = s.scaled + (i + r) * s.factor_stride;
             double sum = 0;
-            for (long j = i + 2 * BLOCK; j < s.columns; ++j) sum += row[j] * x[j];
+            for (Index j = i + 2 * BLOCK; j < s.columns; ++j) sum += row[j] * x[j];
             if (i + BLOCK < s.columns)
                 for (int c = 0; c < BLOCK; ++c) sum += row[i + BLOCK + c] * below[c];
             values[r] = row[s.columns] - sum;
@@ -159,38 +185,102 @@ void substitute_back(const GramSystem& s, double* x) {
 }
 
 void find_least_pivots(const GramSystem& s) {
-    for (long i = 0; i < s.columns; ++i) s.least[i] = s.factor[i * s.factor_stride + i];
-    for (long f = 0; f < s.rows; ++f)
-        for (long i = 0; i < s.columns; ++i)
+    for (Index i = 0; i < s.columns; ++i)
+        s.least[i] = s.factor[i * s.factor_stride + i];
+    for (Index f = 0; f < s.rows; ++f)
+        for (Index i = 0; i < s.columns; ++i)
             s.least[i] += square(s.F[f * s.stride + i]);
-    for (long i = 0; i < s.columns; ++i)
+    for (Index i = 0; i < s.columns; ++i)
         s.least[i] = larger(LEAST_PIVOT * s.least[i], TINY);
+}
+
+// Change up to `most` vectors of columns of `factor` from j on, in rows i .. i + 3;
+// returns how many.
+template <int most, class Change>
+Index change_tile(const GramSystem& s, Index i, Index j, Index left,
+                  const Change& change) {
+    if (left < most) {
+        if constexpr (most > 1) return change_tile<most - 1>(s, i, j, left, change);
+    }
+    Tile<most> tile;
+    tile.load_factor(s, i, j);
+    change(tile, i, j);
+    Doubles sums[BLOCK][most];
+    tile.sum(sums);
+    for (int r = 0; r < BLOCK; ++r)
+        for (int v = 0; v < most; ++v)
+            store(s.factor + (i + r) * s.factor_stride + j + v * WIDTH, sums[r][v]);
+    return most;
+}
+
+// Change all of `factor` from the diagonal on, in the rows from `first` on.
+template <class Change>
+void change_rows(const GramSystem& s, Index first, const Change& change) {
+    for (Index i = first; i < s.columns; i += BLOCK) {
+        check_interrupt();
+        Index left = vectors_from(s, i);
+        for (Index j = grid_at(i); left > 0;) {
+            const Index taken = change_tile<TILE>(s, i, j, left, change);
+            j += taken * WIDTH;
+            left -= taken;
+        }
+    }
+}
+
+// C <- C + F^T F.
+void add_squares(const GramSystem& s) {
+    GramSystem panel = s;
+    for (Index f = 0; f < s.rows; f += PANEL) {
+        panel.F = s.F + f * s.stride;
+        panel.rows = s.rows - f < PANEL ? s.rows - f : PANEL;
+        change_rows(
+            s, 0, [&](auto& tile, Index i, Index j) { tile.add_squares(panel, i, j); });
+    }
+}
+
+void factorise(const GramSystem& s) {
+    for (Index i = 0; i < s.columns; i += BLOCK) eliminate_rows(s, i, 0);
+}
+
+// Panels of rows, each of which takes its share off all rows below at once: what it
+// reads stays in the cache.
+void factorise_by_panels(GramSystem s) {
+    add_squares(s);
+    s.rows = 0;
+    for (Index first = 0; first < s.columns; first += PANEL) {
+        const Index end = first + PANEL < s.columns ? first + PANEL : s.columns;
+        for (Index i = first; i < end; i += BLOCK) {
+            check_interrupt();
+            eliminate_rows(s, i, first);
+        }
+        change_rows(s, end, [&](auto& tile, Index i, Index j) {
+            tile.subtract_rows(s, i, j, first, end);
+        });
+    }
 }
 
 void solve_system(const GramSystem& s, double* x) {
     if (s.least) find_least_pivots(s);
-    for (long i = 0; i < s.columns; i += BLOCK) {
-        if (s.columns >= LARGE) check_interrupt();
-        cholesky_inverse(s, i);
-    }
+    if (s.columns < LARGE) factorise(s);
+    else factorise_by_panels(s);
     substitute_back(s, x);
 }
 
 // The factor begins as C = shift I, with r as its last column.
-void begin_with_shift(const GramSystem& s, double shift, const double* r, long n) {
-    const long width = s.columns + 1;
-    for (long i = 0; i < s.columns; ++i) {
+void begin_with_shift(const GramSystem& s, double shift, const double* r, Index n) {
+    const Index width = s.columns + 1;
+    for (Index i = 0; i < s.columns; ++i) {
         double* row = s.factor + i * s.factor_stride;
-        for (long j = grid_at(i); j < width; j += WIDTH) store(row + j, Doubles{});
+        for (Index j = grid_at(i); j < width; j += WIDTH) store(row + j, Doubles{});
         row[i] = i < n ? shift : 1;
         row[s.columns] = i < n ? r[i] : 0;
     }
 }
 
-void begin_with_matrix(const GramSystem& s, const double* C, const double* r, long n) {
+void begin_with_matrix(const GramSystem& s, const double* C, const double* r, Index n) {
     begin_with_shift(s, 0, r, n);
-    for (long i = 0; i < n; ++i)
-        for (long j = i / BLOCK * BLOCK; j < n; ++j)
+    for (Index i = 0; i < n; ++i)
+        for (Index j = i / BLOCK * BLOCK; j < n; ++j)
             s.factor[i * s.factor_stride + j] = C[i * n + j];
 }
 
@@ -199,13 +289,13 @@ void begin_with_matrix(const GramSystem& s, const double* C, const double* r, lo
 // Tiles read and write up to DIAGONAL vectors beyond the last column. Rows are an odd
 // number of lines of the cache apart, or many of them would share the same few places
 // in it.
-constexpr long stride_for(long columns) {
-    constexpr long LINE = PADDING;
+constexpr Index stride_for(Index columns) {
+    constexpr Index LINE = PADDING;
     return (padded(columns + 1 + DIAGONAL * WIDTH) / LINE | 1) * LINE;
 }
 
-ShiftedGram::ShiftedGram(Workspace& workspace, long most_rows, long most_unknowns) {
-    const long columns = blocks_of(most_unknowns), stride = stride_for(columns);
+ShiftedGram::ShiftedGram(Workspace& workspace, Index most_rows, Index most_unknowns) {
+    const Index columns = blocks_of(most_unknowns), stride = stride_for(columns);
     F_ = workspace.zeros<double>(blocks_of(most_rows) * stride);
     turned_ = workspace.zeros<double>(columns * stride);
     factor_ = workspace.zeros<double>(columns * stride);
@@ -216,61 +306,61 @@ ShiftedGram::ShiftedGram(Workspace& workspace, long most_rows, long most_unknown
     set_unknowns(most_unknowns);
 }
 
-void ShiftedGram::set_unknowns(long n) {
+void ShiftedGram::set_unknowns(Index n) {
     n_ = n;
     tiled_ = blocks_of(n);
     stride_ = stride_for(tiled_);
 }
 
-GramSystem ShiftedGram::system(const double* F, long rows, long columns,
+GramSystem ShiftedGram::system(const double* F, Index rows, Index columns,
                                bool lift) const {
     return {F,       rows,    stride_,  columns,
             factor_, scaled_, inverse_, lift ? least_ : nullptr,
             stride_};
 }
 
-void ShiftedGram::solve(long rows, double shift, bool by_rows, const double* r,
+void ShiftedGram::solve(Index rows, double shift, bool by_rows, const double* r,
                         double* x) {
     if (by_rows && blocks_of(rows) < tiled_) return solve_by_rows(rows, shift, r, x);
     const GramSystem s = system(F_, rows, tiled_, shift < 1);
     begin_with_shift(s, shift, r, n_);
     solve_system(s, small_);
-    for (long j = 0; j < n_; ++j) x[j] = small_[j];
+    for (Index j = 0; j < n_; ++j) x[j] = small_[j];
 }
 
-void ShiftedGram::solve(long rows, const double* C, const double* r, double* x) {
+void ShiftedGram::solve(Index rows, const double* C, const double* r, double* x) {
     const GramSystem s = system(F_, rows, tiled_, true);
     begin_with_matrix(s, C, r, n_);
     solve_system(s, small_);
-    for (long j = 0; j < n_; ++j) x[j] = small_[j];
+    for (Index j = 0; j < n_; ++j) x[j] = small_[j];
 }
 
-void ShiftedGram::begin(long rows, double shift, const double* s) {
+void ShiftedGram::begin(Index rows, double shift, const double* s) {
     begin_with_shift(system(F_, 0, blocks_of(rows), false), shift, s, rows);
 }
 
-void ShiftedGram::finish(long rows, double shift, double* s) {
+void ShiftedGram::finish(Index rows, double shift, double* s) {
     solve_system(system(F_, 0, blocks_of(rows), shift < 1), small_);
-    for (long f = 0; f < rows; ++f) s[f] = small_[f];
+    for (Index f = 0; f < rows; ++f) s[f] = small_[f];
 }
 
 // x = (r - F^T s) / shift with (shift I + F F^T) s = F r - shift f.
-void ShiftedGram::solve_by_rows(long rows, double shift, const double* r, double* x) {
-    const long columns = blocks_of(rows);
-    for (long e = rows * stride_; e < columns * stride_; ++e) F_[e] = 0;
-    for (long j = 0; j < n_; ++j) {
+void ShiftedGram::solve_by_rows(Index rows, double shift, const double* r, double* x) {
+    const Index columns = blocks_of(rows);
+    for (Index e = rows * stride_; e < columns * stride_; ++e) F_[e] = 0;
+    for (Index j = 0; j < n_; ++j) {
         double* turned = turned_ + j * stride_;
-        for (long f = 0; f < columns; f += BLOCK)
+        for (Index f = 0; f < columns; f += BLOCK)
             for (int e = 0; e < BLOCK; ++e) turned[f + e] = F_[(f + e) * stride_ + j];
         turned[columns] = r[j];
     }
-    for (long f = 0; f < rows; ++f) small_[f] = -shift * F_[f * stride_ + tiled_];
+    for (Index f = 0; f < rows; ++f) small_[f] = -shift * F_[f * stride_ + tiled_];
     const GramSystem s = system(turned_, n_, columns, shift < 1);
     begin_with_shift(s, shift, small_, rows);
     solve_system(s, small_);
     double* mixture = turned_;
     mix_rows(small_, rows, F_, stride_, padded(n_), mixture);
-    for (long j = 0; j < n_; ++j) x[j] = (r[j] - mixture[j]) / shift;
+    for (Index j = 0; j < n_; ++j) x[j] = (r[j] - mixture[j]) / shift;
 }
 
 }  // namespace shapefit

@@ -9,47 +9,50 @@ namespace shapefit {
 // One factorisation L D L^T of C + F^T F, with r + F^T f as one more column.
 struct GramSystem {
     const double* F;  // (rows, stride), f in column `columns`
-    long rows, stride, columns;
+    Index rows, stride, columns;
     double* factor;   // C and r at first, then D L^T: (columns, factor_stride)
     double* scaled;   // L^T
     double* inverse;  // 1 / D
     double* least;    // what pivots are lifted to; null where C >= I
-    long factor_stride;
+    Index factor_stride;
 };
 
 // Room for a matrix F (rows, n) with a column for f, and for its factorisation.
 //
 // The matrix is taken apart four rows at a time, looking left: F^T F is summed into the
-// registers that hold the four rows, so that the Gram matrix is never stored.
+// registers that hold the four rows, so that the Gram matrix is never stored. A large
+// one is summed and taken apart by panels of rows that stay in the cache.
 class ShiftedGram {
   public:
-    ShiftedGram(Workspace& workspace, long most_rows, long most_unknowns);
+    ShiftedGram(Workspace& workspace, Index most_rows, Index most_unknowns);
 
-    void set_unknowns(long n);  // 1 .. most_unknowns; what the rows held is lost
-    long unknowns() const { return n_; }
-    long right_side() const { return tiled_; }        // the column of F that holds f
-    double* row(long f) { return F_ + f * stride_; }  // zero between the unknowns and f
-    long stride() const { return stride_; }
+    void set_unknowns(Index n);  // 1 .. most_unknowns; what the rows held is lost
+    Index unknowns() const { return n_; }
+    Index right_side() const { return tiled_; }  // the column of F that holds f
+    double* row(Index f) {
+        return F_ + f * stride_;
+    }  // zero between the unknowns and f
+    Index stride() const { return stride_; }
 
     // C = shift I, shift > 0; x may be r. `by_rows` allows the inverse to be taken in
     // the space of the rows where these are fewer (Woodbury), which loses digits where
     // the shift is tiny.
-    void solve(long rows, double shift, bool by_rows, const double* r, double* x);
+    void solve(Index rows, double shift, bool by_rows, const double* r, double* x);
 
     // C (n, n), row-major, positive definite together with F^T F.
-    void solve(long rows, const double* C, const double* r, double* x);
+    void solve(Index rows, const double* C, const double* r, double* x);
 
     // (shift I + G) s = s, for G (rows, rows) that the caller adds to `factor_row` from
     // the diagonal on, between the two.
-    void begin(long rows, double shift, const double* s);
-    double* factor_row(long i) { return factor_ + i * stride_; }
-    void finish(long rows, double shift, double* s);
+    void begin(Index rows, double shift, const double* s);
+    double* factor_row(Index i) { return factor_ + i * stride_; }
+    void finish(Index rows, double shift, double* s);
 
   private:
-    GramSystem system(const double* F, long rows, long columns, bool lift) const;
-    void solve_by_rows(long rows, double shift, const double* r, double* x);
+    GramSystem system(const double* F, Index rows, Index columns, bool lift) const;
+    void solve_by_rows(Index rows, double shift, const double* r, double* x);
 
-    long n_, tiled_, stride_;
+    Index n_, tiled_, stride_;
     double *F_, *turned_, *factor_, *scaled_, *inverse_, *least_, *small_;
 };
 

@@ -4,8 +4,8 @@
 
 namespace shapefit {
 
-NewtonWorkspace::NewtonWorkspace(Workspace& workspace, long padded_atoms, long q,
-                                 long further_rows)
+NewtonWorkspace::NewtonWorkspace(Workspace& workspace, Index padded_atoms, Index q,
+                                 Index further_rows)
     : active(workspace, padded_atoms),
       gram(workspace, 6 * padded_atoms + further_rows, 2 * q),
       row_system(workspace, padded_atoms),
@@ -20,7 +20,7 @@ NewtonWorkspace::NewtonWorkspace(Workspace& workspace, long padded_atoms, long q
       start_y(workspace.zeros<double>(2 * q)),
       matrix(further_rows > 0 ? workspace.zeros<double>(4 * q * q) : nullptr) {}
 
-void NewtonWorkspace::begin_atoms(long q) {
+void NewtonWorkspace::begin_atoms(Index q) {
     gram.set_unknowns(2 * q);
     row_system.clear();
 }
@@ -33,7 +33,7 @@ void solve_system(const ReducedProgram& program, double shift, NewtonWorkspace& 
     if (work.row_system.solve(work.active, shift, work.gradient, work.direction,
                               program.atoms, work.gram))
         return;
-    const long rows = work.active.write_rows(program.atoms, work.gram);
+    const Index rows = work.active.write_rows(program.atoms, work.gram);
     work.gram.solve(rows, shift, true, work.gradient, work.direction);
 }
 
@@ -53,7 +53,7 @@ constexpr double LOOSENESS = 2;
 // PATIENCE steps; where one of these comes first sigma falls: the noise grows with it,
 // and so do the kinks of phi that a step crosses.
 constexpr double ROUNDING = 1e-15;
-constexpr long PATIENCE = 40;
+constexpr Index PATIENCE = 40;
 constexpr double ARMIJO = 1e-4, SHORTEST = 1e-10;
 
 // A proximal point: prox in the active blocks, fresh errors, and what they say of the
@@ -78,7 +78,7 @@ class Lagrangian {
           k_(program.padded_atoms()),
           sigma_(START / program.lam) {}
 
-    long solve(long taken) {
+    Index solve(Index taken) {
         steps_ = taken;
         for (Inner inner = Inner::SOLVED; inner != Inner::DONE;) {
             correlate(program_.atoms.planes, iterate_.y, iterate_.y + q_, work_.N);
@@ -102,7 +102,7 @@ class Lagrangian {
     enum class Inner { DONE, SOLVED, STUCK };
 
     Inner minimise() {
-        for (long inner = 0;; ++inner, ++steps_) {
+        for (Index inner = 0;; ++inner, ++steps_) {
             check_interrupt();
             const ProximalPoint point = find_proximal_point();
             if (point.gap <= program_.tolerance || steps_ >= program_.most_steps ||
@@ -142,10 +142,10 @@ class Lagrangian {
         ActiveBlocks& active = work_.active;
         double* g = work_.gradient;
         active.find(iterate_.M, work_.N, sigma_, threshold(), work_.total, k_);
-        for (long j = 0; j < n_; ++j)
+        for (Index j = 0; j < n_; ++j)
             g[j] = program_.w[j] - program_.delta * iterate_.y[j];
         active.subtract_fit(program_.atoms, g, g + q_, q_);
-        for (long j = 0; j < n_; ++j) g[j] = -g[j];
+        for (Index j = 0; j < n_; ++j) g[j] = -g[j];
         const ErrorsPoint errors = errors_.find(g, q_);
         ProximalPoint point;
         point.gradient = dot(g, g, n_);
@@ -159,9 +159,9 @@ class Lagrangian {
         double moved = 0;
         for (int e = 0; e < 6; ++e) {
             const double* row = iterate_.M + e * k_;
-            for (long i = 0; i < k_; ++i)
+            for (Index i = 0; i < k_; ++i)
                 moved += work_.total[i] > threshold() ? 0 : square(row[i]);
-            for (long c = 0; c < active.count; ++c)
+            for (Index c = 0; c < active.count; ++c)
                 moved += square(active.prox[e * k_ + c] - row[active.index[c]]);
         }
         return moved;
@@ -171,7 +171,7 @@ class Lagrangian {
     double relative_gap(double share, double gradient) {
         const bool quadratic = program_.delta > 0;
         double residual = 0;
-        for (long j = 0; j < n_; ++j)
+        for (Index j = 0; j < n_; ++j)
             residual += square(program_.delta * iterate_.y[j] - work_.gradient[j]);
         const double primal = program_.lam * work_.active.norms +
                               errors_.penalty(work_.gradient, q_, quadratic) +
@@ -196,8 +196,8 @@ class Lagrangian {
         while (!falls(step, value) && !(step < SHORTEST))
             value = value_along(step *= 0.5);
         phi_ = value;
-        for (long j = 0; j < n_; ++j) iterate_.y[j] += step * d[j];
-        for (long e = 0; e < 6 * k_; ++e) work_.N[e] += step * work_.change[e];
+        for (Index j = 0; j < n_; ++j) iterate_.y[j] += step * d[j];
+        for (Index e = 0; e < 6 * k_; ++e) work_.N[e] += step * work_.change[e];
         errors_.step(step);
         yy_ = dot(iterate_.y, iterate_.y, n_);
         yw_ = dot(iterate_.y, program_.w, n_);
@@ -217,8 +217,8 @@ class Lagrangian {
             solve_system(program_, shift, work_);
             return turn_round();
         }
-        const long rows = active.write_rows(program_.atoms, gram);
-        const long curved = errors_.count_curved();
+        const Index rows = active.write_rows(program_.atoms, gram);
+        const Index curved = errors_.count_curved();
         if (curved > 0 && !(quadratic && rows + curved < n_)) {
             errors_.write_matrix(shift, work_.matrix);
             gram.solve(rows, work_.matrix, work_.gradient, work_.direction);
@@ -231,14 +231,14 @@ class Lagrangian {
     }
 
     void turn_round() {
-        for (long j = 0; j < n_; ++j) work_.direction[j] = -work_.direction[j];
+        for (Index j = 0; j < n_; ++j) work_.direction[j] = -work_.direction[j];
     }
 
     void accept() {
         const ActiveBlocks& active = work_.active;
         memset(iterate_.M, 0, sizeof(double) * 6 * k_);
         for (int e = 0; e < 6; ++e)
-            for (long c = 0; c < active.count; ++c)
+            for (Index c = 0; c < active.count; ++c)
                 iterate_.M[e * k_ + active.index[c]] = active.prox[e * k_ + c];
         errors_.accept();
     }
@@ -247,22 +247,22 @@ class Lagrangian {
     Iterate& iterate_;
     Errors& errors_;
     NewtonWorkspace& work_;
-    const long q_, n_, k_;
+    const Index q_, n_, k_;
     double sigma_;
-    long steps_ = 0;
+    Index steps_ = 0;
     double phi_ = 0, yy_ = 0, yw_ = 0;  // at y
     double yd_ = 0, dd_ = 0, wd_ = 0;   // with the direction
 };
 
 }  // namespace
 
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
-                      NewtonWorkspace& work, long taken) {
+Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
+                       NewtonWorkspace& work, Index taken) {
     return Lagrangian<NoErrors>(program, iterate, errors, work).solve(taken);
 }
 
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
-                      SparseErrors& errors, NewtonWorkspace& work, long taken) {
+Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
+                       SparseErrors& errors, NewtonWorkspace& work, Index taken) {
     return Lagrangian<SparseErrors>(program, iterate, errors, work).solve(taken);
 }
 
@@ -270,7 +270,7 @@ namespace {
 
 // sigma lambda: the count of steps is flat from 0.3 to 4.
 constexpr double STEP = 1;
-constexpr long MOST_ROUNDS = 8;
+constexpr Index MOST_ROUNDS = 8;
 // The gap of a start from which the steps diverge: soon nearly all atoms are active,
 // and each step costs many times what the augmented Lagrangian asks. Attempts that
 // converge stay below 0.9. This and the start that is put back in the end are for
@@ -280,16 +280,16 @@ constexpr double HOPELESS = 0.95;
 // The right-hand side w - y - sum P_i B_i, and the rest of it in the directions.
 void build_system(const ReducedProgram& program, const Iterate& iterate, double sigma,
                   NewtonWorkspace& work) {
-    const long k = program.padded_atoms(), n = program.unknowns();
+    const Index k = program.padded_atoms(), n = program.unknowns();
     ActiveBlocks& active = work.active;
     sum_singular_values(iterate.M, work.N, sigma, work.total, k);
     active.find(iterate.M, work.N, sigma, sigma * program.lam, work.total, k);
     active.weigh(sigma * program.lam, Weighing::resolvent);
     for (int e = 0; e < 6; ++e)
-        for (long c = 0; c < active.count; ++c)
+        for (Index c = 0; c < active.count; ++c)
             work.moved[e * k + c] =
                 active.prox[e * k + c] - iterate.M[e * k + active.index[c]];
-    for (long j = 0; j < n; ++j) work.gradient[j] = program.w[j] - iterate.y[j];
+    for (Index j = 0; j < n; ++j) work.gradient[j] = program.w[j] - iterate.y[j];
     active.subtract_fit(program.atoms, work.gradient, work.gradient + program.q(),
                         program.q());
     active.lay_directions(sigma, work.moved);
@@ -298,17 +298,17 @@ void build_system(const ReducedProgram& program, const Iterate& iterate, double 
 // M_i <- P_i + W_i (sigma dN_i + P_i - M_i); returns sum ||M_i||_2.
 double move_transforms(const ReducedProgram& program, double sigma,
                        const double* fresh_N, Iterate& iterate, NewtonWorkspace& work) {
-    const long k = program.padded_atoms();
+    const Index k = program.padded_atoms();
     const ActiveBlocks& active = work.active;
     for (int e = 0; e < 6; ++e)
-        for (long c = 0; c < active.count; ++c) {
-            const long at = e * k + active.index[c];
+        for (Index c = 0; c < active.count; ++c) {
+            const Index at = e * k + active.index[c];
             work.moved[e * k + c] += sigma * (fresh_N[at] - work.N[at]);
         }
     active.apply_weights(work.moved, work.weighted);
     memset(iterate.M, 0, sizeof(double) * 6 * k);
     double norms = 0;
-    for (long c = 0; c < active.count; c += WIDTH) {
+    for (Index c = 0; c < active.count; c += WIDTH) {
         BlockLanes M = load_blocks(work.weighted, k, c);
         for (int e = 0; e < 6; ++e) M.q[e] += load(active.prox + e * k + c);
         for (int e = 0; e < 6; ++e) store(work.weighted + e * k + c, M.q[e]);
@@ -317,7 +317,7 @@ double move_transforms(const ReducedProgram& program, double sigma,
             norms += sizes[lane];
     }
     for (int e = 0; e < 6; ++e)
-        for (long c = 0; c < active.count; ++c)
+        for (Index c = 0; c < active.count; ++c)
             iterate.M[e * k + active.index[c]] = work.weighted[e * k + c];
     return norms;
 }
@@ -326,16 +326,16 @@ double move_transforms(const ReducedProgram& program, double sigma,
 
 PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
                                 NewtonWorkspace& work) {
-    const long k = program.padded_atoms(), q = program.q(), n = program.unknowns();
+    const Index k = program.padded_atoms(), q = program.q(), n = program.unknowns();
     const double sigma = STEP / program.lam;
     memcpy(work.start_M, iterate.M, sizeof(double) * 6 * k);
     memcpy(work.start_y, iterate.y, sizeof(double) * n);
-    long steps = 0;
+    Index steps = 0;
     while (steps < MOST_ROUNDS && steps < program.most_steps) {
         check_interrupt();
         build_system(program, iterate, sigma, work);
         solve_system(program, 1, work);
-        for (long j = 0; j < n; ++j) iterate.y[j] += work.direction[j];
+        for (Index j = 0; j < n; ++j) iterate.y[j] += work.direction[j];
         correlate(program.atoms.planes, iterate.y, iterate.y + q, work.change);
         const double norms =
             move_transforms(program, sigma, work.change, iterate, work);

@@ -1,7 +1,7 @@
 // One image in reduced coordinates, solved by Newton steps of two kinds.
 //
-//     min_M f(w - sum_i M_i B_i) + lambda sum_i ||M_i||_2,    max_y <y, w> - delta/2
-//     ||y||^2
+//     min_M  f(w - sum_i M_i B_i) + lambda sum_i ||M_i||_2
+//     max_y  <y, w> - delta/2 ||y||^2   over ||y B_i^T||_* <= lambda
 //
 // in the units ||w|| = 1 and max ||B_i|| = 1, and lambda = 1 where the loss has no
 // quadratic, so that the unit of the dual is free there.
@@ -10,9 +10,8 @@
 // Lagrangian method on the dual) repeats, with growing sigma,
 //
 //     y <- argmin phi(y) = delta/2 ||y||^2 - <y, w>
-//                          + 1/(2 sigma) sum_i ||prox_{sigma lambda}(M_i + sigma y
-//                          B_i^T)||^2
-//                          + the part of the errors (errors.hpp)
+//         + 1/(2 sigma) sum_i ||prox_{sigma lambda}(M_i + sigma y B_i^T)||^2
+//         + the part of the errors (errors.hpp)
 //     M_i <- prox_{sigma lambda}(M_i + sigma y B_i^T)
 //     E_j <- soft_{rho_j bound_j}(E_j + rho_j Y_j)
 //
@@ -22,10 +21,14 @@
 //
 // From a good start, for the squared loss: M and y solve the program and its dual
 // together where
+//
 //     y = w - sum_i M_i B_i,    M_i = P_i := prox_{sigma lambda}(M_i + sigma y B_i^T).
+//
 // With W_i = D_i (I - D_i)^-1, D_i the derivative of the prox, a Newton step on both is
+//
 //     (I + sigma sum_i B_i^T W_i B_i) dy = w - y - sum_i (P_i + W_i (P_i - M_i)) B_i,
 //     M_i <- P_i + W_i (sigma dy B_i^T + P_i - M_i),
+//
 // the system of the augmented dual with other weights. D_i has eigenvalues of 1, for a
 // transform may grow freely along itself: their weights are capped (MOST_WEIGHT). Full
 // steps, no line search: it converges from the solution of a neighbouring image or not
@@ -43,11 +46,11 @@ struct ReducedProgram {
     double lam;
     double delta;
     double tolerance;
-    long most_steps;
+    Index most_steps;
 
-    long q() const { return atoms.q(); }
-    long unknowns() const { return 2 * atoms.q(); }
-    long padded_atoms() const { return atoms.planes.padded_atoms; }
+    Index q() const { return atoms.q(); }
+    Index unknowns() const { return 2 * atoms.q(); }
+    Index padded_atoms() const { return atoms.planes.padded_atoms; }
 };
 
 // The start, and where a solver leaves it: M (6, padded), y (2, q).
@@ -67,21 +70,22 @@ struct NewtonWorkspace {
     double *start_M, *start_y;
     double* matrix;  // (2 q, 2 q), where there are further rows
 
-    NewtonWorkspace(Workspace& workspace, long padded_atoms, long q, long further_rows);
+    NewtonWorkspace(Workspace& workspace, Index padded_atoms, Index q,
+                    Index further_rows);
 
     // The atoms have changed, and are seen by q coordinates.
-    void begin_atoms(long q);
+    void begin_atoms(Index q);
 };
 
 // Solve from the iterate, which is overwritten, within most_steps - taken; returns
 // Newton steps.
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
-                      NewtonWorkspace& work, long taken);
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
-                      SparseErrors& errors, NewtonWorkspace& work, long taken);
+Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
+                       NewtonWorkspace& work, Index taken);
+Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
+                       SparseErrors& errors, NewtonWorkspace& work, Index taken);
 
 struct PrimalDualEnd {
-    long steps;
+    Index steps;
     bool solved;
 };
 

@@ -4,15 +4,15 @@ namespace shapefit {
 namespace {
 
 // Below so many unknowns it is quicker to write the rows.
-constexpr long FEWEST_UNKNOWNS = 150;
+constexpr Index FEWEST_UNKNOWNS = 150;
 
 }  // namespace
 
-RowSystem::RowSystem(Workspace& workspace, long padded_atoms)
+RowSystem::RowSystem(Workspace& workspace, Index padded_atoms)
     : capacity_(padded_atoms),
       products_(workspace, padded_atoms),
-      order_(workspace.zeros<long>(capacity_)),
-      atom_(workspace.zeros<long>(capacity_)),
+      order_(workspace.zeros<Index>(capacity_)),
+      atom_(workspace.zeros<Index>(capacity_)),
       directions_(workspace.zeros<double>(42 * capacity_)),
       product_(workspace.zeros<double>(9 * capacity_)),
       turned_(workspace.zeros<double>(6 * capacity_)),
@@ -27,7 +27,7 @@ bool RowSystem::solve(const ActiveBlocks& active, double shift, const double* r,
     copy_directions(active);
     find_right_side(shift, r, atoms);
     gram.begin(rows(), shift, s_);
-    for (long c = 0; c < blocks_; ++c) add_products_of(c, gram);
+    for (Index c = 0; c < blocks_; ++c) add_products_of(c, gram);
     gram.finish(rows(), shift, s_);
     expand(shift, r, x, atoms);
     return true;
@@ -37,11 +37,11 @@ bool RowSystem::solve(const ActiveBlocks& active, double shift, const double* r,
 void RowSystem::sort_blocks(const ActiveBlocks& active) {
     blocks_ = active.count;
     wide_ = 0;
-    for (long c = 0; c < blocks_; ++c) wide_ += active.directions(c) == 6;
-    long next_wide = 0, next_narrow = wide_;
-    for (long c = 0; c < blocks_; ++c)
+    for (Index c = 0; c < blocks_; ++c) wide_ += active.directions(c) == 6;
+    Index next_wide = 0, next_narrow = wide_;
+    for (Index c = 0; c < blocks_; ++c)
         order_[active.directions(c) == 6 ? next_wide++ : next_narrow++] = c;
-    for (long d = 0; d < blocks_; ++d) atom_[d] = active.index[order_[d]];
+    for (Index d = 0; d < blocks_; ++d) atom_[d] = active.index[order_[d]];
     for (int t = 1; t < 6; ++t) first_[t] = first_[t - 1] + blocks_with(t - 1);
 }
 
@@ -49,14 +49,15 @@ void RowSystem::copy_directions(const ActiveBlocks& active) {
     for (int t = 0; t < 6; ++t)
         for (int e = 0; e < 7; ++e) {
             const double* from = active.number(t, e);
-            for (long d = 0; d < blocks_with(t); ++d) number(t, e)[d] = from[order_[d]];
+            for (Index d = 0; d < blocks_with(t); ++d)
+                number(t, e)[d] = from[order_[d]];
         }
 }
 
 // s_ = F r - shift f.
 void RowSystem::find_right_side(double shift, const double* r, ReducedAtoms& atoms) {
-    const long q = atoms.q();
-    for (long d = 0; d < blocks_; ++d) {
+    const Index q = atoms.q();
+    for (Index d = 0; d < blocks_; ++d) {
         const double* B = atoms[atom_[d]];
         double along[6];  // r B_d^T
         for (int e = 0; e < 6; ++e)
@@ -70,10 +71,10 @@ void RowSystem::find_right_side(double shift, const double* r, ReducedAtoms& ato
 }
 
 // The rows of F F^T of block c, from the diagonal on.
-void RowSystem::add_products_of(long c, ShiftedGram& gram) {
+void RowSystem::add_products_of(Index c, ShiftedGram& gram) {
     const double* products = products_.with(atom_[c]);
     for (int e = 0; e < 9; ++e)
-        for (long d = 0; d < blocks_; ++d)
+        for (Index d = 0; d < blocks_; ++d)
             product_[e * capacity_ + d] =
                 products[e * products_.places() + products_.place(atom_[d])];
     for (int t = 0; t < 6 && c < blocks_with(t); ++t) {
@@ -82,8 +83,8 @@ void RowSystem::add_products_of(long c, ShiftedGram& gram) {
         for (int u = t; u < 6; ++u) {
             double* __restrict out = row + first_[u];
             const double *T = number(u, 0), *X = turned_;
-            const long n = capacity_, last = blocks_with(u);
-            for (long d = u == t ? c : 0; d < last; ++d)
+            const Index n = capacity_, last = blocks_with(u);
+            for (Index d = u == t ? c : 0; d < last; ++d)
                 out[d] += X[d] * T[d] + X[n + d] * T[n + d] +
                           X[2 * n + d] * T[2 * n + d] + X[3 * n + d] * T[3 * n + d] +
                           X[4 * n + d] * T[4 * n + d] + X[5 * n + d] * T[5 * n + d];
@@ -92,15 +93,15 @@ void RowSystem::add_products_of(long c, ShiftedGram& gram) {
 }
 
 // T_tc B_c B_d^T for all d.
-void RowSystem::turn_products(int t, long c) {
-    const long n = capacity_;
+void RowSystem::turn_products(int t, Index c) {
+    const Index n = capacity_;
     for (int a = 0; a < 2; ++a) {
         const double x = number(t, 3 * a)[c], y = number(t, 3 * a + 1)[c],
                      z = number(t, 3 * a + 2)[c];
         for (int b = 0; b < 3; ++b) {
             double* out = turned_ + (3 * a + b) * n;
             const double* G = product_ + b * n;
-            for (long d = 0; d < blocks_; d += WIDTH)
+            for (Index d = 0; d < blocks_; d += WIDTH)
                 store(out + d, x * load(G + d) + y * load(G + 3 * n + d) +
                                    z * load(G + 6 * n + d));
         }
@@ -110,15 +111,15 @@ void RowSystem::turn_products(int t, long c) {
 // x = (r - F^T s) / shift.
 void RowSystem::expand(double shift, const double* r, double* x,
                        ReducedAtoms& atoms) const {
-    const long q = atoms.q();
-    for (long j = 0; j < 2 * q; ++j) x[j] = r[j];
-    for (long d = 0; d < blocks_; ++d) {
+    const Index q = atoms.q();
+    for (Index j = 0; j < 2 * q; ++j) x[j] = r[j];
+    for (Index d = 0; d < blocks_; ++d) {
         double M[6] = {};
         for (int t = 0; t < 6 && d < blocks_with(t); ++t)
             for (int e = 0; e < 6; ++e) M[e] += s_[first_[t] + d] * number(t, e)[d];
         subtract_shape(M, atoms[atom_[d]], atoms.row, x, q);
     }
-    for (long j = 0; j < 2 * q; ++j) x[j] /= shift;
+    for (Index j = 0; j < 2 * q; ++j) x[j] /= shift;
 }
 
 }  // namespace shapefit

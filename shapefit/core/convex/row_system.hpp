@@ -21,7 +21,7 @@ namespace shapefit {
 
 class RowSystem {
   public:
-    RowSystem(Workspace& workspace, long padded_atoms);
+    RowSystem(Workspace& workspace, Index padded_atoms);
 
     // The atoms have changed.
     void clear() { products_.clear(); }
@@ -32,8 +32,8 @@ class RowSystem {
                ReducedAtoms& atoms, ShiftedGram& gram);
 
   private:
-    long rows() const { return 4 * blocks_ + 2 * wide_; }
-    long blocks_with(int direction) const { return direction < 4 ? blocks_ : wide_; }
+    Index rows() const { return 4 * blocks_ + 2 * wide_; }
+    Index blocks_with(int direction) const { return direction < 4 ? blocks_ : wide_; }
     double* number(int direction, int e) const {
         return directions_ + (7 * direction + e) * capacity_;
     }
@@ -41,20 +41,20 @@ class RowSystem {
     void sort_blocks(const ActiveBlocks& active);
     void copy_directions(const ActiveBlocks& active);
     void find_right_side(double shift, const double* r, ReducedAtoms& atoms);
-    void add_products_of(long c, ShiftedGram& gram);
-    void turn_products(int direction, long c);
+    void add_products_of(Index c, ShiftedGram& gram);
+    void turn_products(int direction, Index c);
     void expand(double shift, const double* r, double* x, ReducedAtoms& atoms) const;
 
-    const long capacity_;
+    const Index capacity_;
     AtomProducts products_;
-    long blocks_ = 0, wide_ = 0;
-    long *order_,
-        *atom_;           // the blocks as rows have them: those of six directions first
-    long first_[6] = {};  // row of each direction
-    double* directions_;  // (6, 7, capacity): T and f
-    double* product_;     // (9, capacity): B_c B_d^T of a block c with all d
-    double* turned_;      // (6, capacity): T_tc B_c B_d^T
-    double* s_;           // (6 capacity,)
+    Index blocks_ = 0, wide_ = 0;
+    Index *order_,
+        *atom_;  // the blocks as rows have them: those of six directions first
+    Index first_[6] = {};  // row of each direction
+    double* directions_;   // (6, 7, capacity): T and f
+    double* product_;      // (9, capacity): B_c B_d^T of a block c with all d
+    double* turned_;       // (6, capacity): T_tc B_c B_d^T
+    double* s_;            // (6 capacity,)
 };
 
 }  // namespace shapefit

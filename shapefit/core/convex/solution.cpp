@@ -22,6 +22,17 @@ constexpr double EXPLAINED = 0.1;
 // The start goes on from the last two solutions by this share of their difference.
 constexpr double AHEAD = 0.5;
 
+// Nuclear norms are roots of products of four entries of Y B^T, which are of the size
+// of lambda where they count. Below this lambda they underflow, and what is not
+// feasible would pass.
+constexpr double LEAST_LAMBDA = 1e-72;
+
+// (P - D) / P, 0 where both are 0, and nan where D is no bound.
+double relative_gap(double primal, double dual, double lam) {
+    if (lam < LEAST_LAMBDA) return NOT_A_NUMBER;
+    return primal == 0 ? 0 : (primal - dual) / primal;
+}
+
 // The certificate from scratch: original data in, objective and gap out.
 struct Certifier {
     const ConvexProgram& program;
@@ -47,7 +58,7 @@ struct Certifier {
     // return it holds those that minimise the objective, T is written, and Y has been
     // made orthogonal to omega and scaled until it is dual feasible, so P - D bounds
     // the distance to the optimum whatever the solver did.
-    void certify(long image, const ImageTransforms& M, const ConvexPoint& point,
+    void certify(Index image, const ImageTransforms& M, const ConvexPoint& point,
                  const ConvexProof& proof);
 };
 
@@ -59,10 +70,10 @@ struct Sums {
 // omega.
 double centre(Matrix<const double> W, Vector<const double> omega, Certifier& work,
               double* mean) {
-    const long p = omega.size[0];
+    const Index p = omega.size[0];
     double total = 0;
-    long first = -1;
-    for (long j = 0; j < p; ++j) {
+    Index first = -1;
+    for (Index j = 0; j < p; ++j) {
         total += square(omega[j]);
         if (omega[j] > 0 && first < 0) first = j;
     }
@@ -70,9 +81,9 @@ double centre(Matrix<const double> W, Vector<const double> omega, Certifier& wor
         // taken off first: landmarks on one point give exact 0; 0 where nothing is seen
         const double anchor = first < 0 ? 0 : W[a][first];
         mean[a] = 0;
-        for (long j = 0; j < p; ++j)
+        for (Index j = 0; j < p; ++j)
             if (omega[j] > 0) mean[a] += square(omega[j]) * (W[a][j] - anchor) / total;
-        for (long j = 0; j < p; ++j) {
+        for (Index j = 0; j < p; ++j) {
             const double value = omega[j] > 0 ? W[a][j] - anchor - mean[a] : 0;
             work.centred[a][j] = value;
             work.left[a][j] = value;
@@ -85,9 +96,9 @@ double centre(Matrix<const double> W, Vector<const double> omega, Certifier& wor
 // left -= sum M_i B_i; returns sum ||M_i||_2.
 double subtract_shapes(const ImageTransforms& M, Tensor<const double> B,
                        Matrix<double> left) {
-    const long p = B.size[2];
+    const Index p = B.size[2];
     double norms = 0;
-    for (long e = 0; e < M.count; ++e) {
+    for (Index e = 0; e < M.count; ++e) {
         const double* m = M.blocks + 6 * e;
         const double q[6] = {m[0], m[1], m[2], m[3], m[4], m[5]};
         subtract_shape(q, B[M.atom[e]].data, p, left.data, p);
@@ -100,7 +111,7 @@ double subtract_shapes(const ImageTransforms& M, Tensor<const double> B,
 double find_shift(Vector<const double> omega, const double* left, const double* E,
                   bool quadratic) {
     double shift = 0, total = 0;
-    for (long j = 0; j < omega.size[0]; ++j) {
+    for (Index j = 0; j < omega.size[0]; ++j) {
         if (!(omega[j] > 0)) continue;
         const double weight = quadratic ? square(omega[j]) : 1;
         shift += weight * (E ? left[j] - E[j] / omega[j] : left[j]);
@@ -116,7 +127,7 @@ void add_axis(const ConvexProgram& program, Vector<const double> omega, double t
     const bool robust = program.bound < INFINITE, quadratic = program.delta > 0;
     const double bound = program.bound;
     double along = 0;
-    for (long j = 0; j < omega.size[0]; ++j) {
+    for (Index j = 0; j < omega.size[0]; ++j) {
         const double r = omega[j] * (left[j] - shift), size = magnitude(r);
         sums.residual += r * r;
         sums.scale += square(omega[j] * centred[j]);
@@ -128,17 +139,17 @@ void add_axis(const ConvexProgram& program, Vector<const double> omega, double t
         else if (robust) sums.primal += bound * size;
         along += Y[j] * omega[j] / total;
     }
-    for (long j = 0; j < omega.size[0]; ++j)
+    for (Index j = 0; j < omega.size[0]; ++j)
         Y[j] = omega[j] > 0 ? Y[j] - along * omega[j] : 0;
 }
 
 // Scale Y until it is feasible; returns D.
 double find_bound(const ConvexProgram& program, Vector<const double> omega, double lam,
                   Certifier& work, Matrix<double> Y) {
-    const long p = omega.size[0];
+    const Index p = omega.size[0];
     double yy = 0, yw = 0, entry = 0;
     for (int a = 0; a < 2; ++a)
-        for (long j = 0; j < p; ++j) {
+        for (Index j = 0; j < p; ++j) {
             work.weighted[a][j] = Y[a][j] * omega[j];
             yy += square(Y[a][j]);
             yw += work.weighted[a][j] * work.centred[a][j];
@@ -147,11 +158,11 @@ double find_bound(const ConvexProgram& program, Vector<const double> omega, doub
     correlate(work.planes, work.weighted[0].data, work.weighted[1].data, work.N);
     const double largest = largest_nuclear_norm(work.N, work.planes.padded_atoms);
     const DualBound bound(lam, program.delta, largest, entry / program.bound, yy, yw);
-    for (long e = 0; e < 2 * p; ++e) Y.data[e] *= bound.scale;
+    for (Index e = 0; e < 2 * p; ++e) Y.data[e] *= bound.scale;
     return bound.value;
 }
 
-void Certifier::certify(long image, const ImageTransforms& M, const ConvexPoint& point,
+void Certifier::certify(Index image, const ImageTransforms& M, const ConvexPoint& point,
                         const ConvexProof& proof) {
     const Vector<const double> omega = program.weights[image];
     double mean[2];
@@ -172,8 +183,7 @@ void Certifier::certify(long image, const ImageTransforms& M, const ConvexPoint&
     const double dual =
         find_bound(program, omega, program.lam[image], *this, point.dual[image]);
     proof.objective[image] = sums.primal;
-    proof.relative_gap[image] =
-        sums.primal == 0 ? 0 : (sums.primal - dual) / sums.primal;
+    proof.relative_gap[image] = relative_gap(sums.primal, dual, program.lam[image]);
     proof.residual[image] = sums.scale > 0 ? root(sums.residual / sums.scale) : 0;
 }
 
@@ -187,7 +197,7 @@ struct Units {
 struct ActiveList {
     int64_t* atom;
     double* blocks;
-    long count = 0;
+    Index count = 0;
     operator ImageTransforms() const { return {atom, blocks, count}; }
 };
 
@@ -210,7 +220,7 @@ class BlockSolver {
           atoms_(workspace_, certifier_.planes, padded_),
           errors_(workspace_, p_),
           work_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, robust() ? 2 * p_ : 0) {
-        const auto numbers = [&](long count) {
+        const auto numbers = [&](Index count) {
             return workspace_.zeros<double>(count);
         };
         active_ = {workspace_.zeros<int64_t>(padded_ + 1), numbers(6 * padded_)};
@@ -221,13 +231,13 @@ class BlockSolver {
         iterate_ = {numbers(6 * padded_), numbers(2 * p_)};
         last_ = {numbers(6 * padded_), numbers(2 * p_)};
         before_ = {numbers(6 * padded_), numbers(2 * p_)};
-        for (long j = 0; j < p_; ++j) last_weights_[j] = -1, ones_[j] = 1;
+        for (Index j = 0; j < p_; ++j) last_weights_[j] = -1, ones_[j] = 1;
     }
 
     // Solve as if nothing came before.
     void begin() { last_.known = before_.known = false; }
 
-    void solve(long image) {
+    void solve(Index image) {
         const bool same_mask = take_weights(image);
         if (reduction_.visible_count < 2) return give_up(image);
         take_landmarks(image);
@@ -238,7 +248,7 @@ class BlockSolver {
                                CLOSER * task_.options.tolerance,
                                task_.options.most_steps};
         const bool near = start(same_mask, reduced.lam);
-        long steps = solve_reduced(image, reduced, near, 0);
+        Index steps = solve_reduced(image, reduced, near, 0);
         remember(same_mask);
         write(image);
         set_status(image);
@@ -259,14 +269,14 @@ class BlockSolver {
   private:
     bool robust() const { return program_.bound < INFINITE; }
     bool quadratic() const { return program_.delta > 0; }
-    long q() const { return reduction_.coordinates(); }
+    Index q() const { return reduction_.coordinates(); }
 
     // Reduce the atoms where the weights are not the last image's; returns whether they
     // are.
-    bool take_weights(long image) {
+    bool take_weights(Index image) {
         const Vector<const double> omega = program_.weights[image];
         if (are_equal(omega.data, last_weights_.data, p_)) return true;
-        for (long j = 0; j < p_; ++j) {
+        for (Index j = 0; j < p_; ++j) {
             last_weights_[j] = omega[j];
             // Without a quadratic the weights move from the residual to the bounds of
             // the dual, f(omega r) = omega f(r): the same program, but well conditioned
@@ -282,16 +292,16 @@ class BlockSolver {
         return false;
     }
 
-    void take_landmarks(long image) {
+    void take_landmarks(Index image) {
         const Matrix<const double> W = program_.landmarks[image];
         double total = 0;
         reduction_.reduce_landmarks(W, rho_.data, w_, q());
-        for (long j = 0; j < 2 * q(); ++j) total += square(w_[j]);
+        for (Index j = 0; j < 2 * q(); ++j) total += square(w_[j]);
         units_.landmarks = total > 0 ? root(total) : 1;
-        for (long j = 0; j < 2 * q(); ++j) w_[j] /= units_.landmarks;
+        for (Index j = 0; j < 2 * q(); ++j) w_[j] /= units_.landmarks;
         units_.dual =
             quadratic() ? units_.landmarks : program_.lam[image] / units_.atoms;
-        for (long j = 0; j < p_; ++j) {
+        for (Index j = 0; j < p_; ++j) {
             const double weight = quadratic() ? 1 : last_weights_[j];
             bounds_[j] = program_.bound * weight / units_.dual;
         }
@@ -307,7 +317,7 @@ class BlockSolver {
 
     bool start_from_last(bool same_mask) {
         const bool ahead = same_mask && before_.known;
-        for (long e = 0; e < 6 * padded_; ++e)
+        for (Index e = 0; e < 6 * padded_; ++e)
             iterate_.M[e] = (ahead ? last_.M[e] + AHEAD * (last_.M[e] - before_.M[e])
                                    : last_.M[e]) /
                             units_.transforms();
@@ -315,7 +325,7 @@ class BlockSolver {
         if (!same_mask)
             for (int a = 0; a < 2; ++a)
                 reduction_.reduce(Y_ + a * p_, ones_, last_.y + a * q());
-        for (long j = 0; j < 2 * q(); ++j)
+        for (Index j = 0; j < 2 * q(); ++j)
             iterate_.y[j] = (ahead ? last_.y[j] + AHEAD * (last_.y[j] - before_.y[j])
                                    : last_.y[j]) /
                             units_.dual;
@@ -325,10 +335,10 @@ class BlockSolver {
     // Whether ||w - sum M_i B_i||^2 is a small share of ||w||^2.
     bool explains() {
         double* left = work_.gradient;
-        const long n = 2 * q();
+        const Index n = 2 * q();
         memcpy(left, w_, sizeof(double) * n);
         list_active(iterate_.M);
-        for (long c = 0; c < active_.count; ++c)
+        for (Index c = 0; c < active_.count; ++c)
             subtract_shape(active_.blocks + 6 * c, atoms_[active_.atom[c]], atoms_.row,
                            left, q());
         return dot(left, left, n) < EXPLAINED * dot(w_, w_, n);
@@ -338,7 +348,7 @@ class BlockSolver {
     // counts.
     void list_active(const double* M) {
         active_.count = 0;
-        for (long i = 0; i < padded_; i += WIDTH) {
+        for (Index i = 0; i < padded_; i += WIDTH) {
             Doubles size = {};
             for (int e = 0; e < 6; ++e) size += magnitude(load(M + e * padded_ + i));
             for (int lane = 0; lane < WIDTH && i + lane < k_; ++lane) {
@@ -346,7 +356,7 @@ class BlockSolver {
                 active_.count += size[lane] != 0;
             }
         }
-        for (long c = 0; c < active_.count; ++c)
+        for (Index c = 0; c < active_.count; ++c)
             for (int e = 0; e < 6; ++e)
                 active_.blocks[6 * c + e] = M[e * padded_ + active_.atom[c]];
     }
@@ -357,17 +367,17 @@ class BlockSolver {
         correlate(atoms_.planes, w_, w_ + q(), work_.N);
         const double largest = larger(largest_nuclear_norm(work_.N, padded_), TINY);
         const double scale = smaller(1, lam / largest);
-        for (long j = 0; j < 2 * q(); ++j) iterate_.y[j] = scale * w_[j];
+        for (Index j = 0; j < 2 * q(); ++j) iterate_.y[j] = scale * w_[j];
     }
 
     // Newton steps, `taken` of which came before.
-    long solve_reduced(long image, const ReducedProgram& reduced, bool near,
-                       long taken) {
+    Index solve_reduced(Index image, const ReducedProgram& reduced, bool near,
+                        Index taken) {
         if (robust()) {
             errors_.attach(reduction_, bounds_, task_.point.errors[image].data);
             return solve_lagrangian(reduced, iterate_, errors_, work_, taken);
         }
-        long steps = 0;
+        Index steps = 0;
         if (near && quadratic()) {
             correlate(atoms_.planes, iterate_.y, iterate_.y + q(), work_.N);
             const PrimalDualEnd end = solve_primal_dual(reduced, iterate_, work_);
@@ -389,21 +399,21 @@ class BlockSolver {
     // The iterate as the last solution.
     void keep() {
         const double scale = units_.transforms();
-        for (long e = 0; e < 6 * padded_; ++e) last_.M[e] = iterate_.M[e] * scale;
-        for (long j = 0; j < 2 * q(); ++j) last_.y[j] = iterate_.y[j] * units_.dual;
+        for (Index e = 0; e < 6 * padded_; ++e) last_.M[e] = iterate_.M[e] * scale;
+        for (Index j = 0; j < 2 * q(); ++j) last_.y[j] = iterate_.y[j] * units_.dual;
         for (int a = 0; a < 2; ++a)
             reduction_.expand(last_.y + a * q(), Y_ + a * p_, p_);
     }
 
     // Back to the landmarks of the image.
-    void write(long image) {
+    void write(Index image) {
         list_active(last_.M);
         for (int a = 0; a < 2; ++a) {
             double *E = task_.point.errors[image][a].data,
                    *Y = task_.point.dual[image][a].data;
-            for (long j = 0; j < p_; ++j) Y[j] = 0;
-            for (long m = 0; m < reduction_.visible_count; ++m) {
-                const long j = reduction_.visible[m];
+            for (Index j = 0; j < p_; ++j) Y[j] = 0;
+            for (Index m = 0; m < reduction_.visible_count; ++m) {
+                const Index j = reduction_.visible[m];
                 const double weight = rho_[j] / last_weights_[j];
                 Y[j] = Y_[a * p_ + j] * weight;
                 if (robust()) E[j] *= units_.landmarks / weight;
@@ -411,7 +421,7 @@ class BlockSolver {
         }
     }
 
-    void set_status(long image) {
+    void set_status(Index image) {
         certifier_.certify(image, active_, task_.point, task_.proof);
         const double gap = magnitude(task_.proof.relative_gap[image]);
         last_.known = is_finite(gap);
@@ -428,28 +438,28 @@ class BlockSolver {
 
     // E, in the units of the residual after `set_status`, in those of the solver, and
     // in the landmarks'.
-    void take_errors_back(long image) {
-        scale_errors(image, [&](long j) {
+    void take_errors_back(Index image) {
+        scale_errors(image, [&](Index j) {
             return rho_[j] / last_weights_[j] / units_.landmarks;
         });
     }
-    void give_errors_their_unit(long image) {
-        scale_errors(image, [&](long j) { return 1 / last_weights_[j]; });
+    void give_errors_their_unit(Index image) {
+        scale_errors(image, [&](Index j) { return 1 / last_weights_[j]; });
     }
     template <class Scale>
-    void scale_errors(long image, const Scale& scale) {
+    void scale_errors(Index image, const Scale& scale) {
         if (!robust()) return;
         for (int a = 0; a < 2; ++a)
-            for (long m = 0; m < reduction_.visible_count; ++m) {
-                const long j = reduction_.visible[m];
+            for (Index m = 0; m < reduction_.visible_count; ++m) {
+                const Index j = reduction_.visible[m];
                 task_.point.errors[image][a][j] *= scale(j);
             }
     }
 
     // Take as many places of the common list as there are transforms, and fill them.
-    void hand_over(long image) {
-        const long count = active_.count;
-        const long at =
+    void hand_over(Index image) {
+        const Index count = active_.count;
+        const Index at =
             __atomic_fetch_add(task_.transforms.used.data, count, __ATOMIC_RELAXED);
         task_.transforms.first[image] = at;
         task_.transforms.count[image] = count;
@@ -458,7 +468,7 @@ class BlockSolver {
                sizeof(double) * 6 * count);
     }
 
-    void give_up(long image) {
+    void give_up(Index image) {
         task_.end.status[image] = Status::DEGENERATE;
         task_.proof.objective[image] = NOT_A_NUMBER;
         task_.proof.relative_gap[image] = NOT_A_NUMBER;
@@ -467,11 +477,11 @@ class BlockSolver {
 
     const ConvexTask& task_;
     const ConvexProgram& program_;
-    const long k_, p_;
+    const Index k_, p_;
     Workspace workspace_;
     Certifier certifier_;
     Reduction reduction_;
-    const long padded_;
+    const Index padded_;
     ReducedAtoms atoms_;
     SparseErrors errors_;
     NewtonWorkspace work_;
@@ -488,7 +498,7 @@ class BlockSolver {
 // Solve the images of the range in turn, block by block, and certify each.
 void solve_convex(const ConvexTask& task, Range range) {
     BlockSolver solver(task);
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         if (image % IMAGES_PER_BLOCK == 0) solver.begin();
         solver.solve(image);
     }
@@ -497,7 +507,7 @@ void solve_convex(const ConvexTask& task, Range range) {
 void certify_images(const CertificateTask& task, Range range) {
     Workspace workspace;
     Certifier certifier(task.program, workspace);
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();
         certifier.certify(image, task.transforms[image], task.point, task.proof);
     }

@@ -26,26 +26,13 @@ void quaternion_of(const double* R, double* q) {
     make_unit(q);
 }
 
-void turn_by(const double* turn, double* q) {
-    const double angle = root(inner3(turn, turn));
-    const double share = angle > 1e-8 ? sin(angle / 2) / angle : 0.5;
-    const double w = cos(angle / 2), x = share * turn[0], y = share * turn[1],
-                 z = share * turn[2];
-    const double old[4] = {q[0], q[1], q[2], q[3]};
-    q[0] = w * old[0] - x * old[1] - y * old[2] - z * old[3];
-    q[1] = w * old[1] + x * old[0] + y * old[3] - z * old[2];
-    q[2] = w * old[2] - x * old[3] + y * old[0] + z * old[1];
-    q[3] = w * old[3] + x * old[2] - y * old[1] + z * old[0];
-    make_unit(q);
-}
-
 RotationObjective::RotationObjective(Workspace& workspace, const SearchProblem& problem)
     : problem(problem),
       image(workspace, problem.atoms),
       step_(workspace, image.atoms, problem.atoms.size[2]),
       shape_(workspace.zeros<double>(3 * padded(problem.atoms.size[2]))) {}
 
-bool RotationObjective::aim(long at) {
+bool RotationObjective::aim(Index at) {
     if (!image.take(problem.landmarks[at], problem.weights[at])) return false;
     square = dot_padded(image.w, image.w, 2 * atoms.row);
     lam = problem.lam[at];
@@ -63,7 +50,7 @@ double RotationObjective::value(const Rotation& R) {
 // With X = R S and y = (Y, 0): d/dturn of <-Y, turn x X> is -sum_j X_j x y_j.
 void RotationObjective::derivatives(double* gradient, double* curvature) {
     step_.mix(shape_);
-    const long row = atoms.row;
+    const Index row = atoms.row;
     const double *u = step_.residual(), *v = u + row;
     double P[9], turned[9], moment[6];
     find_gram(shape_, row, P);
@@ -102,12 +89,9 @@ constexpr double DAMPING = 1e-3;  // of the first curvature, beside its trace
 constexpr double CURVED = 1e-10;  // share of |s| |y| from which s.y counts as positive
 
 struct Point {
-    double q[4], value, gradient[3];
+    Rotation R;
+    double value, gradient[3];
 };
-
-double value_at(RotationObjective& objective, const double* q) {
-    return objective.value(rotation_of(q));
-}
 
 // H (3, 3) = (curvature + damping)^-1, by cofactors.
 void invert_curvature(const double* curvature, double* H) {
@@ -136,9 +120,8 @@ void update(const double* s, const double* y, double* H) {
 bool search_line(RotationObjective& objective, const Point& from, double* step,
                  double slope, Point& to) {
     for (int trial = 0; trial < MOST_TRIALS; ++trial) {
-        for (int e = 0; e < 4; ++e) to.q[e] = from.q[e];
-        turn_by(step, to.q);
-        to.value = value_at(objective, to.q);
+        to.R = from.R.turned(step);
+        to.value = objective.value(to.R);
         if (to.value <= from.value + ENOUGH * slope) return true;
         // the minimum of the parabola through both values with the slope
         const double bend = 2 * (to.value - from.value - slope);
@@ -154,8 +137,8 @@ bool search_line(RotationObjective& objective, const Point& from, double* step,
 double descend(RotationObjective& objective, double* q, double share) {
     Point now, next;
     double curvature[9], H[9];
-    for (int e = 0; e < 4; ++e) now.q[e] = q[e];
-    now.value = value_at(objective, now.q);
+    now.R = rotation_of(q);
+    now.value = objective.value(now.R);
     objective.derivatives(now.gradient, curvature);
     invert_curvature(curvature, H);
     for (int count = 0; count < MOST_STEPS; ++count) {
@@ -173,8 +156,8 @@ double descend(RotationObjective& objective, double* q, double share) {
         update(step, change, H);
         now = next;
     }
-    for (int e = 0; e < 4; ++e) q[e] = now.q[e];
-    return value_at(objective, q);
+    quaternion_of(now.R, q);
+    return objective.value(rotation_of(q));
 }
 
 }  // namespace shapefit

@@ -7,13 +7,6 @@
 
 namespace shapefit {
 
-// Where a search gives up.
-struct SearchLimits {
-    Arguments& from;
-    long cells = from("most_cells");        // tests of a cell
-    double seconds = from("most_seconds");  // wall-clock
-};
-
 // min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all
 // rotations and c >= 0.
 struct SearchProblem {
@@ -30,17 +23,23 @@ struct GlobalData {
     SearchProblem problem{from};
     // proper rotations; nan where there is none
     Blocks<const double> starts = from("starts", "n s 3 3");
-    double tolerance = from("tolerance");  // relative gap at which the search ends
-    SearchLimits limits{from};             // of each image
+    double tolerance = from("tolerance");   // relative gap at which the search ends
+    Index most_cells = from("most_cells");  // tests after which a search gives up
     Matrix<double> coefficients = from("coefficients", "n k");
     Tensor<double> rotation = from("rotation", "n 3 3");
     Vector<double> objective = from("objective", "n");  // U
-    Vector<double> bound =
-        from("bound", "n");  // L: no rotation has an objective below it
+    // L: no rotation has an objective below it
+    Vector<double> bound = from("bound", "n");
     Vector<int64_t> cells = from("cells", "n");  // tests
-    Vector<int64_t> vertices =
-        from("vertices", "n");  // rotations whose coefficients were found
+    // rotations whose coefficients were found
+    Vector<int64_t> vertices = from("vertices", "n");
     Vector<int64_t> status = from("status", "n");  // a Status
+    // The first d cells that the last search has dropped: their corners, unit
+    // quaternions, and the cut that no rotation within is below; for those who check
+    // them.
+    Vector<int64_t> dropped = from("dropped", "n");
+    Blocks<double> corners = from("corners", "n d 4 4");
+    Matrix<double> cuts = from("cuts", "n d");
 };
 
 // Quaternions (w, x, y, z) and the two rows of a rotation that the camera sees.
@@ -75,10 +74,6 @@ Rotation rotation_of(const double* q);
 // The unit quaternion of R (3, 3), one of the two.
 void quaternion_of(const double* R, double* q);
 
-// q <- exp(turn) q: the rotation goes on by |turn| radians about the axis `turn` of the
-// camera frame.
-void turn_by(const double* turn, double* q);
-
 // v(R) = min_{c, T} 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda
 // ||c||_1, at one rotation of one image after another.
 
@@ -90,7 +85,7 @@ class RotationObjective {
     RotationObjective(Workspace& workspace, const SearchProblem& problem);
 
     // Turn to an image; false where it shows fewer than two landmarks.
-    bool aim(long image);
+    bool aim(Index image);
 
     // v at R (3, 3), with `coefficients()` as the start and the end of their
     // minimisation.

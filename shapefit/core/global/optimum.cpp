@@ -7,15 +7,12 @@ namespace shapefit {
 
 namespace {
 
-constexpr int DESCENTS = 8;  // from the best of the root vertices
-constexpr double ROUGH =
-    1e-5;  // share of v that a step must promise while descents compete
-constexpr double CLOSE =
-    1e-3;  // descents within this share of the best one go on to the end
-constexpr double FIRST_SHARE =
-    2.0 / 3;  // of the time, for the gap asked for; the rest for looser ones
-constexpr double LOOSER = 3;  // each gap to the one before, where the limit is reached
-constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
+// Descents from the best of the root vertices.
+constexpr int DESCENTS = 8;
+// Share of v that a step must promise while descents compete.
+constexpr double ROUGH = 1e-5;
+// Each gap to the one before, where the limit is reached.
+constexpr double LOOSER = 3;
 
 // The best rotation so far.
 struct Best {
@@ -30,15 +27,15 @@ struct Best {
 };
 
 // Descents from the given starts and from the best root vertices.
-void find_upper_bound(const GlobalData& data, long image, RotationObjective& objective,
+void find_upper_bound(const GlobalData& data, Index image, RotationObjective& objective,
                       Vertices& vertices, Best& best) {
-    const long given = data.starts.size[1];
+    const Index given = data.starts.size[1];
     double q[DESCENTS + 1][4], value[DESCENTS + 1];
     bool used[ROOT_VERTICES] = {};
     const auto start_from = [&](const Vertex& vertex) {
         ActiveSet& set = objective.coefficients();
         set.clear();
-        for (long e = 0; e < vertex.count; ++e)
+        for (Index e = 0; e < vertex.count; ++e)
             set.use(vertex.index[e], vertex.x[e], sign_of(vertex.x[e]));
     };
     for (int d = 0; d < DESCENTS; ++d) {
@@ -53,7 +50,7 @@ void find_upper_bound(const GlobalData& data, long image, RotationObjective& obj
         value[d] = descend(objective, q[d], ROUGH);
         best.offer(q[d], value[d]);
     }
-    for (long s = 0; s < given; ++s) {
+    for (Index s = 0; s < given; ++s) {
         const double* R = data.starts[image][s].data;
         bool known = true;
         for (int e = 0; e < 9; ++e) known &= is_finite(R[e]);
@@ -71,20 +68,46 @@ struct Ended {
     bool complete;
 };
 
+// The cells that a search drops, as the caller is given them.
+class DroppedCells {
+  public:
+    DroppedCells(const GlobalData& data, Index image)
+        : count_(data.dropped[image]),
+          corners_(data.corners[image]),
+          cuts_(data.cuts[image]) {}
+
+    void clear() { count_ = 0; }
+
+    void add(const Cell& cell, Vertices& vertices) {
+        if (count_ == cuts_.size[0]) return;
+        for (int a = 0; a < 4; ++a)
+            for (int e = 0; e < 4; ++e)
+                corners_[count_][a][e] = vertices[cell.vertex[a]].q[e];
+        cuts_[count_++] = vertices.cut();
+    }
+
+  private:
+    int64_t& count_;
+    Tensor<double> corners_;
+    Vector<double> cuts_;
+};
+
 // Search with the cut (1 - gap) U until all cells are dropped, or so many were tested.
-Ended search(double gap, long most_cells, double deadline, RotationObjective& objective,
-             CellSearch& cells, Best& best) {
+Ended search(double gap, Index most_cells, RotationObjective& objective,
+             CellSearch& cells, Best& best, DroppedCells& dropped) {
     const auto lower = [&] { cells.vertices.set_cut((1 - gap) * best.objective); };
     Cell cell;
     int edge = 0, middle = 0;
     lower();
     cells.begin();
+    dropped.clear();
     while (cells.take(cell)) {
-        const bool may_go_on =
-            cells.tested < most_cells &&
-            (cells.tested % CELLS_BETWEEN_LOOKS != 0 || monotonic_seconds() < deadline);
+        const bool may_go_on = cells.tested < most_cells;
         const int before = cells.vertices.count();
-        if (may_go_on && cells.is_dropped(cell, edge)) continue;
+        if (may_go_on && cells.is_dropped(cell, edge)) {
+            dropped.add(cell, cells.vertices);
+            continue;
+        }
         if (!may_go_on || !cells.split(cell, edge, middle)) {
             cells.put_back(cell);
             return {cells.prove_rest(), false};
@@ -102,19 +125,17 @@ Ended search(double gap, long most_cells, double deadline, RotationObjective& ob
 
 // Search with the gap asked for, and where the limit is reached with looser ones, on as
 // many cells again at most: what a search that was cut short proves is little.
-Ended search_within_limits(const GlobalData& data, double begin,
-                           RotationObjective& objective, CellSearch& cells,
-                           Best& best) {
-    const double seconds = data.limits.seconds;
-    const Ended first = search(data.tolerance, data.limits.cells,
-                               begin + FIRST_SHARE * seconds, objective, cells, best);
+Ended search_within_limits(const GlobalData& data, RotationObjective& objective,
+                           CellSearch& cells, Best& best, DroppedCells& dropped) {
+    const Ended first =
+        search(data.tolerance, data.most_cells, objective, cells, best, dropped);
     if (first.complete) return first;
     double bound = first.bound;
-    long remaining = data.limits.cells;
+    Index remaining = data.most_cells;
     for (double gap = LOOSER * data.tolerance; gap < 1; gap *= LOOSER) {
-        const long before = cells.tested;
-        const Ended ended = search(gap, before + remaining / 2, begin + seconds,
-                                   objective, cells, best);
+        const Index before = cells.tested;
+        const Ended ended =
+            search(gap, before + remaining / 2, objective, cells, best, dropped);
         bound = larger(ended.bound, bound);
         if (ended.complete) break;
         remaining -= cells.tested - before;
@@ -129,21 +150,24 @@ void find_optimum(const GlobalData& data, Range range) {
     Workspace workspace;
     const RootCells roots;
     RotationObjective objective(workspace, data.problem);
-    CellSearch cells(workspace, objective, roots, 2 * data.limits.cells);
-    for (long image = range.first; image < range.last; ++image) {
+    CellSearch cells(workspace, objective, roots, 2 * data.most_cells);
+    for (Index image = range.first; image < range.last; ++image) {
         if (!objective.aim(image)) {
             data.status[image] = Status::DEGENERATE;
             continue;
         }
         Best best;
-        const double begin = monotonic_seconds();
-        cells.begin_image();
-        find_upper_bound(data, image, objective, cells.vertices, best);
+        const bool is_solvable = data.problem.lam[image] >= LEAST_LAMBDA;
+        if (is_solvable) {
+            cells.begin_image();
+            find_upper_bound(data, image, objective, cells.vertices, best);
+        }
         if (!is_finite(best.objective)) {
             data.status[image] = Status::NUMERICAL_FAILURE;
             continue;
         }
-        const Ended ended = search_within_limits(data, begin, objective, cells, best);
+        DroppedCells dropped(data, image);
+        const Ended ended = search_within_limits(data, objective, cells, best, dropped);
         const Rotation R = rotation_of(best.q);
         data.objective[image] = objective.value(R);
         objective.coefficients().write(data.coefficients[image]);

@@ -58,11 +58,11 @@ RootCells::RootCells() {
 
 namespace {
 
-constexpr long FIRST_TABLE = 4096;
+constexpr Index FIRST_TABLE = 4096;
 
 }  // namespace
 
-Vertices::Vertices(Workspace& workspace, RotationObjective& objective, long most)
+Vertices::Vertices(Workspace& workspace, RotationObjective& objective, Index most)
     : workspace_(workspace),
       objective_(objective),
       most_(most),
@@ -71,7 +71,7 @@ Vertices::Vertices(Workspace& workspace, RotationObjective& objective, long most
 void Vertices::begin(const RootCells& roots) {
     count_ = 0;
     if (table_ == 0) grow_table();
-    for (long e = 0; e < table_; ++e) keys_[e] = 0;
+    for (Index e = 0; e < table_; ++e) keys_[e] = 0;
     for (const double* q : roots.vertex) {
         // the best start is that of the nearest vertex so far
         int near = -1;
@@ -87,7 +87,7 @@ bool Vertices::middle(int a, int b, int& number) {
     const uint64_t low = a < b ? a : b, high = a < b ? b : a;
     const uint64_t key = (high << 32 | low) + 1;
     if (2 * count_ >= table_) grow_table();
-    long* place = place_of_edge(key);
+    Index* place = place_of_edge(key);
     if (*place >= 0) {
         number = static_cast<int>(*place);
         return true;
@@ -134,17 +134,17 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
     ActiveSet& set = objective_.coefficients();
     set.clear();
     if (like)
-        for (long e = 0; e < like->count; ++e)
+        for (Index e = 0; e < like->count; ++e)
             set.use(like->index[e], like->x[e], sign_of(like->x[e]));
     for (int e = 0; e < 4; ++e) vertex.q[e] = q[e];
     vertex.objective = objective_.value(rotation_of(q));
     vertex.count = set.count;
-    for (long e = 0; e < set.count; ++e) {
+    for (Index e = 0; e < set.count; ++e) {
         vertex.index[e] = set.index[e];
         vertex.x[e] = set.x[e];
     }
-    const long size = 2 * objective_.atoms.row;
-    for (long j = 0; j < size; ++j) vertex.Y[j] = objective_.residual()[j];
+    const Index size = 2 * objective_.atoms.row;
+    for (Index j = 0; j < size; ++j) vertex.Y[j] = objective_.residual()[j];
     vertex.square = dot_padded(vertex.Y, vertex.Y, size);
     vertex.along = dot_padded(vertex.Y, objective_.image.w, size);
     vertex.scaled_for = -1;
@@ -153,12 +153,12 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
 }
 
 void Vertices::lay(Vertex& vertex) {
-    const long k = objective_.atoms.k;
-    const long row = padded(objective_.problem.atoms.size[2]);
+    const Index k = objective_.atoms.k;
+    const Index row = padded(objective_.problem.atoms.size[2]);
     vertex.products =
         workspace_.zeros<double>(6 * objective_.atoms.planes.padded_atoms);
     vertex.Y = workspace_.zeros<double>(2 * row);
-    vertex.index = workspace_.zeros<long>(k);
+    vertex.index = workspace_.zeros<Index>(k);
     vertex.x = workspace_.zeros<double>(k);
 }
 
@@ -166,7 +166,7 @@ void Vertices::find_products(Vertex& vertex) {
     const ReducedAtoms& atoms = objective_.atoms;
     correlate(atoms.planes, vertex.Y, vertex.Y + atoms.row, vertex.products);
     Doubles most = {};
-    for (long i = 0; i < atoms.planes.padded_atoms; i += WIDTH) {
+    for (Index i = 0; i < atoms.planes.padded_atoms; i += WIDTH) {
         Doubles squares = {};
         for (int e = 0; e < 6; ++e)
             squares +=
@@ -177,18 +177,18 @@ void Vertices::find_products(Vertex& vertex) {
 }
 
 void Vertices::grow_table() {
-    const long before = table_;
+    const Index before = table_;
     const uint64_t* keys = keys_;
-    const long* middles = middles_;
+    const Index* middles = middles_;
     table_ = before == 0 ? FIRST_TABLE : 2 * before;
     keys_ = workspace_.zeros<uint64_t>(table_);
-    middles_ = workspace_.zeros<long>(table_);
-    for (long e = 0; e < before; ++e)
+    middles_ = workspace_.zeros<Index>(table_);
+    for (Index e = 0; e < before; ++e)
         if (keys[e] != 0) *place_of_edge(keys[e]) = middles[e];
 }
 
 // Where the middle of an edge stands; -1 where it was not known.
-long* Vertices::place_of_edge(uint64_t key) {
+Index* Vertices::place_of_edge(uint64_t key) {
     const uint64_t mask = table_ - 1;
     uint64_t at = key * 0x9E3779B97F4A7C15u >> 20 & mask;
     while (keys_[at] != 0 && keys_[at] != key) at = (at + 1) & mask;
@@ -275,7 +275,7 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
 // The left side of every inequality at WIDTH atoms from i on; the largest so far goes
 // to `most`. Not inlined: out of its loop the compiler would copy each number of the
 // forms into a vector.
-[[gnu::noinline]] void raise(const Vertex* const* corner, long k, long i,
+[[gnu::noinline]] void raise(const Vertex* const* corner, Index k, Index i,
                              const Forms& forms, Doubles* most) {
     Doubles left[TRIPLES] = {};
 #pragma GCC unroll 4
@@ -293,11 +293,11 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
     for (int t = 0; t < TRIPLES; ++t) most[t] = larger(left[t], most[t]);
 }
 
-void find_largest(const Vertex* const* corner, long k, const Forms& forms,
+void find_largest(const Vertex* const* corner, Index k, const Forms& forms,
                   double* out) {
     Doubles most[TRIPLES];
     for (int t = 0; t < TRIPLES; ++t) most[t] = all(-INFINITE);
-    for (long i = 0; i < k; i += WIDTH) raise(corner, k, i, forms, most);
+    for (Index i = 0; i < k; i += WIDTH) raise(corner, k, i, forms, most);
     for (int t = 0; t < TRIPLES; ++t) out[t] = largest(most[t]);
 }
 
@@ -342,9 +342,9 @@ Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corn
 
 namespace {
 
-constexpr long DEEPEST = 700;  // cells that wait, beside those of the 600-cell
-constexpr double SHORTEST_SHARE =
-    0.25;  // of the longest edge's 1 - q_a.q_b; shorter ones stay whole
+constexpr Index DEEPEST = 700;  // cells that wait, beside those of the 600-cell
+// Of the longest edge's 1 - q_a.q_b; shorter ones stay whole.
+constexpr double SHORTEST_SHARE = 0.25;
 constexpr int MOST_PASSED = 6;  // splits in a row that may spare the longest edge
 constexpr int HALVINGS = 40;
 
@@ -352,7 +352,7 @@ constexpr int HALVINGS = 40;
 
 // A cell adds a vertex at most.
 CellSearch::CellSearch(Workspace& workspace, RotationObjective& objective,
-                       const RootCells& roots, long most_cells)
+                       const RootCells& roots, Index most_cells)
     : vertices(workspace, objective, ROOT_VERTICES + most_cells),
       roots_(roots),
       objective_(objective),
@@ -430,7 +430,7 @@ double CellSearch::prove_rest() {
         return evaluate(cell).dropped;
     };
     double proven = vertices.cut();
-    for (long e = 0; e < waiting_; ++e) {
+    for (Index e = 0; e < waiting_; ++e) {
         if (holds(stack_[e], proven)) continue;
         double low = 0, high = proven;
         for (int count = 0; count < HALVINGS; ++count) {

@@ -44,17 +44,17 @@ struct Vertex {
     double along;      // <Y, w>
     double largest;    // max_i ||Y B_i^T||_F
     double scale;      // s; nan where no scaled Y reaches the cut
-    long scaled_for;   // number of the cut
+    Index scaled_for;  // number of the cut
     double* products;  // Y B_i^T (6, padded k), atoms innermost
     double* Y;         // (2, row)
-    long count;        // coefficients that are not 0
-    long* index;       // (capacity,) their atoms
+    Index count;       // coefficients that are not 0
+    Index* index;      // (capacity,) their atoms
     double* x;         // (capacity,)
 };
 
 class Vertices {
   public:
-    Vertices(Workspace& workspace, RotationObjective& objective, long most);
+    Vertices(Workspace& workspace, RotationObjective& objective, Index most);
 
     // Forget all and begin with those of the 600-cell.
     void begin(const RootCells& roots);
@@ -79,18 +79,18 @@ class Vertices {
     void lay(Vertex& vertex);
     void find_products(Vertex& vertex);
     void grow_table();
-    long* place_of_edge(uint64_t key);
+    Index* place_of_edge(uint64_t key);
 
     Workspace& workspace_;
     RotationObjective& objective_;
-    const long most_;
+    const Index most_;
     Vertex** all_;
     int laid_ = 0, count_ = 0;
     double cut_ = 0;
-    long number_of_cut_ = 0;
+    Index number_of_cut_ = 0;
     uint64_t* keys_ = nullptr;  // of the edges whose middle is known: open addressing
-    long* middles_ = nullptr;
-    long table_ = 0;
+    Index* middles_ = nullptr;
+    Index table_ = 0;
 };
 
 // The test of a cell: whether no rotation in it has an objective below the cut.
@@ -121,7 +121,7 @@ Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corn
 class CellSearch {
   public:
     CellSearch(Workspace& workspace, RotationObjective& objective,
-               const RootCells& roots, long most_cells);
+               const RootCells& roots, Index most_cells);
 
     // Start over with the cells of the 600-cell; the vertices keep what is known of
     // them.
@@ -150,7 +150,7 @@ class CellSearch {
     int longest_edge(const Cell& cell);
 
     Vertices vertices;
-    long tested = 0;  // cells of the image
+    Index tested = 0;  // cells of the image
 
   private:
     Verdict evaluate(const Cell& cell);
@@ -160,7 +160,7 @@ class CellSearch {
     const RootCells& roots_;
     const RotationObjective& objective_;
     Cell* stack_;
-    long waiting_ = 0, capacity_;
+    Index waiting_ = 0, capacity_;
 };
 
 }  // namespace shapefit

@@ -11,19 +11,19 @@ namespace shapefit {
 struct CodingData {
     Arguments& from;
     Matrix<const double> gram = from("gram", "k k");  // G = B B^T
-    Matrix<const double> linear_terms =
-        from("linear_terms", "n k");  // h = S B^T - beta
+    // h = S B^T - beta
+    Matrix<const double> linear_terms = from("linear_terms", "n k");
     // by which a coefficient still has to move the shape
     Vector<const double> smallest_moves = from("smallest_moves", "n");
-    Matrix<double> coefficients =
-        from("coefficients", "n k");  // c >= 0, the start, overwritten
-    Vector<bool> unsettled =
-        from("unsettled", "n");  // where the moves did not become smaller
+    // c >= 0, the start, overwritten
+    Matrix<double> coefficients = from("coefficients", "n k");
+    // where the moves did not become smaller
+    Vector<bool> unsettled = from("unsettled", "n");
 };
 
-constexpr long MOST_ROUNDS = 10000;
-constexpr double DEPENDENT =
-    1e-12;  // share of an atom's square outside the span of the others
+constexpr Index MOST_ROUNDS = 10000;
+// Share of an atom's square outside the span of the others.
+constexpr double DEPENDENT = 1e-12;
 
 // min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0, for the shapes of
 // the range.
@@ -31,20 +31,20 @@ constexpr double DEPENDENT =
 // The next atom is the one that a coordinate descent step would move the shape by most
 // with.
 void code(const CodingData& data, Range range) {
-    const long k = data.gram.size[0];
+    const Index k = data.gram.size[0];
     Workspace workspace;
     ActiveSet set(workspace, k);
     double* weight = workspace.zeros<double>(k);
     double* score = workspace.zeros<double>(k);
-    for (long i = 0; i < k; ++i) {
+    for (Index i = 0; i < k; ++i) {
         const double square = data.gram[i][i];
         weight[i] = square > 0 ? 1 / root(square) : 0;
     }
-    for (long shape = range.first; shape < range.last; ++shape) {
+    for (Index shape = range.first; shape < range.last; ++shape) {
         check_interrupt();
         const Vector<double> c = data.coefficients[shape];
         set.clear();
-        for (long i = 0; i < k; ++i)
+        for (Index i = 0; i < k; ++i)
             if (c[i] > 0) set.use(i, c[i], 1);
         DenseTerms<false> terms{.Q = data.gram.data,
                                 .h = data.linear_terms[shape].data,
@@ -63,21 +63,21 @@ const Exported<code> code_exported{"code"};
 
 struct FactorData {
     Arguments& from;
-    Tensor<double> matrices =
-        from("matrices", "n d d");  // M = L L^T, L^-1 in its place
+    // M = L L^T, L^-1 in its place
+    Tensor<double> matrices = from("matrices", "n d d");
 };
 
 void invert_factors(const FactorData& data, Range range) {
-    const long d = data.matrices.size[1], D = padded(d);
+    const Index d = data.matrices.size[1], D = padded(d);
     Workspace workspace;
     double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();
-        for (long i = 0; i < D; ++i)
-            for (long j = 0; j < D; ++j)
+        for (Index i = 0; i < D; ++i)
+            for (Index j = 0; j < D; ++j)
                 S[i * D + j] = i < d && j < d ? data.matrices[image][i][j] : i == j;
         cholesky_inverse(S, V, D, D);
-        for (long i = 0; i < d; ++i)
+        for (Index i = 0; i < d; ++i)
             memcpy(data.matrices[image][i].data, V + i * D, d * sizeof(double));
     }
 }

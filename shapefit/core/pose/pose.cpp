@@ -8,20 +8,20 @@ namespace shapefit {
 struct PoseData {
     Arguments& from;
     Tensor<const double> shape_moments = from("shape_moments", "n 3 3");  // P = S S^T
-    Tensor<const double> landmarks_by_shape =
-        from("landmarks_by_shape", "n 2 3");  // D = w S^T
+    // D = w S^T
+    Tensor<const double> landmarks_by_shape = from("landmarks_by_shape", "n 2 3");
     Blocks<const double> starts = from("starts", "n v 3 3");
     Tensor<double> rotation = from("rotation", "n 3 3");
     Vector<double> size = from("size", "n");  // s
 };
 
 void find_pose(const PoseData& data, Range range) {
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();
         const ShapeMoments moments{data.shape_moments[image].data,
                                    data.landmarks_by_shape[image].data, true};
         double least = INFINITE;
-        for (long start = 0; start < data.starts.size[1]; ++start) {
+        for (Index start = 0; start < data.starts.size[1]; ++start) {
             Rotation R = Rotation::from(data.starts[image][start].data);
             const SquaredResidual residual = rotation_step(moments, R);
             if (!(residual.value < least)) continue;

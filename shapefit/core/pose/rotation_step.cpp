@@ -3,131 +3,99 @@
 namespace shapefit {
 namespace {
 
-constexpr double HALF = 0.70710678118654752440;  // sqrt(1/2)
-// The rules of Absil, Baker and Gallivan 2007, with the constants of Manopt.
-constexpr double LARGEST_RADIUS = 1.41421356237309504880;
-constexpr double FIRST_RADIUS = LARGEST_RADIUS / 8;
+// Radians.
+constexpr double FIRST_RADIUS = 0.25, LARGEST_RADIUS = 1.0;
+// The share of the promised fall from which on a step is taken, below which the region
+// shrinks, and above which it grows.
 constexpr double ACCEPT = 0.1, SHRINK = 0.25, GROW = 0.75;
-constexpr double LINEAR = 0.1;  // tCG stops where the residual is |g| min(|g|, LINEAR)
-constexpr double SHORT = 0.1;   // length of a step that needs no caution
-// Beside the size of the terms of value and gradient, s (s tr P + ||D||):
-constexpr double ROUNDING =
-    1e3 * 0x1p-52;                    // changes of the value below this are not judged
-constexpr double STATIONARY = 1e-11;  // norm of the gradient at the end
+// Beside the size of the terms of value and gradient, s (s tr P + ||D||): changes of
+// the value below this are not judged.
+constexpr double ROUNDING = 1e3 * 0x1p-52;
+// And the norm of the gradient at the end.
+constexpr double STATIONARY = 1e-11;
 constexpr int MOST_STEPS = 200;
 
-// The step -H^-1 g, by cofactors, and the fall of the model; false where H is not
-// positive definite or the step not short enough to end where conjugate gradients
-// would.
-bool newton_step(const double* g, const double* H, double radius, double* step,
-                 double& fall) {
-    double C[9];
-    const double det = find_cofactors(H, C);
-    if (!(H[0] > 0 && C[8] > 0 && det > 0)) return false;
-    for (int a = 0; a < 3; ++a) step[a] = -inner3(C + 3 * a, g) / det;
-    fall = -0.5 * inner3(g, step);
-    return inner3(step, step) < square(smaller(radius, SHORT));
-}
-
-void mirror(double* H) {
-    H[3] = H[1];
-    H[6] = H[2];
-    H[7] = H[5];
-}
-
-// A step within a trust region: whether it ends at the edge, and the fall that the
-// model promises.
-struct TrustedStep {
-    bool at_edge;
-    double fall;
+struct Model {
+    SquaredResidual residual;
+    double g[3], H[9];
 };
 
-// The residual at R, its Riemannian gradient g (3,) and Hessian H (3, 3).
-//
-// The Hessian is Proj(s^2 U P - Lambda U) with Lambda = sym(Rbar G^T) and G = s (s Rbar
-// P - D); a free s takes its share off, h h^T / tr(Rbar P Rbar^T) with h the derivative
-// of the gradient by s (Schur complement).
-SquaredResidual model_at(const ShapeMoments& moments, const Rotation& rotation,
-                         double* g, double* H) {
-    const double* R = rotation;
-    const double *P = moments.P, *D = moments.D;
-    double PR[3][3], DR[2][3];  // P and D in the frame of R: r_a P r_b, D_a r_b
-    for (int b = 0; b < 3; ++b) {
-        const double* r = R + 3 * b;
-        const double image[3] = {inner3(P, r), inner3(P + 3, r), inner3(P + 6, r)};
-        for (int a = 0; a < 3; ++a) PR[a][b] = inner3(R + 3 * a, image);
-        for (int a = 0; a < 2; ++a) DR[a][b] = inner3(D + 3 * a, r);
+// X = R P R^T (3, 3) and E = D R^T (2, 3).
+struct InCamera {
+    InCamera(const ShapeMoments& moments, const double* R) {
+        for (int b = 0; b < 3; ++b) {
+            const double* r = R + 3 * b;
+            const double Pr[3] = {inner3(moments.P, r), inner3(moments.P + 3, r),
+                                  inner3(moments.P + 6, r)};
+            for (int a = 0; a < 3; ++a) X[a][b] = inner3(R + 3 * a, Pr);
+            for (int a = 0; a < 2; ++a) E[a][b] = inner3(moments.D + 3 * a, r);
+        }
     }
-    const double overlap = DR[0][0] + DR[1][1], total = PR[0][0] + PR[1][1];
+
+    double X[3][3], E[2][3];
+};
+
+Model model_at(const ShapeMoments& moments, const Rotation& R) {
+    const InCamera at(moments, R);
+    const auto& X = at.X;
+    const auto& E = at.E;
+    const double overlap = E[0][0] + E[1][1], total = X[0][0] + X[1][1];
     double s = 1;
     if (moments.free_scale) s = total > 0 ? larger(overlap, 0) / total : 0;
-    const double turn = HALF * (DR[0][1] - DR[1][0]);
-    g[0] = s * (s * PR[0][2] - DR[0][2]);
-    g[1] = s * (s * PR[1][2] - DR[1][2]);
-    g[2] = s * turn;
-    H[0] = s * (s * (PR[2][2] - PR[0][0]) + DR[0][0]);
-    H[4] = s * (s * (PR[2][2] - PR[1][1]) + DR[1][1]);
-    H[8] = 0.5 * s * overlap;
-    H[1] = s * (0.5 * (DR[0][1] + DR[1][0]) - s * PR[0][1]);
-    H[2] = -s * s * HALF * PR[1][2];
-    H[5] = s * s * HALF * PR[0][2];
+    Model model;
+    model.residual = {0.5 * s * s * total - s * overlap, s};
+    model.g[0] = s * (E[1][2] - s * X[1][2]);
+    model.g[1] = s * (s * X[0][2] - E[0][2]);
+    model.g[2] = s * (E[0][1] - E[1][0]);
+    double* H = model.H;
+    H[0] = s * (E[1][1] + s * (X[2][2] - X[1][1]));
+    H[4] = s * (E[0][0] + s * (X[2][2] - X[0][0]));
+    H[8] = s * overlap;
+    H[1] = s * (s * X[0][1] - 0.5 * (E[0][1] + E[1][0]));
+    H[2] = -0.5 * s * (s * X[0][2] + E[0][2]);
+    H[5] = -0.5 * s * (s * X[1][2] + E[1][2]);
     if (moments.free_scale && s > 0) {
-        const double h[3] = {2 * s * PR[0][2] - DR[0][2], 2 * s * PR[1][2] - DR[1][2],
-                             turn};
+        const double h[3] = {E[1][2] - 2 * s * X[1][2], 2 * s * X[0][2] - E[0][2],
+                             E[0][1] - E[1][0]};
         for (int a = 0; a < 3; ++a)
             for (int b = a; b < 3; ++b) H[3 * a + b] -= h[a] * h[b] / total;
     }
-    mirror(H);
-    return {0.5 * s * s * total - s * overlap, s};
+    H[3] = H[1];
+    H[6] = H[2];
+    H[7] = H[5];
+    return model;
 }
 
-// Steihaug's conjugate gradients for min g x + 1/2 x H x over |x| <= radius; step x
-// (3,).
-TrustedStep truncated_cg(const double* g, const double* H, double radius,
-                         double* step) {
-    double r[3], d[3], Hd[3];
-    for (int a = 0; a < 3; ++a) {
-        step[a] = 0;
-        r[a] = g[a];
-        d[a] = -g[a];
-    }
-    double rr = inner3(g, g), xx = 0, xd = 0, dd = rr, fall = 0;
-    const double goal = root(rr) * smaller(root(rr), LINEAR);
-    bool at_edge = false;
-    for (int count = 0; count < 3; ++count) {
-        for (int a = 0; a < 3; ++a) Hd[a] = inner3(H + 3 * a, d);
-        const double curvature = inner3(d, Hd), slope = inner3(d, r);
-        double length = curvature > 0 ? rr / curvature : 0;
-        at_edge =
-            curvature <= 0 || xx + length * (2 * xd + length * dd) >= radius * radius;
-        if (at_edge) length = (root(xd * xd + dd * (radius * radius - xx)) - xd) / dd;
-        for (int a = 0; a < 3; ++a) {
-            step[a] += length * d[a];
-            r[a] += length * Hd[a];
-        }
-        fall -= length * (slope + 0.5 * length * curvature);
-        const double before = rr;
-        rr = inner3(r, r);
-        if (at_edge || rr <= goal * goal) break;
-        const double ratio = rr / before;
-        xx += length * (2 * xd + length * dd);
-        xd = ratio * (xd + length * dd);
-        dd = rr + ratio * ratio * dd;
-        for (int a = 0; a < 3; ++a) d[a] = ratio * d[a] - r[a];
-    }
-    return {at_edge, fall};
+struct Step {
+    double turn[3];
+    double fall;   // of the model
+    bool limited;  // by the region
+};
+
+// turn = -(H + shift I)^-1 g; false where the matrix is not positive definite, or the
+// turn longer than the region.
+bool solve_shifted(const Model& model, double shift, double radius, double* turn) {
+    double A[9], C[9];
+    for (int e = 0; e < 9; ++e) A[e] = model.H[e] + (e % 4 == 0 ? shift : 0);
+    const double determinant = find_cofactors(A, C);
+    if (!(A[0] > 0 && C[8] > 0 && determinant > 0)) return false;
+    for (int a = 0; a < 3; ++a) turn[a] = -inner3(C + 3 * a, model.g) / determinant;
+    return inner3(turn, turn) <= square(radius);
 }
 
-// Orthonormalise Rbar + step, step (3,) in the basis of the tangent space, and complete
-// it.
-void retract(const double* R, const double* step, Rotation& trial) {
-    const double turn = HALF * step[2];
-    double* to = trial;
-    for (int b = 0; b < 3; ++b) {
-        to[b] = R[b] + step[0] * R[6 + b] - turn * R[3 + b];
-        to[3 + b] = R[3 + b] + step[1] * R[6 + b] + turn * R[b];
-    }
-    trial.orthonormalise();
+// The shift is 0, or the first of those that double which is large enough; from |g| /
+// radius - min eigenvalue on each is. No step where the numbers are not finite.
+Step find_step(const Model& model, double radius) {
+    Step step{};
+    const double first = root(inner3(model.g, model.g)) / (2 * radius);
+    double shift = 0;
+    while (is_finite(shift) && !solve_shifted(model, shift, radius, step.turn))
+        shift = larger(2 * shift, first);
+    double Ht[3];
+    for (int a = 0; a < 3; ++a) Ht[a] = inner3(model.H + 3 * a, step.turn);
+    step.fall = -inner3(model.g, step.turn) - 0.5 * inner3(step.turn, Ht);
+    step.limited = shift > 0;
+    return step;
 }
 
 }  // namespace
@@ -137,33 +105,28 @@ void retract(const double* R, const double* step, Rotation& trial) {
 [[gnu::flatten]] SquaredResidual rotation_step(const ShapeMoments& moments,
                                                Rotation& R) {
     const double *P = moments.P, *D = moments.D;
-    Rotation trial;
-    double g[3], H[9], step[3], trial_g[3], trial_H[9];
     const double trace = P[0] + P[4] + P[8];
     const double norm = root(inner3(D, D) + inner3(D + 3, D + 3));
     double radius = FIRST_RADIUS;
-    SquaredResidual residual = model_at(moments, R, g, H);
+    Model model = model_at(moments, R);
     for (int count = 0; count < MOST_STEPS; ++count) {
-        const double size = residual.scale * (residual.scale * trace + norm);
-        if (inner3(g, g) <= square(STATIONARY * size)) break;
-        TrustedStep trusted{false, 0};
-        if (!newton_step(g, H, radius, step, trusted.fall))
-            trusted = truncated_cg(g, H, radius, step);
-        retract(R, step, trial);
-        const SquaredResidual reached = model_at(moments, trial, trial_g, trial_H);
+        const double s = model.residual.scale, size = s * (s * trace + norm);
+        if (!(inner3(model.g, model.g) > square(STATIONARY * size))) break;
+        const Step step = find_step(model, radius);
+        const Rotation trial = R.turned(step.turn);
+        const Model reached = model_at(moments, trial);
         const double slack = ROUNDING * size;
-        const double ratio =
-            (residual.value - reached.value + slack) / (trusted.fall + slack);
+        const double fall = model.residual.value - reached.residual.value;
+        const double ratio = (fall + slack) / (step.fall + slack);
         if (!(ratio >= SHRINK)) radius *= 0.25;
-        else if (ratio > GROW && trusted.at_edge)
+        else if (ratio > GROW && step.limited)
             radius = smaller(2 * radius, LARGEST_RADIUS);
         if (!(ratio > ACCEPT)) continue;
-        residual = reached;
+        model = reached;
         R = trial;
-        for (int e = 0; e < 9; ++e) H[e] = trial_H[e];
-        for (int a = 0; a < 3; ++a) g[a] = trial_g[a];
     }
-    return residual;
+    R.orthonormalise();
+    return model.residual;
 }
 
 }  // namespace shapefit

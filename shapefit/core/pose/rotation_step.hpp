@@ -1,11 +1,22 @@
-// The rotation step: a Riemannian trust region on the two orthonormal rows of a
-// rotation.
+// The rotation step: Newton's method in the turns of the camera frame, within a trust
+// region.
 //
-// min 1/2 ||w - s Rbar S||_F^2 over Rbar Rbar^T = I_2 depends on w (2, q) and S (3, q)
-// only through P = S S^T and D = w S^T. Rbar lies on the Stiefel manifold with the
-// Euclidean metric; (r3; 0), (0; r3) and (-r2; r1) / sqrt(2) are an orthonormal basis
-// of its tangent space, where r3 = r1 x r2, so that gradient, Hessian and steps are
-// 3-vectors and 3x3 matrices in closed form.
+// 1/2 ||w - s Rbar S||_F^2 over proper rotations depends on w (2, q) and S (3, q) only
+// through P = S S^T and D = w S^T. With X = R P R^T and E = D R^T it is, but for 1/2
+// ||w||^2,
+//
+//     f = s^2/2 (X_11 + X_22) - s (E_11 + E_22),
+//
+// and along R <- exp([turn]_x) R its gradient and Hessian are
+//
+//     g = s (E_23 - s X_23,  s X_13 - E_13,  E_12 - E_21)
+//
+//         | E_22 + s (X_33 - X_22)   s X_12 - (E_12 + E_21)/2   -(s X_13 + E_13)/2 |
+//     H = s |          .            E_11 + s (X_33 - X_11)      -(s X_23 + E_23)/2 |
+//         |          .                       .                      E_11 + E_22    |
+//
+// A free s is the best one at every R: it takes h h^T / (X_11 + X_22) off H, with h the
+// derivative of g by s.
 #pragma once
 
 #include "../base/registry.hpp"
@@ -21,8 +32,7 @@ struct ShapeMoments {
     bool free_scale;
 };
 
-// 1/2 ||w - s Rbar S||^2 - 1/2 ||w||^2 = 1/2 s^2 <Rbar P, Rbar> - s <D, Rbar> at a
-// rotation, and s.
+// f at a rotation, and s.
 struct SquaredResidual {
     double value;
     double scale;

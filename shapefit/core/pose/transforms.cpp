@@ -11,8 +11,8 @@ namespace shapefit {
 struct SynchronisationData {
     Arguments& from;
     GivenTransforms transforms{from};  // M
-    Tensor<double> rotation =
-        from("rotation", "n 3 3");  // R, left alone where all M_i are 0
+    // R, left alone where all M_i are 0
+    Tensor<double> rotation = from("rotation", "n 3 3");
 };
 
 // S = sum_i c_i R_i B_i and its parts, for each image.
@@ -22,23 +22,23 @@ struct ReconstructionData {
     Tensor<const double> atoms = from("atoms", "k 3 p");  // B
     Vector<double> sizes = from("sizes", "a");  // c_i = ||M_i||_2 of each transform
     Tensor<double> shapes = from("shapes", "n 3 p");  // S
-    Tensor<double> rotation =
-        from("rotation", "n 3 3");  // left alone where none is known
-    Vector<int64_t> active =
-        from("active", "n");  // number of atoms that are not negligible
-    Vector<bool> tight =
-        from("tight", "n");  // whether their transforms are all orthogonal
+    // left alone where none is known
+    Tensor<double> rotation = from("rotation", "n 3 3");
+    // number of atoms that are not negligible
+    Vector<int64_t> active = from("active", "n");
+    // whether their transforms are all orthogonal
+    Vector<bool> tight = from("tight", "n");
 };
 
 namespace {
 
 constexpr int STARTS = 4;        // the sum of all transforms, and the largest ones
 constexpr double STILL = 1e-13;  // largest entry of the last change of Rbar
-constexpr double SAME =
-    1e-6;  // and of the difference to a maximum that another start has found
+// And of the difference to a maximum that another start has found.
+constexpr double SAME = 1e-6;
 constexpr int MOST_ROUNDS = 2000;
-constexpr double RANK_ONE =
-    1e-8;  // s1 s2 / (s1^2 + s2^2) below which rounding hides the second
+// S1 s2 / (s1^2 + s2^2) below which rounding hides the second.
+constexpr double RANK_ONE = 1e-8;
 // An atom is active where its coefficient is more than this share of the largest one.
 constexpr double ACTIVE = 1e-6;
 // A transform is orthogonal where ||M M^T / c^2 - I||_F is at most this.
@@ -66,7 +66,7 @@ double ascent(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
     for (int round = 0; round < MOST_ROUNDS; ++round) {
         double total[6] = {};
         value = 0;
-        for (long i = 0; i < blocks.size[0]; ++i) {
+        for (Index i = 0; i < blocks.size[0]; ++i) {
             const double* M = blocks[i].data;
             double inner = 0;
             for (int e = 0; e < 6; ++e) inner += M[e] * R[e];
@@ -86,7 +86,7 @@ double ascent(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
 void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) {
     double start[6] = {};
     Rotation trial;
-    for (long i = 0; i < blocks.size[0]; ++i) {
+    for (Index i = 0; i < blocks.size[0]; ++i) {
         norms[i] = squared_norm(blocks[i].data);
         for (int e = 0; e < 6; ++e) start[e] += blocks[i].data[e];
     }
@@ -94,8 +94,8 @@ void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) 
     for (int round = 0; round < STARTS; ++round) {
         if (round > 0) {
             if (blocks.size[0] == 0) break;
-            long longest = 0;
-            for (long i = 1; i < blocks.size[0]; ++i)
+            Index longest = 0;
+            for (Index i = 1; i < blocks.size[0]; ++i)
                 if (norms[i] > norms[longest]) longest = i;
             if (norms[longest] <= 0) break;
             norms[longest] = 0;
@@ -150,26 +150,26 @@ double skewness(const double* M, double c) {
 
 // S += c R B.
 void add_shape(const double* cR, Matrix<const double> B, Matrix<double> S) {
-    const long p = S.size[1];
+    const Index p = S.size[1];
     for (int a = 0; a < 3; ++a) {
         const double *row = cR + 3 * a, *b = B.data;
         double* __restrict s = S[a].data;
-        for (long j = 0; j < p; ++j)
+        for (Index j = 0; j < p; ++j)
             s[j] += row[0] * b[j] + row[1] * b[p + j] + row[2] * b[2 * p + j];
     }
 }
 
-void reconstruct_image(const ReconstructionData& data, long image) {
+void reconstruct_image(const ReconstructionData& data, Index image) {
     const ImageTransforms M = data.transforms[image];
     double* sizes = data.sizes.data + data.transforms.first[image];
     double largest = 0, total[9] = {};
-    for (long e = 0; e < M.count; ++e) {
+    for (Index e = 0; e < M.count; ++e) {
         sizes[e] = spectral_norm(invariants_of(M.blocks + 6 * e));
         largest = larger(largest, sizes[e]);
     }
-    long active = 0;
+    Index active = 0;
     bool loose = false;
-    for (long e = 0; e < M.count; ++e) {
+    for (Index e = 0; e < M.count; ++e) {
         const double* block = M.blocks + 6 * e;
         const Rotation cR = scaled_rotation(block, sizes[e]);
         add_shape(cR, data.atoms[M.atom[e]], data.shapes[image]);
@@ -223,11 +223,11 @@ Rotation nearest_rotation(const double* a) {
 // iteration: argmax sum_i max(0, <M_i, Rbar>)^2 over orthonormal rows.
 void synchronise(const SynchronisationData& data, Range range) {
     Workspace workspace;
-    long most = 0;
-    for (long image = range.first; image < range.last; ++image)
+    Index most = 0;
+    for (Index image = range.first; image < range.last; ++image)
         if (data.transforms.count[image] > most) most = data.transforms.count[image];
     double* norms = workspace.zeros<double>(most);
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();
         const ImageTransforms M = data.transforms[image];
         Rotation R = Rotation::from(data.rotation[image].data);
@@ -238,7 +238,7 @@ void synchronise(const SynchronisationData& data, Range range) {
 
 // R_i completes M_i / c_i by the cross product of its rows.
 void reconstruct(const ReconstructionData& data, Range range) {
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();
         reconstruct_image(data, image);
     }

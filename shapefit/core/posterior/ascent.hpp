@@ -8,8 +8,8 @@ namespace shapefit {
 
 constexpr double LONGEST = 0.5;  // step, in radians and log s
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
-constexpr long EARLY =
-    3;  // times that inlier probabilities come from the other landmarks, at the start
+// Times that inlier probabilities come from the other landmarks, at the start.
+constexpr Index EARLY = 3;
 // Of a value.
 template <class Lanes>
 constexpr double ROUNDING = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-9;
@@ -47,7 +47,7 @@ template <class One, class Other, class Set>
     set(one.squared_mahalanobis, other.squared_mahalanobis);
 }
 template <class One, class Other, class Set>
-void each_pair(Ascent<One>& one, const Ascent<Other>& other, long p, const Set& set) {
+void each_pair(Ascent<One>& one, const Ascent<Other>& other, Index p, const Set& set) {
     for (int e = 0; e < 9; ++e) set(one.view.R[e], other.view.R[e]);
     set(one.view.log_scale, other.view.log_scale);
     each_pair(one.found, other.found, set);
@@ -56,7 +56,7 @@ void each_pair(Ascent<One>& one, const Ascent<Other>& other, long p, const Set& 
     set(one.moving, other.moving);
     set(one.predicted_gain, other.predicted_gain);
     set(one.largest, other.largest);
-    for (long j = 0; j < p; ++j) {
+    for (Index j = 0; j < p; ++j) {
         set(one.inlier_probability[j], other.inlier_probability[j]);
         set(one.next[j], other.next[j]);
     }
@@ -64,7 +64,7 @@ void each_pair(Ascent<One>& one, const Ascent<Other>& other, long p, const Set& 
 
 template <class Lanes>
 struct AscentSpace {
-    AscentSpace(Workspace& workspace, long p)
+    AscentSpace(Workspace& workspace, Index p)
         : likelihood(workspace, tiled(2 * p)),
           inlier_probability(workspace.zeros<Lanes>(p)),
           next(workspace.zeros<Lanes>(p)) {}
@@ -168,10 +168,10 @@ Lanes take_last_step(Ascent<Lanes>& at) {
 template <class Lanes>
 void begin(const PosteriorData& data, const Observed<Lanes>& observed,
            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
-    const long m = observed.m;
-    for (long j = 0; j < m; ++j) at.next[j] = all<Lanes>(1.0);
-    for (long left = data.chance > 0 ? EARLY : 1; left--;) {
-        for (long j = 0; j < m; ++j) at.inlier_probability[j] = at.next[j];
+    const Index m = observed.m;
+    for (Index j = 0; j < m; ++j) at.next[j] = all<Lanes>(1.0);
+    for (Index left = data.chance > 0 ? EARLY : 1; left--;) {
+        for (Index j = 0; j < m; ++j) at.inlier_probability[j] = at.next[j];
         find_likelihood(data, observed, at.view, at.inlier_probability, true,
                         left ? Wanted::INLIERS : Wanted::CURVATURE, space.likelihood,
                         at.found, at.next);
@@ -188,17 +188,17 @@ void begin(const PosteriorData& data, const Observed<Lanes>& observed,
 // downhill. A lane that stands still has arrived. Where every landmark is an outlier
 // the likelihood grows with the scale for ever: there steps end at `largest`.
 template <class Lanes>
-void ascent(const PosteriorData& data, const Observed<Lanes>& observed, long rounds,
+void ascent(const PosteriorData& data, const Observed<Lanes>& observed, Index rounds,
             AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
-    const long m = observed.m;
+    const Index m = observed.m;
     const Lanes enough = all<Lanes>(data.tolerance);
     const Wanted wanted = data.chance > 0 ? Wanted::CURVATURE : Wanted::GRADIENT;
-    for (long round = 0; round < rounds && largest(at.moving) > 0; ++round) {
+    for (Index round = 0; round < rounds && largest(at.moving) > 0; ++round) {
         check_interrupt();
         Lanes step[VIEW], change[VIEW], mended[VIEW * VIEW];
         propose(at, step);
         move(at.view, step, space.view);
-        for (long j = 0; j < m; ++j) space.inlier_probability[j] = at.next[j];
+        for (Index j = 0; j < m; ++j) space.inlier_probability[j] = at.next[j];
         find_likelihood(data, observed, space.view, space.inlier_probability, false,
                         wanted, space.likelihood, space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
@@ -215,7 +215,7 @@ void ascent(const PosteriorData& data, const Observed<Lanes>& observed, long rou
         take(accepted, at.view, space.view);
         each_pair(at.found, space.found,
                   [&](Lanes& old, Lanes found) { old = select(accepted, found, old); });
-        for (long j = 0; j < m; ++j) {
+        for (Index j = 0; j < m; ++j) {
             at.inlier_probability[j] =
                 select(accepted, space.inlier_probability[j], at.inlier_probability[j]);
             at.next[j] = select(accepted, space.next[j], at.next[j]);
@@ -240,7 +240,7 @@ void settle(const PosteriorData& data, const Observed<Lanes>& observed,
         find_likelihood(data, observed, at.view, at.inlier_probability, false,
                         Wanted::GRADIENT, space.likelihood, at.found, space.next);
         if (again) take_last_step(at);
-        for (long j = 0; again && j < observed.m; ++j)
+        for (Index j = 0; again && j < observed.m; ++j)
             at.inlier_probability[j] = space.next[j];
     }
 }

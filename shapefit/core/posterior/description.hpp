@@ -18,12 +18,12 @@
 namespace shapefit {
 
 struct Description {
-    Description(Workspace& workspace, long p)
+    Description(Workspace& workspace, Index p)
         : p(p),
           d(tiled(3 * p)),
           n(tiled(2 * p)),
-          place(workspace.zeros<long>(p)),
-          row(workspace.zeros<long>(3 * p)),
+          place(workspace.zeros<Index>(p)),
+          row(workspace.zeros<Index>(3 * p)),
           mean(workspace.zeros<Doubles>(d)),
           C(workspace.zeros<Doubles>(d * d)),
           K(workspace.zeros<Doubles>(d * n)),
@@ -32,20 +32,20 @@ struct Description {
           J(workspace.zeros<Doubles>(VIEW * d)),
           change(workspace.zeros<Doubles>(VIEW * n)),
           white(workspace.zeros<Doubles>(VIEW * n)) {
-        for (long e = 0; e < 3 * p; ++e) row[e] = 3 * (e % p) + e / p;
+        for (Index e = 0; e < 3 * p; ++e) row[e] = 3 * (e % p) + e / p;
     }
 
-    const long p, d, n;  // coordinate a of landmark j is row 3 j + a
-    long* place;         // of a landmark among those seen, or -1 (p,)
-    long* row;           // of all x, then y, then z (3 p,)
+    const Index p, d, n;  // coordinate a of landmark j is row 3 j + a
+    Index* place;         // of a landmark among those seen, or -1 (p,)
+    Index* row;           // of all x, then y, then z (3 p,)
     Doubles *mean, *C, *K, *W, *U,
         *J;  // (d,), (d, d), K^T (d, n), (L^-1 K)^T (d, n), (d, 2), (4, d)
     Doubles *change, *white;  // (4, n)
 };
 
-inline Doubles dot(const Doubles* a, const Doubles* b, long n) {
+inline Doubles dot(const Doubles* a, const Doubles* b, Index n) {
     Doubles total = {};
-    for (long i = 0; i < n; ++i) total += a[i] * b[i];
+    for (Index i = 0; i < n; ++i) total += a[i] * b[i];
     return total;
 }
 
@@ -59,9 +59,9 @@ inline void turn_about(int axis, const Doubles* x, Doubles* out) {
 
 // Q (3, 3), the covariance of landmark k with landmark j, which is seen, to K and the
 // turns' J.
-inline void relate(const Observed<Doubles>& observed, long k, long j, const Doubles* Q,
-                   const Doubles* alpha, long n, Description& to) {
-    const long e = 2 * to.place[j];
+inline void relate(const Observed<Doubles>& observed, Index k, Index j,
+                   const Doubles* Q, const Doubles* alpha, Index n, Description& to) {
+    const Index e = 2 * to.place[j];
     const Doubles* slope = observed.slope + e;
     const Doubles raised[3] = {alpha[e], alpha[e + 1],
                                -slope[0] * alpha[e] - slope[1] * alpha[e + 1]};
@@ -78,16 +78,16 @@ inline void relate(const Observed<Doubles>& observed, long k, long j, const Doub
 
 // R C R^T, K and the means, of the components of the lanes.
 inline void turn_components(const PosteriorData& data, const Side<Doubles>& side,
-                            const LaneView<Doubles>& view, const Doubles* alpha, long n,
-                            Description& to) {
+                            const LaneView<Doubles>& view, const Doubles* alpha,
+                            Index n, Description& to) {
     const Observed<Doubles>& observed = side.observed;
     const RotationOf<Doubles>& R = view.R;
-    for (long e = 0; e < VIEW * to.d; ++e) to.J[e] = Doubles{};
-    for (long e = 0; e < to.d * n; ++e) to.K[e] = Doubles{};
-    for (long j = 0; j < to.p; ++j) to.place[j] = -1;
-    for (long e = 0; e < observed.m; ++e) to.place[observed.index[e]] = e;
-    for (long k = 0; k < to.p; ++k)
-        for (long j = 0; j <= k; ++j) {
+    for (Index e = 0; e < VIEW * to.d; ++e) to.J[e] = Doubles{};
+    for (Index e = 0; e < to.d * n; ++e) to.K[e] = Doubles{};
+    for (Index j = 0; j < to.p; ++j) to.place[j] = -1;
+    for (Index e = 0; e < observed.m; ++e) to.place[observed.index[e]] = e;
+    for (Index k = 0; k < to.p; ++k)
+        for (Index j = 0; j <= k; ++j) {
             Doubles copied[9], CR[9], Q[9], transposed[9];
             const bool seen = to.place[k] >= 0 && to.place[j] >= 0;
             const Doubles* C =
@@ -112,7 +112,7 @@ inline void turn_components(const PosteriorData& data, const Side<Doubles>& side
             if (to.place[k] >= 0 && j != k)
                 relate(observed, j, k, transposed, alpha, n, to);
         }
-    for (long j = 0; j < to.p; ++j) {
+    for (Index j = 0; j < to.p; ++j) {
         Doubles mu[3];
         for (int e = 0; e < 3 * WIDTH; ++e)
             mu[e / WIDTH][e % WIDTH] =
@@ -124,21 +124,21 @@ inline void turn_components(const PosteriorData& data, const Side<Doubles>& side
 // J less s, and the mean becomes X + t.
 inline void differentiate_points(const Observed<Doubles>& observed, const Doubles* q,
                                  Doubles shrunk, const Translation<Doubles>& t,
-                                 const LikelihoodSpace<Doubles>& space, long n,
+                                 const LikelihoodSpace<Doubles>& space, Index n,
                                  Description& to) {
     const Doubles *alpha = space.alpha, *Bx = alpha + n, *By = Bx + n;
-    for (long e = 0; e < VIEW * n; ++e) to.change[e] = Doubles{};
-    for (long j = 0; j < to.p; ++j)
+    for (Index e = 0; e < VIEW * n; ++e) to.change[e] = Doubles{};
+    for (Index j = 0; j < to.p; ++j)
         for (int i = 0; i < 3; ++i) {
             Doubles turned[3];
             turn_about(i, to.mean + 3 * j, turned);
             for (int a = 0; a < 3; ++a) to.J[i * to.d + 3 * j + a] += turned[a];
         }
-    for (long j = 0; j < observed.m; ++j) {
+    for (Index j = 0; j < observed.m; ++j) {
         const Doubles *V = observed.noise + 3 * j, *slope = observed.slope + 2 * j;
         const Doubles share = 2.0 * shrunk / q[j];
         for (int a = 0; a < 2; ++a) {
-            const long e = 2 * j + a, row = 3 * observed.index[j];
+            const Index e = 2 * j + a, row = 3 * observed.index[j];
             for (int i = 0; i < 3; ++i) {
                 const Doubles* J = to.J + i * to.d + row;
                 to.change[i * n + e] = slope[a] * J[2] - J[a];
@@ -154,11 +154,11 @@ inline void differentiate_points(const Observed<Doubles>& observed, const Double
         const Doubles along = dot(Bx, x, n), across = dot(By, x, n);
         shift[i][0] = t.xx * along + t.xy * across;
         shift[i][1] = t.xy * along + t.yy * across;
-        for (long e = 0; e < 2 * observed.m; ++e) x[e] -= shift[i][e % 2];
+        for (Index e = 0; e < 2 * observed.m; ++e) x[e] -= shift[i][e % 2];
     }
     multiply<VIEW>(n, space.L, to.change, to.white);
     multiply_transposed<VIEW>(n, space.L, to.white, to.change);
-    for (long e = 0; e < 3 * to.p; ++e) {
+    for (Index e = 0; e < 3 * to.p; ++e) {
         const Doubles none{};
         for (int i = 0; i < VIEW; ++i)
             to.J[i * to.d + e] += dot(to.K + e * n, to.change + i * n, n) +
@@ -169,34 +169,34 @@ inline void differentiate_points(const Observed<Doubles>& observed, const Double
 }
 
 // Take the mean depth out of rows x, `stride` apart, of `count` numbers each.
-inline void centre_depth(Doubles* x, long p, long stride, long count) {
-    for (long i = 0; i < count; ++i) {
+inline void centre_depth(Doubles* x, Index p, Index stride, Index count) {
+    for (Index i = 0; i < count; ++i) {
         Doubles mean = {};
-        for (long j = 0; j < p; ++j) mean += x[(3 * j + 2) * stride + i];
-        for (long j = 0; j < p; ++j)
+        for (Index j = 0; j < p; ++j) mean += x[(3 * j + 2) * stride + i];
+        for (Index j = 0; j < p; ++j)
             x[(3 * j + 2) * stride + i] -= mean / static_cast<double>(p);
     }
 }
 
 // C (3 p, 3 p) <- cov y; all of it or, for each landmark, that of its coordinates.
-inline void add_up(const Translation<Doubles>& t, Doubles size, long n, bool whole,
+inline void add_up(const Translation<Doubles>& t, Doubles size, Index n, bool whole,
                    Description& to) {
-    const auto add = [&](long e, long f, Doubles less) {
+    const auto add = [&](Index e, Index f, Doubles less) {
         const Doubles *u = to.U + 2 * e, *v = to.U + 2 * f;
         Doubles total = to.C[e * to.d + f] - less + u[0] * (t.xx * v[0] + t.xy * v[1]) +
                         u[1] * (t.xy * v[0] + t.yy * v[1]);
         for (int i = 0; i < VIEW; ++i) total += to.J[i * to.d + e] * to.J[i * to.d + f];
         to.C[e * to.d + f] = to.C[f * to.d + e] = size * total;
     };
-    for (long e = 0; !whole && e < 3 * to.p; ++e)
-        for (long f = e / 3 * 3; f <= e; ++f)
+    for (Index e = 0; !whole && e < 3 * to.p; ++e)
+        for (Index f = e / 3 * 3; f <= e; ++f)
             add(e, f, dot(to.W + e * n, to.W + f * n, n));
-    for (long e = 0; whole && e < to.d; e += TILE)
-        for (long f = 0; f <= e; f += TILE) {
+    for (Index e = 0; whole && e < to.d; e += TILE)
+        for (Index f = 0; f <= e; f += TILE) {
             Tile<Doubles> sums = {};
             add_products(
-                sums, 0, n, [&](long i, int r) { return to.W[(e + r) * n + i]; },
-                [&](long i, int c) { return to.W[(f + c) * n + i]; });
+                sums, 0, n, [&](Index i, int r) { return to.W[(e + r) * n + i]; },
+                [&](Index i, int c) { return to.W[(f + c) * n + i]; });
             for (int r = 0; r < TILE; ++r)
                 for (int c = 0; c < TILE && f + c <= e + r; ++c)
                     add(e + r, f + c, sums[r][c]);
@@ -210,7 +210,7 @@ inline void describe(const PosteriorData& data, const Side<Doubles>& side,
                      const Doubles* root_of, bool whole, Description& to) {
     const Observed<Doubles>& observed = side.observed;
     const LikelihoodSpace<Doubles>& space = side.space.likelihood;
-    const long n = tiled(2 * observed.m);
+    const Index n = tiled(2 * observed.m);
     const Doubles shrink = exponential(-view.log_scale), size = 1.0 / (shrink * shrink);
     centre(observed, view, shrink, space);
     fill_covariance(observed, view, shrink * shrink, q, space);
@@ -219,15 +219,16 @@ inline void describe(const PosteriorData& data, const Side<Doubles>& side,
     const Translation<Doubles> t = solve(n, space);
     turn_components(data, side, view, space.alpha, n, to);
     const Doubles none{}, one = all(1.0);
-    for (long e = 0; e < 3 * to.p; ++e) to.mean[e] += dot(to.K + e * n, space.alpha, n);
+    for (Index e = 0; e < 3 * to.p; ++e)
+        to.mean[e] += dot(to.K + e * n, space.alpha, n);
     differentiate_points(observed, q, shrink * shrink, t, space, n, to);
-    for (long e = 0; e < 3 * to.p; ++e)
+    for (Index e = 0; e < 3 * to.p; ++e)
         for (int a = 0; a < 2; ++a)
             to.U[2 * e + a] = (e % 3 == a ? one : none) -
                               dot(to.K + e * n, space.alpha + (1 + a) * n, n);
-    for (long e = 0; e < 3 * to.p; e += 3)
+    for (Index e = 0; e < 3 * to.p; e += 3)
         multiply<3>(n, space.L, to.K + e * n, to.W + e * n);
-    for (long e = 0; e < 3 * to.p; ++e) {
+    for (Index e = 0; e < 3 * to.p; ++e) {
         Doubles row[VIEW];
         for (int i = 0; i < VIEW; ++i) row[i] = to.J[i * to.d + e];
         for (int i = 0; i < VIEW; ++i) {
@@ -236,14 +237,14 @@ inline void describe(const PosteriorData& data, const Side<Doubles>& side,
                 to.J[i * to.d + e] += root_of[VIEW * i + j] * row[j];
         }
     }
-    for (long e = 0; e < 3 * to.p; ++e) centre_depth(to.C + e * to.d, to.p, 1, 1);
+    for (Index e = 0; e < 3 * to.p; ++e) centre_depth(to.C + e * to.d, to.p, 1, 1);
     centre_depth(to.C, to.p, to.d, 3 * to.p);
     centre_depth(to.W, to.p, n, n);
     centre_depth(to.U, to.p, 2, 2);
     for (int i = 0; i < VIEW; ++i) centre_depth(to.J + i * to.d, to.p, 1, 1);
     centre_depth(to.mean, to.p, 1, 1);
     add_up(t, size, n, whole, to);
-    for (long e = 0; e < 3 * to.p; ++e) to.mean[e] /= shrink;
+    for (Index e = 0; e < 3 * to.p; ++e) to.mean[e] /= shrink;
 }
 
 }  // namespace shapefit

@@ -3,8 +3,8 @@
 //
 // In the unit of shapes the landmarks y = w / s are jointly Gaussian,
 //
-//     y ~ N(A mu, S),   S = S_0 + TAU^2 1 1^T,   S_0 = A C A^T + N / q,   N_j = v_j +
-//     V_j / s^2,
+//     y ~ N(A mu, S),         S = S_0 + TAU^2 1 1^T,
+//     S_0 = A C A^T + N / q,  N_j = v_j + V_j / s^2,
 //
 // where A_j = P_j R projects landmark j along its own ray, P_j = [I | -slope_j] (weak
 // perspective: A_j = R_2), and the translation is integrated out under a wide prior.
@@ -16,8 +16,8 @@
 // density u per area of landmarks, u s^2 in the unit of shapes. With the prior
 // probability g of an outlier the value is the variational bound, u for u s^2,
 //
-//     log N(y; A mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 -
-//     g)
+//     log N(y; A mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u)
+//                         + q_j log(1 - g)
 //                         - (1 + q_j) log q_j - (1 - q_j) log(1 - q_j),
 //
 // and a landmark is an inlier by the odds of its expected Gaussian density beside g u.
@@ -43,36 +43,36 @@ struct PosteriorData {
     Vector<const double> log_weights = from("log_weights", "K");        // log pi
     Tensor<const double> means = from("means", "K 3 p");                // mu
     Tensor<const double> covariances = from("covariances", "K 3p 3p");  // C
-    Blocks<const double> starts =
-        from("starts", "n S 3 3");  // nan where there are fewer
+    // nan where there are fewer
+    Blocks<const double> starts = from("starts", "n S 3 3");
     // Landmarks at both ends of each limb whose usual length is known, log k and Q.
     Matrix<const int64_t> limbs = from("limbs", "e 2");
     Vector<const double> limb_log_length = from("limb_log_length", "e");
     Matrix<const double> limb_precision = from("limb_precision", "e e");
     double chance = from("chance");    // that a landmark is an outlier
     double density = from("density");  // of outliers, per area in their unit
-    double tolerance =
-        from("tolerance");  // an ascent ends when the log likelihood gains less
+    // an ascent ends when the log likelihood gains less
+    double tolerance = from("tolerance");
     Tensor<double> mean = from("mean", "n 3 p");  // of y = s (R x + t), mean depth 0
     Tensor<double> deviation = from("deviation", "n 3 p");  // its standard deviations
     // of x with y, x with z and y with z of a landmark
     Tensor<double> correlation = from("correlation", "n 3 p");
     Tensor<double> covariance = from("covariance", "n 3p 3p?");  // where it is wanted
-    Matrix<double> inlier_probability =
-        from("inlier_probability", "n p");  // that a landmark is an inlier
+    // that a landmark is an inlier
+    Matrix<double> inlier_probability = from("inlier_probability", "n p");
     Tensor<double> rotation = from("rotation", "n 3 3");      // of the most likely mode
     Vector<double> scale = from("scale", "n");                // likewise
     Vector<double> log_evidence = from("log_evidence", "n");  // of the image
     // squared Mahalanobis distance of the landmarks, noise of landmark j over its
     // inlier probability
     Vector<double> squared_mahalanobis = from("squared_mahalanobis", "n");
-    Vector<bool> stationary =
-        from("stationary", "n");  // whether an ascent ended on a maximum
-    Vector<int64_t> rounds =
-        from("rounds", "n");  // steps taken by all ascents together
+    // whether an ascent ended on a maximum
+    Vector<bool> stationary = from("stationary", "n");
+    // steps taken by all ascents together
+    Vector<int64_t> rounds = from("rounds", "n");
     // The M most likely modes, where they are wanted.
-    Matrix<int64_t> mode_component =
-        from("mode_component", "n M?");  // -1 where there are fewer
+    // -1 where there are fewer
+    Matrix<int64_t> mode_component = from("mode_component", "n M?");
     Blocks<double> mode_rotation = from("mode_rotation", "n M 3 3?");
     Matrix<double> mode_scale = from("mode_scale", "n M?");
     // -inf where there are fewer
@@ -88,8 +88,8 @@ enum class Wanted { INLIERS, GRADIENT, CURVATURE };
 
 constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr int VIEW = 4;  // numbers of theta
-constexpr double TAU_SQUARE =
-    900;  // variance of the translation in the unit of shapes: wide
+// Variance of the translation in the unit of shapes: wide.
+constexpr double TAU_SQUARE = 900;
 // Curvature that a prior adds to that of the view, in any direction: none is less
 // certain than a radian.
 constexpr double CURVATURE_OF_PRIOR = 1;
@@ -99,13 +99,13 @@ constexpr double MIN_INLIER_PROBABILITY =
     sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;
 
 // Where row i of a lower triangle begins.
-inline long corner(long i) { return i * (i + 1) / 2; }
+inline Index corner(Index i) { return i * (i + 1) / 2; }
 
 // What the lanes of a block stand for: the same m landmarks seen, of an image each, and
 // a component.
 template <class Lanes>
 struct Observed {
-    Observed(Workspace& workspace, long p)
+    Observed(Workspace& workspace, Index p)
         : w(workspace.zeros<Lanes>(2 * p)),
           slope(workspace.zeros<Lanes>(2 * p)),
           residual_variance(workspace.zeros<Lanes>(p)),
@@ -113,13 +113,13 @@ struct Observed {
           mean(workspace.zeros<Lanes>(3 * p)),
           covariance(workspace.zeros<Lanes>(9 * corner(p))) {}
 
-    long m = 0;
-    const long* index = nullptr;  // (m,) their places among all p landmarks
-    Lanes *w, *slope;             // (m, 2)
-    Lanes* residual_variance;     // v (m,)
-    Lanes* noise;                 // V (m, 3): xx, xy, yy
-    Lanes* mean;                  // mu (m, 3)
-    Lanes* covariance;            // C_jk (3, 3) for k <= j, at 9 (corner(j) + k)
+    Index m = 0;
+    const Index* index = nullptr;  // (m,) their places among all p landmarks
+    Lanes *w, *slope;              // (m, 2)
+    Lanes* residual_variance;      // v (m,)
+    Lanes* noise;                  // V (m, 3): xx, xy, yy
+    Lanes* mean;                   // mu (m, 3)
+    Lanes* covariance;             // C_jk (3, 3) for k <= j, at 9 (corner(j) + k)
 };
 
 template <class Lanes>
@@ -139,10 +139,10 @@ struct Likelihood {
 // Rows of 2 m numbers are padded to n, a multiple of TILE.
 template <class Lanes>
 struct LikelihoodSpace {
-    LikelihoodSpace(Workspace& workspace, long n) : workspace(workspace), n(n) {}
+    LikelihoodSpace(Workspace& workspace, Index n) : workspace(workspace), n(n) {}
 
     Workspace& workspace;
-    const long n;
+    const Index n;
 
     Triangle<Lanes> L{
         allocate(Triangle<Lanes>::size(n))};  // S_0, its Cholesky factor L, then L^-1
@@ -161,7 +161,7 @@ struct LikelihoodSpace {
     Lanes* diagonal = allocate(3 * n / 2);  // S^-1_jj (m, 3)
 
   private:
-    Lanes* allocate(long count) { return workspace.zeros<Lanes>(count); }
+    Lanes* allocate(Index count) { return workspace.zeros<Lanes>(count); }
 };
 
 // N_j = v + V / s^2 as xx, xy, yy.
@@ -172,7 +172,7 @@ struct Noise {
 
 template <class Lanes>
 [[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Lanes>& observed,
-                                                    long j, Lanes shrunk) {
+                                                    Index j, Lanes shrunk) {
     const Lanes* V = observed.noise + 3 * j;
     return {observed.residual_variance[j] + V[0] * shrunk, V[1] * shrunk,
             observed.residual_variance[j] + V[2] * shrunk};
@@ -181,8 +181,8 @@ template <class Lanes>
 template <class Lanes>
 void centre(const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes shrunk,
             const LikelihoodSpace<Lanes>& space) {
-    const long n = tiled(2 * observed.m);
-    for (long j = 0; j < observed.m; ++j) {
+    const Index n = tiled(2 * observed.m);
+    for (Index j = 0; j < observed.m; ++j) {
         const Lanes* mu = observed.mean + 3 * j;
         for (int a = 0; a < 3; ++a)
             space.mean[3 * j + a] = view.R[3 * a] * mu[0] + view.R[3 * a + 1] * mu[1] +
@@ -206,13 +206,13 @@ template <class Lanes>
 void fill_covariance(const Observed<Lanes>& observed, const LaneView<Lanes>& view,
                      Lanes shrunk, const Lanes* inlier_probability,
                      const LikelihoodSpace<Lanes>& space) {
-    const long n = tiled(2 * observed.m);
+    const Index n = tiled(2 * observed.m);
     const Lanes* z = view.R + 6;
-    for (long j = 0; j < observed.m; ++j) {
+    for (Index j = 0; j < observed.m; ++j) {
         Lanes *upper = space.L[2 * j], *lower = space.L[2 * j + 1];
         Lanes Aj[6];
         for (int e = 0; e < 6; ++e) Aj[e] = space.A[6 * j + e];
-        for (long k = 0; k <= j; ++k) {
+        for (Index k = 0; k <= j; ++k) {
             const Lanes *C = observed.covariance + 9 * (corner(j) + k),
                         *A = space.A + 6 * k;
             Lanes T[9];  // A_j C_jk, then z^T R C_jk
@@ -239,10 +239,10 @@ void fill_covariance(const Observed<Lanes>& observed, const LaneView<Lanes>& vie
         lower[2 * j + 1] += N.yy * share;
     }
     // beyond what is seen: the identity, and nothing that goes with it
-    for (long e = 2 * observed.m; e < n; ++e) {
-        for (long k = 0; k <= e; ++k) space.L[e][k] = all<Lanes>(k == e ? 1.0 : 0.0);
-        for (long j = 0; j < n / 2; ++j) space.F[j * n + e] = Lanes{};
-        for (long j = 0; j < n; ++j) space.F[e / 2 * n + j] = Lanes{};
+    for (Index e = 2 * observed.m; e < n; ++e) {
+        for (Index k = 0; k <= e; ++k) space.L[e][k] = all<Lanes>(k == e ? 1.0 : 0.0);
+        for (Index j = 0; j < n / 2; ++j) space.F[j * n + e] = Lanes{};
+        for (Index j = 0; j < n; ++j) space.F[e / 2 * n + j] = Lanes{};
         for (int a = 0; a < 3; ++a) space.r[a * n + e] = Lanes{};
         for (int i = 0; i < VIEW; ++i) space.J[i * n + e] = Lanes{};
     }
@@ -260,12 +260,12 @@ struct Translation {
 
 // alpha = S_0^-1 (r - 1 E[t]) = S^-1 r, B and B G.
 template <class Lanes>
-Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
+Translation<Lanes> solve(Index n, const LikelihoodSpace<Lanes>& space) {
     multiply<3>(n, space.L, space.r, space.white);
     multiply_transposed<3>(n, space.L, space.white, space.alpha);
     Lanes *alpha = space.alpha, *Bx = alpha + n, *By = Bx + n;
     Lanes xx = all<Lanes>(1 / TAU_SQUARE), xy = {}, yy = xx, x = {}, y = {};
-    for (long e = 0; e < n; e += 2) {
+    for (Index e = 0; e < n; e += 2) {
         xx += Bx[e];
         xy += By[e];
         yy += By[e + 1];
@@ -283,7 +283,7 @@ Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
     t.x = t.xx * x + t.xy * y;
     t.y = t.xy * x + t.yy * y;
     t.square = -(x * t.x + y * t.y);
-    for (long e = 0; e < n; ++e) {
+    for (Index e = 0; e < n; ++e) {
         alpha[e] -= Bx[e] * t.x + By[e] * t.y;
         space.BG[e] = Bx[e] * t.xx + By[e] * t.xy;
         space.BG[n + e] = Bx[e] * t.xy + By[e] * t.yy;
@@ -296,14 +296,14 @@ template <class Lanes>
 void posterior_mean(const Observed<Lanes>& observed, Lanes shrunk,
                     const Lanes* inlier_probability, const Translation<Lanes>& t,
                     const LikelihoodSpace<Lanes>& space) {
-    const long N = 2 * observed.m, n = tiled(N);
-    for (long j = 0; j < observed.m; ++j) {
+    const Index N = 2 * observed.m, n = tiled(N);
+    for (Index j = 0; j < observed.m; ++j) {
         const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j,
                     *y = space.y + 2 * j;
         const Noise<Lanes> noise = noise_of(observed, j, shrunk);
         const Lanes share = 1.0 / inlier_probability[j];
         Lanes z = space.mean[3 * j + 2];
-        for (long e = 0; e < N; ++e) z += F[e] * space.alpha[e];
+        for (Index e = 0; e < N; ++e) z += F[e] * space.alpha[e];
         Lanes* X = space.X + 3 * j;
         X[0] = y[0] - (noise.xx * alpha[0] + noise.xy * alpha[1]) * share - t.x +
                observed.slope[2 * j] * z;
@@ -317,14 +317,14 @@ void posterior_mean(const Observed<Lanes>& observed, Lanes shrunk,
 template <class Lanes>
 void pull_back(const Observed<Lanes>& observed, bool alone,
                const LikelihoodSpace<Lanes>& space) {
-    const long N = 2 * observed.m, n = tiled(N);
-    for (long e = 0; e < n; ++e) space.D[e] = Lanes{};
-    for (long j = 0; j < n; j += TILE)
-        for (long k = alone ? j : 0; k <= j; k += TILE) {
+    const Index N = 2 * observed.m, n = tiled(N);
+    for (Index e = 0; e < n; ++e) space.D[e] = Lanes{};
+    for (Index j = 0; j < n; j += TILE)
+        for (Index k = alone ? j : 0; k <= j; k += TILE) {
             Lanes inverse[TILE][TILE] = {};  // a tile of S_0^-1
             add_products(
-                inverse, j, n, [&](long i, int r) { return space.L[i][j + r]; },
-                [&](long i, int c) { return space.L[i][k + c]; });
+                inverse, j, n, [&](Index i, int r) { return space.L[i][j + r]; },
+                [&](Index i, int c) { return space.L[i][k + c]; });
             for (int r = 0; r < TILE; ++r)
                 for (int c = 0; c < TILE; ++c) {
                     space.D[j + r] += inverse[r][c] * space.F[(j + r) / 2 * n + k + c];
@@ -340,14 +340,14 @@ void pull_back(const Observed<Lanes>& observed, bool alone,
             }
         }
     const Lanes *Bx = space.alpha + n, *By = Bx + n, *Gx = space.BG, *Gy = Gx + n;
-    for (long j = 0; j < observed.m; ++j) {
+    for (Index j = 0; j < observed.m; ++j) {
         const Lanes* F = space.F + j * n;
         Lanes x = {}, y = {};
-        for (long e = 0; e < N; ++e) {
+        for (Index e = 0; e < N; ++e) {
             x += F[e] * Bx[e];
             y += F[e] * By[e];
         }
-        const long e = 2 * j;
+        const Index e = 2 * j;
         space.D[e] -= x * Gx[e] + y * Gy[e];
         space.D[e + 1] -= x * Gx[e + 1] + y * Gy[e + 1];
         space.diagonal[3 * j] -= Bx[e] * Gx[e] + By[e] * Gy[e];
@@ -364,8 +364,8 @@ void turn_determinant(const Observed<Lanes>& observed, Lanes shrunk,
                       const Lanes* inlier_probability,
                       const LikelihoodSpace<Lanes>& space, Lanes* gradient) {
     const Lanes* BG = space.BG;
-    const long n = tiled(2 * observed.m);
-    for (long j = 0; j < observed.m; ++j) {
+    const Index n = tiled(2 * observed.m);
+    for (Index j = 0; j < observed.m; ++j) {
         const Lanes *I = space.diagonal + 3 * j, *D = space.D + 2 * j;
         const Lanes* u = observed.slope + 2 * j;
         const Noise<Lanes> noise = noise_of(observed, j, shrunk);
@@ -388,8 +388,8 @@ void turn_determinant(const Observed<Lanes>& observed, Lanes shrunk,
 // The derivatives of r: -P_j G_i X for the turns, -y for log s.
 template <class Lanes>
 void linearise(const Observed<Lanes>& observed, const LikelihoodSpace<Lanes>& space) {
-    const long n = tiled(2 * observed.m);
-    for (long j = 0; j < observed.m; ++j) {
+    const Index n = tiled(2 * observed.m);
+    for (Index j = 0; j < observed.m; ++j) {
         const Lanes* X = space.X + 3 * j;
         Lanes* J = space.J + 2 * j;
         const Lanes* slope = observed.slope + 2 * j;
@@ -409,16 +409,16 @@ void differentiate(const Observed<Lanes>& observed, Lanes shrunk,
                    const Lanes* inlier_probability, const Translation<Lanes>& t,
                    bool curved, const LikelihoodSpace<Lanes>& space,
                    Likelihood<Lanes>& found) {
-    const long N = 2 * observed.m, n = tiled(N);
+    const Index N = 2 * observed.m, n = tiled(N);
     linearise(observed, space);
     for (int i = 0; i < VIEW; ++i) {
         Lanes total = {};
-        for (long e = 0; e < N; ++e) total += space.J[i * n + e] * space.alpha[e];
+        for (Index e = 0; e < N; ++e) total += space.J[i * n + e] * space.alpha[e];
         found.gradient[i] = total;
     }
     turn_determinant(observed, shrunk, inlier_probability, space, found.gradient);
     found.gradient[3] += static_cast<Number<Lanes>>(N - 2);
-    for (long j = 0; j < observed.m; ++j) {
+    for (Index j = 0; j < observed.m; ++j) {
         const Lanes *V = observed.noise + 3 * j, *alpha = space.alpha + 2 * j,
                     *D = space.diagonal + 3 * j;
         const Noise<Lanes> noise = noise_of(observed, j, shrunk);
@@ -437,14 +437,14 @@ void differentiate(const Observed<Lanes>& observed, Lanes shrunk,
     multiply<VIEW>(n, space.L, space.J, space.white);
     Lanes along[VIEW][2] = {};  // J B
     for (int i = 0; i < VIEW; ++i)
-        for (long e = 0; e < N; ++e)
+        for (Index e = 0; e < N; ++e)
             for (int a = 0; a < 2; ++a)
                 along[i][a] += space.J[i * n + e] * space.alpha[(1 + a) * n + e];
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j <= i; ++j) {
             Lanes total = -along[i][0] * (t.xx * along[j][0] + t.xy * along[j][1]) -
                           along[i][1] * (t.xy * along[j][0] + t.yy * along[j][1]);
-            for (long e = 0; e < n; ++e)
+            for (Index e = 0; e < n; ++e)
                 total += space.white[i * n + e] * space.white[j * n + e];
             found.curvature[VIEW * i + j] = found.curvature[VIEW * j + i] = total;
         }
@@ -474,13 +474,13 @@ void believe(const PosteriorData& data, const Observed<Lanes>& observed,
              bool by_others, bool valued, const LikelihoodSpace<Lanes>& space,
              Likelihood<Lanes>& found, Lanes* next) {
     if (!(data.chance > 0)) {
-        for (long j = 0; j < observed.m; ++j) next[j] = all<Lanes>(1.0);
+        for (Index j = 0; j < observed.m; ++j) next[j] = all<Lanes>(1.0);
         return;
     }
     const Number<Lanes> log_inlier = log1p(-data.chance);
     const Lanes outlier =
         all<Lanes>(log(data.chance * data.density)) + 2.0 * view.log_scale;
-    for (long j = 0; j < observed.m; ++j) {
+    for (Index j = 0; j < observed.m; ++j) {
         const Noise<Lanes> N = noise_of(observed, j, shrunk);
         const Lanes q = inlier_probability[j], rest = 1.0 - q;
         found.gradient[3] -= 2.0 * rest;
@@ -512,7 +512,7 @@ void find_likelihood(const PosteriorData& data, const Observed<Lanes>& observed,
                      const LaneView<Lanes>& view, const Lanes* inlier_probability,
                      bool by_others, Wanted wanted, const LikelihoodSpace<Lanes>& space,
                      Likelihood<Lanes>& found, Lanes* next) {
-    const long N = 2 * observed.m, n = tiled(N);
+    const Index N = 2 * observed.m, n = tiled(N);
     const Lanes shrink = exponential(-view.log_scale);
     centre(observed, view, shrink, space);
     fill_covariance(observed, view, shrink * shrink, inlier_probability, space);
@@ -520,7 +520,7 @@ void find_likelihood(const PosteriorData& data, const Observed<Lanes>& observed,
     invert(n, space.L, space.reciprocal);
     const Translation<Lanes> t = solve(n, space);
     found.squared_mahalanobis = t.square;
-    for (long e = 0; e < n; ++e)
+    for (Index e = 0; e < n; ++e)
         found.squared_mahalanobis += space.white[e] * space.white[e];
     found.value = -0.5 * (found.squared_mahalanobis + log_det + t.log_det +
                           all<Lanes>(static_cast<double>(N) * LOG_TWO_PI)) -

@@ -10,26 +10,26 @@ constexpr double SHORTEST_SQUARE = 1e-300;  // of a limb that is a point
 
 // X <- A^-1 X for A (n, n), which is overwritten, and X (n, columns), by elimination
 // with the largest pivot of each column. Returns log |det A|.
-double solve_in_place(double* A, double* X, long n, long columns) {
+double solve_in_place(double* A, double* X, Index n, Index columns) {
     double log_determinant = 0;
-    for (long k = 0; k < n; ++k) {
-        long pivot = k;
-        for (long i = k + 1; i < n; ++i)
+    for (Index k = 0; k < n; ++k) {
+        Index pivot = k;
+        for (Index i = k + 1; i < n; ++i)
             if (magnitude(A[i * n + k]) > magnitude(A[pivot * n + k])) pivot = i;
-        for (long j = 0; j < n; ++j) std::swap(A[k * n + j], A[pivot * n + j]);
-        for (long j = 0; j < columns; ++j)
+        for (Index j = 0; j < n; ++j) std::swap(A[k * n + j], A[pivot * n + j]);
+        for (Index j = 0; j < columns; ++j)
             std::swap(X[k * columns + j], X[pivot * columns + j]);
         log_determinant += log(magnitude(A[k * n + k]));
-        for (long i = 0; i < n; ++i) {
+        for (Index i = 0; i < n; ++i) {
             if (i == k) continue;
             const double factor = A[i * n + k] / A[k * n + k];
-            for (long j = k; j < n; ++j) A[i * n + j] -= factor * A[k * n + j];
-            for (long j = 0; j < columns; ++j)
+            for (Index j = k; j < n; ++j) A[i * n + j] -= factor * A[k * n + j];
+            for (Index j = 0; j < columns; ++j)
                 X[i * columns + j] -= factor * X[k * columns + j];
         }
     }
-    for (long i = 0; i < n; ++i)
-        for (long j = 0; j < columns; ++j) X[i * columns + j] /= A[i * n + i];
+    for (Index i = 0; i < n; ++i)
+        for (Index j = 0; j < columns; ++j) X[i * columns + j] /= A[i * n + i];
     return log_determinant;
 }
 
@@ -53,39 +53,39 @@ LimbLengths::LimbLengths(Workspace& workspace, const PosteriorData& data)
       GJC_(workspace.zeros<double>(count_ * d_)) {}
 
 double LimbLengths::condition(double* y, double* C) {
-    for (long e = 0; e < d_; ++e) m_[e] = y[e];
+    for (Index e = 0; e < d_; ++e) m_[e] = y[e];
     double log_determinant = 0;
     for (int step = 0; step < STEPS; ++step) {
         log_determinant = linearise(y, C);
-        for (long e = 0; e < d_; ++e) {
+        for (Index e = 0; e < d_; ++e) {
             double change = 0;
-            for (long a = 0; a < count_; ++a) change += JC_[a * d_ + e] * force_[a];
+            for (Index a = 0; a < count_; ++a) change += JC_[a * d_ + e] * force_[a];
             y[e] = m_[e] - change;
         }
     }
     double moved = 0, strained = 0;
-    for (long a = 0; a < count_; ++a)
-        for (long b = 0; b < count_; ++b) {
+    for (Index a = 0; a < count_; ++a)
+        for (Index b = 0; b < count_; ++b) {
             moved += force_[a] * JCJ_[a * count_ + b] * force_[b];
             strained += excess_[a] * Q_[a][b] * excess_[b];
         }
-    for (long a = 0; a < count_; ++a)
-        for (long e = 0; e < d_; ++e) {
+    for (Index a = 0; a < count_; ++a)
+        for (Index e = 0; e < d_; ++e) {
             double total = 0;
-            for (long b = 0; b < count_; ++b)
+            for (Index b = 0; b < count_; ++b)
                 total += G_[a * count_ + b] * JC_[b * d_ + e];
             GJC_[a * d_ + e] = total;
         }
-    for (long e = 0; e < d_; ++e)
-        for (long a = 0; a < count_; ++a) {
+    for (Index e = 0; e < d_; ++e)
+        for (Index a = 0; a < count_; ++a) {
             const double factor = JC_[a * d_ + e];
-            for (long f = 0; f <= e; ++f) C[e * d_ + f] -= factor * GJC_[a * d_ + f];
+            for (Index f = 0; f <= e; ++f) C[e * d_ + f] -= factor * GJC_[a * d_ + f];
         }
     return 0.5 * (moved + strained + log_determinant);
 }
 
 double LimbLengths::linearise(const double* y, const double* C) {
-    for (long a = 0; a < count_; ++a) {
+    for (Index a = 0; a < count_; ++a) {
         const int64_t i = limbs_[a][0], j = limbs_[a][1];
         double* u = u_ + 3 * a;
         double length_square = 0;
@@ -97,15 +97,15 @@ double LimbLengths::linearise(const double* y, const double* C) {
         excess_[a] = 0.5 * log(length_square) - log_length_[a];
         for (int axis = 0; axis < 3; ++axis) u[axis] /= length_square;
         double* row = JC_ + a * d_;
-        for (long e = 0; e < d_; ++e) row[e] = 0;
+        for (Index e = 0; e < d_; ++e) row[e] = 0;
         for (int axis = 0; axis < 3; ++axis) {
             const double* from = C + (axis * p_ + i) * d_;
             const double* to = C + (axis * p_ + j) * d_;
-            for (long e = 0; e < d_; ++e) row[e] += u[axis] * (from[e] - to[e]);
+            for (Index e = 0; e < d_; ++e) row[e] += u[axis] * (from[e] - to[e]);
         }
     }
-    for (long a = 0; a < count_; ++a)
-        for (long b = 0; b < count_; ++b) {
+    for (Index a = 0; a < count_; ++a)
+        for (Index b = 0; b < count_; ++b) {
             const double* row = JC_ + a * d_;
             double total = 0;
             for (int axis = 0; axis < 3; ++axis)
@@ -113,22 +113,22 @@ double LimbLengths::linearise(const double* y, const double* C) {
                                              row[axis * p_ + limbs_[b][1]]);
             JCJ_[a * count_ + b] = total;
         }
-    for (long a = 0; a < count_; ++a)
-        for (long b = 0; b < count_; ++b) {
+    for (Index a = 0; a < count_; ++a)
+        for (Index b = 0; b < count_; ++b) {
             double total = a == b;
-            for (long c = 0; c < count_; ++c) total += Q_[a][c] * JCJ_[c * count_ + b];
+            for (Index c = 0; c < count_; ++c) total += Q_[a][c] * JCJ_[c * count_ + b];
             system_[a * count_ + b] = total;
             G_[a * count_ + b] = Q_[a][b];
         }
     const double log_determinant = solve_in_place(system_, G_, count_, count_);
-    for (long a = 0; a < count_; ++a) force_[a] = 0;
-    for (long b = 0; b < count_; ++b) {
+    for (Index a = 0; a < count_; ++a) force_[a] = 0;
+    for (Index b = 0; b < count_; ++b) {
         double ahead = excess_[b];
         for (int axis = 0; axis < 3; ++axis) {
-            const long i = axis * p_ + limbs_[b][0], j = axis * p_ + limbs_[b][1];
+            const Index i = axis * p_ + limbs_[b][0], j = axis * p_ + limbs_[b][1];
             ahead += u_[3 * b + axis] * ((m_[i] - m_[j]) - (y[i] - y[j]));
         }
-        for (long a = 0; a < count_; ++a) force_[a] += G_[a * count_ + b] * ahead;
+        for (Index a = 0; a < count_; ++a) force_[a] += G_[a * count_ + b] * ahead;
     }
     return log_determinant;
 }

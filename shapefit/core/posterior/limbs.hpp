@@ -37,7 +37,7 @@ class LimbLengths {
     // r, u, J C, J C J^T, G and G (r + J (m - y)) at y.
     double linearise(const double* y, const double* C);
 
-    const long p_, d_, count_;
+    const Index p_, d_, count_;
     Matrix<const int64_t> limbs_;
     Vector<const double> log_length_;
     Matrix<const double> Q_;

@@ -8,17 +8,17 @@ namespace shapefit {
 namespace {
 
 constexpr double SAME_VIEW = 1e-2;  // rotations as close are one mode (Frobenius norm)
-constexpr double NO_MAXIMUM =
-    50;  // subtracted from the log evidence of a point that is no maximum
-constexpr double NEGLIGIBLE =
-    6;  // modes this far below the best in log evidence are left out
-constexpr double LAPLACE =
-    1;  // by which integrating over the view may change their order
+// Subtracted from the log evidence of a point that is no maximum.
+constexpr double NO_MAXIMUM = 50;
+// Modes this far below the best in log evidence are left out.
+constexpr double NEGLIGIBLE = 6;
+// By which integrating over the view may change their order.
+constexpr double LAPLACE = 1;
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
 struct Mode {
     Origin origin;
-    long component;
+    Index component;
     Rotation R;
     double log_scale;
     double log_evidence;
@@ -33,26 +33,26 @@ struct Mode {
 // The modes of the images of a group; `order` has those that count, image by image, the
 // best first.
 struct Modes {
-    Modes(Workspace& workspace, long most, long p)
-        : modes(workspace.zeros<Mode>(most)), order(workspace.zeros<long>(most)) {
-        for (long i = 0; i < most; ++i) {
+    Modes(Workspace& workspace, Index most, Index p)
+        : modes(workspace.zeros<Mode>(most)), order(workspace.zeros<Index>(most)) {
+        for (Index i = 0; i < most; ++i) {
             modes[i].inlier_probability = workspace.zeros<double>(p);
             modes[i].mean = workspace.zeros<double>(3 * p);
         }
     }
 
-    Mode& operator[](long i) const { return modes[order[i]]; }
+    Mode& operator[](Index i) const { return modes[order[i]]; }
 
     Mode* modes;
-    long* order;
-    long count = 0;  // of order
+    Index* order;
+    Index count = 0;  // of order
 };
 
 // The point on which ascent i ended, with its evidence; no direction of its view is
 // less than flat.
-void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
+void weigh(const PosteriorData& data, const Search& search, Index i, Mode& mode) {
     Ascent<Doubles>& at = search.arrived[i];
-    const long lane = i % WIDTH;
+    const Index lane = i % WIDTH;
     double H[VIEW * VIEW], values[VIEW], axes[VIEW * VIEW], log_det = 0;  // of H + I
     for (int e = 0; e < VIEW * VIEW; ++e) H[e] = at.curvature[e][lane];
     symmetric_eigen({H, {VIEW, VIEW}}, {values, {VIEW}}, {axes, {VIEW, VIEW}});
@@ -65,7 +65,7 @@ void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) 
     mode.component = mode.origin.pair % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
-    for (long j = 0; j < search.group.m; ++j)
+    for (Index j = 0; j < search.group.m; ++j)
         mode.inlier_probability[j] = at.inlier_probability[j][lane];
     mode.squared_mahalanobis = at.found.squared_mahalanobis[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
@@ -76,23 +76,23 @@ void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) 
 
 // Append to the order the modes of an image, of which the first `count` are all, by
 // their evidence, without what was found before and what is negligible.
-void rank(Modes& all, long count, long slot) {
-    const long first = all.count;
-    long *order = all.order + first, found = 0, retained = 0;
-    for (long i = 0; i < count; ++i) {
+void rank(Modes& all, Index count, Index slot) {
+    const Index first = all.count;
+    Index *order = all.order + first, found = 0, retained = 0;
+    for (Index i = 0; i < count; ++i) {
         if (all.modes[i].origin.slot != slot) continue;
-        long place = found++;
+        Index place = found++;
         for (; place > 0 &&
                all.modes[order[place - 1]].log_evidence < all.modes[i].log_evidence;
              --place)
             order[place] = order[place - 1];
         order[place] = i;
     }
-    for (long i = 0; i < found; ++i) {
+    for (Index i = 0; i < found; ++i) {
         const Mode& mode = all.modes[order[i]];
         if (mode.log_evidence < all.modes[order[0]].log_evidence - NEGLIGIBLE) break;
         bool known = false;
-        for (long o = 0; o < retained && !known; ++o) {
+        for (Index o = 0; o < retained && !known; ++o) {
             const Mode& other = all.modes[order[o]];
             double distance = 0;
             for (int e = 0; e < 9; ++e) distance += square(mode.R[e] - other.R[e]);
@@ -104,15 +104,15 @@ void rank(Modes& all, long count, long slot) {
     all.count += retained;
 }
 
-void fill(double* x, long n, double value) {
-    for (long e = 0; e < n; ++e) x[e] = value;
+void fill(double* x, Index n, double value) {
+    for (Index e = 0; e < n; ++e) x[e] = value;
 }
 
 // Mean and covariance of the mixture of an image, C = sum_i share_i (C_i + (mean_i -
 // mean) (mean_i - mean)^T): deviations and MIXED correlations, and the whole covariance
 // where there is room for it.
 struct Mixture {
-    Mixture(const PosteriorData& data, long image)
+    Mixture(const PosteriorData& data, Index image)
         : p(data.landmarks.size[2]),
           d(3 * p),
           mean(data.mean[image].data),
@@ -130,41 +130,41 @@ struct Mixture {
     // C_ef += of(e, f) for e >= f where it is wanted.
     template <class Of>
     void add(const Of& of) {
-        for (long e = 0; !whole && e < d; ++e) squares[e] += of(e, e);
-        for (long e = 0; !whole && e < d; ++e) mixed[e] += of(second(e), first(e));
-        for (long e = 0; whole && e < d; ++e)
-            for (long f = 0; f <= e; ++f) whole[e * d + f] += of(e, f);
+        for (Index e = 0; !whole && e < d; ++e) squares[e] += of(e, e);
+        for (Index e = 0; !whole && e < d; ++e) mixed[e] += of(second(e), first(e));
+        for (Index e = 0; whole && e < d; ++e)
+            for (Index f = 0; f <= e; ++f) whole[e * d + f] += of(e, f);
     }
 
     void multiply(double factor) {
-        for (long e = 0; e < d; ++e) {
+        for (Index e = 0; e < d; ++e) {
             mean[e] *= factor;
             squares[e] *= factor;
             mixed[e] *= factor;
         }
-        for (long e = 0; whole && e < d * d; ++e) whole[e] *= factor;
+        for (Index e = 0; whole && e < d * d; ++e) whole[e] *= factor;
     }
 
     // Squares become deviations, and covariances of MIXED correlations.
     void finish() {
-        for (long e = 0; whole && e < d; ++e) {
+        for (Index e = 0; whole && e < d; ++e) {
             squares[e] = whole[e * d + e];
             mixed[e] = whole[second(e) * d + first(e)];
-            for (long f = 0; f < e; ++f) whole[f * d + e] = whole[e * d + f];
+            for (Index f = 0; f < e; ++f) whole[f * d + e] = whole[e * d + f];
         }
-        for (long e = 0; e < d; ++e) squares[e] = root(larger(squares[e], 0.0));
-        for (long e = 0; e < d; ++e)
+        for (Index e = 0; e < d; ++e) squares[e] = root(larger(squares[e], 0.0));
+        for (Index e = 0; e < d; ++e)
             mixed[e] /= larger(squares[first(e)] * squares[second(e)], TINY);
     }
 
-    long first(long e) const { return MIXED[e / p][0] * p + e % p; }
-    long second(long e) const { return MIXED[e / p][1] * p + e % p; }
+    Index first(Index e) const { return MIXED[e / p][0] * p + e % p; }
+    Index second(Index e) const { return MIXED[e / p][1] * p + e % p; }
 
-    const long p, d;
+    const Index p, d;
     double *mean, *squares, *mixed, *whole;
 };
 
-void fail(const PosteriorData& data, long image) {
+void fail(const PosteriorData& data, Index image) {
     Mixture(data, image).set_all(NOT_A_NUMBER);
     fill(data.inlier_probability[image].data, data.landmarks.size[2], NOT_A_NUMBER);
     fill(data.rotation[image].data, 9, NOT_A_NUMBER);
@@ -174,40 +174,40 @@ void fail(const PosteriorData& data, long image) {
 }
 
 template <class Covariance>
-void store(const PosteriorData& data, const Group& group, const Mode& mode, long rank,
+void store(const PosteriorData& data, const Group& group, const Mode& mode, Index rank,
            const Covariance& C) {
-    const long p = data.landmarks.size[2], d = 3 * p,
-               image = group.image[mode.origin.slot];
+    const Index p = data.landmarks.size[2], d = 3 * p,
+                image = group.image[mode.origin.slot];
     data.mode_component[image][rank] = mode.component;
     data.mode_scale[image][rank] = exp(mode.log_scale);
     data.mode_log_evidence[image][rank] = mode.log_evidence;
     mode.R.write(data.mode_rotation[image][rank].data);
-    for (long e = 0; e < d; ++e) data.mode_mean[image][rank].data[e] = mode.mean[e];
-    for (long e = 0; e < d; ++e)
-        for (long f = 0; f < d; ++f) data.mode_covariance[image][rank][e][f] = C(e, f);
+    for (Index e = 0; e < d; ++e) data.mode_mean[image][rank].data[e] = mode.mean[e];
+    for (Index e = 0; e < d; ++e)
+        for (Index f = 0; f < d; ++f) data.mode_covariance[image][rank][e][f] = C(e, f);
     const Vector<double> inlier_probability = data.mode_inlier_probability[image][rank];
     fill(inlier_probability.data, p, NOT_A_NUMBER);
-    for (long j = 0; j < group.m; ++j)
+    for (Index j = 0; j < group.m; ++j)
         inlier_probability[group.index[j]] = mode.inlier_probability[j];
 }
 
 // Shares of the evidence of an image, and what is a mean over its modes, the last from
 // `first` on.
 void share_out(const PosteriorData& data, const Group& group, const Modes& modes,
-               long first) {
-    const long image = group.image[modes[first].origin.slot], last = modes.count;
+               Index first) {
+    const Index image = group.image[modes[first].origin.slot], last = modes.count;
     const double best = modes[first].log_evidence;
     double total = 0;
-    for (long i = first; i < last; ++i)
+    for (Index i = first; i < last; ++i)
         total += modes[i].share = exp(modes[i].log_evidence - best);
     const Vector<double> inlier_probability = data.inlier_probability[image];
     fill(inlier_probability.data, inlier_probability.size[0], NOT_A_NUMBER);
-    for (long j = 0; j < group.m; ++j) inlier_probability[group.index[j]] = 0;
+    for (Index j = 0; j < group.m; ++j) inlier_probability[group.index[j]] = 0;
     data.squared_mahalanobis[image] = 0;
-    for (long i = first; i < last; ++i) {
+    for (Index i = first; i < last; ++i) {
         const double share = modes[i].share /= total;
         data.squared_mahalanobis[image] += share * modes[i].squared_mahalanobis;
-        for (long j = 0; j < group.m; ++j)
+        for (Index j = 0; j < group.m; ++j)
             inlier_probability[group.index[j]] +=
                 share * modes[i].inlier_probability[j];
     }
@@ -220,7 +220,7 @@ void share_out(const PosteriorData& data, const Group& group, const Modes& modes
 
 // Describe the modes from `first` on, one a lane; lanes without one stand for the last.
 void describe_modes(const PosteriorData& data, const Group& group, const Modes& modes,
-                    long first, bool whole, Side<Doubles>& side,
+                    Index first, bool whole, Side<Doubles>& side,
                     Description& description) {
     check_interrupt();
     LaneView<Doubles> view;
@@ -233,7 +233,7 @@ void describe_modes(const PosteriorData& data, const Group& group, const Modes& 
         for (int e = 0; e < 9; ++e) view.R[e][lane] = mode.R[e];
         view.log_scale[lane] = mode.log_scale;
         for (int e = 0; e < VIEW * VIEW; ++e) root_of[e][lane] = mode.root[e];
-        for (long j = 0; j < group.m; ++j)
+        for (Index j = 0; j < group.m; ++j)
             side.space.inlier_probability[j][lane] = mode.inlier_probability[j];
     }
     fetch(data, group, origin, side);
@@ -246,28 +246,28 @@ void describe_modes(const PosteriorData& data, const Group& group, const Modes& 
 struct Reweighed {
     // Add a mode, the last one of an image so far, of which `first` is the first.
     template <class Covariance>
-    void add(const Modes& modes, long first, long mode, double lost,
+    void add(const Modes& modes, Index first, Index mode, double lost,
              const Covariance& C) {
         if (mode == first || lost < least) {
             const double factor = mode == first ? 0 : exp(lost - least);
             mixture.multiply(factor);
-            for (long i = first; i < mode; ++i) modes[i].share *= factor;
+            for (Index i = first; i < mode; ++i) modes[i].share *= factor;
             least = lost;
         }
         const double share = modes[mode].share *= exp(least - lost);
-        mixture.add([&](long e, long f) { return share * C(e, f); });
+        mixture.add([&](Index e, Index f) { return share * C(e, f); });
     }
 
     // Shares that add up to 1, and what follows from them for the image.
-    void finish(const PosteriorData& data, const Modes& modes, long first, long last,
-                long image) {
+    void finish(const PosteriorData& data, const Modes& modes, Index first, Index last,
+                Index image) {
         double total = 0;
-        long best = first;
-        for (long i = first; i <= last; ++i) {
+        Index best = first;
+        for (Index i = first; i <= last; ++i) {
             total += modes[i].share;
             if (modes[i].share > modes[best].share) best = i;
         }
-        for (long i = first; i <= last; ++i) modes[i].share /= total;
+        for (Index i = first; i <= last; ++i) modes[i].share /= total;
         mixture.multiply(1 / total);
         data.log_evidence[image] += log(total) - least;
         data.scale[image] = exp(modes[best].log_scale);
@@ -283,43 +283,43 @@ struct Reweighed {
 void combine(const PosteriorData& data, const Group& group, const Modes& modes,
              Side<Doubles>& side, Description& description, LimbLengths& limbs,
              double* covariance) {
-    const long d = 3 * data.landmarks.size[2],
-               most_stored = data.mode_component.size[1];
-    const auto image_of = [&](long i) { return group.image[modes[i].origin.slot]; };
+    const Index d = 3 * data.landmarks.size[2],
+                most_stored = data.mode_component.size[1];
+    const auto image_of = [&](Index i) { return group.image[modes[i].origin.slot]; };
     double least_lost = 0;
-    for (long i = 0, rank = 0; i < modes.count; ++i) {
+    for (Index i = 0, rank = 0; i < modes.count; ++i) {
         Mode& mode = modes[i];
-        const long lane = i % WIDTH, image = image_of(i);
+        const Index lane = i % WIDTH, image = image_of(i);
         Mixture mixture(data, image);
         if (lane == 0) {
             const bool whole = mixture.whole || most_stored || limbs.known();
             describe_modes(data, group, modes, i, whole, side, description);
         }
-        const auto C = [&](long e, long f) {
+        const auto C = [&](Index e, Index f) {
             return description
                 .C[description.row[e] * description.d + description.row[f]][lane];
         };
-        for (long e = 0; e < d; ++e)
+        for (Index e = 0; e < d; ++e)
             mode.mean[e] = description.mean[description.row[e]][lane];
         if (rank < most_stored) store(data, group, mode, rank, C);
         if (limbs.known()) {
-            for (long e = 0; e < d; ++e)
-                for (long f = 0; f < d; ++f) covariance[e * d + f] = C(e, f);
+            for (Index e = 0; e < d; ++e)
+                for (Index f = 0; f < d; ++f) covariance[e * d + f] = C(e, f);
             const double lost = limbs.condition(mode.mean, covariance);
             Reweighed{mixture, least_lost}.add(
                 modes, i - rank, i, lost,
-                [&](long e, long f) { return covariance[e * d + f]; });
+                [&](Index e, Index f) { return covariance[e * d + f]; });
         } else {
-            mixture.add([&](long e, long f) { return mode.share * C(e, f); });
+            mixture.add([&](Index e, Index f) { return mode.share * C(e, f); });
         }
-        for (long e = 0; e < d; ++e) mixture.mean[e] += mode.share * mode.mean[e];
+        for (Index e = 0; e < d; ++e) mixture.mean[e] += mode.share * mode.mean[e];
         ++rank;
         if (i + 1 < modes.count && image_of(i + 1) == image) continue;
         if (limbs.known())
             Reweighed{mixture, least_lost}.finish(data, modes, i + 1 - rank, i, image);
         for (; rank; --rank) {
             const Mode& of = modes[i + 1 - rank];
-            mixture.add([&](long e, long f) {
+            mixture.add([&](Index e, Index f) {
                 return of.share * (of.mean[e] - mixture.mean[e]) *
                        (of.mean[f] - mixture.mean[f]);
             });
@@ -333,11 +333,11 @@ void find_group(const PosteriorData& data, bool precise, Search& search, Modes& 
                 Description& description, LimbLengths& limbs, double* covariance) {
     Group& group = search.group;
     ascend_all(data, NEGLIGIBLE + LAPLACE, precise, search);
-    for (long i = 0; i < search.arrived.count; ++i)
+    for (Index i = 0; i < search.arrived.count; ++i)
         weigh(data, search, i, modes.modes[i]);
     modes.count = 0;
-    for (long slot = 0; slot < group.count; ++slot) {
-        const long before = modes.count;
+    for (Index slot = 0; slot < group.count; ++slot) {
+        const Index before = modes.count;
         if (precise || !group.failed[slot]) rank(modes, search.arrived.count, slot);
         if (modes.count > before) share_out(data, group, modes, before);
         else fail(data, group.image[slot]);
@@ -351,7 +351,7 @@ void find_group(const PosteriorData& data, bool precise, Search& search, Modes& 
 // the view integrated out by Laplace's approximation; mean and covariance of the
 // mixture of those that count.
 void find_posterior(const PosteriorData& data, Range range) {
-    const long p = data.landmarks.size[2];
+    const Index p = data.landmarks.size[2];
     Workspace workspace;
     Search search(workspace, data);
     Group& group = search.group;
@@ -359,14 +359,14 @@ void find_posterior(const PosteriorData& data, Range range) {
     Modes modes(workspace, group.capacity * ascents_per_image(data), p);
     LimbLengths limbs(workspace, data);
     double* covariance = workspace.zeros<double>(limbs.known() ? 9 * p * p : 0);
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         data.rounds[image] = 0;
-        for (long i = 0; i < data.mode_component.size[1]; ++i) {
+        for (Index i = 0; i < data.mode_component.size[1]; ++i) {
             data.mode_component[image][i] = -1;
             data.mode_log_evidence[image][i] = -INFINITE;
         }
     }
-    for (long first = range.first; first < range.last; first += IMAGES_PER_BLOCK) {
+    for (Index first = range.first; first < range.last; first += IMAGES_PER_BLOCK) {
         const Range block{first, first + IMAGES_PER_BLOCK < range.last
                                      ? first + IMAGES_PER_BLOCK
                                      : range.last};

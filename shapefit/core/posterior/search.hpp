@@ -6,18 +6,18 @@
 
 namespace shapefit {
 
-constexpr long MOST_ASCENTS = 512;  // of a group of more than one image
-constexpr long ROUNDS = 2;          // after which finished ascents are dropped
-constexpr long QUICK =
-    16;  // rounds in single precision; what takes longer starts again in double
-constexpr long MOST_ROUNDS = 200;  // in double
-constexpr double AGREEMENT =
-    1;  // of single and double precision at the end, in log likelihood
+constexpr Index MOST_ASCENTS = 512;  // of a group of more than one image
+constexpr Index ROUNDS = 2;          // after which finished ascents are dropped
+// Rounds in single precision; what takes longer starts again in double.
+constexpr Index QUICK = 16;
+constexpr Index MOST_ROUNDS = 200;  // in double
+// Of single and double precision at the end, in log likelihood.
+constexpr double AGREEMENT = 1;
 constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
-constexpr double GAIN_FACTOR =
-    2;  // an ascent may still gain this many times the predicted gain
+// An ascent may still gain this many times the predicted gain.
+constexpr double GAIN_FACTOR = 2;
 
-constexpr long ascents_per_image(const PosteriorData& data) {
+constexpr Index ascents_per_image(const PosteriorData& data) {
     return data.starts.size[1] * data.means.size[0];
 }
 
@@ -25,25 +25,25 @@ constexpr long ascents_per_image(const PosteriorData& data) {
 struct Group {
     Group(Workspace& workspace, const PosteriorData& data)
         : capacity(capacity_of(data)),
-          image(workspace.zeros<long>(capacity)),
-          index(workspace.zeros<long>(data.means.size[2])),
+          image(workspace.zeros<Index>(capacity)),
+          index(workspace.zeros<Index>(data.means.size[2])),
           best(workspace.zeros<double>(capacity)),
           failed(workspace.zeros<bool>(capacity)) {}
 
-    static long capacity_of(const PosteriorData& data) {
-        const long images = MOST_ASCENTS / ascents_per_image(data);
+    static Index capacity_of(const PosteriorData& data) {
+        const Index images = MOST_ASCENTS / ascents_per_image(data);
         return images < 1 ? 1 : images < IMAGES_PER_BLOCK ? images : IMAGES_PER_BLOCK;
     }
 
     // The first image of a range that is not yet `taken`, and those like it.
     void collect(const PosteriorData& data, Range range, bool* taken) {
-        const auto sees = [&](long i, long j) {
+        const auto sees = [&](Index i, Index j) {
             return is_finite(data.residual_variance[i][j]);
         };
-        const long p = data.means.size[2];
+        const Index p = data.means.size[2];
         count = m = 0;
-        for (long i = range.first; i < range.last && count < capacity; ++i) {
-            long alike = taken[i - range.first] ? -1 : 0;
+        for (Index i = range.first; i < range.last && count < capacity; ++i) {
+            Index alike = taken[i - range.first] ? -1 : 0;
             while (count && alike >= 0 && alike < p &&
                    sees(i, alike) == sees(image[0], alike))
                 ++alike;
@@ -51,22 +51,22 @@ struct Group {
             taken[i - range.first] = true;
             image[count++] = i;
         }
-        for (long j = 0; count && j < p; ++j)
+        for (Index j = 0; count && j < p; ++j)
             if (sees(image[0], j)) index[m++] = j;
     }
 
     // Only those that have failed stay.
     void retain_failed() {
-        const long before = count;
+        const Index before = count;
         count = 0;
-        for (long i = 0; i < before; ++i)
+        for (Index i = 0; i < before; ++i)
             if (failed[i]) image[count++] = image[i];
     }
 
-    const long capacity;
-    long count = 0, m = 0;
-    long* image;   // (count,)
-    long* index;   // the landmarks in sight (m,)
+    const Index capacity;
+    Index count = 0, m = 0;
+    Index* image;  // (count,)
+    Index* index;  // the landmarks in sight (m,)
     double* best;  // of each image, in log likelihood and weight (count,)
     bool* failed;  // whether single precision has (count,)
 };
@@ -74,29 +74,29 @@ struct Group {
 // The image of a lane, by its place in the group, its start and component as K start +
 // component.
 struct Origin {
-    long slot, pair;
+    Index slot, pair;
 };
 
 template <class Lanes>
 struct Ascents {
-    Ascents(Workspace& workspace, long most, long p)
+    Ascents(Workspace& workspace, Index most, Index p)
         : p(p),
           origin(workspace.zeros<Origin>(most + width<Lanes>)),
           lanes(workspace.zeros<Ascent<Lanes>>((most + width<Lanes> - 1) /
                                                width<Lanes>)) {
-        for (long b = 0; b * width<Lanes> < most; ++b) {
+        for (Index b = 0; b * width<Lanes> < most; ++b) {
             lanes[b].inlier_probability = workspace.zeros<Lanes>(p);
             lanes[b].next = workspace.zeros<Lanes>(p);
         }
     }
 
-    Ascent<Lanes>& block(long b) const { return lanes[b]; }
-    Ascent<Lanes>& operator[](long i) const { return block(i / width<Lanes>); }
-    long blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
+    Ascent<Lanes>& block(Index b) const { return lanes[b]; }
+    Ascent<Lanes>& operator[](Index i) const { return block(i / width<Lanes>); }
+    Index blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
     // Copy ascent i of some ascents, or of these, where i is not before the end.
     template <class Others>
-    void append(const Ascents<Others>& from, long i) {
-        const long to_lane = count % width<Lanes>, lane = i % width<Others>;
+    void append(const Ascents<Others>& from, Index i) {
+        const Index to_lane = count % width<Lanes>, lane = i % width<Others>;
         each_pair((*this)[count], from[i], p, [=](Lanes& to, const Others& given) {
             to[to_lane] = static_cast<Number<Lanes>>(given[lane]);
         });
@@ -104,13 +104,13 @@ struct Ascents {
     }
     // Fill the last block with copies of its ascents, in turns.
     void pad() {
-        const long own = count;
+        const Index own = count;
         while (count % width<Lanes>) append(*this, count - own % width<Lanes>);
         count = own;
     }
 
-    const long p;
-    long count = 0;
+    const Index p;
+    Index count = 0;
     Origin* origin;
     Ascent<Lanes>* lanes;
 };
@@ -118,13 +118,13 @@ struct Ascents {
 // What the lanes of one precision work with.
 template <class Lanes>
 struct Side {
-    Side(Workspace& workspace, const PosteriorData& data, long ascents)
+    Side(Workspace& workspace, const PosteriorData& data, Index ascents)
         : observed(workspace, data.means.size[2]),
           space(workspace, data.means.size[2]),
           ascents(workspace, ascents, data.means.size[2]) {}
 
     Observed<Lanes> observed;
-    long component[width<Lanes>];  // of each lane, -1 where none stands there
+    Index component[width<Lanes>];  // of each lane, -1 where none stands there
     AscentSpace<Lanes> space;
     Ascents<Lanes> ascents;
 };
@@ -150,11 +150,11 @@ template <class Lanes>
 void fetch(const PosteriorData& data, const Group& group, const Origin* origin,
            Side<Lanes>& side) {
     Observed<Lanes>& to = side.observed;
-    const long p = data.means.size[2], m = group.m, *index = group.index;
-    long image[width<Lanes>];
+    const Index p = data.means.size[2], m = group.m, *index = group.index;
+    Index image[width<Lanes>];
     bool known = true;
     for (int lane = 0; lane < width<Lanes>; ++lane) {
-        const long k = origin[lane].pair % data.means.size[0];
+        const Index k = origin[lane].pair % data.means.size[0];
         image[lane] = group.image[origin[lane].slot];
         known = known && side.component[lane] == k;
         side.component[lane] = k;
@@ -165,8 +165,8 @@ void fetch(const PosteriorData& data, const Group& group, const Origin* origin,
     };
     to.m = m;
     to.index = index;
-    for (long e = 0; e < m; ++e) {
-        const long j = index[e];
+    for (Index e = 0; e < m; ++e) {
+        const Index j = index[e];
         for (int a = 0; a < 2; ++a) {
             fill(to.w[2 * e + a],
                  [&](int lane) { return data.landmarks[image[lane]][a][j]; });
@@ -180,12 +180,12 @@ void fetch(const PosteriorData& data, const Group& group, const Origin* origin,
                 return data.noise[image[lane]][j].data[c == 2 ? 3 : c];
             });
     }
-    for (long e = 0; !known && e < 3 * m; ++e)
+    for (Index e = 0; !known && e < 3 * m; ++e)
         fill(to.mean[e], [&](int lane) {
             return data.means[side.component[lane]][e % 3][index[e / 3]];
         });
-    for (long e = 0; !known && e < m; ++e)
-        for (long f = 0; f <= e; ++f)
+    for (Index e = 0; !known && e < m; ++e)
+        for (Index f = 0; f <= e; ++f)
             for (int a = 0; a < 3; ++a)
                 for (int b = 0; b < 3; ++b)
                     fill(to.covariance[9 * (corner(e) + f) + 3 * a + b], [&](int lane) {
@@ -195,17 +195,17 @@ void fetch(const PosteriorData& data, const Group& group, const Origin* origin,
 }
 
 // The s that fits s A mu + t to the landmarks best.
-inline double first_scale(const PosteriorData& data, const Group& group, long image,
-                          const double* R, long k) {
+inline double first_scale(const PosteriorData& data, const Group& group, Index image,
+                          const double* R, Index k) {
     const double* mu = data.means[k].data;
     const Matrix<const double> landmarks = data.landmarks[image],
                                slope = data.slopes[image];
-    const long p = landmarks.size[1];
+    const Index p = landmarks.size[1];
     double middle[2] = {}, origin[2] = {}, overlap = 0, square = 0, size = 0;
     for (int pass = 0; pass < 2; ++pass)
-        for (long e = 0; e < group.m; ++e)
+        for (Index e = 0; e < group.m; ++e)
             for (int a = 0; a < 2; ++a) {
-                const long j = group.index[e];
+                const Index j = group.index[e];
                 double A[3];
                 for (int c = 0; c < 3; ++c)
                     A[c] = R[3 * a + c] - slope[a][j] * R[6 + c];
@@ -228,8 +228,8 @@ inline double first_scale(const PosteriorData& data, const Group& group, long im
 template <class Lanes>
 void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
                 Ascents<Lanes>& ascents) {
-    const long K = data.means.size[0], lane = ascents.count % width<Lanes>,
-               image = group.image[origin.slot];
+    const Index K = data.means.size[0], lane = ascents.count % width<Lanes>,
+                image = group.image[origin.slot];
     const double* R = data.starts[image][origin.pair / K].data;
     Ascent<Lanes>& at = ascents[ascents.count];
     for (int e = 0; e < 9; ++e) at.view.R[e][lane] = static_cast<Number<Lanes>>(R[e]);
@@ -243,24 +243,25 @@ void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
 // have the same components.
 template <class Lanes>
 void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& ascents) {
-    const long K = data.means.size[0],
-               pairs = group.m < 3 ? 0 : ascents_per_image(data);
-    for (long first = 0; first < pairs; first += width<Lanes>)
-        for (long slot = 0; slot < group.count; ++slot)
-            for (long pair = first; pair < pairs && pair < first + width<Lanes>; ++pair)
+    const Index K = data.means.size[0],
+                pairs = group.m < 3 ? 0 : ascents_per_image(data);
+    for (Index first = 0; first < pairs; first += width<Lanes>)
+        for (Index slot = 0; slot < group.count; ++slot)
+            for (Index pair = first; pair < pairs && pair < first + width<Lanes>;
+                 ++pair)
                 if (is_finite(data.starts[group.image[slot]][pair / K].data[0]))
                     add_ascent(data, group, {slot, pair}, ascents);
 }
 
 template <class Lanes>
-double value_of(const PosteriorData& data, const Ascents<Lanes>& ascents, long i) {
+double value_of(const PosteriorData& data, const Ascents<Lanes>& ascents, Index i) {
     return ascents[i].found.value[i % width<Lanes>] +
            data.log_weights[ascents.origin[i].pair % data.means.size[0]];
 }
 
 template <class Lanes>
 void note_best(const PosteriorData& data, const Ascents<Lanes>& ascents, Group& group) {
-    for (long i = 0; i < ascents.count; ++i) {
+    for (Index i = 0; i < ascents.count; ++i) {
         double& best = group.best[ascents.origin[i].slot];
         best = larger(best, value_of(data, ascents, i));
     }
@@ -271,11 +272,11 @@ void note_best(const PosteriorData& data, const Ascents<Lanes>& ascents, Group& 
 template <class Lanes>
 void drop_finished(const PosteriorData& data, double margin, Ascents<Lanes>& going,
                    Search& search) {
-    const long count = going.count;
+    const Index count = going.count;
     going.count = 0;
-    for (long i = 0; i < count; ++i) {
+    for (Index i = 0; i < count; ++i) {
         const Ascent<Lanes>& at = going[i];
-        const long lane = i % width<Lanes>;
+        const Index lane = i % width<Lanes>;
         const double most =
             value_of(data, going, i) + GAIN_FACTOR * at.predicted_gain[lane];
         if (!(most > search.group.best[going.origin[i].slot] - margin)) continue;
@@ -287,11 +288,11 @@ void drop_finished(const PosteriorData& data, double margin, Ascents<Lanes>& goi
 
 // At most so many rounds for all that have been placed.
 template <class Lanes>
-void run_ascents(const PosteriorData& data, long rounds, double margin,
+void run_ascents(const PosteriorData& data, Index rounds, double margin,
                  Side<Lanes>& going, Search& search) {
     Ascents<Lanes>& ascents = going.ascents;
     ascents.pad();
-    for (long b = 0; b < ascents.blocks(); ++b) {
+    for (Index b = 0; b < ascents.blocks(); ++b) {
         check_interrupt();
         fetch(data, search.group, ascents.origin + b * width<Lanes>, going);
         begin(data, going.observed, going.space, ascents.block(b));
@@ -300,11 +301,11 @@ void run_ascents(const PosteriorData& data, long rounds, double margin,
         note_best(data, ascents, search.group);
         drop_finished(data, margin, ascents, search);
         if (!ascents.count || rounds <= 0) return;
-        for (long b = 0; b < ascents.blocks(); ++b) {
+        for (Index b = 0; b < ascents.blocks(); ++b) {
             fetch(data, search.group, ascents.origin + b * width<Lanes>, going);
             ascent(data, going.observed, ROUNDS, going.space, ascents.block(b));
         }
-        for (long i = 0; i < ascents.count; ++i)
+        for (Index i = 0; i < ascents.count; ++i)
             data.rounds[search.group.image[ascents.origin[i].slot]] += ROUNDS;
     }
 }
@@ -316,17 +317,17 @@ inline void finish_all(const PosteriorData& data, double margin, Search& search)
     Group& group = search.group;
     Ascents<Doubles>& arrived = search.arrived;
     Side<Doubles>& late = search.late;
-    for (long slot = 0; slot < group.count; ++slot) group.best[slot] = -INFINITE;
+    for (Index slot = 0; slot < group.count; ++slot) group.best[slot] = -INFINITE;
     note_best(data, arrived, group);
     run_ascents(data, MOST_ROUNDS, margin, late, search);
-    for (long i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
-    const long count = arrived.count;
+    for (Index i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
+    const Index count = arrived.count;
     arrived.count = 0;
-    for (long i = 0; i < count; ++i)
+    for (Index i = 0; i < count; ++i)
         if (value_of(data, arrived, i) > group.best[arrived.origin[i].slot] - margin)
             arrived.append(arrived, i);
     arrived.pad();
-    for (long b = 0; b < arrived.blocks(); ++b) {
+    for (Index b = 0; b < arrived.blocks(); ++b) {
         check_interrupt();
         Ascent<Doubles>& at = arrived.block(b);
         at.before = at.found.value;
@@ -335,9 +336,9 @@ inline void finish_all(const PosteriorData& data, double margin, Search& search)
         find_hessian(data, late.observed, late.space, at);
         finish(at);
     }
-    for (long slot = 0; slot < group.count; ++slot) {
+    for (Index slot = 0; slot < group.count; ++slot) {
         bool stands = false, agrees = true;
-        for (long i = 0; i < arrived.count; ++i) {
+        for (Index i = 0; i < arrived.count; ++i) {
             const double away =
                 arrived[i].found.value[i % WIDTH] - arrived[i].before[i % WIDTH];
             if (arrived.origin[i].slot != slot) continue;
@@ -356,14 +357,14 @@ inline void ascend_all(const PosteriorData& data, double margin, bool precise,
     Ascents<Singles>& going = search.going.ascents;
     Ascents<Doubles>& late = search.late.ascents;
     late.count = going.count = search.arrived.count = 0;
-    for (long& k : search.going.component)
+    for (Index& k : search.going.component)
         k = -1;  // what stands there is of another group
-    for (long& k : search.late.component) k = -1;
-    for (long slot = 0; slot < search.group.count; ++slot)
+    for (Index& k : search.late.component) k = -1;
+    for (Index slot = 0; slot < search.group.count; ++slot)
         search.group.best[slot] = -INFINITE;
     precise ? add_all(data, search.group, late) : add_all(data, search.group, going);
     run_ascents(data, QUICK, margin, search.going, search);
-    for (long i = 0; i < going.count; ++i)
+    for (Index i = 0; i < going.count; ++i)
         add_ascent(data, search.group, going.origin[i], late);
     finish_all(data, margin, search);
 }

@@ -9,15 +9,14 @@
 //
 // How much a pose s, Rbar, T explains beyond its own triple:
 //
-//     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3),   tol =
-//     (threshold s)^2,
+//     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3)
 //
-// with residuals r_j = ||w_j - s Rbar S_j - T||, visible landmarks spread over an area
-// A, and omega^2 of mean 1. The sum is the truncated one of MSAC; residuals count in
-// units of the size of the shape. The logarithm is the log-probability of a landmark
-// that keeps to its place, where a wrong one could be anywhere in A: without it a shape
-// blown up far beyond the image finds some landmarks in its wide tolerance always.
-// Three landmarks fit whatever they are.
+// with tol = (threshold s)^2, residuals r_j = ||w_j - s Rbar S_j - T||, visible
+// landmarks spread over an area A, and omega^2 of mean 1. The sum is the truncated one
+// of MSAC; residuals count in units of the size of the shape. The logarithm is the
+// log-probability of a landmark that keeps to its place, where a wrong one could be
+// anywhere in A: without it a shape blown up far beyond the image finds some landmarks
+// in its wide tolerance always. Three landmarks fit whatever they are.
 //
 // Each draw that gains more than all draws before is fitted to its inliers, and these
 // are judged again; the better of the drawn and the fitted poses counts. Draws stop
@@ -37,10 +36,10 @@ struct ConsensusData {
     Matrix<const double> squares = from("squares", "n p");
     Matrix<const double> shape = from("shape", "3 p");  // S
     Vector<const uint64_t> seeds = from("seeds", "n");  // of the draws
-    double threshold =
-        from("threshold");  // of a residual, in units of the size of the shape
-    long draws = from("draws");
-    long most_rounds = from("max_rounds");  // of fits of a pose to its inliers
+    // of a residual, in units of the size of the shape
+    double threshold = from("threshold");
+    Index draws = from("draws");
+    Index most_rounds = from("max_rounds");  // of fits of a pose to its inliers
     Matrix<bool> inliers = from("inliers", "n p");
 };
 
@@ -55,13 +54,13 @@ constexpr double PI = 0x1.921fb54442d18p1;
 // 500 draws (to three digits, for 0 to 70% wrong landmarks) and 5 lose it in one of a
 // hundred with 60% wrong.
 constexpr double ENOUGH = 20;
-constexpr long CHECKED =
-    8;  // draws from one check to the next, a multiple of every WIDTH
+// Draws from one check to the next, a multiple of every WIDTH.
+constexpr Index CHECKED = 8;
 
 // The visible landmarks of one image beside those of the shape, without the hidden
 // ones.
 struct VisibleLandmarks {
-    VisibleLandmarks(Workspace& workspace, long p)
+    VisibleLandmarks(Workspace& workspace, Index p)
         : x(workspace.zeros<double>(p)),
           y(workspace.zeros<double>(p)),
           h(workspace.zeros<double>(p)),
@@ -73,9 +72,9 @@ struct VisibleLandmarks {
     void take(Matrix<const double> w, Vector<const double> squares,
               Matrix<const double> shape) {
         count = 0;
-        for (long j = 0; j < squares.size[0]; ++j) {
+        for (Index j = 0; j < squares.size[0]; ++j) {
             if (!(squares[j] > 0)) continue;
-            const long at = count++;
+            const Index at = count++;
             x[at] = w[0][j];
             y[at] = w[1][j];
             h[at] = squares[j];
@@ -84,7 +83,7 @@ struct VisibleLandmarks {
         }
     }
 
-    long count = 0;
+    Index count = 0;
     double *x, *y;   // w
     double* h;       // omega^2
     double* S[3];    // the shape
@@ -92,26 +91,26 @@ struct VisibleLandmarks {
 };
 
 struct Triple {
-    long index[TRIPLE];
+    Index index[TRIPLE];
 };
 
 // An integer of 0..m-1 and the next state, the same on every machine: SplitMix64 of
 // Steele, Lea and Flood (2014).
-long draw_below(uint64_t& state, long m) {
+Index draw_below(uint64_t& state, Index m) {
     state += 0x9E3779B97F4A7C15u;
     uint64_t z = state;
     z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
     z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
     z ^= z >> 31;
-    return static_cast<long>(((z >> 32) * static_cast<uint64_t>(m)) >> 32);
+    return static_cast<Index>(((z >> 32) * static_cast<uint64_t>(m)) >> 32);
 }
 
 // Three different integers of 0..m-1, m >= 3, all ordered triples equally likely.
-Triple draw_triple(uint64_t& state, long m) {
-    const long i = draw_below(state, m);
-    long j = draw_below(state, m - 1), k = draw_below(state, m - 2);
+Triple draw_triple(uint64_t& state, Index m) {
+    const Index i = draw_below(state, m);
+    Index j = draw_below(state, m - 1), k = draw_below(state, m - 2);
     if (j >= i) ++j;
-    const long low = i < j ? i : j, high = i < j ? j : i;
+    const Index low = i < j ? i : j, high = i < j ? j : i;
     if (k >= low) ++k;
     if (k >= high) ++k;
     return {{i, j, k}};
@@ -141,11 +140,11 @@ struct TripleLanes {
                               TripleLanes& lanes) {
     const double* w[2] = {visible.x, visible.y};
     for (int l = 0; l < WIDTH; ++l) {
-        const long i = triples[l].index[0];
+        const Index i = triples[l].index[0];
         for (int a = 0; a < 2; ++a) lanes.w[a][l] = w[a][i];
         for (int b = 0; b < 3; ++b) lanes.S[b][l] = visible.S[b][i];
         for (int other = 0; other < 2; ++other) {
-            const long j = triples[l].index[1 + other];
+            const Index j = triples[l].index[1 + other];
             for (int a = 0; a < 2; ++a) lanes.to_w[other][a][l] = w[a][j] - w[a][i];
             for (int b = 0; b < 3; ++b)
                 lanes.to_S[other][b][l] = visible.S[b][j] - visible.S[b][i];
@@ -211,13 +210,13 @@ void pose_triples(const VisibleLandmarks& visible, const Triple* triples,
 // 12 sqrt(det Cov) of the visible landmarks: the area of a rectangle with their
 // covariance.
 double find_area(const VisibleLandmarks& visible) {
-    const long m = visible.count;
+    const Index m = visible.count;
     double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
-    for (long j = 0; j < m; ++j) {
+    for (Index j = 0; j < m; ++j) {
         x += visible.x[j] / m;
         y += visible.y[j] / m;
     }
-    for (long j = 0; j < m; ++j) {
+    for (Index j = 0; j < m; ++j) {
         xx += square(visible.x[j] - x) / m;
         yy += square(visible.y[j] - y) / m;
         xy += (visible.x[j] - x) * (visible.y[j] - y) / m;
@@ -237,7 +236,7 @@ template <class Number, class Visit>
     Number M[6], total = zero - TRIPLE;
     for (int e = 0; e < 6; ++e) M[e] = pose.size * pose.R[e];
     const Number Tx = pose.T[0], Ty = pose.T[1];
-    for (long j = 0; j < visible.count; ++j) {
+    for (Index j = 0; j < visible.count; ++j) {
         const double X = visible.S[0][j], Y = visible.S[1][j], Z = visible.S[2][j];
         const Number x = visible.x[j] - Tx - M[0] * X - M[1] * Y - M[2] * Z;
         const Number y = visible.y[j] - Ty - M[3] * X - M[4] * Y - M[5] * Z;
@@ -256,10 +255,10 @@ template <class Number, class Visit>
 double evaluate_one(const VisibleLandmarks& visible, const Pose<double>& pose,
                     const Tolerance& tolerance, double* __restrict inside) {
     const double gain =
-        evaluate(visible, pose, tolerance, [=](long j, double residual, double limit) {
+        evaluate(visible, pose, tolerance, [=](Index j, double residual, double limit) {
             inside[j] = residual <= limit ? 1.0 : 0.0;
         });
-    for (long j = 0; j < visible.count && gain == -INFINITE; ++j) inside[j] = 0;
+    for (Index j = 0; j < visible.count && gain == -INFINITE; ++j) inside[j] = 0;
     return gain;
 }
 
@@ -277,7 +276,7 @@ Moments find_moments(const VisibleLandmarks& visible, const double* inside) {
     Moments moments{};
     const double* w[2] = {visible.x, visible.y};
     double total = 0;
-    for (long j = 0; j < visible.count; ++j) {
+    for (Index j = 0; j < visible.count; ++j) {
         const double share = visible.h[j] * inside[j];
         total += share;
         for (int b = 0; b < 3; ++b) moments.middle[b] += share * visible.S[b][j];
@@ -285,7 +284,7 @@ Moments find_moments(const VisibleLandmarks& visible, const double* inside) {
     }
     for (double& x : moments.middle) x /= total;
     for (double& x : moments.origin) x /= total;
-    for (long j = 0; j < visible.count; ++j) {
+    for (Index j = 0; j < visible.count; ++j) {
         const double share = visible.h[j] * inside[j];
         double S[3];
         for (int b = 0; b < 3; ++b) S[b] = visible.S[b][j] - moments.middle[b];
@@ -303,15 +302,15 @@ struct Inside {
     double *now, *before;
 };
 
-long count_differences(const double* a, const double* b, long n) {
+Index count_differences(const double* a, const double* b, Index n) {
     double total = 0;
-    for (long j = 0; j < n; ++j) total += magnitude(a[j] - b[j]);
-    return static_cast<long>(total);
+    for (Index j = 0; j < n; ++j) total += magnitude(a[j] - b[j]);
+    return static_cast<Index>(total);
 }
 
-double sum(const double* x, long n) {
+double sum(const double* x, Index n) {
     double total = 0;
-    for (long j = 0; j < n; ++j) total += x[j];
+    for (Index j = 0; j < n; ++j) total += x[j];
     return total;
 }
 
@@ -319,7 +318,7 @@ double sum(const double* x, long n) {
 struct Best {
     double drawn = -INFINITE;  // gain of the best pose as drawn,
     double gain = -INFINITE;   // and of the best of all, drawn or fitted to inliers,
-    long inliers = 0;          // with so many
+    Index inliers = 0;         // with so many
 };
 
 // Keep what lies inside the tolerance of a pose if it gains more than all before it.
@@ -327,18 +326,19 @@ void keep_better(const VisibleLandmarks& visible, double gain, const double* ins
                  Best& best, Vector<bool> inliers) {
     if (!(gain > best.gain)) return;
     best.gain = gain;
-    best.inliers = static_cast<long>(sum(inside, visible.count));
-    for (long j = 0; j < visible.count; ++j) inliers[visible.index[j]] = inside[j] > 0;
+    best.inliers = static_cast<Index>(sum(inside, visible.count));
+    for (Index j = 0; j < visible.count; ++j) inliers[visible.index[j]] = inside[j] > 0;
 }
 
 // Fit a drawn pose to its inliers and judge again, until they stay or `most` times; a
 // fit that gains less than the pose before it does not replace it. A pose with no
 // inliers but its triple is not fitted.
-void refine_pose(const VisibleLandmarks& visible, const Tolerance& tolerance, long most,
-                 Pose<double>& pose, Inside& inside, Best& best, Vector<bool> inliers) {
+void refine_pose(const VisibleLandmarks& visible, const Tolerance& tolerance,
+                 Index most, Pose<double>& pose, Inside& inside, Best& best,
+                 Vector<bool> inliers) {
     keep_better(visible, evaluate_one(visible, pose, tolerance, inside.now), inside.now,
                 best, inliers);
-    for (long round = 0; round < most && sum(inside.now, visible.count) > TRIPLE;
+    for (Index round = 0; round < most && sum(inside.now, visible.count) > TRIPLE;
          ++round) {
         const Moments moments = find_moments(visible, inside.now);
         const double size = rotation_step({moments.P, moments.D, true}, pose.R).scale;
@@ -359,9 +359,9 @@ void refine_pose(const VisibleLandmarks& visible, const Tolerance& tolerance, lo
 }
 
 // The share of the triples of m landmarks that are triples of `inliers` of them.
-double share_of_triples(long inliers, long m) {
+double share_of_triples(Index inliers, Index m) {
     double share = 1;
-    for (long drawn = 0; drawn < TRIPLE; ++drawn)
+    for (Index drawn = 0; drawn < TRIPLE; ++drawn)
         share *= static_cast<double>(inliers - drawn) / static_cast<double>(m - drawn);
     return larger(share, 0);
 }
@@ -376,14 +376,14 @@ Pose<double> pose_of_lane(const Pose<Doubles>& poses, int lane) {
 
 // Let both poses of `count` triples compete, in the order of the draws.
 void compete(const VisibleLandmarks& visible, const Triple* triples, int count,
-             long most, const Tolerance& tolerance, Best& best, Inside& inside,
+             Index most, const Tolerance& tolerance, Best& best, Inside& inside,
              Vector<bool> inliers) {
     Pose<Doubles> poses[2];
     Doubles gains[2];
     pose_triples(visible, triples, poses);
     for (int side = 0; side < 2; ++side)
         gains[side] =
-            evaluate(visible, poses[side], tolerance, [](long, Doubles, Doubles) {});
+            evaluate(visible, poses[side], tolerance, [](Index, Doubles, Doubles) {});
     for (int lane = 0; lane < count; ++lane)
         for (int side = 0; side < 2; ++side) {
             if (!(gains[side][lane] > best.drawn)) continue;
@@ -398,7 +398,7 @@ void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
     const Tolerance tolerance{data.threshold, find_area(visible)};
     Best best;
     Triple triples[WIDTH] = {};
-    for (long drawn = 0; drawn < data.draws; drawn += WIDTH) {
+    for (Index drawn = 0; drawn < data.draws; drawn += WIDTH) {
         if (drawn % CHECKED == 0) check_interrupt();
         // Stop by the inlier ratio: triples of inliers have been drawn often enough.
         const double good =
@@ -416,13 +416,13 @@ void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
 }  // namespace
 
 void find_consensus(const ConsensusData& data, Range range) {
-    const long p = data.squares.size[1];
+    const Index p = data.squares.size[1];
     Workspace workspace;
     VisibleLandmarks visible(workspace, p);
     Inside inside{workspace.zeros<double>(p), workspace.zeros<double>(p)};
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         const Vector<bool> inliers = data.inliers[image];
-        for (long j = 0; j < p; ++j) inliers[j] = false;
+        for (Index j = 0; j < p; ++j) inliers[j] = false;
         visible.take(data.landmarks[image], data.squares[image], data.shape);
         if (visible.count >= TRIPLE)
             search_image(visible, data, data.seeds[image], inside, inliers);

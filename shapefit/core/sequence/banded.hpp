@@ -11,56 +11,9 @@
 // its columns scaled.
 #pragma once
 
-#include "objective.hpp"
+#include "marginal.hpp"
 
 namespace shapefit {
-
-// The covariance of one frame's points, given the landmarks of the whole sequence.
-//
-// In the Hessian A of the sequence each frame has A_f = sum_k share_k P_k in the place
-// of its mixture sum_k share_k N(m_k, P_k^-1): that bends as the mixture does at y, and
-// knows nothing of modes away from there. So what all else says of the frame is taken
-// apart from it, a Gaussian with the precision Lambda = Sigma_ff^-1 - A_f, whose
-// gradient at y cancels that of the mixture, and the mixture put in its place (the
-// marginal of expectation propagation, one step):
-//
-//   weight_k ~ share_k N(m_k; that Gaussian),   Q_k = P_k + Lambda,
-//   delta_k = Q_k^-1 (P_k (m_k - y) + g),       g = sum_k share_k P_k (y - m_k) at y
-//
-//   covariance = sum_k weight_k (Q_k^-1 + (delta_k - delta)(delta_k - delta)^T)
-//
-// It is exact for a frame by itself. Which mode its neighbours stand in is taken as it
-// is at the minimum.
-class Marginal {
-  public:
-    Marginal(Workspace& workspace, const SequenceData& data)
-        : D_(padded(data.points.size[1])),
-          rest_(workspace.zeros<double>(D_ * D_)),
-          whole_(workspace.zeros<double>(D_ * D_)),
-          V_(workspace.zeros<double>(D_ * D_)),
-          each_(workspace.zeros<double>(data.log_share.size[1] * D_ * D_)),
-          weight_(workspace.zeros<double>(data.log_share.size[1])),
-          delta_(workspace.zeros<double>(data.log_share.size[1] * D_)),
-          away_(workspace.zeros<double>(D_)),
-          linear_term_(workspace.zeros<double>(D_)),
-          mean_(workspace.zeros<double>(D_)) {}
-
-    // Deviations, correlations and covariance of frame f to `data`; Sigma (D, D) is its
-    // block of A^-1.
-    void write(const SequenceData& data, const Place& at, long f, const double* Sigma);
-
-  private:
-    // The mixture's covariance in `whole_`; false where Sigma is as good.
-    bool mix(const SequenceData& data, const Place& at, long f, const double* Sigma);
-    double weigh(const SequenceData& data, const Place& at, long f, long k);
-
-    long D_;
-    double *rest_, *whole_, *V_;           // Lambda, the covariance, of one mode (D, D)
-    double* each_;                         // Q_k^-1 (K, D, D)
-    double* weight_;                       // (K,)
-    double* delta_;                        // (K, D)
-    double *away_, *linear_term_, *mean_;  // (D,)
-};
 
 class Banded {
   public:
@@ -71,11 +24,14 @@ class Banded {
           V_(workspace.zeros<double>(t_ * D_ * D_)),
           N_(workspace.zeros<double>(t_ * D_ * D_)),
           F_(workspace.zeros<double>(t_ * D_ * E_)),
+          W_(workspace.zeros<double>(3 * D_ * D_)),
           S_(workspace.zeros<double>(D_ * D_)),
           R_(workspace.zeros<double>(D_ * E_)),
-          W_(workspace.zeros<double>(3 * D_ * D_)),
           products_(workspace.zeros<double>(E_ * E_)),
-          work_(workspace.zeros<double>(8 * D_ * D_)) {}
+          covariances_(workspace.zeros<double>(8 * D_ * D_)),
+          turned_(workspace.zeros<double>(D_ * D_)),
+          tied_(workspace.zeros<double>(D_)),
+          left_(workspace.zeros<double>(D_)) {}
 
     // Factor the Hessian of the frames at a place, `damping` added to its diagonal, and
     // take the right sides R of `derive` along; false where it is not positive
@@ -85,7 +41,7 @@ class Banded {
 
     // Sums of products of the right sides, R^T A^-1 R (E, E).
     const double* products() const { return products_; }
-    long columns() const { return E_; }
+    Index columns() const { return E_; }
 
     // out (t, D) = A^-1 (R_0 + sum_b R_(1 + b) x_b)
     void solve(const SequenceData& data, const double* x, Matrix<double> out) const;
@@ -97,13 +53,43 @@ class Banded {
                            Marginal& marginal) const;
 
   private:
-    // Column scales of W_f = V_f diag(scales).
-    void scales(const SequenceData& data, long f, long lag, double* out) const;
+    // The room that the covariances of three frames take, and G_N, G_W (D, D) each.
+    struct Covariances {
+        Covariances(double* room, Index D);
 
-    long t_, D_, E_;
-    double *V_, *N_, *F_;  // (t, D, D), (t, D, D), V (R - ...) (t, D, E)
-    double *S_, *R_, *W_;  // of the frame at work; W of this frame and the two before
-    double *products_, *work_;
+        double *here, *next, *last;  // Sigma of f with itself, of f + 1, of f + 2
+        double *one, *two;           // of f with f + 1, with f + 2
+        double* between;             // of f + 1 with f + 2
+        double *GN, *GW;
+    };
+
+    // The diagonal of A_f,f+lag, without damping (D,); of W_f = V_f diag(tied) for 2.
+    void find_tied(const SequenceData& data, Index f, Index lag, double* tied) const;
+
+    void begin_frame(const SequenceData& data, const Place& at, Index f, Bones bones,
+                     double damping);
+    void subtract_earlier_frames(Index f);
+    void finish_right_side(Index f);
+    void tie_to_next(const SequenceData& data, Index f);
+    void tie_to_second(const SequenceData& data, Index f);
+
+    void find_gains(const SequenceData& data, Index f, Covariances& Sigma) const;
+    void find_covariances(Covariances& Sigma) const;
+
+    double* V(Index f) const { return V_ + f * D_ * D_; }
+    double* N(Index f) const { return N_ + f * D_ * D_; }
+    double* W(Index f) const { return W_ + f % 3 * D_ * D_; }  // lives for two frames
+    double* F(Index f) const { return F_ + f * D_ * E_; }
+
+    Index t_, D_, E_;
+    double *V_, *N_;        // (t, D, D)
+    double* F_;             // U_ff^-T of the right sides, less those before, (t, D, E)
+    double* W_;             // (3, D, D)
+    double *S_, *R_;        // Hessian and right sides of the frame at work
+    double* products_;      // (E, E)
+    double* covariances_;   // room for Covariances
+    double* turned_;        // (D, D)
+    double *tied_, *left_;  // (D,)
 };
 
 }  // namespace shapefit

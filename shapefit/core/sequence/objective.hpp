@@ -1,10 +1,10 @@
 // The objective of a sequence, and its derivatives frame by frame.
 //
-//   sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)  +  1/2 sum_(f,j) weight_fj ||w_fj
-//   - y_fj||^2
+//     sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)
+//     + 1/2 sum_(f,j) weight_fj ||w_fj - y_fj||^2
 //     + 1/2 sum_(f,j) ||c_f0 y_fj + c_f1 y_(f+1)j + c_f2 y_(f+2)j||^2 / a_j^2
-//     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2  +  1/2 (l - known)^T
-//     H (l - known)
+//     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2
+//     + 1/2 (l - known)^T H (l - known)
 //
 // over frames and lengths l together.
 #pragma once
@@ -17,10 +17,10 @@ namespace shapefit {
 // One sequence of t frames y_t (3p,) and its bones, of lengths l (e,).
 struct SequenceData {
     Arguments& from;
-    Matrix<const double> landmarks =
-        from("landmarks", "t 2p");  // w, any number where hidden
-    Matrix<const double> weight =
-        from("weight", "t 2p");  // of their squares, 0 where hidden
+    // w, any number where hidden
+    Matrix<const double> landmarks = from("landmarks", "t 2p");
+    // of their squares, 0 where hidden
+    Matrix<const double> weight = from("weight", "t 2p");
     // of the modes, -inf where there are fewer
     Matrix<const double> log_share = from("log_share", "t K");
     Tensor<const double> means = from("means", "t K 3p");               // m
@@ -31,20 +31,20 @@ struct SequenceData {
     Matrix<const double> differences = from("differences", "t 3");
     Matrix<const int64_t> bones = from("bones", "e 2");
     Vector<const double> rigidity = from("rigidity", "e");  // 1/b^2
-    Matrix<const double> hold =
-        from("hold", "e e");  // H of (l - known)^T H (l - known)
+    // H of (l - known)^T H (l - known)
+    Matrix<const double> hold = from("hold", "e e");
     Vector<const double> known = from("known", "e");
-    long most_rounds = from("most_rounds");
-    double tolerance =
-        from("tolerance");  // rounds end when the energy per frame falls by less
-    Matrix<double> points =
-        from("points", "t 3p");  // y: the start, and then the minimum
+    Index most_rounds = from("most_rounds");
+    // rounds end when the energy per frame falls by less
+    double tolerance = from("tolerance");
+    // y: the start, and then the minimum
+    Matrix<double> points = from("points", "t 3p");
     Vector<double> lengths = from("lengths", "e");         // l, likewise
     Matrix<double> deviation = from("deviation", "t 3p");  // of the points
     // of x with y, x with z and y with z of a landmark
     Matrix<double> correlation = from("correlation", "t 3p");
-    Tensor<double> covariance =
-        from("covariance", "t 3p 3p?");     // of each frame, where wanted
+    // of each frame, where wanted
+    Tensor<double> covariance = from("covariance", "t 3p 3p?");
     // of each frame, with the second difference that begins there
     Vector<double> energies = from("energies", "t");
     Vector<double> end = from("end", "2");  // energy at the minimum, rounds
@@ -82,22 +82,22 @@ enum class Bones { HELD, WHOLE };
 // motion, D = at.y.size[1], the shares of the modes held, ones on the diagonal of the
 // padding; and R (D, E), the gradient and then the second derivatives with the lengths,
 // one per column.
-void derive(const SequenceData& data, const Place& at, long f, Bones bones, double* S,
-            double* R, long E);
+void derive(const SequenceData& data, const Place& at, Index f, Bones bones, double* S,
+            double* R, Index E);
 
 // S (D, D) += sign sum_k share_k P_k of frame f, its upper triangle: how the mixture
 // bends at y.
-void add_precision(const SequenceData& data, const Place& at, long f, double sign,
+void add_precision(const SequenceData& data, const Place& at, Index f, double sign,
                    double* S);
 
 // Element b of H (l - known): how lengths are held to those that are known.
-double held_back(const SequenceData& data, const Place& at, long b);
+double held_back(const SequenceData& data, const Place& at, Index b);
 
 // out = P x of a symmetric P (d, d), read above the diagonal; returns <x, P x>.
-double multiply_symmetric(const double* P, const double* x, long d,
+double multiply_symmetric(const double* P, const double* x, Index d,
                           double* __restrict out);
 
 // How frame f is tied to frame f + lag by D^T D of the second differences D.
-double tie(const SequenceData& data, long f, long lag);
+double tie(const SequenceData& data, Index f, Index lag);
 
 }  // namespace shapefit

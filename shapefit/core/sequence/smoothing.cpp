@@ -16,25 +16,25 @@ struct PrecisionData {
 };
 
 void find_precisions(const PrecisionData& data, Range range) {
-    const long K = data.there.size[1], d = data.matrices.size[2], D = padded(d);
+    const Index K = data.there.size[1], d = data.matrices.size[2], D = padded(d);
     Workspace workspace;
     double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
-    for (long image = range.first; image < range.last; ++image)
-        for (long k = 0; k < K; ++k) {
+    for (Index image = range.first; image < range.last; ++image)
+        for (Index k = 0; k < K; ++k) {
             check_interrupt();
             if (!data.there[image][k]) continue;
             double *C = data.matrices[image][k].data, factor = data.factor[image][k];
-            for (long i = 0; i < D; ++i)
-                for (long j = 0; j < D; ++j)
+            for (Index i = 0; i < D; ++i)
+                for (Index j = 0; j < D; ++j)
                     S[i * D + j] = i >= d || j >= d ? (i == j ? 1.0 : 0.0)
                                    : factor > 0     ? factor * C[i * d + j]
                                                     : 0.0;
-            for (long i = 0; i < d; ++i) S[i * D + i] += data.more[image][k];
+            for (Index i = 0; i < d; ++i) S[i * D + i] += data.more[image][k];
             data.log_det[image][k] = cholesky_inverse(S, V, D, D);
             multiply_out(V, S, D, D);
             mirror(S, D, D);
-            for (long i = 0; i < d; ++i)
-                for (long j = 0; j < d; ++j) C[i * d + j] = S[i * D + j];
+            for (Index i = 0; i < d; ++i)
+                for (Index j = 0; j < d; ++j) C[i * d + j] = S[i * D + j];
         }
 }
 
@@ -42,8 +42,8 @@ const Exported<find_precisions> find_precisions_exported{"find_precisions"};
 
 namespace {
 
-constexpr double LONGEST_STEP =
-    0.5;  // of a coordinate, in units of the size of the landmarks
+// Of a coordinate, in units of the size of the landmarks.
+constexpr double LONGEST_STEP = 0.5;
 constexpr double FIRST_DAMPING = 1e-1, LEAST_DAMPING = 1e-2, MOST_DAMPING = 1e8;
 constexpr double DAMPED_MORE = 6, DAMPED_LESS = 5;
 
@@ -56,8 +56,8 @@ struct Step {
           inverse(workspace.zeros<double>(square_of(data))),
           side(workspace.zeros<double>(padded(data.lengths.size[0]))) {}
 
-    static long square_of(const SequenceData& data) {
-        const long e = padded(data.lengths.size[0]);
+    static Index square_of(const SequenceData& data) {
+        const Index e = padded(data.lengths.size[0]);
         return e * e;
     }
 
@@ -70,11 +70,11 @@ struct Step {
 // system is not positive definite.
 bool find_step(const SequenceData& data, const Place& at, const Banded& factor,
                Step& step) {
-    const long e = data.lengths.size[0], E = factor.columns(), n = padded(e);
+    const Index e = data.lengths.size[0], E = factor.columns(), n = padded(e);
     const double* G = factor.products();
     const double t = static_cast<double>(at.y.size[0]);
-    for (long a = 0; a < n; ++a) {
-        for (long b = 0; b < n; ++b)
+    for (Index a = 0; a < n; ++a) {
+        for (Index b = 0; b < n; ++b)
             step.schur[a * n + b] =
                 a < e && b < e ? data.hold[a][b] - G[(1 + a) * E + 1 + b] : 0.0;
         step.schur[a * n + a] += a < e ? t * data.rigidity[a] + 1e-9 : 1.0;
@@ -86,7 +86,7 @@ bool find_step(const SequenceData& data, const Place& at, const Banded& factor,
     if (!is_finite(cholesky_inverse(step.schur, step.inverse, n, n))) return false;
     multiply_out(step.inverse, step.schur, n, n);
     mirror(step.schur, n, n);
-    for (long a = 0; a < e; ++a)
+    for (Index a = 0; a < e; ++a)
         step.lengths[a] = -dot(step.schur + a * n, step.side, n);
     factor.solve(data, step.lengths.data, step.frames);
     return true;
@@ -95,20 +95,20 @@ bool find_step(const SequenceData& data, const Place& at, const Banded& factor,
 // to = from - shrink * step, with `shrink` below 1 where a coordinate would move too
 // far.
 void move(const Place& from, const Step& step, Place& to) {
-    const long count = from.y.size[0] * from.y.size[1];
+    const Index count = from.y.size[0] * from.y.size[1];
     double farthest = 0;
-    for (long i = 0; i < count; ++i)
+    for (Index i = 0; i < count; ++i)
         farthest = larger(magnitude(step.frames.data[i]), farthest);
     const double shrink = smaller(1.0, LONGEST_STEP / larger(farthest, TINY));
-    for (long i = 0; i < count; ++i)
+    for (Index i = 0; i < count; ++i)
         to.y.data[i] = from.y.data[i] - shrink * step.frames.data[i];
-    for (long a = 0; a < from.lengths.size[0]; ++a)
+    for (Index a = 0; a < from.lengths.size[0]; ++a)
         to.lengths[a] = from.lengths[a] + shrink * step.lengths[a];
 }
 
-void copy_rows(Matrix<const double> from, Matrix<double> to, long width) {
-    for (long f = 0; f < from.size[0]; ++f)
-        for (long e = 0; e < width; ++e) to[f][e] = from[f][e];
+void copy_rows(Matrix<const double> from, Matrix<double> to, Index width) {
+    for (Index f = 0; f < from.size[0]; ++f)
+        for (Index e = 0; e < width; ++e) to[f][e] = from[f][e];
 }
 
 }  // namespace
@@ -116,8 +116,8 @@ void copy_rows(Matrix<const double> from, Matrix<double> to, long width) {
 // A local minimum near the start, by the method of Levenberg and Marquardt, and the
 // deviations there, the lengths held; no step raises the objective.
 void smooth_sequence(const SequenceData& data) {
-    const long t = data.points.size[0], d = data.points.size[1],
-               e = data.lengths.size[0];
+    const Index t = data.points.size[0], d = data.points.size[1],
+                e = data.lengths.size[0];
     Workspace workspace;
     Banded factor(workspace, data);
     Step step(workspace, data);
@@ -125,10 +125,10 @@ void smooth_sequence(const SequenceData& data) {
     Place *at = &one, *tried = &other;
     double* scratch = workspace.zeros<double>((1 + data.log_share.size[1]) * padded(d));
     copy_rows(data.points, at->y, d);
-    for (long b = 0; b < e; ++b) at->lengths[b] = data.lengths[b];
+    for (Index b = 0; b < e; ++b) at->lengths[b] = data.lengths[b];
     measure(data, *at, scratch);
     double damping = FIRST_DAMPING;
-    long rounds = 0;
+    Index rounds = 0;
     while (rounds < data.most_rounds) {
         bool lower = false;
         for (; damping < MOST_DAMPING; damping *= DAMPED_MORE) {
@@ -150,7 +150,7 @@ void smooth_sequence(const SequenceData& data) {
         if (gain < data.tolerance * static_cast<double>(t)) break;
     }
     copy_rows(at->y, data.points, d);
-    for (long b = 0; b < e; ++b) data.lengths[b] = at->lengths[b];
+    for (Index b = 0; b < e; ++b) data.lengths[b] = at->lengths[b];
     data.end[0] = at->energy;
     data.end[1] = static_cast<double>(rounds);
     // the Hessian itself where it is positive definite, which Gauss and Newton's always
@@ -160,9 +160,9 @@ void smooth_sequence(const SequenceData& data) {
         Marginal marginal(workspace, data);
         return factor.write_covariances(data, *at, marginal);
     }
-    for (long i = 0; i < t * d; ++i)
+    for (Index i = 0; i < t * d; ++i)
         data.deviation.data[i] = data.correlation.data[i] = NOT_A_NUMBER;
-    for (long i = 0; i < data.covariance.size[0] * d * d; ++i)
+    for (Index i = 0; i < data.covariance.size[0] * d * d; ++i)
         data.covariance.data[i] = NOT_A_NUMBER;
 }
 

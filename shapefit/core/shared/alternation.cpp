@@ -1,8 +1,8 @@
 // Alternation of the model with one rotation shared by all atoms, from one start or
 // several.
 //
-//     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar
-//     Rbar^T = I,
+//     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1
+//     over Rbar Rbar^T = I,
 //
 // in turn over c and over R, until a round lowers the objective by little.
 #include "../atoms/coefficient_step.hpp"
@@ -11,8 +11,7 @@
 
 namespace shapefit {
 
-// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar
-// Rbar^T = I.
+// The program of n images, and its local minima.
 struct AlternationData {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
@@ -23,7 +22,7 @@ struct AlternationData {
     bool is_signed = from("is_signed");  // c of either sign, or c >= 0
     // relative fall of the objective in a round at which it ends
     double tolerance = from("tolerance");
-    long most_rounds = from("most_rounds");
+    Index most_rounds = from("most_rounds");
     // of the best start; so are rotation and status
     Matrix<double> coefficients = from("coefficients", "n k");
     Tensor<double> rotation = from("rotation", "n 3 3");
@@ -46,20 +45,20 @@ struct Alternation {
 
 struct Ended {
     double objective;
-    long rounds;
+    Index rounds;
     bool converged;
 };
 
 // Alternate from R and c = 0.
 Ended alternate_image(const AlternationData& data, double lam, Alternation& work,
                       Rotation& R) {
-    const long row = work.image.atoms.row;
+    const Index row = work.image.atoms.row;
     const double *w = work.image.w, *S = work.shape;
     const double energy = 0.5 * dot_padded(w, w, 2 * row);
     double P[9], D[6], before = INFINITE, now = INFINITE;
     work.step.set.clear();
     work.step.aim(w, lam, data.is_signed);
-    for (long round = 0; round < data.most_rounds; ++round) {
+    for (Index round = 0; round < data.most_rounds; ++round) {
         check_interrupt();
         now = work.step.minimise_at(R);
         const double penalty = work.step.mix(work.shape);
@@ -76,10 +75,11 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& work
     return {now, data.most_rounds, false};
 }
 
-void alternate_starts(const AlternationData& data, long image, Alternation& work) {
+void alternate_starts(const AlternationData& data, Index image, Alternation& work) {
     double least = INFINITE;
     data.status[image] = Status::NUMERICAL_FAILURE;
-    for (long start = 0; start < data.starts.size[1]; ++start) {
+    if (data.lam[image] < LEAST_LAMBDA) return;
+    for (Index start = 0; start < data.starts.size[1]; ++start) {
         Rotation R = Rotation::from(data.starts[image][start].data);
         const Ended ended = alternate_image(data, data.lam[image], work, R);
         data.rounds[image] += ended.rounds;
@@ -97,7 +97,7 @@ void alternate_starts(const AlternationData& data, long image, Alternation& work
 void alternate(const AlternationData& data, Range range) {
     Workspace workspace;
     Alternation work(workspace, data.atoms);
-    for (long image = range.first; image < range.last; ++image) {
+    for (Index image = range.first; image < range.last; ++image) {
         if (work.image.take(data.landmarks[image], data.weights[image]))
             alternate_starts(data, image, work);
         else data.status[image] = Status::DEGENERATE;

@@ -1,5 +1,4 @@
-"""Whether depth was learned: by evidence beyond simpler models, and by halves that
-agree.
+"""Whether depth was learned: by evidence beyond simpler models, by halves that agree.
 
 The rigid model has no deformations, the flat one no views: every image shows the same
 side, as it is or rolled about the axis of the camera.
@@ -13,50 +12,71 @@ import numpy as np
 
 from shapefit.arrays import Floats, evenly
 from shapefit.dictionary.from_2d.learning import (
-    State,
-    complete,
+    ClassState,
+    complete_landmarks,
     find_views,
     first_state,
     improve,
     predict,
 )
-from shapefit.dictionary.from_2d.model import Images, Views, hide, posterior_mean
+from shapefit.dictionary.from_2d.model import (
+    Gaussian,
+    Images,
+    Views,
+    hide_some,
+    posterior_mean,
+)
 from shapefit.geometry.rotations import rotation_about_axis
 
-SAMPLE, ROUNDS, RANK, MEANS = 200, 15, 9, 10
-TURNS, ROLL = slice(0, 3), slice(2, 3)
+JUDGED_IMAGES = 200
+"""Images, evenly over all, by which a class is judged."""
 
-GAIN = 0.05
+JUDGED_ROUNDS = 15
+"""Rounds of learning of each model that is compared."""
+
+COMPLETION_RANK = 9
+"""Factors by which hidden landmarks are filled in."""
+
+ROLL_ROUNDS = 10
+"""Rounds in which the roll of images and their mean are found."""
+
+ALL_AXES = slice(0, 3)
+"""About which a view turns."""
+
+CAMERA_AXIS = slice(2, 3)
+"""About which an image rolls."""
+
+DEEP_GAIN = 0.05
 """Log evidence a landmark that views must bring, beyond a flat model.
 
 A stiff body that turns by 60 degrees brings 0.4. One that bends may bring less although
 its depth is right, where flat modes, three for each in depth, explain it as well.
 """
 
-REST = -0.2
+RESTING_GAIN = -0.2
 """The same, below which nothing has turned unless halves agree: planted bodies before a
 camera that rests or rolls bring -0.3 to -1.1, people that turn by chance -0.03 to 0.2.
 """
 
-SAME = 0.5
-"""Share of what shapes differ from their mean, up to which those of halves count as the
-same.
-"""
+SAME_DEFORMATION_SHARE = 0.5
+"""Of what shapes differ from their mean, up to which those of halves are the same."""
 
-CLOSE = 0.05
-"""Share of the size of shapes up to which those of halves count as the same, however
-stiff.
-"""
+SAME_SIZE_SHARE = 0.05
+"""Of the size of shapes, up to which those of halves are the same, however stiff."""
 
-BLIND = 1.0
-"""Error of hidden landmarks that the middle of an image has, in the size of the shapes.
-"""
+BLIND_ERROR = 1.0
+"""Of hidden landmarks in the middle of an image, in the size of the shapes."""
 
-ROLLED = 0.5
+MIN_ROLL = 0.5
 """Roll of an image in radians, from which on a flat class may have rolled."""
 
-THIN = 0.05
+FLAT_DEPTH_SHARE = 0.05
 """Depth of the mean shape, as a share of its width, below which a class is flat."""
+
+LEARNED = "learned"
+DOUBTFUL_DEPTH = "learned, but doubtful"
+VIEWS_ALIKE = "views too alike: depth is not determined"
+NOTHING_IN_COMMON = "nothing in common: hidden landmarks are not predicted"
 
 
 @dataclass(frozen=True)
@@ -79,116 +99,129 @@ class Judgement:
     @property
     def fine(self) -> bool:
         """Whether a class was learned, possibly with doubtful depth."""
-        return self.verdict in (LEARNED, DOUBTFUL)
+        return self.verdict in (LEARNED, DOUBTFUL_DEPTH)
 
 
-LEARNED = "learned"
-DOUBTFUL = "learned, but doubtful"
-ALIKE = "views too alike: depth is not determined"
-UNLIKE = "nothing in common: hidden landmarks are not predicted"
-
-
-def evaluate_class(images: Images, state: State) -> Judgement:
-    """Judge whether depth was learned, by hiding landmarks of a sample of the
-    images.
-    """
-    some = images.hiding(state.outliers)[evenly(len(images), SAMPLE)]
-    hidden = hide(some.weights > 0)
+def evaluate_class(images: Images, state: ClassState) -> Judgement:
+    """Judge whether depth was learned, by hidden landmarks of a sample of images."""
+    some = images.hiding(state.outliers)[evenly(len(images), JUDGED_IMAGES)]
+    hidden = hide_some(some.weights > 0)
     remaining = some.hiding(hidden)
     n, p = remaining.weights.shape
-    rigid = rigid_state(remaining)
-    W, _ = complete(remaining, RANK)
-    flat, evidence_of_flat = flat_state(remaining, W, np.zeros(n)), -np.inf
-    angle = roll_angles(W)
-    if np.abs(angle).max() > ROLLED:
-        rolled = flat_state(remaining, W, angle)
-        evidence_of_flat = rolled.objective - price_of_views(remaining, rolled, ROLL)
-    evidence_of_flat = max(evidence_of_flat, flat.objective)
-    *_, learned = improve(remaining, rigid, ROUNDS)
-    forward = state.views.rotation[:, 2]
+    *_, learned = improve(remaining, rigid_state(remaining), JUDGED_ROUNDS)
+    price = price_of_views(remaining, learned, ALL_AXES)
+    gain = (learned.objective - price - flat_evidence(remaining)) / (n * p)
     half_distance = halves_distance(remaining, learned)
-    closest = np.abs(forward @ forward[evenly(len(forward), SAMPLE)].T).min()
-    gain = (
-        learned.objective - price_of_views(remaining, learned, TURNS) - evidence_of_flat
-    ) / (n * p)
-    size = np.linalg.svd(state.model.mean, compute_uv=False)
-    deep = gain > GAIN
-    deforms = np.sqrt(learned.model.covariance.trace()) / np.linalg.norm(
-        learned.model.mean
-    )
-    residual = (predict(remaining, learned) - some.landmarks)[
-        hidden[:, None].repeat(2, axis=1)
-    ]
-    hidden_error = (
-        float(np.sqrt((residual**2).mean())) if residual.size else float("nan")
-    )
-    same = half_distance < max(SAME * deforms, CLOSE)
-    doubtful = deep or same or gain > REST
-    verdict = LEARNED if deep and same else DOUBTFUL if doubtful else ALIKE
-    if size[2] <= THIN * size[0]:
-        verdict = ALIKE
+    residual = predict(remaining, learned) - some.landmarks
+    residual = residual[hidden[:, None].repeat(2, axis=1)]
+    hidden_error = float("nan")
+    if residual.size:
+        hidden_error = float(np.sqrt((residual**2).mean()))
+    if hidden_error > BLIND_ERROR:
+        verdict = NOTHING_IN_COMMON
+    elif is_flat(state.model):
+        verdict = VIEWS_ALIKE
+    else:
+        verdict = judge_depth(learned.model, gain, half_distance)
     return Judgement(
         hidden_error=hidden_error,
         gain=gain,
-        turn=float(np.degrees(np.arccos(min(closest, 1.0)))),
+        turn=widest_turn(state.views),
         half_distance=half_distance,
-        verdict=UNLIKE if hidden_error > BLIND else verdict,
+        verdict=verdict,
     )
 
 
-def flat_state(images: Images, W: Floats, angle: Floats) -> State:
-    """Return the flat model of completed landmarks W (n, 2, p), each image rolled by
-    its angle.
-    """
+def judge_depth(model: Gaussian, gain: float, half_distance: float) -> str:
+    """Return the verdict on the depth of a class that is not flat."""
+    deforms = np.sqrt(model.covariance.trace()) / np.linalg.norm(model.mean)
+    is_deep = gain > DEEP_GAIN
+    is_same = half_distance < max(SAME_DEFORMATION_SHARE * deforms, SAME_SIZE_SHARE)
+    if is_deep and is_same:
+        return LEARNED
+    if is_deep or is_same or gain > RESTING_GAIN:
+        return DOUBTFUL_DEPTH
+    return VIEWS_ALIKE
+
+
+def is_flat(model: Gaussian) -> bool:
+    """Whether the mean shape has next to no depth."""
+    size = np.linalg.svd(model.mean, compute_uv=False)
+    return bool(size[2] <= FLAT_DEPTH_SHARE * size[0])
+
+
+def widest_turn(views: Views) -> float:
+    """Return the angle in degrees between the outermost directions of view."""
+    forward = views.rotation[:, 2]
+    some = forward[evenly(len(forward), JUDGED_IMAGES)]
+    closest = np.abs(forward @ some.T).min()
+    return float(np.degrees(np.arccos(min(closest, 1.0))))
+
+
+def flat_evidence(images: Images) -> float:
+    """Return the log evidence of the flat model, rolled or not as suits it better."""
+    W, _ = complete_landmarks(images, COMPLETION_RANK)
+    upright = flat_state(images, W, np.zeros(len(images)))
+    angle = roll_angles(W)
+    if np.abs(angle).max() <= MIN_ROLL:
+        return upright.objective
+    rolled = flat_state(images, W, angle)
+    price = price_of_views(images, rolled, CAMERA_AXIS)
+    return max(rolled.objective - price, upright.objective)
+
+
+def flat_state(images: Images, W: Floats, angle: Floats) -> ClassState:
+    """Return the flat model of landmarks W (n, 2, p), complete, rolled by angles."""
     views = Views(rotation_about_axis(2, angle), np.zeros(len(W)))
-    *_, flat = improve(images, first_state(images, W, views), ROUNDS, turning=False)
+    start = first_state(images, W, views)
+    *_, flat = improve(images, start, JUDGED_ROUNDS, turning=False)
     return flat
 
 
 def roll_angles(W: Floats) -> Floats:
-    """Angles (n,) by which images (n, 2, p) are rolled in their plane from their
-    mean.
-    """
+    """Angles (n,) by which images (n, 2, p) are rolled in their plane from the mean."""
     z = W[:, 0] + 1j * W[:, 1]
     mean = z[0]
     angle: Floats = np.zeros(len(W))
-    for _ in range(MEANS):
+    for _ in range(ROLL_ROUNDS):
         angle = np.angle(z @ mean.conj())
         mean = (z * np.exp(-1j * angle)[:, None]).mean(axis=0)
     return angle
 
 
-def rigid_state(images: Images) -> State:
+def rigid_state(images: Images) -> ClassState:
     """Return the rigid model of the images."""
-    W, _ = complete(images, RANK)
-    (views,) = find_views(W, (min(RANK, W.shape[2] - 1),))
+    W, _ = complete_landmarks(images, COMPLETION_RANK)
+    (views,) = find_views(W, (min(COMPLETION_RANK, W.shape[2] - 1),))
     return first_state(images, W, views)
 
 
-def halves_distance(images: Images, learned: State) -> float:
-    """mean ||X - X'|| / ||X||: how far shapes X are from X', learned from half of the
-    images.
+def halves_distance(images: Images, learned: ClassState) -> float:
+    """mean ||X - X'|| / ||X|| of shapes X and X', learned from half of the images.
 
-    Each half, in the order of the images, is learned from by itself. The error
-    of what was learned is less where the halves show the same poses from other sides.
-    Near and far of a half may be exchanged.
+    Each half, in the order of the images, is learned from by itself. The error of what
+    was learned is less where the halves show the same poses from other sides. Near and
+    far of a half may be exchanged.
     """
-    n, distances = len(images), []
+    n = len(images)
+    distances = []
     for half in (np.arange(n // 2), np.arange(n // 2, n)):
-        *_, by_itself = improve(images[half], rigid_state(images[half]), ROUNDS)
-        X, tried = learned.in_camera[half], by_itself.in_camera
-        size = np.linalg.norm(X, axis=(1, 2))
-        mirrored = tried * np.array([1.0, 1.0, -1.0])[:, None]
-        distances.append(
-            min(
-                float((np.linalg.norm(X - Y, axis=(1, 2)) / size).mean())
-                for Y in (tried, mirrored)
-            )
-        )
+        start = rigid_state(images[half])
+        *_, by_itself = improve(images[half], start, JUDGED_ROUNDS)
+        X = learned.in_camera[half]
+        seen = by_itself.in_camera
+        mirrored = seen * np.array([1.0, 1.0, -1.0])[:, None]
+        distances.append(min(_mean_distance(X, seen), _mean_distance(X, mirrored)))
     return float(np.mean(distances))
 
 
-def price_of_views(images: Images, state: State, axes: slice) -> float:
+def _mean_distance(X: Floats, Y: Floats) -> float:
+    """mean ||X - Y|| / ||X|| of shapes (n, 3, p)."""
+    size = np.linalg.norm(X, axis=(1, 2))
+    return float((np.linalg.norm(X - Y, axis=(1, 2)) / size).mean())
+
+
+def price_of_views(images: Images, state: ClassState, axes: slice) -> float:
     """sum_n log(S |H_n|^(1/2) / (2 pi)^(d/2)): what it costs that rotations were
     chosen.
 
@@ -196,12 +229,11 @@ def price_of_views(images: Images, state: State, axes: slice) -> float:
     rotation about them, S = 8 pi^2 the size of all rotations, or 2 pi of those about
     one axis.
     """
-    information = posterior_mean(
-        images, state.views, state.model, slopes=True
-    ).information
-    assert information is not None
-    H = information[:, axes, axes]
+    expected = posterior_mean(images, state.views, state.model, slopes=True)
+    assert expected.information is not None
+    H = expected.information[:, axes, axes]
     d = H.shape[1]
     size = 8 * np.pi**2 if d > 1 else 2 * np.pi
     log_det = np.linalg.slogdet(H + 1e-9 * np.eye(d))[1]
-    return float((np.log(size) - 0.5 * d * np.log(2 * np.pi) + 0.5 * log_det).sum())
+    price = np.log(size) - 0.5 * d * np.log(2 * np.pi) + 0.5 * log_det
+    return float(price.sum())

@@ -1,7 +1,7 @@
 """Learning from landmarks alone: expectation maximisation from factorised views.
 
 max over mu, V, rho, sigma, tau, R, s of  sum_n log p(w_n | R_n, s_n) + log p(s_n)
-                                          - n / 2 (log tau^2 + SCALE^2 / tau^2),
+                                          - n / 2 (log tau^2 + PRIOR_SIZE_SD^2 / tau^2),
 
 the depths and the deformations integrated out. No round lowers it: views are kept where
 they raise the density of their image, and the noise goes no farther than to its best
@@ -16,91 +16,103 @@ and Marquardt's method.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Floats, evenly
+from shapefit.arrays import Flags, Floats, Indices, evenly
 from shapefit.dictionary.from_2d.model import (
-    MOST_MODES,
+    MAX_MODES,
     Gaussian,
     Images,
-    Indices,
-    Mask,
     Views,
     ascent,
     change_inliers,
-    choose,
-    hide,
+    choose_rows,
+    hide_some,
     posterior_mean,
     scatter,
     split_ppca,
 )
 from shapefit.geometry.rotations import complete_rotation
+from shapefit.threads import on_threads
 
-RANKS = (5, 9, 13)
+START_RANKS = (5, 9, 13)
 """Factors from which views are found; evidence chooses among them."""
 
-HOLD = 5
+HELD_ROUNDS = 5
 """Rounds at first in which the views rest, until the model knows how shapes deform."""
 
-COOLING = 0.7
-"""Least factor of the noise from round to round; faster, the views freeze."""
+MIN_NOISE_FACTOR = 0.7
+"""Of the noise from round to round; faster, the views freeze."""
 
-CLEARLY = 0.85
-"""Factor of the error of hidden landmarks below which it pays to believe that some are
-outliers.
-"""
+CLEARLY_BETTER_BELOW = 0.85
+"""Factor of the error of hidden landmarks from which on outliers are believed in."""
 
-TRIAL, TRIAL_IMAGES = 10, 200
-"""Rounds and images by which starts are judged."""
+TRIAL_ROUNDS = 10
+"""Rounds by which starts are judged."""
 
-MOST_ROUNDS, LEAST_GAIN = 35, 1e-3
+TRIAL_IMAGES = 200
+"""Images by which starts are judged."""
+
+MAX_LEARNING_ROUNDS = 35
+"""Rounds, which end earlier where the objective stands still."""
+
+MIN_COORDINATE_GAIN = 1e-3
 """Rounds end where one raises the objective by less than this for each coordinate."""
 
-IMAGES_PER_MODE = 4
+MIN_IMAGES_PER_MODE = 4
 """Images that a mode needs at least, or it is one of their noise."""
 
-EXACT = 5e-4
+EXACT_NOISE = 5e-4
 """Noise, in the size of the shapes, below which landmarks count as exact."""
 
-SIZE_STD, SCALE = 0.1, 0.01
-"""First deviation of log s, and that of the images that its prior stands for."""
+FIRST_SIZE_SD = 0.1
+"""First deviation of log s."""
 
-BLOCK = 16
-"""Images at a time: what they take fits in the cache."""
+PRIOR_SIZE_SD = 0.01
+"""Deviation of log s of the images that its prior stands for."""
+
+IMAGES_AT_A_TIME = 16
+"""What they take fits in the cache."""
 
 COMPLETION_ROUNDS = 30
-UPGRADE_ROUNDS = 30
+"""In which hidden landmarks are filled in; a factor more every three rounds."""
 
-FAR, NEAR = 4.0, 0.02
-"""A landmark is an outlier, at first, so many medians from where the factors have it;
-or so many times a share of the size of a shape, if that is more.
+MAX_UPGRADE_ROUNDS = 30
+"""Of Levenberg and Marquardt's method."""
+
+OUTLIER_MEDIANS = 4.0
+"""Median residuals, from where the factors have it, at which a landmark is an outlier
+at first.
 """
 
-MOST = 0.25
-"""Share of the landmarks of an image beyond which they show a rare pose, and none is an
-outlier.
-"""
+MIN_MEDIAN_RESIDUAL = 0.02
+"""Least median that counts, as a share of the size of a shape."""
 
-SAME_SIZE = 1.0
+MAX_OUTLIER_SHARE = 0.25
+"""Of the landmarks of an image, beyond which they show a rare pose and none is one."""
+
+SIZE_WEIGHT = 1.0
 """Weight of the size of an image beside the angle and the ratio of its axes."""
 
 
 @dataclass(frozen=True)
-class State:
-    """Views, the model that follows from them, damping of their steps (n,); outliers
-    (n, p).
+class ClassState:
+    """What is learned after a round.
 
-    shapes (n, 3, p) and the objective are those of the views under the model before.
+    views, the model that follows from them, damping of their steps (n,); outliers (n,
+    p); shapes (n, 3, p) and the objective are those of the views under the model
+    before.
     """
 
     views: Views
     model: Gaussian
     damping: Floats
     shapes: Floats
-    outliers: Mask
+    outliers: Flags
     objective: float = -np.inf
 
     @property
@@ -111,54 +123,52 @@ class State:
         return points
 
 
-def learn(images: Images) -> Iterator[State]:
+def learn_class(images: Images) -> Iterator[ClassState]:
     """Yield the state after each round from the best start.
 
     Starts are judged by the objective after some rounds with images that lie evenly.
     Landmarks are outliers only where others, hidden, are then predicted clearly better:
     rare poses of a class that is no Gaussian look like outliers, too.
     """
-    ranks = tuple(sorted({min(rank, images.landmarks.shape[2] - 1) for rank in RANKS}))
+    p = images.landmarks.shape[2]
+    ranks = tuple(sorted({min(rank, p - 1) for rank in START_RANKS}))
     some = evenly(len(images), TRIAL_IMAGES)
-    hidden = hide(images[some].weights > 0)
+    hidden = hide_some(images[some].weights > 0)
     remaining = images[some].hiding(hidden)
-    W, _ = complete(images, max(RANKS))
+    W, _ = complete_landmarks(images, max(START_RANKS))
     starts = find_views(W, ranks)
     trials = [run_trial(remaining, W[some], views[some]) for views in starts]
     best = int(np.argmax([trial.objective for trial in trials]))
     first = first_state(images, W, starts[best])
-    W, outliers = complete(images, max(RANKS), doubting=True)
+    W, outliers = complete_landmarks(images, max(START_RANKS), doubting=True)
     if outliers[some].any():
         (views,) = find_views(W, ranks[best : best + 1])
         without = replace(remaining, outliers=outliers[some] & ~hidden)
         doubting = run_trial(without, W[some], views[some])
-        errors = [
-            hidden_error(images[some], hidden, of) for of in (doubting, trials[best])
-        ]
-        if errors[0] < CLEARLY * errors[1]:
+        error_of_doubting = hidden_error(images[some], hidden, doubting)
+        error_of_believing = hidden_error(images[some], hidden, trials[best])
+        if error_of_doubting < CLEARLY_BETTER_BELOW * error_of_believing:
             images = replace(images, outliers=outliers)
             first = first_state(images, W, views)
     yield from improve(images, first)
 
 
-def run_trial(images: Images, W: Floats, views: Views) -> State:
+def run_trial(images: Images, W: Floats, views: Views) -> ClassState:
     """Return the state after the rounds by which a start is judged."""
     state = first_state(images, W, views)
-    for k in range(TRIAL):
-        state = learn_round(images, state, hold=k < HOLD)
+    for k in range(TRIAL_ROUNDS):
+        state = learn_round(images, state, hold=k < HELD_ROUNDS)
     return state
 
 
-def hidden_error(images: Images, hidden: Mask, state: State) -> float:
+def hidden_error(images: Images, hidden: Flags, state: ClassState) -> float:
     """Median distance of the hidden landmarks (n, p) from where the model has them."""
-    distance = np.linalg.norm(
-        predict(images.hiding(hidden | state.outliers), state) - images.landmarks,
-        axis=1,
-    )
+    predicted = predict(images.hiding(hidden | state.outliers), state)
+    distance = np.linalg.norm(predicted - images.landmarks, axis=1)
     return float(np.median(distance[hidden])) if hidden.any() else 0.0
 
 
-def predict(images: Images, state: State) -> Floats:
+def predict(images: Images, state: ClassState) -> Floats:
     """Return where the model has all landmarks (n, 2, p), hidden ones too."""
     expected = posterior_mean(images, state.views, state.model)
     shapes = replace(state, shapes=expected.shapes).in_camera
@@ -167,202 +177,297 @@ def predict(images: Images, state: State) -> Floats:
 
 
 def improve(
-    images: Images, state: State, rounds: int = MOST_ROUNDS, *, turning: bool = True
-) -> Iterator[State]:
+    images: Images,
+    state: ClassState,
+    rounds: int = MAX_LEARNING_ROUNDS,
+    *,
+    turning: bool = True,
+) -> Iterator[ClassState]:
     """Yield the state after each round, until the objective stands still.
 
     The views climb where they are turning.
     """
     coordinates = 2 * int((images.weights > 0).sum())
     for k in range(rounds):
-        before, state = state, learn_round(images, state, hold=k < HOLD or not turning)
+        before = state
+        state = learn_round(images, state, hold=k < HELD_ROUNDS or not turning)
         yield state
         gain = (state.objective - before.objective) / coordinates
-        if k > HOLD and (gain < LEAST_GAIN or state.model.noise < EXACT**2):
+        is_exact = state.model.noise < EXACT_NOISE**2
+        if k > HELD_ROUNDS and (gain < MIN_COORDINATE_GAIN or is_exact):
             return
 
 
-def first_state(images: Images, W: Floats, views: Views) -> State:
-    """Return the rigid model of completed landmarks W (n, 2, p), with outliers, in
-    given views.
-    """
+def first_state(images: Images, W: Floats, views: Views) -> ClassState:
+    """Return the rigid model of completed landmarks W (n, 2, p) in these views."""
     n, _, p = W.shape
     A = np.exp(views.log_scale)[:, None, None] * views.rotation[:, :2]
-    mean = np.asarray(
-        np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0], np.float64
-    )
+    solution = np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0]
+    mean = np.asarray(solution, np.float64)
     mean = mean - mean.mean(axis=1, keepdims=True)
-    left = max(float(((W - A @ mean) ** 2).mean()), EXACT**2)
-    size = sequence_means(views.log_scale, images.sequence)
-    model = Gaussian(mean, np.zeros((3, p, 0)), left, left / 2, size, SIZE_STD**2)
-    outliers = np.zeros((n, p), bool) if images.outliers is None else images.outliers
-    return State(
-        views, model, np.full(n, 0.1), np.broadcast_to(mean, (n, 3, p)), outliers
+    left = max(float(((W - A @ mean) ** 2).mean()), EXACT_NOISE**2)
+    model = Gaussian(
+        mean=mean,
+        modes=np.zeros((3, p, 0)),
+        rest=left,
+        noise=left / 2,
+        log_size=sequence_means(views.log_scale, images.sequence),
+        size_variance=FIRST_SIZE_SD**2,
+    )
+    outliers = images.outliers
+    return ClassState(
+        views=views,
+        model=model,
+        damping=np.full(n, 0.1),
+        shapes=np.broadcast_to(mean, (n, 3, p)),
+        outliers=np.zeros((n, p), bool) if outliers is None else outliers,
     )
 
 
-def learn_round(images: Images, state: State, *, hold: bool) -> State:
-    """Take one round: a step of each view unless `hold`, expectation, and
-    maximisation.
+def learn_round(images: Images, state: ClassState, *, hold: bool) -> ClassState:
+    """Take one round: a step of views that do not hold, expectation, maximisation.
+
+    Blocks of images are taken side by side on all cores, and what adds up over them is
+    added in their order.
     """
-    n, p = images.weights.shape
-    model, damping, doubting = (
-        state.model,
-        state.damping.copy(),
-        images.outliers is not None,
+    n = len(images.weights)
+    starts = range(0, n, IMAGES_AT_A_TIME)
+    blocks = on_threads(
+        lambda rows: expect(images, state, rows, hold=hold),
+        [slice(start, start + IMAGES_AT_A_TIME) for start in starts],
+        0,
     )
-    rotation, log_scale = state.views.rotation.copy(), state.views.log_scale.copy()
-    shapes, outliers, density = np.empty((n, 3, p)), state.outliers.copy(), 0.0
-    covariance, residual_variance = np.zeros((3 * p, 3 * p)), 0.0
-    for at in range(0, n, BLOCK):
-        rows = slice(at, at + BLOCK)
-        block, views = replace(images[rows], outliers=outliers[rows]), state.views[rows]
-        expected = posterior_mean(block, views, model, slopes=not hold)
-        if doubting or not hold:
-            doubted = (
-                change_inliers(block, expected.flip_gain)
-                if doubting
-                else outliers[rows]
-            )
-            moved = views if hold else ascent(views, expected, damping[rows])
-            then = posterior_mean(replace(block, outliers=doubted), moved, model)
-            better = then.log_density > expected.log_density
-            expected, views = (
-                choose(better, then, expected),
-                choose(better, moved, views),
-            )
-            outliers[rows] = np.where(better[:, None], doubted, outliers[rows])
+    expectation = join_blocks(blocks)
+    variance = state.model.size_variance
+    prior = -0.5 * n * (np.log(variance) + PRIOR_SIZE_SD**2 / variance)
+    return ClassState(
+        views=expectation.views,
+        model=maximise_class(images, state.model, expectation),
+        damping=expectation.damping,
+        shapes=expectation.shapes,
+        outliers=expectation.outliers,
+        objective=expectation.log_density + prior,
+    )
+
+
+class Expectation(NamedTuple):
+    """What a round expects of m images.
+
+    damping (m,), outliers (m, p), shapes (m, 3, p); covariance (3p, 3p), log_density
+    and residual_variance are sums over the images.
+    """
+
+    views: Views
+    damping: Floats
+    shapes: Floats
+    outliers: Flags
+    covariance: Floats
+    log_density: float
+    residual_variance: float
+
+
+def expect(
+    images: Images, state: ClassState, rows: slice, *, hold: bool
+) -> Expectation:
+    """Step the views of some rows, unless they hold, and expect their shapes.
+
+    A step, and a change of outliers, is taken where it raises the log density.
+    """
+    model = state.model
+    views = state.views[rows]
+    damping = state.damping[rows]
+    outliers = state.outliers[rows]
+    is_doubting = images.outliers is not None
+    block = replace(images[rows], outliers=outliers)
+    expected = posterior_mean(block, views, model, slopes=not hold)
+    if is_doubting or not hold:
+        doubted = outliers
+        if is_doubting:
+            doubted = change_inliers(block, expected.flip_gain)
+        moved = views
         if not hold:
-            damping[rows] = np.clip(
-                np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3
-            )
-        rotation[rows], log_scale[rows] = views.rotation, views.log_scale
-        shapes[rows] = expected.shapes
-        density += float(expected.log_density.sum())
-        covariance += scatter(expected, views, model)
-        residual_variance += float(expected.residual_variance.sum())
+            moved = ascent(views, expected, damping)
+        then = posterior_mean(replace(block, outliers=doubted), moved, model)
+        is_better = then.log_density > expected.log_density
+        expected = choose_rows(is_better, then, expected)
+        views = choose_rows(is_better, moved, views)
+        outliers = np.where(is_better[:, None], doubted, outliers)
+        if not hold:
+            factor = np.where(is_better, 0.3, 10.0)
+            damping = np.clip(factor * damping, 1e-3, 1e3)
+    return Expectation(
+        views=views,
+        damping=damping,
+        shapes=expected.shapes,
+        outliers=outliers,
+        covariance=scatter(expected, views, model),
+        log_density=float(expected.log_density.sum()),
+        residual_variance=float(expected.residual_variance.sum()),
+    )
+
+
+def join_blocks(blocks: Sequence[Expectation]) -> Expectation:
+    """Return what is expected of all images; sums are taken in the order of blocks."""
+    covariance = np.zeros_like(blocks[0].covariance)
+    for block in blocks:
+        covariance += block.covariance
+    return Expectation(
+        views=Views(
+            np.concatenate([block.views.rotation for block in blocks]),
+            np.concatenate([block.views.log_scale for block in blocks]),
+        ),
+        damping=np.concatenate([block.damping for block in blocks]),
+        shapes=np.concatenate([block.shapes for block in blocks]),
+        outliers=np.concatenate([block.outliers for block in blocks]),
+        covariance=covariance,
+        log_density=sum(block.log_density for block in blocks),
+        residual_variance=sum(block.residual_variance for block in blocks),
+    )
+
+
+def maximise_class(
+    images: Images, model: Gaussian, expectation: Expectation
+) -> Gaussian:
+    """Return the best model of what is expected of the images."""
+    n, p = images.weights.shape
+    shapes = expectation.shapes
     mean = shapes.mean(axis=0)
     centred = (shapes - mean).reshape(n, 3 * p)
-    noise = residual_variance / (2 * int(((images.weights > 0) & ~outliers).sum()))
+    covariance = (expectation.covariance + centred.T @ centred) / n
+    inliers = int(((images.weights > 0) & ~expectation.outliers).sum())
+    noise = expectation.residual_variance / (2 * inliers)
+    log_scale = expectation.views.log_scale
     size = sequence_means(log_scale, images.sequence)
-    size_variance = float(
-        (((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2
-    )
-    most = min(MOST_MODES, max(n // IMAGES_PER_MODE, 1))
-    following = replace(
-        split_ppca(mean, (covariance + centred.T @ centred) / n, most=most),
-        noise=max(noise, COOLING * model.noise),
+    squares = (log_scale - size[images.sequence]) ** 2
+    most = min(MAX_MODES, max(n // MIN_IMAGES_PER_MODE, 1))
+    return replace(
+        split_ppca(mean, covariance, most=most),
+        noise=max(noise, MIN_NOISE_FACTOR * model.noise),
         log_size=size,
-        size_variance=size_variance,
+        size_variance=float((squares.mean() + PRIOR_SIZE_SD**2) / 2),
     )
-    prior = -0.5 * n * (np.log(model.size_variance) + SCALE**2 / model.size_variance)
-    views = Views(rotation, log_scale)
-    return State(views, following, damping, shapes, outliers, density + prior)
 
 
 def sequence_means(values: Floats, sequence: Indices) -> Floats:
     """Means (sequences,) of values (n,)."""
-    means: Floats = np.bincount(sequence, values) / np.maximum(np.bincount(sequence), 1)
+    count = np.maximum(np.bincount(sequence), 1)
+    means: Floats = np.bincount(sequence, values) / count
     return means
 
 
-def complete(
+def complete_landmarks(
     images: Images, rank: int, *, doubting: bool = False
-) -> tuple[Floats, Mask]:
-    """Return the landmarks (n, 2, p), centred, and which are outliers (n, p), where it
-    is open.
+) -> tuple[Floats, Flags]:
+    """Return landmarks (n, 2, p), centred and filled in, and which are outliers (n, p).
 
-    Hidden and outliers are as factors of the rank have them; these are found by turns.
+    Hidden and outliers are as factors of the rank have them; where outliers are sought,
+    these are found by turns.
     """
-    w, there = images.landmarks, images.weights > 0
-    visible, placed = there, np.zeros_like(w)
-    for k in range(COMPLETION_ROUNDS if doubting or not there.all() else 0):
+    w = images.landmarks
+    is_there = images.weights > 0
+    visible = is_there
+    placed = np.zeros_like(w)
+    rounds = COMPLETION_ROUNDS if doubting or not is_there.all() else 0
+    for k in range(rounds):
         W, middle = filled(w, visible, placed)
         flat = W.reshape(-1, W.shape[2])
-        leading = np.linalg.eigh(flat.T @ flat)[1][:, -min(3 + k // 3, rank) :]
+        axes = np.linalg.eigh(flat.T @ flat)[1]
+        leading = axes[:, -min(3 + k // 3, rank) :]
         placed = (flat @ leading @ leading.T).reshape(W.shape)
         if doubting:
             residual = np.linalg.norm(w - middle - placed, axis=1)
-            near = residual < FAR * max(float(np.median(residual[there])), NEAR)
-            rare = (there & ~near).sum(axis=1) > MOST * there.sum(axis=1)
-            visible = there & (near | rare[:, None])
-    return filled(w, visible, placed)[0], there & ~visible
+            usual = max(float(np.median(residual[is_there])), MIN_MEDIAN_RESIDUAL)
+            is_near = residual < OUTLIER_MEDIANS * usual
+            far = (is_there & ~is_near).sum(axis=1)
+            is_rare_pose = far > MAX_OUTLIER_SHARE * is_there.sum(axis=1)
+            visible = is_there & (is_near | is_rare_pose[:, None])
+    return filled(w, visible, placed)[0], is_there & ~visible
 
 
-def filled(w: Floats, visible: Mask, placed: Floats) -> tuple[Floats, Floats]:
-    """Fill hidden landmarks of w (n, 2, p) by `placed`; return it centred, and the
-    centre.
-    """
+def filled(w: Floats, visible: Flags, placed: Floats) -> tuple[Floats, Floats]:
+    """Fill hidden landmarks of w (n, 2, p); return it centred, and where it was."""
     count = np.maximum(visible.sum(axis=1), 1)[:, None, None]
-    middle = (
-        np.where(visible[:, None], w - placed, 0.0).sum(axis=2, keepdims=True) / count
-    )
+    offset = np.where(visible[:, None], w - placed, 0.0)
+    middle = offset.sum(axis=2, keepdims=True) / count
     W = np.where(visible[:, None], w - middle, placed)
     return W - W.mean(axis=2, keepdims=True), middle
 
 
 def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:
-    """Return the views of landmarks W (n, 2, p), complete and centred, for each rank
-    r.
-    """
+    """Return the views of landmarks W (n, 2, p), complete and centred, of each rank."""
     n, _, p = W.shape
     U = np.linalg.svd(W.reshape(2 * n, p), full_matrices=False)[0]
     views = []
     L = (U * np.sqrt(2 * n / 3)).reshape(n, 2, -1)
     Q = rigid_upgrade(L[:, :, :3])
     for r in range(3, max(ranks) + 1):
-        Q = upgrade(L[:, :, :r], np.concatenate([Q, np.zeros((r - len(Q), 3))]))
+        without_more = np.concatenate([Q, np.zeros((r - len(Q), 3))])
+        Q = upgrade(L[:, :, :r], without_more)
         if r in ranks:
             rows = L[:, :, :r] @ Q
-            log_scale = np.log(np.maximum((rows**2).sum(axis=(1, 2)) / 2, 1e-4)) / 2
+            squares = (rows**2).sum(axis=(1, 2)) / 2
+            log_scale = np.log(np.maximum(squares, 1e-4)) / 2
             views.append(Views(complete_rotation(rows), log_scale))
     return views
 
 
 def rigid_upgrade(L: Floats) -> Floats:
-    """Return Q (3, 3) with Q Q^T nearest to making L Q (n, 2, 3) orthonormal, linear in
-    Q Q^T.
+    """Return Q (3, 3) with Q Q^T nearest to making L Q (n, 2, 3) orthonormal.
+
+    That is linear in Q Q^T = G: a G a = 1, b G b = 1, a G b = 0 for rows a, b of L.
     """
     i, j = np.triu_indices(3)
-    products = L[:, [0, 1, 0]][..., i] * L[:, [0, 1, 1]][..., j]
-    products += np.where(i != j, L[:, [0, 1, 0]][..., j] * L[:, [0, 1, 1]][..., i], 0.0)
+    left = L[:, [0, 1, 0]]
+    right = L[:, [0, 1, 1]]
+    products = left[..., i] * right[..., j]
+    products += np.where(i != j, left[..., j] * right[..., i], 0.0)
     target = np.tile([1.0, 1.0, 0.0], len(L))
+    entries = np.linalg.lstsq(products.reshape(-1, 6), target, rcond=None)[0]
     G = np.empty((3, 3))
-    G[i, j] = G[j, i] = np.linalg.lstsq(products.reshape(-1, 6), target, rcond=None)[0]
+    G[i, j] = entries
+    G[j, i] = entries
     size, axes = np.linalg.eigh(G)
     upgrade: Floats = axes * np.sqrt(np.maximum(size, 1e-2 * max(size[-1], 1e-2)))
     return upgrade
 
 
 def upgrade(L: Floats, Q: Floats) -> Floats:
-    """min over Q (r, 3) of sum_n (a b)^2 + (a a - b b)^2 / 4 + (a a + b b - 2)^2 / 4,
-    rows a, b.
+    """min over Q (r, 3) of sum_n (a b)^2 + (a a - b b)^2 / 4 + (a a + b b - 2)^2 / 4.
+
+    a, b are the rows of L Q. Levenberg and Marquardt's method.
     """
-    r, damping = len(Q), 1e-3
-
-    def residuals(Q: Floats) -> tuple[Floats, Floats]:
-        M = L @ Q
-        a, b = M[:, 0], M[:, 1]
-        aa, bb, ab = (a * a).sum(axis=1), (b * b).sum(axis=1), (a * b).sum(axis=1)
-        return M, np.stack([ab, (aa - bb) / 2, SAME_SIZE * (aa + bb - 2) / 2])
-
-    M, c = residuals(Q)
+    r = len(Q)
+    damping = 1e-3
+    M, c = _orthonormality(L, Q)
     floor = 1e-9 * len(L) * np.eye(3 * r)
-    for _ in range(UPGRADE_ROUNDS):
+    for _ in range(MAX_UPGRADE_ROUNDS):
         da = L[:, 0, :, None] * M[:, 0, None]  # half the derivative of a a
         db = L[:, 1, :, None] * M[:, 1, None]
         dab = L[:, 0, :, None] * M[:, 1, None] + L[:, 1, :, None] * M[:, 0, None]
-        J = np.stack([dab, da - db, SAME_SIZE * (da + db)]).reshape(-1, 3 * r)
-        H, g = J.T @ J, J.T @ c.ravel()
-        step = np.linalg.solve(H + damping * np.diag(np.diag(H)) + floor, g).reshape(
-            r, 3
-        )
-        tried, left = residuals(Q - step)
-        if (left**2).sum() < (c**2).sum():
-            done = (left**2).sum() > (1 - 1e-4) * (c**2).sum()
-            Q, M, c, damping = Q - step, tried, left, damping * 0.3
-            if done:
+        J = np.stack([dab, da - db, SIZE_WEIGHT * (da + db)]).reshape(-1, 3 * r)
+        H = J.T @ J
+        g = J.T @ c.ravel()
+        damped = H + damping * np.diag(np.diag(H)) + floor
+        tried = Q - np.linalg.solve(damped, g).reshape(r, 3)
+        M_tried, c_tried = _orthonormality(L, tried)
+        before = (c**2).sum()
+        after = (c_tried**2).sum()
+        if after < before:
+            Q, M, c = tried, M_tried, c_tried
+            damping *= 0.3
+            if after > (1 - 1e-4) * before:
                 break
         else:
             damping *= 5
     return Q
+
+
+def _orthonormality(L: Floats, Q: Floats) -> tuple[Floats, Floats]:
+    """Return M = L Q (n, 2, 3), and how its rows differ from orthonormal (3, n)."""
+    M = L @ Q
+    a = M[:, 0]
+    b = M[:, 1]
+    aa = (a * a).sum(axis=1)
+    bb = (b * b).sum(axis=1)
+    ab = (a * b).sum(axis=1)
+    return M, np.stack([ab, (aa - bb) / 2, SIZE_WEIGHT * (aa + bb - 2) / 2])

@@ -1,5 +1,4 @@
-"""The model of landmarks without 3D examples: one Gaussian over shapes, seen from
-unknown views.
+"""The model of landmarks alone: one Gaussian over shapes, seen from unknown views.
 
     w_nj = s_n P R_n x_nj + t_n + e_nj,    e_nj ~ N(0, sigma^2 / omega_nj^2 I),
     x_n  = mu + V z_n + d_n,               z_n ~ N(0, I),  d_n ~ N(0, rho I),
@@ -15,44 +14,38 @@ as two more columns of B with a flat prior, the landmarks less s P R mu, r, have
 
     M = diag(I, 0) + B^T v^-1 B,   z^ = M^-1 B^T v^-1 r,   alpha = v^-1 (r - B z^),
     log p = -1/2 (r^T alpha + log |M| + sum 2 log(2 pi v_j)),
-    log p_j = -1/2 (a^T A^-1 a / v_j - log |A|) - log(2 pi v_j),  A = I - B_j M^-1 B_j^T
-                                                                  / v_j,
+    log p_j = -1/2 (a^T A^-1 a / v_j - log |A|) - log(2 pi v_j),
 
-with a = (r - B z^)_j and p_j what the other landmarks say of landmark j, seen; for an
-outlier A^-1 = I + B_j M^-1 B_j^T / v_j,
+with A = I - B_j M^-1 B_j^T / v_j, a = (r - B z^)_j and p_j what the other landmarks say
+of landmark j, seen; for an outlier A^-1 = I + B_j M^-1 B_j^T / v_j,
 
 and the landmarks of the shape x_j = mu_j + V_j z + (s rho / v_j) (P R)^T (r - B z)_j.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats, Indices
 from shapefit.geometry.rotations import exponential
 
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
-Record = TypeVar("Record", bound=Any)
+VIEW_DIRECTIONS = 4
+"""In which a view moves: turns about the axes of the camera, and log s."""
 
-DIRECTIONS = 4
-"""Of a view: turns about the axes of the camera, and log s."""
+TRANSLATION_PRECISION = 1e-9
+"""Before the image is seen."""
 
-FLAT = 1e-9
-"""Precision of the translation before the image is seen."""
+OUTLIER_LOG_DENSITY = np.log(0.02 / (1 - 0.02) * 0.05)
+"""With the odds that a landmark is an outlier."""
 
-OUTLIERS = np.log(0.02 / (1 - 0.02) * 0.05)
-"""Log density of an outlier, with the odds that it is one."""
+MAX_VIEW_STEP = 0.3
+"""In radians and log s."""
 
-LONGEST = 0.3
-"""Step of a view, in radians and log s."""
-
-TURNS = np.array(
+VIEW_MOTIONS = np.array(
     [
         [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
         [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]],
@@ -60,30 +53,28 @@ TURNS = np.array(
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
     ]
 )
-"""P K_o (4, 2, 3): how the image of a point of the camera's frame moves in each
-direction.
-"""
+"""P K_o (4, 2, 3): how the image of a point moves in each direction of a view."""
 
-MOST_MODES = 64
+MAX_MODES = 64
 """Modes V of a model at most."""
 
-LEAST_REST = 1e-9
+MIN_REST = 1e-9
 """Variance of a coordinate beside the modes at least."""
 
 
 @dataclass(frozen=True)
 class Images:
-    """n images: landmarks w (n, 2, p), weights omega (n, p), 0 where hidden, sequence
-    (n,).
+    """n images of landmarks.
 
-    The landmarks of each sequence, numbered from 0, are of comparable size, and lie
+    landmarks w (n, 2, p), weights omega (n, p), 0 where hidden, sequence (n,). The
+    landmarks of each sequence, numbered from 0, are of comparable size, and lie
     anywhere where they are outliers (n, p); None where all count as inliers.
     """
 
     landmarks: Floats
     weights: Floats
     sequence: Indices
-    outliers: Mask | None = None
+    outliers: Flags | None = None
 
     def __len__(self) -> int:
         return len(self.landmarks)
@@ -95,16 +86,15 @@ class Images:
         )
 
     @property
-    def visible(self) -> Mask:
+    def visible(self) -> Flags:
         """Landmarks (n, p) that have a weight and are inliers."""
-        there = self.weights > 0
-        return there if self.outliers is None else there & ~self.outliers
+        is_there = self.weights > 0
+        return is_there if self.outliers is None else is_there & ~self.outliers
 
-    def hiding(self, landmarks: Mask) -> Images:
+    def hiding(self, landmarks: Flags) -> Images:
         """Return the images with these landmarks (n, p) hidden, and no outlier."""
-        return Images(
-            self.landmarks, np.where(landmarks, 0.0, self.weights), self.sequence
-        )
+        weights = np.where(landmarks, 0.0, self.weights)
+        return Images(self.landmarks, weights, self.sequence)
 
 
 @dataclass(frozen=True)
@@ -120,8 +110,10 @@ class Views:
 
 @dataclass(frozen=True)
 class Gaussian:
-    """mean mu (3, p), modes V (3, p, q), rest rho, noise sigma^2; log_size
-    (sequences,), tau^2.
+    """The model of shapes and of what is seen of them.
+
+    mean mu (3, p), modes V (3, p, q), rest rho, noise sigma^2; log_size (sequences,)
+    and the size_variance tau^2.
     """
 
     mean: Floats
@@ -141,12 +133,13 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class Expected:
-    """Of n images: log_density (n,), shapes E x (n, 3, p) and translation (n, 2).
+    """What a model expects of n images.
 
-    root (n, 3p, q + 2), a root of the covariance of shapes but for what landmarks alone
-    tell, and gain (n, p) = s^2 rho / v, from which that follows; gradient (n, 4) and
-    information (n, 4, 4) of the log density by the view, None where they were not asked
-    for; residual_variance (n,), the sum over the visible landmarks of omega^2 E |e|^2;
+    log_density (n,), shapes E x (n, 3, p) and translation (n, 2). root (n, 3p, q + 2),
+    a root of the covariance of shapes but for what landmarks alone tell, and gain (n,
+    p) = s^2 rho / v, from which that follows; gradient (n, 4) and information (n, 4, 4)
+    of the log density by the view, None where they were not asked for;
+    residual_variance (n,), the sum over the visible landmarks of omega^2 E |e|^2;
     flip_gain (n, p), the log density that an image gains where one landmark becomes an
     outlier, or stops to be one.
     """
@@ -162,122 +155,202 @@ class Expected:
     residual_variance: Floats
 
 
+Rows = TypeVar("Rows", Views, Expected)
+
+
 def posterior_mean(
     images: Images, views: Views, model: Gaussian, *, slopes: bool = False
 ) -> Expected:
-    """Expectation step: shapes given their images, with the slopes of the log density
-    by the views.
+    """Expectation step: shapes given their images.
 
-    With U U^T = M^-1 all that is needed of it follows from V U, by landmark. The
-    gradient is that of the expected log density of image and shape together (Fisher's
-    identity); the information is that of the mean shape, the covariance held.
+    With slopes, those of the log density by the views come with it. With U U^T = M^-1
+    all that is needed of it follows from V U, by landmark. The gradient is that of the
+    expected log density of image and shape together (Fisher's identity); the
+    information is that of the mean shape, the covariance held.
     """
     n, _, p = images.landmarks.shape
     q = model.modes.shape[2]
-    s = np.exp(views.log_scale)
-    PR = views.rotation[:, :2]
-    sPR = s[:, None, None] * PR
-    omega = images.weights
-    visible, there = images.visible, omega > 0
-    rest = (s**2 * model.rest)[:, None]
-    v = rest + model.noise / np.where(there, omega, 1.0) ** 2
-    u = np.where(visible, 1.0 / v, 0.0)
-    B = np.zeros((n, 2, p, q + 2))
-    B[..., :q] = (sPR.reshape(2 * n, 3) @ model.modes.reshape(3, p * q)).reshape(
-        n, 2, p, q
-    )
-    B[:, 0, :, q] = B[:, 1, :, q + 1] = 1.0
-    flat = B.reshape(n, 2 * p, q + 2)
-    r = np.where(there[:, None], images.landmarks - sPR @ model.mean, 0.0)
-    M = (u[:, None, :, None] * B).reshape(flat.shape).transpose(0, 2, 1) @ flat
-    M[:, np.arange(q), np.arange(q)] += 1.0
-    M[:, [q, q + 1], [q, q + 1]] += FLAT
-    core.invert_factors(matrices=M, threads=1)
-    U = M.transpose(0, 2, 1)
-    linear_term = (u[:, None] * r).reshape(n, 1, 2 * p) @ flat
+    seen = _see(images, views, model)
+    B, u = seen.B, seen.u
+    U = _root_of_covariance(B, u, q)
+    linear_term = (u[:, None] * seen.r).reshape(n, 1, 2 * p) @ B
     z = (U @ (linear_term @ U)[:, 0, :, None])[..., 0]
-    left = r - (flat @ z[..., None]).reshape(n, 2, p)
+    left = seen.r - (B @ z[..., None]).reshape(n, 2, p)
     alpha = u[:, None] * left
-    log_density = -0.5 * (r * alpha).sum(axis=(1, 2))
-    log_density += np.log(np.einsum("nqq->nq", U)).sum(axis=1)
-    log_density -= np.where(visible, np.log(2 * np.pi * v), 0.0).sum(axis=1)
-    log_density += OUTLIERS * (there & ~visible).sum(axis=1)
-    deviation = views.log_scale - model.log_size[images.sequence]
-    variance = model.size_variance
-    log_density -= 0.5 * (deviation**2 / variance + np.log(2 * np.pi * variance))
-    gain = rest * u
-    back = gain / s[:, None]
-    RP = PR.transpose(0, 2, 1)
+    gain = seen.rest * u
+    back = gain / seen.s[:, None]
+    RP = seen.PR.transpose(0, 2, 1)
     V = model.modes.reshape(3 * p, q)
-    shapes = (
-        model.mean + (z[:, :q] @ V.T).reshape(n, 3, p) + back[:, None] * (RP @ left)
-    )
+    deformation = (z[:, :q] @ V.T).reshape(n, 3, p)
+    shapes = model.mean + deformation + back[:, None] * (RP @ left)
     VU = (V @ U[:, :q]).reshape(n, 3, -1)
-    half = (sPR @ VU).reshape(n, 2, p, q + 2)
+    half = (seen.sPR @ VU).reshape(n, 2, p, q + 2)
     half += U[:, q:, None]
     # H = B M^-1 B^T of each landmark with itself: what the others leave open of it
     H = np.einsum("ncpk,ndpk->npcd", half, half)
     half *= u[:, None, :, None]
     weighted = half.reshape(n, 2, -1)
-    share = np.where(visible, 1 - gain, 0.0)
-    flip_gain = np.where(there, flip_gain_of(left, H, v, visible), -np.inf)
-    residual_variance = (
-        omega**2 * share**2 * ((left**2).sum(axis=1) + H[..., 0, 0] + H[..., 1, 1])
-        + 2 * omega**2 * share * rest
-    ).sum(axis=1)
     gradient = information = None
     if slopes:
         # d log p = alpha^T dA x^ - tr(dA C A^T Sigma^-1), of which the second takes the
         # blocks of each landmark with itself
         stays = back[..., None, None] * (np.eye(2) - u[..., None, None] * H)
-        of_landmark = weighted @ VU.transpose(0, 2, 1) + stays.sum(axis=1) @ PR
-        D = s[:, None, None, None] * np.einsum("oca,nai->noci", TURNS, views.rotation)
-        moved = alpha @ shapes.transpose(0, 2, 1)
-        gradient = np.einsum("noci,nci->no", D, moved - of_landmark)
-        J = (D.reshape(-1, 3) @ model.mean).reshape(n, DIRECTIONS, 2 * p)
-        uJ = J * np.tile(u, 2)[:, None]
-        JB = uJ @ flat @ U
-        information = J @ uJ.transpose(0, 2, 1) - JB @ JB.transpose(0, 2, 1)
-        gradient[:, 3] -= deviation / variance
-        information[:, 3, 3] += 1 / variance
+        of_landmark = weighted @ VU.transpose(0, 2, 1)
+        of_landmark = of_landmark + stays.sum(axis=1) @ seen.PR
+        moved = alpha @ shapes.transpose(0, 2, 1) - of_landmark
+        gradient, information = _slopes(views, model, seen, U, moved)
+        _add_slopes_of_size(gradient, information, images, views, model)
     root = VU
-    root -= (s * model.rest)[:, None, None] * RP @ weighted
+    root -= (seen.s * model.rest)[:, None, None] * RP @ weighted
+    flip_gain = flip_gain_of(left, H, seen.v, images.visible)
     return Expected(
-        log_density,
-        flip_gain,
-        shapes,
-        z[:, q:],
-        root.reshape(n, 3 * p, -1),
-        gain,
-        gradient,
-        information,
-        residual_variance,
+        log_density=_log_density(images, views, model, seen, U, alpha),
+        flip_gain=np.where(images.weights > 0, flip_gain, -np.inf),
+        shapes=shapes,
+        translation=z[:, q:],
+        root=root.reshape(n, 3 * p, -1),
+        gain=gain,
+        gradient=gradient,
+        information=information,
+        residual_variance=_residual_variance(images, seen, gain, left, H),
     )
 
 
-def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Mask) -> Floats:
-    """Log density gained (n, p) where one landmark becomes an outlier, or one stops to
-    be one.
+class _Seen(NamedTuple):
+    """What images see under their views.
+
+    s (n,); P R (n, 2, 3) and s P R; s^2 rho (n, 1); v and u = 1 / v of visible
+    landmarks, else 0 (n, p); B (n, 2p, q + 2) and residuals r (n, 2, p).
     """
-    A = np.eye(2) + np.where(visible, -1 / v, 1 / v)[..., None, None] * H
+
+    s: Floats
+    PR: Floats
+    sPR: Floats
+    rest: Floats
+    v: Floats
+    u: Floats
+    B: Floats
+    r: Floats
+
+
+def _see(images: Images, views: Views, model: Gaussian) -> _Seen:
+    n, _, p = images.landmarks.shape
+    q = model.modes.shape[2]
+    s = np.exp(views.log_scale)
+    PR = views.rotation[:, :2]
+    sPR = s[:, None, None] * PR
+    is_there = images.weights > 0
+    rest = (s**2 * model.rest)[:, None]
+    v = rest + model.noise / np.where(is_there, images.weights, 1.0) ** 2
+    u = np.where(images.visible, 1.0 / v, 0.0)
+    modes = sPR.reshape(2 * n, 3) @ model.modes.reshape(3, p * q)
+    B = np.zeros((n, 2, p, q + 2))
+    B[..., :q] = modes.reshape(n, 2, p, q)
+    B[:, 0, :, q] = 1.0
+    B[:, 1, :, q + 1] = 1.0
+    r = np.where(is_there[:, None], images.landmarks - sPR @ model.mean, 0.0)
+    return _Seen(s, PR, sPR, rest, v, u, B.reshape(n, 2 * p, q + 2), r)
+
+
+def _root_of_covariance(B: Floats, u: Floats, q: int) -> Floats:
+    """Return U (n, q + 2, q + 2), upper triangular, with U U^T = M^-1."""
+    n, _, columns = B.shape
+    uB = (u[:, None, :, None] * B.reshape(n, 2, u.shape[1], columns)).reshape(B.shape)
+    M = uB.transpose(0, 2, 1) @ B
+    M[:, np.arange(q), np.arange(q)] += 1.0
+    M[:, [q, q + 1], [q, q + 1]] += TRANSLATION_PRECISION
+    core.invert_factors(matrices=M, threads=1)
+    return M.transpose(0, 2, 1)
+
+
+def _log_density(
+    images: Images, views: Views, model: Gaussian, seen: _Seen, U: Floats, alpha: Floats
+) -> Floats:
+    """Return the log density (n,) of the images and of the sizes of their views."""
+    visible = images.visible
+    log_density = -0.5 * (seen.r * alpha).sum(axis=(1, 2))
+    log_density += np.log(np.einsum("nqq->nq", U)).sum(axis=1)
+    log_density -= np.where(visible, np.log(2 * np.pi * seen.v), 0.0).sum(axis=1)
+    outliers = ((images.weights > 0) & ~visible).sum(axis=1)
+    log_density += OUTLIER_LOG_DENSITY * outliers
+    deviation = views.log_scale - model.log_size[images.sequence]
+    variance = model.size_variance
+    log_density -= 0.5 * (deviation**2 / variance + np.log(2 * np.pi * variance))
+    return np.asarray(log_density)
+
+
+def _residual_variance(
+    images: Images, seen: _Seen, gain: Floats, left: Floats, H: Floats
+) -> Floats:
+    """Return the sum over visible landmarks of omega^2 E |e|^2: (n,)."""
+    omega = images.weights
+    share = np.where(images.visible, 1 - gain, 0.0)
+    squares = (left**2).sum(axis=1) + H[..., 0, 0] + H[..., 1, 1]
+    of_landmark = omega**2 * share**2 * squares + 2 * omega**2 * share * seen.rest
+    return np.asarray(of_landmark.sum(axis=1))
+
+
+def _slopes(
+    views: Views, model: Gaussian, seen: _Seen, U: Floats, moved: Floats
+) -> tuple[Floats, Floats]:
+    """Return gradient (n, 4) and information (n, 4, 4) of the images by their views.
+
+    moved (n, 2, 3): the derivative of the log density by s P R.
+    """
+    n = len(seen.s)
+    B, u = seen.B, seen.u
+    turned = np.einsum("oca,nai->noci", VIEW_MOTIONS, views.rotation)
+    D = seen.s[:, None, None, None] * turned
+    gradient = np.einsum("noci,nci->no", D, moved)
+    J = (D.reshape(-1, 3) @ model.mean).reshape(n, VIEW_DIRECTIONS, B.shape[1])
+    uJ = J * np.tile(u, 2)[:, None]
+    JB = uJ @ B @ U
+    information = J @ uJ.transpose(0, 2, 1) - JB @ JB.transpose(0, 2, 1)
+    return gradient, information
+
+
+def _add_slopes_of_size(
+    gradient: Floats,
+    information: Floats,
+    images: Images,
+    views: Views,
+    model: Gaussian,
+) -> None:
+    """Add what the prior of log s, the last direction, has of the slopes."""
+    deviation = views.log_scale - model.log_size[images.sequence]
+    gradient[:, 3] -= deviation / model.size_variance
+    information[:, 3, 3] += 1 / model.size_variance
+
+
+def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
+    """Return the log density gained (n, p) where one landmark changes sides."""
+    sign = np.where(visible, -1 / v, 1 / v)
+    A = np.eye(2) + sign[..., None, None] * H
     size = np.maximum(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2, 1e-12)
-    a, b = left[:, 0], left[:, 1]
+    a = left[:, 0]
+    b = left[:, 1]
     square = A[..., 1, 1] * a**2 - 2 * A[..., 0, 1] * a * b + A[..., 0, 0] * b**2
     alone = -0.5 * square / (size * v) - np.log(2 * np.pi * v)
     alone += np.where(visible, 0.5, -0.5) * np.log(size)
-    gained: Floats = np.where(visible, OUTLIERS - alone, alone - OUTLIERS)
+    gained: Floats = np.where(
+        visible, OUTLIER_LOG_DENSITY - alone, alone - OUTLIER_LOG_DENSITY
+    )
     return gained
 
 
-def change_inliers(images: Images, flip_gain: Floats) -> Mask:
-    """Flip whether the most doubtful landmark of an image is an outlier; at least half
-    are not.
+def change_inliers(images: Images, flip_gain: Floats) -> Flags:
+    """Flip whether the most doubtful landmark of an image is an outlier.
+
+    At least half of its landmarks are none.
     """
-    visible, rows = images.visible, np.arange(len(images))
-    few = 2 * visible.sum(axis=1) <= (images.weights > 0).sum(axis=1) + 1
-    gained = np.where(few[:, None] & visible, -np.inf, flip_gain)
+    visible = images.visible
+    is_there = images.weights > 0
+    has_few_inliers = 2 * visible.sum(axis=1) <= is_there.sum(axis=1) + 1
+    must_stay = has_few_inliers[:, None] & visible
+    gained = np.where(must_stay, -np.inf, flip_gain)
+    rows = np.arange(len(images))
     most = gained.argmax(axis=1)
-    outliers = (images.weights > 0) & ~visible
+    outliers = is_there & ~visible
     outliers[rows, most] ^= gained[rows, most] > 0
     return outliers
 
@@ -288,11 +361,11 @@ def scatter(expected: Expected, views: Views, model: Gaussian) -> Floats:
     PR = views.rotation[:, :2]
     root = expected.root.transpose(1, 0, 2).reshape(3 * p, -1)
     total: Floats = root @ root.T
-    retained = expected.gain.T @ (PR.transpose(0, 2, 1) @ PR).reshape(n, 9)
+    across = (PR.transpose(0, 2, 1) @ PR).reshape(n, 9)
+    retained = (expected.gain.T @ across).reshape(p, 3, 3)
     j = np.arange(p)
-    total.reshape(3, p, 3, p)[:, j, :, j] += model.rest * (
-        n * np.eye(3) - retained.reshape(p, 3, 3)
-    )
+    of_itself = total.reshape(3, p, 3, p)
+    of_itself[:, j, :, j] += model.rest * (n * np.eye(3) - retained)
     return total
 
 
@@ -300,24 +373,20 @@ def ascent(views: Views, expected: Expected, damping: Floats) -> Views:
     """Take a damped scoring step of each view (n,) towards more log density."""
     assert expected.gradient is not None
     assert expected.information is not None
-    trace = expected.information.trace(axis1=1, axis2=2)[:, None, None] / DIRECTIONS
-    H = expected.information + (damping[:, None, None] * trace + 1e-12) * np.eye(
-        DIRECTIONS
-    )
+    trace = expected.information.trace(axis1=1, axis2=2)[:, None, None]
+    damped = damping[:, None, None] * (trace / VIEW_DIRECTIONS) + 1e-12
+    H = expected.information + damped * np.eye(VIEW_DIRECTIONS)
     step = np.linalg.solve(H, expected.gradient[..., None])[..., 0]
-    step *= np.minimum(
-        1.0, LONGEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300)
-    )
-    return Views(
-        exponential(step[:, :3]) @ views.rotation, views.log_scale + step[:, 3]
-    )
+    longest = np.abs(step).max(axis=1, keepdims=True)
+    step *= np.minimum(1.0, MAX_VIEW_STEP / np.maximum(longest, 1e-300))
+    rotation = exponential(step[:, :3]) @ views.rotation
+    return Views(rotation, views.log_scale + step[:, 3])
 
 
 def split_ppca(
-    mean: Floats, covariance: Floats, left: int = 1, most: int = MOST_MODES
+    mean: Floats, covariance: Floats, left: int = 1, most: int = MAX_MODES
 ) -> Gaussian:
-    """Split a covariance (3p, 3p) about the mean (3, p) into leading modes and a rest
-    rho.
+    """Split a covariance (3p, 3p) about the mean (3, p) into leading modes and a rest.
 
     The likeliest split: rho is the mean of the eigenvalues that are left (Tipping and
     Bishop 1999). At least `left` eigenvalues are, or the rest is next to nothing; modes
@@ -330,41 +399,37 @@ def split_ppca(
     size, axes = np.linalg.eigh(centred.reshape(3 * p, 3 * p))
     q = min(most, 3 * p - 3 - left)
     others = size[3 : 3 * p - q]  # the first three are translations
-    rest = max(float(others.mean()), LEAST_REST) if len(others) else LEAST_REST
+    rest = MIN_REST
+    if len(others):
+        rest = max(float(others.mean()), MIN_REST)
     modes = axes[:, -q:] * np.sqrt(np.maximum(size[-q:] - rest, 0.0))
     return Gaussian(
-        mean - mean.mean(axis=1, keepdims=True),
-        modes.reshape(3, p, q),
-        rest,
-        1.0,
-        np.zeros(1),
-        1.0,
+        mean=mean - mean.mean(axis=1, keepdims=True),
+        modes=modes.reshape(3, p, q),
+        rest=rest,
+        noise=1.0,
+        log_size=np.zeros(1),
+        size_variance=1.0,
     )
 
 
-def choose(mask: Mask, yes: Record, no: Record) -> Record:
-    """Return the record whose rows are those of `yes` where the mask (n,) is True, else
-    of `no`.
-    """
-    pairs = (
-        (getattr(yes, entry.name), getattr(no, entry.name)) for entry in fields(yes)
-    )
-    rows = (
-        (
-            None
-            if a is None or b is None
-            else np.where(mask.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
-        )
-        for a, b in pairs
-    )
-    chosen: Record = type(yes)(*rows)
-    return chosen
+def choose_rows(mask: Flags, yes: Rows, no: Rows) -> Rows:
+    """Return the rows of `yes` where the mask (n,) is True, else those of `no`."""
+    chosen: dict[str, Any] = {}
+    for column in fields(yes):
+        a = getattr(yes, column.name)
+        b = getattr(no, column.name)
+        if a is None or b is None:
+            chosen[column.name] = None
+        else:
+            of_each = mask.reshape(-1, *[1] * (a.ndim - 1))
+            chosen[column.name] = np.where(of_each, a, b)
+    return replace(yes, **chosen)
 
 
-def hide(visible: Mask) -> Mask:
-    """Choose a tenth of the seen landmarks (n, p), at random; enough of an image
-    stays.
-    """
+def hide_some(visible: Flags) -> Flags:
+    """Choose a tenth of the seen landmarks (n, p) at random, of no image too many."""
     hidden = visible & (np.random.default_rng(0).random(visible.shape) < 0.1)
-    chosen: Mask = hidden & ((visible & ~hidden).sum(axis=1, keepdims=True) > 3)
+    left = (visible & ~hidden).sum(axis=1, keepdims=True)
+    chosen: Flags = hidden & (left > 3)
     return chosen

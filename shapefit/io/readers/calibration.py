@@ -18,7 +18,7 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed
-from shapefit.geometry.pinhole import COEFFICIENTS, complete
+from shapefit.geometry.pinhole import COEFFICIENTS, complete_coefficients
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io.inputs import require_file
 from shapefit.io.readers.poses import as_numbers, library_reads, parsing, require
@@ -161,7 +161,7 @@ def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
     require(counted, f"{len(given)} coefficients of distortion, not 4, 5 or 8")
     return CalibratedCamera(
         matrix=matrix,
-        distortion=complete(given[:COEFFICIENTS]),
+        distortion=complete_coefficients(given[:COEFFICIENTS]),
         size=_array(table, "size", (2,)),
         rotation=_rotation(_array(table, "rotation")),
         translation=_array(table, "translation", (3,)),

@@ -5,7 +5,7 @@ detectors (COCO, MMDet, AlphaPose).
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Required
@@ -45,6 +45,8 @@ class _Image(TypedDict, total=False):
     file_name: Identity | None
     vid_id: Identity | None
     video_id: Identity | None
+    frame_id: Any
+    frame_index: Any
 
 
 class _Annotation(TypedDict, total=False):
@@ -91,10 +93,14 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     keypoints are [x, y, v, ...]; v = 0 is missing, 1 hidden and 2 visible; where one is
     a fraction, all are confidences. Categories may have different landmarks: then all
     names together, in their order. Feet, face and hands of COCO-WholeBody are landmarks
-    after those of the body.
+    after those of the body; what else has points is left out and named.
     """
-    content = checked(_Annotations, read_json(paths[0]))
+    given: Any = read_json(paths[0])
+    content = checked(_Annotations, given)
     annotations = [entry for entry in content["annotations"] if entry.get("keypoints")]
+    left_out: Counter[str] = Counter()
+    for stated_keys in given["annotations"]:
+        left_out.update(_further_points(stated_keys))
     whole = any(_has_parts(entry) for entry in annotations)
     names = _Landmarks()
     for category in content.get("categories") or ():
@@ -107,6 +113,7 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
         points = _annotated_points(entry)
         if whole and len(points) == len(installed_skeletons()[BODY].landmark_names):
             points = np.concatenate([points, _points_of_parts(entry)])
+            left_out.subtract(part for part, _ in PARTS if _has_points(entry.get(part)))
         if (placed := names.place(entry, points)) is not None:
             image = order.setdefault(entry["image_id"], len(order))
             detections.append((placed, image, _identity(entry)))
@@ -119,8 +126,12 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     }
     videos = [stated.get(image) for image in order]
     named = [video for video in videos if video is not None]
+    frame_of = {image["id"]: _stated_frame(image) for image in images}
     placed_images = place_images(
-        paths[0], files, [str(video) for video in videos] if named else None
+        paths[0],
+        files,
+        [str(video) for video in videos] if named else None,
+        stated=[frame_of.get(image) for image in order],
     )
     marks = [points[:, 2] for points, *_ in detections]
     scored = any((values % 1 > 0).any() for values in marks)
@@ -135,8 +146,43 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
         scored=scored,
         landmark_names=names.all,
         edges=names.edges,
-        notes=names.notes,
+        notes=(*names.notes, *_notes_of_further(left_out)),
     )
+
+
+def _stated_frame(image: _Image) -> int | None:
+    """Return the number of the frame that an image states; None where it states
+    none.
+    """
+    numbers = (image.get("frame_id"), image.get("frame_index"))
+    return next((n for n in numbers if isinstance(n, int) and n >= 0), None)
+
+
+def _further_points(annotation: Mapping[str, Any]) -> list[str]:
+    """Return the keys of an annotation beside `keypoints` that hold points."""
+    return [
+        key
+        for key, values in annotation.items()
+        if ("kpts" in key or key.startswith("keypoints"))
+        and key != "keypoints"
+        and _has_points(values)
+    ]
+
+
+def _has_points(values: object) -> bool:
+    """Whether a list has any number but 0, which stands for what was not found."""
+    if isinstance(values, list):
+        return any(map(_has_points, values))
+    return isinstance(values, int | float) and values != 0
+
+
+def _notes_of_further(left_out: Mapping[str, int]) -> list[str]:
+    """Say which points of annotations are not read."""
+    return [
+        f"{printable(key)} of {counted(number, 'annotation')} left out"
+        for key, number in sorted(left_out.items())
+        if number
+    ]
 
 
 def _has_parts(entry: _Annotation) -> bool:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from shapefit.arrays import Flags
-from shapefit.errors import abbreviate, input_error, listed
+from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.io.arrange import arrange
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
@@ -79,7 +79,6 @@ def _without_depth(poses: Poses) -> Poses:
     if not known.size or known.any():
         return poses
     note = f"{FLAT}: x and y are read as landmarks"
-    note += ", with y pointing up" if poses.y_axis == "up" else ""
     points, notes = poses.points[..., :2], (*poses.notes, note)
     return replace(poses, points=points, flat=True, notes=notes)
 
@@ -122,6 +121,8 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[Landmarks, Notes]
             f"{FRACTIONS}, so figures are squeezed where it is not square; {SIZE_FIX}"
         )
         poses = replace(poses, notes=(*poses.notes, note))
+    if poses.flat and options.y_axis is None:
+        poses = _with_direction(poses)
     poses, fields, notes = _fields(poses, options)
     images = Landmarks(
         poses.points,
@@ -130,6 +131,24 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[Landmarks, Notes]
         y_axis=options.y_axis or poses.y_axis or "down",
     )
     return images, notes
+
+
+def _with_direction(poses: Poses) -> Poses:
+    """Return landmarks in a plane whose y points up, with a note; pixels of which no y
+    is above 0 as those of an image, from its top down.
+
+    Sports2D changes the sign of y alone: the bottom of the image is then not at 0,
+    where a camera takes it to be if y points up.
+    """
+    if poses.y_axis != "up":
+        return poses
+    y = poses.points[..., 1]
+    known = y[np.isfinite(y)]
+    if poses.unit != "px" or not known.size or known.max() > 0:
+        return replace(poses, notes=(*poses.notes, "y points up, as that of markers"))
+    points = poses.points * [1.0, -1.0]
+    note = "y is negative, so its sign is changed: y points down"
+    return replace(poses, points=points, y_axis="down", notes=(*poses.notes, note))
 
 
 def _fields(poses: Poses, options: InputOptions) -> tuple[Poses, dict[str, Any], Notes]:
@@ -286,18 +305,22 @@ def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
         weights = np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0)
         confidence = np.where(placed, np.maximum(weights, 0.0), 0.0)
     rows: Flags = np.asarray(placed.any(axis=1))
-    counts = {
-        "landmarks hidden, whose coordinates are infinite": int(
-            np.isinf(points).any(axis=2).sum()
-        ),
-        "landmarks hidden, whose confidence is below `min_confidence`": int(low.sum()),
-        "individuals without a landmark left out": int((~rows).sum()),
-    }
-    notes = poses.notes + tuple(
-        f"{number} {text}" for text, number in counts.items() if number
-    )
+    infinite = int(np.isinf(points).any(axis=2).sum())
+    empty = int((~rows).sum())
+    notes = [*poses.notes]
+    if infinite:
+        hidden = counted(infinite, "landmark")
+        notes.append(f"{hidden} hidden, whose coordinates are infinite")
+    if low.any():
+        hidden = counted(int(low.sum()), "landmark")
+        notes.append(f"{hidden} hidden, whose confidence is below `min_confidence`")
+    if empty:
+        notes.append(f"{counted(empty, 'item')} without a landmark left out")
     points = np.where(placed[..., None], points, np.nan)
-    return replace(poses, points=points, confidence=confidence, notes=notes), rows
+    hidden_poses = replace(
+        poses, points=points, confidence=confidence, notes=tuple(notes)
+    )
+    return hidden_poses, rows
 
 
 def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:

@@ -336,11 +336,13 @@ def place_images(
     files: Sequence[str],
     videos: Sequence[str] | None = None,
     sparsest: int = SPARSEST,
+    stated: Sequence[int | None] | None = None,
 ) -> Images:
     """Return images by their names, each in its video: those given, or the folders in
     which images are numbered, or one.
 
-    Names that differ in a number alone are frames; else the order is that of the file.
+    Frames are those `stated`, where each image of a video has one of its own. Names
+    that differ in a number alone are frames, too; else the order is that of the file.
     """
     if videos is None:
         videos = _folders_of_series(files)
@@ -355,6 +357,10 @@ def place_images(
     for video, rows in rows_of.items():
         inside = image_labels([files[row] for row in rows])
         numbers = frame_numbers(inside, sparsest)
+        frame_of = {row: stated[row] for row in rows} if stated else {}
+        known = {frame for frame in frame_of.values() if frame is not None}
+        if known and len(known) == len(rows):
+            numbers = [(frame_of[row] or 0) - min(known) for row in rows]
         unordered |= numbers is None
         places = range(len(rows)) if numbers is None else numbers
         for row, label, place in zip(rows, inside, places, strict=True):

@@ -7,7 +7,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -19,9 +19,23 @@ import orjson
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.csv_file import read_numbers
-from shapefit.io.inputs import BYTE_ORDER_MARK, UTF16_MARKS, read_whole
+from shapefit.io.inputs import (
+    BYTE_ORDER_MARK,
+    UTF16_MARKS,
+    check_fits,
+    read_whole,
+)
 from shapefit.io.readers.poses import library_reads, require
 from shapefit.records.names import as_composed
+
+MANY_LINES = 1 << 22
+"""From which on the lines of a text hold a letter each in the mean."""
+
+BLANK = ' \t,;"\n'
+"""Letters of a line that holds nothing."""
+
+LINE_BYTES = 60
+"""Memory that a line takes beside its letters."""
 
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
@@ -43,13 +57,15 @@ def read_json(path: Path, *, keep: bool = False) -> Any:
 @lru_cache(maxsize=1)
 def _parse_json(path: Path, _time: int, _size: int) -> Any:
     data = read_whole(path).removeprefix(BYTE_ORDER_MARK)
+    if not data.strip():
+        raise input_error(path, "is empty", "make or copy it again, or take it away")
     try:
         return orjson.loads(data)
     except orjson.JSONDecodeError as error:
         with suppress(ValueError, RecursionError):
             if _NOT_JSON.search(data):
                 return json.loads(data)
-        problem = f"is not whole JSON ({error.msg})"
+        problem = f"is not whole JSON (from letter {error.colno} of the line on)"
         raise input_error(
             f"{path}:{error.lineno}", problem, "make or copy it again"
         ) from error
@@ -70,8 +86,17 @@ def decode(data: bytes) -> str:
 
 
 def read_text(path: Path) -> str:
-    r"""Return a text with lines that end in \n. Raises InputError for a zero byte."""
+    r"""Return a text with lines that end in \n.
+
+    Raises InputError for a zero byte, and for more lines than memory holds, or any text
+    has.
+    """
     text = decode(read_whole(path)).replace("\r\n", "\n").replace("\r", "\n")
+    lines = text.count("\n")
+    if lines > MANY_LINES and len(text) - sum(map(text.count, BLANK)) < lines:
+        fault = f"has {lines:,} lines, and most of them are empty"
+        raise input_error(path, fault, "take the empty lines out")
+    check_fits(str(path), LINE_BYTES * lines)
     if "\0" in text:
         line = 1 + text.count("\n", 0, text.index("\0"))
         raise input_error(
@@ -202,24 +227,38 @@ def read_table(
     empty cells at their end. Raises InputError for rows of other widths.
     """
     blank = f" \t{delimiter}"
-    lines = text.replace('"', "").split("\n")
-    quoted = text.split("\n") if '"' in text else lines
-    numbered = enumerate(lines, 1)
-    rows = [(line, row) for line, row in numbered if line > after and row.strip(blank)]
-    for number, (line, row) in enumerate(rows):
+    rows: list[str] = []
+    numbers: list[int] = []
+    for line, quoted in _filled_lines(text, f'{blank}"'):
+        if line <= after:
+            continue
+        row = quoted.replace('"', "")
         count = row.count(delimiter) + 1
-        if count > len(names) and '"' in quoted[line - 1]:
+        if count > len(names) and '"' in quoted:
             with library_reads(f"line {line} has a cell without an end"):
-                cells = next(csv.reader([quoted[line - 1]], delimiter=delimiter), [])
+                cells = next(csv.reader([quoted], delimiter=delimiter), [])
             row = delimiter.join(cell.replace(delimiter, INSIDE) for cell in cells)
-            rows[number], count = (line, row), len(cells)
+            count = len(cells)
         if padded and delimiter in row and count != len(names):
             row = row.rstrip(blank)
             row += delimiter * (len(names) - 1 - row.count(delimiter))
-            rows[number], count = (line, row), row.count(delimiter) + 1
+            count = row.count(delimiter) + 1
         if count != len(names):
             problem = f"has {count} cells, not {len(names)}"
             raise input_error(f"{path}:{line}", problem, "write one cell per column")
-    return Table(
-        path, names, [row for _, row in rows], [line for line, _ in rows], delimiter
-    )
+        rows.append(row)
+        numbers.append(line)
+    return Table(path, names, rows, numbers, delimiter)
+
+
+def _filled_lines(text: str, blank: str) -> Iterator[tuple[int, str]]:
+    """Yield number and text of each line that holds more than `blank` letters.
+
+    The others, of which a small packed file can hold millions, take no memory.
+    """
+    letters = re.escape(blank)
+    number, end = 1, 0
+    for match in re.finditer(rf"^[{letters}]*[^\n{letters}].*", text, re.MULTILINE):
+        number += text.count("\n", end, match.start())
+        end = match.start()
+        yield number, match[0]

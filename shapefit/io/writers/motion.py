@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, Up, nearest_axis_up
-from shapefit.geometry.floor import Body, Floor, find_floor
+from shapefit.geometry.floor import FilmedBody, Floor, find_floor
 from shapefit.geometry.joint_angles import measurable_angles, measure_angles
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import check_output, file_stem, staged_files
@@ -276,7 +276,7 @@ def find_floors(
     focal = 0.0 if records.focal is None else records.focal
     size = 2 * np.max(centre)
     assumed = np.isclose(np.max(focal), ASSUMED_FOCAL * size)
-    bodies: dict[str, list[Body]] = {}
+    bodies: dict[str, list[FilmedBody]] = {}
     for name, track, frames in _tracks(records, place):
         metric = in_metres(track, options, place)
         rate = track.frame_rate or ASSUMED_RATE
@@ -296,7 +296,7 @@ def find_floors(
             tall = float(np.nanmedian(stature))
             points = bridge_gaps(points, frames, rate)
             deviations = bridge_gaps(deviations, frames, rate)
-            body = Body(points, deviations, joint_columns(names), tall, rate)
+            body = FilmedBody(points, deviations, joint_columns(names), tall, rate)
             bodies.setdefault(video_of(name), []).append(body)
     floors = {
         name: find_floor(of, FOCAL_SD if assumed else SCALE_SD)

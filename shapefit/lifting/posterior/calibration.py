@@ -1,5 +1,4 @@
-"""What error bars are worth on the images of a file: each landmark is hidden in turn
-and predicted.
+"""What error bars are worth on a file: each landmark is hidden in turn and predicted.
 
 A landmark w_j that is hidden has the predictive distribution
 
@@ -18,12 +17,12 @@ for each of them: the covariances of a file grow by it, see `growth`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, Indices
 from shapefit.convex.problem import Problem
-from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.method import (
     MOSTLY,
     find_from,
@@ -31,17 +30,19 @@ from shapefit.lifting.posterior.method import (
     find_rays,
     noise_of_rays,
 )
+from shapefit.lifting.posterior.model import PosteriorModel
+from shapefit.lifting.posterior.posterior import Posterior
 
-QUANTILE = 4.605170185988092
+CHI2_QUANTILE = 4.605170185988092
 """90% quantile of chi^2 with 2 degrees of freedom."""
 
-LEVEL = 0.9
-"""Nominal share of the hidden landmarks inside their regions."""
+NOMINAL_SHARE = 0.9
+"""Of the hidden landmarks, inside their regions."""
 
-FEWEST = 20
-"""Predictions of a landmark from which its own kappa is taken."""
+MIN_PREDICTIONS = 20
+"""Of a landmark, from which on its own kappa is taken."""
 
-MOST_HIDDEN = 2400
+MAX_HIDDEN = 2400
 """Landmarks that are hidden in all, of 60 images each of 40: of larger shapes every
 second one or fewer, others in every image.
 """
@@ -63,90 +64,114 @@ class Calibration:
     predictions: int
 
     def growth(self, bar_scale: float) -> Floats:
-        """Return factors (p,) on covariances: max(1, kappa, kappa_j) beyond
-        `bar_scale`.
+        """Return factors (p,) on covariances: max(1, kappa, kappa_j) / `bar_scale`.
 
         bar_scale, which all covariances have, stands for as large a kappa. Never below
         1: a sample that is well predicted shows no more than that its poses resemble
         the training's.
         """
-        factor: Floats = np.fmax(np.fmax(self.by_landmark, self.kappa) / bar_scale, 1.0)
+        kappa = np.fmax(self.by_landmark, self.kappa)
+        factor: Floats = np.fmax(kappa / bar_scale, 1.0)
         return factor
 
 
 def calibrate(
-    problem: Problem, rotation: Floats, inliers: Floats, settings: Settings
+    problem: Problem,
+    rotation: Floats,
+    inliers: Floats,
+    model: PosteriorModel,
+    *,
+    threads: int = 0,
 ) -> Calibration:
-    """Hide each landmark of n images in turn and compare it with what the others
-    predict.
+    """Compare each landmark of n images with what the others predict.
 
     rotation (n, 3, 3), those of the posteriors of the images, from which the ascents
     start; inliers (n, p), inlier probabilities, nan where a landmark is not seen. A
     landmark that is mostly an outlier, in most images, has no part in the kappa of the
     file.
     """
-    square = predict_hidden(problem, rotation, settings)
-    bar_scale = settings.posterior.bar_scale
+    square = predict_hidden(problem, rotation, model, threads=threads)
     with np.errstate(invalid="ignore"):
-        outliers = (inliers < MOSTLY).sum(axis=0) > MOSTLY * np.isfinite(inliers).sum(
-            axis=0
-        )
-    pooled = square[:, ~outliers]
+        mostly_outlier = (inliers < MOSTLY).sum(axis=0)
+    seen = np.isfinite(inliers).sum(axis=0)
+    is_outlier = mostly_outlier > MOSTLY * seen
+    pooled = square[:, ~is_outlier]
     pooled = pooled[np.isfinite(pooled)]
     if not len(pooled):
         return Calibration(np.nan, np.full(square.shape[1], np.nan), np.nan, 0)
-    by_landmark = np.array(
-        [
-            np.quantile(squares, LEVEL) / QUANTILE if len(squares) >= FEWEST else np.nan
-            for squares in (column[np.isfinite(column)] for column in square.T)
-        ]
-    )
+    by_landmark = np.array([_kappa_of_landmark(column) for column in square.T])
     return Calibration(
-        kappa=float(np.quantile(pooled, LEVEL)) / QUANTILE,
-        by_landmark=np.where(outliers, np.nan, by_landmark),
-        inside=float((pooled <= bar_scale * QUANTILE).mean()),
+        kappa=float(np.quantile(pooled, NOMINAL_SHARE)) / CHI2_QUANTILE,
+        by_landmark=np.where(is_outlier, np.nan, by_landmark),
+        inside=float((pooled <= model.bar_scale * CHI2_QUANTILE).mean()),
         predictions=len(pooled),
     )
 
 
-def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Floats:
-    """d^2 (n, p) of seen landmarks from what the others predict, nan where that is
-    nothing.
+def _kappa_of_landmark(square: Floats) -> float:
+    """Return the kappa of d^2 (n,) of one landmark, nan where too few are known."""
+    known = square[np.isfinite(square)]
+    if len(known) < MIN_PREDICTIONS:
+        return np.nan
+    return float(np.quantile(known, NOMINAL_SHARE) / CHI2_QUANTILE)
+
+
+def predict_hidden(
+    problem: Problem, rotation: Floats, model: PosteriorModel, *, threads: int = 0
+) -> Floats:
+    """Return d^2 (n, p) of seen landmarks from what the others predict.
+
+    nan where that is nothing, and where a landmark is not hidden.
     """
-    finite: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
-    visible: Flags = np.asarray((problem.weights > 0) & finite[:, None])
-    hidden, image = np.nonzero(visible.T)  # neighbours have the same landmarks in sight
-    chosen = (hidden + image) % max(1, -(-len(image) // MOST_HIDDEN)) == 0
-    hidden, image = hidden[chosen], image[chosen]
-    square = np.full(visible.shape, np.nan)
+    has_view: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
+    is_visible = (problem.weights > 0) & has_view[:, None]
+    image, hidden = _choose_hidden(is_visible)
+    square = np.full(is_visible.shape, np.nan)
     if not len(image):
         return square
     rows = np.arange(len(image))
     others = problem.take(image)
     others.weights[rows, hidden] = 0.0
-    posterior = find_from(others, rotation[image][:, None], settings)
-    noise, w, slope = find_noise(problem), problem.landmarks, np.zeros((len(image), 2))
+    posterior = find_from(others, rotation[image][:, None], model, threads=threads)
+    noise = find_noise(problem)
+    w = problem.landmarks
+    P = np.zeros((len(image), 2, 3))
+    P[:, 0, 0] = 1.0
+    P[:, 1, 1] = 1.0
     if problem.camera is not None:
         rays = find_rays(w, problem.camera)
-        w, slope = rays.landmarks, rays.slopes[image, :, hidden]
+        w = rays.landmarks
+        P[:, :, 2] = -rays.slopes[image, :, hidden]
         noise = noise_of_rays(noise, rays, problem.camera)
-    mean, sd, mixed = (
-        values[rows, :, hidden]
-        for values in (posterior.mean, posterior.deviation, posterior.correlation)
-    )
-    x, y, z = sd.T
-    xy, xz, yz = mixed.T * np.array([x * y, x * z, y * z])
-    P = np.zeros((len(image), 2, 3))
-    P[:, 0, 0] = P[:, 1, 1] = 1.0
-    P[:, :, 2] = -slope
-    C = np.array([[x * x, xy, xz], [xy, y * y, yz], [xz, yz, z * z]]).transpose(2, 0, 1)
+    C = _covariance_of_landmark(posterior, hidden)
     omega = problem.weights[image, hidden]
-    of_landmark = posterior.scale**2 * settings.posterior.residual_variance / omega**2
+    of_landmark = posterior.scale**2 * model.residual_variance / omega**2
     S = P @ C @ P.swapaxes(1, 2) + noise[image, hidden]
     S += of_landmark[:, None, None] * np.eye(2)
+    mean = posterior.mean[rows, :, hidden]
     away = w[image, :, hidden] - (P @ mean[..., None])[..., 0]
-    finite = np.isfinite(S).all(axis=(1, 2)) & np.isfinite(away).all(axis=1)
-    S[~finite] = np.eye(2)
-    distance = np.einsum("ni,ni->n", away, np.linalg.solve(S, away[..., None])[..., 0])
-    square[image, hidden] = np.where(finite, distance, np.nan)
+    is_finite = np.isfinite(S).all(axis=(1, 2)) & np.isfinite(away).all(axis=1)
+    S[~is_finite] = np.eye(2)
+    whitened = np.linalg.solve(S, away[..., None])[..., 0]
+    distance = np.einsum("ni,ni->n", away, whitened)
+    square[image, hidden] = np.where(is_finite, distance, np.nan)
     return square
+
+
+def _choose_hidden(is_visible: Flags) -> tuple[Indices, Indices]:
+    """Return the images and the landmarks that are hidden, one at a time."""
+    # by landmark: neighbours have the same landmarks in sight
+    landmark, image = np.nonzero(is_visible.T)
+    every = max(1, ceil(len(image) / MAX_HIDDEN))
+    is_chosen = (landmark + image) % every == 0
+    return image[is_chosen], landmark[is_chosen]
+
+
+def _covariance_of_landmark(posterior: Posterior, landmark: Indices) -> Floats:
+    """Return the covariance (n, 3, 3) of one landmark (n,) of each image."""
+    rows = np.arange(len(landmark))
+    x, y, z = posterior.deviation[rows, :, landmark].T
+    correlation = posterior.correlation[rows, :, landmark].T
+    xy, xz, yz = correlation * np.array([x * y, x * z, y * z])
+    C = np.array([[x * x, xy, xz], [xy, y * y, yz], [xz, yz, z * z]])
+    return C.transpose(2, 0, 1)

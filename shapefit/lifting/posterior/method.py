@@ -26,26 +26,23 @@ from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Solution, Status
 from shapefit.convex.transforms import Transforms
-from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.procrustes import similarity_errors
 from shapefit.geometry.rotations import shortest_rotations
 from shapefit.lifting.degeneracy import normalise_visible
 from shapefit.lifting.estimate import (
-    CORRELATION,
     ConvexProof,
-    Estimate,
+    PosteriorEstimate,
+    Solve,
     fit_translation,
 )
-from shapefit.lifting.methods import Settings
+from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.p_value import find_p_values
-from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
+from shapefit.lifting.posterior.posterior import Posterior, find_posterior
 from shapefit.lifting.posterior.usual_lengths import LimbLengths
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation import find_pose
-from shapefit.lifting.trust import LIMITS, P_VALUE, START_DISTANCE
-
-SQUARED_MAHALANOBIS = "squared_mahalanobis"
-"""Squared Mahalanobis distance (n,) of the landmarks from those expected."""
+from shapefit.lifting.trust import LIMITS
 
 NEARLY_EXACT = 3e-3
 """Residual variance below which landmarks look like outliers from any view but the
@@ -61,68 +58,88 @@ MOSTLY = 0.5
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
 
-def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> Estimate:
+def lift_to_posterior(
+    problem: Problem,
+    model: PosteriorModel,
+    *,
+    solve: Solve,
+    modes: int = 0,
+    threads: int = 0,
+) -> PosteriorEstimate:
     """Return the posterior mean, its standard deviations, and how surprising the
     landmarks are.
 
-    The convex program finds the view to start from; its proof goes with the result, and
-    is one of that program only. An image that the program cannot solve has no
-    posterior. `modes` of each image, the most likely ones, are kept.
+    The convex program, which `solve` solves, finds the view to start from; its proof
+    goes with the result, and is one of that program only. An image that the program
+    cannot solve has no posterior. `modes` of each image, the most likely ones, are
+    kept.
     """
-    options = settings.posterior
-    solution = settings.solve(problem)
+    solution = solve(problem)
     failed = np.array([status in FAILED for status in solution.status], dtype=bool)
-    starts = np.where(
-        failed[:, None, None, None], np.nan, find_starts(problem, solution, settings)
-    )
-    visible, camera = problem.weights > 0, problem.camera
+    starts = find_starts(problem, solution, model.mean_shape, threads=threads)
+    starts = np.where(failed[:, None, None, None], np.nan, starts)
+    visible = problem.weights > 0
+    camera = problem.camera
     if camera is not None:
         starts = face(starts, problem.landmarks, visible, camera)
     posterior = find_from(
         problem,
         starts,
-        settings,
-        modes,
-        lengths=options.limbs,
-        covariance=options.covariance,
+        model,
+        lengths=model.limbs,
+        modes=modes,
+        covariance=model.covariance,
+        threads=threads,
     )
+    estimate = describe_posterior(problem, model, solution, posterior)
+    if modes:
+        estimate = replace(estimate, modes=posterior.modes)
+    if camera is not None:
+        estimate = look_through(estimate, posterior, problem, camera)
+    return estimate
+
+
+def describe_posterior(
+    problem: Problem, model: PosteriorModel, solution: Solution, posterior: Posterior
+) -> PosteriorEstimate:
+    """Lay out posteriors that began at the solutions of the convex program.
+
+    The covariances of the posterior are written over.
+    """
     lost = np.isnan(posterior.log_evidence)
-    status = np.full(len(lost), Status.ITERATION_LIMIT, dtype=object)
-    status[posterior.stationary] = Status.CONVERGED
-    status[lost] = Status.NUMERICAL_FAILURE
-    status[failed] = np.array(solution.status, dtype=object)[failed]
     translation = posterior.mean[:, :2].mean(axis=2)
     shapes = posterior.mean.copy()
     shapes[:, :2] -= translation[:, :, None]
-    grow = scale_of_bars(options.bar_scale, options.growth, problem.weights.shape[1])
-    estimate = Estimate(
+    placement = fit_translation(problem, shapes[:, :2], translation)
+    grow = scale_of_bars(model.bar_scale, model.growth, problem.weights.shape[1])
+    covariance = grow_covariance(posterior.covariance, grow, out=posterior.covariance)
+    visible = problem.weights > 0
+    return PosteriorEstimate(
         shapes=np.where(lost[:, None, None], 0.0, shapes),
         translation=np.where(lost[:, None], 0.0, translation),
         rotation=posterior.rotation,
         objective=-posterior.log_evidence,
-        residual=fit_translation(problem, shapes[:, :2], translation).residual,
+        residual=placement.residual,
         iterations=solution.iterations + posterior.rounds,
-        status=tuple(status.tolist()),
-        deviation=grow * posterior.deviation,
-        covariance=grow_covariance(
-            posterior.covariance, grow, out=posterior.covariance
-        ),
-        posterior_modes=posterior.modes if modes else None,
+        status=end_of(solution, posterior),
         convex_proof=ConvexProof.of(solution),
-        further={
-            "log_evidence": posterior.log_evidence,
-            SQUARED_MAHALANOBIS: posterior.squared_mahalanobis,
-            "inlier_probability": np.where(
-                visible, posterior.inlier_probability, np.nan
-            ),
-            CORRELATION: posterior.correlation.swapaxes(1, 2).astype(np.float32),
-        },
+        deviation=grow * posterior.deviation,
+        correlation=posterior.correlation.astype(np.float32),
+        covariance=covariance,
+        log_evidence=posterior.log_evidence,
+        inlier_probability=np.where(visible, posterior.inlier_probability, np.nan),
+        squared_mahalanobis=posterior.squared_mahalanobis,
     )
-    return (
-        estimate
-        if camera is None
-        else look_through(estimate, posterior, problem, camera)
-    )
+
+
+def end_of(solution: Solution, posterior: Posterior) -> tuple[Status, ...]:
+    """Return how each image ended: as its convex program, where that failed."""
+    status = np.full(len(posterior.log_evidence), Status.ITERATION_LIMIT, dtype=object)
+    status[posterior.stationary] = Status.CONVERGED
+    status[np.isnan(posterior.log_evidence)] = Status.NUMERICAL_FAILURE
+    failed = np.array([end in FAILED for end in solution.status], dtype=bool)
+    status[failed] = np.array(solution.status, dtype=object)[failed]
+    return tuple(status.tolist())
 
 
 def scale_of_bars(bar_scale: float, growth: Sequence[float], landmarks: int) -> Floats:
@@ -151,35 +168,38 @@ def grow_covariance(
 def find_from(
     problem: Problem,
     starts: Floats,
-    settings: Settings,
-    modes: int = 0,
+    model: PosteriorModel,
     *,
     lengths: LimbLengths | None = None,
+    modes: int = 0,
     covariance: bool = False,
+    threads: int = 0,
 ) -> Posterior:
     """Return the posteriors of n images from rotations (n, S, 3, 3), as a camera would
     see them.
     """
-    options = settings.posterior
-    landmarks, noise, slopes = problem.landmarks, find_noise(problem), None
+    landmarks = problem.landmarks
+    noise = find_noise(problem)
+    slopes = None
     if problem.camera is not None:
         rays = find_rays(landmarks, problem.camera)
-        landmarks, slopes = rays.landmarks, rays.slopes
+        landmarks = rays.landmarks
+        slopes = rays.slopes
         noise = noise_of_rays(noise, rays, problem.camera)
     find = partial(
         find_posterior,
         landmarks,
         noise=noise,
-        prior=settings.needs["prior"],
-        outliers=Outliers(options.outlier_rate, options.outlier_density),
+        prior=model.prior,
+        outliers=model.outliers,
         slopes=slopes,
-        threads=settings.threads,
+        threads=threads,
     )
-    if options.residual_variance < NEARLY_EXACT:
+    if model.residual_variance < NEARLY_EXACT:
         coarse = find(find_residual_variance(problem, COARSE), starts=starts)
         starts = coarse.rotation[:, None]
     return find(
-        find_residual_variance(problem, options.residual_variance),
+        find_residual_variance(problem, model.residual_variance),
         starts=starts,
         lengths=lengths,
         modes=modes,
@@ -187,21 +207,28 @@ def find_from(
     )
 
 
-def with_p_value(estimate: Estimate, problem: Problem, settings: Settings) -> Estimate:
+def with_p_value(
+    estimate: PosteriorEstimate,
+    problem: Problem,
+    model: PosteriorModel,
+    *,
+    solve: Solve,
+    threads: int = 0,
+) -> PosteriorEstimate:
     """Return the estimate of `lift_to_posterior` with p-values and start distances."""
-    further = dict(estimate.further)
-    further[P_VALUE] = find_p_values(
-        further.pop(SQUARED_MAHALANOBIS),
+    assert model.p_value_table is not None, "it comes with the dictionary"
+    p_value = find_p_values(
+        estimate.squared_mahalanobis,
         (problem.weights > 0).sum(axis=1),
-        np.nansum(further["inlier_probability"], axis=1),
-        settings.needs["p_value_table"],
+        np.nansum(estimate.inlier_probability, axis=1),
+        model.p_value_table,
     )
-    further[START_DISTANCE] = find_start_distance(estimate, problem, settings)
-    return replace(estimate, further=further)
+    distance = find_start_distance(estimate, problem, solve=solve, threads=threads)
+    return replace(estimate, p_value=p_value, start_distance=distance)
 
 
 def find_start_distance(
-    estimate: Estimate, problem: Problem, settings: Settings
+    estimate: PosteriorEstimate, problem: Problem, *, solve: Solve, threads: int = 0
 ) -> Floats:
     """Similarity distance (n,) of the inliers of posteriors from those of their convex
     shapes.
@@ -211,34 +238,35 @@ def find_start_distance(
     solved again without the outliers, and with the landmarks that weak perspective
     would have of the shapes found, c + (w - c) (t_z + Z_j) / t_z.
     """
-    assert estimate.convex_proof is not None
-    M, camera, t = (
-        estimate.convex_proof.transforms,
-        problem.camera,
-        estimate.camera_translation,
-    )
-    inliers = np.nan_to_num(estimate.further["inlier_probability"]) >= MOSTLY
+    assert estimate.convex_proof is not None, "the posterior starts from it"
+    camera = problem.camera
+    inliers = np.nan_to_num(estimate.inlier_probability) >= MOSTLY
 
     def distance(M: Transforms, rows: NDArray[np.intp]) -> Floats:
-        start = reconstruct(M, problem.atoms, threads=settings.threads).shapes
+        start = reconstruct(M, problem.atoms, threads=threads).shapes
         shown = inliers[rows] & (M.count > 0)[:, None]
         return relative_distance(
             np.where(shown[:, None], start, np.nan), estimate.shapes[rows]
         )
 
-    start_distance = distance(M, np.arange(len(inliers)))
-    again = camera is not None or (inliers != (problem.weights > 0)).any(axis=1)
+    every = np.arange(len(inliers))
+    start_distance = distance(estimate.convex_proof.transforms, every)
+    saw_more = (inliers != (problem.weights > 0)).any(axis=1)
+    again = camera is not None or saw_more
     far = np.flatnonzero((start_distance > LIMITS.max_distance) & again)
     if not len(far):
         return start_distance
     part = problem.take(far)
     part.weights[~inliers[far]] = 0.0
     landmarks = part.landmarks
+    t = estimate.camera_translation
     if part.camera is not None and t is not None:
-        c, tz = part.camera.centre[..., None], t[far, 2][:, None]
-        landmarks = c + (landmarks - c) * ((tz + estimate.shapes[far, 2]) / tz)[:, None]
+        centre = part.camera.centre[..., None]
+        depth = t[far, 2][:, None]
+        nearer = (depth + estimate.shapes[far, 2]) / depth
+        landmarks = centre + (landmarks - centre) * nearer[:, None]
     norm, _ = normalise_visible(landmarks, part.weights)
-    solved = settings.solve(replace(part, landmarks=norm.points, camera=None))
+    solved = solve(replace(part, landmarks=norm.points, camera=None))
     start_distance[far] = np.fmin(start_distance[far], distance(solved.transforms, far))
     return start_distance
 
@@ -263,40 +291,37 @@ def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
     return distance
 
 
-def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Floats:
+def find_starts(
+    problem: Problem, solution: Solution, mean_shape: Floats, *, threads: int = 0
+) -> Floats:
     """Rotations (n, 1, 3, 3): the consensus of the convex program's rotations.
 
-    Where they are all 0, the best pose of the mean shape.
+    Where they are all 0, the best pose of the mean shape (3, p).
     """
     M = solution.transforms
-    rotation = reconstruct(M, problem.atoms, threads=settings.threads).rotation
+    rotation = reconstruct(M, problem.atoms, threads=threads).rotation
     empty = np.flatnonzero(M.count == 0)
     if len(empty):
-        part = problem.take(empty)
-        rotation[empty] = find_pose(
-            part, settings.mean_shape, threads=settings.threads
-        ).rotation
+        pose = find_pose(problem.take(empty), mean_shape, threads=threads)
+        rotation[empty] = pose.rotation
     return rotation[:, None]
 
 
 def look_through(
-    estimate: Estimate, posterior: Posterior, problem: Problem, camera: Camera
-) -> Estimate:
+    estimate: PosteriorEstimate, posterior: Posterior, problem: Problem, camera: Camera
+) -> PosteriorEstimate:
     """The same estimate with shapes in the unit of the dictionary, placed before the
     camera.
     """
-    lost, size = np.isnan(posterior.scale), posterior.scale[:, None, None]
-    middle, focal = (
-        posterior.mean[:, :2].mean(axis=2),
-        find_rays(problem.landmarks, camera).focal,
-    )
-    t = (
-        np.concatenate([middle, camera.sign * focal[:, None]], axis=1)
-        / posterior.scale[:, None]
-    )
+    lost = np.isnan(posterior.scale)
+    size = posterior.scale[:, None, None]
+    middle = posterior.mean[:, :2].mean(axis=2)
+    focal = find_rays(problem.landmarks, camera).focal
+    t = np.concatenate([middle, camera.sign * focal[:, None]], axis=1)
+    t /= posterior.scale[:, None]
     shapes = posterior.mean / size
     shapes[:, :2] -= t[:, :2, None]
-    projected = project(camera, shapes + t[..., None])
+    projected = project_pinhole(camera, shapes + t[..., None])
     # what is hidden may lie behind the camera, and counts for nothing
     shown = np.where(problem.weights[:, None] > 0, projected, 0.0)
     origin = camera.centre + camera.focal * middle / focal[:, None]

@@ -1,7 +1,6 @@
 """The posterior over shape and view of each image, by the compiled kernel.
 
-w_j = s (P_j R x_j + t) + e_j,  x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I +
-                                V_j)
+w_j = s (P_j R x_j + t) + e_j, x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I + V_j)
 
 P_j takes the first two rows under weak perspective; where a camera is known it follows
 the ray of landmark j.
@@ -9,7 +8,7 @@ the ray of landmark j.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +19,12 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import centroid
 from shapefit.lifting.posterior.usual_lengths import LimbLengths
 
-TOLERANCE = 1e-4
-"""A climb ends when a step gains less log likelihood, and the next one promises no
-more.
-"""
+MIN_LIKELIHOOD_GAIN = 1e-4
+"""A climb ends when a step gains less log likelihood, and the next promises no more."""
 
 
 class Outliers(NamedTuple):
-    """A landmark is an outlier with the chance `chance`; then it falls with the density
-    `density`.
+    """A landmark is an outlier with a chance; then it falls with a density.
 
     The density is per area in the unit of the landmarks; a chance of 0 believes every
     landmark.
@@ -38,16 +34,19 @@ class Outliers(NamedTuple):
     density: float = 0.05
 
 
-class Modes(NamedTuple):
-    """The M most likely modes of n images, the most likely first: a component and a
-    view each.
+OUTLIERS = Outliers(chance=0.02, density=0.05)
+"""Of detectors: the chance of theirs on film, and any place within the body's size."""
 
-    component (n, M), -1 where there are fewer; rotation R (n, M, 3, 3); scale s (n, M);
-    log_evidence (n, M) of component and image together, the view integrated out, -inf
-    where there are fewer; mean (n, M, 3, p) of y = s (R x + t) in the frame of the
-    camera, with mean depth 0; covariance (n, M, 3p, 3p) of y, all x first, then y, then
-    z, the uncertainty of the view included, arbitrary where there are fewer;
-    inlier_probability (n, M, p), nan where it is hidden.
+
+class Modes(NamedTuple):
+    """The M most likely modes of n images, a component and a view each.
+
+    The most likely is the first. component (n, M), -1 where there are fewer; rotation R
+    (n, M, 3, 3); scale s (n, M); log_evidence (n, M) of component and image together,
+    the view integrated out, -inf where there are fewer; mean (n, M, 3, p) of y = s (R x
+    + t) in the frame of the camera, with mean depth 0; covariance (n, M, 3p, 3p) of y,
+    all x first, then y, then z, the uncertainty of the view included, arbitrary where
+    there are fewer; inlier_probability (n, M, p), nan where it is hidden.
     """
 
     component: NDArray[np.int64]
@@ -117,61 +116,82 @@ def find_posterior(
     lengths = lengths or LimbLengths.none()
     n, _, p = landmarks.shape
     visible = np.isfinite(residual_variance)
-    middle = np.nan_to_num(centroid(landmarks, visible))[
-        ..., None
-    ]  # of which the wide prior is
-    d, m = 3 * p, modes
-    whole = np.empty((n if covariance else 0, d, d))
-    of_images: dict[str, Any] = {
-        **{name: np.empty((n, 3, p)) for name in ("mean", "deviation", "correlation")},
-        **{
-            name: np.empty(n)
-            for name in ("scale", "log_evidence", "squared_mahalanobis")
-        },
-        "inlier_probability": np.empty((n, p)),
-        "rotation": np.empty((n, 3, 3)),
-        "stationary": np.zeros(n, bool),
-        "rounds": np.empty(n, np.int64),
-    }
-    of_modes: dict[str, Any] = {
-        "component": np.zeros((n, m), np.int64),
-        "rotation": np.full((n, m, 3, 3), np.nan),
-        "scale": np.full((n, m), np.nan),
-        "log_evidence": np.zeros((n, m)),
-        "mean": np.full((n, m, 3, p), np.nan),
-        "covariance": np.zeros((n, m, d, d)),
-        "inlier_probability": np.full((n, m, p), np.nan),
-    }
+    # the prior of the translation is wide about the middle of the landmarks
+    middle = np.nan_to_num(centroid(landmarks, visible))[..., None]
+    about_middle = np.where(visible[:, None], landmarks - middle, 0.0)
+    if slopes is None:
+        slopes = np.zeros_like(landmarks)
+    else:
+        slopes = np.where(visible[:, None], slopes, 0.0)
+    found = _empty_posterior(n, p, modes, covariance=covariance)
+    assert found.covariance is not None
     core.find_posterior(
-        landmarks=_whole(np.where(visible[:, None], landmarks - middle, 0.0)),
-        slopes=_whole(
-            np.zeros_like(landmarks)
-            if slopes is None
-            else np.where(visible[:, None], slopes, 0.0)
-        ),
-        residual_variance=_whole(residual_variance),
-        noise=_whole(noise),
+        landmarks=_in_order(about_middle),
+        slopes=_in_order(slopes),
+        residual_variance=_in_order(residual_variance),
+        noise=_in_order(noise),
         log_weights=np.log(prior.weights),
-        means=_whole(prior.means),
-        covariances=_whole(prior.covariances),
-        starts=_whole(starts),
+        means=_in_order(prior.means),
+        covariances=_in_order(prior.covariances),
+        starts=_in_order(starts),
         limbs=np.ascontiguousarray(lengths.limbs, np.int64),
-        limb_log_length=_whole(lengths.log_length),
-        limb_precision=_whole(lengths.precision),
+        limb_log_length=_in_order(lengths.log_length),
+        limb_precision=_in_order(lengths.precision),
         chance=outliers.chance,
         density=outliers.density,
-        tolerance=TOLERANCE,
-        covariance=whole,
-        **of_images,
-        **{f"mode_{name}": values for name, values in of_modes.items()},
+        tolerance=MIN_LIKELIHOOD_GAIN,
+        mean=found.mean,
+        deviation=found.deviation,
+        correlation=found.correlation,
+        covariance=found.covariance,
+        inlier_probability=found.inlier_probability,
+        rotation=found.rotation,
+        scale=found.scale,
+        log_evidence=found.log_evidence,
+        squared_mahalanobis=found.squared_mahalanobis,
+        stationary=found.stationary,
+        rounds=found.rounds,
+        mode_component=found.modes.component,
+        mode_rotation=found.modes.rotation,
+        mode_scale=found.modes.scale,
+        mode_log_evidence=found.modes.log_evidence,
+        mode_mean=found.modes.mean,
+        mode_covariance=found.modes.covariance,
+        mode_inlier_probability=found.modes.inlier_probability,
         threads=threads,
     )
-    of_images["mean"][:, :2] += middle
-    of_modes["mean"][:, :, :2] += middle[:, None]
+    found.mean[:, :2] += middle
+    found.modes.mean[:, :, :2] += middle[:, None]
+    return found if covariance else found._replace(covariance=None)
+
+
+def _empty_posterior(n: int, p: int, modes: int, *, covariance: bool) -> Posterior:
+    """Return arrays for the posterior of n images, which a kernel fills."""
+    d = 3 * p
     return Posterior(
-        **of_images, covariance=whole if covariance else None, modes=Modes(**of_modes)
+        mean=np.empty((n, 3, p)),
+        deviation=np.empty((n, 3, p)),
+        correlation=np.empty((n, 3, p)),
+        covariance=np.empty((n if covariance else 0, d, d)),
+        inlier_probability=np.empty((n, p)),
+        rotation=np.empty((n, 3, 3)),
+        scale=np.empty(n),
+        log_evidence=np.empty(n),
+        squared_mahalanobis=np.empty(n),
+        stationary=np.zeros(n, bool),
+        rounds=np.empty(n, np.int64),
+        modes=Modes(
+            component=np.zeros((n, modes), np.int64),
+            rotation=np.full((n, modes, 3, 3), np.nan),
+            scale=np.full((n, modes), np.nan),
+            log_evidence=np.zeros((n, modes)),
+            mean=np.full((n, modes, 3, p), np.nan),
+            covariance=np.zeros((n, modes, d, d)),
+            inlier_probability=np.full((n, modes, p), np.nan),
+        ),
     )
 
 
-def _whole(x: Floats) -> Floats:
+def _in_order(x: Floats) -> Floats:
+    """Return the array as kernels read it."""
     return np.ascontiguousarray(x, np.float64)

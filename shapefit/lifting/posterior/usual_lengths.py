@@ -14,7 +14,7 @@ from shapefit.arrays import Floats, Integers
 from shapefit.dictionary.bodies import find_limbs, precision_of_ratios
 from shapefit.dictionary.model import Dictionary
 
-TOLERANCE = 0.1
+DETECTED_LENGTH_SD = 0.1
 """Standard deviation of the logarithm of a limb's length, beside that among training
 bodies: detectors do not put joints where motion capture has them. On film errors are
 the same from 0.03 to 0.1.
@@ -48,5 +48,6 @@ def find_limb_lengths(dictionary: Dictionary) -> LimbLengths | None:
     rows = np.flatnonzero(is_limb)
     if len(rows) < MIN_LIMBS:
         return None
-    S = covariance[np.ix_(rows, rows)] + TOLERANCE**2 * np.eye(len(rows))
+    detected = DETECTED_LENGTH_SD**2 * np.eye(len(rows))
+    S = covariance[np.ix_(rows, rows)] + detected
     return LimbLengths(edges[rows], np.log(usual[rows]), precision_of_ratios(S))

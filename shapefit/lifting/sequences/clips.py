@@ -1,5 +1,4 @@
-"""The method `sequences`: the posterior of every image, and then of every sequence as a
-whole.
+"""The method `sequences`: the posterior of every image, then of every sequence.
 
 Error bars. Smoothing takes the errors of frames for independent. But what the prior and
 the view get wrong in one frame they get wrong in its neighbours, too, and what a
@@ -25,50 +24,46 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats, finite_median, median
-from shapefit.convex.problem import Problem
+from shapefit.arrays import Flags, Floats, Indices, Integers, finite_median, median
 from shapefit.convex.solver import Status
-from shapefit.lifting.estimate import CORRELATION, PAIRS, Estimate
+from shapefit.lifting.estimate import PAIRS, PosteriorEstimate
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.methods import Settings
-from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.posterior.posterior import Modes
 from shapefit.lifting.sequences.smoothing import (
     CONSTANTS,
-    Indices,
     Lengths,
-    Model,
     Observations,
+    SequenceModel,
     Smoothed,
     observe,
     smooth,
 )
-from shapefit.lifting.trust import IMAGE_ERROR, expected_error
+from shapefit.lifting.trust import expected_error
 from shapefit.threads import on_threads
 from shapefit.timeline import ASSUMED_RATE, Timeline
 
-NOISE = "sequence_noise"
-"""Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence
-were taken, nan for images that are not refined.
-"""
-
-LONGEST = 4096
+MAX_CLIP_FRAMES = 4096
 """Frames that are refined together; longer sequences are cut into parts of about one
 length, for memory.
 """
 
-FEWEST = 3
+MIN_CLIP_FRAMES = 3
 """Frames of a sequence: fewer have no acceleration and stay what their images say."""
 
-GAP = 1e-6
-"""Weight of an interpolated scale beside that of an image: it decides within long gaps
-alone.
-"""
+GAP_WEIGHT = 1e-6
+"""Of an interpolated scale beside that of an image: it decides in long gaps alone."""
+
+MOTION_SHARE = 8.2
+"""2.5 P - 0.5 N of a smooth motion in its mean squares, see
+`find_acceleration_scale`."""
+
+GAUSSIAN_MEDIAN = 0.6745
+"""Median of |x| of a Gaussian, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +76,7 @@ class Motion:
     of_half_body, whether much of the body is never seen.
     """
 
-    bones: Indices
+    bones: Integers
     acceleration: Floats
     bone_tolerance: Floats
     usual: Lengths | None = None
@@ -114,12 +109,12 @@ class Clips:
     position: Floats
 
 
-class Refined(NamedTuple):
-    """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes
-    its own.
+class RefinedClips(NamedTuple):
+    """What sequences make of n images; each writes its own.
 
-    covariance (n, 3p, 3p) of all landmarks of an image; converged (n,), whether the
-    inference of the sequence ended at a minimum.
+    points, deviation and correlation (n, 3, p), noise (n,); covariance (n, 3p, 3p) of
+    all landmarks of an image; converged (n,), whether the inference of the sequence
+    ended at a minimum.
     """
 
     points: Floats
@@ -130,17 +125,8 @@ class Refined(NamedTuple):
     converged: Flags
 
 
-def lift_frames(problem: Problem, settings: Settings) -> Estimate:
-    """Return the posterior of each image, with the modes from which sequences are
-    inferred.
-    """
-    posterior = lift_to_posterior(problem, settings, modes=CONSTANTS.modes)
-    unknown = np.full(len(problem.landmarks), np.nan)
-    return replace(posterior, further={**posterior.further, NOISE: unknown})
-
-
 def refine_lifting(
-    lifting: Lifting,
+    lifting: Lifting[PosteriorEstimate],
     landmarks: Floats,
     sequences: Sequence[str],
     motion: Motion,
@@ -150,7 +136,7 @@ def refine_lifting(
     shown: Flags | None = None,
     position: Floats | None = None,
     threads: int = 0,
-) -> Lifting:
+) -> Lifting[PosteriorEstimate]:
     """Infer the shapes of whole sequences from the modes of their images.
 
     landmarks (n, 2, p) as observed; residual_variance and noise as in `Clips`;
@@ -160,80 +146,104 @@ def refine_lifting(
     and what is known of them stays that of the images.
     """
     estimate = lifting.estimate
-    modes = estimate.posterior_modes
-    weights = lifting.problem.weights
-    visible = (weights > 0)[:, None]
-    image_sd, image_mixed, of_images = (
-        estimate.deviation,
-        estimate.further[CORRELATION],
-        estimate.covariance,
-    )
-    assert modes is not None  # as lift_frames returns them, with covariances
-    assert image_sd is not None
-    assert of_images is not None
-    centre = lifting.translation - lifting.scale[:, None] * estimate.translation
-    clips = Clips(
-        landmarks=np.where(visible, landmarks, np.nan),
-        trust=np.nan_to_num(estimate.further["inlier_probability"]) * weights**2,
-        points=lifting.shapes,
-        scale=lifting.scale,
-        centre=centre,
-        modes=modes,
-        residual_variance=residual_variance,
-        noise=noise,
-        deviation=lifting.scale[:, None, None] * image_sd / bar_scale,
-        position=(
-            np.arange(len(landmarks), dtype=np.float64)
-            if position is None
-            else position
-        ),
-    )
+    image_covariance = estimate.covariance
+    assert image_covariance is not None, "the images were lifted with covariances"
+    clips = _lay_out(lifting, landmarks, residual_variance, noise, bar_scale, position)
     refined = refine_clips(clips, sequences, motion, threads)
-    single = np.isnan(refined.noise)[:, None, None]
-    grow = (
-        bar_scale / lifting.scale[:, None]
-    )  # (n, p), of what is in the unit of the landmarks
-    rows = nearest_informative(is_informative(clips), split(sequences), clips.position)
-    images = (image_sd[rows], image_mixed[rows].swapaxes(1, 2).astype(np.float64))
-    smoothed = (refined.deviation * grow[:, None], refined.correlation)
+    is_single = np.isnan(refined.noise)
+    # (n, p), of what is in the unit of the landmarks
+    grow = bar_scale / lifting.scale[:, None]
+    rows = nearest_informative(
+        is_informative(clips), split_into_clips(sequences), clips.position
+    )
     constant = refined.noise[:, None] * grow
-    bars, correlation = add_common_error(smoothed, images, constant)
-    mixed = correlation.swapaxes(1, 2).astype(np.float32)
-    covariance = refined.covariance  # written over, as these take most of the memory
-    factor, axes = np.tile(grow, 3), range(covariance.shape[1])
-    covariance *= factor[:, :, None]
-    covariance *= factor[:, None]
-    for t in range(len(covariance)):
-        covariance[t] += CONSTANTS.shared**2 * of_images[rows[t]]
-    covariance[:, axes, axes] += np.tile(constant, 3) ** 2
-    covariance[single[:, 0, 0]] = of_images[single[:, 0, 0]]
-    stopped = ~refined.converged
-    status = estimate.status
-    if stopped.any():
-        limit = Status.ITERATION_LIMIT
-        status = tuple(
-            limit if s else old for s, old in zip(stopped, status, strict=True)
-        )
+    bars, correlation = add_common_error(
+        smoothed=(refined.deviation * grow[:, None], refined.correlation),
+        images=(
+            estimate.deviation[rows],
+            estimate.correlation[rows].astype(np.float64),
+        ),
+        constant=constant,
+    )
+    one_image = is_single[:, None, None]
+    covariance = _add_common_covariance(
+        refined.covariance, grow, image_covariance, rows, constant
+    )
+    covariance[is_single] = image_covariance[is_single]
+    error_of_images = expected_error(lifting.shapes, image_covariance, shown)
     return replace(
         lifting,
         shapes=refined.points,
         landmarks_fitted=refined.points[:, :2].copy(),
         estimate=replace(
             estimate,
-            status=status,
-            deviation=np.where(single, image_sd, bars),
+            status=_mark_stopped(estimate.status, ~refined.converged),
+            deviation=np.where(one_image, estimate.deviation, bars),
+            correlation=np.where(
+                one_image, estimate.correlation, correlation.astype(np.float32)
+            ),
             covariance=covariance,
-            posterior_modes=None,
-            further={
-                **estimate.further,
-                CORRELATION: np.where(single, image_mixed, mixed),
-                NOISE: refined.noise,
-                IMAGE_ERROR: (
-                    lifting.scale * expected_error(lifting.shapes, of_images, shown)
-                ),
-            },
+            modes=None,
+            sequence_noise=refined.noise,
+            image_error=lifting.scale * error_of_images,
         ),
     )
+
+
+def _lay_out(
+    lifting: Lifting[PosteriorEstimate],
+    landmarks: Floats,
+    residual_variance: float,
+    noise: float | None,
+    bar_scale: Floats,
+    position: Floats | None,
+) -> Clips:
+    """Return the images of a lifting as clips, their bars as they were at first."""
+    estimate = lifting.estimate
+    weights = lifting.problem.weights
+    assert estimate.modes is not None, "the images were lifted with their modes"
+    if position is None:
+        position = np.arange(len(landmarks), dtype=np.float64)
+    inlier_probability = np.nan_to_num(estimate.inlier_probability)
+    return Clips(
+        landmarks=np.where((weights > 0)[:, None], landmarks, np.nan),
+        trust=inlier_probability * weights**2,
+        points=lifting.shapes,
+        scale=lifting.scale,
+        centre=lifting.translation - lifting.scale[:, None] * estimate.translation,
+        modes=estimate.modes,
+        residual_variance=residual_variance,
+        noise=noise,
+        deviation=lifting.scale[:, None, None] * estimate.deviation / bar_scale,
+        position=position,
+    )
+
+
+def _add_common_covariance(
+    smoothed: Floats, grow: Floats, images: Floats, rows: Indices, constant: Floats
+) -> Floats:
+    """Return C of S and P, all (n, 3p, 3p), and sigma (n, p); see above.
+
+    It is written over S, as these take most of the memory. S is in the unit of the
+    landmarks, C in that times grow (n, p); P of the image t is in row rows[t].
+    """
+    covariance = smoothed
+    factor = np.tile(grow, 3)
+    covariance *= factor[:, :, None]
+    covariance *= factor[:, None]
+    for t in range(len(covariance)):
+        covariance[t] += CONSTANTS.shared**2 * images[rows[t]]
+    axes = range(covariance.shape[1])
+    covariance[:, axes, axes] += np.tile(constant, 3) ** 2
+    return covariance
+
+
+def _mark_stopped(status: tuple[Status, ...], is_stopped: Flags) -> tuple[Status, ...]:
+    """Return how images ended whose sequence was stopped by its limit of rounds."""
+    if not is_stopped.any():
+        return status
+    both = zip(is_stopped, status, strict=True)
+    return tuple(Status.ITERATION_LIMIT if stopped else old for stopped, old in both)
 
 
 def refine_clips(
@@ -241,38 +251,38 @@ def refine_clips(
     sequences: Sequence[str],
     motion: Motion,
     threads: int = 0,
-) -> Refined:
-    """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their
-    sequence.
+) -> RefinedClips:
+    """Return what sequences make of their images.
 
     All but correlations in the unit of the landmarks. nan in all but the points where
     the inference is that of the images: they are alone or nearly so in their sequence,
     or contradict it. Sequences are refined on `threads` threads, 0 means one per core;
     the results do not depend on them.
     """
-    unknown = np.full_like(clips.points, np.nan)
-    noise = np.full(len(clips.points), np.nan)
-    d, converged = 3 * clips.points.shape[2], np.ones(len(noise), bool)
-    covariance = np.full((len(noise), d, d), np.nan)
-    refined = Refined(
-        clips.points.copy(), unknown, unknown.copy(), noise, covariance, converged
+    n, _, p = clips.points.shape
+    refined = RefinedClips(
+        points=clips.points.copy(),
+        deviation=np.full_like(clips.points, np.nan),
+        correlation=np.full_like(clips.points, np.nan),
+        noise=np.full(n, np.nan),
+        covariance=np.full((n, 3 * p, 3 * p), np.nan),
+        converged=np.ones(n, bool),
     )
-    finite: Flags = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
+    is_finite: Flags = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
     informative = is_informative(clips)
     clips = replace(
         clips,
         scale=np.where(informative, clips.scale, np.nan),
         points=np.where(informative[:, None, None], clips.points, np.nan),
     )
-    there = np.concatenate([[0], np.cumsum(informative)])
     long = [
         clip
-        for clip in split(sequences)
-        if there[clip.stop] - there[clip.start] >= FEWEST
+        for clip in split_into_clips(sequences)
+        if informative[clip].sum() >= MIN_CLIP_FRAMES
     ]
 
     def refine(clip: slice) -> None:
-        refine_clip(clips, clip, informative[clip], finite[clip], motion, refined)
+        refine_clip(clips, clip, informative[clip], is_finite[clip], motion, refined)
 
     on_threads(refine, long, threads)
     return refined
@@ -280,160 +290,217 @@ def refine_clips(
 
 def is_informative(clips: Clips) -> Flags:
     """Which images (n,) have a posterior that is not wider than `CONSTANTS.widest`."""
-    finite = np.isfinite(clips.points).all(axis=(1, 2))
+    is_finite = np.isfinite(clips.points).all(axis=(1, 2))
     width = np.sqrt((clips.deviation**2).mean(axis=(1, 2)))
-    informative: Flags = finite & (width < CONSTANTS.widest * clips.scale)
+    informative: Flags = is_finite & (width < CONSTANTS.widest * clips.scale)
     return informative
 
 
-def split(sequences: Sequence[str]) -> list[slice]:
-    """Slices of equal neighbours in `sequences` (n,), in pieces of at most
-    `LONGEST`.
-    """
+def split_into_clips(sequences: Sequence[str]) -> list[slice]:
+    """Slices of equal neighbours in `sequences` (n,), of MAX_CLIP_FRAMES at most."""
     values = np.array(sequences, dtype=object)
-    ends = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist(), len(values)]
+    changes = np.flatnonzero(values[1:] != values[:-1]) + 1
     slices = []
-    for start, stop in pairwise(ends):
-        pieces = -(-(stop - start) // LONGEST)
-        cuts = (
-            [start + (stop - start) * k // pieces for k in range(pieces + 1)]
-            if pieces
-            else []
-        )
-        slices += [slice(a, b) for a, b in pairwise(cuts)]
+    for start, stop in pairwise([0, *changes.tolist(), len(values)]):
+        frames = stop - start
+        pieces = ceil(frames / MAX_CLIP_FRAMES)
+        for piece in range(pieces):
+            begin = start + frames * piece // pieces
+            end = start + frames * (piece + 1) // pieces
+            slices.append(slice(begin, end))
     return slices
 
 
 def refine_clip(
     clips: Clips,
     clip: slice,
-    there: Flags,
-    finite: Flags,
+    informative: Flags,
+    is_finite: Flags,
     motion: Motion,
-    refined: Refined,
+    refined: RefinedClips,
 ) -> None:
-    """Refine one sequence from the images that are `there` (t,); write down the finite
-    ones.
-    """
-    timeline = Timeline(clips.position[clip], motion.rate)
-    stretches = timeline.stretches
-    finite = finite.copy()
-    for stretch in stretches:  # where all frames are blind nothing places them
-        finite[stretch] &= there[stretch].any()
-    # Before the covariances of the modes are written over.
-    of_images, deviation = moments_of_modes(clips, clip)
-    size = median(clips.scale[clip][there])
-    sigma = float(np.sqrt(clips.residual_variance))
-    if clips.noise is not None:
-        sigma = min(max(clips.noise / size, CONSTANTS.least_noise), sigma)
-    frames = int(there.sum()) * sigma**2 / clips.residual_variance
-    usual = weigh_lengths(motion.usual, frames)
-
-    def infer(
-        visible: Observations, taken: Timeline = timeline, *, rigid: bool = True
-    ) -> Smoothed:
-        lag = max(1, round(CONSTANTS.memory * motion.rate))
-        places = taken.on_grid(3 * lag)
-        scale = find_acceleration_scale(visible, motion.acceleration, lag, places)
-        stiffness = (motion.acceleration * scale) ** -2
-        bones, tolerance = motion.bones, motion.bone_tolerance
-        model = Model(bones, stiffness, tolerance, usual, taken)
-        if not rigid:
-            model = Model(bones[:0], stiffness, tolerance[:0], timeline=taken)
-        return smooth(visible, model, sigma)
-
-    def size_in(stretch: slice) -> float:
-        """The sum of the lengths in a stretch alone; nan where it is too short."""
-        if there[stretch].sum() < FEWEST or not len(motion.bones):
-            return np.nan
-        taken = Timeline(timeline.position[stretch], timeline.rate)
-        return float(infer(visible.part(stretch), taken).lengths.sum())
-
-    def rows_in(stretch: slice) -> NDArray[np.intp]:
-        """The finite frames of a stretch, by their rows in the sequence."""
-        rows: NDArray[np.intp] = stretch.start + np.flatnonzero(finite[stretch])
-        return rows
-
-    def store(smoothed: Smoothed, unit: Floats, stretch: slice) -> None:
-        """Write a stretch down in the unit (t,) of the landmarks."""
-        t = rows_in(stretch)
-        rows = clip.start + t
-        u = unit[t][:, None, None]
-        refined.converged[rows] = smoothed.converged
-        refined.points[rows] = u * smoothed.points[t]
-        refined.deviation[rows] = u * smoothed.deviation[t]
-        refined.correlation[rows] = smoothed.correlation[t]
-        refined.noise[rows] = size * sigma
-        for row in t:
-            refined.covariance[clip.start + row] = (
-                unit[row] ** 2 * smoothed.covariance[row]
-            )
-
-    def energies_of(smoothed: Smoothed) -> list[float]:
-        """The energy of each stretch, but for that of lengths if there are several."""
-        if len(stretches) == 1:
-            return [smoothed.energy]
-        return [float(smoothed.energies[stretch].sum()) for stretch in stretches]
-
-    scale = (clips.scale * clips.modes.scale[:, 0])[clip]
-    growth = find_growth(scale, there, CONSTANTS.scale_time * motion.rate, timeline)
-    visible = in_unit(clips, clip, size)
-    steady = np.ones(len(there))
-    if len(stretches) > 1:  # how far away it is after a gap, only its images say
+    """Refine one sequence from its informative images (t,), and write it down."""
+    inference = Inference(clips, clip, informative, is_finite, motion, refined)
+    stretches = inference.stretches
+    growth = find_growth(
+        (clips.scale * clips.modes.scale[:, 0])[clip],
+        informative,
+        CONSTANTS.scale_time * motion.rate,
+        inference.timeline,
+    )
+    visible = in_unit(clips, clip, inference.size)
+    steady = np.ones(len(informative))
+    if len(stretches) > 1:
+        # how far away it is after a gap, only its images say
         for stretch in stretches:
             steady[stretch] = np.exp(np.log(growth[stretch]).mean())
         visible = visible.grown(steady)
-        sizes = np.array([size_in(stretch) for stretch in stretches])
-        larger = np.repeat(
-            np.nan_to_num(sizes / finite_median(sizes, 1.0), nan=1.0),
-            [stretch.stop - stretch.start for stretch in stretches],
-        )
+        larger = inference.relative_sizes(visible)
         visible = visible.grown(larger)
-        steady, growth = steady * larger, growth * larger
-    smoothed = infer(visible)
-    store(smoothed, size * steady, slice(0, len(there)))
-    energies = energies_of(smoothed)
+        steady = steady * larger
+        growth = growth * larger
+    smoothed = inference.infer(visible)
+    inference.store(smoothed, steady, slice(0, len(informative)))
+    energies = inference.energies_of(smoothed)
     del smoothed  # covariances take most of the memory
     visible = visible.grown(growth / steady)
-    smoothed = infer(visible)
-    for stretch, before, after in zip(
-        stretches, energies, energies_of(smoothed), strict=True
-    ):
+    smoothed = inference.infer(visible)
+    energies_grown = inference.energies_of(smoothed)
+    for stretch, before, after in zip(stretches, energies, energies_grown, strict=True):
         if after < before:
-            store(smoothed, size * growth, stretch)
+            inference.store(smoothed, growth, stretch)
     del smoothed
-    moved = refined.points[clip] - of_images
-    square = ((moved / deviation) ** 2).mean(axis=(1, 2))
-    loose = [
-        stretch
-        for stretch in stretches
-        if median(square[judged_by(stretch, there)]) > CONSTANTS.farthest
-    ]
-    points = clips.points[clip]
-    if loose and not motion.of_half_body:
-        without_bones = infer(visible, rigid=False).points
-        points = (size * growth)[:, None, None] * without_bones
-    for stretch in loose:
-        t = rows_in(stretch)
-        rows = clip.start + t
-        refined.points[rows] = points[t]
-        refined.converged[rows] = True
-        refined.noise[rows] = np.nan
+    inference.leave_out_bones(visible, growth)
 
 
-def judged_by(stretch: slice, there: Flags) -> NDArray[np.intp]:
-    """The frames that are `there` (t,) by which a stretch is found to be moved too far:
-    its own, or those of the sequence where these are fewer than `FEWEST`.
+class Inference:
+    """The inference of one sequence, in the unit `size` of its landmarks."""
+
+    def __init__(
+        self,
+        clips: Clips,
+        clip: slice,
+        informative: Flags,
+        is_finite: Flags,
+        motion: Motion,
+        refined: RefinedClips,
+    ) -> None:
+        """Of a clip, whose images (t,) are informative or not, finite or not."""
+        self.clips = clips
+        self.clip = clip
+        self.informative = informative
+        self.motion = motion
+        self.refined = refined
+        self.timeline = Timeline(clips.position[clip], motion.rate)
+        self.stretches = self.timeline.stretches
+        self.is_placed = is_finite.copy()
+        for stretch in self.stretches:  # where all frames are blind nothing places them
+            self.is_placed[stretch] &= informative[stretch].any()
+        # before the covariances of the modes are written over
+        self.points, self.deviation = moments_of_modes(clips, clip)
+        self.size = median(clips.scale[clip][informative])
+        sigma = float(np.sqrt(clips.residual_variance))
+        if clips.noise is not None:
+            stated = max(clips.noise / self.size, CONSTANTS.least_noise)
+            sigma = min(stated, sigma)
+        self.sigma = sigma
+        frames = int(informative.sum()) * sigma**2 / clips.residual_variance
+        self.usual = weigh_lengths(motion.usual, frames)
+
+    def infer(
+        self,
+        visible: Observations,
+        timeline: Timeline | None = None,
+        *,
+        rigid: bool = True,
+    ) -> Smoothed:
+        """Infer the frames of a timeline, by default all, with rigid bones or none."""
+        motion = self.motion
+        if timeline is None:
+            timeline = self.timeline
+        lag = max(1, round(CONSTANTS.memory * motion.rate))
+        places = timeline.on_grid(3 * lag)
+        scale = find_acceleration_scale(visible, motion.acceleration, lag, places)
+        model = SequenceModel(
+            bones=motion.bones,
+            stiffness=(motion.acceleration * scale) ** -2,
+            bone_tolerance=motion.bone_tolerance,
+            usual=self.usual,
+            timeline=timeline,
+        )
+        if not rigid:
+            model = replace(
+                model,
+                bones=motion.bones[:0],
+                bone_tolerance=motion.bone_tolerance[:0],
+                usual=None,
+            )
+        return smooth(visible, model, self.sigma)
+
+    def relative_sizes(self, visible: Observations) -> Floats:
+        """Return how large bones are in each stretch (t,), beside the median."""
+        sizes = np.array(
+            [self._size_in(visible, stretch) for stretch in self.stretches]
+        )
+        relative = np.nan_to_num(sizes / finite_median(sizes, 1.0), nan=1.0)
+        frames = [stretch.stop - stretch.start for stretch in self.stretches]
+        return np.repeat(relative, frames)
+
+    def _size_in(self, visible: Observations, stretch: slice) -> float:
+        """The sum of the lengths in a stretch alone; nan where it is too short."""
+        is_short = self.informative[stretch].sum() < MIN_CLIP_FRAMES
+        if is_short or not len(self.motion.bones):
+            return np.nan
+        alone = Timeline(self.timeline.position[stretch], self.timeline.rate)
+        return float(self.infer(visible.part(stretch), alone).lengths.sum())
+
+    def store(self, smoothed: Smoothed, growth: Floats, stretch: slice) -> None:
+        """Write a stretch down, inferred in the unit `size` times growth (t,)."""
+        refined = self.refined
+        frames = self._placed_in(stretch)
+        rows = self.clip.start + frames
+        unit = self.size * growth
+        factor = unit[frames][:, None, None]
+        refined.converged[rows] = smoothed.converged
+        refined.points[rows] = factor * smoothed.points[frames]
+        refined.deviation[rows] = factor * smoothed.deviation[frames]
+        refined.correlation[rows] = smoothed.correlation[frames]
+        refined.noise[rows] = self.size * self.sigma
+        for frame, row in zip(frames, rows, strict=True):
+            refined.covariance[row] = unit[frame] ** 2 * smoothed.covariance[frame]
+
+    def _placed_in(self, stretch: slice) -> Indices:
+        """The frames of a stretch that are placed, by their number in the sequence."""
+        rows: Indices = stretch.start + np.flatnonzero(self.is_placed[stretch])
+        return rows
+
+    def energies_of(self, smoothed: Smoothed) -> list[float]:
+        """The energy of each stretch, but for that of lengths if there are several."""
+        if len(self.stretches) == 1:
+            return [smoothed.energy]
+        return [float(smoothed.energies[stretch].sum()) for stretch in self.stretches]
+
+    def leave_out_bones(self, visible: Observations, growth: Floats) -> None:
+        """Write stretches down without bones that would move their images too far.
+
+        They keep the error bars of these, and of a half body the points too.
+        """
+        refined = self.refined
+        moved = refined.points[self.clip] - self.points
+        square = ((moved / self.deviation) ** 2).mean(axis=(1, 2))
+        loose = [
+            stretch
+            for stretch in self.stretches
+            if median(square[judged_by(stretch, self.informative)]) > CONSTANTS.farthest
+        ]
+        points = self.clips.points[self.clip]
+        if loose and not self.motion.of_half_body:
+            without_bones = self.infer(visible, rigid=False).points
+            points = (self.size * growth)[:, None, None] * without_bones
+        for stretch in loose:
+            frames = self._placed_in(stretch)
+            rows = self.clip.start + frames
+            refined.points[rows] = points[frames]
+            refined.converged[rows] = True
+            refined.noise[rows] = np.nan
+
+
+def judged_by(stretch: slice, informative: Flags) -> Indices:
+    """Return the informative frames by which a stretch is found to be moved too far.
+
+    Its own, or those of the sequence (t,) where these are fewer than MIN_CLIP_FRAMES.
     """
-    own = stretch.start + np.flatnonzero(there[stretch])
-    return own if len(own) >= FEWEST else np.flatnonzero(there)
+    own = stretch.start + np.flatnonzero(informative[stretch])
+    return own if len(own) >= MIN_CLIP_FRAMES else np.flatnonzero(informative)
 
 
 def find_growth(
     scale: Floats, there: Flags, width: float, timeline: Timeline
 ) -> Floats:
-    """Smoothed scales (t,) of the images that are `there` (t,), beside their geometric
-    mean: those of each stretch by itself. A stretch where none is lies between others.
+    """Return smoothed scales (t,) of images, beside the mean of those `there` (t,).
+
+    The mean is the geometric one. Each stretch is smoothed by itself; one where no
+    image is there lies between others.
     """
     level = np.full(len(scale), np.nan)
     places = timeline.on_grid()
@@ -448,9 +515,7 @@ def find_growth(
     return growth
 
 
-def smooth_scale(
-    scale: Floats, there: Flags, width: float, place: NDArray[np.integer]
-) -> Floats:
+def smooth_scale(scale: Floats, there: Flags, width: float, place: Integers) -> Floats:
     """Logarithms (t,) of the scales of images that are `there`, smoothed.
 
     By lines through them within a Gaussian window of so many frames about each (local
@@ -460,7 +525,7 @@ def smooth_scale(
     level = np.interp(np.arange(place[-1] + 1), rows, np.log(scale[there]))
     if len(level) == 1:
         return level
-    weight = np.full(len(level), GAP)
+    weight = np.full(len(level), GAP_WEIGHT)
     weight[rows] = 1.0
     reach = min(int(4 * width) + 1, len(level) - 1)
     k = np.arange(-reach, reach + 1)
@@ -469,8 +534,11 @@ def smooth_scale(
     def total(x: Floats, power: int) -> Floats:
         return np.convolve(x, window * (-k) ** power)[reach : len(x) + reach]
 
-    S0, S1, S2 = (total(weight, power) for power in range(3))
-    T0, T1 = (total(weight * level, power) for power in range(2))
+    S0 = total(weight, 0)
+    S1 = total(weight, 1)
+    S2 = total(weight, 2)
+    T0 = total(weight * level, 0)
+    T1 = total(weight * level, 1)
     line: Floats = (S2 * T0 - S1 * T1) / (S0 * S2 - S1**2)
     smooth: Floats = line[place]
     return smooth
@@ -487,9 +555,8 @@ def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
     """
     if usual is None:
         return None
-    return usual._replace(
-        precision=(1 + CONSTANTS.shared**2 * frames) * usual.precision
-    )
+    worth = 1 + CONSTANTS.shared**2 * frames
+    return usual._replace(precision=worth * usual.precision)
 
 
 def moments_of_modes(clips: Clips, clip: slice) -> tuple[Floats, Floats]:
@@ -516,16 +583,17 @@ def moments_of_modes(clips: Clips, clip: slice) -> tuple[Floats, Floats]:
 
 def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
     """What the images of a clip say, in the given unit."""
-    finite = np.isfinite(clips.scale[clip])
-    grow = np.where(finite, clips.scale[clip], unit) / unit
-    centre = np.where(finite[:, None], clips.centre[clip], 0.0) / unit
+    is_finite = np.isfinite(clips.scale[clip])
+    grow = np.where(is_finite, clips.scale[clip], unit) / unit
+    centre = np.where(is_finite[:, None], clips.centre[clip], 0.0) / unit
     means = clips.modes.mean[clip] * grow[:, None, None, None]
     means[:, :, :2] += centre[:, None, :, None]
+    log_evidence = clips.modes.log_evidence[clip]
     return observe(
         landmarks=clips.landmarks[clip] / unit,
         trust=clips.trust[clip],
         start=clips.points[clip] / unit,
-        log_evidence=np.where(finite[:, None], clips.modes.log_evidence[clip], -np.inf),
+        log_evidence=np.where(is_finite[:, None], log_evidence, -np.inf),
         means=means,
         covariances=clips.modes.covariance[clip],
         residual_variance=clips.residual_variance,
@@ -538,7 +606,7 @@ def find_acceleration_scale(
     visible: Observations,
     acceleration: Floats,
     lag: int,
-    place: NDArray[np.integer] | None = None,
+    place: Integers | None = None,
 ) -> float:
     """Return how much faster than expected the landmarks move in their images: 1 or
     more.
@@ -556,75 +624,74 @@ def find_acceleration_scale(
     """
     w = np.where(visible.trust[:, None] > 0, visible.landmarks, np.nan)
     if place is not None:
-        seen, w = w, np.full((place[-1] + 1, *w.shape[1:]), np.nan)
+        seen = w
+        w = np.full((place[-1] + 1, *seen.shape[1:]), np.nan)
         w[place] = seen
     if len(w) <= 3 * lag:
         return 1.0
     second = w[2 * lag :] - 2 * w[lag:-lag] + w[: -2 * lag]
-    P, N = (median_variance(second[lag:] + sign * second[:-lag]) for sign in (1, -1))
-    moving = np.maximum(2.5 * P - 0.5 * N, 0.0) / 8.2 / lag**3
-    finite = np.isfinite(moving)
-    expected = (acceleration[finite] ** 2).sum()
-    return (
-        float(np.sqrt(max(moving[finite].sum() / expected, 1.0)))
-        if finite.any()
-        else 1.0
-    )
+    P = median_variance(second[lag:] + second[:-lag])
+    N = median_variance(second[lag:] - second[:-lag])
+    moving = np.maximum(2.5 * P - 0.5 * N, 0.0) / MOTION_SHARE / lag**3
+    is_known = np.isfinite(moving)
+    if not is_known.any():
+        return 1.0
+    expected = (acceleration[is_known] ** 2).sum()
+    return float(np.sqrt(max(moving[is_known].sum() / expected, 1.0)))
 
 
 def median_variance(values: Floats) -> Floats:
-    """Variance (p,) of values (t, 2, p) about 0 by the median of their sizes; nan:
-    nothing known.
+    """Return the variance (p,) of values (t, 2, p) about 0 by the median of their
+    sizes.
 
-    The median of |x| of a Gaussian is 0.6745 standard deviations.
+    nan where nothing is known.
     """
     sizes = np.sort(np.abs(values.reshape(-1, values.shape[2])), axis=0)  # nan is last
     count = np.isfinite(sizes).sum(axis=0)
+    low = np.maximum(count - 1, 0) // 2
+    high = np.minimum(count // 2, len(sizes) - 1)
     columns = np.arange(sizes.shape[1])
-    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(sizes) - 1)
     middle = (sizes[low, columns] + sizes[high, columns]) / 2
-    return np.where(count > 0, (middle / 0.6745) ** 2, np.nan)
+    return np.where(count > 0, (middle / GAUSSIAN_MEDIAN) ** 2, np.nan)
 
 
 def add_common_error(
     smoothed: tuple[Floats, Floats], images: tuple[Floats, Floats], constant: Floats
 ) -> tuple[Floats, Floats]:
-    """Deviations and correlations of C, from those of S and P, all (n, 3, p), and sigma
-    (n, p).
+    """Return deviations and correlations of C, from those of S and P, all (n, 3, p).
 
-    Correlations of x with y, x with z, and y with z of each landmark. A correlation of
-    a landmark that has no deviation is 0.
+    And from sigma (n, p). Correlations of x with y, x with z, and y with z of each
+    landmark. A correlation of a landmark that has no deviation is 0.
     """
-    (single, mixed), (image, image_mixed), share = smoothed, images, CONSTANTS.shared
-    deviation = np.hypot(np.hypot(single, share * image), constant[:, None])
+    sd, mixed = smoothed
+    image_sd, image_mixed = images
+    share = CONSTANTS.shared
+    deviation = np.hypot(np.hypot(sd, share * image_sd), constant[:, None])
     correlation = np.empty_like(deviation)
     for row, (a, b) in enumerate(PAIRS):
-        covariance = mixed[:, row] * single[:, a] * single[:, b]
-        covariance = (
-            covariance + share**2 * image_mixed[:, row] * image[:, a] * image[:, b]
-        )
+        of_smoothed = mixed[:, row] * sd[:, a] * sd[:, b]
+        of_image = share**2 * image_mixed[:, row] * image_sd[:, a] * image_sd[:, b]
         product = deviation[:, a] * deviation[:, b]
-        correlation[:, row] = covariance / np.where(product == 0, 1.0, product)
+        divisor = np.where(product == 0, 1.0, product)
+        correlation[:, row] = (of_smoothed + of_image) / divisor
     return deviation, correlation
 
 
 def nearest_informative(
     informative: Flags, clips: Iterable[slice], position: Floats
-) -> NDArray[np.intp]:
-    """Row (n,) of the nearest informative frame of the same clip, its own where none
-    is; position (n,) in time.
+) -> Indices:
+    """Return the row (n,) of the nearest informative frame of the same clip.
 
-    An image that says nothing has a covariance that says nothing of the errors of its
-    frame.
+    Its own where none is; position (n,) in time. An image that says nothing has a
+    covariance that says nothing of the errors of its frame.
     """
     rows = np.arange(len(informative))
     for clip in clips:
-        there, lacking = (
-            np.flatnonzero(informative[clip]),
-            np.flatnonzero(~informative[clip]),
-        )
+        there = np.flatnonzero(informative[clip])
+        lacking = np.flatnonzero(~informative[clip])
         if len(there) and len(lacking):
             place = position[clip]
-            nearest = np.abs(place[lacking][:, None] - place[there]).argmin(axis=1)
+            distance = np.abs(place[lacking][:, None] - place[there])
+            nearest = distance.argmin(axis=1)
             rows[clip.start + lacking] = clip.start + there[nearest]
     return rows

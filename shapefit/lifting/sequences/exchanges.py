@@ -1,5 +1,4 @@
-"""Frames in which a detector has exchanged left and right: found by continuity in the
-image.
+"""Frames in which a detector has exchanged left and right, found by continuity.
 
 Where left and right change places, the differences D = w_left - w_right of all pairs of
 landmarks change their signs from one frame to the next, and nothing else moves. For the
@@ -25,21 +24,21 @@ from shapefit.arrays import Flags, Floats, finite_median
 from shapefit.lifting.sequences.smoothing import CONSTANTS
 from shapefit.timeline import Timeline
 
-DEGREES = 3.0
+STUDENT_FREEDOM = 3.0
 """nu."""
 
-REMEMBERED = 5
+MAX_FRAMES_BETWEEN = 5
 """Frames after which the last difference of a pair says nothing of its next one."""
 
-LEAST_STEP = 0.05
-"""s at least, in median distances of left from right: what a detector makes of a body
-at rest.
-"""
+MIN_STEP = 0.05
+"""s of a body at rest, in median distances of left from right."""
+
+RAYLEIGH_MEDIAN = 1.177
+"""Median of the length of a vector of two Gaussians of deviation 1."""
 
 
 class Exchanges(NamedTuple):
-    """Which frames (t,) have their sides exchanged, and whether what is left is one run
-    of sides.
+    """Which frames (t,) have their sides exchanged; whether one run of sides is left.
 
     Without `continuous` left and right change places for longer than a second, and
     nobody knows which part of the sequence is named rightly.
@@ -61,10 +60,10 @@ def find_exchanges(
     state = likeliest_states(change)
     if not state.any():
         return Exchanges(state, continuous=True)
-    window = max(1, round(timeline.rate))
+    a_second = max(1, round(timeline.rate))
     count = np.concatenate([[0], np.cumsum(state)])
-    first = np.searchsorted(position, position - window, "left")
-    last = np.searchsorted(position, position + window, "right")
+    first = np.searchsorted(position, position - a_second, "left")
+    last = np.searchsorted(position, position + a_second, "right")
     usual = 2 * (count[last] - count[first]) > last - first
     exchanged = state != usual
     left = state ^ exchanged
@@ -74,8 +73,9 @@ def find_exchanges(
 def find_changes(
     landmarks: Floats, pairs: NDArray[np.integer], position: Floats
 ) -> Floats:
-    """Sum over the pairs of S (t,), for an exchange between each frame and the one
-    before it; position (t,) in time, in frames.
+    """Return the sum of S (t,) over the pairs, for an exchange before each frame.
+
+    position (t,) in time, in frames.
     """
     difference = landmarks[..., pairs[:, 0]] - landmarks[..., pairs[:, 1]]
     visible: Flags = np.asarray(np.isfinite(difference).all(axis=1))
@@ -83,25 +83,25 @@ def find_changes(
     before = np.full_like(frame, -1)
     before[1:] = np.maximum.accumulate(frame, axis=0)[:-1]
     passed = position[:, None] - position[np.maximum(before, 0)]
-    recent = visible & (before >= 0) & (passed <= REMEMBERED)
-    D = np.where(recent[:, None], difference, 0.0)
+    is_recent = visible & (before >= 0) & (passed <= MAX_FRAMES_BETWEEN)
+    D = np.where(is_recent[:, None], difference, 0.0)
     last = np.take_along_axis(difference, np.maximum(before, 0)[:, None], axis=0)
-    last = np.where(recent[:, None], last, 0.0)
-    same, other = ((D - last) ** 2).sum(axis=1), ((D + last) ** 2).sum(axis=1)
-    least = np.where(recent, np.minimum(same, other), np.nan)
+    last = np.where(is_recent[:, None], last, 0.0)
+    same = ((D - last) ** 2).sum(axis=1)
+    other = ((D + last) ** 2).sum(axis=1)
+    least = np.where(is_recent, np.minimum(same, other), np.nan)
     step = np.sqrt([finite_median(column, 0.0) for column in least.T])
     size = np.sqrt(finite_median((difference**2).sum(axis=1).ravel(), 0.0))
-    # 1.177 is the median of a Rayleigh variable
-    s2 = np.maximum(step / 1.177, max(LEAST_STEP * size, 1e-150)) ** 2
-    S = (DEGREES + 2) / 2 * np.log((DEGREES + same / s2) / (DEGREES + other / s2))
-    total: Floats = np.where(recent, S, 0.0).sum(axis=1)
+    min_step = max(MIN_STEP * size, 1e-150)
+    s2 = np.maximum(step / RAYLEIGH_MEDIAN, min_step) ** 2
+    nu = STUDENT_FREEDOM
+    S = (nu + 2) / 2 * np.log((nu + same / s2) / (nu + other / s2))
+    total: Floats = np.where(is_recent, S, 0.0).sum(axis=1)
     return total
 
 
 def likeliest_states(change: Floats) -> Flags:
-    """Return which frames (t,) are exchanged in the likeliest run of states, the first
-    is not.
-    """
+    """Return which frames (t,) are exchanged in the likeliest run; the first is not."""
     gain = change - CONSTANTS.exchange_price
     value = np.array([0.0, -np.inf])
     came = np.zeros((len(change), 2), dtype=np.intp)

@@ -1,24 +1,22 @@
-"""The shapes of a whole sequence at once: what the images say, rigid bones, and smooth
-motion.
+"""The shapes of a whole sequence at once: by its images, rigid bones, smooth motion.
 
 The landmarks y_t (3, p) of the frames, in the frame of the camera, and the lengths l of
 the bones minimise
 
-    sum_t  -log p(y_t | image t)                                   mixture of the
-           image's modes
-         + 1/2 sum_(t,j) q_tj (1/sigma^2 - 1/v) ||w_tj - y_tj||^2   landmarks stated to
-                                                                    be exacter
+    sum_t  -log p(y_t | image t)
+         + 1/2 sum_(t,j) q_tj (1/sigma^2 - 1/v) ||w_tj - y_tj||^2
          + 1/2 sum_(t,j) ||c_t1 y_(t-1)j + c_t2 y_tj + c_t3 y_(t+1)j||^2 / a_j^2
          + 1/2 sum_(t, bones ij) (||y_ti - y_tj|| - l_ij)^2 / b^2.
 
-c are (1, -2, 1) where no frame lacks, see `Timeline.second_differences`. The posteriors
-of the images took their landmarks with the variance v of what the prior
-cannot place. Where their noise sigma is stated to be smaller the second term makes up
-for it. Bones are rigid but unknown; where their lengths k are known up to the scale g
-of the images, with the precision Q of their logarithms, d^T Q d / 2 of d = l / (g k) -
-1 joins the objective. Levenberg and Marquardt's method over frames and lengths
-together: the lengths are few, and are eliminated from the banded system of the frames.
-No step raises the objective; the minimum is a local one, near the start.
+The first term is the mixture of the modes of an image, whose posteriors took the
+landmarks with the variance v of what the prior cannot place. Where their noise sigma is
+stated to be smaller the second term makes up for it. c are (1, -2, 1) where no frame
+lacks, see `Timeline.second_differences`. Bones are rigid but unknown; where their
+lengths k are known up to the scale g of the images, with the precision Q of their
+logarithms, d^T Q d / 2 of d = l / (g k) - 1 joins the objective. Levenberg and
+Marquardt's method over frames and lengths together: the lengths are few, and are
+eliminated from the banded system of the frames. No step raises the objective; the
+minimum is a local one, near the start.
 """
 
 from __future__ import annotations
@@ -30,74 +28,82 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.timeline import Timeline
-
-Indices = NDArray[np.integer]
 
 
 @dataclass(frozen=True)
 class Constants:
-    """The numbers of the model of sequences, in one place; none is a key.
-
-    modes           of a frame that count; the others have next to no share
-    widest          standard deviation of a coordinate, in the size of the landmarks,
-                    beyond which
-                    an image says nothing: its posterior then has next to no scale.
-                    Frames whose image says nothing have it: the others place them
-    least_noise     deviation of a coordinate, in the size of the landmarks, as which a
-                    smaller one
-                    counts: exact landmarks have rounding and a prior beside them. Of
-                    the levels
-                    0.003, 0.01, 0.03 and 0.06 the best on exact clips of subject 86.
-                      Its square is
-                    added to the covariances, which know no mean depth: it stays where
-                        it is
-    farthest        median over the images of the mean square of what a sequence may
-                    move them, in
-                    their deviations. Beyond it bones are not rigid or the prior is too
-                    narrow, and they are left out. On film of bodies 01, 02 and 64 (97
-                    clips, some with jumps or bones that stretch) 0.4 to 0.5 loses more
-                    than 10% in 1 to 2 clips, 0.6 and no limit in 2, and no limit has
-                    1.4% less error; on 03 and 118 no limit loses in 3 of 40, and has 1%
-                    more
-    scale_time      seconds over which the scale of a body in its images is smoothed. On
-                    film of
-                    bodies 01, 02 and 64 (79 clips, no limit) sequences have 0.824 of
-                    the error of images by 0.5, 0.825 by 0.35, 0.823 by 1, and 0.840 in
-                    one unit alone
-    shared          r, the share of the deviations of single images that neighbouring
-                    frames have in
-                    common: in error bars, and in what images say of lengths. On film of
-                    six bodies 90% regions hold 0.91 to 0.97 in each of twelve cells;
-                    0.5 holds more than 0.97 in four, 0.3 less than 0.90 in three.
-                    Errors are the same
-    memory          seconds after which what a detector gets wrong has hardly anything
-                    to do with
-                    what it got wrong before: that of second differences, see
-                    `find_acceleration_scale`
-    exchange_price  log likelihood that an exchange of left and right costs, see
-                    `exchanges`. At 8
-                    no clean clip of 336 of film has one, and where 8 of 60 frames are
-                    exchanged or bursts of 8, 2 to 3 of 1,000 frames stay wrong
-    """
+    """The numbers of the model of sequences, in one place; none is a key."""
 
     modes: int = 4
+    """Of a frame that count; the others have next to no share."""
+
     widest: float = 3.0
+    """Standard deviation of a coordinate, in the size of the landmarks, beyond which an
+    image says nothing.
+
+    Its posterior then has next to no scale. Frames whose image says nothing have it:
+    the others place them.
+    """
+
     least_noise: float = 0.003
+    """Deviation of a coordinate, in the size of the landmarks, as which a smaller one
+    counts.
+
+    Exact landmarks have rounding and a prior beside them. Of the levels 0.003, 0.01,
+    0.03 and 0.06 the best on exact clips of subject 86. Its square is added to the
+    covariances, which know no mean depth: it stays where it is.
+    """
+
     farthest: float = 0.5
+    """Median over the images of the mean square of what a sequence may move them, in
+    their deviations.
+
+    Beyond it bones are not rigid or the prior is too narrow, and they are left out. On
+    film of bodies 01, 02 and 64 (97 clips, some with jumps or bones that stretch) 0.4
+    to 0.5 loses more than 10% in 1 to 2 clips, 0.6 and no limit in 2, and no limit has
+    1.4% less error; on 03 and 118 no limit loses in 3 of 40, and has 1% more.
+    """
+
     scale_time: float = 0.5
+    """Seconds over which the scale of a body in its images is smoothed.
+
+    On film of bodies 01, 02 and 64 (79 clips, no limit) sequences have 0.824 of the
+    error of images by 0.5, 0.825 by 0.35, 0.823 by 1, and 0.840 in one unit alone.
+    """
+
     shared: float = 0.4
+    """r, the share of the deviations of single images that neighbouring frames have in
+    common: in error bars, and in what images say of lengths.
+
+    On film of six bodies 90% regions hold 0.91 to 0.97 in each of twelve cells; 0.5
+    holds more than 0.97 in four, 0.3 less than 0.90 in three. Errors are the same.
+    """
+
     memory: float = 1 / 8
+    """Seconds after which what a detector gets wrong has hardly anything to do with
+    what it got wrong before: that of second differences, see `find_acceleration_scale`.
+    """
+
     exchange_price: float = 8.0
+    """Log likelihood that an exchange of left and right costs, see `exchanges`.
+
+    At 8 no clean clip of 336 of film has one, and where 8 of 60 frames are exchanged or
+    bursts of 8, 2 to 3 of 1,000 frames stay wrong.
+    """
 
 
 CONSTANTS = Constants()
 
-MAX_ROUNDS, TOLERANCE = 100, 0.03
-"""Rounds of Levenberg and Marquardt's method, and the gain of the objective for each
-frame with which they go on. On film 90% of the clips end within 15 rounds and all
-within 20; what a smaller gain adds changes no error by more than 0.1%.
+MAX_SMOOTHING_ROUNDS = 100
+"""Of Levenberg and Marquardt's method: on film 90% of the clips end within 15 rounds
+and all within 20.
+"""
+
+MIN_FRAME_GAIN = 0.03
+"""Gain of the objective for each frame with which rounds go on; what a smaller one adds
+changes no error by more than 0.1%.
 """
 
 
@@ -113,7 +119,7 @@ class Lengths(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Model:
+class SequenceModel:
     """How frames of a sequence hang together, in units of the size of its landmarks.
 
     bones (e, 2); stiffness 1/a^2 (p,); bone_tolerance b (e,), the deviation of a bone
@@ -121,7 +127,7 @@ class Model:
     after the other without it.
     """
 
-    bones: Indices
+    bones: Integers
     stiffness: Floats
     bone_tolerance: Floats
     usual: Lengths | None = None
@@ -130,12 +136,11 @@ class Model:
 
 @dataclass(frozen=True)
 class Observations:
-    """What single images say of the frames of one sequence, in units of the size of its
-    landmarks.
+    """What single images say of the frames of one sequence.
 
-    A frame has some modes, as the posterior of its image gives them: Gaussians over the
-    landmarks in the frame of the camera, with shares. Their energy is -log sum_k
-    share_k N(y_t; m_tk, C_tk).
+    In units of the size of its landmarks. A frame has some modes, as the posterior of
+    its image gives them: Gaussians over the landmarks in the frame of the camera, with
+    shares. Their energy is -log sum_k share_k N(y_t; m_tk, C_tk).
 
     landmarks w (t, 2, p) as observed, nan where hidden; trust q (t, p), the inlier
     probability, 0 where it is hidden; start (t, 3, p), the mean of each image;
@@ -170,29 +175,31 @@ class Observations:
         )
 
     def grown(self, growth: Floats) -> Observations:
-        """The same in a unit of each frame: the former times growth (t,). Precisions
-        are lost.
+        """Return the same in a unit of each frame, the former times growth (t,).
+
+        The precisions are written over.
         """
         g = growth[:, None, None]
         np.multiply(self.precision, g[..., None] ** 2, out=self.precision)
+        d = self.mean.shape[2]
         return replace(
             self,
             landmarks=self.landmarks / g,
             start=self.start / g,
             mean=self.mean / g,
-            log_det=self.log_det - 2 * self.mean.shape[2] * np.log(growth)[:, None],
+            log_det=self.log_det - 2 * d * np.log(growth)[:, None],
         )
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """points (t, 3, p) and lengths (e,) at the minimum; the energy there, and energies
-    (t,) of frames with the second differences that begin there.
+    """The frames at the minimum.
 
-    deviation (t, 3, p) of the points, the lengths held, and the correlation (t, 3, p)
-    of x with y, x with z, and y with z of each landmark; covariance (t, 3p, 3p) of the
-    frames, all x first, then y, then z. converged, whether the rounds ended before
-    their limit.
+    points (t, 3, p) and lengths (e,); the energy there, and energies (t,) of frames
+    with the second differences that begin there. deviation (t, 3, p) of the points, the
+    lengths held, and the correlation (t, 3, p) of x with y, x with z, and y with z of
+    each landmark; covariance (t, 3p, 3p) of the frames, all x first, then y, then z.
+    converged, whether the rounds ended before their limit.
     """
 
     points: Floats
@@ -207,13 +214,11 @@ class Smoothed:
 
 def smooth(
     visible: Observations,
-    model: Model,
+    model: SequenceModel,
     noise: float,
-    max_rounds: int = MAX_ROUNDS,
+    max_rounds: int = MAX_SMOOTHING_ROUNDS,
 ) -> Smoothed:
-    """Minimise the objective above from the images, for landmarks of the deviation
-    `noise`.
-    """
+    """Minimise the objective above, for landmarks of the deviation `noise`."""
     t, _, p = visible.start.shape
     points = visible.start.reshape(t, 3 * p).copy()
     lengths = mean_lengths(visible.start, model.bones)
@@ -237,7 +242,7 @@ def smooth(
         hold=hold,
         known=usual,
         most_rounds=max_rounds,
-        tolerance=TOLERANCE,
+        tolerance=MIN_FRAME_GAIN,
         points=points,
         lengths=lengths,
         deviation=deviation,
@@ -259,44 +264,40 @@ def smooth(
 
 
 def further_weight(visible: Observations, noise: float) -> Floats:
-    """Weight q (1/sigma^2 - 1/v) (t, 2p) of the landmarks beside what the images say of
-    them.
-    """
+    """Return the weight q (1/sigma^2 - 1/v) (t, 2p) of the landmarks themselves."""
     more = max(1 / noise**2 - 1 / visible.residual_variance, 0.0)
     weight: Floats = more * np.tile(visible.trust, (1, 2))
     return weight
 
 
-def fixed_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
-    """Weights H = Q / (g k)(g k)^T (e, e) and usual lengths g k (e,); 0 for bones
-    without one.
+def fixed_lengths(model: SequenceModel, lengths: Floats) -> tuple[Floats, Floats]:
+    """Return weights H = Q / (g k)(g k)^T (e, e) and usual lengths g k (e,).
+
+    0 for bones without a usual length.
     """
     e = len(model.bones)
-    fixed, shorter = np.zeros((2, e))
+    fixed, inverse = np.zeros((2, e))
     if model.usual is None:
         return np.zeros((e, e)), fixed
     usual = model.usual.usual
-    there = np.isfinite(usual)
-    fixed[there] = usual[there] * fit_scale(lengths, usual)
-    shorter[there] = 1 / fixed[there]
-    return model.usual.precision * np.outer(shorter, shorter), fixed
+    known = np.isfinite(usual)
+    fixed[known] = usual[known] * fit_scale(lengths, usual)
+    inverse[known] = 1 / fixed[known]
+    return model.usual.precision * np.outer(inverse, inverse), fixed
 
 
-def mean_lengths(points: Floats, bones: Indices) -> Floats:
+def mean_lengths(points: Floats, bones: Integers) -> Floats:
     """Mean lengths (e,) of the bones (e, 2) of points (t, 3, p)."""
     i, j = bones.T
-    mean: Floats = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1).mean(
-        axis=0
-    )
-    return mean
+    lengths = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1)
+    return np.asarray(lengths.mean(axis=0))
 
 
 def fit_scale(lengths: Floats, usual: Floats) -> float:
-    """Scale g at which usual lengths (e,), nan where unknown, agree best with
-    others.
-    """
-    there = np.isfinite(usual)
-    return float(np.exp(np.log(lengths[there] / usual[there]).mean()))
+    """Scale g at which usual lengths (e,) agree best with others; nan if unknown."""
+    known = np.isfinite(usual)
+    ratios = lengths[known] / usual[known]
+    return float(np.exp(np.log(ratios).mean()))
 
 
 def observe(
@@ -318,30 +319,31 @@ def observe(
     position (t,) in time, one after the other without it. Raises ValueError where no
     frame has any.
     """
-    t, k = log_evidence.shape[0], min(CONSTANTS.modes, log_evidence.shape[1])
+    t, modes = log_evidence.shape
+    k = min(CONSTANTS.modes, modes)
     d = 3 * landmarks.shape[2]
-    there = np.isfinite(log_evidence[:, :k])
-    present = there[:, 0]
-    start = fill(start, present, position)
-    best = np.where(present, log_evidence[:, 0], 0.0)[:, None]
-    log_share = np.where(there, log_evidence[:, :k], -np.inf) - best
-    log_share[~present, 0] = 0.0
+    is_there = np.isfinite(log_evidence[:, :k])
+    has_modes = is_there[:, 0]
+    start = fill(start, has_modes, position)
+    best = np.where(has_modes, log_evidence[:, 0], 0.0)[:, None]
+    log_share = np.where(is_there, log_evidence[:, :k], -np.inf) - best
+    # a frame without modes has one that says next to nothing
+    log_share[~has_modes, 0] = 0.0
+    wanted = is_there.copy()
+    wanted[~has_modes, 0] = True
     mean = np.where(
-        there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d)
+        is_there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d)
     )
     precision, log_det = find_precisions(
         np.ascontiguousarray(covariances[:, :k]),
-        np.where(there, np.reshape(grow, (-1, 1)) ** 2, 0.0),
-        np.where(there, CONSTANTS.least_noise, CONSTANTS.widest) ** 2,
-        there | ~present[:, None] & (np.arange(k) == 0),
+        factor=np.where(is_there, np.reshape(grow, (-1, 1)) ** 2, 0.0),
+        more=np.where(is_there, CONSTANTS.least_noise, CONSTANTS.widest) ** 2,
+        there=wanted,
     )
+    is_seen = np.isfinite(landmarks).all(axis=1) & has_modes[:, None]
     return Observations(
         landmarks=landmarks,
-        trust=np.where(
-            np.isfinite(landmarks).all(axis=1) & present[:, None],
-            np.nan_to_num(trust),
-            0.0,
-        ),
+        trust=np.where(is_seen, np.nan_to_num(trust), 0.0),
         start=start,
         residual_variance=residual_variance,
         log_share=log_share,
@@ -354,8 +356,8 @@ def observe(
 def find_precisions(
     covariances: Floats, factor: Floats, more: Floats, there: NDArray[np.bool_]
 ) -> tuple[Floats, Floats]:
-    """Inverses (t, k, d, d) of factor C + more I, and the log determinants (t, k) of
-    these.
+    """Return the inverses (t, k, d, d) of factor C + more I, and log determinants (t,
+    k).
 
     factor, more (t, k); a factor of 0 takes C for 0. They are written over those C (t,
     k, d, d) that are `there` (t, k): of long sequences these take most of the memory.
@@ -375,8 +377,9 @@ def find_precisions(
 def fill(
     points: Floats, present: NDArray[np.bool_], position: Floats | None = None
 ) -> Floats:
-    """Points (t, 3, p) with missing frames interpolated between their neighbours in
-    time, of positions (t,) or one after the other.
+    """Interpolate missing frames of points (t, 3, p) between their neighbours in time.
+
+    Frames have positions (t,), or come one after the other.
     """
     if present.all():
         return points

@@ -1,5 +1,4 @@
-"""Sequences before a pinhole camera: brought into the unit and frame of weak
-perspective, and back.
+"""Sequences before a pinhole camera: into the frame of weak perspective, and back.
 
 Seen in the direction u, the landmark of a point at the depth f + z lies at
 
@@ -17,39 +16,39 @@ from dataclasses import replace
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.geometry.pinhole import project
+from shapefit.geometry.pinhole import project_pinhole
+from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.posterior.method import find_rays
 
-Refine = Callable[[Lifting, Floats], Lifting]
+PosteriorLifting = Lifting[PosteriorEstimate]
+
+Refine = Callable[[PosteriorLifting, Floats], PosteriorLifting]
 
 
 def refine_through_camera(
-    lifting: Lifting, landmarks: Floats, refine: Refine
-) -> Lifting:
+    lifting: PosteriorLifting, landmarks: Floats, refine: Refine
+) -> PosteriorLifting:
     """Refine a lifting of n images whose landmarks (n, 2, p) a camera may have seen.
 
     `refine` takes a lifting by weak perspective and its landmarks, and the memory of
     its modes. The scale of an image stays what it is: bodies are taken to stay about as
     far away, as they are without a camera.
     """
-    view, near = lifting.perspective, lifting.problem.camera
+    view = lifting.perspective
     if view is None:
         return refine(lifting, landmarks)
+    near = lifting.problem.camera
     if near is None:
         raise ValueError("the method did not look through the camera itself")
     rays = find_rays(landmarks, view.camera)
-    size = np.where(
-        np.isfinite(lifting.scale),
-        rays.focal / find_rays(landmarks, near).focal,
-        np.nan,
-    )
+    size = rays.focal / find_rays(landmarks, near).focal
+    size = np.where(np.isfinite(lifting.scale), size, np.nan)
     grow = (lifting.scale / size)[:, None, None]
     flat = np.zeros((len(size), 2))
     estimate = lifting.estimate
-    middle = (
-        rays.focal[:, None] * view.translation[:, :2] / np.abs(view.translation[:, 2:])
-    )
+    t = view.translation
+    middle = rays.focal[:, None] * t[:, :2] / np.abs(t[:, 2:])
     points = lifting.scale[:, None, None] * estimate.shapes
     points[:, :2] += middle[..., None]
     weak = replace(
@@ -65,25 +64,22 @@ def refine_through_camera(
 
 
 def place_before_camera(
-    lifting: Lifting,
+    lifting: PosteriorLifting,
     view: PerspectiveView,
-    refined: Lifting,
+    refined: PosteriorLifting,
     focal: Floats,
     grow: Floats,
-) -> Lifting:
-    """Put the refined shapes (n, 3, p) before the camera, in the place of those of the
-    images.
-    """
-    camera, points = view.camera, refined.shapes
-    middle = points[:, :2].mean(axis=2)
-    shapes = points.copy()
+) -> PosteriorLifting:
+    """Put refined shapes (n, 3, p) before the camera, where the images have theirs."""
+    camera = view.camera
+    middle = refined.shapes[:, :2].mean(axis=2)
+    shapes = refined.shapes.copy()
     shapes[:, :2] -= middle[..., None]
+    place = np.concatenate([middle, camera.sign * focal[:, None]], axis=1)
+    t = place / lifting.scale[:, None]
+    in_space = shapes / lifting.scale[:, None, None] + t[..., None]
+    fitted = project_pinhole(camera, in_space)
     translation = camera.centre + camera.focal * middle / focal[:, None]
-    t = (
-        np.concatenate([middle, camera.sign * focal[:, None]], axis=1)
-        / lifting.scale[:, None]
-    )
-    fitted = project(camera, shapes / lifting.scale[:, None, None] + t[..., None])
     shapes[:, :2] += translation[..., None]
     return replace(
         lifting,

@@ -18,8 +18,13 @@ from shapefit.config import EvalConfig
 from shapefit.errors import InputError, abbreviate, input_error, listed
 from shapefit.evaluation import metrics as m
 from shapefit.evaluation.calibration import ErrorBars, find_squares
-from shapefit.evaluation.metrics import FEWEST_LANDMARKS, METRICS, in_blocks, similarity
-from shapefit.evaluation.report import ALL, NORMALISED, Kind
+from shapefit.evaluation.metrics import (
+    METRICS,
+    MIN_COMMON_LANDMARKS,
+    in_blocks,
+    similarity,
+)
+from shapefit.evaluation.report import ALL, NORMALISED, Quantity
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
@@ -73,7 +78,7 @@ class Measured(NamedTuple):
 
     items: tuple[str, ...]
     sequences: tuple[str, ...]
-    errors: Mapping[Kind, Floats]
+    errors: Mapping[Quantity, Floats]
     failures: Mapping[str, str]
     warnings: tuple[str, ...]
     bars: ErrorBars | None
@@ -226,7 +231,7 @@ def _find_bars(
 
 
 def _mark_failed(
-    pairs: Pairs, common: Flags, errors: Mapping[Kind, Floats]
+    pairs: Pairs, common: Flags, errors: Mapping[Quantity, Floats]
 ) -> dict[str, str]:
     """Return why images without one or more errors have none, and mark these in the
     errors: nan where an image failed, infinite where an optional metric does not count.
@@ -279,10 +284,10 @@ def _common_landmarks(
     few.
     """
     common = tuple(name for name in names if name in set(true))
-    if len(common) < FEWEST_LANDMARKS:
+    if len(common) < MIN_COMMON_LANDMARKS:
         fault = f"the truth has {len(common)} of its landmarks ({abbreviate(names)})"
         fix = (
-            f"at least {FEWEST_LANDMARKS} must have the names that they have in the"
+            f"at least {MIN_COMMON_LANDMARKS} must have the names that they have in the"
             " truth"
         )
         raise input_error(file, fault, f"{fix} ({abbreviate(true)})")
@@ -438,14 +443,14 @@ def _errors(
     scale: Floats,
     unit: str,
     image_unit: str,
-) -> tuple[dict[Kind, Floats], list[str]]:
+) -> tuple[dict[Quantity, Floats], list[str]]:
     """Errors (n,) in each metric and unit, and a warning about metrics that lack a
     dataset.
 
     scale (n,) as `truth_scale` has it; unit is that of the truth. Raises InputError
     where all metrics lack something.
     """
-    errors: dict[Kind, Floats] = {}
+    errors: dict[Quantity, Floats] = {}
     lacking: dict[str, list[str]] = {}
     for name in metrics:
         metric = METRICS[name]
@@ -460,7 +465,7 @@ def _errors(
         by_unit = {metric.unit: error}
         if metric.unit == m.LENGTH:  # once, where the unit of the truth is `normalised`
             by_unit = {NORMALISED: error, unit: error} | {NORMALISED: error / scale}
-        elif metric.unit == m.IMAGE:
+        elif metric.unit == m.IMAGE_LENGTH:
             box = m.box_diagonal(data["landmarks"], data["bounding_box"])
             by_unit = {image_unit: error, "box": error / box}
         for of_unit, values in by_unit.items():
@@ -479,7 +484,7 @@ def _errors(
 
 
 def _failures(
-    results: Fit, rows: Indices, common: Flags, errors: Mapping[Kind, Floats]
+    results: Fit, rows: Indices, common: Flags, errors: Mapping[Quantity, Floats]
 ) -> dict[str, str]:
     """Why each image without one or more errors has none; rows (n,) of its true
     shape.

@@ -18,10 +18,10 @@ from shapefit import __version__
 from shapefit.config import EvalConfig
 from shapefit.errors import input_error, listed, parse_json, path_text, printable
 from shapefit.evaluation import report
-from shapefit.evaluation.calibration import WIDTH_OF, bar_scale_factors, cover
+from shapefit.evaluation.calibration import WIDTH_SHARE, bar_scale_factors, cover
 from shapefit.evaluation.metrics import METRICS, SHARE
 from shapefit.evaluation.plots import draw_errors
-from shapefit.geometry.normalisation import LARGEST
+from shapefit.geometry.normalisation import MAX_COORDINATE
 from shapefit.io import open_shapes
 from shapefit.io.atomic import check_folder, digests, staged_files, storage_errors
 from shapefit.io.detect import detect_format
@@ -152,39 +152,47 @@ def sum_up(
         raise input_error("metrics", nothing, "add `similarity`, which every shape has")
     names = [name for m in methods.values() for name in m.sequences]
     grouping = report.group_sequences(config.groups, names)
-    rows, factors = [], {}
-    summaries, coverage = list[report.Summary](), list[Any]()
+    document: report.Document = {
+        "methods": [],
+        "summaries": [],
+        "calibration": [],
+        "factors": {},
+        "warnings": [printable(warning) for warning in warnings],
+        "version": __version__,
+        "config": json.loads(config.as_json()),
+        "inputs": dict(inputs),
+    }
     for name, measured in methods.items():
-        objective = np.array([] if measured.objective is None else measured.objective)
-        finite = objective[np.abs(objective) <= LARGEST]
-        failures = [
-            {"item": item, "reason": why} for item, why in measured.failures.items()
-        ]
-        rows.append(
-            {
-                "name": name,
-                "files": [path_text(file) for file in config.results[name]],
-                "images": len(measured.items),
-                "failures": failures,
-                "mean_objective": float(finite.mean()) if len(finite) else None,
-                "failed": len(failures),
-            }
-        )
-        summaries += report.summarise(
+        files = [path_text(file) for file in config.results[name]]
+        document["methods"].append(_outcome(name, files, measured))
+        document["summaries"] += report.summarise_errors(
             name, measured.sequences, measured.errors, grouping
         )
         if measured.bars is not None:
-            coverage += cover(name, measured.bars, measured.sequences, grouping)
-            factors[name] = bar_scale_factors(measured.bars)
+            document["calibration"] += cover(
+                name, measured.bars, measured.sequences, grouping
+            )
+            document["factors"][name] = bar_scale_factors(measured.bars)
+    return document
+
+
+def _outcome(name: str, files: list[str], measured: Measured) -> report.MethodOutcome:
+    """Return what became of the images of a method."""
+    mean_objective = None
+    if measured.objective is not None:
+        finite = measured.objective[np.abs(measured.objective) <= MAX_COORDINATE]
+        if len(finite):
+            mean_objective = float(finite.mean())
     return {
-        "methods": rows,
-        "summaries": summaries,
-        "calibration": coverage,
-        "factors": factors,
-        "warnings": [*map(printable, warnings)],
-        "version": __version__,
-        "config": json.loads(config.as_json()),
-        "inputs": inputs,
+        "name": name,
+        "files": files,
+        "images": len(measured.items),
+        "failures": [
+            {"item": item, "reason": reason}
+            for item, reason in measured.failures.items()
+        ],
+        "mean_objective": mean_objective,
+        "failed": len(measured.failures),
     }
 
 
@@ -202,7 +210,7 @@ def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
             errors = dict(measured.errors)
             if measured.bars is not None:
                 shares = measured.bars.shares()
-                inside = f"inside_{100 * WIDTH_OF:.0f}"
+                inside = f"inside_{100 * WIDTH_SHARE:.0f}"
                 errors[inside, SHARE] = np.where(np.isnan(shares), np.inf, shares)
             for (metric, unit), values in errors.items():
                 images = zip(

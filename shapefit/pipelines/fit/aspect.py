@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from shapefit.arrays import Floats, median
-from shapefit.pipelines.fit.lift import Lifter, lift_images
+from shapefit.pipelines.fit.image_posterior import ImagePosterior
 from shapefit.records import Landmarks
 
 FACTORS = (0.5, 0.62, 1.6, 2.0)
@@ -41,21 +41,21 @@ MIN_LANDMARKS = 10
 """Median number of landmarks of an image: half bodies fit a stretched picture, too."""
 
 
-def find_stretch(sample: Landmarks, lifter: Lifter) -> float:
+def find_stretch(sample: Landmarks, posterior: ImagePosterior) -> float:
     """Return the factor of FACTORS by which x of a sample is too wide, else 1.
 
-    People alone: the lifter must know the usual lengths of their limbs.
+    People alone: the posterior must know the usual lengths of their limbs.
     """
     seen = sample.visible().sum(axis=1)
-    if lifter.posterior.limbs is None or len(sample) < MIN_IMAGES:
+    if posterior.limbs is None or len(sample) < MIN_IMAGES:
         return 1.0
     if median(seen) < MIN_LANDMARKS:
         return 1.0
-    lifter = replace(lifter, camera=None)
-    before = log_density(sample, lifter)
+    posterior = replace(posterior, camera=None)
+    before = log_density(sample, posterior)
     gains = {}
     for factor in FACTORS:
-        after = log_density(narrow(sample, factor), lifter)
+        after = log_density(narrow(sample, factor), posterior)
         gain = after - before - (seen - 1) * np.log(factor)
         gains[factor] = lower_quartile(gain)
     best = max(gains, key=lambda factor: gains[factor])
@@ -78,11 +78,11 @@ def narrow(images: Landmarks, factor: float) -> Landmarks:
     return replace(images, landmarks=images.landmarks / scale)
 
 
-def log_density(images: Landmarks, lifter: Lifter) -> Floats:
+def log_density(images: Landmarks, posterior: ImagePosterior) -> Floats:
     """Return log p(w) (n,) of images per square unit of their landmarks."""
-    lifting = lift_images(images, lifter)
+    lifting = posterior.lift(images)
     seen = (lifting.problem.weights > 0).sum(axis=1)
-    evidence = lifting.estimate.further["log_evidence"]
+    evidence = lifting.estimate.log_evidence
     density: Floats = evidence - 2 * (seen - 1) * np.log(lifting.scale)
     return density
 

@@ -161,7 +161,16 @@ def find_extent(images: Landmarks) -> float:
     return median(np.hypot(*extent.T)) if len(w) else np.inf
 
 
-def camera_of(config: CameraConfig) -> Callable[[Landmarks], Camera] | None:
+def read_lens(config: FitConfig) -> CalibratedCamera | None:
+    """Return the camera of the calibration that a config names, None without one."""
+    if config.camera.calibration is None:
+        return None
+    from shapefit.io.readers.calibration import read_camera
+
+    return read_camera(config.camera.calibration, config.camera.name)
+
+
+def camera_factory(config: CameraConfig) -> Callable[[Landmarks], Camera] | None:
     """Return what gives the cameras of images by a config, None for weak
     perspective.
     """
@@ -252,7 +261,9 @@ def undistorted(images: Landmarks, calibrated: CalibratedCamera | None) -> Landm
         images = images.with_file_extras(known)
     if images.column(DISTORTION) is None or images.column(CAMERA_MATRIX) is None:
         return images
-    coefficients = pinhole.complete(read_dataset(images, DISTORTION, (4,), (5,), (8,)))
+    coefficients = pinhole.complete_coefficients(
+        read_dataset(images, DISTORTION, (4,), (5,), (8,))
+    )
     if not coefficients.any():
         return images
     if images.y_axis == "up":

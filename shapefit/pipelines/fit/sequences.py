@@ -5,12 +5,13 @@ body.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
+from shapefit.config import FitConfig
 from shapefit.dictionary.bodies import (
     find_limbs,
     name_joints,
@@ -18,14 +19,23 @@ from shapefit.dictionary.bodies import (
 )
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
+from shapefit.io import LandmarkSource
+from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.posterior.method import scale_of_bars
-from shapefit.lifting.sequences.clips import LONGEST, Motion, refine_lifting, split
+from shapefit.lifting.sequences.clips import (
+    MAX_CLIP_FRAMES,
+    Motion,
+    refine_lifting,
+    split_into_clips,
+)
 from shapefit.lifting.sequences.exchanges import find_exchanges
-from shapefit.lifting.sequences.smoothing import Lengths
+from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.pipelines.fit.lift import Lifter
-from shapefit.records import Landmarks, concatenate
+from shapefit.pipelines.fit.family import Calibration, Cost, Lifted
+from shapefit.pipelines.fit.posterior import PosteriorFamily, make_posterior_family
+from shapefit.pipelines.joints import Matched
+from shapefit.records import Fit, Landmarks, concatenate
 from shapefit.timeline import ASSUMED_RATE, Timeline, place_in_time
 
 USUAL = 0.02
@@ -42,6 +52,104 @@ RIGID = 0.005
 """Deviation of a bone from its length that no data are more exact than, in the same
 units.
 """
+
+
+def make_sequence_family(
+    config: FitConfig, match: Matched, calibration: Calibration | None
+) -> SequenceFamily:
+    """Return the family with the options of a config and what a sample settled."""
+    of_images = make_posterior_family(config, match, calibration)
+    return SequenceFamily(
+        of_images=of_images, noise=config.noise, frame_rate=config.frame_rate
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceFamily:
+    """The posterior of whole sequences: rigid bones and smooth motion.
+
+    of_images, by which single images are lifted, and a sample; noise, the stated
+    standard deviation of a landmark's coordinate, None if there is none; frame_rate in
+    place of that of the files.
+    """
+
+    of_images: PosteriorFamily
+    noise: float | None = None
+    frame_rate: float | None = None
+
+    @property
+    def dictionary(self) -> Dictionary:
+        """The dictionary of the landmarks that are lifted."""
+        return self.of_images.dictionary
+
+    def check(self, sample: Landmarks) -> None:
+        """Nothing beyond the landmarks is needed."""
+
+    def predict_cost(self, sample: Landmarks, total: int) -> Cost:
+        """Images cost more than their smoothing."""
+        return self.of_images.predict_cost(sample, total)
+
+    def calibrate(self, sample: Landmarks) -> Calibration:
+        """Settle from single images what the options leave open."""
+        return self.of_images.calibrate(sample)
+
+    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
+        """Sequences are lifted whole."""
+        return whole_sequences(source.batches(size))
+
+    def lift(self, images: Landmarks) -> Lifted:
+        """Lift images with their sides restored, and refine whole sequences of them."""
+        posterior = replace(self.of_images.posterior, modes=CONSTANTS.modes)
+        visible = posterior.weigh(images) > 0
+        rate = self.frame_rate or images.frame_rate
+        images, sides = restore_sides(images, visible, posterior.dictionary, rate)
+        lifting = posterior.lift_with_p_values(images)
+        lifting = self.refine(lifting, images)
+        estimate = replace(lifting.estimate, sides_exchanged=sides)
+        lifting = replace(lifting, estimate=estimate)
+        return self.of_images.at_joints(lifting, images)
+
+    def columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
+        """Add what single images have, and what sequences add."""
+        estimate = lifting.estimate
+        return replace(
+            self.of_images.columns(fit, lifting),
+            sequence_noise=estimate.sequence_noise,
+            image_error=estimate.image_error,
+            sides_exchanged=estimate.sides_exchanged,
+        )
+
+    def refine(
+        self, lifting: Lifting[PosteriorEstimate], images: Landmarks
+    ) -> Lifting[PosteriorEstimate]:
+        """Infer whole sequences from the liftings of their images.
+
+        People whose hips the files do not show keep the shapes of their single images.
+        """
+        posterior = self.of_images.posterior
+        dictionary = posterior.dictionary
+        sequences = images.sequences or ()
+        if hides_the_hips(dictionary, posterior.shown):
+            sequences = tuple(map(str, range(len(images))))
+        motion = replace(
+            find_motion(dictionary, self.frame_rate or images.frame_rate),
+            of_half_body=shows_half_a_body(dictionary, posterior.shown),
+        )
+        bar_scale = scale_of_bars(
+            posterior.bar_scale, posterior.growth, len(dictionary.landmark_names)
+        )
+        refine = partial(
+            refine_lifting,
+            sequences=sequences,
+            motion=motion,
+            residual_variance=posterior.variance,
+            noise=self.noise,
+            bar_scale=bar_scale,
+            shown=posterior.shown,
+            position=place_images(images, motion.rate),
+            threads=posterior.threads,
+        )
+        return refine_through_camera(lifting, images.as_columns(), refine)
 
 
 def whole_sequences(chunks: Iterable[Landmarks]) -> Iterator[Landmarks]:
@@ -96,8 +204,8 @@ def pieces(images: Landmarks) -> Iterator[Landmarks]:
     memory.
     """
     start = stop = 0
-    for clip in split(images.sequences or ()):
-        if clip.stop - start > LONGEST and stop > start:
+    for clip in split_into_clips(images.sequences or ()):
+        if clip.stop - start > MAX_CLIP_FRAMES and stop > start:
             yield images.take(slice(start, stop))
             start = stop
         stop = clip.stop
@@ -105,17 +213,17 @@ def pieces(images: Landmarks) -> Iterator[Landmarks]:
 
 
 def restore_sides(
-    images: Landmarks, visible: Flags, lifter: Lifter
+    images: Landmarks, visible: Flags, dictionary: Dictionary, rate: float | None
 ) -> tuple[Landmarks, Floats]:
     """Undo exchanges of left and right for some frames, by continuity in the image.
 
-    visible (n, p), which landmarks count. Returns with the images 1 (n,) where they are
-    put back, else 0, and nan where sides change places in the sequence and nobody knows
-    which are right.
+    visible (n, p), which landmarks count; rate, frames a second, if it is known.
+    Returns with the images 1 (n,) where they are put back, else 0, and nan where sides
+    change places in the sequence and nobody knows which are right.
     """
     exchanged = np.zeros(len(images))
-    partner = lifter.dictionary.mirror_index
-    rate = lifter.frame_rate or images.frame_rate or ASSUMED_RATE
+    partner = dictionary.mirror_index
+    rate = rate or ASSUMED_RATE
     if partner is None or images.sequences is None:
         return images, exchanged
     left = np.flatnonzero(partner > np.arange(len(partner)))
@@ -123,7 +231,7 @@ def restore_sides(
     w = np.where(visible[:, None], images.as_columns(), np.nan)
     wrong = np.zeros(len(images), dtype=bool)
     position = place_images(images, rate)
-    for clip in split(images.sequences):
+    for clip in split_into_clips(images.sequences):
         exchanges = find_exchanges(w[clip], pairs, Timeline(position[clip], rate))
         wrong[clip] = exchanges.exchanged
         exchanged[clip] = exchanges.exchanged if exchanges.continuous else np.nan
@@ -134,40 +242,12 @@ def exchange_sides(images: Landmarks, partner: Integers, rows: Flags) -> Landmar
     """Exchange left and right of some images (n,), landmarks and confidences."""
     if not rows.any():
         return images
-    w, confidence = images.landmarks, images.confidence
+    w = images.landmarks
     landmarks = np.where(rows[:, None, None], w[:, partner], w)
+    confidence = images.confidence
     if confidence is not None:
         confidence = np.where(rows[:, None], confidence[:, partner], confidence)
     return replace(images, landmarks=landmarks, confidence=confidence)
-
-
-def refine_sequences(lifting: Lifting, images: Landmarks, lifter: Lifter) -> Lifting:
-    """Infer whole sequences from the liftings of their images.
-
-    People whose hips the files do not show keep the shapes of their single images.
-    """
-    dictionary, bars = lifter.dictionary, lifter.posterior
-    sequences = images.sequences or ()
-    if hides_the_hips(dictionary, lifter.shown):
-        sequences = tuple(map(str, range(len(images))))
-    motion = replace(
-        find_motion(dictionary, lifter.frame_rate or images.frame_rate),
-        of_half_body=shows_half_a_body(dictionary, lifter.shown),
-    )
-    refine = partial(
-        refine_lifting,
-        sequences=sequences,
-        motion=motion,
-        residual_variance=lifter.variance,
-        noise=lifter.noise,
-        bar_scale=scale_of_bars(
-            bars.bar_scale, bars.growth, len(dictionary.landmark_names)
-        ),
-        shown=lifter.shown,
-        position=place_images(images, motion.rate),
-        threads=lifter.threads,
-    )
-    return refine_through_camera(lifting, images.as_columns(), refine)
 
 
 def hides_the_hips(dictionary: Dictionary, shown: Flags | None) -> bool:
@@ -193,7 +273,7 @@ def shows_half_a_body(dictionary: Dictionary, shown: Flags | None) -> bool:
 def place_images(images: Landmarks, rate: float) -> Floats:
     """Return the places (n,) of images in their sequences, in frames."""
     places = np.empty(len(images))
-    for clip in split(images.sequences or ()):
+    for clip in split_into_clips(images.sequences or ()):
         frames = None if images.frames is None else images.frames[clip]
         times = None if images.times is None else images.times[clip]
         places[clip] = place_in_time(frames, times, rate, clip.stop - clip.start)

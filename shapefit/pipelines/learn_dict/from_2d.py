@@ -15,13 +15,13 @@ from shapefit.arrays import Floats, evenly
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.others import PriorConfig
 from shapefit.dictionary.from_2d.judgement import (
-    ALIKE,
-    DOUBTFUL,
-    UNLIKE,
+    DOUBTFUL_DEPTH,
+    NOTHING_IN_COMMON,
+    VIEWS_ALIKE,
     evaluate_class,
 )
-from shapefit.dictionary.from_2d.learning import State, learn
-from shapefit.dictionary.from_2d.model import Images, hide
+from shapefit.dictionary.from_2d.learning import ClassState, learn_class
+from shapefit.dictionary.from_2d.model import Images, hide_some
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import (
     DEPTH_AMBIGUITY,
@@ -34,14 +34,14 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.geometry.procrustes import rotation_onto
-from shapefit.io import (
-    LandmarkSource,
-    digests,
-)
-from shapefit.lifting.lift import Lifting
+from shapefit.io import LandmarkSource, digests
 from shapefit.pipelines.fit.camera import find_camera, read_intrinsics
-from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_images
-from shapefit.pipelines.fit.prepare import mean_gain
+from shapefit.pipelines.fit.choices import check_needs
+from shapefit.pipelines.fit.evidence import mean_gain
+from shapefit.pipelines.fit.image_posterior import (
+    ImagePosterior,
+    PosteriorLifting,
+)
 from shapefit.pipelines.learn_dict.from_3d import (
     Learning,
     learn_from_shapes,
@@ -83,10 +83,10 @@ SURE = 5.0
 """Standard errors of the evidence beyond which perspective decides what is near."""
 
 FIXES = {
-    ALIKE: (
+    VIEWS_ALIKE: (
         "give images from more sides: the camera or the body must turn, and not be flat"
     ),
-    UNLIKE: (
+    NOTHING_IN_COMMON: (
         "give images of one class, whose landmarks are in the same order in all of them"
     ),
 }
@@ -110,7 +110,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     place = place_of(config)
     given = usable_images(source, place)
     images = normalised_images(given)
-    for state in learn(images):
+    for state in learn_class(images):
         density = state.objective / (2 * int((images.weights > 0).sum()))
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
@@ -127,7 +127,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         f"{counted(len(given), 'image')}: {judgement.verdict}; {evidence}; {outliers}"
     )
     yield Result(line=line)
-    verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
+    verdict = "doubtful" if judgement.verdict == DOUBTFUL_DEPTH else "learned"
     made = yield from learn_mixtures(given, images, state, config)
     made, decided_by = resolve_depth(given, made, config.flip)
     if decided_by == OPEN:
@@ -191,7 +191,7 @@ def normalised_images(given: Landmarks) -> Images:
 
 
 def learn_mixtures(
-    given: Landmarks, normalised: Images, state: State, config: LearnDictConfig
+    given: Landmarks, normalised: Images, state: ClassState, config: LearnDictConfig
 ) -> Learning:
     """Learn mixtures over the shapes that the prior before lifted, while they predict
     better.
@@ -223,7 +223,6 @@ def learn_mixtures(
         frame_rate=given.frame_rate,
         edges=given.edges,
     )
-    method = "posterior" if images.sequences is None else "sequences"
     prior = config.prior if config.prior.components else PriorConfig(components="auto")
     number = number_of_components(len(images), prior)
     made = yield from learned(shapes, 0, QUICK, varied=False)
@@ -237,7 +236,7 @@ def learn_mixtures(
             # no mixture after such a one was ever better, and some were read wrongly
             break
         best, best_shapes, least = mixed, shapes, error
-        lifted = lift_by(images, mixed, method).shapes
+        lifted = lift_images(images, mixed).shapes
         before = shapes.as_columns()
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(
             before, axis=(1, 2)
@@ -251,7 +250,7 @@ def learn_mixtures(
     return replace(made, prior=best.prior, residual_variance=best.residual_variance)
 
 
-def gaussian_prior(state: State, mean: Floats) -> dict[str, Any]:
+def gaussian_prior(state: ClassState, mean: Floats) -> dict[str, Any]:
     """Return what was learned as `prior` of normalised shapes, turned onto their mean
     (3, p).
 
@@ -311,9 +310,7 @@ def evidence_of_mirror(
     w = sample.landmarks.copy()
     w[..., 0] = 2 * middle - w[..., 0]
     unchanged, mirrored = (
-        lift_by(records, dictionary, "posterior", CAMERA_MATRIX).estimate.further[
-            "log_evidence"
-        ]
+        lift_images(records, dictionary, perspective=True).estimate.log_evidence
         for records in (sample, replace(sample, landmarks=w))
     )
     return mean_gain(unchanged, mirrored)
@@ -326,26 +323,24 @@ def predict_hidden(images: Landmarks, dictionary: Dictionary) -> float:
     Returns the median distance from where they are, in the size of their image.
     """
     sample = images.take(evenly(len(images), SAMPLE))
-    hidden = hide(sample.visible())
+    hidden = hide_some(sample.visible())
     shown = np.where(hidden[..., None], np.nan, sample.landmarks)
     others = replace(sample, landmarks=shown)
-    predicted = lift_by(others, dictionary, "posterior").shapes[:, :2]
+    predicted = lift_images(others, dictionary).shapes[:, :2]
     w = sample.as_columns()
     size = std(w, sample.visible())[:, None]
     residual = np.linalg.norm(predicted - w, axis=1) / size
     return float(np.nanmedian(residual[hidden]))
 
 
-def lift_by(
-    images: Landmarks, dictionary: Dictionary, method: str, camera: str | None = None
-) -> Lifting:
-    """Lift images as `fit` does with its defaults, without p-values, which nobody would
-    read.
-
-    camera names the dataset of their camera matrices, None for weak perspective.
+def lift_images(
+    images: Landmarks, dictionary: Dictionary, *, perspective: bool = False
+) -> PosteriorLifting:
+    """Lift images one by one with what was learned so far, by weak perspective or as
+    the cameras of the file see them.
     """
-    check_needs(method, dictionary, "dictionary")
-    intrinsics = None if camera is None else find_camera
-    return lift_images(
-        images, Lifter(method=method, dictionary=dictionary, camera=intrinsics)
+    check_needs("posterior", dictionary, "dictionary")
+    posterior = ImagePosterior(
+        dictionary=dictionary, camera=find_camera if perspective else None
     )
+    return posterior.lift(images)

@@ -20,19 +20,23 @@ from shapefit.config.commands.others import PriorConfig
 from shapefit.dictionary.bodies import (
     find_acceleration,
     find_bone_tolerance,
+    find_bone_tree,
     find_edge_covariance,
     find_lengths,
-    find_skeleton,
     vary,
 )
-from shapefit.dictionary.learning import learn, principal_components, scale_of_atoms
+from shapefit.dictionary.learning import (
+    learn_atoms,
+    principal_components,
+    scale_of_atoms,
+)
 from shapefit.dictionary.mixture import Mixture, learn_mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
-from shapefit.geometry.normalisation import SMALLEST, normalise
+from shapefit.geometry.normalisation import MIN_EXTENT, normalise
 from shapefit.geometry.procrustes import (
     Alignment,
-    choose,
+    choose_landmarks,
     coincide,
     generalised_procrustes,
     lateral_axis,
@@ -170,7 +174,7 @@ def separate(shapes: Shapes) -> tuple[Shapes, tuple[Failure, ...]]:
     """Return the shapes that can be normalised, and the others as failures."""
     points = shapes.as_columns()
     extent = np.ptp(points, axis=-1).max(axis=-1, initial=0.0)
-    usable = ~coincide(points) & np.isfinite(extent) & (extent >= SMALLEST)
+    usable = ~coincide(points) & np.isfinite(extent) & (extent >= MIN_EXTENT)
     reason = "all its landmarks are at one point, or not finite"
     items = (shapes.items[row] for row in np.flatnonzero(~usable).tolist())
     return shapes.take(usable), tuple(Failure(item, reason) for item in items)
@@ -298,7 +302,7 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
     """Learn atoms by sparse coding, without meshes."""
     shapes, rounds = training.alignment.shapes, config.iterations
     k = number_of_atoms(len(shapes), config)
-    for learned in learn(shapes, k, config.beta, iterations=rounds):
+    for learned in learn_atoms(shapes, k, config.beta, iterations=rounds):
         note = f"objective {learned.trace[-1]:.6g}"
         yield Result(done=1, total=rounds, unit="round", note=note)
     atoms, C = learned.atoms, learned.coefficients
@@ -357,7 +361,7 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     aligned, edges = training.alignment.shapes, training.original.edges
     points = aligned.shape[2]
     try:
-        skeleton = find_skeleton(
+        skeleton = find_bone_tree(
             np.empty((0, 2), int) if edges is None else edges, points
         )
     except ValueError as fault:
@@ -381,7 +385,8 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     # differently.
     everything = range(points)
     turn = rotation_onto(
-        choose(varied, everything), choose(training.alignment.mean, everything)
+        choose_landmarks(varied, everything),
+        choose_landmarks(training.alignment.mean, everything),
     )
     turned: Floats = turn @ varied
     return turned

@@ -16,10 +16,10 @@ from shapefit.config.manifest import (
     DONE,
     EARLIER_MANIFEST,
     MANIFEST,
-    Line,
+    ManifestLine,
     PartLine,
+    PartStatus,
     RunLine,
-    Status,
     part_name,
     read_lines,
 )
@@ -49,7 +49,7 @@ class Part(NamedTuple):
         """The rows, as files are opened with."""
         return None if self.rows is None else slice(*self.rows)
 
-    def line(self, status: Status, **outcome: Any) -> PartLine:
+    def line(self, status: PartStatus, **outcome: Any) -> PartLine:
         """Return the line of the part in the manifest."""
         return PartLine(
             file=self.file,
@@ -102,7 +102,7 @@ class Manifest:
             file.write(_as_bytes(line))
 
 
-def _as_bytes(line: Line) -> bytes:
+def _as_bytes(line: ManifestLine) -> bytes:
     """Return a line as it stands in the file."""
     return json.dumps(line.model_dump(exclude_unset=True)).encode() + b"\n"
 

@@ -29,7 +29,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, TypeAdapter
 
-from shapefit import __version__
+from shapefit import __version__, log
 from shapefit.config import FitConfig
 from shapefit.config.manifest import (
     DONE,
@@ -37,8 +37,8 @@ from shapefit.config.manifest import (
     PartLine,
     RunLine,
     not_a_manifest,
-    number_of,
     part_name,
+    part_number,
 )
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import (
@@ -63,18 +63,18 @@ from shapefit.io.inputs import State, find_state, is_stream
 from shapefit.io.options import InputOptions
 from shapefit.io.source import Source, SourceFile
 from shapefit.lifting.methods import AUTO, METHODS
+from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
 from shapefit.pipelines.fit.camera import OF_CAMERAS
-from shapefit.pipelines.fit.prepare import (
-    FIRST,
-    Estimates,
+from shapefit.pipelines.fit.choices import (
     choose_method,
     files_of,
     in_sequences,
-    prepare,
+    match_landmarks,
     read_options,
 )
-from shapefit.pipelines.fit.run import run as fit
-from shapefit.pipelines.fit.run import whole_blocks
+from shapefit.pipelines.fit.family import Calibration, whole_blocks
+from shapefit.pipelines.fit.fit import Part as FitPart
+from shapefit.pipelines.fit.fit import fit
 from shapefit.pipelines.partition.manifest import (
     Manifest,
     Part,
@@ -115,7 +115,7 @@ class Job(NamedTuple):
     part: Part
     config: FitConfig
     folder: Path
-    estimates: Estimates | None = None
+    calibration: Calibration | None = None
     states: Mapping[Path, State] = {}
     version: str = __version__
 
@@ -176,26 +176,25 @@ def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
             folder.path, f"holds results that differ: {plan.refused}", fix
         )
     if manifest is not None and plan.retained:
-        estimates = estimates_of(manifest, config)
+        calibration = calibration_of(manifest, config)
     else:
         images = first_images(config, plan.parts)
-        names, number = images.landmark_names, len(images)
-        setup = yield from prepare(config, dictionary, names, lambda: images, number)
-        estimates = setup.estimates
-    yield from (Result(line=line) for line in (chosen, *estimates.lines))
-    yield Result(warnings=estimates.warnings)
+        match = match_landmarks(config, dictionary, images.landmark_names)
+        calibration = yield from calibrate(config, match, images, len(images))
+    yield from (Result(line=line) for line in (chosen, *calibration.lines))
+    yield Result(warnings=calibration.warnings)
     line = RunLine(
         shapefit=__version__,
         method=config.method,
-        estimated=estimates._asdict(),
-        parts=tuple(number_of(part.file) for part in plan.parts),
-        removed=tuple(map(number_of, plan.removed)),
+        estimated=calibration._asdict(),
+        parts=tuple(part_number(part.file) for part in plan.parts),
+        removed=tuple(map(part_number, plan.removed)),
         **plan.digests,
     )
     for path in strangers:
         path.unlink(missing_ok=True)
     manifest = Manifest(folder.manifest, line, dict(plan.retained))
-    yield from do_parts(config, folder, plan, manifest, estimates)
+    yield from do_parts(config, folder, plan, manifest, calibration)
 
 
 def method_of(manifest: Manifest) -> str:
@@ -208,23 +207,23 @@ def method_of(manifest: Manifest) -> str:
     return method
 
 
-def estimates_of(manifest: Manifest, config: FitConfig) -> Estimates:
-    """Return what was estimated of the results in a folder.
+def calibration_of(manifest: Manifest, config: FitConfig) -> Calibration:
+    """Return what was settled of the results in a folder.
 
-    Raises InputError where that is not what a fit with this config estimates.
+    Raises InputError where that is not what a fit with this config settles.
     """
     try:
-        kind = TypeAdapter(Estimates)
-        estimates = kind.validate_python(dict(manifest.run.estimated))
-        check_values(type(config), estimates.values)
+        kind = TypeAdapter(Calibration)
+        calibration = kind.validate_python(dict(manifest.run.estimated))
+        check_values(type(config), calibration.keys_of(config))
     except (ValueError, TypeError) as error:  # pydantic's has several lines
         text = printable(" ".join(str(error).split()))
         raise not_a_manifest(manifest.path, f"estimated: {text}") from None
-    return estimates
+    return calibration
 
 
 def check_values(schema: type[BaseModel], values: Mapping[str, Any]) -> None:
-    """Raise ValueError or TypeError where estimates are no values of keys of a
+    """Raise ValueError or TypeError where these are no values of keys of a
     config.
     """
     for name, value in values.items():
@@ -339,7 +338,7 @@ def key_of(line: PartLine) -> Key:
 
 
 def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
-    """Return the FIRST images of all parts, with what else estimates need.
+    """Return the first images of all parts, with what else a calibration needs.
 
     Inputs that cannot be read, or do not go with the first, are left out: their part
     reports them.
@@ -349,7 +348,7 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
     for part in parts:
         try:
             with open_landmarks(part.inputs, options, part.slice) as source:
-                read = source.first(FIRST - images)
+                read = source.first(SAMPLE_POOL - images)
         except InputError as error:
             problem = error
             continue
@@ -363,14 +362,14 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
         )
         files.append(SourceFile.of(str(part), bare, y_axis=bare.y_axis))
         images += len(bare)
-        if images >= FIRST:
+        if images >= SAMPLE_POOL:
             break
     if not files:
         raise problem
     try:
-        return Source(files, check=False).first(FIRST)
+        return Source(files, check=False).first(SAMPLE_POOL)
     except InputError:
-        return Source(files[:1]).first(FIRST)
+        return Source(files[:1]).first(SAMPLE_POOL)
 
 
 def do_parts(
@@ -378,17 +377,18 @@ def do_parts(
     folder: ResultFolder,
     plan: Plan,
     manifest: Manifest,
-    estimates: Estimates,
+    calibration: Calibration,
 ) -> Iterator[Result]:
     """Do the parts that are not retained, as they end; remove what is of no part."""
     if config.threads == 0 and (
         folder.workers or folder.scheduler or folder.scheduler_file
     ):
         config = config.changed(threads=1)
-    shared = config.changed(landmarks=(), **estimates.values)  # each part names its own
+    shared = calibration.settle(config)
+    shared = shared.changed(landmarks=())  # each part names its own
     todo = (part for part in plan.parts if part.file not in plan.retained)
     jobs = deque(
-        Job(part, shared, folder.path, estimates, plan.states) for part in todo
+        Job(part, shared, folder.path, calibration, plan.states) for part in todo
     )
     total, lost = counted(len(plan.parts), "part"), 0
     manifest.write()
@@ -547,14 +547,19 @@ def failed(job: Job, error: str) -> Done:
 
 def fit_part(job: Job) -> Done:
     """Lift the images of a part and write its result, whole or not at all."""
-    began, part, target = time.perf_counter(), job.part, job.folder / job.part.file
+    log.follow_environment()  # of a worker
+    began = time.perf_counter()
+    part = job.part
+    target = job.folder / part.file
+    log.debug("parts", "%s begins: %s", part.file, part)
     config = job.config.changed(landmarks=part.inputs, output=target)
     dictionary = once(read_dictionary, config.dictionary, find_state(config.dictionary))
     inputs = once(digests, part.inputs, part.states)
     warnings, reasons = dict[str, Any](), dict[str, Any]()
     images, failures = 0, list[Failure]()
     states = dict(zip(part.inputs, part.states, strict=True)) | dict(job.states)
-    for result in fit(config, part.slice, job.estimates, dictionary, inputs, states):
+    known = FitPart(part.slice, job.calibration, dictionary, inputs, states)
+    for result in fit(config, known):
         images += result.done
         failures += result.failures
         add_up(warnings, result.warnings, MOST_LISTED)
@@ -572,6 +577,14 @@ def fit_part(job: Job) -> Done:
         bytes=target.stat().st_size,
         digest=stated_digest(target),
         seconds=round(time.perf_counter() - began, 3),
+    )
+    log.debug(
+        "parts",
+        "%s ends after %.3f s: %d images, %d failed",
+        part.file,
+        line.seconds,
+        images,
+        len(failures),
     )
     return line, total
 

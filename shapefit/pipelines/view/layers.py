@@ -1,13 +1,12 @@
-"""The layers of a page: results in one space with their meshes, others aligned to the
-first.
-"""
+"""The layers of a page: results in one space with their meshes, others moved there."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.convex.solver import Status
@@ -18,22 +17,40 @@ from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.writers.motion import ANGLE_SD, ANGLES, angle_names
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.trust import REASONS
-from shapefit.pipelines.view.reading import POSE, Content
+from shapefit.pipelines.view.reading import POSE_DATASETS, Content
 from shapefit.records.columns import in_columns
 from shapefit.records.items import Items
 from shapefit.records.shapes import Shapes
-from shapefit.viewer.page import blend, encode_texts
+from shapefit.viewer.page import (
+    EncodedTexts,
+    Layer,
+    Measure,
+    MeshSet,
+    blend_meshes,
+    encode_texts,
+)
 
-CAMERA = ("camera_translation", "focal", "principal_point")
-"""Datasets of a result that say how a camera sees its shapes in perspective."""
-EXPECTED, AGAINST_TRUTH = "expected error", "error against the truth"
-"""Names of measures that the header of the page states."""
-MOST_MESHES = 200
+CAMERA_DATASETS = ("camera_translation", "focal", "principal_point")
+"""Of a result that says how a camera sees its shapes in perspective."""
+
+EXPECTED = "expected error"
+"""Name of a measure that the header of the page states."""
+
+AGAINST_TRUTH = "error against the truth"
+"""Name of a measure that the header of the page states."""
+
+MAX_MESHES = 200
 """Meshes of a file of shapes that a page holds; a file with more is shown without."""
+
 SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
 
-Layer = dict[str, Any]
-"""A layer of a scene, by the keys of shapefit.viewer.page."""
+
+class Layers(NamedTuple):
+    """The layers of a page, the meshes that they mix, and the unit of their points."""
+
+    layers: list[Layer]
+    meshes: list[MeshSet]
+    unit: str
 
 
 def make_layers(
@@ -42,60 +59,89 @@ def make_layers(
     dictionary: Dictionary | None,
     observed: Floats | None,
     notes: list[str],
-) -> tuple[list[Layer], list[dict[str, Any]], str]:
-    """Return the layers, those of results first and the truth last, their meshes and
-    the unit.
+) -> Layers:
+    """Return the layers, those of results first and the truth last.
 
     All are in the space of the first result, of one with a camera if there is one: in
     metres where it knows them. What is in another space, such as shapes and the truth,
-    is aligned to it. observed (n, 2, p) are the landmarks of the page.
+    is aligned to it. observed (n, 2, p) are the landmarks of the page. What cannot be
+    shown is told in the notes.
     """
     results = [content for content in contents if content.role == "result"]
     others = [content for content in contents if content.role == "shapes"]
-    layers, meshes = list[Layer](), list[dict[str, Any]]()
+    if results and truth:
+        others.append(truth)
+    layers: list[Layer] = []
+    meshes: list[MeshSet] = []
     for content in results:
         layer = _result_layer(content, observed, truth)
         if dictionary is not None and dictionary.mesh_vertices is not None:
-            if (weights := _mixture(layer, content, dictionary)) is None:
+            weights = _mixture(layer, content, dictionary)
+            if weights is None:
                 notes.append(
                     f"{content.name} has no mesh: it mixes no atoms of this dictionary."
                 )
             else:
-                layer["blend"] = blend(0, weights)
+                layer["blend"] = blend_meshes(0, weights)
                 vertices, faces = dictionary.mesh_vertices, dictionary.mesh_faces
                 meshes = [{"vertices": vertices, "faces": faces}]
         layers.append(layer)
-    others += [truth] if results and truth else []
-    for content in others:
-        layer = {"name": content.name, "role": content.role, "points": content.points}
-        angles = [] if content.role == "truth" else [*_angles(content)]
-        layer |= {"measures": angles, "pose": None, "perspective": False}
-        records, rows = content.records, content.rows
-        own = mesh_vertices(records)
-        if own is not None and len(own) <= MOST_MESHES:
-            weights = np.eye(len(own))[rows] * (rows >= 0)[:, None]
-            in_place = np.tile([*np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0], (len(rows), 1))
-            layer |= {"pose": in_place, "blend": blend(len(meshes), weights)}
-            of_shapes = records.mesh_faces if isinstance(records, Shapes) else None
-            meshes.append({"vertices": own, "faces": of_shapes})
-        layers.append(layer)
+    layers += [_shapes_layer(content, meshes) for content in others]
     if not results:
-        return layers, meshes, contents[0].records.unit
+        return Layers(layers, meshes, contents[0].records.unit)
     guide = next(filter(has_camera, results), results[0])
-    in_camera, in_metres = space = _space(guide)
-    stay = [_space(content) == space for content in results] + [False] * len(others)
-    target = first_finite(
-        [one["points"] for one, stays in zip(layers, stay, strict=True) if stays]
-    )
+    space = _space(guide)
+    stays = [_space(content) == space for content in results]
+    stays += [False] * len(others)
+    shown = _in_one_space(layers, stays, guide.name, notes)
+    if space.in_metres:
+        unit = "m"
+    elif space.in_camera:
+        unit = ""
+    else:
+        unit = guide.records.unit
+    return Layers(shown, meshes, unit)
+
+
+def _in_one_space(
+    layers: Sequence[Layer], stays: Sequence[bool], guide: str, notes: list[str]
+) -> list[Layer]:
+    """Return the layers, those that do not stay aligned to those that do."""
+    both = list(zip(layers, stays, strict=True))
+    target = first_finite([layer["points"] for layer, stay in both if stay])
     shown = []
-    for layer, stays in zip(layers, stay, strict=True):
-        placed = layer if stays else _aligned(layer, target)
-        if stays or np.isfinite(placed["points"]).any():
+    for layer, stay in both:
+        placed = layer if stay else _aligned(layer, target)
+        if stay or np.isfinite(placed["points"]).any():
             shown.append(placed)
         else:
-            few = f"{guide.name} has fewer than 3 landmarks of the same names"
+            few = f"{guide} has fewer than 3 landmarks of the same names"
             notes.append(f"Not shown, as {few}: {layer['name']}.")
-    return shown, meshes, "m" if in_metres else "" if in_camera else guide.records.unit
+    return shown
+
+
+def _shapes_layer(content: Content, meshes: list[MeshSet]) -> Layer:
+    """Return shapes of a file, whose meshes are put among the others."""
+    layer: Layer = {
+        "name": content.name,
+        "role": content.role,
+        "points": content.points,
+        "measures": [] if content.role == "truth" else [*_angles(content)],
+        "pose": None,
+        "perspective": False,
+    }
+    vertices = mesh_vertices(content.records)
+    if vertices is not None and len(vertices) <= MAX_MESHES:
+        rows = content.rows
+        is_there = rows >= 0
+        weights = np.eye(len(vertices))[rows] * is_there[:, None]
+        in_place = [*np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0]
+        layer["pose"] = np.tile(in_place, (len(rows), 1))
+        layer["blend"] = blend_meshes(len(meshes), weights)
+        records = content.records
+        faces = records.mesh_faces if isinstance(records, Shapes) else None
+        meshes.append({"vertices": vertices, "faces": faces})
+    return layer
 
 
 def mesh_vertices(records: Items) -> Floats | None:
@@ -116,83 +162,100 @@ def first_finite(arrays: Sequence[Floats]) -> Floats:
 
 def has_camera(content: Content) -> bool:
     """Whether a result says how a camera sees its shapes in perspective."""
-    return {*CAMERA, "translation", "scale"} <= content.values.keys()
+    return {*CAMERA_DATASETS, "translation", "scale"} <= content.values.keys()
 
 
-def _space(content: Content) -> tuple[bool, bool]:
+class _Space(NamedTuple):
     """Whether shapes are where a camera has them, and whether they are in metres."""
+
+    in_camera: bool
+    in_metres: bool
+
+
+def _space(content: Content) -> _Space:
     metres = content.values.get("metres_per_unit")
-    return has_camera(content), metres is not None and bool(np.isfinite(metres).any())
+    in_metres = metres is not None and bool(np.isfinite(metres).any())
+    return _Space(has_camera(content), in_metres)
 
 
 def _result_layer(
     content: Content, observed: Floats | None, truth: Content | None
 ) -> Layer:
     """Return a result in space: X = factor (S - start) + end for its shapes S."""
-    values, shapes = content.values, content.points
+    values = content.values
+    shapes = content.points
     n = len(shapes)
-    in_camera, in_metres = _space(content)
-    start = end = np.zeros((n, 3))
-    if in_camera:
-        factor = values["metres_per_unit"] if in_metres else 1 / values["scale"]
+    space = _space(content)
+    start = np.zeros((n, 3))
+    end = start
+    if space.in_camera:
+        factor = values["metres_per_unit"] if space.in_metres else 1 / values["scale"]
         start = np.pad(values["translation"], ((0, 0), (0, 1)))
         end = (factor * values["scale"])[:, None] * values["camera_translation"]
-        camera = np.hstack([values[name] for name in CAMERA[1:]])
+        camera = np.hstack([values["focal"], values["principal_point"]])
     else:  # depths are unknown, and all frames have one scale
-        factor = np.full(
-            n, np.nanmedian(values["metres_per_unit"]) if in_metres else 1.0
-        )
+        one = np.nanmedian(values["metres_per_unit"]) if space.in_metres else 1.0
+        factor = np.full(n, one)
         camera = np.pad(np.repeat(1 / factor[:, None], 2, axis=1), ((0, 0), (0, 2)))
-    sd, status, pose = values.get("shape_sd"), values.get("status"), None
-    if status is not None:
-        status = np.where(np.isin(status.astype(str), SOLVED), "", status)
-    if set(POSE) <= values.keys():
+    points = factor[:, None, None] * (shapes - start[:, :, None]) + end[:, :, None]
+    sd = values.get("shape_sd")
+    if sd is not None:
+        sd = factor[:, None, None] * sd
+    pose = None
+    if set(POSE_DATASETS) <= values.keys():
         t = np.pad(values["translation"], ((0, 0), (0, 1)))
-        size, R = (factor * values["scale"])[:, None], values["rotation"].reshape(n, 9)
+        size = (factor * values["scale"])[:, None]
+        R = values["rotation"].reshape(n, 9)
         pose = np.hstack([R, size, factor[:, None] * (t - start) + end])
     return {
         "name": content.name,
         "role": "result",
-        "points": (
-            factor[:, None, None] * (shapes - start[:, :, None]) + end[:, :, None]
-        ),
+        "points": points,
         "fitted": values.get("landmarks_fitted", shapes[:, :2]),
-        "sd": None if sd is None else factor[:, None, None] * sd,
+        "sd": sd,
         "pose": pose,
         "camera": camera,
-        "perspective": in_camera,
-        "status": None if status is None or not status.any() else encode_texts(status),
+        "perspective": space.in_camera,
+        "status": _unsolved(values.get("status")),
         "reasons": encode_texts(values.get(REASONS)),
         "measures": [*_angles(content), *_errors(content, observed, truth)],
     }
 
 
-def _angles(content: Content) -> Iterator[dict[str, Any]]:
+def _unsolved(status: NDArray[np.object_] | None) -> EncodedTexts | None:
+    """Return how frames (n,) ended that were not solved; None where all were."""
+    if status is None:
+        return None
+    is_solved = np.isin(status.astype(str), SOLVED)
+    unsolved = np.where(is_solved, "", status)
+    return encode_texts(unsolved) if unsolved.any() else None
+
+
+def _angles(content: Content) -> Iterator[Measure]:
     """Yield the joint angles of a body with their standard deviations, in degrees."""
+    if ANGLES not in content.values:
+        return
     for number, name in enumerate(angle_names(content.records.landmark_names)):
-        if ANGLES in content.values:
-            angle, sd = (
-                content.values[dataset][:, number] for dataset in (ANGLES, ANGLE_SD)
-            )
-            band = sd if np.isfinite(sd).any() else None
-            if np.isfinite(angle).any():
-                yield _measure(name.replace("_", " "), angle, "°", band)
+        angle = content.values[ANGLES][:, number]
+        sd = content.values[ANGLE_SD][:, number]
+        band = sd if np.isfinite(sd).any() else None
+        if np.isfinite(angle).any():
+            yield _measure(name.replace("_", " "), angle, "°", band)
 
 
 def _errors(
     content: Content, observed: Floats | None, truth: Content | None
-) -> Iterator[dict[str, Any]]:
-    """Yield errors of each frame: those in space in metres, or else in the unit of the
-    truth.
-    """
-    values, unit = content.values, content.records.unit
-    expected, fitted = values.get("expected_error"), values.get("landmarks_fitted")
-    factor: Any
-    factor, length = as_metres(unit if truth is None else truth.records.unit)
+) -> Iterator[Measure]:
+    """Yield errors of each frame: in metres, or else in the unit of the truth."""
+    values = content.values
+    unit = content.records.unit
+    expected = values.get("expected_error")
+    to_metres, length = as_metres(unit if truth is None else truth.records.unit)
+    factor: Floats | float = to_metres
     if truth is not None:
         error = metrics.similarity(content.points, truth.points)
         yield _measure(AGAINST_TRUTH, factor * error, length)
-    if _space(content)[1] and (truth is None or length == "m"):
+    if _space(content).in_metres and (truth is None or length == "m"):
         factor, length = values["metres_per_unit"], "m"
     elif truth is not None and expected is not None:
         expected = metrics.expected(content.points, truth.points, expected)
@@ -200,34 +263,36 @@ def _errors(
         yield _measure(EXPECTED, factor * expected, length)
     if "p_value" in values:
         yield _measure("p-value", values["p_value"])
-    if observed is not None and (fitted is not None or not has_camera(content)):
-        flat = content.points[:, :2] if fitted is None else fitted
-        yield _measure(
-            "distance in the image", metrics.reprojection(flat, observed), unit
-        )
+    fitted = values.get("landmarks_fitted")
+    if fitted is None and not has_camera(content):
+        fitted = content.points[:, :2]
+    if observed is not None and fitted is not None:
+        distance = metrics.reprojection(fitted, observed)
+        yield _measure("distance in the image", distance, unit)
 
 
 def _measure(
     name: str, values: Floats, unit: str = "", sd: Floats | None = None
-) -> dict[str, Any]:
+) -> Measure:
     return {"name": name, "values": values, "unit": unit, "sd": sd}
 
 
 def in_usual_units(layers: Sequence[Layer]) -> tuple[str, float]:
-    """Make the lengths in metres of layers all cm or all mm; return that unit and its
-    number.
+    """Make the lengths in metres of layers all cm or all mm.
+
+    Returns that unit, and how many of it are a metre.
     """
     measures = [measure for layer in layers for measure in layer["measures"]]
     lengths = [measure["values"] for measure in measures if measure["unit"] == "m"]
+    medians = [np.nanmedian(values) for values in lengths if np.isfinite(values).any()]
     # Below a centimetre in millimetres.
-    small = any(
-        np.nanmedian(values) < 0.01 for values in lengths if np.isfinite(values).any()
-    )
-    unit, many = ("mm", 1000.0) if small else ("cm", 100.0)
+    is_small = any(median < 0.01 for median in medians)
+    unit, per_metre = ("mm", 1000.0) if is_small else ("cm", 100.0)
     for measure in measures:
         if measure["unit"] == "m":
-            measure |= {"unit": unit, "values": many * measure["values"]}
-    return unit, many
+            measure["unit"] = unit
+            measure["values"] = per_metre * measure["values"]
+    return unit, per_metre
 
 
 def _mixture(layer: Layer, content: Content, dictionary: Dictionary) -> Floats | None:
@@ -235,12 +300,14 @@ def _mixture(layer: Layer, content: Content, dictionary: Dictionary) -> Floats |
 
     None where the result does not mix the atoms of this dictionary by one rotation.
     """
-    c, pose = content.values.get("coefficients"), layer["pose"]
+    c = content.values.get("coefficients")
+    pose = layer["pose"]
     method = METHODS.get(str(content.records.attributes.get("method")))
     mixes = method is None or method.mixes_atoms or has_camera(content)
     if not mixes or c is None or c.shape[1] != dictionary.k or pose is None:
         return None
-    return np.where(np.isfinite(c.sum(axis=1) + pose.sum(axis=1))[:, None], c, 0.0)
+    is_known = np.isfinite(c.sum(axis=1) + pose.sum(axis=1))
+    return np.where(is_known[:, None], c, 0.0)
 
 
 def _aligned(layer: Layer, target: Floats) -> Layer:
@@ -253,10 +320,10 @@ def _aligned(layer: Layer, target: Floats) -> Layer:
     has_target = np.any(metrics.visible_in_both(target, target), axis=1)
     points = np.where(has_target[:, None, None], np.nan, layer["points"])
     pose = None if layer["pose"] is None else layer["pose"].copy()
-    masks, which = np.unique(both, axis=0, return_inverse=True)
+    masks, mask_of = np.unique(both, axis=0, return_inverse=True)
     for number, mask in enumerate(masks):
-        rows = np.flatnonzero((which.ravel() == number) & has_target)
-        if mask.sum() < metrics.FEWEST_LANDMARKS:
+        rows = np.flatnonzero((mask_of.ravel() == number) & has_target)
+        if mask.sum() < metrics.MIN_COMMON_LANDMARKS:
             continue
         source = layer["points"][rows]
         move = similarity_transform(source[:, :, mask], target[rows][:, :, mask])
@@ -266,11 +333,11 @@ def _aligned(layer: Layer, target: Floats) -> Layer:
             pose[rows, 10:] = move.apply(pose[rows, 10:, None])[..., 0]
             pose[rows, :9] = R.reshape(-1, 9)
             pose[rows, 9] *= move.scale
-    moved = {
+    return {
+        **layer,
         "points": points,
         "pose": pose,
         "sd": None,
         "camera": None,
         "perspective": False,
     }
-    return layer | moved

@@ -1,6 +1,4 @@
-"""What the files of a page hold, each opened and read once, by its frames and
-landmarks.
-"""
+"""What the files of a page hold, each opened and read once, by frames and landmarks."""
 
 from __future__ import annotations
 
@@ -14,9 +12,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Indices
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError, input_error
 from shapefit.io import (
@@ -30,36 +27,34 @@ from shapefit.io.formats import CSV
 from shapefit.io.layout import FRAME, UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import people_joints
-from shapefit.io.source import (
-    OPTIONAL,
-    AnyRecord,
-    Source,
-    find_kind,
-    open_results,
-    source_of,
-)
+from shapefit.io.source import OPTIONAL, AnyRecord, find_kind, open_results, source_of
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION, with_stated_height
 from shapefit.io.writers.motion import angle_columns
 from shapefit.pipelines.evaluate.measure import match_truth, with_shapes_of
 from shapefit.pipelines.items import ChosenItems
-from shapefit.records import Fit, Landmarks, Shapes, concatenate
+from shapefit.records import Fit, Shapes, concatenate
 from shapefit.records.columns import column_by_name, in_columns
 from shapefit.records.items import Items
 
-MEGABYTES = 20
+MAX_MEGABYTES = 20
 """Largest page; of more frames than fit, every n-th is shown."""
-FRAME_BYTES, LANDMARK_BYTES = 300, 30
-"""Of a frame of one file on the page, and of each landmark of it, at most."""
-POSE = ("coefficients", "rotation", "translation", "scale")
-"""Datasets of a result that carry a mesh."""
-READ = {"sequence", "landmarks_fitted", "status", "shape_sd", *POSE}
-"""Datasets of a result that a page is made of, beside those that the format does not
-list.
-"""
-BATCH = 1 << 14
-"""Items that are read at a time."""
 
-AnySource = Source[Landmarks] | Source[Shapes] | Source[Fit]
+MAX_FRAME_BYTES = 300
+"""Of a frame of one file on the page, without its landmarks."""
+
+MAX_LANDMARK_BYTES = 30
+"""Of each landmark of a frame."""
+
+POSE_DATASETS = ("coefficients", "rotation", "translation", "scale")
+"""Of a result that carry a mesh."""
+
+SHOWN_DATASETS = {"sequence", "landmarks_fitted", "status", "shape_sd", *POSE_DATASETS}
+"""Of a result that a page is made of, beside those that the format does not list."""
+
+BY_LANDMARK = ("landmarks", "shapes", "landmarks_fitted", "shape_sd", "outliers")
+"""Datasets whose last axis is that of landmarks."""
+
+ITEMS_READ_AT_ONCE = 1 << 14
 
 Role = Literal["result", "shapes", "landmarks", "truth"]
 
@@ -77,16 +72,14 @@ class Frames(NamedTuple):
     numbers: Floats
 
     @property
-    def by_sequence(self) -> list[NDArray[np.intp]]:
+    def by_sequence(self) -> list[Indices]:
         """Return the frames of each sequence."""
-        return np.split(
-            np.arange(len(self.items)), [start for _, start in self.sequences[1:]]
-        )
+        starts = [start for _, start in self.sequences[1:]]
+        return np.split(np.arange(len(self.items)), starts)
 
 
 class Content(NamedTuple):
-    """The records of one name, and their datasets by the n frames and the p landmarks
-    of the page.
+    """The records of one name, by the n frames and the p landmarks of the page.
 
     values are (n, ...), those of landmarks (n, ..., p); nan or "" where there is no
     record. rows (n,) is the record of each frame, -1 where there is none.
@@ -95,7 +88,7 @@ class Content(NamedTuple):
     name: str
     role: Role
     records: Items
-    rows: NDArray[np.intp]
+    rows: Indices
     values: Mapping[str, Any]
 
     @property
@@ -105,50 +98,30 @@ class Content(NamedTuple):
         return points
 
 
-def read_inputs(
-    config: ViewConfig,
-) -> tuple[list[Content], Content | None, Frames, tuple[str, ...], list[str]]:
-    """Return the chosen items of all files, their true shapes, frames, landmarks, and
-    notes.
+class Inputs(NamedTuple):
+    """What a page is made of: contents of files, truth, frames, landmarks, notes."""
+
+    contents: list[Content]
+    truth: Content | None
+    frames: Frames
+    landmarks: tuple[str, ...]
+    notes: list[str]
+
+
+def read_inputs(config: ViewConfig) -> Inputs:
+    """Return the chosen items of all files, and their true shapes.
 
     Of more than fit into a page every n-th of each sequence is read. Results are shown
     with the landmarks of their input where the truth names these. Raises InputError for
     what cannot be read or shown together, and where no item is chosen.
     """
     options = replace(input_options(config), rename={})  # which is for the truth
-    chosen = ChosenItems("items", config.items)
     true = None
     if config.truth:
-        with open_shapes(config.truth, input_options(config), gaps=True) as shapes:
-            true = shapes.whole()
-    with ExitStack() as stack:
-        roles = {name: _role(paths[0], options) for name, paths in config.files.items()}
-        sources: dict[str, AnySource] = {}
-        for name, paths in config.files.items():
-            sources[name] = _open(paths, roles[name], options)
-            stack.enter_context(sources[name])
-        rows: dict[str, list[int]] = {}
-        size = 0
-        for name, source in sources.items():
-            every = enumerate(chain.from_iterable(source.names()))
-            rows[name] = [row for row, item in every if item in chosen]
-            landmarks_of_file = len(source.head.landmark_names)
-            size += len(rows[name]) * (FRAME_BYTES + LANDMARK_BYTES * landmarks_of_file)
-        step = math.ceil(size / (MEGABYTES * 1e6)) or 1
-        records = {
-            name: _as_shown(_take(source, rows[name], step), true)
-            for name, source in sources.items()
-            if rows[name]
-        }
-        notes = [
-            *(note for source in sources.values() for note in source.notes),
-            *chosen.warnings,
-        ]
-    if not records:
-        problem = "no item fits, or there are none"
-        raise input_error(
-            ", ".join(sources), problem, "correct `items`, or check the files"
-        )
+        with open_shapes(config.truth, input_options(config), gaps=True) as source:
+            true = source.whole()
+    roles = {name: _role(paths[0], options) for name, paths in config.files.items()}
+    records, step, notes = _read_records(config, options, roles, true)
     landmarks = tuple(
         dict.fromkeys(chain(*(one.landmark_names for one in records.values())))
     )
@@ -157,19 +130,61 @@ def read_inputs(
         _content(name, roles[name], one, columns_of(one.items, items), landmarks)
         for name, one in records.items()
     ]
-    numbers = np.full(len(items), np.nan)
+    frames = Frames(items, sequences, step, _numbers(contents, len(items)))
+    truth = None if true is None else _true_content(config, true, contents, landmarks)
+    return Inputs(contents, truth, frames, landmarks, notes)
+
+
+def _read_records(
+    config: ViewConfig,
+    options: InputOptions,
+    roles: Mapping[str, Role],
+    true: Shapes | None,
+) -> tuple[dict[str, AnyRecord], int, list[str]]:
+    """Return the chosen records of each name, how they are thinned, and notes."""
+    chosen = ChosenItems("items", config.items)
+    with ExitStack() as stack:
+        sources = {
+            name: stack.enter_context(_open(paths, roles[name], options))
+            for name, paths in config.files.items()
+        }
+        rows: dict[str, list[int]] = {}
+        size = 0
+        for name, source in sources.items():
+            every = enumerate(chain.from_iterable(source.names()))
+            rows[name] = [row for row, item in every if item in chosen]
+            landmarks = len(source.head.landmark_names)
+            frame_bytes = MAX_FRAME_BYTES + MAX_LANDMARK_BYTES * landmarks
+            size += frame_bytes * len(rows[name])
+        step = math.ceil(size / (MAX_MEGABYTES * 1e6)) or 1
+        records = {
+            name: _as_shown(_take(source, rows[name], step), true)
+            for name, source in sources.items()
+            if rows[name]
+        }
+        notes = [note for source in sources.values() for note in source.notes]
+    if not records:
+        problem = "no item fits, or there are none"
+        raise input_error(
+            ", ".join(sources), problem, "correct `items`, or check the files"
+        )
+    return records, step, [*notes, *chosen.warnings]
+
+
+def _numbers(contents: Sequence[Content], n: int) -> Floats:
+    """Return the place (n,) of each frame in its video, by the first file to say."""
+    numbers = np.full(n, np.nan)
     for content in contents:
         stated = content.values.get(FRAME)
         if stated is not None and stated.ndim == 1 and stated.dtype == np.float64:
             numbers = np.where(np.isfinite(numbers), numbers, stated)
-    frames = Frames(items, sequences, step, numbers)
-    truth = None if true is None else _true_content(config, true, contents, landmarks)
-    return contents, truth, frames, landmarks, notes
+    return numbers
 
 
 def _role(path: Path, options: InputOptions) -> Role:
-    """Return what a file is shown as. CSV with a column z is a result: shapes before a
-    camera.
+    """Return what a file is shown as.
+
+    CSV with a column z is a result: shapes before a camera.
     """
     kind = find_kind(path, options)
     if kind == "dictionary":
@@ -178,7 +193,7 @@ def _role(path: Path, options: InputOptions) -> Role:
     return "result" if in_csv else kind
 
 
-def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> AnySource:
+def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
     """Open files of a kind."""
     if role == "landmarks":
         return open_landmarks(paths, options)
@@ -187,26 +202,27 @@ def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> AnySource
         return source_of(atoms, str(paths[0]), {}, gaps=True)
     if role == "shapes":
         return open_shapes(paths, options, gaps=True)
-    return open_results(paths, OPTIONAL - READ)
+    return open_results(paths, OPTIONAL - SHOWN_DATASETS)
 
 
-def _take(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:
+def _take(source: Any, rows: Sequence[int], step: int) -> Any:
     """Read every step-th of these items of each sequence."""
-    names = [*chain.from_iterable(source.sequences())]
-    ranks = Counter[str]()
+    sequence_of = [*chain.from_iterable(source.sequences())]
+    seen_in = Counter[str]()
     taken = []
     for row in rows:
-        if ranks[names[row]] % step == 0:
+        sequence = sequence_of[row]
+        if seen_in[sequence] % step == 0:
             taken.append(row)
-        ranks[names[row]] += 1
-    parts: list[AnyRecord] = [*source.chosen(np.array(taken), BATCH)]
-    return concatenate(parts)
+        seen_in[sequence] += 1
+    return concatenate(list(source.chosen(np.array(taken), ITEMS_READ_AT_ONCE)))
 
 
 def _as_shown(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
     """Return a result by the names that the truth has, with its observed landmarks.
 
-    Those of its input are observed where a joint stands for them.
+    Its observed landmarks are (n, 2, p); those of its input are observed where a joint
+    stands for them.
     """
     if not isinstance(records, Fit):
         return records
@@ -225,10 +241,10 @@ def _as_shown(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
 def _find_frames(
     sets: Sequence[AnyRecord],
 ) -> tuple[tuple[str, ...], tuple[tuple[str, int], ...]]:
-    """Return the items of all records in their order, those of a sequence together.
+    """Return the items of all records, and the sequences with their first frames.
 
-    And the sequences with their first frames. Sequences of one frame each are no
-    sequences.
+    Items are in their order, those of a sequence together. Sequences of one frame each
+    are no sequences.
     """
     sequence_of: dict[str, str] = {}
     for records in sets:
@@ -240,16 +256,13 @@ def _find_frames(
         groups[sequence].append(item)
     if len(groups) == len(sequence_of):
         return tuple(sequence_of), (("", 0),)
+    items = tuple(chain.from_iterable(groups.values()))
     starts = np.cumsum([0, *map(len, groups.values())])[:-1].tolist()
-    return tuple(chain.from_iterable(groups.values())), tuple(
-        zip(groups, starts, strict=True)
-    )
+    return items, tuple(zip(groups, starts, strict=True))
 
 
-def columns_of(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.intp]:
-    """Return the place among `names` of each wanted one, -1 for those that are not
-    there.
-    """
+def columns_of(names: Sequence[str], wanted: Sequence[str]) -> Indices:
+    """Return the place among `names` of each wanted one, -1 for what is not there."""
     place = {name: column for column, name in enumerate(names)}
     return np.array([place.get(name, -1) for name in wanted], dtype=np.intp)
 
@@ -258,12 +271,10 @@ def _content(
     name: str,
     role: Role,
     records: Items,
-    rows: NDArray[np.intp],
+    rows: Indices,
     landmarks: Sequence[str],
 ) -> Content:
-    """Return records, whose rows (n,) are those of the frames, with their joint
-    angles.
-    """
+    """Return records with joint angles, whose rows (n,) are those of the frames."""
     columns = columns_of(records.landmark_names, landmarks)
     if records.unit == UNKNOWN_UNIT:
         records = replace(records, unit="")
@@ -296,9 +307,7 @@ def _true_content(
     contents: Sequence[Content],
     landmarks: Sequence[str],
 ) -> Content:
-    """Return the true shapes of the frames. Raises InputError where there is none of
-    any.
-    """
+    """Return the true shapes of the frames; InputError where there is none of any."""
     place = next(iter(config.files.values()))[0]
     true_rows = np.full(len(contents[0].rows), -1)
     errors: list[InputError] = []
@@ -313,7 +322,7 @@ def _true_content(
     if len(errors) == len(contents):
         raise errors[0]
     wanted, rows = np.unique(true_rows, return_inverse=True)
-    without = int(wanted[0] < 0)
-    return _content(
-        "truth", "truth", truth.take(wanted[without:]), rows - without, landmarks
-    )
+    if wanted[0] < 0:  # -1 stands for frames without a true shape
+        wanted = wanted[1:]
+        rows = rows - 1
+    return _content("truth", "truth", truth.take(wanted), rows, landmarks)

@@ -1,22 +1,21 @@
-"""`view`: results, shapes and landmarks as one HTML page that turns and plays, or as a
-sheet.
-"""
+"""`view`: results, shapes and landmarks as one HTML page, or as a sheet."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error, listed
 from shapefit.io.atomic import atomic_path, check_output
 from shapefit.io.inputs import is_stream
 from shapefit.meshes.pictures import (
+    DrawnModel,
     FittedImage,
-    Model,
     check_can_draw,
     contact_sheet,
     save,
@@ -24,20 +23,23 @@ from shapefit.meshes.pictures import (
 from shapefit.pipelines.items import subsample
 from shapefit.pipelines.result import Result
 from shapefit.pipelines.view.scene import make_scene
-from shapefit.viewer.page import viewer_page
+from shapefit.viewer.page import Layer, Scene, viewer_page
 
-PAGES, SHEETS = ("", ".html", ".htm"), (".png", ".svg")
-"""Endings of the names of a page, and of a sheet of pictures."""
-MOST_IMAGES = 24
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE_SUFFIXES = ("", ".html", ".htm")
+SHEET_SUFFIXES = (".png", ".svg")
+
+MAX_SHEET_IMAGES = 24
 """Images of a sheet, spread evenly over those that are chosen."""
 
 
 def run(config: ViewConfig) -> Iterator[Result]:
-    """Write the page, or a sheet of pictures; yields one Result with what is missing as
-    warnings.
+    """Write the page, or a sheet of pictures.
 
-    Raises InputError for files that cannot be read or shown together, and where the
-    output cannot be written.
+    Yields one Result, with what is missing as warnings. Raises InputError for files
+    that cannot be read or shown together, and where the output cannot be written.
     """
     output = config.output
     if output is None:
@@ -47,20 +49,22 @@ def run(config: ViewConfig) -> Iterator[Result]:
             "output", "a page is not written to a terminal", "name a file"
         )
     ending = output.suffix.lower()
-    if ending not in PAGES + SHEETS:
+    if ending not in PAGE_SUFFIXES + SHEET_SUFFIXES:
         problem = (
             f"is a page or a sheet of pictures, and its name ends in {output.suffix}"
         )
-        raise input_error(output, problem, f"end it in {listed(PAGES[1:] + SHEETS)}")
+        endings = listed(PAGE_SUFFIXES[1:] + SHEET_SUFFIXES)
+        raise input_error(output, problem, f"end it in {endings}")
     check_output(output)
-    if ending in SHEETS:
+    if ending in SHEET_SUFFIXES:
         check_can_draw("output")
+    note = ""
     # Beyond 32-bit floats a value is not finite: missing.
     with np.errstate(over="ignore", invalid="ignore"), atomic_path(output) as temporary:
         scene = make_scene(config)
-        count, note = len(scene["items"]), ""
-        if ending in SHEETS:
-            count = min(MOST_IMAGES, count)
+        count = len(scene["items"])
+        if ending in SHEET_SUFFIXES:
+            count = min(MAX_SHEET_IMAGES, count)
             save(draw_sheet(scene, output), temporary, ending[1:])
         else:
             page = viewer_page(scene).encode("utf-8", "xmlcharrefreplace")
@@ -71,54 +75,65 @@ def run(config: ViewConfig) -> Iterator[Result]:
     )
 
 
-def draw_sheet(scene: Mapping[str, Any], output: Path) -> Any:
-    """Draw images of one result, with the meshes or edges of the dictionary, as a
-    figure.
-    """
+def draw_sheet(scene: Scene, output: Path) -> Figure:
+    """Draw images of one result with the meshes or edges of the dictionary."""
     if [layer["role"] for layer in scene["layers"]] != ["result"]:
         fix = "give one result of `fit`, or end the name in .html"
         raise input_error(output, "a sheet shows one result", fix)
-    faces = scene["meshes"][0]["faces"] if scene["meshes"] else None
-    edges = np.asarray(scene["edges"], np.int64).reshape(-1, 2)
-    images = [
-        fitted_image(scene, row) for row in subsample(MOST_IMAGES, len(scene["items"]))
-    ]
-    return contact_sheet(
-        images, Model("down" if scene["y_down"] else "up", faces, edges)
+    model = DrawnModel(
+        y_axis="down" if scene["y_down"] else "up",
+        faces=scene["meshes"][0]["faces"] if scene["meshes"] else None,
+        edges=np.asarray(scene["edges"], np.int64).reshape(-1, 2),
     )
+    rows = subsample(MAX_SHEET_IMAGES, len(scene["items"]))
+    return contact_sheet([fitted_image(scene, row) for row in rows], model)
 
 
-def fitted_image(scene: Mapping[str, Any], row: int) -> FittedImage:
-    """Return one frame of the first layer of a scene; the shape is all nan where the
-    fit failed.
+def fitted_image(scene: Scene, row: int) -> FittedImage:
+    """Return one frame of the first layer of a scene.
 
-    Its mesh is s R sum_j w_j V_j + t, which the camera sees at x f / |z| + c.
+    The shape is all nan where the fit failed.
     """
-    layer, observed, outliers = scene["layers"][0], scene["observed"], scene["outliers"]
-    shape, mesh, flat_mesh = layer["points"][row], None, None
-    if (
-        "blend" in layer
-        and layer["blend"]["start"][row] < layer["blend"]["start"][row + 1]
-    ):
-        chosen, pose = (
-            slice(*layer["blend"]["start"][row : row + 2]),
-            layer["pose"][row],
-        )
-        vertices = scene["meshes"][0]["vertices"][layer["blend"]["atom"][chosen]]
-        mixed = np.tensordot(layer["blend"]["weight"][chosen], vertices, 1)
-        mesh = pose[9] * pose[:9].reshape(3, 3) @ mixed + pose[10:, None]
-        f, c = np.split(layer["camera"][row][:, None], 2)
-        flat_mesh = (
-            f * mesh[:2] / (np.abs(mesh[2]) if layer["perspective"] else 1.0) + c
-        )
+    layer = scene["layers"][0]
+    shape = layer["points"][row]
+    landmarks = np.full_like(shape[:2], np.nan)
+    if scene["observed"] is not None:
+        landmarks = scene["observed"][row]
+    mesh = _mixed_mesh(scene, layer, row)
+    outliers = scene["outliers"]
     return FittedImage(
         title=scene["items"][row],
-        landmarks=(
-            np.full_like(shape[:2], np.nan) if observed is None else observed[row]
-        ),
+        landmarks=landmarks,
         shape=shape,
         projected=layer["fitted"][row],
         mesh=mesh,
-        projected_mesh=flat_mesh,
+        projected_mesh=None if mesh is None else _seen_by_camera(mesh, layer, row),
         outliers=None if outliers is None else outliers[row],
     )
+
+
+def _mixed_mesh(scene: Scene, layer: Layer, row: int) -> Floats | None:
+    """Return s R sum_j w_j V_j + t (3, q) of one frame; None where it mixes none."""
+    pose = layer["pose"]
+    if "blend" not in layer or pose is None:
+        return None
+    blend = layer["blend"]
+    start, stop = blend["start"][row : row + 2]
+    if start == stop:
+        return None
+    vertices = scene["meshes"][0]["vertices"][blend["atom"][start:stop]]
+    mixed = np.tensordot(blend["weight"][start:stop], vertices, 1)
+    R = pose[row, :9].reshape(3, 3)
+    scale = pose[row, 9]
+    translation = pose[row, 10:, None]
+    mesh: Floats = scale * R @ mixed + translation
+    return mesh
+
+
+def _seen_by_camera(points: Floats, layer: Layer, row: int) -> Floats:
+    """Return where the camera sees points (3, q) of one frame: x f / |z| + c."""
+    camera = layer["camera"]
+    assert camera is not None
+    f, c = np.split(camera[row][:, None], 2)
+    depth = np.abs(points[2]) if layer["perspective"] else 1.0
+    return np.asarray(f * points[:2] / depth + c)

@@ -1,6 +1,4 @@
-"""The scene of a page: layers, bones, sides, recordings, the ground and what is stated
-of them.
-"""
+"""The scene of a page: layers, bones, sides, recordings, the ground and facts."""
 
 from __future__ import annotations
 
@@ -12,9 +10,10 @@ from dataclasses import replace
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.config import ViewConfig
@@ -31,24 +30,28 @@ from shapefit.lifting.trust import REASONS
 from shapefit.pipelines.view.layers import (
     AGAINST_TRUTH,
     EXPECTED,
-    Layer,
     first_finite,
     has_camera,
     in_usual_units,
     make_layers,
 )
 from shapefit.pipelines.view.reading import (
-    MEGABYTES,
+    MAX_MEGABYTES,
     Content,
     Frames,
+    Inputs,
     columns_of,
     read_inputs,
 )
 from shapefit.records import Fit
 from shapefit.timeline import ASSUMED_RATE
+from shapefit.viewer.page import Fact, Ground, Layer, Picture, Scene
 
-MIDDLE, LEFT, RIGHT = 0, 1, 2
-ERRORS = {
+MIDDLE = 0
+LEFT_SIDE = 1
+RIGHT_SIDE = 2
+
+STATED_ERRORS = {
     EXPECTED: (
         "typical error",
         (
@@ -66,51 +69,51 @@ ERRORS = {
     ),
 }
 """Measures that the header states -> their names and definitions there."""
-MOST_BYTES = 14_000_000
+
+MAX_PICTURE_BYTES = 14_000_000
 """Of all pictures of a page; of more, every n-th is shown."""
-LONGEST_SIDE = 960
+
+MAX_PICTURE_SIDE = 960
 """Pixels of the longest side of a picture on the page."""
-SUFFIXES = (".jpg", ".jpeg", ".png")
+
+PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
 LAST_NUMBER = re.compile(r"(\d{1,12})\D*$")
 
 
-def make_scene(config: ViewConfig) -> dict[str, Any]:
-    """Return the scene of the files of a config, by the keys of
-    shapefit.viewer.page.
-    """
-    contents, truth, frames, landmarks, notes = read_inputs(config)
+def make_scene(config: ViewConfig) -> Scene:
+    """Return the scene of the files of a config."""
+    inputs = read_inputs(config)
+    contents, truth, frames = inputs.contents, inputs.truth, inputs.frames
     dictionary = None
     if config.dictionary is not None:
         dictionary = read_dictionary(config.dictionary)
-    if frames.step > 1:
-        notes.append(
-            f"One of {frames.step} frames is shown: with all of them the page would be"
-            f" larger than {MEGABYTES} MB. `items` chooses others."
-        )
-    results = [content for content in contents if content.role == "result"]
+    notes = [*inputs.notes, *_notes_on_thinning(frames)]
     observed = _find_observed(contents)
     layers, meshes, space_unit = make_layers(
         contents, truth, dictionary, observed, notes
     )
-    edges = _edges(contents, truth, dictionary, landmarks)
-    meshed = any("blend" in layer for layer in layers)
-    notes += _missing_of(contents, observed)
-    if not edges and not meshed:
+    length = in_usual_units(layers)
+    edges = _edges(contents, truth, dictionary, inputs.landmarks)
+    has_meshes = any("blend" in layer for layer in layers)
+    notes += _notes_on_landmarks(contents, observed)
+    if not edges and not has_meshes:
         fix = "-d DICT.h5 or --truth may have them."
         notes.append(f"No edges are known, so landmarks are points; {fix}")
-    clock = _find_clock(config, contents, truth, frames)
+    timing = _find_timing(config, inputs)
     y_down = any(
         one.role != "shapes" and one.records.y_axis != "up" for one in contents
     )
-    floors = _find_floors(results, frames, clock.rate)
-    sides = find_sides(landmarks)
-    length = in_usual_units(layers)
-    facts = _facts_of(frames, clock)
+    floors = _find_floors(contents, frames, timing.rate)
+    pictures = {}
+    if config.images is not None:
+        pictures = embed_images(config.images, frames.items)
+    sides = find_sides(inputs.landmarks)
+    is_rigid = has_meshes and not timing.is_video
     return {
         "title": ", ".join(config.files) + (" and the truth" if truth else ""),
         "items": frames.items,
         "sequences": frames.sequences,
-        "landmarks": landmarks,
+        "landmarks": inputs.landmarks,
         "edges": edges,
         "layers": layers,
         "unit": contents[0].records.unit,
@@ -120,135 +123,138 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
         "grounds": [
             _ground(floors.get(video_of(name)), y_down) for name, _ in frames.sequences
         ],
-        "frame_rate": clock.rate,
-        "rate_known": clock.is_known,
-        "flat": observed is not None or bool(results),
+        "frame_rate": timing.rate,
+        "rate_known": timing.rate_known,
+        "flat": observed is not None or _has_results(contents),
         "observed": observed,
-        "outliers": _find_outliers(results),
+        "outliers": _find_outliers(contents),
         "sides": sides if any(sides) else None,
-        "recordings": clock.recordings,
-        "times": clock.times,
+        "recordings": timing.recordings,
+        "times": timing.times,
         "meshes": meshes,
-        "pictures": _pictures(config, frames),
+        "pictures": pictures,
         "image": _image_size(contents, y_down),
-        "video": clock.is_video,
-        "rigid": meshed and not clock.is_video,
-        "facts": [*({"text": text} for text in facts), *_quality(contents, layers)],
-        "assumed": _assumed(floors, rigid=meshed and not clock.is_video),
+        "video": timing.is_video,
+        "rigid": is_rigid,
+        "facts": [*_facts(timing, frames), *_quality(contents, layers)],
+        "assumed": [] if is_rigid else [_say_ground(floors)],
         "notes": notes,
     }
 
 
-class Clock(NamedTuple):
-    """How the frames of a page follow each other.
-
-    recordings are the sequences that were seen at once, times (n,) the places of the
-    frames in theirs; rate in Hz of the frames that are shown, assumed unless it
-    is_known; is_video: whether frames are those of a video.
-    """
-
-    recordings: list[list[int]]
-    times: Integers
-    rate: float
-    is_known: bool
-    is_video: bool
+def _results(contents: Sequence[Content]) -> list[Content]:
+    return [content for content in contents if content.role == "result"]
 
 
-def _find_clock(
-    config: ViewConfig,
-    contents: Sequence[Content],
-    truth: Content | None,
-    frames: Frames,
-) -> Clock:
-    """Return how the frames follow each other, by the config and the files."""
-    recordings, times = find_recordings(contents, frames)
-    files = [*contents] if truth is None else [*contents, truth]
-    stated = [config.frame_rate, *(one.records.frame_rate for one in files)]
-    rate = next(filter(None, stated), None)
-    named = any(name for name, _ in frames.sequences)
-    return Clock(
-        recordings=recordings,
-        times=times,
-        rate=(rate or ASSUMED_RATE) / frames.step,
-        is_known=rate is not None,
-        is_video=named or (rate is not None and len(times) > 1),
-    )
+def _has_results(contents: Sequence[Content]) -> bool:
+    return len(_results(contents)) > 0
 
 
 def _find_observed(contents: Sequence[Content]) -> Floats | None:
-    """Return the landmarks (n, 2, p) of the page: of files, else of results; None
-    without any.
-    """
+    """Return the landmarks (n, 2, p) of files of landmarks, else those of results."""
     in_images = [content.points for content in contents if content.role == "landmarks"]
-    for content in contents:
-        if content.role == "result" and "landmarks" in content.values:
-            in_images.append(content.values["landmarks"])
+    for result in _results(contents):
+        if "landmarks" in result.values:
+            in_images.append(result.values["landmarks"])
     return first_finite(in_images) if in_images else None
 
 
-def _missing_of(contents: Sequence[Content], observed: Floats | None) -> Iterator[str]:
-    """Yield what the files do not show of each other: observed landmarks, and shapes
-    of these.
-    """
-    results = [content for content in contents if content.role == "result"]
+def _find_outliers(contents: Sequence[Content]) -> NDArray[np.bool_] | None:
+    """Return which landmarks (n, p) a result judged wrong; None where none is."""
+    outliers = [
+        result.values["outliers"] == 1
+        for result in _results(contents)
+        if "outliers" in result.values
+    ]
+    if not np.any(outliers):
+        return None
+    return np.asarray(np.logical_or.reduce(outliers))
+
+
+def _notes_on_thinning(frames: Frames) -> Iterator[str]:
+    """Say which frames a page shows that would be too large with all of them."""
+    if frames.step > 1:
+        yield (
+            f"One of {frames.step} frames is shown: with all of them the page would be"
+            f" larger than {MAX_MEGABYTES} MB. `items` chooses others."
+        )
+
+
+def _notes_on_landmarks(
+    contents: Sequence[Content], observed: Floats | None
+) -> Iterator[str]:
+    """Say where landmarks are missing, or are those of other results."""
+    results = _results(contents)
     if results and observed is None:
         yield (
             "The results hold no observed landmarks; add the landmark file to see them."
         )
-    given = [one.rows >= 0 for one in contents if one.role == "landmarks"]
-    shown = [(one.rows >= 0) & np.any(given, axis=0) for one in results if given]
-    if shown and not np.any(shown):
+    files = [content for content in contents if content.role == "landmarks"]
+    if not files or not results:
+        return
+    has_landmarks = np.any([file.rows >= 0 for file in files], axis=0)
+    has_shape = np.any([result.rows >= 0 for result in results], axis=0)
+    if not np.any(has_landmarks & has_shape):
         yield (
             "No shape matches the landmarks: give those that the results were"
             " fitted to."
         )
 
 
-def _find_outliers(results: Sequence[Content]) -> Any:
-    """Return which landmarks (n, p) any result sets aside; None where none does."""
-    outliers = [
-        one.values["outliers"] == 1 for one in results if "outliers" in one.values
-    ]
-    return np.logical_or.reduce(outliers) if np.any(outliers) else None
+class Timing(NamedTuple):
+    """When frames were seen: which sequences at once, and how fast.
+
+    recordings and times as `find_recordings` returns them; rate in Hz of the frames
+    that are shown, and whether it is known; is_video, whether frames follow each other
+    in time.
+    """
+
+    recordings: list[list[int]]
+    times: Integers
+    rate: float
+    rate_known: bool
+    is_video: bool
+
+
+def _find_timing(config: ViewConfig, inputs: Inputs) -> Timing:
+    recordings, times = find_recordings(inputs.contents, inputs.frames)
+    contents = [*inputs.contents]
+    if inputs.truth is not None:
+        contents.append(inputs.truth)
+    rates = [config.frame_rate, *(content.records.frame_rate for content in contents)]
+    rate = next(filter(None, rates), None)
+    has_sequences = any(name for name, _ in inputs.frames.sequences)
+    return Timing(
+        recordings,
+        times,
+        rate=(rate or ASSUMED_RATE) / inputs.frames.step,
+        rate_known=rate is not None,
+        is_video=has_sequences or (rate is not None and len(times) > 1),
+    )
 
 
 def _find_floors(
-    results: Sequence[Content], frames: Frames, rate: float
+    contents: Sequence[Content], frames: Frames, rate: float
 ) -> Mapping[str, Floor]:
-    """Return the floor of each video, of the first result that knows one."""
-    for result in results:
-        if floors := _floors(result, frames, rate):
+    """Return the floor of each video, by the first result that knows any."""
+    for result in _results(contents):
+        floors = _floors_of(result, frames, rate)
+        if floors:
             return floors
     return {}
 
 
-def _assumed(floors: Mapping[str, Floor], *, rigid: bool) -> list[str]:
-    """Return what the page assumes of the ground; rigid objects stand on none."""
-    if rigid:
-        return []
+def _say_ground(floors: Mapping[str, Floor]) -> str:
+    """Say where the ground of the page comes from."""
     if not floors:
-        return ["The floor is not known: each body has its own ground."]
-    return [f"Floor from resting feet: {'; '.join(map(str, floors.values()))}."]
-
-
-def _pictures(config: ViewConfig, frames: Frames) -> dict[int, dict[str, Any]]:
-    """Return the pictures of the frames, none where no folder is given."""
-    return {} if config.images is None else embed_images(config.images, frames.items)
-
-
-def _facts_of(frames: Frames, clock: Clock) -> list[str]:
-    """Return how many frames the header states, and how fast they follow."""
-    if not clock.is_video:
-        return [counted(len(frames.items), "image")]
-    rate = f"{clock.rate:.4g} Hz" + ("" if clock.is_known else " assumed")
-    return [*_counts(clock.recordings, clock.times, frames), rate]
+        return "The floor is not known: each body has its own ground."
+    return f"Floor from resting feet: {'; '.join(map(str, floors.values()))}."
 
 
 def find_recordings(
     contents: Sequence[Content], frames: Frames
 ) -> tuple[list[list[int]], Integers]:
-    """Return the sequences that were seen at once, and the time (n,) of each frame
-    among theirs.
+    """Return the sequences that were seen at once, and the time (n,) of each frame.
 
     The individuals of a video are its sequences, `video/individual`; or each is a file
     of shapes. Numbers of frames say what was seen at once, and what is missing. Others
@@ -256,18 +262,21 @@ def find_recordings(
     """
     rows_of = frames.by_sequence
     files = [content for content in contents if content.role == "shapes"]
+    is_file_each = len(files) == len(rows_of) > 1
     videos = defaultdict[object, list[int]](list)
     for sequence, (name, _) in enumerate(frames.sequences):
-        video = name.rpartition("/")[0] or (name and len(files) == len(rows_of) > 1)
-        numbered = video and np.isfinite(frames.numbers[rows_of[sequence]]).all()
-        videos[video if numbered else sequence].append(sequence)
+        video: object = name.rpartition("/")[0]
+        if not video:
+            video = bool(name) and is_file_each
+        is_numbered = np.isfinite(frames.numbers[rows_of[sequence]]).all()
+        videos[video if video and is_numbered else sequence].append(sequence)
     recordings: list[list[int]] = []
     times = np.concatenate([np.arange(len(rows)) for rows in rows_of])
     for members in videos.values():
         rows = np.concatenate([rows_of[member] for member in members])
         # somebody is seen beside another
-        together = len(np.unique(frames.numbers[rows])) < len(rows)
-        here = [members] if together else [[member] for member in members]
+        is_together = len(np.unique(frames.numbers[rows])) < len(rows)
+        here = [members] if is_together else [[member] for member in members]
         for recording in here:
             _place_frames(recording, frames, times)
         recordings += here
@@ -275,14 +284,16 @@ def find_recordings(
 
 
 def _place_frames(recording: Sequence[int], frames: Frames, times: Integers) -> None:
-    """Write down the times of the frames of a recording by their numbers, where they
-    have some: missing frames are gaps.
+    """Write down the times of the frames of a recording by their numbers, if any.
+
+    Missing frames are gaps.
     """
     rows_of = [frames.by_sequence[member] for member in recording]
     numbers = frames.numbers[np.concatenate(rows_of)]
     if not np.isfinite(numbers).all():
         return
-    first, last = numbers.min(), numbers.max()
+    first = numbers.min()
+    last = numbers.max()
     if last - first > MOST_MISSING * len(numbers) * frames.step:
         if len(recording) > 1:
             _, order = np.unique(numbers, return_inverse=True)
@@ -295,61 +306,65 @@ def _place_frames(recording: Sequence[int], frames: Frames, times: Integers) -> 
 
 
 def find_sides(names: Sequence[str]) -> list[int]:
-    """Return MIDDLE, LEFT or RIGHT for each name; what has no counterpart is in the
-    middle.
+    """Return MIDDLE, LEFT_SIDE or RIGHT_SIDE for each name.
+
+    What has no counterpart is in the middle.
     """
     sides = [MIDDLE] * len(names)
     for left, right in pairs_of_sides(names):
-        sides[left], sides[right] = LEFT, RIGHT
+        sides[left] = LEFT_SIDE
+        sides[right] = RIGHT_SIDE
     return sides
 
 
-def _counts(
-    recordings: Sequence[Sequence[int]], times: Integers, frames: Frames
-) -> Iterator[str]:
-    """Yield how many sequences, individuals and frames of videos there are."""
+def _facts(timing: Timing, frames: Frames) -> Iterator[Fact]:
+    """Yield how many images there are, or sequences, individuals and frames."""
+    if not timing.is_video:
+        yield {"text": counted(len(frames.items), "image")}
+        return
+    recordings = timing.recordings
     if len(recordings) > 1:
-        yield counted(len(recordings), "sequence")
-    if (individuals := max(map(len, recordings))) > 1:
-        yield counted(individuals, "individual")
+        yield {"text": counted(len(recordings), "sequence")}
+    individuals = max(map(len, recordings))
+    if individuals > 1:
+        yield {"text": counted(individuals, "individual")}
     moments = 0
     for members in recordings:
         rows = np.concatenate([frames.by_sequence[member] for member in members])
-        moments += len(np.unique(times[rows]))
-    yield counted(moments, "frame")
+        moments += len(np.unique(timing.times[rows]))
+    yield {"text": counted(moments, "frame")}
+    assumed = "" if timing.rate_known else " assumed"
+    yield {"text": f"{timing.rate:.4g} Hz{assumed}"}
 
 
-def _quality(
-    contents: Sequence[Content], layers: Sequence[Layer]
-) -> Iterator[dict[str, str]]:
+def _quality(contents: Sequence[Content], layers: Sequence[Layer]) -> Iterator[Fact]:
     """Yield how many frames of each layer are trusted, and how large its errors are."""
     reasons_of = {content.name: content.values.get(REASONS) for content in contents}
     for layer in layers:
         prefix = f"{layer['name']}: " if len(contents) > 1 else ""
-        trusted, reasons = (
-            np.ones(len(layer["points"]), bool),
-            reasons_of.get(layer["name"]),
-        )
+        is_trusted = np.ones(len(layer["points"]), bool)
+        reasons = reasons_of.get(layer["name"])
         if reasons is not None:
-            trusted = np.isfinite(layer["points"]).any(axis=(1, 2)) & (reasons == "")
-            share = f"{np.count_nonzero(trusted):,} of {len(trusted):,} trusted"
-            style = "trust" if trusted.mean() > 0.5 else "trust doubtful"
+            has_shape = np.isfinite(layer["points"]).any(axis=(1, 2))
+            is_trusted = has_shape & (reasons == "")
+            share = f"{np.count_nonzero(is_trusted):,} of {len(is_trusted):,} trusted"
+            style = "trust" if is_trusted.mean() > 0.5 else "trust doubtful"
             yield {"text": prefix + share, "style": style}
         for measure in layer["measures"]:
-            counted_in = trusted if measure["name"] == EXPECTED else True
-            values = measure["values"][counted_in & np.isfinite(measure["values"])]
-            if measure["name"] in ERRORS and values.size:
-                name, definition = ERRORS[measure["name"]]
+            is_counted = np.isfinite(measure["values"])
+            if measure["name"] == EXPECTED:
+                is_counted &= is_trusted
+            values = measure["values"][is_counted]
+            if measure["name"] in STATED_ERRORS and values.size:
+                name, definition = STATED_ERRORS[measure["name"]]
                 median = float(np.median(values))
                 number = f"{median:.0f}" if median >= 9.5 else f"{median:.2g}"
                 text = f"{prefix}{name} {number} {measure['unit']}".strip()
                 yield {"text": text, "title": definition}
 
 
-def _floors(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]:
-    """Return the floor of each video of a result, by the frames of the page, where it
-    is known.
-    """
+def _floors_of(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]:
+    """Return the floor of each video of a result, by the frames of the page."""
     if not has_camera(result) or "metres_per_unit" not in result.values:
         return {}
     records = result.records
@@ -360,10 +375,8 @@ def _floors(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]
     return find_floors(records, BY_DEFAULT, result.name)
 
 
-def _ground(floor: Floor | None, y_down: bool) -> dict[str, Any]:
-    """Return where up is, that of the image where no floor is known, and the floor in
-    metres.
-    """
+def _ground(floor: Floor | None, y_down: bool) -> Ground:
+    """Return where up is, as in the image without a floor, and the floor in metres."""
     level = TO_Y_UP[IMAGE_UP] if y_down else np.eye(3)
     if floor is None:
         return {"upright": level.ravel().tolist()}
@@ -377,8 +390,9 @@ def _edges(
     dictionary: Dictionary | None,
     landmarks: Sequence[str],
 ) -> list[list[int]]:
-    """Return lines between landmarks: of the dictionary, of shapes, of others, of
-    skeletons.
+    """Return lines between landmarks, of the first that has any.
+
+    That is the dictionary, else the truth, shapes, others, else a skeleton.
     """
     by_role = sorted(contents, key=lambda content: content.role != "shapes")
     records = [content.records for content in (truth, *by_role) if content is not None]
@@ -386,36 +400,31 @@ def _edges(
     if dictionary is not None:
         stated.insert(0, (dictionary.edges, dictionary.landmark_names))
     for edges, names in stated:
-        ends = columns_of(landmarks, names)[
-            np.zeros((0, 2), int) if edges is None else edges
-        ]
-        if (ends >= 0).all(axis=1).any():
-            pairs: list[list[int]] = ends[(ends >= 0).all(axis=1)].tolist()
-            return pairs
+        if edges is None:
+            continue
+        ends = columns_of(landmarks, names)[edges]
+        is_here = (ends >= 0).all(axis=1)
+        if is_here.any():
+            lines: list[list[int]] = ends[is_here].tolist()
+            return lines
     return [list(pair) for pair in edges_of(landmarks)]
 
 
 def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None:
-    """Return the width and height of the images, where a file or its camera states
-    them.
-    """
+    """Return width and height of the images, where a file or its camera states them."""
     for content in contents:
-        size, centre = (
-            content.records.column("image_size"),
-            content.values.get("principal_point"),
-        )
+        size = content.records.column("image_size")
         if size is not None and size.shape[-1:] == (2,) and np.isfinite(size).all():
-            width_and_height: list[float] = (
-                np.reshape(size, (-1, 2))[0].astype(float).tolist()
-            )
-            return width_and_height
+            first: list[float] = np.reshape(size, (-1, 2))[0].astype(float).tolist()
+            return first
+        centre = content.values.get("principal_point")
         if centre is not None and np.isfinite(centre).any() and y_down:
             middle: Floats = np.nanmedian(centre, axis=0)
             return (2 * middle).tolist() if middle.all() else None
     return None
 
 
-def embed_images(folder: Path, items: Sequence[str]) -> dict[int, dict[str, Any]]:
+def embed_images(folder: Path, items: Sequence[str]) -> dict[int, Picture]:
     """Return the pictures of the frames that have one.
 
     A file is called by the item, or by what follows its last slash; or else the files
@@ -431,30 +440,45 @@ def embed_images(folder: Path, items: Sequence[str]) -> dict[int, dict[str, Any]
         raise input_error(
             "images", f"there is no folder {folder}", "name a folder of pictures"
         )
-    files = [path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES]
-    numbered = sorted(
-        (number, path) for path in files if (number := _number(path.stem)) >= 0
-    )
-    by_name: dict[object, Path] = {
-        str(p.relative_to(folder).with_suffix("")): p for p in files
-    }
-    by_name |= {str(path.relative_to(folder)): path for path in files}
-    by_number: dict[object, Path] = dict(enumerate(path for _, path in numbered))
-    named = {
-        i: by_name.get(x) or by_name.get(x.rpartition("/")[2])
-        for i, x in enumerate(items)
-    }
-    if not any(named.values()):
-        named = {
-            frame: by_number.get(_number(item)) for frame, item in enumerate(items)
-        }
-    paths = {frame: path for frame, path in named.items() if path is not None}
+    files = [
+        path for path in folder.rglob("*") if path.suffix.lower() in PICTURE_SUFFIXES
+    ]
+    paths = _files_by_name(folder, files, items) or _files_by_number(files, items)
     if not paths:
         fault = f"no item has an image, such as {folder / items[0]}.jpg"
         raise input_error("images", fault, "correct the path")
     first = _embed(next(iter(paths.values())))
-    step = 1 + int(len(paths) * len(first["data"]) / MOST_BYTES)
+    step = 1 + int(len(paths) * len(first["data"]) / MAX_PICTURE_BYTES)
     return {frame: _embed(paths[frame]) for frame in list(paths)[::step]}
+
+
+def _files_by_name(
+    folder: Path, files: Sequence[Path], items: Sequence[str]
+) -> dict[int, Path]:
+    """Return the file of each frame that is called by its item."""
+    by_name: dict[str, Path] = {}
+    for path in files:
+        by_name[str(path.relative_to(folder).with_suffix(""))] = path
+    for path in files:  # a whole name tells more than one without its ending
+        by_name[str(path.relative_to(folder))] = path
+    paths = {}
+    for frame, item in enumerate(items):
+        found = by_name.get(item) or by_name.get(item.rpartition("/")[2])
+        if found is not None:
+            paths[frame] = found
+    return paths
+
+
+def _files_by_number(files: Sequence[Path], items: Sequence[str]) -> dict[int, Path]:
+    """Return the file of each frame whose item ends in its place in the video."""
+    numbered = [(_number(path.stem), path) for path in files]
+    video = [path for number, path in sorted(numbered) if number >= 0]
+    places = {frame: _number(item) for frame, item in enumerate(items)}
+    return {
+        frame: video[place]
+        for frame, place in places.items()
+        if 0 <= place < len(video)
+    }
 
 
 def _number(text: str) -> int:
@@ -463,22 +487,20 @@ def _number(text: str) -> int:
     return int(end[1]) if end else -1
 
 
-def _embed(path: Path) -> dict[str, Any]:
-    """Return an image as data URL with its size. Raises InputError for what is no
-    image.
-    """
+def _embed(path: Path) -> Picture:
+    """Return an image as data URL with its size; InputError for what is no image."""
     from PIL import Image
 
     data = BytesIO()
     try:
         with Image.open(path, formats=("JPEG", "PNG")) as image:
             size = image.size
-            image.draft("RGB", (LONGEST_SIDE, LONGEST_SIDE))
+            image.draft("RGB", (MAX_PICTURE_SIDE, MAX_PICTURE_SIDE))
             small = image.convert("RGB")
     except (OSError, ValueError, Image.DecompressionBombError) as error:
         fault = f"cannot be read as an image ({error})"
         raise input_error(path, fault, "give PNG or JPEG, or leave it out") from error
-    small.thumbnail((LONGEST_SIDE, LONGEST_SIDE))
+    small.thumbnail((MAX_PICTURE_SIDE, MAX_PICTURE_SIDE))
     small.save(data, "JPEG", quality=75)
     text = b64encode(data.getvalue()).decode()
     return {"data": f"data:image/jpeg;base64,{text}", "size": size}

@@ -1,31 +1,44 @@
-"use strict";
+'use strict';
 /**
  * Blocks of numbers in the page: base64 text in, one row at a time out.
  *
- * A block is {type, shape: [rows, ...], data}. One of points has `places`, too: for each row the
- * offset of each axis and a scale; value = offset + scale * code, and the code -32768 is a missing
- * value (NaN). All numbers are little-endian.
+ * A block is {type, shape: [rows, ...], data}. One of points has `places`, too: for
+ * each row the offset of each axis and a scale; value = offset + scale * code, and the
+ * code -32768 is a missing value (NaN). All numbers are little-endian.
  */
 const blocks = (() => {
-  const TYPES = { i2: Int16Array, f4: Float32Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
-  const MISSING = -32768;
-
-  /** All numbers of a block as a typed array. */
-  function numbers(block) {
-    return new TYPES[block.type](Uint8Array.from(atob(block.data), (letter) => letter.charCodeAt(0)).buffer);
-  }
-
-  /** The function that gives a row as a Float64Array, NaN where a value is missing. */
-  function rows(block) {
-    const size = block.shape.slice(1).reduce((product, length) => product * length, 1);
-    const [codes, places, d] = [numbers(block), block.places && numbers(block.places), block.shape.at(-1)];
-    return (index) => {
-      const values = Float64Array.from(codes.subarray(index * size, (index + 1) * size));
-      if (!places) return values;
-      const place = places.subarray(index * (d + 1), (index + 1) * (d + 1));
-      return values.map((code, i) => (code === MISSING ? NaN : place[i % d] + place[d] * code));
+    const TYPES = {
+        i2: Int16Array,
+        f4: Float32Array,
+        u1: Uint8Array,
+        u2: Uint16Array,
+        u4: Uint32Array
     };
-  }
+    const MISSING = -32768;
 
-  return { numbers, rows };
+    /** All numbers of a block as a typed array. */
+    function numbers(block) {
+        return new TYPES[block.type](
+            Uint8Array.from(atob(block.data), (letter) => letter.charCodeAt(0)).buffer);
+    }
+
+    /**
+     * The function that gives a row as a Float64Array, NaN where a value is missing.
+     */
+    function rows(block) {
+        const size =
+            block.shape.slice(1).reduce((product, length) => product * length, 1);
+        const [codes, places, d] =
+            [numbers(block), block.places && numbers(block.places), block.shape.at(-1)];
+        return (index) => {
+            const values =
+                Float64Array.from(codes.subarray(index * size, (index + 1) * size));
+            if (!places) return values;
+            const place = places.subarray(index * (d + 1), (index + 1) * (d + 1));
+            return values.map(
+                (code, i) => (code === MISSING ? NaN : place[i % d] + place[d] * code));
+        };
+    }
+
+    return {numbers, rows};
 })();

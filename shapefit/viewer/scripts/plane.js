@@ -1,87 +1,136 @@
-/** The panel of the image: landmarks as seen, over the image where there is one, and what was fitted. */
+/**
+ * The panel of the image: landmarks as seen, over the image where there is one, and
+ * what was fitted.
+ */
 const plane = (() => {
-  const FILL = 0.46; // share of the panel from its middle to the farthest point
+    const FILL = 0.46;  // share of the panel from its middle to the farthest point
 
-  /** Draw the moment of the view. */
-  function draw(canvas, data, view) {
-    const { context, width, height } = look.pen(canvas);
-    const bodies = look.bodiesOf(data, view).filter(({ layer }) => layer.role === "result").map((body) => {
-      const mesh = view.mesh ? body.layer.mesh(body.frame) : null;
-      return { ...body, fitted: body.layer.fitted(body.frame), mesh: mesh && body.layer.inImage(body.frame, mesh) };
-    });
-    const frames = [...new Set([view.frame, ...bodies.map(({ frame }) => frame)])];
-    const points = [...frames.map(data.observed), ...bodies.flatMap(({ fitted, mesh }) => [fitted, mesh])].filter(Boolean);
-    const { zoom, middle } = fit(data, view, points, width, height);
-    const up = data.y_down ? 1 : -1;
-    const at = (values, j) => [width / 2 + zoom * (values[2 * j] - middle[0]), height / 2 + up * zoom * (values[2 * j + 1] - middle[1])];
-    drawImage(context, data, view, at, zoom);
-    for (const { layer, mesh, colour } of bodies) if (mesh) fillMesh(context, layer.faces, mesh, at, look.text(colour));
-    for (const body of bodies) {
-      const solid = body.layer.points(body.frame);
-      const rowsAt = (j) => {
-        const [x, y] = body.layer.magnification(body.frame, solid[3 * j + 2]);
-        return [[zoom * x, 0, 0], [0, up * zoom * y, 0]];
-      };
-      look.drawBody(context, data, body, data.landmarks.map((_, j) => [...at(body.fitted, j), 0]), rowsAt);
+    /** Draw the moment of the view. */
+    function draw(canvas, data, view) {
+        const {context, width, height} = look.pen(canvas);
+        const bodies = look.bodiesOf(data, view)
+                           .filter(({layer}) => layer.role === 'result')
+                           .map((body) => {
+                               const mesh =
+                                   view.mesh ? body.layer.mesh(body.frame) : null;
+                               return {
+                                   ...body,
+                                   fitted: body.layer.fitted(body.frame),
+                                   mesh: mesh && body.layer.inImage(body.frame, mesh)
+                               };
+                           });
+        const frames = [...new Set([view.frame, ...bodies.map(({frame}) => frame)])];
+        const points = [
+            ...frames.map(data.observed),
+            ...bodies.flatMap(({fitted, mesh}) => [fitted, mesh])
+        ].filter(Boolean);
+        const {zoom, middle} = fit(data, view, points, width, height);
+        const up = data.y_down ? 1 : -1;
+        const at = (values, j) =>
+            [width / 2 + zoom * (values[2 * j] - middle[0]),
+             height / 2 + up * zoom * (values[2 * j + 1] - middle[1])];
+        drawImage(context, data, view, at, zoom);
+        for (const {layer, mesh, colour} of bodies)
+            if (mesh) fillMesh(context, layer.faces, mesh, at, look.text(colour));
+        for (const body of bodies) {
+            const solid = body.layer.points(body.frame);
+            const rowsAt = (j) => {
+                const [x, y] = body.layer.magnification(body.frame, solid[3 * j + 2]);
+                return [[zoom * x, 0, 0], [0, up * zoom * y, 0]];
+            };
+            look.drawBody(
+                context, data, body,
+                data.landmarks.map((_, j) => [...at(body.fitted, j), 0]), rowsAt);
+        }
+        for (const frame of frames)
+            drawObserved(
+                context, data, frame, bodies.find((body) => body.frame === frame), at);
+        look.drawScale(context, height, zoom, data.unit);
     }
-    for (const frame of frames) drawObserved(context, data, frame, bodies.find((body) => body.frame === frame), at);
-    look.drawScale(context, height, zoom, data.unit);
-  }
 
-  /** {zoom (px a unit), middle (the point in the middle of the panel)}: a recording in one scale. */
-  function fit(data, view, points, width, height) {
-    const framed = data.image ? [[0, 0], data.image] : [];
-    const box = geometry.box([...points, ...framed].flatMap((each) => Array.from(each)), 2) ?? { middle: [0, 0], extent: [1, 1] };
-    const whole = data.image ? [0, 0] : data.size(data.recordingOf(view.frame)).flat;
-    const [wide, tall] = box.extent.map((own, axis) => Math.max(own, whole[axis]));
-    const zoom = FILL * view.planeZoom * Math.min(width / (wide || tall || 1), height / (tall || wide || 1));
-    const [right, down] = view.planePan;
-    return { zoom, middle: [box.middle[0] - right / zoom, box.middle[1] - ((data.y_down ? 1 : -1) * down) / zoom] };
-  }
-
-  /** The picture of the frame, where there is one, and the border of the image. */
-  function drawImage(context, data, view, at, zoom) {
-    const picture = view.pictures[view.frame];
-    const [w, h] = data.pictures[view.frame]?.size ?? data.image ?? [0, 0];
-    const [left, top] = at([0, data.y_down ? 0 : h], 0);
-    if (picture?.complete) context.drawImage(picture, left, top, w * zoom, h * zoom);
-    if (!w) return;
-    [context.strokeStyle, context.lineWidth] = [look.text("line"), 1.5];
-    context.strokeRect(left, top, w * zoom, h * zoom);
-  }
-
-  /** Observed landmarks: discs, crosses where they were judged to be wrong, lines to where the model has them. */
-  function drawObserved(context, data, frame, body, at) {
-    const [observed, outliers] = [data.observed(frame), data.outliers(frame)];
-    if (!observed) return;
-    const [ink, faint, background, residual] = ["ink", "faint", "background", "residual"].map(look.text);
-    for (const [a, b] of body ? [] : data.edges) {
-      if (Number.isFinite(observed[2 * a] + observed[2 * b])) look.stroke(context, faint, 2, () => [a, b].forEach((j) => context.lineTo(...at(observed, j))));
+    /**
+     * {zoom (px a unit), middle (the point in the middle of the panel)}: a recording
+     * in one scale.
+     */
+    function fit(data, view, points, width, height) {
+        const framed = data.image ? [[0, 0], data.image] : [];
+        const box =
+            geometry.box(
+                [...points, ...framed].flatMap((each) => Array.from(each)), 2) ??
+            {middle: [0, 0], extent: [1, 1]};
+        const whole =
+            data.image ? [0, 0] : data.size(data.recordingOf(view.frame)).flat;
+        const [wide, tall] = box.extent.map((own, axis) => Math.max(own, whole[axis]));
+        const zoom = FILL * view.planeZoom *
+            Math.min(width / (wide || tall || 1), height / (tall || wide || 1));
+        const [right, down] = view.planePan;
+        return {
+            zoom,
+            middle: [
+                box.middle[0] - right / zoom,
+                box.middle[1] - ((data.y_down ? 1 : -1) * down) / zoom
+            ]
+        };
     }
-    data.landmarks.forEach((_, j) => {
-      if (!Number.isFinite(observed[2 * j])) return;
-      const [x, y] = at(observed, j);
-      if (body && Number.isFinite(body.fitted[2 * j])) look.stroke(context, residual, 1.5, () => [observed, body.fitted].forEach((p) => context.lineTo(...at(p, j))));
-      if (outliers[j]) return look.cross(context, x, y);
-      context.beginPath();
-      context.arc(x, y, look.markOf(data), 0, 2 * Math.PI);
-      look.fill(context, ink);
-      look.stroke(context, background, 1);
-    });
-  }
 
-  /** Fill the triangles that face the viewer, as one shape. */
-  function fillMesh(context, faces, points, at, tint) {
-    context.beginPath();
-    for (let f = 0; f < faces.length; f += 3) {
-      const [a, b, c] = [at(points, faces[f]), at(points, faces[f + 1]), at(points, faces[f + 2])];
-      if ((b[0] - a[0]) * (c[1] - a[1]) >= (b[1] - a[1]) * (c[0] - a[0])) continue;
-      context.moveTo(...a);
-      context.lineTo(...b);
-      context.lineTo(...c);
+    /** The picture of the frame, where there is one, and the border of the image. */
+    function drawImage(context, data, view, at, zoom) {
+        const picture = view.pictures[view.frame];
+        const [w, h] = data.pictures[view.frame]?.size ?? data.image ?? [0, 0];
+        const [left, top] = at([0, data.y_down ? 0 : h], 0);
+        if (picture?.complete)
+            context.drawImage(picture, left, top, w * zoom, h * zoom);
+        if (!w) return;
+        [context.strokeStyle, context.lineWidth] = [look.text('line'), 1.5];
+        context.strokeRect(left, top, w * zoom, h * zoom);
     }
-    look.fill(context, tint, 0.3);
-  }
 
-  return { draw };
+    /**
+     * Observed landmarks: discs, crosses where they were judged to be wrong, lines to
+     * where the model has them.
+     */
+    function drawObserved(context, data, frame, body, at) {
+        const [observed, outliers] = [data.observed(frame), data.outliers(frame)];
+        if (!observed) return;
+        const [ink, faint, background, residual] =
+            ['ink', 'faint', 'background', 'residual'].map(look.text);
+        for (const [a, b] of body ? [] : data.edges) {
+            if (Number.isFinite(observed[2 * a] + observed[2 * b]))
+                look.stroke(
+                    context, faint, 2,
+                    () => [a, b].forEach((j) => context.lineTo(...at(observed, j))));
+        }
+        data.landmarks.forEach((_, j) => {
+            if (!Number.isFinite(observed[2 * j])) return;
+            const [x, y] = at(observed, j);
+            if (body && Number.isFinite(body.fitted[2 * j]))
+                look.stroke(
+                    context, residual, 1.5,
+                    () => [observed, body.fitted].forEach(
+                        (p) => context.lineTo(...at(p, j))));
+            if (outliers[j]) return look.cross(context, x, y);
+            context.beginPath();
+            context.arc(x, y, look.markOf(data), 0, 2 * Math.PI);
+            look.fill(context, ink);
+            look.stroke(context, background, 1);
+        });
+    }
+
+    /** Fill the triangles that face the viewer, as one shape. */
+    function fillMesh(context, faces, points, at, tint) {
+        context.beginPath();
+        for (let f = 0; f < faces.length; f += 3) {
+            const [a, b, c] = [
+                at(points, faces[f]), at(points, faces[f + 1]), at(points, faces[f + 2])
+            ];
+            if ((b[0] - a[0]) * (c[1] - a[1]) >= (b[1] - a[1]) * (c[0] - a[0]))
+                continue;
+            context.moveTo(...a);
+            context.lineTo(...b);
+            context.lineTo(...c);
+        }
+        look.fill(context, tint, 0.3);
+    }
+
+    return {draw};
 })();

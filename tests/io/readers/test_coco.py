@@ -104,6 +104,41 @@ def test_feet_face_and_hands_of_a_whole_body(read, absent):
     assert notes == ()
 
 
+def test_further_lists_of_points_are_named(read):
+    feet = {"foot_kpts": marks(6), "face_kpts": [0] * 9, "keypoints_21": marks(21)}
+    content = annotated(
+        {"category_id": 1, "keypoints": marks(3), "num_keypoints": 3, **feet},
+        {"category_id": 1, "keypoints": marks(3), "foot_kpts": marks(6)},
+        categories=[FISH],
+    )
+    _, notes = read(content)
+    said = [note.rpartition(": ")[2] for note in notes]
+    assert said == [
+        "foot_kpts of 2 annotations left out",
+        "keypoints_21 of 1 annotation left out",
+    ]
+
+
+@pytest.mark.parametrize("key", ["frame_id", "frame_index"])
+@pytest.mark.parametrize("file", ["{}.jpg", "img-a{}b{}.jpg"])
+def test_frames_that_images_state_are_theirs(read, key, file):
+    stated = [14, 30, 12]
+    content = annotated(
+        *(
+            {"image_id": n, "track_id": 5, "category_id": 1, "keypoints": marks(3, n)}
+            for n in range(3)
+        ),
+        categories=[FISH],
+        images=[
+            {"id": n, "file_name": file.format(n, n * n), "video_id": 1, key: frame}
+            for n, frame in enumerate(stated)
+        ],
+    )
+    images, _ = read(content)
+    assert images.frame.tolist() == [0, 2, 18]
+    assert images.landmarks[:, 0, 0].tolist() == [2, 0, 1]
+
+
 def test_133_landmarks_of_a_category_that_names_17_are_a_whole_body(read):
     images, _ = read(
         annotated(

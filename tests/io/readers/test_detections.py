@@ -102,7 +102,7 @@ CASES = [
             "items": ["cam/0/1"],
             "seen": [[False, *[True] * 16]],
             "confidence": [[0, *[0.5] * 16]],
-            "notes": ["1 individuals without a landmark left out"],
+            "notes": ["1 item without a landmark left out"],
         },
     ),
     (
@@ -157,7 +157,7 @@ CASES = [
     ),
     (
         {"r.json": [entry(7, 1, *[1, 2, 0.5] * 17), entry(3, 1, *[0, 0, 0] * 17)]},
-        {"items": ["r/7/0"], "notes": ["1 individuals without a landmark left out"]},
+        {"items": ["r/7/0"], "notes": ["1 item without a landmark left out"]},
     ),
     *(
         (
@@ -369,7 +369,7 @@ def test_landmarks_below_the_least_confidence_are_hidden(written):
         written("r.json", [entry(1, 1, 1, 2, 0.4, 3, 4, 0.6)]), min_confidence=0.5
     )
     assert np.isfinite(found.as_columns()[0]).all(axis=0).tolist() == [False, True]
-    assert "1 landmarks hidden, whose confidence is below `min_confidence`" in note
+    assert "1 landmark hidden, whose confidence is below `min_confidence`" in note
 
 
 @pytest.mark.parametrize(

@@ -123,6 +123,7 @@ def write_plane_as_table(path):
     path.write_text("frame;landmark;x;y;z\n" + "\n".join(lines) + "\n")
 
 
+@pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(
     ("name", "write"),
     [
@@ -132,22 +133,38 @@ def write_plane_as_table(path):
         ("table.csv", write_plane_as_table),
     ],
 )
-def test_points_in_a_plane_are_landmarks_with_y_up(tmp_path, name, write):
-    """As Sports2D writes the landmarks of an image, with y negated; a table does not
-    say where y points.
+def test_points_in_a_plane_are_landmarks(tmp_path, monkeypatch, name, write, sign):
+    """y of markers points up; that of pixels below 0 is negated, as Sports2D writes the
+    landmarks of an image. A table does not say where y points.
     """
+    plane = PLANE * [1.0, sign, 1.0]
+    monkeypatch.setitem(globals(), "PLANE", plane)
     path = tmp_path / name
     write(path)
     assert find_kind(path) == "landmarks"
     images, notes = read_images(path)
-    np.testing.assert_array_equal(images.as_columns().swapaxes(1, 2), PLANE[..., :2])
     stated = name != "table.csv"
-    assert images.y_axis == ("up" if stated else "down")
+    negated = stated and sign == 1
+    factors = [1, -1] if negated else [1, 1]
+    np.testing.assert_array_equal(images.landmarks, plane[..., :2] * factors)
+    assert images.y_axis == ("up" if stated and not negated else "down")
     assert images.unit == ("px" if stated else "unknown")
     note = "z is 0 everywhere: x and y are read as landmarks"
-    assert notes[-1].endswith(note + ", with y pointing up" * stated)
+    assert any(one.endswith(note) for one in notes)
+    assert negated == notes[-1].endswith("its sign is changed: y points down")
+    assert (images.y_axis == "up") == notes[-1].endswith(
+        "y points up, as that of markers"
+    )
     with pytest.raises(InputError, match="of 2D points: z is 0 everywhere; give 3D sh"):
         load_shapes(path)
+
+
+def test_negative_pixels_stay_where_y_is_said_to_point_up(tmp_path):
+    path = tmp_path / "walk.trc"
+    write_plane_as_trc(path)
+    images, _ = read_images(path, y_axis="up")
+    np.testing.assert_array_equal(images.landmarks.swapaxes(1, 2), PLANE[..., :2])
+    assert images.y_axis == "up"
 
 
 def test_markers_in_space_are_no_landmarks(tmp_path):

@@ -396,7 +396,7 @@ def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
     assert found.items == ("t/0", "t/2")
     assert found.as_columns()[:, :, 0].tolist() == [[1, 2], [3, 4]]
     assert "columns left out: x_ens_var, y_ens_var" in notes
-    assert "2 individuals without a landmark left out" in notes
+    assert "2 items without a landmark left out" in notes
 
 
 @pytest.mark.parametrize(

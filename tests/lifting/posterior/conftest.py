@@ -3,6 +3,7 @@ cameras.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,12 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
-from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.lift import Lifting, Program, lift
-from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior import posterior
 from shapefit.lifting.posterior.method import face, lift_to_posterior
+from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.posterior import Modes, Posterior, find_posterior
 
 
@@ -81,7 +82,7 @@ def draw_mixture():
 @pytest.fixture
 def to_the_end(monkeypatch):
     """Climb until nothing more is gained, as far as numbers can tell."""
-    monkeypatch.setattr(posterior, "TOLERANCE", 1e-12)
+    monkeypatch.setattr(posterior, "MIN_LIKELIHOOD_GAIN", 1e-12)
 
 
 TAU_SQUARE = 900.0
@@ -303,7 +304,7 @@ class Scene:
         )
         noisy = self.shapes + self.translation[..., None]
         noisy[:, :2] += np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=(n, 2, P))
-        self.landmarks = project(self.camera, noisy)
+        self.landmarks = project_pinhole(self.camera, noisy)
         self.visible = np.ones((n, P), dtype=bool)
 
     def starts(self):
@@ -313,17 +314,12 @@ class Scene:
 
     def lift(self, prior, weights, modes: int = 0) -> Lifting:
         """Lift the landmarks through the camera, from many views."""
-        settings = Settings(
-            solve=solve_newton,
-            mean_shape=prior.means[0],
-            needs={"prior": prior},
-            posterior=PosteriorOptions(covariance=True),
-        )
+        model = PosteriorModel(prior=prior, mean_shape=prior.means[0], covariance=True)
         return lift(
             self.landmarks,
             weights,
             prior.means,
             Program(lam=0.3),
-            lambda problem: lift_to_posterior(problem, settings, modes),
+            partial(lift_to_posterior, model=model, solve=solve_newton, modes=modes),
             camera=self.camera,
         )

@@ -2,15 +2,17 @@
 are not.
 """
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.calibration import Calibration, calibrate
 from shapefit.lifting.posterior.method import lift_to_posterior
+from shapefit.lifting.posterior.model import PosteriorModel
 from tests.lifting.posterior.conftest import RESIDUAL_VARIANCE, P, Scene
 
 N = 60
@@ -28,29 +30,23 @@ def scene(request, draw_mixture):
 def calibrated(scene, weights=None, off=None, narrower=1.0):
     scene, prior, camera = scene
     known = Mixture(prior.weights, prior.means, prior.covariances / narrower)
-    settings = Settings(
-        solve=solve_newton,
-        mean_shape=prior.means[0],
-        needs={"prior": known},
-        posterior=PosteriorOptions(residual_variance=RESIDUAL_VARIANCE),
+    model = PosteriorModel(
+        prior=known, mean_shape=prior.means[0], residual_variance=RESIDUAL_VARIANCE
     )
     lifting = lift(
         scene.landmarks if off is None else scene.landmarks + off,
         np.ones((N, P)) if weights is None else weights,
         prior.means,
         Program(lam=0.3),
-        lambda problem: lift_to_posterior(problem, settings),
+        partial(lift_to_posterior, model=model, solve=solve_newton),
         camera=camera,
     )
     found = lifting.estimate
-    inliers = found.further["inlier_probability"]
-    return calibrate(lifting.problem, found.rotation, inliers, settings)
+    return calibrate(lifting.problem, found.rotation, found.inlier_probability, model)
 
 
 def test_true_bars_hold_the_hidden_landmarks(scene, monkeypatch):
-    monkeypatch.setattr(
-        "shapefit.lifting.posterior.calibration.MOST_HIDDEN", N * P // 3
-    )
+    monkeypatch.setattr("shapefit.lifting.posterior.calibration.MAX_HIDDEN", N * P // 3)
     assert calibrated(scene).predictions == pytest.approx(N * P / 3, abs=P)
     monkeypatch.undo()
     found = calibrated(scene)

@@ -5,7 +5,7 @@ story.
 import numpy as np
 import pytest
 
-from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.method import face, find_rays, noise_of_rays
 from shapefit.lifting.posterior.posterior import find_posterior
@@ -89,7 +89,7 @@ def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
     depth = sign * t[:, 2]
     assert found.scale == pytest.approx(np.sqrt(1000 * 1100) / depth)
     np.testing.assert_array_equal(
-        found.estimate.objective, -found.estimate.further["log_evidence"]
+        found.estimate.objective, -found.estimate.log_evidence
     )
     at = scene.camera.centre + scene.camera.focal * t[:, :2] / depth[:, None]
     assert found.translation == pytest.approx(at)
@@ -97,7 +97,7 @@ def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
     S[:, :2] -= found.translation[..., None]
     S /= found.scale[:, None, None]
     assert found.landmarks_fitted == pytest.approx(
-        project(scene.camera, S + t[..., None])
+        project_pinhole(scene.camera, S + t[..., None])
     )
     assert S.mean(axis=2) == pytest.approx(0, abs=1e-9)
     variance = np.diagonal(found.estimate.covariance, axis1=1, axis2=2).reshape(
@@ -127,11 +127,11 @@ def test_a_focal_length_that_is_assumed_leaves_points_open_along_their_rays(rng)
     centre, at = np.zeros((1, 2)), np.array([0.5, -0.3, 4.0])
     camera = Camera(np.full((1, 2), 4.0), centre, 1.0, focal_sd=e)
     points = shape + at[None, :, None]
-    w = project(camera, points)
+    w = project_pinhole(camera, points)
     longer = Camera(camera.focal * (1 + e), centre, 1.0)
     further = points + np.array([[0.0], [0.0], [4.0 * e]])  # as large in the image
     moved = (
-        (project(longer, further) - w) * points[:, 2:] / 4.0
+        (project_pinhole(longer, further) - w) * points[:, 2:] / 4.0
     )  # as in the middle of the shape
     found = noise_of_rays(np.zeros((1, 50, 2, 2)), find_rays(w, camera), camera)
     expected = np.einsum("nap,nbp,np->npab", moved, moved, shape[:, 2] ** -2.0)

@@ -14,9 +14,9 @@ from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
-from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior import p_value
 from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
+from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.p_value import (
     draw_table,
     exceeds,
@@ -76,15 +76,15 @@ def find(make: Callable[[int], Mixture], count: int, hidden: int = 0):
     order = np.random.default_rng(8).random((IMAGES, p)).argsort(axis=1)
     weights = (order >= hidden).astype(float)
     problem = build_problem(w, prior.means, np.full(IMAGES, 0.1), weights=weights)
-    settings = Settings(
-        solve=solve_newton,
+    model = PosteriorModel(
+        prior=prior,
         mean_shape=np.tensordot(prior.weights, prior.means, 1),
-        needs={"prior": prior, "p_value_table": table_of(make, count)},
-        posterior=PosteriorOptions(residual_variance=RESIDUAL_VARIANCE),
+        p_value_table=table_of(make, count),
+        residual_variance=RESIDUAL_VARIANCE,
     )
-    found = lift_to_posterior(problem, settings)
+    found = lift_to_posterior(problem, model, solve=solve_newton)
     assert found.covariance is None  # for which nobody asked
-    return with_p_value(found, problem, settings).further["p_value"]
+    return with_p_value(found, problem, model, solve=solve_newton).p_value
 
 
 def assert_uniform(p):
@@ -151,7 +151,7 @@ def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_sca
     monkeypatch.setattr(p_value, "find_posterior", counted)
     between = moments_at(draw_table(prior, (2.0,)), 2.0)
     assert (
-        sum(images) < 0.85 * 4 * p_value.DRAWS
+        sum(images) < 0.85 * 4 * p_value.DRAWN_IMAGES
     )  # the control variate saves some of each count
     assert moments_at(table, 2.0)[:, 1] == pytest.approx(between[:, 1], abs=0.25)
     assert moments_at(table, 2.0)[:, 2] == pytest.approx(between[:, 2], rel=0.2)
@@ -160,9 +160,9 @@ def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_sca
 def test_distances_at_the_true_view_have_2p_less_2_degrees_of_freedom():
     prior = Mixture(np.ones(1), planted(5).means[:1], planted(5).covariances[:1])
     w, R, _ = draw(prior)
-    y = p_value.true_distances(
-        prior, np.zeros(IMAGES, int), R, w, np.ones((IMAGES, 5), bool)
-    )
+    shown = np.ones((IMAGES, 5), bool)
+    drawn = p_value.Drawn(np.zeros(IMAGES, int), R, w, shown)
+    y = p_value.true_distances(prior, drawn)
     assert y.mean() == pytest.approx(2 * 5 - 2, abs=0.5)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.lifting.sequences.smoothing import Model, observe
+from shapefit.lifting.sequences.smoothing import SequenceModel, observe
 
 BONES = np.array([[0, 1], [1, 2], [2, 3], [1, 4]])
 T, P = 24, 5
@@ -16,7 +16,7 @@ def rng():
 
 @pytest.fixture
 def model():
-    return Model(BONES, np.full(P, 0.02) ** -2.0, np.full(len(BONES), 0.005))
+    return SequenceModel(BONES, np.full(P, 0.02) ** -2.0, np.full(len(BONES), 0.005))
 
 
 @pytest.fixture

@@ -92,7 +92,7 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
 
 
 def test_the_end_is_a_minimum_of_the_dense_objective(images, body, model, monkeypatch):
-    monkeypatch.setattr(smoothing, "TOLERANCE", 1e-9)
+    monkeypatch.setattr(smoothing, "MIN_FRAME_GAIN", 1e-9)
     visible = images(body, noise=0.02)
     found = smooth(visible, model, 0.02, max_rounds=200)
     judge = Objective(visible, model, 0.02)
@@ -296,7 +296,7 @@ def test_errors_that_images_share_do_not_outweigh_known_lengths(
     """A bone too short alike in all frames: many copies say no more of it than some
     do.
     """
-    monkeypatch.setattr(smoothing, "TOLERANCE", 1e-9)
+    monkeypatch.setattr(smoothing, "MIN_FRAME_GAIN", 1e-9)
     i, j = model.bones.T
     true = np.linalg.norm(body[0, :, i] - body[0, :, j], axis=1)
     usual = Lengths(true, np.eye(4) / 0.03**2)
@@ -312,6 +312,22 @@ def test_errors_that_images_share_do_not_outweigh_known_lengths(
         )
     assert off[200, True] < 0.7 * off[200, False]
     assert off[200, True] == pytest.approx(off[20, True], rel=0.1)
+
+
+@pytest.mark.parametrize("frames", [1, 20, 400])
+def test_images_and_known_lengths_are_weighed_by_their_variances(rng, frames):
+    """Of lengths l that t images give with variance P (1 / t + r^2), and usual ones
+    with Q^-1.
+    """
+    P, Q = (np.cov(rng.standard_normal((4, 20))) for _ in range(2))
+    measured, usual = rng.standard_normal((2, 4))
+    exact = np.linalg.inv(P * (1 / frames + CONSTANTS.shared**2))
+    expected = np.linalg.solve(exact + Q, exact @ measured + Q @ usual)
+
+    taken_for = frames * np.linalg.inv(P)
+    weighed = weigh_lengths(Lengths(usual, Q), frames).precision
+    found = np.linalg.solve(taken_for + weighed, taken_for @ measured + weighed @ usual)
+    np.testing.assert_allclose(found, expected)
 
 
 def with_gaps(model, frames):

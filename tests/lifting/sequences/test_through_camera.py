@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.mixture import Mixture
-from shapefit.geometry.pinhole import project
+from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.sequences import clips
 from shapefit.lifting.sequences.clips import Motion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.lifting.trust import IMAGE_ERROR, expected_error
+from shapefit.lifting.trust import expected_error
 from tests.lifting.posterior.conftest import P, Scene, draw_component, shares_of
 
 N = 20
@@ -46,8 +46,8 @@ def test_what_is_not_refined_stays(scene, lifting):
 
 def test_modes_and_points_are_in_one_frame(scene, lifting):
     def look(weak, landmarks):
-        first = weak.scale[:, None, None] * weak.estimate.posterior_modes.mean[:, 0]
-        best = shares_of(weak.estimate.posterior_modes)[:, 0] > 0.999
+        first = weak.scale[:, None, None] * weak.estimate.modes.mean[:, 0]
+        best = shares_of(weak.estimate.modes)[:, 0] > 0.999
         assert best.any()
         np.testing.assert_allclose(
             weak.shapes[best], first[best], atol=0.02 * weak.scale.max()
@@ -67,7 +67,7 @@ def test_landmarks_of_true_depths_are_those_of_weak_perspective(scene, lifting):
     view = replace(lifting.perspective, translation=t)
     true = replace(lifting, scale=scale, estimate=replace(lifting.estimate, shapes=S),
                    perspective=view)  # fmt: skip
-    exact = project(scene.camera, S + t[..., None])
+    exact = project_pinhole(scene.camera, S + t[..., None])
     visible = []
 
     def look(weak, landmarks):
@@ -101,8 +101,8 @@ def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
 
     bar_scale = np.linspace(1, 2, P)
     found = refine_through_camera(lifting, scene.landmarks, refine)
-    np.testing.assert_allclose(found.estimate.further[IMAGE_ERROR], expected)
-    assert np.isfinite(found.estimate.further[clips.NOISE]).all()
+    np.testing.assert_allclose(found.estimate.image_error, expected)
+    assert np.isfinite(found.estimate.sequence_noise).all()
     C = found.estimate.covariance
     np.testing.assert_allclose(C, C.swapaxes(1, 2), atol=1e-9 * C.max())
     variance = np.diagonal(C, axis1=1, axis2=2).reshape(N, 3, P)

@@ -8,14 +8,14 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.convex.solver import Status
 from shapefit.errors import InputError
-from shapefit.geometry.pinhole import ASSUMED_FOCAL, complete, distort
+from shapefit.geometry.pinhole import ASSUMED_FOCAL, complete_coefficients, distort
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import (
     read_shapes,
     write_dictionary,
 )
 from shapefit.pipelines.fit.camera import (
-    camera_of,
+    camera_factory,
     choose_camera,
     find_camera,
     undistorted,
@@ -61,7 +61,7 @@ def choose(images, method="posterior", image_size=None, from_landmarks=False, **
     keys = {"method": method, "camera": camera, "image_size": image_size}
     config = FitConfig(landmarks=[__file__], output="b.h5", **keys)
     chosen, line = choose_camera(config, images, from_landmarks=from_landmarks)
-    cameras = camera_of(config.changed(camera=chosen).camera)
+    cameras = camera_factory(config.changed(camera=chosen).camera)
     return None if cameras is None else cameras(images), line
 
 
@@ -279,7 +279,9 @@ class TestLens:
                 file_extras={"camera_matrix": MATRIX, **datasets},
             )
 
-        return images(plane), images(distort(plane, complete(LENS))[0], distortion=LENS)
+        return images(plane), images(
+            distort(plane, complete_coefficients(LENS))[0], distortion=LENS
+        )
 
     @pytest.fixture
     def fit(self, fit, tmp_path, made_cars):

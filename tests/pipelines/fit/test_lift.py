@@ -19,7 +19,7 @@ from shapefit.io import (
 )
 from shapefit.lifting import trust
 from shapefit.lifting.posterior.p_value import with_p_value_table
-from shapefit.pipelines.fit.lift import Lifter, at_border, weigh
+from shapefit.pipelines.fit.image_posterior import ImagePosterior, find_at_border
 from shapefit.records import Landmarks
 from tests.io.files import load
 from tests.pipelines.fitted import done, failures, warnings
@@ -228,8 +228,8 @@ class TestLeaveOneOut:
         assert list(whole.column("omitted")) == [
             "" if name == "beetle" else name for name in shown
         ]
-        monkeypatch.setattr("shapefit.pipelines.fit.run.IMAGES_PER_BLOCK", 1)
-        monkeypatch.setattr("shapefit.pipelines.fit.run.CHUNK", 2)
+        monkeypatch.setattr("shapefit.pipelines.fit.family.IMAGES_PER_BLOCK", 1)
+        monkeypatch.setattr("shapefit.pipelines.fit.fit.BATCH", 2)
         parts, outcomes = run(views=odd, method="mean-shape")
         assert done(outcomes) == 9
         check_same(whole, parts)
@@ -299,9 +299,7 @@ def test_neighbours_at_one_border_are_not_seen(points, hidden):
             file_extras=columns,
         )
         dictionary = SimpleNamespace(edges=edges, landmark_names=names_of_edges)
-        return at_border(
-            images, SimpleNamespace(dictionary=dictionary, image_size=size)
-        )[0]
+        return find_at_border(images, dictionary, size)[0]
 
     for result in (marked((W, H)), marked(image_size=np.array([W, H]))):
         assert [
@@ -320,8 +318,8 @@ def test_a_confidence_of_the_least_that_counts_is_seen():
         confidence=scores,
     )
     people = read_dictionary(find_dictionary("people"))
-    lifter = Lifter(method="posterior", dictionary=people, min_confidence=0.3)
-    assert weigh(images, lifter).tolist() == [[0, 0, 1, 1, 1]]
+    posterior = ImagePosterior(dictionary=people, min_confidence=0.3)
+    assert posterior.weigh(images).tolist() == [[0, 0, 1, 1, 1]]
 
 
 @pytest.fixture

@@ -26,21 +26,19 @@ from shapefit.lifting import trust
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.posterior.p_value import with_p_value_table
 from shapefit.pipelines import joints
-from shapefit.pipelines.fit import prepare as preparing
-from shapefit.pipelines.fit.prepare import (
-    FIRST,
-    FRAMES,
-    LARGEST,
+from shapefit.pipelines.fit import atoms, calibration, choices, posterior, sample
+from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
+from shapefit.pipelines.fit.choices import (
+    MIN_SEQUENCE_FRAMES,
     choose_method,
-    draw_sample,
-    find_scale,
     in_sequences,
-    maximise_theta,
-    mean_gain,
-    prepare,
+    match_landmarks,
     warn_of_dictionary,
 )
-from shapefit.pipelines.fit.run import run
+from shapefit.pipelines.fit.evidence import choose_factors, maximise_theta, mean_gain
+from shapefit.pipelines.fit.fit import fit as run
+from shapefit.pipelines.fit.image_posterior import ImagePosterior
+from shapefit.pipelines.fit.sample import MAX_SAMPLE, Shares, draw_sample
 from shapefit.pipelines.partition.run import run as run_parts
 from shapefit.records import Landmarks
 from tests.io.files import save
@@ -79,10 +77,10 @@ def chosen(tmp_path):
     ("sequences", "method"),
     [
         (None, "posterior"),
-        (("a",) * FRAMES, "sequences"),
-        (("a",) * (FRAMES - 1), "posterior"),
-        (("a",) * FRAMES + tuple("bcdefghij"), "sequences"),
-        (("a",) * FRAMES + tuple("bcdefghijklm"), "posterior"),
+        (("a",) * MIN_SEQUENCE_FRAMES, "sequences"),
+        (("a",) * (MIN_SEQUENCE_FRAMES - 1), "posterior"),
+        (("a",) * MIN_SEQUENCE_FRAMES + tuple("bcdefghij"), "sequences"),
+        (("a",) * MIN_SEQUENCE_FRAMES + tuple("bcdefghijklm"), "posterior"),
     ],
 )
 def test_half_of_the_images_decide_whether_there_are_sequences(
@@ -107,7 +105,7 @@ def test_half_of_the_images_decide_whether_there_are_sequences(
 def test_the_method_has_what_the_config_asks_for(
     chosen, overrides, method, residual_variance
 ):
-    config, _ = chosen(("a",) * FRAMES, overrides=overrides)
+    config, _ = chosen(("a",) * MIN_SEQUENCE_FRAMES, overrides=overrides)
     assert (config.method, config.prior.residual_variance) == (
         method,
         residual_variance,
@@ -281,7 +279,7 @@ def test_the_manifest_holds_what_was_estimated_and_a_later_run_takes_it(
     values = json.loads((parts / "manifest.jsonl").read_text().splitlines()[0])[
         "estimated"
     ]
-    assert {"camera", "skeleton", "prior"} == values["values"].keys()
+    assert {"camera", "skeleton", "prior_scale"} <= values.keys()
 
 
 P, IMAGES = 12, 60
@@ -331,12 +329,13 @@ def estimate(planted, images, **prior):
     path, made, _ = planted
     keys = {"landmarks": [str(path)], "dictionary": str(path), "output": "result.h5"}
     config = FitConfig(**keys, **KEYS, prior=prior)
-    first = images.take(slice(0, FIRST))
-    steps = prepare(config, made, images.landmark_names, lambda: first, len(images))
+    match = match_landmarks(config, made, images.landmark_names)
+    first = images.take(slice(0, SAMPLE_POOL))
+    steps = calibrate(config, match, first, len(images))
     with pytest.raises(StopIteration) as end:
         next(steps)
-    found = end.value.value.estimates
-    return found, found.values["prior"]
+    found = end.value.value
+    return found, found.keys_of(config)["prior"]
 
 
 @pytest.mark.parametrize(
@@ -377,7 +376,7 @@ def test_a_landmark_that_is_mostly_wrong_does_not_make_the_others_less_exact(pla
 def test_less_than_a_tenth_trusted_and_more_than_a_quarter_doubtful_is_told(
     planted, monkeypatch, shares
 ):
-    monkeypatch.setattr(preparing, "trust_in_sample", lambda *given: shares)
+    monkeypatch.setattr(sample, "judge_shares", lambda *given: Shares(*shares))
     images, given = planted[2](1, RESIDUAL_VARIANCE)[0].take(slice(20)), {"scale": 1.0}
     found, _ = estimate(planted, images, **given, residual_variance=RESIDUAL_VARIANCE)
     assert bool(found.warnings) == bool(found.reason) == (shares == (0.09, 0.26))
@@ -403,11 +402,11 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
         (1.0, 2.0): -7 + noise[3],
     }
     images = Landmarks(
-        np.zeros((100, 2, P)).swapaxes(1, 2),
+        np.zeros((100, P, 2)),
         landmark_names=NAMES,
         items=tuple(map(str, range(100))),
     )
-    found = find_scale(
+    found = choose_factors(
         lambda pair, some: of[pair][: len(some)], images, (1.0, 2.0), (1.0, 2.0)
     )
     assert found == (2, 1)
@@ -424,9 +423,9 @@ def test_a_wider_prior_or_a_larger_variance_alone_makes_all_pairs_be_tried(best)
     def evidence(pair, some):
         return np.full(len(some), -np.abs(np.log2(pair) - np.log2(best)).sum())
 
-    assert find_scale(evidence, images) == best
+    assert choose_factors(evidence, images) == best
     tried = (1, 2, 3)
-    first = find_scale(
+    first = choose_factors(
         lambda pair, some: pair.count(3) * np.ones(len(some)), images, tried, tried
     )
     assert first == (1, 1)  # as the next ones are no likelier
@@ -450,7 +449,7 @@ def test_a_top_within_the_steps_is_found(top):
 
 
 @pytest.mark.parametrize(("rate", "apart"), [(None, 12), (50.0, 25), (0.5, 1)])
-@pytest.mark.parametrize("n", [LARGEST, 3 * LARGEST])
+@pytest.mark.parametrize("n", [MAX_SAMPLE, 3 * MAX_SAMPLE])
 def test_a_sample_is_bounded_and_of_sequences_has_pairs_that_are_a_step_apart(
     planted, n, rate, apart
 ):
@@ -465,26 +464,26 @@ def test_a_sample_is_bounded_and_of_sequences_has_pairs_that_are_a_step_apart(
         sequences=("walk",) * n,
         frame_rate=rate,
     )
-    rows = np.array(draw_sample(images).items, int)
-    assert LARGEST // 2 <= len(rows) <= LARGEST
+    every = ImagePosterior(dictionary=planted[1])
+    rows = np.array(draw_sample(images, every).items, int)
+    assert MAX_SAMPLE // 2 <= len(rows) <= MAX_SAMPLE
     assert len(np.intersect1d(rows + apart, rows)) >= 40
-    single = np.array(draw_sample(images.replaced(sequences=None)).items, int)
-    assert len(single) == LARGEST
+    single = np.array(draw_sample(images.replaced(sequences=None), every).items, int)
+    assert len(single) == MAX_SAMPLE
     assert len(np.unique(np.diff(single))) <= 2
     points[0, :, 5:] = points[1, :, 4:] = np.nan  # four landmarks fit almost any shape
-    assert draw_sample(
-        images.replaced(landmarks=points.swapaxes(1, 2)).take([0, 1])
-    ).items == ("0",)
+    some = images.replaced(landmarks=points.swapaxes(1, 2)).take([0, 1])
+    assert draw_sample(some, every).items == ("0",)
 
 
 def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
     calls = []
     for module, name in (
         (joints, "find_joints"),
-        (preparing, "match_names"),
-        (preparing, "estimate"),
-        (preparing, "choose_camera"),
-        (preparing, "draw_sample"),
+        (choices, "match_names"),
+        (posterior, "settle_by_sample"),
+        (calibration, "choose_camera"),
+        (sample, "draw_sample"),
     ):
         real = getattr(module, name)
 
@@ -497,9 +496,9 @@ def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
     expected = [
         "choose_camera",
         "draw_sample",
-        "estimate",
         "find_joints",
         "match_names",
+        "settle_by_sample",
     ]
     assert sorted(calls) == expected
 
@@ -508,9 +507,9 @@ def test_a_fit_that_takes_long_is_announced_before_it_begins(
     planted, tmp_path, monkeypatch
 ):
     clock = iter(range(0, 1000, 30))
-    monkeypatch.setattr(preparing.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(atoms.time, "perf_counter", lambda: next(clock))
     monkeypatch.setattr(
-        preparing, "POSTERIOR", 600 / P**3.5
+        posterior, "SECONDS_PER_IMAGE", 600 / P**3.5
     )  # of one component: 110 minutes
     images = planted[2](1, RESIDUAL_VARIANCE)[0]
     for method, number, text in (

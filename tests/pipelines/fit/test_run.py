@@ -165,7 +165,7 @@ class TestFailures:
             lifting.shapes[5:6, 2, 0] = np.inf
             return lifting
 
-        monkeypatch.setattr("shapefit.pipelines.fit.lift.lift", lift_badly)
+        monkeypatch.setattr("shapefit.pipelines.fit.atoms.lift", lift_badly)
         result, outcomes = fit(dictionary, images)
         assert failures(outcomes) == {
             "image5": "the fitted shape contains NaN or infinity"
@@ -182,7 +182,7 @@ class TestFailures:
 
     def test_what_is_not_optimal_is_counted(self, fit, dictionary, images, monkeypatch):
         two = partial(solve_newton, max_iterations=2)
-        monkeypatch.setattr("shapefit.pipelines.fit.lift.solve_newton", two)
+        monkeypatch.setattr("shapefit.pipelines.fit.atoms.solve_newton", two)
         _, outcomes = fit(dictionary, images, tolerance=1e-9)
         assert failures(outcomes) == {}
         assert texts(outcomes) == ["8 images not optimal"]
@@ -214,7 +214,7 @@ class TestFailures:
     ):
         images.landmarks[2] = 0.0  # fails: it has no gap
         two = partial(solve_newton, max_iterations=2)
-        monkeypatch.setattr("shapefit.pipelines.fit.lift.solve_newton", two)
+        monkeypatch.setattr("shapefit.pipelines.fit.atoms.solve_newton", two)
         result, outcomes = fit(dictionary, images, tolerance=1e-9)
         assert dict(outcomes[-1].rows)["Result"].startswith(
             f"8 images, 7 not optimal, largest gap {np.nanmax(result.relative_gap):.1e}"

@@ -11,7 +11,7 @@ import pytest
 import shapefit
 from shapefit.config import EvalConfig, LearnDictConfig, ProjectConfig
 from shapefit.config.paths import find_dictionaries
-from shapefit.dictionary.bodies import LIMBS
+from shapefit.dictionary.bodies import LIMB_ENDS
 from shapefit.errors import InputError
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import rotation_about
@@ -238,7 +238,7 @@ def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
         [dictionary.landmark_names[end][1:] for end in edge]
         for edge in dictionary.edges
     ]
-    limbs = [set(joints) in LIMBS for joints in names]
+    limbs = [set(joints) in LIMB_ENDS for joints in names]
     assert 2 < sum(limbs) < e
     np.testing.assert_allclose(known.precision @ np.ones(e), 0, atol=1e-12)
     np.testing.assert_array_equal(known.precision[~np.array(limbs)], 0)
@@ -385,12 +385,14 @@ def test_ended_sequences_are_given_out_before_the_stream_ends():
 )
 def test_long_sequences_are_lifted_in_the_pieces_that_are_refined(names, monkeypatch):
     for module in (clips, fit_sequences):
-        monkeypatch.setattr(module, "LONGEST", 4)
+        monkeypatch.setattr(module, "MAX_CLIP_FRAMES", 4)
     whole = frames_of(names)
     pieces = list(whole_sequences([whole]))
     assert [item for piece in pieces for item in piece.items] == list(whole.items)
     ends = np.cumsum([len(piece) for piece in pieces])
-    assert set(ends) <= {clip.stop for clip in clips.split(tuple(names))} | {0}
+    assert set(ends) <= {clip.stop for clip in clips.split_into_clips(tuple(names))} | {
+        0
+    }
     sizes = [len(piece) for piece in pieces]
     assert all(a + b > 4 for a, b in pairwise(sizes[:-1]))
     assert max(sizes) <= 4
@@ -410,9 +412,7 @@ def test_exchanged_frames_are_put_back_with_their_scores(rng):
         sequences=("walk",) * t,
         confidence=score,
     )
-    lifter = SimpleNamespace(
-        dictionary=SimpleNamespace(mirror_index=partner), frame_rate=None
-    )
+    dictionary = SimpleNamespace(mirror_index=partner)
 
     def restore(wrong):
         landmarks = np.where(wrong[:, None, None], w[..., partner], w)
@@ -420,7 +420,7 @@ def test_exchanged_frames_are_put_back_with_their_scores(rng):
         images = clean.replaced(
             landmarks=landmarks.swapaxes(1, 2), confidence=confidence
         )
-        return restore_sides(images, np.ones((t, 8), bool), lifter)
+        return restore_sides(images, np.ones((t, 8), bool), dictionary, None)
 
     wrong = np.isin(np.arange(t), range(20, 28))
     images, exchanged = restore(wrong)

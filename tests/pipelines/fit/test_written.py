@@ -18,7 +18,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.io import write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, joint_columns
 from shapefit.pipelines.convert import run as convert
-from shapefit.pipelines.fit.run import run as fit
+from shapefit.pipelines.fit.fit import fit
 from shapefit.pipelines.view.reading import read_inputs
 from tests.io.files import save
 

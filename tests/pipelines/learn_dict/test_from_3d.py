@@ -10,7 +10,7 @@ import pytest
 
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
-from shapefit.dictionary.learning import learn, principal_components
+from shapefit.dictionary.learning import learn_atoms, principal_components
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.procrustes import generalised_procrustes, mirror, rotation_onto
@@ -35,7 +35,7 @@ class TestSparseCoding:
     def test_atoms_are_learned_from_normalised_aligned_shapes(self, make, shapes):
         dictionary, _ = make(shapes, k=6, iterations=4)
         aligned = generalised_procrustes(normalise(shapes.as_columns()).points)
-        *_, expected = learn(aligned.shapes, 6, 0.1, iterations=4)
+        *_, expected = learn_atoms(aligned.shapes, 6, 0.1, iterations=4)
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
         np.testing.assert_array_equal(dictionary.objective_trace, expected.trace)
         np.testing.assert_array_equal(
@@ -73,7 +73,7 @@ class TestSparseCoding:
         dictionary, _ = make(models, **LEARNED)
         assert (dictionary.unit, dictionary.atom_items) == ("m", None)
         normalised = normalise(models.as_columns())
-        *_, learned = learn(
+        *_, learned = learn_atoms(
             generalised_procrustes(normalised.points).shapes, 4, 0.1, iterations=5
         )
         grown = dictionary.atom_scale * std(dictionary.atoms)

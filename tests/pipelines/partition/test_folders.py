@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from shapefit.cli.main import run as shapefit
 
-from shapefit.pipelines.fit import run as fitting
+from shapefit.pipelines.fit import fit as fitting
 from tests.pipelines.partition.made import entries, make_dictionary, make_images
 
 FIT = ("fit", "-d", "dict.h5", "-o", "out/", "--method", "alternate", "-q")
@@ -167,10 +167,10 @@ class TestInputsThatChange:
         def while_lifting(change) -> None:
             real = fitting.lift_batch
 
-            def lift_batch(*given):
+            def lift_batch(*given, **keys):
                 monkeypatch.setattr(fitting, "lift_batch", real)
                 change()
-                return real(*given)
+                return real(*given, **keys)
 
             monkeypatch.setattr(fitting, "lift_batch", lift_batch)
 

@@ -13,7 +13,7 @@ from shapefit.config import load_config
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io import write_shapes
-from shapefit.pipelines.fit.run import run as fit_whole
+from shapefit.pipelines.fit.fit import fit as fit_whole
 from shapefit.pipelines.partition import run as parting
 from shapefit.pipelines.partition.run import find_parts, run
 from shapefit.records import Shapes
@@ -109,10 +109,10 @@ class TestResuming:
     def test_a_failing_part_stops_no_other(self, monkeypatch):
         real = parting.fit
 
-        def broken(config, rows, *given):
-            if rows and rows.start == 256:
+        def broken(config, part):
+            if part.rows and part.rows.start == 256:
                 raise OSError("the disk is full")
-            return real(config, rows, *given)
+            return real(config, part)
 
         monkeypatch.setattr(parting, "fit", broken)
         (reason,) = failures(fit()).values()

@@ -57,7 +57,7 @@ def test_integers_take_as_few_bytes_as_they_need(largest, kind):
 
 
 def test_many_frames_are_thinned_by_sequence_and_the_page_says_so(desk, monkeypatch):
-    monkeypatch.setattr("shapefit.pipelines.view.reading.MEGABYTES", 1)
+    monkeypatch.setattr("shapefit.pipelines.view.reading.MAX_MEGABYTES", 1)
     n = 20_000
     sequences = tuple("long" if i < n - 60 else f"short{i % 20}" for i in range(n))
     result = desk.result(n=n, sequences=sequences, frame_rate=60.0)

@@ -23,7 +23,9 @@ def sheet(output, *results, **keys):
 def test_images_spread_over_the_result_are_drawn(tmp_path, world, monkeypatch):
     from matplotlib.image import imread
 
-    monkeypatch.setattr(viewing, "MOST_IMAGES", 8)  # each takes a tenth of a second
+    monkeypatch.setattr(
+        viewing, "MAX_SHEET_IMAGES", 8
+    )  # each takes a tenth of a second
     result = world.fit("cars", method="convex+refine")
     outcome = sheet(
         tmp_path / "s.png", result, dictionary=str(world.dictionary("cars"))

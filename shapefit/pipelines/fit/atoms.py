@@ -1,0 +1,316 @@
+"""The family of methods that combine atoms: convex, convex+refine, global, alternate,
+mean-shape and pmp.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import evenly
+from shapefit.config import FitConfig
+from shapefit.convex.problem import Loss
+from shapefit.convex.solver import solve_newton
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.geometry.pinhole import Camera
+from shapefit.io import LandmarkSource
+from shapefit.lifting.estimate import AtomEstimate, Estimator, Solve
+from shapefit.lifting.lift import BETA, Group, Lifting, Program, fail_nonfinite, lift
+from shapefit.lifting.lift import merge as merge_groups
+from shapefit.lifting.methods import METHODS, ROBUST, STARTS
+from shapefit.pipelines.fit.camera import camera_factory
+from shapefit.pipelines.fit.columns import blank, with_certificate
+from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, read_blocks
+from shapefit.pipelines.fit.outliers import THRESHOLD, find_inliers
+from shapefit.pipelines.items import named_items
+from shapefit.pipelines.joints import Matched
+from shapefit.records import Fit, Landmarks
+from shapefit.threads import on_threads
+
+LEAVE_ONE_OUT = "leave_one_out"
+"""Key that names the dataset of the items whose atoms an image does without."""
+
+TIMED_IMAGES = (1, 8)
+"""Images that are lifted to learn how long one takes: the first call also imports."""
+
+WORTH_TIMING_SECONDS = 60.0
+"""Of all images by the first one, below which no more are timed."""
+
+
+def make_atom_family(config: FitConfig, match: Matched) -> AtomFamily:
+    """Return the family with the options of a config."""
+    lam = None if config.lam == "auto" else config.lam
+    robust = config.outliers in ROBUST
+    program = Program(
+        lam,
+        Loss(config.outliers) if robust else Loss.SQUARED,
+        beta=config.outlier_threshold or BETA,
+        noise=config.noise or 0.0,
+    )
+    threshold = None
+    if config.outliers == "ransac":
+        threshold = config.outlier_threshold or THRESHOLD
+    tolerance = config.tolerance
+    if tolerance is None:
+        tolerance = METHODS[config.method].tolerance
+    return AtomFamily(
+        method=config.method,
+        dictionary=match.dictionary,
+        program=program,
+        tolerance=tolerance,
+        camera=camera_factory(config.camera),
+        signed=config.signed,
+        starts=config.starts,
+        outlier_threshold=threshold,
+        leave_one_out=config.leave_one_out,
+        proof=bool(config.save.proof),
+        threads=config.threads,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AtomFamily:
+    """S = sum_i c_i R_i B_i, or R sum_i c_i B_i: shapes that combine atoms.
+
+    camera gives those of images, None for weak perspective; outlier_threshold, of
+    outliers that are searched before the fit, None for no search; leave_one_out names
+    the dataset of the items whose atoms an image does without; proof, whether the
+    certificate of the convex program is stored.
+    """
+
+    method: str
+    dictionary: Dictionary
+    program: Program
+    tolerance: float
+    camera: Callable[[Landmarks], Camera] | None = None
+    signed: bool = False
+    starts: int = STARTS
+    outlier_threshold: float | None = None
+    leave_one_out: str | None = None
+    proof: bool = False
+    threads: int = 0
+
+    def check(self, sample: Landmarks) -> None:
+        """Raise InputError where atoms are to be left out, and no image names any."""
+        if self.leave_one_out is not None:
+            check_omitted(sample, self.leave_one_out, self.dictionary)
+
+    def predict_cost(self, sample: Landmarks, total: int) -> Cost:
+        """Time one image, and some more where all may take long."""
+        per_image = 0.0
+        if total <= 1:
+            return Cost(per_image, total)
+        for number in TIMED_IMAGES:
+            timed = sample.take(evenly(len(sample), number))
+            began = time.perf_counter()
+            self.lift_images(timed)
+            per_image = (time.perf_counter() - began) / max(len(timed), 1)
+            if per_image * total < WORTH_TIMING_SECONDS:
+                break
+        return Cost(per_image, total)
+
+    def calibrate(self, sample: Landmarks) -> Calibration:
+        """Nothing is left open but the camera."""
+        return Calibration()
+
+    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
+        """Images are lifted one by one."""
+        return read_blocks(source, size)
+
+    def lift(self, images: Landmarks) -> Lifted:
+        """Lift images, without some of the atoms where these are to be left out."""
+        if self.leave_one_out is None:
+            lifting = self.lift_images(images)
+        else:
+            lifting = self.lift_omitting(images, self.leave_one_out)
+        omitted = None
+        if self.leave_one_out is not None:
+            omitted = find_omitted(images, self.leave_one_out, self.dictionary)
+        return Lifted(fail_nonfinite(lifting), omitted=omitted)
+
+    def columns(self, fit: Fit, lifting: Lifting[AtomEstimate]) -> Fit:
+        """Add coefficients, gap and certificate."""
+        estimate = lifting.estimate
+        failed = np.isnan(lifting.scale)
+        fit = replace(
+            fit,
+            coefficients=blank(estimate.coefficients, failed),
+            relative_gap=blank(estimate.relative_gap, failed),
+            active_atoms=estimate.active_atoms,
+            tight=estimate.tight,
+        )
+        if self.proof:
+            is_of_fit = METHODS[self.method].proves == "optimum"
+            fit = with_certificate(fit, lifting, is_of_fit=is_of_fit)
+        return fit
+
+    def lift_images(self, images: Landmarks) -> Lifting[AtomEstimate]:
+        """Solve the program of each image; before a perspective camera, refine it."""
+        weights = images.weights()
+        visible = weights > 0
+        inliers = None
+        if self.outlier_threshold is not None:
+            inliers = find_inliers(
+                images, weights, self.dictionary, self.outlier_threshold, self.threads
+            )
+            weights = np.where(inliers.flags, weights, 0.0)
+        w = images.as_columns()
+        lifting = lift(
+            w,
+            weights,
+            self.dictionary.atoms,
+            self.program,
+            ESTIMATORS[self.method](self),
+        )
+        if inliers is not None:
+            outliers = visible & ~inliers.flags
+            lifting = replace(
+                lifting,
+                estimate=replace(lifting.estimate, outliers=outliers),
+                failures={**lifting.failures, **inliers.failures},
+            )
+        if self.camera is not None and METHODS[self.method].perspective == "refined":
+            from shapefit.lifting.perspective import refine_view
+
+            camera = self.camera(images)
+            lifting = refine_view(lifting, w, camera, self.dictionary, self.threads)
+        return lifting
+
+    def lift_omitting(self, images: Landmarks, named: str) -> Lifting[AtomEstimate]:
+        """Lift each image without the atoms of its item, whose coefficients are 0."""
+        omitted = find_omitted(images, named, self.dictionary)
+
+        def lift_group(item: str) -> Group:
+            without = self.dictionary.without(item) if item else self.dictionary
+            family = replace(self, dictionary=without, threads=1)
+            rows = np.flatnonzero(omitted == item)
+            atoms = np.flatnonzero(self.dictionary.atoms_without(item))
+            return Group(family.lift_images(images.take(rows)), rows, atoms)
+
+        items = dict.fromkeys(omitted.tolist())
+        groups = on_threads(lift_group, items, self.threads)
+        if not groups:
+            return self.lift_images(images)
+        return merge_groups(groups, self.dictionary.atoms)
+
+    def solver(self, tolerance: float | None = None) -> Solve:
+        """Return what solves the convex program, to the tolerance of the family."""
+        if tolerance is None:
+            tolerance = self.tolerance
+        return partial(solve_newton, tolerance=tolerance, threads=self.threads)
+
+
+def estimate_by_program(family: AtomFamily) -> Estimator[AtomEstimate]:
+    """Return the method `convex`."""
+    from shapefit.lifting.reconstruction import lift_convex
+
+    return partial(lift_convex, solve=family.solver(), threads=family.threads)
+
+
+def estimate_by_refinement(family: AtomFamily) -> Estimator[AtomEstimate]:
+    """Return the method `convex+refine`."""
+    from shapefit.lifting.shared_rotation import refine_convex
+
+    return partial(
+        refine_convex,
+        solve=family.solver(),
+        mean_shape=family.dictionary.mean_shape,
+        signed=family.signed,
+        threads=family.threads,
+    )
+
+
+def estimate_by_search(family: AtomFamily) -> Estimator[AtomEstimate]:
+    """Return the method `global`, whose tolerance is that of another gap."""
+    from shapefit.lifting.global_optimum import find_global
+
+    of_program = min(family.tolerance, METHODS["convex"].tolerance)
+    return partial(
+        find_global,
+        solve=family.solver(of_program),
+        mean_shape=family.dictionary.mean_shape,
+        starts=family.starts,
+        tolerance=family.tolerance,
+        threads=family.threads,
+    )
+
+
+def estimate_by_alternation(family: AtomFamily) -> Estimator[AtomEstimate]:
+    """Return the method `alternate`."""
+    from shapefit.lifting.shared_rotation import alternate_from_mean
+
+    return partial(
+        alternate_from_mean,
+        mean_shape=family.dictionary.mean_shape,
+        starts=family.starts,
+        signed=family.signed,
+        threads=family.threads,
+    )
+
+
+def estimate_by_pose(family: AtomFamily) -> Estimator[AtomEstimate]:
+    """Return the method `mean-shape`."""
+    from shapefit.lifting.shared_rotation import pose_mean_shape
+
+    return partial(
+        pose_mean_shape,
+        mean_shape=family.dictionary.mean_shape,
+        starts=family.starts,
+        threads=family.threads,
+    )
+
+
+def estimate_by_pursuit(family: AtomFamily) -> Estimator[AtomEstimate]:
+    """Return the method `pmp`."""
+    from shapefit.lifting.matching_pursuit import lift_by_pursuit
+
+    edges = family.dictionary.edges
+    assert edges is not None, "checked with what the method needs"
+    return partial(
+        lift_by_pursuit, mean_shape=family.dictionary.mean_shape, edges=edges
+    )
+
+
+ESTIMATORS: dict[str, Callable[[AtomFamily], Estimator[AtomEstimate]]] = {
+    "convex": estimate_by_program,
+    "convex+refine": estimate_by_refinement,
+    "global": estimate_by_search,
+    "alternate": estimate_by_alternation,
+    "mean-shape": estimate_by_pose,
+    "pmp": estimate_by_pursuit,
+}
+"""What gives the estimator of each method, which is imported where it is chosen."""
+
+
+def find_omitted(
+    images: Landmarks, named: str, dictionary: Dictionary
+) -> NDArray[np.str_]:
+    """Return the item (n,) whose atoms the fit of each image does without, '' for
+    none.
+    """
+    items = np.array(named_items(images, named, LEAVE_ONE_OUT, LEAVE_ONE_OUT), str)
+    return np.where(np.isin(items, dictionary.atom_items or ()), items, "")
+
+
+def check_omitted(images: Landmarks, named: str, dictionary: Dictionary) -> None:
+    """Raise InputError where no image shows an item of the dictionary, or it has but
+    one.
+    """
+    items = [*dict.fromkeys(dictionary.atom_items or ())]
+    if len(items) < 2:
+        fault = f"the atoms of the dictionary are of {len(items) or 'no'} items"
+        fix = (
+            "learn it from several models with `method: exemplars`, or remove"
+            f" `{LEAVE_ONE_OUT}`"
+        )
+        raise input_error(LEAVE_ONE_OUT, fault, fix)
+    if len(images) and not (find_omitted(images, named, dictionary) != "").any():
+        fault = "the images show no items of the dictionary"
+        fix = f"name the dataset that holds them, such as {', '.join(items[:3])}"
+        raise input_error(LEAVE_ONE_OUT, fault, fix)

@@ -1,0 +1,73 @@
+"""What a fit settles from one sample of its images, once for all its parts."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+from shapefit import log
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import LEARNED_FROM
+from shapefit.errors import counted
+from shapefit.pipelines.fit.camera import (
+    choose_camera,
+    read_lens,
+    say_outside,
+    undistorted,
+)
+from shapefit.pipelines.fit.choices import choose_family, place_of_names
+from shapefit.pipelines.fit.family import Calibration, Cost
+from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.result import Result
+from shapefit.records import Landmarks
+
+SAMPLE_POOL = 1024
+"""Images of which the sample is drawn: the same whatever the batches and parts."""
+
+ANNOUNCE_AFTER_SECONDS = 60.0
+"""Of a fit that is announced before it starts."""
+
+Calibrating = Generator[Result, None, Calibration]
+"""Yields what is to be shown before the first image is lifted."""
+
+
+def calibrate(
+    config: FitConfig, match: Matched, images: Landmarks, total: int
+) -> Calibrating:
+    """Settle from the first of a total of images what the config leaves open.
+
+    The camera is chosen first, since the family settles the rest as it sees them.
+    """
+    images = undistorted(images, read_lens(config))
+    family = choose_family(config, match)
+    family.check(images)
+    named = match.arrange(images, place_of_names(config))
+    text = announce_time(family.predict_cost(named, total), total)
+    if text:
+        yield Result(line=text)
+
+    from_landmarks = LEARNED_FROM in match.dictionary.provenance
+    camera, line = choose_camera(config, images, from_landmarks=from_landmarks)
+    outside = say_outside(config, images)
+    config = config.changed(camera=camera)
+    settled = choose_family(config, match).calibrate(images)
+    log.debug("fit", "camera: %s; %s", line, "; ".join(settled.lines))
+    log.debug("fit", "settled by a sample: %s", settled)
+    return settled._replace(
+        camera=camera,
+        lines=(f"camera: {line}", *settled.lines),
+        warnings=(*settled.warnings, *((outside,) if outside else ())),
+    )
+
+
+def announce_time(cost: Cost, total: int) -> str:
+    """Return how long all images may take, "" where that is not long."""
+    seconds = cost.per_image * cost.liftings
+    if seconds < ANNOUNCE_AFTER_SECONDS:
+        return ""
+    duration = f"{seconds / 60:,.0f} minutes"
+    if seconds < 120:
+        duration = f"{seconds:.0f} seconds"
+    if total > 1:
+        duration += f", {cost.per_image:.2g} s each"
+    fix = "give fewer landmarks, or a dictionary with fewer components or atoms"
+    return f"{counted(total, 'image')} may take up to {duration}: {fix}"

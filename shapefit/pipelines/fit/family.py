@@ -1,0 +1,140 @@
+"""What a family of methods is: those that combine atoms, and those with a prior.
+
+A family has its options and its dictionary. It says what images must hold for it, what
+a fit will cost, settles from a sample what its options leave open, lifts a batch, and
+lays out what it alone knows of it. Each stands in a file of its own, which is imported
+where it is chosen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.core import IMAGES_PER_BLOCK
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import LandmarkSource
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.methods import METHODS
+from shapefit.pipelines.joints import Detected
+from shapefit.records import Fit, Landmarks
+
+if TYPE_CHECKING:
+    from shapefit.config import FitConfig
+
+
+CameraKey = float | str | tuple[float, float]
+"""A value of the section `camera`."""
+
+
+class Calibration(NamedTuple):
+    """What a sample settled: small enough for a manifest, and enough for every part.
+
+    camera, keys of that section of the config; lines about what was settled, the
+    camera's first; warnings about all images. Of methods with a prior: skeleton,
+    factors of a detector's, None where it has none; prior_scale and
+    residual_variance; bar_scale, where a report of errors has changed it; growth (p,),
+    factors on covariances of landmarks, empty for none; shown (p,), which of them most
+    images show, empty if unknown; reason, why no image is to be trusted, "" for none;
+    numbers, stored with the result.
+    """
+
+    camera: Mapping[str, CameraKey] = {}
+    lines: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    skeleton: Mapping[str, float] | None = None
+    prior_scale: float | None = None
+    residual_variance: float | None = None
+    bar_scale: float | None = None
+    growth: tuple[float, ...] = ()
+    shown: tuple[bool, ...] = ()
+    reason: str = ""
+    numbers: Mapping[str, float] = {}
+
+    def settle(self, config: FitConfig) -> FitConfig:
+        """Return the config with what was settled, as it is stored with the result."""
+        return config.changed(**self.keys_of(config))
+
+    def keys_of(self, config: FitConfig) -> dict[str, Any]:
+        """Return the values of the config's keys that were settled."""
+        keys: dict[str, Any] = {"camera": dict(self.camera)}
+        if not METHODS[config.method].has_prior:
+            return keys
+        prior: dict[str, float | None] = {
+            "scale": self.prior_scale,
+            "residual_variance": self.residual_variance,
+        }
+        if self.bar_scale is not None:
+            prior |= {"bar_scale": self.bar_scale, "calibration": None}
+        skeleton = None if self.skeleton is None else dict(self.skeleton)
+        return {**keys, "prior": prior, "skeleton": skeleton}
+
+
+class Lifted(NamedTuple):
+    """A batch of n images with the shapes of the dictionary's landmarks.
+
+    detected, the landmarks of the files in 3D, where these are not those of the
+    dictionary; omitted (n,), the item of the dictionary that the fit did without.
+    """
+
+    lifting: Lifting[Any]
+    detected: Detected | None = None
+    omitted: NDArray[np.str_] | None = None
+
+
+class Cost(NamedTuple):
+    """Seconds for an image, and how many are lifted, those of a sample included."""
+
+    per_image: float
+    liftings: int
+
+
+class Family(Protocol):
+    """A way to lift images, with its options."""
+
+    @property
+    def dictionary(self) -> Dictionary:
+        """The dictionary of the landmarks that are lifted."""
+        ...
+
+    def check(self, sample: Landmarks) -> None:
+        """Raise InputError where images of the files lack what an option needs."""
+        ...
+
+    def predict_cost(self, sample: Landmarks, total: int) -> Cost:
+        """Return what a total of images costs, by some of them."""
+        ...
+
+    def calibrate(self, sample: Landmarks) -> Calibration:
+        """Settle what the options leave open, from some images of the files."""
+        ...
+
+    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
+        """Yield the images of a source, about `size` at a time: what is lifted together
+        stays so.
+        """
+        ...
+
+    def lift(self, images: Landmarks) -> Lifted:
+        """Lift images that have the landmarks of the dictionary."""
+        ...
+
+    def columns(self, fit: Fit, lifting: Lifting[Any]) -> Fit:
+        """Add what this family knows of images that it has lifted."""
+        ...
+
+
+def read_blocks(source: LandmarkSource, size: int) -> Iterator[Landmarks]:
+    """Yield images that are lifted one by one, in whole blocks of each file."""
+    return source.batches(whole_blocks(size), by_file=True)
+
+
+def whole_blocks(images: int) -> int:
+    """Round up to whole blocks: within one, images start from their neighbours'
+    solutions.
+    """
+    return math.ceil(images / IMAGES_PER_BLOCK) * IMAGES_PER_BLOCK

@@ -1,0 +1,158 @@
+"""`fit`: landmarks in, batch by batch, 3D shapes with their certificates or error bars
+out, and a summary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import AbstractContextManager, closing
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import (
+    LandmarkSource,
+    open_landmarks,
+    read_dictionary,
+)
+from shapefit.io.formats import HDF5, find_target_format, result_writer
+from shapefit.io.inputs import State
+from shapefit.io.layout import INPUT_ROWS
+from shapefit.io.options import OutputOptions, RecordWriter
+from shapefit.io.readers.calibration import CalibratedCamera
+from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
+from shapefit.pipelines.fit.camera import read_lens, undistorted
+from shapefit.pipelines.fit.choices import (
+    choose_family,
+    choose_method,
+    in_sequences,
+    match_landmarks,
+    place_of_names,
+    read_options,
+    save_for_output,
+)
+from shapefit.pipelines.fit.export import check_export, export_meshes
+from shapefit.pipelines.fit.family import Calibration, Family
+from shapefit.pipelines.fit.inputs import WatchedFiles
+from shapefit.pipelines.fit.record import provenance, to_record
+from shapefit.pipelines.fit.summary import Tally, describe_batch, summarise_fit
+from shapefit.pipelines.joints import Matched
+from shapefit.pipelines.result import Result
+from shapefit.records import Fit, Landmarks
+from shapefit.threads import side_by_side
+
+BATCH = 4096
+"""Images that are lifted together, or read before the first whole sequences are lifted;
+no result depends on it.
+"""
+
+
+class Part(NamedTuple):
+    """Some rows of a fit, and what is known of all of its parts.
+
+    dictionary, as it was read; inputs, digests of the landmarks, and states of all
+    files when they were found.
+    """
+
+    rows: slice | None = None
+    calibration: Calibration | None = None
+    dictionary: Dictionary | None = None
+    inputs: Mapping[str, str] | None = None
+    states: Mapping[Path, State] | None = None
+
+
+WHOLE = Part()
+
+
+class Plan(NamedTuple):
+    """A fit in which nothing is left open."""
+
+    config: FitConfig
+    match: Matched
+    family: Family
+    lens: CalibratedCamera | None
+    calibration: Calibration
+
+
+class LiftedBatch(NamedTuple):
+    """A batch as it is stored, and what is reported of it."""
+
+    record: Fit
+    event: Result
+
+
+def fit(config: FitConfig, part: Part = WHOLE) -> Iterator[Result]:
+    """Lift every image: W, Omega -> S, each with its certificate or its error bars.
+
+    Raises InputError, and writes nothing, where a file changes meanwhile.
+    """
+    files = WatchedFiles.of(config, part.states, part.inputs)
+    dictionary = part.dictionary or read_dictionary(config.dictionary)
+    config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
+    config = save_for_output(config)
+    with open_landmarks(config.landmarks, read_options(config), part.rows) as source:
+        match = match_landmarks(config, dictionary, source.head.landmark_names)
+        calibration = part.calibration
+        if calibration is None:
+            sample = source.first(SAMPLE_POOL)
+            calibration = yield from calibrate(config, match, sample, source.count)
+        plan = make_plan(config, match, calibration)
+        check_export(plan.config, match.dictionary)
+
+        tally = Tally()
+        with open_writer(plan) as writer, closing(lift_all(source, plan)) as batches:
+            for batch in batches:
+                files.take_digests()  # while the next batch is lifted
+                tally.add(batch.record)
+                yield batch.event._replace(total=source.count)
+                writer.append(batch.record)
+            writer.attributes.update(provenance(plan, files.digests()))
+            files.check_unchanged()
+            writer.seal = seal_of(part)
+    yield summarise_fit(source, plan, tally, chosen, writer.summary)
+    yield from export_meshes(plan.config)
+
+
+def make_plan(config: FitConfig, match: Matched, calibration: Calibration) -> Plan:
+    """Return a fit in which nothing is left open, with the config that says so."""
+    config = calibration.settle(config)
+    family = choose_family(config, match, calibration)
+    return Plan(config, match, family, read_lens(config), calibration)
+
+
+def lift_all(source: LandmarkSource, plan: Plan) -> Generator[LiftedBatch, None, None]:
+    """Lift batch by batch; while one is lifted, the next is read and the last is
+    stored.
+    """
+    batches = plan.family.read_batches(source, BATCH)
+    several = plan.config.threads != 1 and source.count > BATCH
+    return side_by_side(partial(lift_batch, plan=plan), batches, workers=int(several))
+
+
+def lift_batch(images: Landmarks, plan: Plan) -> LiftedBatch:
+    """Lift one batch of the files; each line is a stage with tests of its own."""
+    straight = undistorted(images, plan.lens)
+    named = plan.match.arrange(straight, place_of_names(plan.config))
+    lifted = plan.family.lift(named)
+    record = to_record(named, lifted, plan)
+    return LiftedBatch(record, describe_batch(lifted.lifting, record))
+
+
+def open_writer(plan: Plan) -> AbstractContextManager[RecordWriter[Fit]]:
+    """Return what writes the result, which appears whole or not at all."""
+    output = plan.config.output
+    assert isinstance(output, Path), "a folder is written part by part"
+    height = plan.config.height
+    if find_target_format(output) is HDF5:
+        height = None  # which each image states
+    options = OutputOptions(height=height, markers=plan.config.markers)
+    return result_writer(output, options=options)
+
+
+def seal_of(part: Part) -> dict[str, str]:
+    """Return what a result says of itself beside its digest: its rows of the file."""
+    if part.rows is None:
+        return {}
+    return {INPUT_ROWS: f"{part.rows.start}:{part.rows.stop}"}

@@ -1,0 +1,53 @@
+"""The files that a fit reads: none may change while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from shapefit.config import FitConfig
+from shapefit.io import digests
+from shapefit.io.inputs import State, check_unchanged, find_state
+from shapefit.pipelines.fit.choices import files_of
+
+
+@dataclass
+class WatchedFiles:
+    """Landmarks and further files of a fit, as they were found.
+
+    of_landmarks are the digests of the landmarks, None until they are taken.
+    """
+
+    landmarks: tuple[Path, ...]
+    further: tuple[Path, ...]
+    states: Mapping[Path, State]
+    of_landmarks: Mapping[str, str] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        config: FitConfig,
+        states: Mapping[Path, State] | None = None,
+        of_landmarks: Mapping[str, str] | None = None,
+    ) -> WatchedFiles:
+        """Return the files of a config, with what is known of them already."""
+        further = tuple(files_of(config).values())
+        if states is None:
+            states = {path: find_state(path) for path in config.landmarks + further}
+        return cls(config.landmarks, further, states, of_landmarks)
+
+    def take_digests(self) -> None:
+        """Take the digests of the landmarks, once."""
+        if self.of_landmarks is None:
+            self.of_landmarks = digests(self.landmarks)
+
+    def digests(self) -> dict[str, str]:
+        """Return the digests of all files by their names."""
+        self.take_digests()
+        assert self.of_landmarks is not None
+        return {**self.of_landmarks, **digests(self.further)}
+
+    def check_unchanged(self) -> None:
+        """Raise InputError where a file is not as it was found."""
+        check_unchanged(self.states)

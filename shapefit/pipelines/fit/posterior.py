@@ -1,0 +1,238 @@
+"""The family of methods that weigh landmarks against a prior over shapes: `posterior`,
+and what `sequences` has in common with it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from shapefit.arrays import Floats
+from shapefit.config import FitConfig
+from shapefit.config.commands.fit import PriorConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import LandmarkSource
+from shapefit.lifting import trust
+from shapefit.lifting.estimate import PosteriorEstimate
+from shapefit.lifting.lift import Lifting, Program, fail_nonfinite
+from shapefit.lifting.methods import METHODS, MIN_CONFIDENCE
+from shapefit.lifting.posterior.calibration import MAX_HIDDEN
+from shapefit.pipelines.fit.camera import camera_factory
+from shapefit.pipelines.fit.columns import as_rows, with_certificate
+from shapefit.pipelines.fit.evidence import FACTORS
+from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, read_blocks
+from shapefit.pipelines.fit.image_posterior import ImagePosterior
+from shapefit.pipelines.fit.outliers import THRESHOLD
+from shapefit.pipelines.fit.sample import (
+    MAX_HIDDEN_IN_TURN,
+    MAX_SAMPLE,
+    MIN_SAMPLE,
+    settle_by_sample,
+)
+from shapefit.pipelines.joints import MEANS, Matched
+from shapefit.records import Fit, Landmarks
+
+SECONDS_PER_IMAGE = 2e-10
+"""Of a core, times p^3.5 (10 + components): p^3 operations, in more memory. Measured on
+a Xeon with AVX-512: 0.3 to 1.6 of it for 30 to 240 landmarks, 1 to 32 components.
+"""
+
+
+def make_posterior_family(
+    config: FitConfig, match: Matched, calibration: Calibration | None
+) -> PosteriorFamily:
+    """Return the family with the options of a config and what a sample settled."""
+    posterior = make_image_posterior(config, match, calibration)
+    reason = "" if calibration is None else calibration.reason
+    return PosteriorFamily(
+        match=match,
+        skeleton=config.skeleton,
+        posterior=posterior,
+        method=config.method,
+        prior=config.prior,
+        reason=reason,
+        proof=bool(config.save.proof),
+        save_covariance=config.save.covariance,
+    )
+
+
+def make_image_posterior(
+    config: FitConfig, match: Matched, calibration: Calibration | None
+) -> ImagePosterior:
+    """Return what lifts single images; before a calibration the landmarks are those of
+    the dictionary.
+    """
+    lam = None if config.lam == "auto" else config.lam
+    tolerance = config.tolerance
+    if tolerance is None:
+        tolerance = METHODS[config.method].tolerance
+    threshold = None
+    if config.outliers == "ransac":
+        threshold = config.outlier_threshold or THRESHOLD
+    min_confidence = config.min_confidence
+    if min_confidence is None:
+        min_confidence = MIN_CONFIDENCE
+    posterior = ImagePosterior(
+        dictionary=match.dictionary,
+        program=Program(lam, noise=config.noise or 0.0),
+        tolerance=tolerance,
+        camera=camera_factory(config.camera),
+        residual_variance=config.prior.residual_variance,
+        prior_scale=config.prior.scale or 1.0,
+        bar_scale=config.prior.bar_scale,
+        covariance=config.save.covariance,
+        min_confidence=min_confidence,
+        image_size=config.image_size,
+        outlier_threshold=threshold,
+        threads=config.threads,
+    )
+    if calibration is None:
+        return posterior
+    theta = {**MEANS, **(config.skeleton or {})}
+    shown = np.array(calibration.shown, dtype=bool) if calibration.shown else None
+    posterior = replace(
+        posterior,
+        dictionary=match.observed(theta),
+        growth=calibration.growth,
+        covariance=True,  # for the expected error, and the error bars of joints
+        shown=shown,
+    )
+    return posterior.with_limbs()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosteriorFamily:
+    """E[S | W] under the prior over shapes, with error bars and a rule whom to trust.
+
+    skeleton, factors of the detector's, None where they are usual; prior, keys of that
+    section, of which a sample settles what is open; reason, why no image is to be
+    trusted, "" for none; proof and save_covariance, what is stored.
+    """
+
+    match: Matched
+    skeleton: Mapping[str, float] | None
+    posterior: ImagePosterior
+    method: str
+    prior: PriorConfig
+    reason: str = ""
+    proof: bool = False
+    save_covariance: bool = False
+
+    @property
+    def dictionary(self) -> Dictionary:
+        """The dictionary of the landmarks that are lifted."""
+        return self.match.dictionary
+
+    def check(self, sample: Landmarks) -> None:
+        """Nothing beyond the landmarks is needed."""
+
+    def predict_cost(self, sample: Landmarks, total: int) -> Cost:
+        """By sizes: a sample is lifted as often as there are pairs of factors, and with
+        landmarks hidden in turn.
+        """
+        posterior = self.posterior
+        prior = posterior.dictionary.prior
+        assert prior is not None, "checked with what the method needs"
+        p = posterior.dictionary.mean_shape.shape[1]
+        cores = posterior.threads or os.cpu_count() or 1
+        per_image = SECONDS_PER_IMAGE * p**3.5 * (10 + len(prior))
+        per_image /= min(cores, max(total, 1))
+        liftings = total
+        if total >= MIN_SAMPLE:
+            hidden = min(min(total, MAX_HIDDEN_IN_TURN) * p, MAX_HIDDEN)
+            liftings += min(total, MAX_SAMPLE) * len(FACTORS) ** 2 + hidden
+        return Cost(per_image, liftings)
+
+    def calibrate(self, sample: Landmarks) -> Calibration:
+        """Settle skeleton, scales of the prior and error bars by evidence."""
+        return settle_by_sample(
+            sample,
+            self.match,
+            self.posterior,
+            self.method,
+            self.prior,
+            self.skeleton,
+        )
+
+    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
+        """Images are lifted one by one."""
+        return read_blocks(source, size)
+
+    def lift(self, images: Landmarks) -> Lifted:
+        """Lift the landmarks of the files, and say where the joints are."""
+        lifting = self.posterior.lift_with_p_values(images)
+        return self.at_joints(lifting, images)
+
+    def at_joints(
+        self, lifting: Lifting[PosteriorEstimate], images: Landmarks
+    ) -> Lifted:
+        """Return what was lifted with the landmarks of the dictionary as its shapes."""
+        lifting = fail_nonfinite(lifting)
+        if self.dictionary.depth_ambiguity:
+            estimate = trust.cover_mirror_image(lifting.estimate)
+            lifting = replace(lifting, estimate=estimate)
+        visible = self.posterior.weigh(images) > 0
+        theta = {**MEANS, **(self.skeleton or {})}
+        joints, detected = self.match.to_joints(
+            lifting, theta, images.as_columns(), visible, self.posterior.variance
+        )
+        return Lifted(joints, detected)
+
+    def columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
+        """Add error bars in the unit of the fit, and whom to trust."""
+        estimate = lifting.estimate
+        scaled = estimate.in_unit(lifting.scale[:, None, None])
+        fit = replace(
+            fit,
+            shape_sd=as_rows(scaled.deviation),
+            shape_correlation=estimate.correlation.swapaxes(1, 2),
+            log_evidence=estimate.log_evidence,
+            inlier_probability=estimate.inlier_probability,
+            p_value=estimate.p_value,
+            start_distance=estimate.start_distance,
+        )
+        if self.save_covariance:
+            fit = replace(fit, shape_covariance=interleave_xyz(scaled.covariance))
+        if self.proof:
+            fit = with_certificate(fit, lifting, is_of_fit=False)
+        return self.with_verdicts(fit, lifting)
+
+    def with_verdicts(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
+        """Decide which shapes are to be trusted, by error bars in its unit."""
+        estimate = lifting.estimate
+        assert estimate.covariance is not None, "asked for with a calibration"
+        assert estimate.p_value is not None, "added to what was lifted"
+        assert estimate.start_distance is not None, "likewise"
+        shown = self.posterior.shown
+        expected = trust.expected_error(lifting.shapes, estimate.covariance, shown)
+        expected *= lifting.scale
+        if estimate.image_error is not None:
+            least = trust.SEQUENCE_ERROR_SHARE * estimate.image_error
+            expected = np.fmax(expected, least)
+        reasons = trust.find_reasons(
+            lifting.shapes,
+            expected,
+            np.isfinite(estimate.inlier_probability).sum(axis=1),
+            estimate.p_value,
+            estimate.start_distance,
+            estimate.status,
+            sides=estimate.sides_exchanged,
+            depth_ambiguity=self.dictionary.depth_ambiguity,
+            shown=shown,
+        )
+        reasons[reasons == ""] = self.reason
+        return replace(
+            fit, trusted=reasons == "", reasons=reasons, expected_error=expected
+        )
+
+
+def interleave_xyz(covariance: Floats | None) -> Floats | None:
+    """Return a covariance (n, 3p, 3p) with x, y, z of one landmark after the other."""
+    if covariance is None:
+        return None
+    n, d, _ = covariance.shape
+    blocks = covariance.reshape(n, 3, d // 3, 3, d // 3).transpose(0, 2, 1, 4, 3)
+    return blocks.reshape(n, d, d)

@@ -1,0 +1,348 @@
+"""What is told of a fit: of each batch while it runs, and of all images at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from shapefit.arrays import Floats, Integers, median
+from shapefit.convex.solver import Status
+from shapefit.errors import abbreviate, as_typed, counted
+from shapefit.io import LandmarkSource
+from shapefit.io.options import Summary
+from shapefit.io.skeletons import joint_columns
+from shapefit.io.writers.metres import with_stated_height
+from shapefit.lifting import trust
+from shapefit.lifting.estimate import Estimate
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.methods import METHODS
+from shapefit.pipelines.fit.choices import warn_of_dictionary
+from shapefit.pipelines.joints import is_of_people
+from shapefit.pipelines.result import Counted, Failure, Result, nothing_in
+from shapefit.records import Fit, Landmarks
+
+if TYPE_CHECKING:
+    from shapefit.pipelines.fit.fit import Plan
+
+ON_HEAD_COSINE = 0.5
+"""Of the angle to the vertical of the image, within which a body is on its head."""
+
+UPPER_END = ("head", "neck", "lshoulder", "rshoulder")
+"""Joints of a body, of which the first two that it has are its upper end."""
+
+LOWER_END = ("lankle", "rankle", "lhip", "rhip")
+"""Likewise of its lower end."""
+
+OUTLIER_BELOW = 0.5
+"""Inlier probability of an outlier."""
+
+MISNAMED_SHARE = 0.5
+"""Of the images that show a landmark, in which it is an outlier, to doubt its name."""
+
+MIN_IMAGES_OF_NAME = 10
+"""Images that show a landmark, to doubt its name."""
+
+VIEWED_ENDINGS = (".h5", ".hdf5", ".hdf", ".he5", ".csv", ".trc")
+"""Of results that `shapefit view` shows."""
+
+MAX_NAMED_FILES = 4
+"""Files of a fit that the command to go on with names one by one."""
+
+
+def describe_batch(lifting: Lifting[Estimate], record: Fit) -> Result:
+    """Return what is reported of a batch: failures, and whom not to trust."""
+    items = record.items
+    failed = sorted(lifting.failures.items())
+    return Result(
+        done=len(items),
+        failures=tuple(Failure(items[row], why) for row, why in failed),
+        warnings=tuple(warn_of_batch(lifting)),
+        reasons=tuple(count_reasons(record)),
+    )
+
+
+def warn_of_batch(lifting: Lifting[Estimate]) -> Iterator[Counted]:
+    """Count the images that are not optimal, and those whose shape is empty."""
+    limited = lifting.estimate.status.count(Status.ITERATION_LIMIT)
+    if limited:
+        yield Counted(limited, "image", "not optimal")
+    empty = ~lifting.estimate.shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
+    empty[list(lifting.failures)] = False
+    if empty.any():
+        text = (
+            "with an empty shape: lambda is at or above lambda_max of the image; lower"
+            " `lambda`"
+        )
+        yield Counted(int(empty.sum()), "image", text)
+
+
+def count_reasons(record: Fit) -> Iterator[Counted]:
+    """Count the images that are not to be trusted, by their reasons."""
+    items: dict[str, list[str]] = {}
+    if record.reasons is None:
+        return
+    for item, reason in zip(record.items, record.reasons.tolist(), strict=True):
+        if reason not in ("", trust.NO_SHAPE):  # which has failed
+            items.setdefault(reason, []).append(item)
+    for reason, names in items.items():
+        yield Counted(len(names), "image", reason, tuple(names))
+
+
+@dataclass
+class Tally:
+    """What adds up over the batches of a fit, for its end.
+
+    judged images have a verdict; errors are those expected of trusted ones, in metres;
+    outliers and visible (p,) count images by landmark, None without a prior. bodies
+    have both ends. solved images have a gap; largest_gap is that of them all.
+    """
+
+    images: int = 0
+    sequences: set[str] = field(default_factory=set)
+    judged: int = 0
+    trusted: int = 0
+    errors: list[float] = field(default_factory=list)
+    outliers: Integers | None = None
+    visible: Integers | None = None
+    bodies: int = 0
+    on_head: int = 0
+    solved: int = 0
+    optimal: int = 0
+    largest_gap: float | None = None
+
+    def add(self, record: Fit) -> None:
+        """Count a batch."""
+        self.images += len(record)
+        self.sequences.update(record.sequences or ())
+        self.add_verdicts(record)
+        self.add_gaps(record)
+        self.add_bodies(record)
+
+    def add_verdicts(self, record: Fit) -> None:
+        """Count trusted images, their expected errors, and outliers by landmark."""
+        if record.trusted is None or record.expected_error is None:
+            return
+        self.judged += len(record)
+        self.trusted += int(record.trusted.sum())
+        metres = with_stated_height(record, "fit").metres_per_unit
+        if metres is not None:
+            errors = record.expected_error * metres
+            self.errors += errors[record.trusted & np.isfinite(errors)].tolist()
+        probability = record.inlier_probability
+        assert probability is not None, "it comes with every verdict"
+        outliers = (probability < OUTLIER_BELOW).sum(axis=0)
+        visible = np.isfinite(probability).sum(axis=0)
+        self.outliers = outliers if self.outliers is None else self.outliers + outliers
+        self.visible = visible if self.visible is None else self.visible + visible
+
+    def add_gaps(self, record: Fit) -> None:
+        """Count solved and optimal images, and keep the largest gap."""
+        if record.relative_gap is None:
+            return
+        gaps = record.relative_gap[np.isfinite(record.relative_gap)]
+        self.solved += len(gaps)
+        if record.status is not None:
+            self.optimal += int((record.status == Status.OPTIMAL.value).sum())
+        if len(gaps):
+            self.largest_gap = max(self.largest_gap or 0.0, float(gaps.max()))
+
+    def add_bodies(self, record: Fit) -> None:
+        """Count people, and those on their heads."""
+        names = record.landmark_names
+        if not is_of_people(names):
+            return
+        columns = joint_columns(names)
+        upper = [columns[joint] for joint in UPPER_END if joint in columns][:2]
+        lower = [columns[joint] for joint in LOWER_END if joint in columns][:2]
+        if not upper or not lower:
+            return
+        body = middle_of(record.shapes, upper) - middle_of(record.shapes, lower)
+        body = body[np.isfinite(body).all(axis=1)]
+        down = -body[:, 1] if record.y_axis == "up" else body[:, 1]
+        length = np.linalg.norm(body, axis=1)
+        self.bodies += len(body)
+        self.on_head += int((down > ON_HEAD_COSINE * length).sum())
+
+
+def middle_of(shapes: Floats, landmarks: Sequence[int]) -> Floats:
+    """Return the middle (n, 3) of some landmarks of shapes (n, p, 3)."""
+    middle: Floats = shapes[:, landmarks].mean(axis=1)
+    return middle
+
+
+def summarise_fit(
+    source: LandmarkSource, plan: Plan, tally: Tally, chosen: str, written: Summary
+) -> Result:
+    """Return the end of a fit: warnings about all images, a note, and the rows of the
+    summary.
+
+    chosen says what chose the method, "" where the config did.
+    """
+    head = source.head
+    calibration = plan.calibration
+    warnings = [
+        *calibration.warnings,
+        *nothing_in(source.count, "images"),
+        *source.notes,
+        *plan.match.warnings(),
+        *warn_of_dictionary(plan.config, plan.match.dictionary),
+        *warn_of_all(tally, plan, head),
+        *written.warnings,
+    ]
+    return Result(
+        total=source.count,
+        warnings=tuple(warnings),
+        note="; ".join([f"y {head.y_axis} in the images", *calibration.lines]),
+        rows=tuple(summary_rows(source, plan, tally, chosen, written)),
+        data=partial(numbers_of, plan, tally),
+        written=written.written or (output_of(plan),),
+    )
+
+
+def warn_of_all(tally: Tally, plan: Plan, head: Landmarks) -> Iterator[str | Counted]:
+    """Yield what is known at the end only, by shares of all images; head, as the files
+    state it.
+    """
+    if 2 * tally.on_head > tally.bodies:
+        other = "up" if head.y_axis == "down" else "down"
+        text = (
+            f"with people on their heads: y was taken to point {head.y_axis}: if it"
+            f" points {other}, set `y_axis: {other}`; or is the video turned by 180"
+            " degrees?"
+        )
+        yield Counted(tally.on_head, "image", text)
+    yield from warn_of_names(tally, plan)
+    has_rate = plan.config.frame_rate or head.frame_rate
+    if METHODS[plan.config.method].sequences and not has_rate:
+        yield (
+            "the frame rate is unknown, so the motion from image to image is taken for"
+            " that of the training shapes; set `frame_rate`"
+        )
+
+
+def warn_of_names(tally: Tally, plan: Plan) -> Iterator[Counted]:
+    """Name the landmarks that are outliers in most images that show them."""
+    if tally.outliers is None or tally.visible is None:
+        return
+    names = plan.match.dictionary.landmark_names
+    shown = np.maximum(tally.visible, MIN_IMAGES_OF_NAME)
+    for j in np.flatnonzero(tally.outliers > MISNAMED_SHARE * shown):
+        in_file = plan.match.joints.markers.get(names[j], (names[j],))
+        name = " and ".join(in_file)
+        text = (
+            f"in which {name} contradicts the model: rename it if it is another point"
+            f" of the body, or leave it out with `rename={{{name}: unused}}`"
+        )
+        yield Counted(int(tally.outliers[j]), "image", text)
+
+
+def summary_rows(
+    source: LandmarkSource, plan: Plan, tally: Tally, chosen: str, written: Summary
+) -> Iterator[tuple[str, str]]:
+    """Yield the rows of the summary, label and text."""
+    yield "Read", describe_inputs(source, plan, tally)
+    yield "Method", chosen or plan.config.method
+    yield "Camera", plan.calibration.lines[0].removeprefix("camera: ")
+    if written.note:
+        yield "Metres", written.note
+    result = describe_result(plan, tally)
+    yield "Result", "; ".join(filter(None, [result, written.angles]))
+    output = output_of(plan)
+    files = find_viewed(written.written or (output,), output)
+    if files:
+        yield "Next", f"shapefit view {' '.join(map(as_typed, files))}"
+
+
+def describe_inputs(source: LandmarkSource, plan: Plan, tally: Tally) -> str:
+    """Return which files were read, how many images, and what was matched."""
+    names = [path.name or str(path) for path in plan.config.landmarks]
+    text = f"{abbreviate(names, 1)}: {counted(tally.images, 'image')}"
+    if tally.sequences:
+        text += f" of {counted(len(tally.sequences), 'sequence')}"
+    matched = sum(map(len, plan.match.joints.markers.values()))
+    if matched:
+        keypoints = len(source.head.landmark_names)
+        text += f"; matched {matched} of {keypoints} keypoints"
+    return text
+
+
+def describe_result(plan: Plan, tally: Tally) -> str:
+    """Return how many images are trusted, or how far they may be from the optimum."""
+    images = counted(tally.images, "image")
+    if tally.judged:
+        text = f"{tally.trusted} of {images} trusted"
+        if tally.errors:
+            centimetres = 100 * median(np.array(tally.errors))
+            shown = describe_shown(plan)
+            text += f", expected error about {centimetres:.0f} cm{shown}"
+        return text
+    bars = "no error bars by this method"
+    if plan.match.dictionary.prior is None:
+        bars = "no error bars: `learn-dict --prior` learns what they need"
+    return f"{images}{describe_gap(plan, tally)} ({bars})"
+
+
+def describe_gap(plan: Plan, tally: Tally) -> str:
+    """Return how far images may be from the optimum, as the line of the result goes on;
+    "" for methods that do not say.
+    """
+    if tally.largest_gap is None:
+        return ""
+    if METHODS[plan.config.method].proves == "bound":
+        return f", within {tally.largest_gap:.1e} of the convex bound"
+    missed = tally.solved - tally.optimal
+    solved = f"{missed:,} not optimal" if missed else "all optimal"
+    return f", {solved}, largest gap {tally.largest_gap:.1e}"
+
+
+def describe_shown(plan: Plan) -> str:
+    """Return of how many landmarks the expected error is, "" where it is of all."""
+    shown = plan.calibration.shown
+    independent = plan.match.dictionary.depends_on < 0
+    if not shown or sum(shown) == independent.sum():
+        return ""
+    return f" of the {sum(shown)} landmarks that are seen"
+
+
+def numbers_of(plan: Plan, tally: Tally) -> dict[str, int | float | None]:
+    """Return what the line of the result says, as numbers; None for what the method
+    does not say. The error is the median of those expected of trusted images.
+    """
+    error = float(median(np.array(tally.errors))) if tally.errors else None
+    certifies = METHODS[plan.config.method].proves in ("optimum", "global")
+    has_gaps = certifies and tally.largest_gap is not None
+    return {
+        "images": tally.images,
+        "trusted": tally.trusted if tally.judged else None,
+        "expected_error_metres": error,
+        "optimal": tally.optimal if has_gaps else None,
+        "not_optimal": tally.solved - tally.optimal if has_gaps else None,
+        "largest_gap": tally.largest_gap,
+    }
+
+
+def find_viewed(written: Sequence[Path], output: Path) -> Sequence[Path]:
+    """Return which of the files that an output became `shapefit view` shows, as a glob
+    where there are many.
+    """
+    files = [path for path in written if is_viewed(path)]
+    if len(files) <= MAX_NAMED_FILES:
+        return files
+    ending = ".metres.csv" if output.match("*.metres.csv") else output.suffix
+    return [output.with_name(f"{output.name.removesuffix(ending)}_*{ending}")]
+
+
+def is_viewed(path: Path) -> bool:
+    """Whether `shapefit view` shows a file."""
+    of_angles = path.name.lower().endswith(("_angles.csv", ".angles.csv"))
+    return path.suffix.lower() in VIEWED_ENDINGS and not of_angles
+
+
+def output_of(plan: Plan) -> Path:
+    """Return the file of the result."""
+    return Path(str(plan.config.output))
