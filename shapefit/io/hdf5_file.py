@@ -474,7 +474,11 @@ class Hdf5Reader(Hdf5File):
             return values
         if column.kind == Texts:
             return tuple(map(as_composed, values))
-        return as_kind(column, values)
+        try:
+            return as_kind(column, values)
+        except ValueError:
+            fault = f"holds other values than {column.noun}"
+            raise self.fault(name, fault, f"store {column.noun}") from None
 
     @cached_property
     def _ends(self) -> Integers:

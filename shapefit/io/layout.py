@@ -37,9 +37,6 @@ RENAMED = {
 }
 """Datasets of version 1 -> their names."""
 
-FIELDS = {"item": "items", "sequence": "sequences", "atom_item": "atom_items"}
-"""Fields of texts that are not called as their datasets."""
-
 OF_FILE = {
     **dict.fromkeys(("camera_matrix", "extrinsic_rotation", "edges"), 2),
     **dict.fromkeys(

@@ -36,9 +36,6 @@ Texts = Sequence[str]
 
 Array = NDArray[np.generic]
 
-NUMBERS = {Floats: np.float64, Singles: np.float32, Integers: np.int64, Flags: np.bool_}
-"""Kinds of arrays of numbers -> their types."""
-
 COUNTS = "transform_count"
 """The field, and the dataset, that says how many rows of axis a belong to each item."""
 
@@ -63,7 +60,7 @@ LENGTH = Unit("unit of the record")
 class Column(NamedTuple):
     """A column as files and checks know it.
 
-    axes are letters or numbers; kind is Texts, Words, or one of NUMBERS.
+    axes are letters or numbers; kind is that of the arrays, or Texts.
     """
 
     field: str
@@ -87,6 +84,15 @@ class Column(NamedTuple):
     def is_text(self) -> bool:
         """Whether it holds texts."""
         return self.kind in (Texts, Words)
+
+    @property
+    def noun(self) -> str:
+        """What its values are called in messages."""
+        if self.is_text:
+            return "names"
+        if self.kind == Flags:
+            return "true and false"
+        return "whole numbers" if self.is_index else "numbers"
 
     @property
     def is_index(self) -> bool:
@@ -171,11 +177,23 @@ def as_kind(column: Column, value: object) -> Array | Texts:
     if column.kind == Singles:
         numbers = np.asarray(value)
         return numbers if numbers.dtype.kind == "f" else numbers.astype(np.float32)
-    for kind, dtype in NUMBERS.items():
-        if column.kind == kind:
-            with np.errstate(invalid="ignore", over="ignore"):  # checks find nan, inf
-                return np.asarray(value, dtype)
-    raise TypeError(f"{column.name} is of no known kind")
+    if column.kind == Floats:
+        with np.errstate(invalid="ignore", over="ignore"):  # checks find nan, inf
+            return np.asarray(value, np.float64)
+    return _as_whole_numbers(np.asarray(value), np.int64 if column.is_index else bool)
+
+
+def _as_whole_numbers(values: NDArray[Any], dtype: type) -> Array:
+    """Return values in a type that holds them all. Raises ValueError where it does
+    not: fractions are no indices, and 2 is no flag.
+    """
+    if values.dtype == dtype:
+        return values
+    with np.errstate(invalid="ignore"):
+        converted: Array = values.astype(dtype)
+    if not np.array_equal(converted, values):
+        raise ValueError("these are others")
+    return converted
 
 
 def _each(value: object) -> Sequence[object]:
@@ -206,9 +224,9 @@ def complete(record: Items) -> None:
         try:
             converted = as_kind(column, value)
         except (TypeError, ValueError):
-            kind = "names" if column.is_text else "numbers"
-            fix = f"give {kind}"
-            raise input_error(place, f"is no array of {kind}", fix) from None
+            raise input_error(
+                place, f"is no array of {column.noun}", f"give {column.noun}"
+            ) from None
         shape = np.shape(converted) if isinstance(converted, np.ndarray) else ()
         if isinstance(converted, tuple):
             shape = (len(converted),)

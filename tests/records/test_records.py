@@ -131,6 +131,16 @@ def test_names_that_look_the_same_are_the_same():
         (Shapes, {"shapes": "abc"}, "shapes: is no array of numbers"),
         (
             Landmarks,
+            {"landmarks": np.zeros((2, 1, 2)), "frames": [0.5, 1.0]},
+            "landmarks.frames: is no array of whole numbers; give whole numbers",
+        ),
+        (
+            Fit,
+            {"shapes": np.zeros((2, 1, 3)), "trusted": [2, 1]},
+            "shapes.trusted: is no array of true and false",
+        ),
+        (
+            Landmarks,
             {"landmarks": np.zeros((2, 1, 2)), "confidence": np.zeros((1, 1))},
             "landmarks.confidence: has the shape (1, 1); it must be (2, 1)",
         ),
