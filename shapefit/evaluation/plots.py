@@ -53,7 +53,7 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
     }
     worst = [values[-1] for values in finite.values() if len(values)]
     largest = max(worst, default=0.0) or 1.0
-    parts = _labels(title, f"error ({unit})") + _grid(largest)
+    parts = _axis_labels(title, f"error ({unit})") + _grid(largest)
     for number, (name, values) in enumerate(finite.items()):
         colour = COLOURS[number % len(COLOURS)]
         line = _line(values, len(errors[name]), largest)
@@ -71,7 +71,7 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
     return "\n".join([f'{head} font-size="12">', back, *parts, "</svg>\n"])
 
 
-def _labels(title: str, label: str) -> list[str]:
+def _axis_labels(title: str, label: str) -> list[str]:
     """Return the title, and what the axes are."""
     below = AXES_TOP + AXES_HEIGHT + 38
     middle = AXES_TOP + AXES_HEIGHT / 2

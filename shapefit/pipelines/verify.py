@@ -61,7 +61,7 @@ FIT_COLUMNS = "shapes landmarks lambda scale translation rotation status objecti
 PRIOR_COLUMNS = "shape_sd shape_correlation p_value inlier_probability trusted reasons"
 """Datasets that fits with a prior write."""
 
-POINT_COLUMNS = {
+POINTWISE_COLUMNS = {
     "landmarks",
     "shape_correlation",
     "input_shapes",
@@ -508,7 +508,7 @@ def check_chunk(
 ) -> Checked:
     """Check the claims of some images."""
     columns = result.columns
-    for name in POINT_COLUMNS & columns.keys() - result.LAYOUT.datasets.keys():
+    for name in POINTWISE_COLUMNS & columns.keys() - result.LAYOUT.datasets.keys():
         columns[name] = np.ascontiguousarray(np.swapaxes(columns[name], 1, 2))
     has_scale = np.isfinite(columns["scale"])
     claims = Claims(has_scale & np.isfinite(columns["shapes"]).all(axis=(1, 2)))

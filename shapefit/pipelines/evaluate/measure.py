@@ -74,7 +74,7 @@ OTHER_FRAME_DEGREES = 45.0
 INSPECTED_IMAGES = 500
 """By which a mirrored truth, and one in another frame, are recognised."""
 
-Datasets = Mapping[str, Any]
+MetricData = Mapping[str, Any]
 """What metrics take, by name; None for what is absent."""
 
 
@@ -114,10 +114,12 @@ def measure(
     data = _find_datasets(file, matched, config)
     with np.errstate(all="ignore"):  # overflow is not an error to report
         warnings = [*matched.notes, *_find_sides(estimate, true, matched.names)]
-        metrics, notes = check_frames(config.metrics, data)
+        metrics, notes = check_rotation_frames(config.metrics, data)
         warnings += [*notes, *_find_units(results, truth, estimate, true)]
         scale = in_blocks(m.truth_scale, estimate, true)
-        errors, lacking = _errors(file, metrics, data, scale, truth.unit, results.unit)
+        errors, lacking = _measure_errors(
+            file, metrics, data, scale, truth.unit, results.unit
+        )
         warnings += lacking
         bars, notes = _find_bars(matched, data, scale, truth.unit)
         warnings += notes
@@ -166,7 +168,7 @@ def _check_not_empty(
         raise input_error("truth", fault, fix)
 
 
-class Matched(NamedTuple):
+class MatchedResults(NamedTuple):
     """Results beside their truth.
 
     rows (n,) of the true shapes, -1 for none; names of the p common landmarks; estimate
@@ -186,7 +188,9 @@ class Matched(NamedTuple):
         return match_landmarks(self.results.landmark_names, self.names)
 
 
-def _match(file: Path, results: ResultSet, truth: ShapeSet, match: str) -> Matched:
+def _match(
+    file: Path, results: ResultSet, truth: ShapeSet, match: str
+) -> MatchedResults:
     """Find the true shape of each image, and the landmarks that both have."""
     rows, is_by_frame = match_truth(file, results, truth, match)
     names = _common_landmarks(file, results.landmark_names, truth.landmark_names)
@@ -211,7 +215,7 @@ def _match(file: Path, results: ResultSet, truth: ShapeSet, match: str) -> Match
         rows = rows[retained]
         estimate = estimate[retained]
         true = true[retained]
-    return Matched(results, rows, names, estimate, true, notes)
+    return MatchedResults(results, rows, names, estimate, true, notes)
 
 
 def _say_left_out(
@@ -223,7 +227,9 @@ def _say_left_out(
         yield f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
 
 
-def _find_datasets(file: Path, matched: Matched, config: EvalConfig) -> Datasets:
+def _find_datasets(
+    file: Path, matched: MatchedResults, config: EvalConfig
+) -> MetricData:
     """Return what metrics take, beside what is always taken."""
     data: dict[str, Any] = {"estimate": matched.estimate, "truth": matched.true}
     of_metrics = chain(*(METRICS[metric].needs for metric in config.metrics))
@@ -235,7 +241,7 @@ def _find_datasets(file: Path, matched: Matched, config: EvalConfig) -> Datasets
 
 
 def _find_bars(
-    matched: Matched, data: Datasets, scale: Floats, unit: str
+    matched: MatchedResults, data: MetricData, scale: Floats, unit: str
 ) -> tuple[ErrorBars | None, list[str]]:
     """Return how the truth lies in the error bars, where there are any; and notes."""
     deviation = matched.results.shape_sd
@@ -416,8 +422,8 @@ def _find_units(
     return [f"{text}: one of them has another unit, and errors in {unit} are wrong"]
 
 
-def check_frames(
-    metrics: Sequence[str], data: Datasets
+def check_rotation_frames(
+    metrics: Sequence[str], data: MetricData
 ) -> tuple[Sequence[str], list[str]]:
     """Leave out `rotation` where dictionary and truth have different frames; say so.
 
@@ -449,10 +455,10 @@ def check_frames(
     ]
 
 
-def _errors(
+def _measure_errors(
     file: Path,
     metrics: Sequence[str],
-    data: Datasets,
+    data: MetricData,
     scale: Floats,
     unit: str,
     image_unit: str,

@@ -47,7 +47,7 @@ from shapefit.pipelines.learn_dict.from_3d import (
 )
 from shapefit.pipelines.result import Result
 
-MIN_IMAGES = 20
+MIN_TRAINING_IMAGES = 20
 """From which depth can be learned."""
 
 MIN_SHOWN_LANDMARKS = 4
@@ -162,10 +162,10 @@ def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
     has_extent = std(shown, visible) > 0
     has_enough = visible.sum(axis=1) >= MIN_SHOWN_LANDMARKS
     usable = given.take(np.flatnonzero(has_extent & has_enough))
-    if len(usable) < MIN_IMAGES:
+    if len(usable) < MIN_TRAINING_IMAGES:
         share = f"{len(usable)} of {len(given)}"
         fault = f"{share} show {MIN_SHOWN_LANDMARKS} landmarks or more"
-        fix = f"give {MIN_IMAGES} at least, of different views"
+        fix = f"give {MIN_TRAINING_IMAGES} at least, of different views"
         raise input_error(place, f"too few images: {fault}", fix)
     hidden = ~usable.visible().any(axis=0)
     if hidden.any():
@@ -235,10 +235,10 @@ def learn_mixtures(
     made = yield from learn(shapes, 0, ROUNDS_FOR_VIEWS)
     best = with_gaussian_prior(made, state)
     best_shapes = shapes
-    least_error = predict_hidden(images, best)
+    least_error = find_hidden_error(images, best)
     for _ in range(MAX_MIXTURES):
         mixed = yield from learn(shapes, number, ROUNDS_FOR_VIEWS)
-        error = predict_hidden(images, mixed)
+        error = find_hidden_error(images, mixed)
         is_gaussian = best.residual_variance is not None
         allowed = least_error
         if is_gaussian and number > 1:
@@ -339,7 +339,7 @@ def evidence_of_mirror(
     return mean_gain(evidence(sample), evidence(sample.replaced(landmarks=w)))
 
 
-def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
+def find_hidden_error(images: LandmarkSet, dictionary: Dictionary) -> float:
     """Hide a tenth of the landmarks of a sample of images, and predict them.
 
     Returns the median distance from where they are, in the size of their image.

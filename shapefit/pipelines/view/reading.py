@@ -145,7 +145,7 @@ def _read_records(
     chosen = ChosenItems("items", config.items)
     with ExitStack() as stack:
         sources = {
-            name: stack.enter_context(_open(paths, roles[name], options))
+            name: stack.enter_context(_open_files(paths, roles[name], options))
             for name, paths in config.files.items()
         }
         rows: dict[str, list[int]] = {}
@@ -193,7 +193,7 @@ def _role(path: Path, options: InputOptions) -> Role:
     return "result" if in_csv else kind
 
 
-def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
+def _open_files(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
     """Open files of a kind."""
     if role == "landmarks":
         return open_landmarks(paths, options)

@@ -17,7 +17,7 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.learn_dict.from_2d import describe_prediction, predict_hidden
+from shapefit.pipelines.learn_dict.from_2d import describe_prediction, find_hidden_error
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 
@@ -101,7 +101,7 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
         load(made.folder / "images.h5"),
         read_dictionary(made.folder / "dict.h5"),
     )
-    assert predict_hidden(images, dictionary) < 0.1
+    assert find_hidden_error(images, dictionary) < 0.1
     told = [str(text) for outcome in made.outcomes for text in outcome.warnings]
     assert any("near and far" in text for text in told)
     errors = [error(made.result, class_of_shapes, sign) for sign in (1, -1)]
