@@ -30,52 +30,58 @@ TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
 
 
 class Spec(NamedTuple):
-    """A command: its texts, its argument, and the options that are keys of its config.
-
-    unit       what the progress bar counts
-    inputs     the argument, a key of the config, and how the usage shows it
-    required   keys without which the command does nothing
-    text       the help; its first line is the summary
-    options    a line each: names, metavar (a flag has none; TYPES), help after two
-               spaces
-    to_stdout  the last note of the pipeline is the result of the command, for stdout
-    has_config whether its keys can stand in a YAML file
-    following  the next command; {output} is the file that was written
-    """
+    """A command: its texts, its argument, the options that are keys of its config."""
 
     name: str
+
     unit: str
+    """What the progress bar counts."""
+
     inputs: tuple[str, str]
+    """The argument, a key of the config, and how the usage shows it."""
+
     required: tuple[str, ...]
+    """Keys without which the command does nothing."""
+
     text: str
+    """The help; its first line is the summary."""
+
     options: str
+    """A line each: names, metavar (a flag has none), help after two spaces."""
+
     examples: str
+
     to_stdout: bool = False
+    """Whether the last note of the pipeline is the result, for standard output."""
+
     has_config: bool = True
+    """Whether its keys can stand in a YAML file."""
+
     following: str = ""
+    """The next command; {output} is the file that was written."""
 
 
-READING = """
+READING_OPTIONS = """
 --keypoints SKELETON  Skeleton of files without names: body_25 ...
 --individual NAME  Read only this individual.
 --min-confidence NUMBER  Hide less confident landmarks.
 """
-METRES = """
+METRES_OPTIONS = """
 --frame-rate HZ  Frames per second, if the files do not state it.
 --image-size WxH  Size of the images in pixels, such as 1920x1080.
 --height METRES  Height of the person in metres.
 --markers WHICH  TRC markers: joints, or input (detector names).
 """
-TRUTH = """
+TRUTH_OPTIONS = """
 --truth SHAPES  File of the true 3D shapes. Repeatable.
 --match NAME  item, frame, or a dataset that names the true shape.
 """
-OF_CONFIG = """
+CONFIG_OPTIONS = """
 -c --config CONFIG  Config file (- is stdin), or an installed one.
 --set KEY=VALUE  Set any key of the config (shapefit config {name}). Repeatable.
 --print-config  Print the config with every default as YAML, and exit.
 """
-OF_REPORT = """
+REPORT_OPTIONS = """
 --json  Print one JSON object to stdout at the end.
 -q --quiet  Print only errors and failed items.
 -v --verbose  Show all warnings, failed items and files.
@@ -99,7 +105,7 @@ SHAPES are files of 3D shapes, or of 2D landmarks seen from different sides
 --method NAME  sparse-coding, exemplars or pca-bases.
 --every N  Take every n-th frame.
 --prior  Learn a prior over shapes too, so that a fit has error bars.
-{READING}""",
+{READING_OPTIONS}""",
         examples="""
 shapefit learn-dict train.h5 -o dict.h5 --prior
 shapefit learn-dict 'train/*.h5' -o dict.h5 --every 3 --set k=128
@@ -136,7 +142,7 @@ file per frame (docs/formats.md). Globs work, - is stdin (CSV).""",
 -o --output RESULT  Result file; - is stdout (CSV), FOLDER/ one file per part.
 -d --dictionary DICT  Dictionary: a file, or an installed one (default: people).
 --method METHOD  sequences, posterior, convex, ... (default: by dictionary).
-{READING}{METRES}
+{READING_OPTIONS}{METRES_OPTIONS}
 --focal FOCAL  Focal length in pixels; none is weak perspective.
 --calibration FILE  Calibration file of the cameras.
 --camera NAME  Camera of the calibration that took the images.
@@ -165,7 +171,7 @@ shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv""",
 
 RESULTs are files that fit wrote; globs work. In the report each has the name of its
 file; the config can set other names.""",
-        options=f"-o --output DIR  Folder to write the report to.\n{TRUTH}",
+        options=f"-o --output DIR  Folder to write the report to.\n{TRUTH_OPTIONS}",
         examples="""
 shapefit eval result.h5 --truth test.h5 -o report/
 shapefit eval convex.h5 pmp.h5 --truth 'test/*.h5' -o report/ > errors.txt""",
@@ -184,7 +190,7 @@ INPUTs are files of any format that can be read, or folders with one file per fr
 -o --output OUTPUT  File to write; - is stdout (CSV).
 --to FORMAT  Format to write, such as csv or ply.
 -d --dictionary DICT  Dictionary with the meshes.
-{READING}{METRES}
+{READING_OPTIONS}{METRES_OPTIONS}
 --every N  Take every n-th frame.""",
         examples="""
 shapefit convert mouseDLC.csv -o mouse.h5
@@ -220,7 +226,7 @@ The page needs no network and no server: send it to a colleague. It shows 3D on 
 left, the image on the right, and below them joint angles and errors over time.""",
         options=f"""
 -o --output PAGE.html  HTML file to write, or PNG or SVG.
-{TRUTH}
+{TRUTH_OPTIONS}
 -d --dictionary DICT  Dictionary with edges and meshes to draw.
 --images FOLDER  Images under the landmarks.
 --keypoints SKELETON  Skeleton of files without names: body_25 ...
@@ -255,7 +261,7 @@ shapefit verify result.h5 -d dict.h5 --landmarks views.h5""",
 )
 """In the order of the help, which is that of the chain."""
 
-KEYS = {
+KEY_OF_OPTION = {
     "focal": "camera.focal",
     "prior": "prior.components",
     "calibration": "camera.calibration",
@@ -263,11 +269,11 @@ KEYS = {
 }
 """Options that are called otherwise than their key."""
 
-FLAGS = {"prior": "auto"}
+VALUE_OF_FLAG = {"prior": "auto"}
 """Flags that set their key to something else than true."""
 
-OF_PARTS = ("partition", "workers", "scheduler", "scheduler_file", "replace")
-NO_KEYS = ("open", "fail_untrusted", *OF_PARTS)
+PARTS_OPTIONS = ("partition", "workers", "scheduler", "scheduler_file", "replace")
+OPTIONS_WITHOUT_KEY = ("open", "fail_untrusted", *PARTS_OPTIONS)
 """Options that are not keys of the config."""
 
 
@@ -289,7 +295,7 @@ def number_or_word(text: str) -> object:
         return text
 
 
-TYPES: dict[str, Any] = {
+TYPE_OF_METAVAR: dict[str, Any] = {
     **dict.fromkeys(("NUMBER", "HZ", "METRES"), float),
     **dict.fromkeys(("FOCAL", "LAMBDA"), number_or_word),
     **dict.fromkeys(("CONFIG", "DICT"), click.Path(allow_dash=True)),
@@ -313,14 +319,14 @@ def make_options(lines: str) -> dict[str, click.Option]:
     for line in filter(None, lines.splitlines()):
         declaration, _, text = line.partition("  ")
         *names, last = declaration.split()
-        settings: dict[str, Any] = {"type": TYPES.get(last), "metavar": last}
+        settings: dict[str, Any] = {"type": TYPE_OF_METAVAR.get(last), "metavar": last}
         settings["multiple"] = text.endswith("Repeatable.")
         if last.startswith("-"):
             names += [last]
             settings = {"is_flag": True, "default": None}
-            settings["flag_value"] = FLAGS.get(last.lstrip("-"), True)
+            settings["flag_value"] = VALUE_OF_FLAG.get(last.lstrip("-"), True)
         name = names[-1].lstrip("-").replace("-", "_")
-        options[KEYS.get(name, name)] = click.Option(
+        options[KEY_OF_OPTION.get(name, name)] = click.Option(
             [*names, f"option_{name}"], help=text, **settings
         )
     return options
@@ -330,9 +336,9 @@ def make_command(spec: Spec) -> click.Command:
     """Return the click command of a row of the table."""
     inputs, metavar = spec.inputs
     count = -1 if "..." in metavar else 1
-    common = make_options(
-        OF_CONFIG.format(name=spec.name) * spec.has_config + OF_REPORT
-    )
+    common = make_options(REPORT_OPTIONS)
+    if spec.has_config:
+        common = make_options(CONFIG_OPTIONS.format(name=spec.name)) | common
     argument = click.Argument(
         [f"option_{inputs}"], nargs=count, required=False, metavar=metavar
     )
@@ -406,32 +412,42 @@ def make_config(spec: Spec, given: Mapping[str, Any]) -> Any:
 
     Raises click's error, with an example, where an argument that is needed is missing.
     """
-    names = {spec.inputs[0], *(o.name[7:] for o in make_options(spec.options).values())}
+    options = make_options(spec.options).values()
+    names = {spec.inputs[0]}
+    names.update(option.name.removeprefix("option_") for option in options)
     arguments = {
-        KEYS.get(name, name): given[name] for name in names.difference(NO_KEYS)
+        KEY_OF_OPTION.get(name, name): given[name]
+        for name in names.difference(OPTIONS_WITHOUT_KEY)
     }
     overrides = given.get("set") or ()
     printing = given.get("print_config")
-    set_keys = {override.partition("=")[0].strip() for override in overrides}
-    for key in spec.required if given.get("config") is None and not printing else ():
-        if not arguments[key] and key not in set_keys:
-            context = click.get_current_context()
-            parameters = {
-                parameter.name: parameter for parameter in context.command.params
-            }
-            example = f"For example: {spec.examples.splitlines()[1]}"
-            raise click.MissingParameter(example, context, parameters[f"option_{key}"])
+    if given.get("config") is None and not printing:
+        set_keys = {override.partition("=")[0].strip() for override in overrides}
+        for key in spec.required:
+            if not arguments[key] and key not in set_keys:
+                raise _missing(key, spec)
     if not spec.has_config:
         return SimpleNamespace(**arguments)
     from shapefit.config import load_config
 
     path = Path(given["config"]) if given["config"] else None
-    absent = [*spec.required, *(name for name in ("output",) if name in names)]
-    placeholders = dict.fromkeys(absent) if printing else None
+    placeholders = None
+    if printing:
+        placeholders = dict.fromkeys(spec.required)
+        if "output" in names:
+            placeholders["output"] = None
     config = load_config(
         spec.name, path, overrides, arguments, placeholders=placeholders
     )
     return config if printing else with_parts(config, given)
+
+
+def _missing(key: str, spec: Spec) -> click.MissingParameter:
+    """Return the error for an argument that is needed, with an example."""
+    context = click.get_current_context()
+    parameters = {parameter.name: parameter for parameter in context.command.params}
+    example = f"For example: {spec.examples.splitlines()[1]}"
+    return click.MissingParameter(example, context, parameters[f"option_{key}"])
 
 
 def with_parts(config: Any, given: Mapping[str, Any]) -> Any:
@@ -440,7 +456,9 @@ def with_parts(config: Any, given: Mapping[str, Any]) -> Any:
     Raises click.UsageError where the output is no folder, and for ways that exclude
     each other.
     """
-    options = {name: given[name] for name in OF_PARTS if given.get(name) is not None}
+    options = {
+        name: given[name] for name in PARTS_OPTIONS if given.get(name) is not None
+    }
     if len(options.keys() & {"workers", "scheduler", "scheduler_file"}) > 1:
         fault = "--workers, --scheduler and --scheduler-file exclude each other"
         raise click.UsageError(f"{fault}; give one of them")
@@ -449,9 +467,9 @@ def with_parts(config: Any, given: Mapping[str, Any]) -> Any:
         raise click.UsageError(
             f"{flag} needs a folder as output, for example -o results/"
         )
-    return (
-        config.changed(output=replace(config.output, **options)) if options else config
-    )
+    if not options:
+        return config
+    return config.changed(output=replace(config.output, **options))
 
 
 def read_names(spec: Spec, config: Any) -> str:
@@ -496,7 +514,7 @@ def run_pipeline(command: str, config: Any) -> Iterator[Result]:
     return run(config)
 
 
-def list_keys(command: str, section: str, option_json: bool) -> int:
+def print_keys(command: str, section: str, option_json: bool) -> int:
     """Print the config keys of a command, or those of one section."""
     from shapefit.config import CONFIGS
     from shapefit.config.reference import rows
@@ -515,16 +533,16 @@ def keys_text(table: Sequence[KeyInWords], width: int) -> str:
     lines = []
     for row in table:
         default = row.default if row.default == "required" else f"default {row.default}"
-        lines += [f"{row.name}: {row.expects}; {default}"]
-        lines += [
-            *wrap(row.meaning, width, initial_indent="    ", subsequent_indent="    ")
-        ]
+        lines.append(f"{row.name}: {row.expects}; {default}")
+        lines += wrap(
+            row.meaning, width, initial_indent="    ", subsequent_indent="    "
+        )
     return "\n".join(lines) + "\n"
 
 
 config_command = click.Command(
     "config",
-    callback=list_keys,
+    callback=print_keys,
     params=[
         click.Argument(
             ["command"], type=click.Choice([c.name for c in COMMANDS if c.has_config])

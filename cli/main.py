@@ -83,10 +83,9 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run the command line; what a user can cause becomes an exit code, all else is
-    raised.
-    """
-    if instruction := os.environ.get(COMPLETION_VARIABLE):
+    """Run the command line; what a user can cause becomes an exit code."""
+    instruction = os.environ.get(COMPLETION_VARIABLE)
+    if instruction:
         from click.shell_completion import shell_complete
 
         return shell_complete(
@@ -129,19 +128,15 @@ def _internal_error(error: Exception) -> int:
 def _stopped(number: int) -> int:
     """Say that a signal ended the run; return the exit code."""
     end_reminders()
-    word = (
-        "Interrupted"
-        if number == signal.SIGINT
-        else f"Ended by {signal.Signals(number).name}"
-    )
+    word = f"Ended by {signal.Signals(number).name}"
+    if number == signal.SIGINT:
+        word = "Interrupted"
     tell(f"{word}; no file is left half written.")
     return 128 + number
 
 
 def main() -> NoReturn:
-    """Run the command line of this process; signals unwind it, so that no half file is
-    left.
-    """
+    """Run the command line of this process; signals unwind it without half files."""
     # Threads are the core's. On a busy machine those of BLAS wait for one another: a
     # fit of sequences took 9 times as long with two of them as with one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

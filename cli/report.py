@@ -21,20 +21,22 @@ if TYPE_CHECKING:
 
 MAX_LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
+
 MAX_FILES = 8
 """Files in one folder that are named; more are counted."""
-MAX_LINE_CHARACTERS = 110
-"""Of the summary."""
-LABEL_CHARACTERS = 8
+
+LINE_LETTERS = 110
+"""Of a line of the summary, its label among them."""
+
+LABEL_LETTERS = 8
 """Of the label before a line of the summary."""
+
 SECONDS_BETWEEN_LINES = 10.0
 """Of the progress where standard error is no terminal."""
 
 
 def tell(text: str) -> None:
-    """Write a line for people to standard error; what is not printable is shown as
-    escapes.
-    """
+    """Write a line for people to standard error, what is not printable as escapes."""
     click.echo(printable(text), err=True)
 
 
@@ -92,29 +94,16 @@ class Report:
 
                 bar = stack.enter_context(tqdm(desc=self.command, dynamic_ncols=True))
             shown = time.monotonic()
-            silent = bar is None and not self.quiet
+            is_silent = bar is None and not self.quiet
             for result in results:
                 self.add(result)
                 if bar is not None:
-                    bar.total, bar.unit = self.total, f" {self.unit}"
-                    note = "" if self.to_stdout else printable(result.note)
-                    bar.set_postfix_str(note, refresh=False)
-                    bar.update(result.done)
-                    if result.line:
-                        bar.clear()
+                    self._move(bar, result)
                 if result.line and not self.quiet:
                     tell(result.line)
-                elif silent and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
+                elif is_silent and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
                     shown = time.monotonic()
-                    of = (
-                        f"/{self.total:,}"
-                        if self.total and self.done <= self.total
-                        else ""
-                    )
-                    tell(
-                        f"{self.command}: {self.done:,}{of} {self.unit}s,"
-                        f" {self._seconds:.0f} s"
-                    )
+                    tell(self._progress())
         if self.as_json:
             click.echo(printable_json(self.values()))
             return self.exit_code
@@ -123,6 +112,23 @@ class Report:
         for line in self.lines():
             tell(line)
         return self.exit_code
+
+    def _move(self, bar: Any, result: Result) -> None:
+        """Move the progress bar; it makes room for a line that is shown."""
+        bar.total = self.total
+        bar.unit = f" {self.unit}"
+        note = "" if self.to_stdout else printable(result.note)
+        bar.set_postfix_str(note, refresh=False)
+        bar.update(result.done)
+        if result.line:
+            bar.clear()
+
+    def _progress(self) -> str:
+        """Say how far the command is, where there is no progress bar."""
+        done = f"{self.done:,}"
+        if self.total and self.done <= self.total:
+            done += f"/{self.total:,}"
+        return f"{self.command}: {done} {self.unit}s, {self._seconds:.0f} s"
 
     def add(self, result: Result) -> None:
         """Add what became of one more part of the work."""
@@ -135,7 +141,9 @@ class Report:
         self.total = self.total if result.total is None else result.total
         self._failures += result.failures[: most - len(self._failures)]
         self._unlisted += merge_warnings(self._warnings, result.warnings, most)
-        reasons = (d if self.verbose else replace(d, items=()) for d in result.reasons)
+        reasons = result.reasons
+        if not self.verbose:
+            reasons = tuple(replace(reason, items=()) for reason in reasons)
         merge_warnings(self._untrusted, reasons)  # type: ignore[arg-type]
         self.written += result.written
         self.note = result.note or self.note
@@ -213,9 +221,7 @@ class Report:
             yield from self._summary()
 
     def _rows(self) -> dict[str, str]:
-        """Return the rows of the pipeline; where they lack one, what was read, and how
-        much.
-        """
+        """Return the rows of the pipeline, else what was read and done."""
         note = f", {self.note}" if self.note else ""
         result = _counted(self.done, self.unit) + note
         if self.to_stdout:
@@ -236,14 +242,14 @@ class Report:
         for label, text in rows.items():
             lines = wrap(
                 text,
-                MAX_LINE_CHARACTERS - LABEL_CHARACTERS,
+                LINE_LETTERS - LABEL_LETTERS,
                 break_long_words=False,
                 break_on_hyphens=False,
             )
             if label == "Next" and text:  # a command that is copied is one line
                 lines = [text]
             for number, line in enumerate(lines):
-                yield f"{'' if number else label:{LABEL_CHARACTERS}}{line}"
+                yield f"{'' if number else label:{LABEL_LETTERS}}{line}"
 
     def _files(self) -> str:
         """Name the files that were written; many in one folder are counted."""

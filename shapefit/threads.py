@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-Part = TypeVar("Part")
-Done = TypeVar("Done")
+Item = TypeVar("Item")
+Outcome = TypeVar("Outcome")
 
 
 class _Obeyed(threading.local):
@@ -31,9 +31,10 @@ _obeyed = _Obeyed()
 
 @contextmanager
 def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield a pool of threads. An exception that leaves the block, such as that of a
-    signal, ends the kernels that run there; those of a pool within a pool end with the
-    outer one.
+    """Yield a pool of threads.
+
+    An exception that leaves the block, such as that of a signal, ends the kernels that
+    run there; those of a pool within a pool end with the outer one.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -62,33 +63,32 @@ def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
 
 
 def on_threads(
-    work: Callable[[Part], Done], parts: Iterable[Part], threads: int
-) -> list[Done]:
-    """Return what `work` makes of each part, in their order; `threads` = 0 means one
-    per core.
+    work: Callable[[Item], Outcome], items: Iterable[Item], threads: int
+) -> list[Outcome]:
+    """Return what `work` makes of each item, in their order.
 
-    Work gains from threads where it waits for a disk, or releases the GIL.
+    `threads` = 0 means one per core. Work gains from threads where it waits for a disk,
+    or releases the GIL.
     """
-    tasks = list(parts)
+    tasks = list(items)
     workers = min(threads or os.cpu_count() or 1, len(tasks))
     if workers <= 1:
-        return [work(part) for part in tasks]
+        return [work(item) for item in tasks]
     with make_pool(workers) as pool:
         return list(pool.map(work, tasks))
 
 
 def side_by_side(
-    work: Callable[[Part], Done], items: Iterable[Part], workers: int
-) -> Generator[Done, None, None]:
-    """Do work with so many items at a time, each on a thread of its own, but for 0
-    workers.
+    work: Callable[[Item], Outcome], items: Iterable[Item], workers: int
+) -> Generator[Outcome, None, None]:
+    """Map work over items in order, `workers` ahead on threads; 0 works inline.
 
-    Results come in the order of the items, of which the next one is got meanwhile.
+    The next item is got meanwhile.
     """
     if not workers:
         yield from map(work, items)
         return
-    waiting: deque[Future[Done]] = deque()
+    waiting: deque[Future[Outcome]] = deque()
     with make_pool(workers) as pool:
         for item in items:
             waiting.append(pool.submit(work, item))

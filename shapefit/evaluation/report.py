@@ -78,7 +78,7 @@ Quantity = tuple[str, str]
 GroupMethod = tuple[str, str]
 """A group and a method: a row of the page's table."""
 
-Column = dict[GroupMethod, tuple[float, ...]]
+QuantityColumn = dict[GroupMethod, tuple[float, ...]]
 """The numbers of one quantity by row."""
 
 
@@ -316,14 +316,14 @@ def _list_of(title: str, lines: Sequence[str]) -> list[str]:
 
 def table_of(
     report: Document,
-) -> tuple[dict[GroupMethod, tuple[int, int]], dict[Quantity, Column]]:
+) -> tuple[dict[GroupMethod, tuple[int, int]], dict[Quantity, QuantityColumn]]:
     """Return images and failed images by group and method; the numbers by quantity.
 
     Those of a metric are mean and median; then come the error bars, and expected /
     error.
     """
     counts: dict[GroupMethod, tuple[int, int]] = {}
-    columns: dict[Quantity, Column] = {}
+    columns: dict[Quantity, QuantityColumn] = {}
     for summary in report["summaries"]:
         if summary.sequence is not None:
             continue
@@ -367,7 +367,7 @@ def short_lines(report: Document) -> list[str]:
 
 
 def _short_errors(
-    columns: Mapping[Quantity, Column], row: GroupMethod
+    columns: Mapping[Quantity, QuantityColumn], row: GroupMethod
 ) -> Iterable[str]:
     """Return the errors of a row in words, a metric once, in the unit of the truth."""
     errors: dict[str, str] = {}
@@ -375,12 +375,12 @@ def _short_errors(
         # The last unit is that of the truth.
         if metric in _SHORT_NAMES and unit != UNSTATED_UNIT and row in column:
             errors[metric] = (
-                f"{_SHORT_NAMES[metric]} {_number_in_words(column[row], unit)}"
+                f"{_SHORT_NAMES[metric]} {_say_mean_and_median(column[row], unit)}"
             )
     return errors.values()
 
 
-def _number_in_words(mean_and_median: Sequence[float], unit: str) -> str:
+def _say_mean_and_median(mean_and_median: Sequence[float], unit: str) -> str:
     """Say a mean and a median; of less than a metre in millimetres."""
     if unit == "m" and mean_and_median[0] < 1:
         unit = "mm"
@@ -390,7 +390,9 @@ def _number_in_words(mean_and_median: Sequence[float], unit: str) -> str:
     return f"{mean} mean, {median} median ({unit})"
 
 
-def _short_bars(columns: Mapping[Quantity, Column], row: GroupMethod) -> list[str]:
+def _short_bars(
+    columns: Mapping[Quantity, QuantityColumn], row: GroupMethod
+) -> list[str]:
     """Return in words what the error bars of a row hold."""
     texts = []
     for quantity, text in (

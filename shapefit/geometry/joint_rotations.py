@@ -99,7 +99,7 @@ def find_rig(
     return Rig(tree, offsets, rotations, points[:, :, tree[0].joint], rest)
 
 
-def forward_kinematics(rig: Rig) -> Floats:
+def place_nodes(rig: Rig) -> Floats:
     """x = x_parent + P offset: where all nodes are (m, f, 3)."""
     places = [rig.root]
     G = [rig.rotations[0]]

@@ -36,7 +36,7 @@ SUM_ROUNDING = 64 * 2.0**-53
 """Share of the magnitudes of its terms by which a sum may be off, in the fit and here.
 """
 
-ResultColumns = Mapping[str, NDArray[Any]]
+ImageColumns = Mapping[str, NDArray[Any]]
 """Datasets of n images by name; points one a column, (n, 3, p) or (n, 2, p)."""
 
 STATUS_WITHOUT_SHAPE = ("degenerate input", "numerical failure")
@@ -103,7 +103,7 @@ class ProgramImages(NamedTuple):
 
 
 def check_certificate(
-    columns: ResultColumns, program: CertifiedProgram, claims: Claims
+    columns: ImageColumns, program: CertifiedProgram, claims: Claims
 ) -> Flags:
     """Claim that the dual bounds the objective as stated, of the shapes as stated.
 
@@ -145,7 +145,7 @@ def check_certificate(
 
 
 def check_refined(
-    columns: ResultColumns,
+    columns: ImageColumns,
     images: ProgramImages,
     program: CertifiedProgram,
     D: Floats,
@@ -167,7 +167,7 @@ def check_refined(
 
 
 def read_transforms(
-    columns: ResultColumns, n: int, k: int, claims: Claims
+    columns: ImageColumns, n: int, k: int, claims: Claims
 ) -> tuple[Floats, Floats]:
     """Return M (n, k, 2, 3) and c (n, k), and claim that transforms are finite."""
     image = np.repeat(np.arange(n), columns["transform_count"])
@@ -186,13 +186,13 @@ def read_transforms(
     return M, c
 
 
-def stated_gap(columns: ResultColumns, program: CertifiedProgram) -> Floats:
+def stated_gap(columns: ImageColumns, program: CertifiedProgram) -> Floats:
     """Return the relative gap (n,) that is stated of the convex program."""
     name = "convex_relative_gap" if program.refined else "relative_gap"
     return np.asarray(columns[name])
 
 
-def read_images(columns: ResultColumns, program: CertifiedProgram) -> ProgramImages:
+def read_images(columns: ImageColumns, program: CertifiedProgram) -> ProgramImages:
     """Weigh and normalise the landmarks of n images of a result.
 
     omega is the confidence, 1 without one, and 0 where a landmark is unseen or was set
@@ -304,7 +304,7 @@ def check_gap(
 
 
 def check_shapes(
-    columns: ResultColumns,
+    columns: ImageColumns,
     images: ProgramImages,
     c: Floats,
     S: Floats,
@@ -399,7 +399,7 @@ def largest(values: Floats) -> Floats:
     return np.asarray(values.max(axis=axes, initial=-np.inf))
 
 
-def check_ranges(columns: ResultColumns, claims: Claims) -> None:
+def check_ranges(columns: ImageColumns, claims: Claims) -> None:
     """Claim that numbers are in range, rotations proper, shapes whole or absent."""
     for (low, high), names in RANGES.items():
         for name in columns.keys() & set(names.split()):

@@ -203,13 +203,13 @@ class Scene(TypedDict):
     """Sentences on what is missing."""
 
 
-class Block(TypedDict):
+class EncodedArray(TypedDict):
     """An array as scripts/blocks.js reads it: base64 of small integers or floats."""
 
     type: str
     shape: list[int]
     data: str
-    places: NotRequired[Block]
+    places: NotRequired[EncodedArray]
 
 
 def viewer_page(scene: Scene) -> str:
@@ -308,7 +308,7 @@ def as_json(value: object) -> object:
     return block(value, "u2" if largest < 2**16 else "u4")
 
 
-def block(values: NDArray[Any], kind: str) -> Block:
+def block(values: NDArray[Any], kind: str) -> EncodedArray:
     """Return an array as base64 of numbers of a kind, such as `i2` or `f4`."""
     data = np.ascontiguousarray(values.astype(f"<{kind}")).tobytes()
     return {
@@ -318,7 +318,7 @@ def block(values: NDArray[Any], kind: str) -> Block:
     }
 
 
-def block_of_points(points: Floats) -> Block:
+def block_of_points(points: Floats) -> EncodedArray:
     """Return points (n, d, p) as 16-bit integers, each set on a scale of its own.
 
     A point that is not finite in 32 bits is missing.

@@ -119,7 +119,7 @@ def evaluate_class(images: Images, state: ClassState) -> Judgement:
         hidden_error = float(np.sqrt((residual**2).mean()))
     if hidden_error > BLIND_ERROR:
         verdict = NOTHING_IN_COMMON
-    elif is_flat(state.model):
+    elif is_flat_class(state.model):
         verdict = VIEWS_ALIKE
     else:
         verdict = judge_depth(learned.model, gain, half_distance)
@@ -144,7 +144,7 @@ def judge_depth(model: Gaussian, gain: float, half_distance: float) -> str:
     return VIEWS_ALIKE
 
 
-def is_flat(model: Gaussian) -> bool:
+def is_flat_class(model: Gaussian) -> bool:
     """Whether the mean shape has next to no depth."""
     size = np.linalg.svd(model.mean, compute_uv=False)
     return bool(size[2] <= FLAT_DEPTH_SHARE * size[0])

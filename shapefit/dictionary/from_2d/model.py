@@ -155,7 +155,7 @@ class Expected:
     residual_variance: Floats
 
 
-RowsOf = TypeVar("RowsOf", Views, Expected)
+OfImages = TypeVar("OfImages", Views, Expected)
 
 
 def posterior_mean(
@@ -413,7 +413,7 @@ def split_ppca(
     )
 
 
-def choose_rows(mask: Flags, yes: RowsOf, no: RowsOf) -> RowsOf:
+def choose_rows(mask: Flags, yes: OfImages, no: OfImages) -> OfImages:
     """Return the rows of `yes` where the mask (n,) is True, else those of `no`."""
     chosen: dict[str, Any] = {}
     for column in fields(yes):

@@ -16,7 +16,7 @@ import orjson
 
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
-from shapefit.geometry.joint_rotations import Rig, find_rig, forward_kinematics
+from shapefit.geometry.joint_rotations import Rig, find_rig, place_nodes
 from shapefit.io.skeletons import part_names
 from shapefit.io.writers.motion import FileMotion
 
@@ -67,7 +67,7 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
         file.write(head.encode())
         file.write(text.replace(b"],[", b"\n").replace(b",", b" ") + b"\n")
     truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
-    far = 1000 * np.linalg.norm(forward_kinematics(rig) - truth, axis=2)
+    far = 1000 * np.linalg.norm(place_nodes(rig) - truth, axis=2)
     joints = f"joints of {motion.name}" if motion.name else "joints"
     said = (
         f"{joints} {far.mean():.1f} mm from the landmarks on average,"

@@ -61,7 +61,7 @@ OTHER_FRAME_DEGREES = 45.0
 INSPECTED_IMAGES = 500
 """By which a mirrored truth, and one in another frame, are recognised."""
 
-Datasets = Mapping[str, Any]
+MetricData = Mapping[str, Any]
 """What metrics take, by name; None for what is absent."""
 
 
@@ -99,7 +99,7 @@ def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Meas
     data = _find_datasets(file, matched, config)
     with np.errstate(all="ignore"):  # overflow is not an error to report
         warnings = [*matched.notes, *_find_sides(estimate, true, matched.names)]
-        metrics, notes = check_frames(config.metrics, data)
+        metrics, notes = check_rotation_frames(config.metrics, data)
         warnings += [*notes, *_find_units(results, truth, estimate, true)]
         scale = in_blocks(m.truth_scale, estimate, true)
         errors, lacking = _errors_of(
@@ -211,7 +211,9 @@ def _say_left_out(
         yield f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
 
 
-def _find_datasets(file: Path, matched: MatchedResults, config: EvalConfig) -> Datasets:
+def _find_datasets(
+    file: Path, matched: MatchedResults, config: EvalConfig
+) -> MetricData:
     """Return what metrics take, beside what is always taken."""
     data: dict[str, Any] = {"estimate": matched.estimate, "truth": matched.true}
     of_metrics = chain(*(METRICS[metric].needs for metric in config.metrics))
@@ -223,7 +225,7 @@ def _find_datasets(file: Path, matched: MatchedResults, config: EvalConfig) -> D
 
 
 def _find_bars(
-    matched: MatchedResults, data: Datasets, scale: Floats, unit: str
+    matched: MatchedResults, data: MetricData, scale: Floats, unit: str
 ) -> tuple[ErrorBars | None, list[str]]:
     """Return how the truth lies in the error bars, where there are any; and notes."""
     deviation = matched.results.shape_sd
@@ -413,8 +415,8 @@ def _find_units(
     return [f"{text}: one of them has another unit, and errors in {unit} are wrong"]
 
 
-def check_frames(
-    metrics: Sequence[str], data: Datasets
+def check_rotation_frames(
+    metrics: Sequence[str], data: MetricData
 ) -> tuple[Sequence[str], list[str]]:
     """Leave out `rotation` where dictionary and truth have different frames; say so.
 
@@ -449,7 +451,7 @@ def check_frames(
 def _errors_of(
     file: Path,
     metrics: Sequence[str],
-    data: Datasets,
+    data: MetricData,
     scale: Floats,
     unit: str,
     image_unit: str,

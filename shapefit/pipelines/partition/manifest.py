@@ -90,16 +90,16 @@ class Manifest:
         """Write the manifest, whole or not at all."""
         lines = [self.run, *self.parts.values()]
         with atomic_path(self.path) as temporary:
-            temporary.write_bytes(b"".join(map(_as_bytes, lines)))
+            temporary.write_bytes(b"".join(map(_line_bytes, lines)))
 
     def add(self, line: PartLine) -> None:
         """Add the line of a part."""
         self.parts[line.file] = line
         with storage_errors(self.path, None), self.path.open("ab", buffering=0) as file:
-            file.write(_as_bytes(line))
+            file.write(_line_bytes(line))
 
 
-def _as_bytes(line: ManifestLine) -> bytes:
+def _line_bytes(line: ManifestLine) -> bytes:
     """Return a line as it stands in the file."""
     return json.dumps(line.model_dump(exclude_unset=True)).encode() + b"\n"
 

@@ -218,7 +218,7 @@ def _result_layer(
         "perspective": space.in_camera,
         "status": _unsolved(values.get("status")),
         "reasons": encode_texts(values.get(REASONS)),
-        "measures": [*_angles(content), *_errors(content, observed, truth)],
+        "measures": [*_angles(content), *_error_measures(content, observed, truth)],
     }
 
 
@@ -243,7 +243,7 @@ def _angles(content: Content) -> Iterator[Measure]:
             yield _measure(name.replace("_", " "), angle, "°", band)
 
 
-def _errors(
+def _error_measures(
     content: Content, observed: Floats | None, truth: Content | None
 ) -> Iterator[Measure]:
     """Yield errors of each frame: in metres, or else in the unit of the truth."""
