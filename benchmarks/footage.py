@@ -82,6 +82,9 @@ UNSEEN, GAP = 0.1, 5 / 24
 """Share of the landmarks that are not found, and the mean length of a gap in seconds.
 """
 
+DROPPED = (0.1, 0.2, 0.4)
+"""Shares of the frames that are lost where those are measured alone."""
+
 BODY_SPREAD = {"head": 0.1, "hips": 0.1}
 """Spread of the logarithms of the factors of a body, about the means of `THETA`."""
 
@@ -398,6 +401,63 @@ def measure(
     return row
 
 
+def measure_dropped(
+    share: float,
+    shapes: ShapeSet,
+    dictionary: shapefit.Dictionary,
+    count: int,
+    longest: float,
+) -> dict[str, Any]:
+    """Film so many clips of a body, and lose a share of their frames at random.
+
+    Returns the errors of `sequences`, means over the clips, with the numbers of the
+    frames and with the same images taken for consecutive ones, and how many frames it
+    refines of all.
+    """
+    body = (shapes.sequences or ("",))[0].split("_")[0]
+    rng = np.random.default_rng([int(body), count])
+    images, truth = film(shapes, choose_clips(shapes, count, longest, rng), rng)
+    names = np.array(images.sequences)
+    frames = np.concatenate(
+        [np.arange((names == name).sum()) for name in set_of(names)]
+    )
+    order = np.random.default_rng(round(100 * share)).permutation(len(names))
+    left = np.sort(order[: round(len(names) * (1 - share))])
+    row: dict[str, Any] = {"body": body, "share": share, "images": len(left)}
+    truth, names, joined = truth.take(left), names[left], images.take(left)
+    for what, one in (
+        ("numbered", joined.replaced(frame=frames[left])),
+        ("joined", joined),
+    ):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            config = CONFIGS / "detected/fit-sequences.yaml"
+            fit = shapefit.fit(shapefit.Landmarks.of(one), dictionary, config=config)
+        judged = measure_file(Path(what), fit.record(), truth, JUDGED)
+        error = judged.errors["similarity", "normalised"]
+        row[what] = np.mean(
+            [np.nanmean(error[names == name]) for name in np.unique(names)]
+        )
+        noise = fit.record().columns["sequence_noise"]
+        row[f"{what} refined"] = int(np.isfinite(noise).sum())
+    return row
+
+
+def say_dropped(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the errors with numbered frames over those of joined ones, and the frames
+    that are refined, in a line.
+    """
+    total = {key: sum(row[key] for row in rows) for key in rows[0] if key != "body"}
+    ratio = total["numbered"] / total["joined"]
+    refined, joined = total["numbered refined"], total["joined refined"]
+    return f"errors x {ratio:.3f}; {refined} of {total['images']} refined, not {joined}"
+
+
+def set_of(names: NDArray[np.str_]) -> list[str]:
+    """Return the different names, in their order."""
+    return [*dict.fromkeys(names.tolist())]
+
+
 def measure_floor(
     cell: Cell,
     shapes: Shapes,
@@ -499,8 +559,21 @@ def main() -> None:
     parser.add_argument(
         "--floor", action="store_true", help="height and tilt of the camera alone"
     )
+    parser.add_argument(
+        "--dropped", action="store_true", help="frames that are missing at random alone"
+    )
     given = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
+    if given.dropped:
+        for share in DROPPED:
+            lost = []
+            for body, shapes in read_bodies(given.data, FILES, CHOSEN_ON).items():
+                known = learn(body, given.data)
+                count = -(-given.clips // 2)
+                lost.append(measure_dropped(share, shapes, known, count, given.longest))
+                print(body, share, say_dropped(lost[-1:]), flush=True)
+            print("all", share, say_dropped(lost), flush=True)
+        return
     if given.floor:
         for cell in (BASE, replace(BASE, name="focal length right", focal=(1.1, 1.1))):
             parts = []

@@ -212,7 +212,7 @@ def parse(words: Sequence[str]) -> None:
 OTHERS = {
     *("--help", "--version"),
     # of this project's benchmarks
-    *("--data", "--bodies", "--cells", "--clips", "--longest", "--floor"),
+    *("--data", "--bodies", "--cells", "--clips", "--longest", "--floor", "--dropped"),
     *("--only", "--quick"),
     # of pip, docker, dask
     *("--editable", "--rm", "--nthreads", "--nworkers"),

@@ -13,6 +13,7 @@ import multiprocessing
 import os
 import platform
 import signal
+import sys
 import threading
 import time
 from collections import deque
@@ -83,6 +84,7 @@ from shapefit.pipelines.partition.manifest import (
 )
 from shapefit.pipelines.result import Failure, Result, merge_warnings
 from shapefit.records import Landmarks
+from shapefit.threads import make_pool
 
 KEYS_OF_THE_RUN = {"landmarks", "output", "dictionary", "data", "threads"}
 """Keys that do not change what a part holds; the dictionary counts by its digest."""
@@ -99,6 +101,9 @@ EndedPart = tuple[PartLine, Result]
 PartKey = tuple[tuple[str, ...], tuple[int, int] | None]
 """What a part is made of: paths of the inputs, and rows."""
 
+
+BETWEEN_LOOKS = 0.5
+"""Seconds in which a Dask worker learns that a part is not wanted any more."""
 
 GAP = ("optimal", "not_optimal", "largest_gap")
 """What a fit says of its optimum, in the line of a part, too."""
@@ -576,12 +581,47 @@ def do_job(job: Job) -> EndedPart:
         fix = "install the same version on all machines"
         raise input_error(platform.node(), fault, fix)
     try:
-        return fit_part(job)
+        return while_wanted(fit_part, job)
     except InputError as error:
         return failed(job, "; ".join(error.problems))
     except Exception as error:
         text = str(error).partition("\n")[0]
         return failed(job, ": ".join(filter(None, (type(error).__name__, text))))
+
+
+def while_wanted(work: Callable[[Job], EndedPart], job: Job) -> EndedPart:
+    """Do a job; end it where a Dask worker does it and nobody waits for it any more, as
+    when `fit` was killed. Raises InputError then.
+    """
+    is_wanted = task_of_dask()
+    if is_wanted is None:
+        return work(job)
+    with make_pool(1) as pool:
+        doing = pool.submit(work, job)
+        while not futures.wait([doing], timeout=BETWEEN_LOOKS).done:
+            if not is_wanted():
+                raise input_error("fit", "has ended", "run the command again")
+        return doing.result()
+
+
+def task_of_dask() -> Callable[[], bool] | None:
+    """Return what says whether the task of Dask on this thread is still wanted; None
+    where there is none.
+    """
+    distributed = sys.modules.get("distributed")
+    if distributed is None:
+        return None
+    try:
+        worker = distributed.get_worker()
+        key = worker.get_current_task()
+    except (ValueError, KeyError):  # another thread
+        return None
+
+    def is_wanted() -> bool:
+        task = worker.state.tasks.get(key)
+        return task is not None and task.state != "cancelled"
+
+    return is_wanted
 
 
 def failed(job: Job, error: str) -> EndedPart:

@@ -245,6 +245,10 @@ def test_without_a_scheduler(data, monkeypatch, options, text):
 # --- a Dask cluster ---
 
 
+SOON = 5.0
+"""Seconds in which workers learn that a run is gone, and leave its parts."""
+
+
 def started():
     """Start a scheduler on loopback and two workers of one process each."""
     from distributed import LocalCluster
@@ -294,3 +298,21 @@ def test_a_lost_scheduler(data):
     assert process.returncode == 2, said
     assert "Error: Dask: the scheduler is gone" in said.decode().splitlines()[-1]
     goes_on(data, "scheduler/")
+
+
+@pytest.mark.slow
+def test_a_killed_run_ends_on_its_workers(data, cluster):
+    """Parts that take longer than that, of which nothing is left in the folder."""
+    address = ("--scheduler", cluster.scheduler_address)
+    line = command("killed-run/", "--method", "global", *address)
+    process = subprocess.Popen(line, cwd=data, stderr=subprocess.PIPE)
+    folder = data / "killed-run"
+    ends = time.monotonic() + LIMIT
+    while not list(folder.glob(".*.partial.h5")):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < ends
+        time.sleep(0.02)
+    process.kill()
+    process.communicate()
+    time.sleep(SOON)
+    assert not list(folder.glob("*.h5"))
