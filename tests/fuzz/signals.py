@@ -76,6 +76,8 @@ def interrupt(
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        # A shell has it ignored by what it starts in the background.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     begin = first = None
     while (spent := seconds_of(process.pid)) is not None:
