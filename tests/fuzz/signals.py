@@ -37,16 +37,21 @@ def main() -> int:
         prog="python -m tests.fuzz.signals", description=__doc__
     )
     parser.add_argument("--count", type=int, default=50, help="signals in each case")
+    parser.add_argument(
+        "--longest", type=float, default=8.0, help="second up to which signals come"
+    )
     parser.add_argument("--only", choices=CASES, action="append")
     arguments = parser.parse_args()
     faults = 0
     for case in arguments.only or CASES:
         with tempfile.TemporaryDirectory() as name:
-            command, longest = CASES[case](Path(name))
+            command = CASES[case](Path(name))
             rng = random.Random(case)
             answers: list[float] = []
             while len(answers) < arguments.count:
-                seconds, fault = interrupt(command, rng.uniform(0, longest), rng)
+                seconds, fault = interrupt(
+                    command, rng.uniform(0, arguments.longest), rng
+                )
                 if seconds is not None:
                     answers.append(seconds)
                 if fault or (seconds or 0) > SOON:
@@ -137,13 +142,13 @@ def write_views(path: Path, n: int, p: int) -> None:
         writer.append(LandmarkSet(landmarks=w, landmark_names=names, items=items))
 
 
-def write_atoms(
-    path: Path, k: int, p: int, prior: Mixture | None = None, **further: np.ndarray
-) -> None:
+def write_atoms(path: Path, k: int, p: int, prior: Mixture | None = None) -> None:
     """Write a dictionary of random atoms."""
     atoms = np.random.default_rng(0).normal(size=(k, 3, p))
     names = tuple(f"p{j}" for j in range(p))
-    write_dictionary(path, Dictionary(atoms, names, atoms[0], prior=prior, **further))
+    variance = None if prior is None else np.array([0.003])
+    made = Dictionary(atoms, names, atoms[0], prior=prior, residual_variance=variance)
+    write_dictionary(path, made)
 
 
 def fit(folder: Path, n: int, k: int, p: int, *options: str) -> list[str]:
@@ -155,39 +160,39 @@ def fit(folder: Path, n: int, k: int, p: int, *options: str) -> list[str]:
     return [*given, *options, "-o", str(folder / "out.h5")]
 
 
-def convex(folder: Path) -> tuple[list[str], float]:
+def convex(folder: Path) -> list[str]:
     """p = 1000, k = 2000."""
-    return fit(folder, 4, 2000, 1000, "--method", "convex"), 8.0
+    return fit(folder, 4, 2000, 1000, "--method", "convex")
 
 
-def search(folder: Path) -> tuple[list[str], float]:
+def search(folder: Path) -> list[str]:
     """All rotations of many images."""
-    return fit(folder, 4096, 64, 15, "--method", "global"), 6.0
+    return fit(folder, 4096, 64, 15, "--method", "global")
 
 
-def posterior(folder: Path) -> tuple[list[str], float]:
+def posterior(folder: Path) -> list[str]:
     """p = 120."""
     p, components = 120, 16
     means = np.random.default_rng(2).normal(size=(components, 3, p))
     covariances = np.tile(0.1 * np.eye(3 * p), (components, 1, 1))
     prior = Mixture(np.full(components, 1 / components), means, covariances)
-    write_atoms(folder / "atoms.h5", 16, p, prior, residual_variance=np.array([0.003]))
-    return fit(folder, 1024, 16, p, "--method", "posterior"), 6.0
+    write_atoms(folder / "atoms.h5", 16, p, prior)
+    return fit(folder, 1024, 16, p, "--method", "posterior")
 
 
-def learn(folder: Path) -> tuple[list[str], float]:
+def learn(folder: Path) -> list[str]:
     """A dictionary of people with a prior."""
     prior = ["--set", "prior.components=32", "--set", "iterations=50"]
-    return ["learn-dict", str(PEOPLE), *prior, "-o", str(folder / "out.h5")], 4.0
+    return ["learn-dict", str(PEOPLE), *prior, "-o", str(folder / "out.h5")]
 
 
-CASES: dict[str, Callable[[Path], tuple[list[str], float]]] = {
+CASES: dict[str, Callable[[Path], list[str]]] = {
     "convex": convex,
     "global": search,
     "posterior": posterior,
     "learn-dict": learn,
 }
-"""The command of each case, and up to which second of its time signals come."""
+"""What makes the files and the command of each case."""
 
 
 if __name__ == "__main__":
