@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -36,6 +38,21 @@ from shapefit.pipelines.learn_dict.from_3d import every_nth
 PROJECT = Path(__file__).resolve().parents[1]
 WORKER = Path(__file__).with_name("worker.py")
 LAMBDA = 0.1
+
+SOLVE = """
+import numpy as np
+from shapefit.convex.problem import build_problem
+from shapefit.convex.solver import solve_newton
+rng = np.random.default_rng(0)
+atoms, landmarks = rng.normal(size=(2000, 3, 1000)), rng.normal(size=(4, 2, 1000))
+solve_newton(build_problem(landmarks, atoms, 0.5), tolerance=1e-8, threads=1)
+"""
+"""A program that takes minutes, which a signal ends."""
+
+MOMENT, PATIENCE = 4.0, 20.0
+"""Seconds of the processor after which the signal comes, and for which an answer is
+waited for.
+"""
 
 SHUFFLE = """
 import sys, numpy as np, shapefit
@@ -161,6 +178,7 @@ def cases(bench: Bench) -> Iterator[tuple[str, Callable[[], Row]]]:
         yield name, partial(compare_kernel, bench, name, build)
     for name, command in commands(bench).items():
         yield name, partial(compare_commands, bench, name, command)
+    yield "signal, k=2000, p=1000", partial(compare_answers, bench)
 
 
 def kernels(bench: Bench) -> Iterator[tuple[str, Callable[[], Arrays]]]:
@@ -173,6 +191,10 @@ def kernels(bench: Bench) -> Iterator[tuple[str, Callable[[], Arrays]]]:
     if cars := bench.cars:
         yield "cars, p=66", partial(cars_case, cars)
     yield "made, k=64, p=1000", partial(made_case, 200, 64, 1000)
+    yield "random, k=100, p=200", partial(random_case, 8, 100, 200)
+    yield "random, k=100, p=400", partial(random_case, 8, 100, 400)
+    yield "random, k=1000, p=400", partial(random_case, 1, 1000, 400)
+    yield "low rank, k=100, p=400", partial(made_case, 8, 100, 400)
 
 
 def compare_kernel(bench: Bench, name: str, build: Callable[[], Arrays]) -> Row:
@@ -274,6 +296,15 @@ def made_case(n: int, k: int, p: int) -> Arrays:
     views = (about[None] @ starts[:, None]).reshape(-1, 3, 3)[:n]
     landmarks = (views @ shapes(weights))[:, :2] + 0.02 * rng.standard_normal((n, 2, p))
     return program(normalise(landmarks).points, atoms)
+
+
+def random_case(n: int, k: int, p: int) -> Arrays:
+    """Atoms and images that have nothing in common: nearly all atoms are active."""
+    rng = np.random.default_rng(0)
+    atoms, w = rng.standard_normal((k, 3, p)), rng.standard_normal((n, 2, p))
+    atoms = normalise(atoms).points
+    atoms /= np.linalg.norm(atoms, axis=(1, 2))[:, None, None]
+    return program(normalise(w).points, atoms)
 
 
 def mocap_case(folder: Path) -> Arrays:
@@ -532,6 +563,47 @@ def peak(command: Command, folder: Path) -> Turn:
     if process.returncode > 1:
         raise RuntimeError(f"{command} failed")
     return Turn(usage.ru_maxrss * 1024 / 1e9)
+
+
+def compare_answers(bench: Bench) -> Row:
+    """Time what either version takes from SIGINT to its end, PATIENCE at most."""
+    sides = [partial(answer, side.python) for side in (bench.old, bench.new)]
+    return compare("signal, k=2000, p=1000", sides, bench.repeats)
+
+
+def answer(python: Path) -> Turn:
+    """Send SIGINT to a kernel; return the processor's seconds from there to the end."""
+    process = subprocess.Popen(
+        [python, "-P", "-c", SOLVE],
+        stderr=subprocess.DEVNULL,
+        env=os.environ | ONE_THREAD,
+    )
+    begin = last = wait_for(process.pid, MOMENT)
+    process.send_signal(signal.SIGINT)
+    while last - begin < PATIENCE:
+        time.sleep(0.005)
+        if (now := seconds_of(process.pid)) is None:
+            break
+        last = now
+    process.kill()
+    process.wait()
+    return Turn(max(last - begin, 0.01))
+
+
+def wait_for(process: int, moment: float) -> float:
+    """Wait until a process has taken so much of the processor; return how much."""
+    while (spent := seconds_of(process)) is not None:
+        if spent >= moment:
+            return spent
+        time.sleep(0.005)
+    raise RuntimeError("a kernel ended before its signal")
+
+
+def seconds_of(process: int) -> float | None:
+    """Return the processor's seconds of a process, None after its end."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    ticks = int(fields[11]) + int(fields[12])
+    return None if fields[0] == "Z" else ticks / os.sysconf("SC_CLK_TCK")
 
 
 def run(command: Command, folder: Path | None = None) -> None:

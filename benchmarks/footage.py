@@ -403,7 +403,7 @@ def measure(
 
 def measure_dropped(
     share: float,
-    shapes: ShapeSet,
+    shapes: Shapes,
     dictionary: shapefit.Dictionary,
     count: int,
     longest: float,
@@ -426,19 +426,20 @@ def measure_dropped(
     row: dict[str, Any] = {"body": body, "share": share, "images": len(left)}
     truth, names, joined = truth.take(left), names[left], images.take(left)
     for what, one in (
-        ("numbered", joined.replaced(frame=frames[left])),
+        ("numbered", joined.replaced(frames=frames[left])),
         ("joined", joined),
     ):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             config = CONFIGS / "detected/fit-sequences.yaml"
-            fit = shapefit.fit(shapefit.Landmarks.of(one), dictionary, config=config)
-        judged = measure_file(Path(what), fit.record(), truth, JUDGED)
+            fit = shapefit.fit(one, dictionary, config=config)
+        judged = measure_file(Path(what), fit, truth, JUDGED)
         error = judged.errors["similarity", "normalised"]
         row[what] = np.mean(
             [np.nanmean(error[names == name]) for name in np.unique(names)]
         )
-        noise = fit.record().columns["sequence_noise"]
+        noise = fit.sequence_noise
+        assert noise is not None, "the method is `sequences`"
         row[f"{what} refined"] = int(np.isfinite(noise).sum())
     return row
 

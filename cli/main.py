@@ -140,6 +140,9 @@ def main() -> NoReturn:
     # Threads are the core's. On a busy machine those of BLAS wait for one another: a
     # fit of sequences took 9 times as long with two of them as with one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # No plugin of pydantic is ours, and to look for some is to read the metadata of
+    # every package that is installed.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
     log.follow_environment()
     gc.disable()  # `run_command` enables it: what is imported until then stays
     catch_signals()

@@ -19,7 +19,6 @@ from pydantic import (
     PlainValidator,
 )
 
-from shapefit.config.manifest import MANIFEST, result_parts
 from shapefit.errors import path_text
 
 STANDARD_STREAM = Path("-")
@@ -52,6 +51,8 @@ class ResultFolder:
     @property
     def manifest(self) -> Path:
         """The list of the parts."""
+        from shapefit.config.manifest import MANIFEST
+
         return self.path / MANIFEST
 
 
@@ -116,6 +117,17 @@ def absolute_path(value: object) -> Path:
     return Path(os.path.abspath(folder / os.path.expanduser(text)))
 
 
+def list_results(path: Path) -> tuple[Path, ...]:
+    """Return the results in a folder that `fit` wrote part by part, none of anything
+    else.
+    """
+    if not path.is_dir():
+        return ()
+    from shapefit.config.manifest import result_parts  # models that few commands need
+
+    return result_parts(path)
+
+
 def expand_path(value: object) -> tuple[Path, ...]:
     """Return the files that a path or glob names, sorted, at least one.
 
@@ -125,7 +137,7 @@ def expand_path(value: object) -> tuple[Path, ...]:
     """
     path = absolute_path(value)
     if path == STANDARD_STREAM or os.path.exists(path):
-        return result_parts(path) or (path,)
+        return list_results(path) or (path,)
     installed = find_dictionaries()
     if isinstance(value, str) and value in installed:
         return (installed[value],)

@@ -21,7 +21,7 @@ OF_OTHER_FITS = """
     concurrent.futures dask distributed llvmlite matplotlib multiprocessing numba
     numpy.f2py
     numpy.ma numpy.polynomial numpy.random numpy.testing polars ruamel scipy
-    shapefit.config.commands.others
+    shapefit.config.commands.others shapefit.config.manifest
     shapefit.evaluation shapefit.lifting.perspective
     shapefit.lifting.outliers.ransac shapefit.lifting.sequences
     shapefit.lifting.posterior.method

@@ -352,3 +352,16 @@ def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     Q = upgrade(L, A[:, :3] + 0.05 * rng.standard_normal((rank, 3)))
     gram = (L @ Q) @ np.swapaxes(L @ Q, 1, 2)
     np.testing.assert_allclose(gram, np.broadcast_to(np.eye(2), gram.shape), atol=1e-6)
+
+
+def test_no_bit_depends_on_the_number_of_threads(plant, monkeypatch):
+    images = plant(60, noise=0.02, hidden=0.1).images
+    found = []
+    for cores in (1, 3):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        *_, state = learn_class(images)
+        found.append(state)
+    one, other = found
+    assert one.objective == other.objective
+    np.testing.assert_array_equal(one.shapes, other.shapes)
+    np.testing.assert_array_equal(one.model.modes, other.model.modes)

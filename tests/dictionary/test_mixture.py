@@ -107,3 +107,14 @@ def test_shrinkage_is_the_share_of_the_covariance_of_all():
         )
         expected = (1 - shrinkage) * own + shrinkage * G
         np.testing.assert_allclose(found.covariances[k], expected, rtol=1e-6)
+
+
+def test_no_bit_depends_on_the_number_of_threads(monkeypatch):
+    shapes, _ = draw(400)
+    found = []
+    for cores in (1, 3):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        found.append(learn_mixture(shapes, 3, shrinkage=0.3, floor=0.01))
+    one, other = found
+    np.testing.assert_array_equal(one.trace, other.trace)
+    np.testing.assert_array_equal(one.mixture.covariances, other.mixture.covariances)

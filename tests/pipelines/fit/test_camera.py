@@ -294,11 +294,14 @@ class TestLens:
         return fitted
 
     def test_a_distorted_image_fits_like_a_straight_one(self, views, fit, tmp_path):
+        # Solved so closely that what is left of the lens, 1e-8 of a pixel, counts more
+        # than what the solver leaves of the gap.
         straight, bent = views
-        expected, result = fit(straight), fit(bent)
-        np.testing.assert_allclose(result.shapes, expected.shapes, atol=1e-4)
-        landmarks = result.column("landmarks").swapaxes(1, 2)
-        np.testing.assert_allclose(landmarks, straight.as_columns(), atol=1e-8)
+        expected, result = (fit(images, tolerance=1e-10) for images in (straight, bent))
+        size = np.abs(expected.shapes).max()
+        off = np.abs(result.shapes - expected.shapes).max() / size
+        assert off < 1e-7
+        np.testing.assert_allclose(result.landmarks, straight.landmarks, atol=1e-8)
         np.testing.assert_array_equal(result.column("removed_distortion"), LENS)
         assert result.column("distortion") is None
         once = undistorted(bent, None)
