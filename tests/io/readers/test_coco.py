@@ -135,7 +135,7 @@ def test_frames_that_images_state_are_theirs(read, key, file):
         ],
     )
     images, _ = read(content)
-    assert images.frame.tolist() == [0, 2, 18]
+    assert images.frames.tolist() == [0, 2, 18]
     assert images.landmarks[:, 0, 0].tolist() == [2, 0, 1]
 
 

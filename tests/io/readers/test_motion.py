@@ -163,7 +163,7 @@ def test_negative_pixels_stay_where_y_is_said_to_point_up(tmp_path):
     path = tmp_path / "walk.trc"
     write_plane_as_trc(path)
     images, _ = read_images(path, y_axis="up")
-    np.testing.assert_array_equal(images.landmarks.swapaxes(1, 2), PLANE[..., :2])
+    np.testing.assert_array_equal(images.landmarks, PLANE[..., :2])
     assert images.y_axis == "up"
 
 
