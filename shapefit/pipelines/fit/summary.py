@@ -99,7 +99,8 @@ class Tally:
 
     judged images have a verdict; errors are those expected of trusted ones, in metres;
     outliers and visible (p,) count images by landmark, None without a prior. bodies
-    have both ends. solved images have a gap; largest_gap is that of them all.
+    have both ends. solved images have a gap; largest_gap is that of them all, and
+    largest_convex_gap that of convex programs that were refined before a camera.
     """
 
     images: int = 0
@@ -114,6 +115,7 @@ class Tally:
     solved: int = 0
     optimal: int = 0
     largest_gap: float | None = None
+    largest_convex_gap: float | None = None
 
     def add(self, record: Fit) -> None:
         """Count a batch."""
@@ -141,15 +143,21 @@ class Tally:
         self.visible = visible if self.visible is None else self.visible + visible
 
     def add_gaps(self, record: Fit) -> None:
-        """Count solved and optimal images, and keep the largest gap."""
+        """Count solved and optimal images, and keep the largest gap.
+
+        A fit that was refined before a camera has no gap but that of the convex program
+        from which it started.
+        """
         if record.relative_gap is None:
+            self.largest_convex_gap = largest_of(
+                self.largest_convex_gap, record.convex_relative_gap
+            )
             return
+        self.largest_gap = largest_of(self.largest_gap, record.relative_gap)
         gaps = record.relative_gap[np.isfinite(record.relative_gap)]
         self.solved += len(gaps)
         if record.status is not None:
             self.optimal += int((record.status == Status.OPTIMAL.value).sum())
-        if len(gaps):
-            self.largest_gap = max(self.largest_gap or 0.0, float(gaps.max()))
 
     def add_bodies(self, record: Fit) -> None:
         """Count people, and those on their heads."""
@@ -167,6 +175,14 @@ class Tally:
         length = np.linalg.norm(body, axis=1)
         self.bodies += len(body)
         self.on_head += int((down > ON_HEAD_COSINE * length).sum())
+
+
+def largest_of(before: float | None, gaps: Floats | None) -> float | None:
+    """Return the largest finite gap of those before and these (n,), None without one."""
+    known = [] if gaps is None else gaps[np.isfinite(gaps)].tolist()
+    if before is not None:
+        known.append(before)
+    return max(known, default=None)
 
 
 def middle_of(shapes: Floats, landmarks: Sequence[int]) -> Floats:
@@ -293,13 +309,24 @@ def describe_gap(plan: FitPlan, tally: Tally) -> str:
     """Return how far images may be from the optimum, as the line of the result goes on;
     "" for methods that do not say.
     """
-    if tally.largest_gap is None:
+    if tally.largest_gap is None and tally.largest_convex_gap is not None:
+        return f", convex programs within {tally.largest_convex_gap:.1e}"
+    is_bound = METHODS[plan.config.method].proves == "bound"
+    missed = None if is_bound else tally.solved - tally.optimal
+    return say_gap(tally.largest_gap, missed)
+
+
+def say_gap(largest_gap: float | None, missed: int | None) -> str:
+    """Return a largest gap as a line goes on, "" without one.
+
+    missed, how many images are not optimal, None where the gap is one to a bound.
+    """
+    if largest_gap is None:
         return ""
-    if METHODS[plan.config.method].proves == "bound":
-        return f", within {tally.largest_gap:.1e} of the convex bound"
-    missed = tally.solved - tally.optimal
+    if missed is None:
+        return f", within {largest_gap:.1e} of the convex bound"
     solved = f"{missed:,} not optimal" if missed else "all optimal"
-    return f", {solved}, largest gap {tally.largest_gap:.1e}"
+    return f", {solved}, largest gap {largest_gap:.1e}"
 
 
 def describe_shown(plan: FitPlan) -> str:

@@ -22,7 +22,7 @@ from concurrent import futures
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import chain, count, pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -74,6 +74,7 @@ from shapefit.pipelines.fit.choices import (
 )
 from shapefit.pipelines.fit.family import Calibration, whole_blocks
 from shapefit.pipelines.fit.fit import FitPart, fit
+from shapefit.pipelines.fit.summary import say_gap
 from shapefit.pipelines.partition.manifest import (
     Manifest,
     Part,
@@ -413,44 +414,35 @@ def do_parts(
             failed = f", {lost} failed" if lost else ""
             yield result._replace(note=f"{len(manifest.done)} of {total} done{failed}")
     done = tuple(manifest.done.values())
-    note = f"{len(done)} of {total} done{said_gap(done)}"
-    data = partial(numbers_of_parts, done)
-    yield Result(note=note, data=data, written=(manifest.path,))
+    numbers = numbers_of_parts(done)
+    gap = say_gap(numbers.largest_gap, numbers.not_optimal)
+    note = f"{len(done)} of {total} done{gap}"
+    yield Result(note=note, data=numbers._asdict, written=(manifest.path,))
 
 
-def numbers_of_parts(parts: Sequence[PartLine]) -> dict[str, int | float | None]:
-    """Return the images of all parts, how many are solved to their tolerance or not,
-    and their largest gap; None where a part with images that were lifted does not
-    state it.
+class PartNumbers(NamedTuple):
+    """Images of all parts, how many are solved to their tolerance or not, and their
+    largest gap; None where a part with images that were lifted does not state it.
     """
-    images = sum(part.images for part in parts)
-    parts = [part for part in parts if part.images > part.failed]
-    numbers: dict[str, int | float | None] = dict.fromkeys(("images", *GAP))
-    numbers["images"] = images
-    gaps = [part.largest_gap for part in parts if part.largest_gap is not None]
-    if gaps and len(gaps) == len(parts):
-        numbers["largest_gap"] = max(gaps)
-    solved = [part.optimal for part in parts if part.optimal is not None]
-    missed = [part.not_optimal for part in parts if part.not_optimal is not None]
-    if parts and len(solved) == len(missed) == len(parts):
-        numbers["optimal"] = sum(solved)
-        numbers["not_optimal"] = sum(missed)
+
+    images: int
+    optimal: int | None = None
+    not_optimal: int | None = None
+    largest_gap: float | None = None
+
+
+def numbers_of_parts(parts: Sequence[PartLine]) -> PartNumbers:
+    """Add up what the lines of parts state."""
+    numbers = PartNumbers(images=sum(part.images for part in parts))
+    lifted = [part for part in parts if part.images > part.failed]
+    gaps = [part.largest_gap for part in lifted if part.largest_gap is not None]
+    if gaps and len(gaps) == len(lifted):
+        numbers = numbers._replace(largest_gap=max(gaps))
+    solved = [part.optimal for part in lifted if part.optimal is not None]
+    missed = [part.not_optimal for part in lifted if part.not_optimal is not None]
+    if lifted and len(solved) == len(missed) == len(lifted):
+        numbers = numbers._replace(optimal=sum(solved), not_optimal=sum(missed))
     return numbers
-
-
-def said_gap(parts: Sequence[PartLine]) -> str:
-    """Return how far images may be from the optimum, as a note goes on; "" for methods
-    that do not say.
-    """
-    numbers = numbers_of_parts(parts)
-    gap = numbers["largest_gap"]
-    missed = numbers["not_optimal"]
-    if gap is None:
-        return ""
-    if missed is None:
-        return f", within {gap:.1e} of the convex bound"
-    solved = f"{missed:,} images not optimal" if missed else "all optimal"
-    return f", {solved}, largest gap {gap:.1e}"
 
 
 def is_shared_out(folder: ResultFolder) -> bool:
