@@ -484,23 +484,24 @@ def run_pipeline(command: str, config: Any) -> Iterator[Result]:
     run: Callable[[Any], Iterator[Result]]
     match command:
         case "learn-dict":
-            from shapefit.pipelines.learn_dict.run import run
+            from shapefit.pipelines.learn_dict.run import learn_dictionary as run
         case "project":
-            from shapefit.pipelines.projection import run
+            from shapefit.pipelines.projection import project_shapes as run
         case "fit" if hasattr(config.output, "manifest"):
-            from shapefit.pipelines.partition.run import run
+            from shapefit.pipelines.partition.run import fit_parts as run
         case "fit":
             from shapefit.pipelines.fit.run import run
         case "eval":
-            from shapefit.pipelines.evaluate.run import run
+            from shapefit.pipelines.evaluate.run import evaluate_results as run
         case "convert":
-            from shapefit.pipelines.convert import run
+            from shapefit.pipelines.convert import convert_files as run
         case "info":
-            from shapefit.pipelines.info import run
+            from shapefit.pipelines.info import describe_files as run
         case "view":
-            from shapefit.pipelines.view.run import run
+            from shapefit.pipelines.view.run import view_files as run
         case _:
-            from shapefit.pipelines.verify import Request, run
+            from shapefit.pipelines.verify import Request
+            from shapefit.pipelines.verify import verify_result as run
 
             path = Path(config.dictionary)
             if not path.is_file():  # the schemas of configs take long to import

@@ -17,8 +17,8 @@ from typing import Any
 
 from shapefit.config import CONFIGS
 from shapefit.pipelines.fit.run import run as run_fit
-from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.projection import run as run_project
+from shapefit.pipelines.learn_dict.run import learn_dictionary
+from shapefit.pipelines.projection import project_shapes
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_data"
 INSTALLED = SAMPLES.parent / "shapefit/data/people.h5"
@@ -81,12 +81,14 @@ class World:
         arguments = {
             "shapes": [str(self.shapes(name.split()[-1].replace("prior", "people")))]
         }
-        return self._make(name, learn_dict.run, "learn-dict", arguments | LEARNED[name])
+        return self._make(
+            name, learn_dictionary, "learn-dict", arguments | LEARNED[name]
+        )
 
     def views(self, kind: str, **keys: Any) -> Path:
         """Return the true shapes of a kind as `project` sees them, with its keys."""
         arguments = {"shapes": [str(self.truth(kind))], **keys}
-        return self._make(f"views of {kind}", run_project, "project", arguments)
+        return self._make(f"views of {kind}", project_shapes, "project", arguments)
 
     def fit(
         self,

@@ -25,7 +25,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 from shapefit.config import ViewConfig
-from shapefit.pipelines.view.run import run
+from shapefit.pipelines.view.run import view_files
 
 PROJECT = Path(__file__).resolve().parents[1]
 DEMO, IMAGES = PROJECT / "results/demo", PROJECT / "docs/images"
@@ -156,7 +156,11 @@ def page_of(result: Path, **keys: Any) -> Iterator[Any]:
         driver.execute_cdp_cmd("Emulation.setEmulatedMedia", MOTIONLESS)
         with tempfile.TemporaryDirectory() as folder:
             page = Path(folder) / "page.html"
-            list(run(ViewConfig(files={result.stem: (result,)}, output=page, **keys)))
+            list(
+                view_files(
+                    ViewConfig(files={result.stem: (result,)}, output=page, **keys)
+                )
+            )
             driver.get(page.as_uri())
             yield driver
     finally:

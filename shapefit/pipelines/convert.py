@@ -46,7 +46,7 @@ LAYOUT_OF_KIND = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
 ConvertedSource = LandmarkSource | ShapeSource | ResultSource
 
 
-def run(config: ConvertConfig) -> Iterator[Result]:
+def convert_files(config: ConvertConfig) -> Iterator[Result]:
     """Read the files and write them; yields a Result per batch."""
     if config.to in MESH_FORMATS:
         yield from write_meshes(

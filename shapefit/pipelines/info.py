@@ -47,7 +47,7 @@ HOW_TO_LEARN = (
 """Where landmarks are those of no installed dictionary."""
 
 
-def run(config: InfoConfig) -> Iterator[Result]:
+def describe_files(config: InfoConfig) -> Iterator[Result]:
     """Describe every input; yields one Result with the text as its note.
 
     Files that cannot be read are failures. Raises InputError where none can be read.

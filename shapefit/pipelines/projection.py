@@ -48,7 +48,7 @@ Y_DOWN = np.diag([1.0, -1.0, -1.0])
 """From a camera frame whose y points up to one whose y points down."""
 
 
-def run(config: ProjectConfig) -> Iterator[Result]:
+def project_shapes(config: ProjectConfig) -> Iterator[Result]:
     """Project every shape with the camera of the config; yields a Result per batch.
 
     The images have the items, sequences and further datasets of the shapes and

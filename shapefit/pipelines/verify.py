@@ -144,7 +144,7 @@ class Statement(NamedTuple):
     certified: bool
 
 
-def run(request: Request) -> Generator[Result, None, None]:
+def verify_result(request: Request) -> Generator[Result, None, None]:
     """Verify every image of a result; yields a Result per chunk, then the summary.
 
     Raises InputError where the result is no HDF5 result of `fit`, or does not go with

@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from shapefit.cli.commands import run_pipeline
 
 import shapefit
 from shapefit.config import load_config
@@ -14,11 +15,7 @@ from shapefit.config import load_config
 
 def run_command(command: str, **arguments) -> None:
     """Run a command to its end; keys of its config as keyword arguments."""
-    from importlib import import_module
-
-    package = command.replace("-", "_").replace("eval", "evaluate")
-    module = import_module(f"shapefit.pipelines.{package}.run")
-    for _ in module.run(load_config(command, arguments=arguments)):
+    for _ in run_pipeline(command, load_config(command, arguments=arguments)):
         pass
 
 

@@ -11,7 +11,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import read_results, read_shapes, write_dictionary, write_shapes
 from shapefit.io.records import LandmarkSet, ShapeSet
-from shapefit.pipelines.convert import run
+from shapefit.pipelines.convert import convert_files
 from tests.io.files import load, save
 from tests.pipelines.fitted import warnings
 
@@ -23,7 +23,7 @@ def convert(*files: Path, output: Path, **more: object) -> list[str | object]:
     """Convert with a config of the command; return its warnings."""
     overrides = [f"{key}={value}" for key, value in more.items()]
     config = load_config("convert", None, overrides, {"files": files, "output": output})
-    return warnings(run(config))
+    return warnings(convert_files(config))
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def test_atoms_of_a_dictionary_are_a_table_of_shapes(tmp_path, rng):
     names = tuple("abcde")
     made = Dictionary(atoms, names, atoms[0], atom_scale=sizes, unit="m")
     write_dictionary(path, made)
-    (outcome,) = run(
+    (outcome,) = convert_files(
         load_config("convert", None, (), {"files": [path], "output": target})
     )
     assert (outcome.done, outcome.unit) == (12, "shape")
@@ -167,4 +167,4 @@ def test_a_dictionary_is_written_as_nothing_else(tmp_path, rng, name):
     with pytest.raises(
         InputError, match=r"in \.h5, or in \.csv for its atoms as shapes"
     ):
-        list(run(load_config("convert", None, (), given)))
+        list(convert_files(load_config("convert", None, (), given)))

@@ -8,8 +8,8 @@ import pytest
 from shapefit.config import load_config
 from shapefit.io import LandmarkSet, csv_file
 from shapefit.io.inputs import in_words
-from shapefit.pipelines.info import next_command, run
-from shapefit.pipelines.partition.run import run as fit
+from shapefit.pipelines.info import describe_files, next_command
+from shapefit.pipelines.partition.run import fit_parts
 from tests.io.files import save
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
@@ -17,7 +17,7 @@ SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
 def info(*files: Path):
     """Return the outcome of the command."""
-    (outcome,) = run(load_config("info", None, (), {"files": files}))
+    (outcome,) = describe_files(load_config("info", None, (), {"files": files}))
     return outcome
 
 
@@ -73,7 +73,7 @@ def test_missing_frames_are_said(tmp_path):
 def test_files_of_one_recording_are_one_input():
     options = ("keypoints=body_25",)
     files = sorted((SAMPLES / "openpose").glob("*.json"))
-    (outcome,) = run(load_config("info", None, options, {"files": files}))
+    (outcome,) = describe_files(load_config("info", None, options, {"files": files}))
     assert outcome.note.startswith(f"{SAMPLES / 'openpose'} (36 files)")
     row = lines(outcome.note)
     assert row["images"] == "72"
@@ -112,7 +112,7 @@ def fitted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fitted") / "out"
     views = (SAMPLES / "people_views.csv", SAMPLES / "one_person.csv")
     inputs = {"landmarks": views, "dictionary": "people", "output": f"{folder}/"}
-    list(fit(load_config("fit", None, (), inputs)))
+    list(fit_parts(load_config("fit", None, (), inputs)))
     return folder
 
 

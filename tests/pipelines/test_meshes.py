@@ -14,7 +14,7 @@ import trimesh
 from shapefit.config import CONFIGS
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_results, write_dictionary
-from shapefit.pipelines.convert import run
+from shapefit.pipelines.convert import convert_files
 from shapefit.pipelines.meshes import has_shape, mesh_file
 from tests.io.files import load
 from tests.pipelines.fitted import fit_images
@@ -26,7 +26,7 @@ PRECISION = {"obj": 5.1e-9, "ply": 4e-7, "glb": 4e-7}
 def convert(result, dictionary, folder, to="ply"):
     arguments = {"files": [str(result)], "output": str(folder), "to": to}
     named = {} if dictionary is None else {"dictionary": str(dictionary)}
-    return list(run(CONFIGS["convert"](**arguments, **named)))
+    return list(convert_files(CONFIGS["convert"](**arguments, **named)))
 
 
 def only_mesh(path):

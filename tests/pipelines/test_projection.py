@@ -16,8 +16,8 @@ from shapefit.pipelines.projection import (
     VIEW_STREAM,
     add_noise,
     hide_share,
+    project_shapes,
     random_stream,
-    run,
 )
 from tests.io.files import load
 
@@ -59,7 +59,7 @@ def view(folder, *parts, **keys):
     for path, shapes in zip(paths, parts, strict=True):
         write_shapes(path, shapes)
     config = ProjectConfig(shapes=paths, output=folder / "views.h5", **keys)
-    outcomes = list(run(config))
+    outcomes = list(project_shapes(config))
     images = load(config.output)
     return images, outcomes
 

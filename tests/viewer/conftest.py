@@ -174,11 +174,11 @@ def open_page(browser):
 def view(tmp_path_factory):
     """Return the function that runs `view` and gives the page and the outcome."""
     from shapefit.config import ViewConfig
-    from shapefit.pipelines.view.run import run
+    from shapefit.pipelines.view.run import view_files
 
     def viewed(files, **settings):
         output = tmp_path_factory.mktemp("view") / "page.html"
-        (outcome,) = run(ViewConfig(files=files, output=output, **settings))
+        (outcome,) = view_files(ViewConfig(files=files, output=output, **settings))
         return SimpleNamespace(
             path=output, outcome=outcome, text=output.read_text("utf-8")
         )

@@ -45,7 +45,7 @@ SKIPPED_COLUMNS = (OPTIONAL - METRIC_COLUMNS) | OF_FILE.keys()
 """Datasets that no metric needs: they may differ between the files of a method."""
 
 
-def run(config: EvalConfig) -> Iterator[Result]:
+def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     """Measure the results of every method, then write the tables and the plot.
 
     One result a method, with the images that failed, and a last one with the errors in

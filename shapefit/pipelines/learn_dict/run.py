@@ -23,7 +23,7 @@ from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.result import Result
 
 
-def run(config: LearnDictConfig) -> Iterator[Result]:
+def learn_dictionary(config: LearnDictConfig) -> Iterator[Result]:
     """Learn the dictionary and write it; one result per round.
 
     Files of 2D landmarks alone are learned from as such. Raises InputError for files

@@ -126,7 +126,7 @@ class Plan(NamedTuple):
     states: Mapping[Path, State]
 
 
-def run(config: FitConfig) -> Iterator[Result]:
+def fit_parts(config: FitConfig) -> Iterator[Result]:
     """Lift landmarks part by part into the folder that is the output."""
     folder = config.output
     assert isinstance(folder, ResultFolder), "the output is a folder"

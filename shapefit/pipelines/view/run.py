@@ -35,7 +35,7 @@ MAX_SHEET_IMAGES = 24
 """Images of a sheet, spread evenly over those that are chosen."""
 
 
-def run(config: ViewConfig) -> Iterator[Result]:
+def view_files(config: ViewConfig) -> Iterator[Result]:
     """Write the page, or a sheet of pictures.
 
     Yields one Result, with what is missing as warnings. Raises InputError for files

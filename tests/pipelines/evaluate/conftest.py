@@ -12,7 +12,7 @@ from shapefit.config import EvalConfig
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_shapes
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.pipelines.evaluate.run import run
+from shapefit.pipelines.evaluate.run import evaluate_results
 from shapefit.pipelines.result import Result
 from tests.io.files import save
 
@@ -74,7 +74,7 @@ class Desk:
         alone.
         """
         config = EvalConfig(**{**self.config.model_dump(), **changes})
-        return [outcome for outcome in run(config) if outcome != Result()]
+        return [outcome for outcome in evaluate_results(config) if outcome != Result()]
 
     def text(self, name: str) -> str:
         return (self.config.output / name).read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ from shapefit.config import EvalConfig
 from shapefit.errors import InputError
 from shapefit.evaluation import metrics
 from shapefit.io import write_shapes
-from shapefit.pipelines.evaluate import run as evaluate
+from shapefit.pipelines.evaluate.run import evaluate_results
 from tests.pipelines.fitted import texts
 
 from .conftest import N
@@ -150,7 +150,9 @@ def test_truth_that_the_dictionary_was_learned_from_is_a_warning(world, tmp_path
         plots=False,
     )
     warnings = [
-        text for text in texts(evaluate.run(config)) if "learned from the truth" in text
+        text
+        for text in texts(evaluate_results(config))
+        if "learned from the truth" in text
     ]
     page = (tmp_path / "report/report.md").read_text(encoding="utf-8")
     assert [

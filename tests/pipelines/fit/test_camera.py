@@ -17,8 +17,7 @@ from shapefit.pipelines.fit.camera import (
     find_camera,
     undistorted,
 )
-from shapefit.pipelines.verify import Request
-from shapefit.pipelines.verify import run as run_verify
+from shapefit.pipelines.verify import Request, verify_result
 from tests.io.files import load, save
 from tests.pipelines.fitted import failures
 
@@ -296,7 +295,7 @@ class TestLens:
             request = Request(
                 tmp_path / "result.h5", tmp_path / "cars.h5", (tmp_path / "given.h5",)
             )
-            return failures(run_verify(request))
+            return failures(verify_result(request))
 
         assert "c" not in verify(bent)
         shifted = bent.landmarks + 1e-3 * (np.arange(4) == 2)[:, None, None]
@@ -317,7 +316,7 @@ class TestLens:
         np.testing.assert_allclose(result.columns["focal"], np.tile([800, 820], (4, 1)))
         written = (tmp_path / f"{name}.h5" for name in ("result", "cars", "views"))
         path, dictionary, landmarks = written
-        assert not failures(run_verify(Request(path, dictionary, (landmarks,))))
+        assert not failures(verify_result(Request(path, dictionary, (landmarks,))))
 
     def test_cameras_of_single_images_and_y_that_points_up(self, views):
         straight, bent = views

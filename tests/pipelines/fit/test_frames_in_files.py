@@ -11,7 +11,7 @@ from shapefit.config import load_config
 from shapefit.io import read_results, read_shapes
 from shapefit.io.readers.markers import read_trc
 from shapefit.io.skeletons import installed_skeletons
-from shapefit.pipelines.convert import run as convert
+from shapefit.pipelines.convert import convert_files
 from tests.io.readers.numbered import COUNT, IMAGES, RATE, amc, movement, nwb, text
 from tests.io.writers.conftest import parse_trc
 from tests.pipelines.fitted import fit_file
@@ -52,7 +52,7 @@ def write_as(path, *suffixes):
     outputs = [path.with_name(f"out.{suffix}") for suffix in suffixes]
     for output in outputs:
         names = {"files": (path,), "output": output}
-        assert list(convert(load_config("convert", None, [], names)))
+        assert list(convert_files(load_config("convert", None, [], names)))
     return outputs
 
 

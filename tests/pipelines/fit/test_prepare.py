@@ -38,7 +38,7 @@ from shapefit.pipelines.fit.prepare import (
     warn_of_dictionary,
 )
 from shapefit.pipelines.fit.run import run
-from shapefit.pipelines.partition.run import run as run_parts
+from shapefit.pipelines.partition.run import fit_parts
 from tests.io.files import save
 from tests.pipelines.fitted import fit_images, texts
 
@@ -238,7 +238,7 @@ def fit(landmarks, output, **keys):
         "output": output,
     }
     config = FitConfig(**config, **{"method": "posterior"} | keys)
-    return list((run_parts if isinstance(output, ResultFolder) else run)(config))
+    return list((fit_parts if isinstance(output, ResultFolder) else run)(config))
 
 
 def shapes_in(path):

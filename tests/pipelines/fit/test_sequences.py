@@ -22,9 +22,8 @@ from shapefit.io import (
     write_dictionary,
 )
 from shapefit.lifting.sequences import clips
-from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
-from shapefit.pipelines.evaluate import run as evaluating
+from shapefit.pipelines.evaluate.run import evaluate_results
 from shapefit.pipelines.fit import sequences as fit_sequences
 from shapefit.pipelines.fit.sequences import (
     find_usual_lengths,
@@ -32,7 +31,8 @@ from shapefit.pipelines.fit.sequences import (
     restore_sides,
     whole_sequences,
 )
-from shapefit.pipelines.learn_dict import run as learning
+from shapefit.pipelines.learn_dict.run import learn_dictionary
+from shapefit.pipelines.projection import project_shapes
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file, warnings
 
@@ -49,9 +49,9 @@ def people(project, tmp_path_factory):
         iterations=3,
         prior={"components": 4, "floor": 0.01},
     )
-    list(learning.run(config))
+    list(learn_dictionary(config))
     test = (project / "sample_data/people_test.h5",)
-    list(projecting.run(ProjectConfig(shapes=test, output=folder / "all.h5")))
+    list(project_shapes(ProjectConfig(shapes=test, output=folder / "all.h5")))
     save(folder / "views.h5", load(folder / "all.h5").take(slice(0, 320)))
     return folder
 
@@ -160,7 +160,7 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     camera = {"focal": 900.0, "principal_point": [500.0, 500.0]}
     found, _ = fitted(people, path, camera=camera)
     request = verify.Request(people / "result.h5", people / "dictionary.h5", ())
-    assert not any(outcome.failures for outcome in verify.run(request))
+    assert not any(outcome.failures for outcome in verify.verify_result(request))
     errors = [similarity(each.shapes, X).mean() for each in (found, weak)]
     assert errors[0] < 0.95 * errors[1]
     assert found.columns["camera_translation"].shape == (len(truth), 3)
@@ -183,7 +183,7 @@ def judged(people, project, tmp_path):
             truth=(project / "sample_data/people_test.h5",),
             truth_frame="object",
         )
-        list(evaluating.run(config))
+        list(evaluate_results(config))
         report = json.loads(
             (tmp_path / "report/report.json").read_text(encoding="utf-8")
         )

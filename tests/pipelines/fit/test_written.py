@@ -17,7 +17,7 @@ from shapefit.geometry.joint_angles import measurable_angles, measure_angles
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, joint_columns
-from shapefit.pipelines.convert import run as convert
+from shapefit.pipelines.convert import convert_files
 from shapefit.pipelines.fit.run import run as fit
 from shapefit.pipelines.view.reading import read_inputs
 from tests.io.files import save
@@ -73,7 +73,7 @@ def test_a_fit_is_written_in_metres_at_once_or_later(tmp_path, films, measured):
     assert "in m by the size of the training shapes, y up as in the image" in note
     run(fit, "fit", tmp_path / "result.h5", **given)
     written, _ = run(
-        convert, "convert", tmp_path / "later.trc", files=[tmp_path / "result.h5"]
+        convert_files, "convert", tmp_path / "later.trc", files=[tmp_path / "result.h5"]
     )
     assert written == ["later_a.trc", "later_b.trc"]
     for name in "ab":
@@ -107,8 +107,8 @@ def test_a_height_is_stored_and_used_later(tmp_path, films, dictionary):
     with h5py.File(tmp_path / "result.h5") as file:
         np.testing.assert_array_equal(file["stated_height"], np.full(8, 0.5))
     files = {"files": [tmp_path / "result.h5"]}
-    run(convert, "convert", tmp_path / "later.trc", **files)
-    run(convert, "convert", tmp_path / "taller.trc", "height=0.75", **files)
+    run(convert_files, "convert", tmp_path / "later.trc", **files)
+    run(convert_files, "convert", tmp_path / "taller.trc", "height=0.75", **files)
     for name in "ab":
         now = heights(tmp_path / f"now_{name}.trc")
         later = heights(tmp_path / f"later_{name}.trc")
@@ -140,7 +140,7 @@ def test_heights_of_results_that_are_written_together_are_their_own(
         assert one[0] == [f"of_{name}.trc"]
         run(fit, "fit", tmp_path / f"of_{name}.h5", f"height={height}", **given)
     both = [tmp_path / "of_a.h5", tmp_path / "of_b.h5"]
-    run(convert, "convert", tmp_path / "both.trc", files=both)
+    run(convert_files, "convert", tmp_path / "both.trc", files=both)
     for name in "ab":
         np.testing.assert_array_equal(
             heights(tmp_path / f"both_{name}.trc"), heights(tmp_path / f"of_{name}.trc")

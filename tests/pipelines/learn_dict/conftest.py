@@ -6,7 +6,7 @@ import pytest
 from shapefit.config import LearnDictConfig
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import ShapeSet, read_dictionary, write_shapes
-from shapefit.pipelines.learn_dict.run import run
+from shapefit.pipelines.learn_dict.run import learn_dictionary
 
 EDGES = np.array([[0, 1], [1, 2], [1, 3], [1, 4]])
 FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
@@ -24,7 +24,7 @@ def make(tmp_path):
         config = LearnDictConfig(
             shapes=str(path), output=str(tmp_path / "dict.h5"), **keys
         )
-        outcomes = list(run(config))
+        outcomes = list(learn_dictionary(config))
         return read_dictionary(config.output), outcomes
 
     return learn

@@ -16,8 +16,8 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.pipelines import info, verify
-from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict.from_2d import describe_prediction, find_hidden_error
+from shapefit.pipelines.learn_dict.run import learn_dictionary
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 
@@ -44,7 +44,7 @@ def learn_in(folder, landmarks, further=None, **changes):
     )
     save(folder / "images.h5", images.replaced(**further or {}))
     given = {"shapes": folder / "images.h5", "output": folder / "dict.h5", "k": 5}
-    return list(learn_dict.run(LearnDictConfig(**given | changes)))
+    return list(learn_dictionary(LearnDictConfig(**given | changes)))
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
 
 def description(folder):
     """What `info` says of the dictionary that was learned."""
-    return next(iter(info.run(InfoConfig(files=(folder / "dict.h5",))))).note
+    return next(iter(info.describe_files(InfoConfig(files=(folder / "dict.h5",))))).note
 
 
 def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
@@ -135,7 +135,9 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
     assert "learned from 2D landmarks: learned; near and far open" in warning
     assert "near and far open" in description(folder)
     request = verify.Request(files[2], files[1], (files[0],))
-    assert not [each.failures for each in verify.run(request) if each.failures]
+    assert not [
+        each.failures for each in verify.verify_result(request) if each.failures
+    ]
     found = result.shapes - result.shapes.mean(axis=2, keepdims=True)
     stated = learned(False).result.shape_sd[
         :, 2

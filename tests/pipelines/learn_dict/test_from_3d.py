@@ -17,7 +17,7 @@ from shapefit.geometry.procrustes import generalised_procrustes, mirror, rotatio
 from shapefit.io import digest, read_dictionary, read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.learn_dict.from_3d import every_nth
-from shapefit.pipelines.learn_dict.run import run
+from shapefit.pipelines.learn_dict.run import learn_dictionary
 from tests.pipelines.fitted import failures, warnings
 from tests.pipelines.learn_dict.conftest import EDGES, FACES
 
@@ -56,7 +56,7 @@ class TestSparseCoding:
         write_shapes(tmp_path / "shapes.h5", shapes)
         output = tmp_path / "dict.h5"
         keys = {"shapes": str(tmp_path / "shapes.h5"), "output": str(output), **LEARNED}
-        learning = run(LearnDictConfig(**keys))
+        learning = learn_dictionary(LearnDictConfig(**keys))
         before = [next(learning) for _ in range(7)]
         assert not any(outcome.written for outcome in before)
         assert not output.exists()
@@ -286,7 +286,7 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     config = LearnDictConfig(
         shapes=str(source), output=str(tmp_path / "dict.h5"), every=3
     )
-    outcomes = list(run(config))
+    outcomes = list(learn_dictionary(config))
     dictionary = read_dictionary(config.output)
     assert outcomes[0].note == "3359 shapes"
     assert (np.diff(dictionary.objective_trace) < 0).all()

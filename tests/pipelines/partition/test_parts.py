@@ -16,7 +16,7 @@ from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.partition import run as parting
-from shapefit.pipelines.partition.run import find_parts, run
+from shapefit.pipelines.partition.run import find_parts, fit_parts
 from tests.pipelines.fitted import done, failures
 from tests.pipelines.partition.made import (
     NAMES,
@@ -51,7 +51,7 @@ def fit(*overrides: str, output: str = "out/", landmarks=("one.h5", "two.h5"), *
     outcomes.
     """
     folder = ResultFolder(Path(output).absolute(), **{"partition": 100, **parts})
-    return list(run(config_of(folder, *overrides, landmarks=landmarks)))
+    return list(fit_parts(config_of(folder, *overrides, landmarks=landmarks)))
 
 
 def names() -> list[str]:

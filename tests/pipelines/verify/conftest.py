@@ -8,7 +8,7 @@ import pytest
 
 from shapefit.io.contents import digest_contents
 from shapefit.io.layout import CONTENTS
-from shapefit.pipelines.verify import Request, run
+from shapefit.pipelines.verify import Request, verify_result
 
 TERMS = {
     "squared": {},
@@ -63,7 +63,7 @@ def changed(tmp_path):
 
 
 def verify_file(result, dictionary, landmarks=()):
-    outcomes = list(run(Request(result, dictionary, tuple(landmarks))))
+    outcomes = list(verify_result(Request(result, dictionary, tuple(landmarks))))
     return SimpleNamespace(
         done=sum(outcome.done for outcome in outcomes),
         failures={

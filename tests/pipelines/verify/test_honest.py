@@ -12,7 +12,7 @@ from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, read_dictionary
-from shapefit.pipelines.partition.run import run as fit_parts
+from shapefit.pipelines.partition.run import fit_parts
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 from tests.pipelines.verify.conftest import TERMS

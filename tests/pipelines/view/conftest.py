@@ -9,7 +9,7 @@ import pytest
 
 from shapefit.config import ViewConfig
 from shapefit.io import LandmarkSet, ResultSet, ShapeSet, result_writer, write_shapes
-from shapefit.pipelines.view.run import run
+from shapefit.pipelines.view.run import view_files
 from shapefit.pipelines.view.scene import make_scene
 from tests.io.files import save
 
@@ -71,7 +71,7 @@ def desk(tmp_path, rng):
         config = ViewConfig(
             files={file.stem: (file,) for file in files}, output=output, **settings
         )
-        (outcome,) = run(config)
+        (outcome,) = view_files(config)
         (data,) = re.findall(r'id="page">(.*?)</script>', output.read_text("utf-8"))
         notes = " ".join(outcome.warnings)
         return SimpleNamespace(outcome=outcome, notes=notes, data=json.loads(data))

@@ -11,7 +11,7 @@ from shapefit.errors import InputError
 from shapefit.io import write_dictionary
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.pipelines.view.reading import Frames
-from shapefit.pipelines.view.run import run
+from shapefit.pipelines.view.run import view_files
 from shapefit.pipelines.view.scene import find_recordings, find_sides, make_scene
 from tests.io.files import mirror_pairs
 
@@ -279,7 +279,7 @@ def test_a_page_that_cannot_be_leaves_the_old_one(desk, rng):
     ):
         with pytest.raises(InputError, match=found):
             list(
-                run(
+                view_files(
                     ViewConfig(
                         **({"files": {"r": (result,)}, "output": page} | settings)
                     )

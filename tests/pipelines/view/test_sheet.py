@@ -9,14 +9,14 @@ from shapefit.config import CONFIGS, ViewConfig
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_results
 from shapefit.pipelines.view import run as viewing
-from shapefit.pipelines.view.run import fitted_image, run
+from shapefit.pipelines.view.run import fitted_image, view_files
 from shapefit.pipelines.view.scene import make_scene
 from tests.io.files import save
 
 
 def sheet(output, *results, **keys):
     files = {path.stem: [str(path)] for path in results}
-    (outcome,) = run(CONFIGS["view"](files=files, output=str(output), **keys))
+    (outcome,) = view_files(CONFIGS["view"](files=files, output=str(output), **keys))
     return outcome
 
 
