@@ -106,7 +106,11 @@ def people_of_86(real_data, make_once) -> Path:
         shapes = [str(real_data / "mocap" / "subject86_24fps.h5")]
         arguments = {"shapes": shapes, "output": str(path)}
         config = PROJECT / "configs/people/learn-dict.yaml"
-        list(learn_dict.run(load_config("learn-dict", config, arguments=arguments)))
+        list(
+            learn_dict.learn_dictionary(
+                load_config("learn-dict", config, arguments=arguments)
+            )
+        )
 
     return make_once("people_of_86.h5", learn)
 

@@ -11,7 +11,7 @@ from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.io import open_landmarks
 from shapefit.pipelines.fit.fit import fit
-from shapefit.pipelines.partition.run import fit_parts as fit_parts
+from shapefit.pipelines.partition.run import fit_parts
 from tests.io.files import save
 
 METHODS = {

@@ -81,7 +81,9 @@ class World:
         arguments = {
             "shapes": [str(self.shapes(name.split()[-1].replace("prior", "people")))]
         }
-        return self._make(name, learn_dict.run, "learn-dict", arguments | LEARNED[name])
+        return self._make(
+            name, learn_dict.learn_dictionary, "learn-dict", arguments | LEARNED[name]
+        )
 
     def views(self, kind: str, **keys: Any) -> Path:
         """Return the true shapes of a kind as `project` sees them, with its keys."""

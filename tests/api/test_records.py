@@ -124,7 +124,7 @@ def test_joints_in_metres_are_those_that_convert_writes(found, tmp_path):
         "files": [str(tmp_path / "fit.h5")],
         "output": str(tmp_path / "x.metres.csv"),
     }
-    for _ in convert.run(load_config("convert", arguments=files)):
+    for _ in convert.convert_files(load_config("convert", arguments=files)):
         pass
     with pytest.warns(
         UserWarning, match="times are numbers of frames; set `frame_rate`"

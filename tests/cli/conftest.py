@@ -49,21 +49,21 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def fake_pipeline(monkeypatch):
-    """Put `run(config)` in the place of a pipeline; what it was given is `.configs`."""
+    """Put a function in the place of a pipeline; return the configs it is given."""
 
     def install(name, outcomes):
+        place, _, function = name.rpartition(".")
         configs = []
 
-        def pipeline_run(config):
+        def pipeline(config):
             configs.append(config)
             for outcome in outcomes:
                 if isinstance(outcome, BaseException):
                     raise outcome
                 yield outcome
 
-        module = ModuleType(f"shapefit.pipelines.{name}")
-        module.run = pipeline_run
-        module.fit = pipeline_run
+        module = ModuleType(f"shapefit.pipelines.{place}")
+        setattr(module, function, pipeline)
         monkeypatch.setitem(sys.modules, module.__name__, module)
         return configs
 

@@ -25,7 +25,11 @@ from shapefit.pipelines.result import Counted, Failure, Result
 NAMES = [spec.name for spec in COMMANDS if spec.has_config]
 FIT = "fit -c fit.yaml"
 EVAL = "eval result.h5 --truth shapes.h5 -o report"
-PIPELINES = {"fit": "fit.fit", "eval": "evaluate.run", "view": "view.run"}
+PIPELINES = {
+    "fit": "fit.fit.fit",
+    "eval": "evaluate.run.evaluate_results",
+    "view": "view.run.write_page",
+}
 FAILING = tuple(Failure(f"img_{i}", "hidden") for i in range(27))
 NOT_OPTIMAL = [
     Result(warnings=(Counted(n, "image", "not optimal"),)) for n in (128, 13, 1)
@@ -217,7 +221,8 @@ def test_what_is_told_goes_to_standard_error(shapefit, fake_pipeline, case):
 def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
     report = (Path.cwd() / "report/report.md",)
     fake_pipeline(
-        "evaluate.run", [Result(note="ours"), Result(note="| table |", written=report)]
+        PIPELINES["eval"],
+        [Result(note="ours"), Result(note="| table |", written=report)],
     )
     done = shapefit(*EVAL.split(), *quiet)
     assert (done.code, done.out) == (0, "| table |\n")
@@ -225,7 +230,7 @@ def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
 
 
 def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
-    configs = fake_pipeline("fit.fit", [Result()])
+    configs = fake_pipeline(PIPELINES["fit"], [Result()])
     line = f"{FIT} v*.h5 dict.h5 -o out.csv --set lambda=1e-3 --set outliers=l1"
     shapefit(*line.split(), "-d", "shapes.h5")
     (config,) = configs
@@ -236,7 +241,7 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
         "l1",
     )
     configs = fake_pipeline(
-        "view.run", [Result(done=3, written=(folder / "page.html",))]
+        PIPELINES["view"], [Result(done=3, written=(folder / "page.html",))]
     )
     line = (
         "view result.h5 views.h5 --truth shapes.h5 --truth views.h5 -d dict.h5 -o"
@@ -265,7 +270,9 @@ def test_verify_hands_on_its_arguments(shapefit, monkeypatch):
     failures = (Failure("a", "the objective is P: off by 1"),)
     outcomes = [Result(done=3, failures=failures), Result(note="| claim |")]
     monkeypatch.setattr(
-        verify, "run", lambda request: asked.append(request) or iter_of(outcomes)
+        verify,
+        "verify_results",
+        lambda request: asked.append(request) or iter_of(outcomes),
     )
     told = shapefit("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5")
     assert asked == [
@@ -282,7 +289,7 @@ def iter_of(outcomes):
 def test_a_page_is_opened_where_that_is_wished(
     shapefit, fake_pipeline, folder, monkeypatch
 ):
-    fake_pipeline("view.run", [Result(done=3, written=(folder / "page.html",))])
+    fake_pipeline(PIPELINES["view"], [Result(done=3, written=(folder / "page.html",))])
     opened = []
     monkeypatch.setattr(webbrowser, "open", lambda url: not opened.append(url))
     shapefit("view", "result.h5")
@@ -298,7 +305,7 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(
 ):
     clock = count(0, 4)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
-    fake_pipeline("fit.fit", [Result(done=10, total=90, note="gap 1e-5")] * 9)
+    fake_pipeline(PIPELINES["fit"], [Result(done=10, total=90, note="gap 1e-5")] * 9)
     lines = [
         line
         for line in shapefit(*FIT.split()).err.splitlines()

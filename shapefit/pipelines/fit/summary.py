@@ -178,7 +178,7 @@ class Tally:
 
 
 def largest_of(before: float | None, gaps: Floats | None) -> float | None:
-    """Return the largest finite gap of those before and these (n,), None without one."""
+    """Return the largest finite gap of that before and these (n,), None without one."""
     known = [] if gaps is None else gaps[np.isfinite(gaps)].tolist()
     if before is not None:
         known.append(before)

@@ -152,7 +152,9 @@ def test_truth_that_the_dictionary_was_learned_from_is_a_warning(world, tmp_path
         plots=False,
     )
     warnings = [
-        text for text in texts(evaluate.run(config)) if "learned from the truth" in text
+        text
+        for text in texts(evaluate.evaluate_results(config))
+        if "learned from the truth" in text
     ]
     page = (tmp_path / "report/report.md").read_text(encoding="utf-8")
     assert [

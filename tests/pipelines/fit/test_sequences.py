@@ -50,9 +50,11 @@ def people(project, tmp_path_factory):
         iterations=3,
         prior={"components": 4, "floor": 0.01},
     )
-    list(learning.run(config))
+    list(learning.learn_dictionary(config))
     test = (project / "sample_data/people_test.h5",)
-    list(projecting.run(ProjectConfig(shapes=test, output=folder / "all.h5")))
+    list(
+        projecting.project_shapes(ProjectConfig(shapes=test, output=folder / "all.h5"))
+    )
     save(folder / "views.h5", load(folder / "all.h5").take(slice(0, 320)))
     return folder
 
@@ -164,7 +166,7 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     camera = {"focal": 900.0, "principal_point": [500.0, 500.0]}
     found, _ = fitted(people, path, camera=camera)
     request = verify.Request(people / "result.h5", people / "dictionary.h5", ())
-    assert not any(outcome.failures for outcome in verify.run(request))
+    assert not any(outcome.failures for outcome in verify.verify_results(request))
     errors = [similarity(each.as_columns(), X).mean() for each in (found, weak)]
     assert errors[0] < 0.95 * errors[1]
     assert found.column("camera_translation").shape == (len(truth), 3)
@@ -187,7 +189,7 @@ def judged(people, project, tmp_path):
             truth=(project / "sample_data/people_test.h5",),
             truth_frame="object",
         )
-        list(evaluating.run(config))
+        list(evaluating.evaluate_results(config))
         report = json.loads(
             (tmp_path / "report/report.json").read_text(encoding="utf-8")
         )

@@ -48,7 +48,7 @@ def learn_in(folder, landmarks, fields=None, **changes):
     )
     save(folder / "images.h5", images.replaced(**fields or {}))
     given = {"shapes": folder / "images.h5", "output": folder / "dict.h5", "k": 5}
-    return list(learn_dict.run(LearnDictConfig(**given | changes)))
+    return list(learn_dict.learn_dictionary(LearnDictConfig(**given | changes)))
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
 
 def description(folder):
     """What `info` says of the dictionary that was learned."""
-    return next(iter(info.run(InfoConfig(files=(folder / "dict.h5",))))).note
+    return next(iter(info.describe_files(InfoConfig(files=(folder / "dict.h5",))))).note
 
 
 def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
@@ -141,7 +141,9 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
     assert "learned from 2D landmarks: learned; near and far open" in warning
     assert "near and far open" in description(folder)
     request = verify.Request(files[2], files[1], (files[0],))
-    assert not [each.failures for each in verify.run(request) if each.failures]
+    assert not [
+        each.failures for each in verify.verify_results(request) if each.failures
+    ]
     found = result.as_columns() - result.as_columns().mean(axis=2, keepdims=True)
     stated = learned(False).result.shape_sd[..., 2]
     # with z and -z as likely, 2 z^2 is added

@@ -17,7 +17,7 @@ from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io.contents import digest_contents
 from shapefit.io.layout import CONTENTS
-from shapefit.pipelines.partition.run import fit_parts as fit_parts
+from shapefit.pipelines.partition.run import fit_parts
 from tests.pipelines.verify.conftest import reseal
 
 Edit = Callable[[Any], object]

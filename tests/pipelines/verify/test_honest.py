@@ -12,7 +12,7 @@ from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary
-from shapefit.pipelines.partition.run import fit_parts as fit_parts
+from shapefit.pipelines.partition.run import fit_parts
 from shapefit.records import Landmarks
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file

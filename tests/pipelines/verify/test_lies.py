@@ -12,7 +12,7 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
-from shapefit.pipelines.partition.run import fit_parts as fit_parts
+from shapefit.pipelines.partition.run import fit_parts
 from tests.pipelines.verify.conftest import TERMS
 
 IMAGE = 3
