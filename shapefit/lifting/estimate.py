@@ -58,7 +58,8 @@ class Estimate:
     or starts from, None without one; camera_translation (n, 3), of a method that looks
     through the camera of the problem itself: then W is seen of shapes +
     camera_translation, both in the unit of the dictionary, and T (n, 2) is where the
-    middle of the shapes is seen.
+    middle of the shapes is seen; limit, what ends an image as ITERATION_LIMIT, in words
+    for its warning, "" where the status says all.
     """
 
     shapes: Floats
@@ -71,6 +72,7 @@ class Estimate:
     outliers: Flags | None = None
     convex_proof: ConvexProof | None = None
     camera_translation: Floats | None = None
+    limit: str = ""
 
     def status_words(self) -> NDArray[np.object_]:
         """Return the words of all statuses (n,); to ask each one takes ten times as

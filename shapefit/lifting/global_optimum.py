@@ -66,7 +66,9 @@ def find_global(
         iterations=optimum.cells,
         status=optimum.status,
     )
-    return replace(estimate, relative_gap=optimum.relative_gap)
+    k, _, p = problem.atoms.shape
+    limit = f"the search ended after {limit_cells(k, p):,} cells (docs/global.md)"
+    return replace(estimate, relative_gap=optimum.relative_gap, limit=limit)
 
 
 class GlobalOptimum(NamedTuple):

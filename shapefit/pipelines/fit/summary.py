@@ -70,7 +70,9 @@ def warn_of_batch(lifting: Lifting[Estimate]) -> Iterator[Counted]:
     """Count the images that are not optimal, and those whose shape is empty."""
     limited = lifting.estimate.status.count(Status.ITERATION_LIMIT)
     if limited:
-        yield Counted(limited, "image", "not optimal")
+        limit = lifting.estimate.limit
+        text = f"not optimal: {limit}" if limit else "not optimal"
+        yield Counted(limited, "image", text)
     empty = ~lifting.estimate.shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
     empty[list(lifting.failures)] = False
     if empty.any():

@@ -187,6 +187,16 @@ class TestFailures:
         assert failures(outcomes) == {}
         assert texts(outcomes) == ["8 images not optimal"]
 
+    def test_a_search_that_gives_up_names_its_limit(
+        self, fit, dictionary, images, monkeypatch
+    ):
+        monkeypatch.setattr(
+            "shapefit.lifting.global_optimum.limit_cells", lambda k, p: 1_000
+        )
+        _, outcomes = fit(dictionary, images, method="global", tolerance=1e-9)
+        limit = "the search ended after 1,000 cells (docs/global.md)"
+        assert f"8 images not optimal: {limit}" in texts(outcomes)
+
     @pytest.mark.parametrize(
         ("method", "text", "optimal"),
         [
