@@ -603,7 +603,10 @@ def _say_certified(tally: VerifyTally, fit: Statement) -> str:
     if fit.config["method"] in CERTIFIED_METHODS:
         return "no certificate is stored"
     if fit.config["method"] == "global":
-        return "states its gap, not checked"
+        return (
+            "its bound on all rotations is stated, not checked: no file holds the"
+            " search that proves it"
+        )
     return "has no certificate"
 
 

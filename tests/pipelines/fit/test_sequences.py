@@ -24,7 +24,6 @@ from shapefit.lifting.sequences import clips
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
-from shapefit.pipelines.fit import sequences as fit_sequences
 from shapefit.pipelines.fit.sequences import (
     find_usual_lengths,
     hides_the_hips,
@@ -386,8 +385,8 @@ def test_ended_sequences_are_given_out_before_the_stream_ends():
     "names", ["", "aab", "aaaaaaaaab", "aaabbbbbbbbbcc", "abcdefgh"]
 )
 def test_long_sequences_are_lifted_in_the_pieces_that_are_refined(names, monkeypatch):
-    for module in (clips, fit_sequences):
-        monkeypatch.setattr(module, "MAX_CLIP_FRAMES", 4)
+    for module in ("lifting.sequences.clips", "pipelines.fit.whole_sequences"):
+        monkeypatch.setattr(f"shapefit.{module}.MAX_CLIP_FRAMES", 4)
     whole = frames_of(names)
     pieces = list(whole_sequences([whole]))
     assert [item for piece in pieces for item in piece.items] == list(whole.items)
