@@ -13,7 +13,7 @@ from shapefit.errors import input_error
 from shapefit.io.layout import DICTIONARY, DICTIONARY_POINTS
 from shapefit.records.columns import Column, as_kind, fit_axes
 from shapefit.records.items import UNKNOWN_UNIT
-from shapefit.records.names import as_composed
+from shapefit.records.names import all_composed
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -64,7 +64,7 @@ class Dictionary:
         values = {
             name: value for name, value in vars(self).items() if name != "learned"
         }
-        values["landmark_names"] = tuple(map(as_composed, self.landmark_names or ()))
+        values["landmark_names"] = all_composed(self.landmark_names or ())
         return model.Dictionary(**_transposed(values), **self.learned)
 
     def replaced(self, **changes: Any) -> Dictionary:

@@ -82,8 +82,9 @@ def _describe_dataset(
     elif dataset.size:
         row_bytes = dataset.dtype.itemsize * math.prod(dataset.shape[1:])
         step = max(1, DIGEST_BLOCK_BYTES // row_bytes)
-        for start in range(0, len(dataset), step):
-            rows = slice(start, min(start + step, len(dataset)))
+        count = len(dataset)
+        for start in range(0, count, step):
+            rows = slice(start, min(start + step, count))
             hashed.update(_dataset_bytes(np.asarray(read(name, rows))))
     return [kind, list(dataset.shape), hashed.hexdigest()]
 
@@ -107,7 +108,9 @@ def _dataset_bytes(values: Any) -> bytes:
             text if isinstance(text, bytes) else str(text).encode("utf-8", "replace")
             for text in values.ravel().tolist()
         ]
-        return b"".join(len(text).to_bytes(8, "little") + text for text in texts)
+        lengths = set(map(len, texts))
+        stated = {length: length.to_bytes(8, "little") for length in lengths}
+        return b"".join([stated[len(text)] + text for text in texts])
     if values.dtype.kind not in "biufc":
         return repr(values).encode()
     plain = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))

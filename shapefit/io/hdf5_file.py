@@ -55,7 +55,7 @@ from shapefit.records.columns import (
     held_columns,
 )
 from shapefit.records.items import Attribute, Direction, Items
-from shapefit.records.names import as_composed
+from shapefit.records.names import all_composed
 
 CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
 
@@ -473,7 +473,7 @@ class Hdf5Reader(Hdf5File):
         if column is None:
             return values
         if column.kind == Texts:
-            return tuple(map(as_composed, values))
+            return all_composed(values)
         try:
             return as_kind(column, values)
         except ValueError:

@@ -23,7 +23,7 @@ from shapefit.records.columns import (
     in_columns,
     take_rows,
 )
-from shapefit.records.names import as_composed
+from shapefit.records.names import all_composed
 
 UNKNOWN_UNIT = "unknown"
 
@@ -70,7 +70,7 @@ class Items:
         """Raise InputError where what is given is no array, or axes disagree."""
         complete(self)
         set_field = object.__setattr__
-        set_field(self, "landmark_names", tuple(map(as_composed, self.landmark_names)))
+        set_field(self, "landmark_names", all_composed(self.landmark_names))
         listed = column_by_name(type(self))
         for name in (*self.extras, *self.file_extras):
             if name in listed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Iterable
 
 
 def as_composed(text: str) -> str:
@@ -11,3 +12,9 @@ def as_composed(text: str) -> str:
     Accented letters have two spellings; macOS writes one, keyboards the other.
     """
     return text if text.isascii() else unicodedata.normalize("NFC", text)
+
+
+def all_composed(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return texts in Unicode's composed form; those of ASCII alone are there already."""
+    whole = tuple(texts)
+    return whole if "".join(whole).isascii() else tuple(map(as_composed, whole))
