@@ -20,7 +20,11 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.names import check_numbering, numbers_of, renamed
 from shapefit.io.skeletons import PEOPLE, THETA, BodyPart, people_joints, people_parts
-from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
+from shapefit.lifting.derived_landmarks import (
+    as_joints,
+    combine_landmarks,
+    place_dependents,
+)
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.records import Landmarks
@@ -159,7 +163,9 @@ class Matched(NamedTuple):
             return joints, None
         rows = self.joints.rows(names, theta) @ np.linalg.inv(A)
         std = np.array([self.joints.deviation_of(name) for name in names])
-        points = see_rows(rows, lifting.shapes, lifting.estimate.covariance, std)
+        points = combine_landmarks(
+            rows, lifting.shapes, lifting.estimate.covariance, std
+        )
         detected = Detected(names, points.points.swapaxes(1, 2))
         if points.deviation is not None and points.correlation is not None:
             sd = lifting.scale[:, None, None] * points.deviation

@@ -183,7 +183,7 @@ def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
     use.
     """
     for need in METHODS[method].needs:
-        fault = need.useless(dictionary)
+        fault = need.find_fault(dictionary)
         if getattr(dictionary, need.name) is None:
             fault = f"no `{need.name}`"
         if fault:
