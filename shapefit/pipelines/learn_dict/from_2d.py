@@ -121,7 +121,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         f" {judgement.gain:.2f} per landmark, views up to {judgement.turn:.0f} degrees"
         " apart"
     )
-    if not judgement.fine:
+    if not judgement.is_learned:
         fix = FIXES[judgement.verdict]
         raise input_error(place, f"{judgement.verdict} ({evidence})", fix)
     outliers = f"{int(state.outliers.sum())} landmarks are outliers"
