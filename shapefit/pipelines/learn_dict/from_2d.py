@@ -33,7 +33,7 @@ from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSource, digests
-from shapefit.pipelines.fit.camera import find_camera, read_intrinsics
+from shapefit.pipelines.fit.camera import find_camera, intrinsics_of
 from shapefit.pipelines.fit.choices import check_needs
 from shapefit.pipelines.fit.evidence import mean_gain
 from shapefit.pipelines.fit.image_posterior import (
@@ -329,7 +329,7 @@ def evidence_of_mirror(
     images.
     """
     sample = images.take(evenly(len(images), COMPARED_IMAGES))
-    middle = read_intrinsics(sample)[1][:, :1]
+    middle = intrinsics_of(sample)[1][:, :1]
     w = sample.landmarks.copy()
     w[..., 0] = 2 * middle - w[..., 0]
 

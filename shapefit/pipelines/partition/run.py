@@ -70,7 +70,7 @@ from shapefit.pipelines.fit.choices import (
     files_of,
     in_sequences,
     match_to_dictionary,
-    read_options,
+    reading_options,
 )
 from shapefit.pipelines.fit.family import Calibration, whole_blocks
 from shapefit.pipelines.fit.fit import FitPart, fit
@@ -298,7 +298,7 @@ def find_parts(
 
     Those named already keep their files.
     """
-    options = read_options(config)
+    options = reading_options(config)
     named = named or {}
     names = map(part_name, count())
     free = (name for name in names if name not in named.values())
@@ -353,7 +353,7 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
     Inputs that cannot be read, or do not go with the first, are left out: their part
     reports them.
     """
-    options = read_options(config)
+    options = reading_options(config)
     needed = {*CAMERA_DATASETS, config.leave_one_out}
     files: list[SourceFile[Landmarks]] = []
     images = 0
