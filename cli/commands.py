@@ -278,7 +278,7 @@ OPTIONS_WITHOUT_KEY = ("open", "fail_untrusted", *PARTS_OPTIONS)
 
 
 def size(text: str) -> list[float]:
-    """Return the width and height of a text such as 1920x1080."""
+    """Return width and height in a text such as 1920x1080; BadParameter for others."""
     try:
         width, height = map(float, text.lower().split("x"))
     except ValueError:
@@ -353,6 +353,7 @@ def make_command(spec: Spec) -> click.Command:
 
 
 def _examples(lines: str) -> str:
+    """Return the end of a command's help, which lists these examples."""
     return "\b\nExamples:" + lines.replace("\n", "\n  ")
 
 
@@ -395,7 +396,7 @@ def run_command(spec: Spec, **options: Any) -> int:
         to_stdout=spec.to_stdout,
         as_json=given["json"],
         max_untrusted=given.get("fail_untrusted"),
-        read=read_names(spec, config) if spec.has_config else "",
+        read=name_inputs(spec, config) if spec.has_config else "",
         following=following,
     )
     code = report.follow(results)
@@ -472,8 +473,8 @@ def with_parts(config: Any, given: Mapping[str, Any]) -> Any:
     return config.changed(output=replace(config.output, **options))
 
 
-def read_names(spec: Spec, config: Any) -> str:
-    """Name the first inputs and count the others."""
+def name_inputs(spec: Spec, config: Any) -> str:
+    """Return the names of the first three input files, and the number of others."""
     paths = [path for key, path in config.inputs() if key == spec.inputs[0]]
     more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
     return ", ".join(path.name or str(path) for path in paths[:3]) + more

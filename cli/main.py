@@ -113,6 +113,7 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _internal_error(error: Exception) -> int:
+    """Report an error as a bug of shapefit; return the exit code."""
     if os.environ.get(TRACEBACK_VARIABLE) == "1":
         import traceback
 

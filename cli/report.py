@@ -124,7 +124,7 @@ class Report:
             bar.clear()
 
     def _progress(self) -> str:
-        """Say how far the command is, where there is no progress bar."""
+        """Return a line on how far the command is, where there is no progress bar."""
         done = f"{self.done:,}"
         if self.total and self.done <= self.total:
             done += f"/{self.total:,}"
@@ -164,6 +164,7 @@ class Report:
 
     @property
     def _too_few_trusted(self) -> bool:
+        """Whether a share of the items above `max_untrusted` is not trusted."""
         share = self.max_untrusted
         return share is not None and self.untrusted > share * self.done
 
@@ -252,7 +253,7 @@ class Report:
                 yield f"{'' if number else label:{LABEL_LETTERS}}{line}"
 
     def _files(self) -> str:
-        """Name the files that were written; many in one folder are counted."""
+        """Return the names of the files written; many in one folder are counted."""
         folders = {path.parent for path in self.written}
         if len(self.written) > 1 and len(folders) == 1 and Path.cwd() not in folders:
             folder = _shown(folders.pop())

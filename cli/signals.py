@@ -62,24 +62,26 @@ def keep_signals() -> Iterator[None]:
 
 
 def end_reminders() -> None:
-    """The command has unwound; further signals change nothing."""
+    """Stop the timer that raises Stopped anew, once the command has unwound."""
     if hasattr(signal, "setitimer"):
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 def _stop(number: int, _frame: FrameType | None) -> None:
+    """Raise Stopped at the first signal, and start a timer that raises it anew."""
     if _received:
         return
     _received.append(number)
     sys.unraisablehook = _hide_stopped
     if hasattr(signal, "setitimer"):
-        signal.signal(signal.SIGALRM, _remind)
+        signal.signal(signal.SIGALRM, _stop_again)
         every = SECONDS_BETWEEN_REMINDERS
         signal.setitimer(signal.ITIMER_REAL, every, every)
     raise Stopped
 
 
-def _remind(_number: int, _frame: FrameType | None) -> None:
+def _stop_again(_number: int, _frame: FrameType | None) -> None:
+    """Raise Stopped once more at the timer's signal, unless the command unwinds."""
     handled = sys.exception()
     while handled is not None:
         if isinstance(handled, UNWINDING):
@@ -89,5 +91,6 @@ def _remind(_number: int, _frame: FrameType | None) -> None:
 
 
 def _hide_stopped(unraisable: UnraisableHookArgs) -> None:
+    """Report an exception that Python cannot raise, as by default, except Stopped."""
     if not isinstance(unraisable.exc_value, Stopped):
         sys.__unraisablehook__(unraisable)

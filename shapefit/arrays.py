@@ -34,7 +34,7 @@ def finite_median(values: Numbers, default: float = float("nan")) -> float:
 
 
 def evenly(n: int, most: int) -> NDArray[np.intp]:
-    """Return at most so many indices out of n that lie evenly."""
+    """Return at most so many indices, spread evenly over 0 to n - 1."""
     rows = np.linspace(0, n - 1, min(n, most)).astype(np.intp)
     # np.unique imports masked arrays too
     is_new = np.diff(rows, prepend=-1) > 0

@@ -79,7 +79,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def abbreviate(names: Sequence[str], most: int = 5) -> str:
-    """Name the first ones, by default five, and count the others."""
+    """Return `a, b, c and 4 more`: the first names, by default five, and a count."""
     more = len(names) - most
     return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 

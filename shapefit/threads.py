@@ -81,9 +81,9 @@ def on_threads(
 def side_by_side(
     work: Callable[[Item], Outcome], items: Iterable[Item], workers: int
 ) -> Generator[Outcome, None, None]:
-    """Map work over items in order, `workers` ahead on threads; 0 works inline.
+    """Yield what `work` makes of each item, in order, with up to `workers` threads.
 
-    The next item is got meanwhile.
+    They work ahead while the next item is read; with 0 all is done on this thread.
     """
     if not workers:
         yield from map(work, items)

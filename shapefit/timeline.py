@@ -90,7 +90,7 @@ class Timeline:
 
     @classmethod
     def of_frames(cls, count: int, rate: float = ASSUMED_RATE) -> Timeline:
-        """Return that of so many frames, none of them missing."""
+        """Return the timeline of so many frames, none of them missing."""
         return cls(np.arange(count, dtype=np.float64), rate)
 
     def __len__(self) -> int:
@@ -109,10 +109,10 @@ class Timeline:
         return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(self)])]
 
     def second_differences(self) -> Floats:
-        """Weights (t, 3) of the second difference that begins at each image; 0 where it
-        would leave the sequence or its stretch.
+        """Return weights (t, 3) of the second difference that begins at each image.
 
-        Of images h and k frames apart
+        They are 0 where it would leave the sequence or its stretch. Of images h and k
+        frames apart
 
             ((y_3 - y_2) / k - (y_2 - y_1) / h) / sqrt((h + k) / 2),
 
@@ -132,8 +132,9 @@ class Timeline:
         return weights
 
     def on_grid(self, longest: int | None = None) -> Integers:
-        """Return the place (t,) of each image among all frames, missing ones too; of a
-        gap at most so many.
+        """Return the whole number (t,) of each image's frame, counted from 0.
+
+        Missing frames count too, of a gap at most `longest`.
         """
         steps = np.maximum(np.rint(self.steps), 1)
         if longest is not None:

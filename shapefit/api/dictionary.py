@@ -48,7 +48,7 @@ class Dictionary:
 
     @classmethod
     def of(cls, dictionary: model.Dictionary) -> Dictionary:
-        """Return a dictionary of the package with one landmark per row."""
+        """Return the internal `model.Dictionary` as one with a landmark per row."""
         values = {
             field.name: getattr(dictionary, field.name) for field in fields(dictionary)
         }
@@ -60,7 +60,7 @@ class Dictionary:
         )
 
     def model(self) -> model.Dictionary:
-        """Return the dictionary of the package."""
+        """Return the internal `model.Dictionary`, with one landmark per column."""
         values = {
             name: value for name, value in vars(self).items() if name != "learned"
         }
@@ -73,9 +73,7 @@ class Dictionary:
 
 
 def _transposed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields with one landmark per row for one per column, and the other way
-    round.
-    """
+    """Return fields with landmarks in rows instead of columns, or vice versa."""
     turned = dict(values)
     for name in DICTIONARY_POINTS:
         if turned.get(name) is not None:
@@ -84,7 +82,7 @@ def _transposed(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _checked(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields as arrays, and names as tuples.
+    """Return the fields of a dictionary as arrays, and names as tuples.
 
     Raises InputError for arrays that are no numbers or whose axes disagree.
     """
@@ -101,7 +99,10 @@ def _checked(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _checked_column(column: Column, value: object, sizes: dict[str, int]) -> Any:
-    """Return a field in the type of its column. Raises InputError as `_checked`."""
+    """Return a field in the type of its column, and add its axes to `sizes`.
+
+    Raises InputError as `_checked`.
+    """
     place = f"dictionary.{column.field}"
     try:
         converted = as_kind(column, value)

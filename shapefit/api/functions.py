@@ -149,7 +149,10 @@ def _with_matrices(images: Landmarks, matrices: NDArray[Any]) -> Landmarks:
 
 
 def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
-    """Return a dictionary, read where it is a name or a file. Raises InputError."""
+    """Return the internal Dictionary of one that is given, or of a name or file.
+
+    Raises InputError for what is none of these, and for one that no fit can use.
+    """
     if not isinstance(given, Dictionary | str | PathLike):
         shape = f" {np.shape(given)}" if np.shape(given) else ""
         fault = f"is no dictionary, but {type(given).__name__}{shape}"
@@ -164,13 +167,14 @@ def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
 
 
 def _as_images(
-    landmarks: Landmarks | ArrayLike, section: FitConfig, names: Sequence[str]
+    landmarks: Landmarks | ArrayLike, config: FitConfig, names: Sequence[str]
 ) -> Landmarks:
-    """Return landmarks as the package has them, with these names (p) where they have
-    none.
+    """Return arrays as Landmarks with these names (p) of landmarks; Landmarks stay.
 
-    Arrays with confidences, of a skeleton or of one image are read as files of a
-    detector are.
+    Names of their own stay too. Arrays with confidences, of a skeleton or of one image
+    are read as a detector's file is: by `y_axis`, `min_confidence` and `image_size` of
+    the config. Raises InputError for what is no array of numbers, and for as many
+    landmarks as there are no names.
     """
     if not isinstance(landmarks, Landmarks):
         try:
@@ -179,14 +183,14 @@ def _as_images(
             fix = "give (n, p, 2), or (n, p, 3) with a confidence of 0 to 1"
             raise input_error("landmarks", "is no array of numbers", fix) from None
         of_detector = points.ndim == 2 or (points.ndim == 3 and points.shape[2] == 3)
-        if of_detector and section.keypoints is None and points.shape[-2] != len(names):
+        if of_detector and config.keypoints is None and points.shape[-2] != len(names):
             raise unnamed("landmarks", points.shape[-2], names)
-        if of_detector or section.keypoints is not None:
+        if of_detector or config.keypoints is not None:
             named: dict[str, Any] = (
-                {} if section.keypoints else {"landmark_names": tuple(names)}
+                {} if config.keypoints else {"landmark_names": tuple(names)}
             )
             poses = of_array(Path("landmarks"), points, **named)
-            return landmarks_of(poses, input_options(section))[0]
+            return landmarks_of(poses, input_options(config))[0]
         landmarks = Landmarks(points)
     return with_names(landmarks, names).with_whole_points()
 
@@ -225,9 +229,7 @@ def learn(
 
 
 def _shapes(given: Shapes | Fit | ArrayLike) -> Shapes:
-    """Return arrays as shapes, and the shapes of a fit without what is known of
-    them.
-    """
+    """Return arrays as Shapes, and a fit as Shapes without its further columns."""
     if isinstance(given, Shapes):
         return given
     if not isinstance(given, Fit):
@@ -246,7 +248,7 @@ def _shapes(given: Shapes | Fit | ArrayLike) -> Shapes:
 
 
 def _ended(steps: Generator[Result, None, Made]) -> tuple[Made, list[Result]]:
-    """Return what is made in steps, and the results of these."""
+    """Run a generator to its end; return what it returns, and all that it yields."""
     results: list[Result] = []
     try:
         while True:

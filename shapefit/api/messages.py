@@ -33,7 +33,7 @@ def with_names(record: Record, names: Sequence[str]) -> Record:
 
 
 def unnamed(dataset: str, p: int, names: Sequence[str]) -> InputError:
-    """Return the error of p landmarks without names that are not as many as these."""
+    """Return the InputError for p landmarks without names, not as many as `names`."""
     skeletons = skeletons_of_size(p) if dataset == Landmarks.POINTS else ()
     fix = f"name them: {dataset.title()}({dataset}, landmark_names=[...])"
     if skeletons:

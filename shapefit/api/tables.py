@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def to_metres(
     fit: Fit, *, height: float | None, unit: str | None, up: Up | None
 ) -> np.recarray[Any, Any]:
-    """Return the table of `Fit.to_metres`."""
+    """Return the joints of a fit in metres, a row for each joint of each image."""
     options = OutputOptions(height=height, unit=unit, up=up)
     motions = find_motions(fit.named(), options, "Fit.to_metres")
     texts = dict.fromkeys(text for motion in motions for text in motion.warnings)
@@ -40,7 +40,7 @@ LEVEL = 4
 
 
 def to_pandas(fit: Fit) -> Any:
-    """Return the table of `Fit.to_pandas`."""
+    """Return a DataFrame of a fit, a row for each landmark of each image."""
     import pandas  # type: ignore[import-untyped]
 
     fit = fit.named()

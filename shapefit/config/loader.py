@@ -154,7 +154,10 @@ def _read_config(
 
 
 def _leave_out_own_data(schema: Schema, values: dict[str, Any]) -> None:
-    """Take off what an installed config says of its own data."""
+    """Remove from values, in place, the keys that fit only an installed config's data.
+
+    They are paths, and those of OF_ONE_DATA_SET.
+    """
     for path, key in list_config_keys(schema).items():
         *sections, name = path
         if isinstance(key.description, Paths) or name in OF_ONE_DATA_SET:
@@ -278,7 +281,7 @@ def _set_value(
     value: object,
     origin: str,
 ) -> None:
-    """Set a value, in the place of the old one; `origin` names it in messages."""
+    """Set the value at a path of keys, in place; `origin` names it in messages."""
     for depth, key in enumerate(path[:-1], start=1):
         if not isinstance(values.get(key), dict):
             values[key] = {}
@@ -338,15 +341,15 @@ def _describe_problem(
     for step in value_path:
         value = value[step]
     allowed = problem["msg"].split("'")[1::2]
-    near = _nearest(str(value), {word: word for word in allowed})
+    near = _suggest_nearest(str(value), {word: word for word in allowed})
     return f"{place}: expected {expects(key)}, found {_in_words(value)}{near}"
 
 
 def _say_unknown(location: Location, keys: Sequence[tuple[str, ...]]) -> str:
-    """Say that there is no key at a location, with the nearest or all that are."""
+    """Return a fault: no key is at a location, with the nearest or all that are."""
     siblings = [path for path in keys if path[:-1] == location[:-1]]
     choices = {path[-1]: ".".join(path) for path in [*keys, *siblings]}
-    hint = _nearest(str(location[-1]), choices)
+    hint = _suggest_nearest(str(location[-1]), choices)
     if not hint:
         hint = f"; the keys here are {', '.join(path[-1] for path in siblings)}"
     return f"unknown key {'.'.join(map(str, location))!r}{hint}"
@@ -362,8 +365,11 @@ def _place_of_named(message: str, section: Location, places: Places) -> str | No
     return None
 
 
-def _nearest(name: str, choices: Mapping[str, str]) -> str:
-    """Return the end of a message with the choice like a name, if there is one."""
+def _suggest_nearest(name: str, choices: Mapping[str, str]) -> str:
+    """Return the end of a message, `; did you mean 'X'?`, or "" where no key is near.
+
+    The name is compared with the keys of `choices`; X is the value of the nearest.
+    """
     from difflib import get_close_matches
 
     near = get_close_matches(name, choices, n=1)

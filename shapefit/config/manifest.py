@@ -115,7 +115,7 @@ AnyLine = TypeVar("AnyLine", RunLine, PartLine)
 
 
 def read_lines(folder: Path) -> tuple[RunLine, list[PartLine]] | None:
-    """Read the manifest of a folder; None without one.
+    """Return the line of the run and those of parts in a folder's manifest, if any.
 
     Of the lines of a part the last counts. A line without an end was being written, and
     is omitted. Raises InputError, which names the line, where a file of that name is

@@ -114,7 +114,10 @@ class CommandConfig(ConfigModel):
                 yield from ((key, path) for path in paths if isinstance(path, Path))
 
     def changed(self, **values: Any) -> Self:
-        """Return the config with other values, unchecked; of a section in a mapping."""
+        """Return the config with other values of keys, which are not checked.
+
+        For a section a mapping gives the values of some of its keys; the others stay.
+        """
         for key, value in values.items():
             old = getattr(self, key)
             if isinstance(old, ConfigModel):
@@ -132,7 +135,7 @@ class CommandConfig(ConfigModel):
         )
 
     def as_plain(self) -> dict[str, Any]:
-        """Return the config as JSON has it."""
+        """Return the config as dicts, lists, texts and numbers, with every default."""
         values: dict[str, Any] = json.loads(self.as_json())
         return values
 

@@ -50,7 +50,7 @@ class ResultFolder:
 
     @property
     def manifest(self) -> Path:
-        """The list of the parts."""
+        """The path of the manifest, which lists the parts."""
         from shapefit.config.manifest import MANIFEST
 
         return self.path / MANIFEST
@@ -89,7 +89,7 @@ def find_presets(command: str) -> dict[str, Path]:
 
 
 def fill_in(value: Any, data: str) -> Any:
-    """Return a value with the folder in the place of `{data}` in the texts of it."""
+    """Return a value of YAML with `{data}` in all its texts replaced by the folder."""
     if isinstance(value, list | tuple):
         return [fill_in(item, data) for item in value]
     if isinstance(value, dict):
@@ -103,7 +103,11 @@ def fill_in(value: Any, data: str) -> Any:
 
 
 def absolute_path(value: object) -> Path:
-    """Return the absolute path of a text or path; `-` stays."""
+    """Return the absolute path of a text or path; `-` stays.
+
+    A text of a config file is relative to the folder of that. Raises ValueError for
+    what is no path, and for `{data}` that was not filled in.
+    """
     text = str(value)
     if not isinstance(value, str | Path) or not text or "\0" in text:
         raise ValueError(f"expected a path, found {value!r}")
@@ -133,7 +137,8 @@ def expand_path(value: object) -> tuple[Path, ...]:
 
     A path can be that of a pipe, or of a folder, whose files may be one recording; a
     glob names neither. A folder of results stands for its results. Where there is no
-    such file, the name of an installed dictionary is that dictionary.
+    such file, the name of an installed dictionary is that dictionary. Raises ValueError
+    where there is no file.
     """
     path = absolute_path(value)
     if path == STANDARD_STREAM or os.path.exists(path):
@@ -153,16 +158,16 @@ def expand_path(value: object) -> tuple[Path, ...]:
 
 
 def _existing_folder(path: Path) -> tuple[Path, str]:
-    """Return the folder of a path that exists as it is written, and what follows.
+    """Return the deepest folder of a path that exists, and the rest, maybe a glob.
 
-    Whatever brackets are in its name.
+    Brackets in the name of that folder are no glob.
     """
     folder = next(above for above in path.parents if above.is_dir())
     return folder, str(path.relative_to(folder))
 
 
 def find_file(value: object) -> Path:
-    """Return the one file that a path or glob names."""
+    """Return the one file that a path or glob names; ValueError for several."""
     path, *others = expand_path(value)
     if others or path.is_dir():
         raise ValueError(f"{value} is not one file; name one")
@@ -177,8 +182,12 @@ def find_dictionary(value: object) -> Path:
     return find_file(value)
 
 
-def name_files(value: object) -> Mapping[str, object]:
-    """Name each file of a list after itself; a mapping has its names already."""
+def find_named_files(value: object) -> Mapping[str, object]:
+    """Return names -> files of a path, a glob or a list of them; a mapping stays.
+
+    Globs are expanded, and folders stay whole; a file is called by its name without
+    ending. Raises ValueError for two files of one name, and where there is no file.
+    """
     if isinstance(value, Mapping):
         return value
     patterns = value if isinstance(value, list | tuple) else [value]
@@ -197,7 +206,10 @@ def name_files(value: object) -> Mapping[str, object]:
 
 
 def find_output(value: object) -> Path | ResultFolder:
-    """Return the path of an output: a folder where it ends in /."""
+    """Return the path of an output, or the ResultFolder of one that ends in /.
+
+    None, an output that is not given, is UNNAMED_OUTPUT.
+    """
     if value is None:
         return UNNAMED_OUTPUT
     if isinstance(value, ResultFolder):
@@ -207,7 +219,7 @@ def find_output(value: object) -> Path | ResultFolder:
 
 
 def unless_none(read: Callable[[object], Path]) -> BeforeValidator:
-    """Return what reads a value that may be None."""
+    """Return a validator that reads a value, unless it is None, which stays."""
     return BeforeValidator(lambda value: None if value is None else read(value))
 
 
@@ -249,7 +261,7 @@ InputPaths = Annotated[
 NamedFiles = Annotated[
     Mapping[str, InputPaths],
     Paths("a path or glob, a list of them, or a mapping of names to paths"),
-    BeforeValidator(name_files),
+    BeforeValidator(find_named_files),
     Field(min_length=1),
 ]
 """Names -> files; in a list, a file is called by its name without folder and ending."""

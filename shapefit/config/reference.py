@@ -52,6 +52,10 @@ def rows(model: type[BaseModel], section: str = "") -> list[KeyInWords]:
 
 
 def _default(key: ConfigKey) -> str:
+    """Return a key's default in words: JSON, or `required`, `auto`, `none` and such.
+
+    A path is called by its name without ending, or `by the input`.
+    """
     if key.field.is_required():
         return "required"
     default = key.field.get_default(call_default_factory=True)
@@ -73,7 +77,7 @@ def expects(key: ConfigKey) -> str:
 
 
 def _phrase(annotation: object, metadata: Sequence[object] = ()) -> str:
-    """Return the words for a type and its bounds."""
+    """Return a type and its bounds in words, such as `a whole number >= 1`."""
     words = _words(annotation)
     if AUTO_TEXT in metadata:
         words.append(AUTO_TEXT)

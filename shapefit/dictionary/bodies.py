@@ -60,13 +60,13 @@ def find_acceleration(
     frames: Integers | None = None,
     rate: float | None = None,
 ) -> Floats | None:
-    """Root mean square of y_(t-1) - 2 y_t + y_(t+1), for each landmark (p,).
+    """Return the root mean square acceleration (p,) of landmarks from frame to frame.
 
-    Over frames t and axes. shapes (n, 3, p) in one frame; y are those shapes about
-    their centroid, in units of their size. sequences (n,) name runs of frames in order
-    of time; frames (n,) are their numbers, of which some may be missing, at a rate in
-    Hz; without them one shape is the next frame after the other. None where these are
-    too few or short.
+    Of y_(t-1) - 2 y_t + y_(t+1), over frames t and axes. shapes (n, 3, p) in one frame;
+    y are those shapes about their centroid, in units of their size. sequences (n,) name
+    runs of frames in order of time; frames (n,) are their numbers, of which some may be
+    missing, at a rate in Hz; without them one shape is the next frame after the other.
+    None where these are too few or short.
     """
     scale = normalise(shapes).scale
     unit = float(np.median(scale)) if len(scale) else 1.0
@@ -106,7 +106,7 @@ def weigh_differences(
 def find_bone_tolerance(
     shapes: Floats, edges: Integers, sequences: Sequence[str]
 ) -> Floats:
-    """Root mean square (e,) of how lengths differ from their means in each sequence.
+    """Return the root mean square change (e,) of edge lengths within a sequence.
 
     shapes (n, 3, p), edges (e, 2); in units of the size of the shapes. 0 where edges
     are rigid bones and each sequence shows one body.
@@ -136,13 +136,14 @@ def find_lengths(
 
 
 def find_edge_covariance(lengths: Floats, of_shapes: Floats | None = None) -> Floats:
-    """S (e, e) = (sum_b d_b d_b^T + m s^2 I) / (n - 1 + m), d_b = log l_b - mean.
+    """Return the covariance (e, e) of the logarithms of edge lengths between bodies.
 
-    Of n bodies: lengths (q, e) are mean lengths of the edges in q sequences, in any
-    unit; those of one body (`SAME_BODY_WITHIN`) count once, and edges without a length
-    differ by s alone. A few bodies say little of others: the spread s counts as much as
-    m further ones would. Where nothing says which shapes are of one body they count as
-    one, and S grows by the covariance of log l `of_shapes` (n, e).
+    S = (sum_b d_b d_b^T + m s^2 I) / (n - 1 + m), d_b = log l_b - mean, of n bodies:
+    lengths (q, e) are mean lengths of the edges in q sequences, in any unit; those of
+    one body (`SAME_BODY_WITHIN`) count once, and edges without a length differ by s
+    alone. A few bodies say little of others: the spread s counts as much as m further
+    ones would. Where nothing says which shapes are of one body they count as one, and S
+    grows by the covariance of log l `of_shapes` (n, e).
     """
     is_measured: Flags = np.asarray((lengths > 0).all(axis=0))
     if of_shapes is not None:
@@ -211,15 +212,19 @@ def has_lengths(dictionary: Dictionary) -> bool:
 
 
 def name_joints(names: Sequence[str]) -> list[str | None]:
-    """Return the joint of a limb that each name stands for, without its side."""
+    """Return the joint of a limb that each name stands for, such as "knee", else None.
+
+    In small letters, without its side.
+    """
     matches = [JOINT.fullmatch(name) for name in names]
     return [None if match is None else match[1].lower() for match in matches]
 
 
 def find_limbs(names: Sequence[str], edges: Integers) -> Flags:
-    """Which edges (e, 2) are limbs of people: their trunks differ by who marks them.
+    """Return which edges (e, 2) are limbs of people, by the names of their landmarks.
 
-    None is where no limb ends in a wrist or an ankle: animals have paws.
+    Trunks differ by who marks them. No edge is one where no limb ends in a wrist or an
+    ankle: animals have paws.
     """
     joints = name_joints(names)
     ends = [{joints[end] for end in edge} for edge in edges.tolist()]
@@ -229,7 +234,11 @@ def find_limbs(names: Sequence[str], edges: Integers) -> Flags:
 
 
 def precision_of_ratios(covariance: Floats) -> Floats:
-    """P - P 1 1^T P / (1^T P 1): of logarithms known but for a number common to all."""
+    """Return the precision of logarithms of lengths (e, e) at an unknown size.
+
+    P - P 1 1^T P / (1^T P 1) with P the inverse of their covariance (e, e): what is
+    common to all logarithms costs nothing.
+    """
     P = np.linalg.inv(covariance)
     whole = P.sum(axis=1)
     Q: Floats = P - np.outer(whole, whole) / whole.sum()
@@ -250,7 +259,11 @@ class BoneTree(NamedTuple):
 
 
 def find_bone_tree(edges: Integers, points: int) -> BoneTree:
-    """Lay out the tree of edges (e, 2); ValueError where they do not form one."""
+    """Return the tree that edges (e, 2) of so many points form, and its limbs.
+
+    The root is the landmark with the most edges. Raises ValueError where they do not
+    form one tree.
+    """
     neighbours: list[list[int]] = [[] for _ in range(points)]
     for a, b in edges.tolist():
         neighbours[a].append(b)

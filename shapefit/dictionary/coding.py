@@ -25,15 +25,16 @@ def sparse_code(
     *,
     threads: int = 0,
 ) -> Floats:
-    """argmin_C sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji  over C >= 0.
+    """Return the coefficients (n, k) >= 0 of shapes as sparse mixtures of atoms.
 
+    argmin_C sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji  over C >= 0.
     shapes (n, 3, p), atoms (k, 3, p), start (n, k) >= 0 the coefficients to begin at
-    (default 0); returns C (n, k). Never worse than the start. Each shape stops when no
-    change of a single coefficient would still move it by more than `tolerance` of its
-    norm.
+    (default 0). Never worse than the start. Each shape stops when no change of a single
+    coefficient would still move it by more than `tolerance` of its norm.
 
     An active set method (Lawson and Hanson 1974, with the l1 term), see
-    core/base/active_set.hpp. Warns (RuntimeWarning) where a shape does not stop.
+    core/base/active_set.hpp. Warns (RuntimeWarning) where a shape does not stop. Raises
+    ValueError for a start of another shape or below 0.
     """
     X = flat(shapes)
     B = flat(atoms)
@@ -65,7 +66,10 @@ def sparse_code(
 def objectives(
     shapes: Floats, atoms: Floats, beta: float, coefficients: Floats
 ) -> Floats:
-    """1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji for each shape; (n,)."""
+    """Return the objective (n,) of the coding of each shape.
+
+    1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji.
+    """
     left = flat(shapes) - coefficients @ flat(atoms)
     squares = np.einsum("nd,nd->n", left, left)
     values: Floats = 0.5 * squares + beta * coefficients.sum(axis=1)

@@ -23,7 +23,7 @@ OVERRELAXATION = 0.5
 
 @dataclass(frozen=True)
 class Learned:
-    """The state after a round.
+    """Atoms and coefficients after a round of dictionary learning.
 
     atoms (k, 3, p); coefficients (n, k), optimal for these atoms; trace (1 + 2 rounds,)
     the objective after the first coding and after every half-step since: atom update,
@@ -42,9 +42,10 @@ def learn_atoms(
     *,
     iterations: int,
 ) -> Iterator[Learned]:
-    """min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C.
+    """Learn k atoms of which shapes are sparse mixtures; yield the state of each round.
 
-    Over C >= 0 and ||B_i||_F <= 1.
+    min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C over C >= 0 and ||B_i||_F <=
+    1. Raises ValueError unless 1 <= k <= n.
 
     shapes (n, 3, p), normalised, aligned, centred, none of them 0; k <= n atoms. The
     start is k shapes at even distances in the order given, scaled to norm 1, and their
@@ -95,13 +96,13 @@ def update_atoms(
     bound: float = MAX_ATOM_NORM,
     sweeps: int = 5,
 ) -> Floats:
-    """Lower 1/2 sum_j ||S_j - sum_i C_ji B_i||_F^2 over atoms with ||B_i||_F <= bound.
+    """Return atoms that reconstruct the shapes better, with the coefficients fixed.
 
-    shapes S (n, 3, p), coefficients C (n, k); atoms (k, 3, p) within the bound, the
-    place to start; returns the new atoms. Block coordinate descent: with the other
-    atoms fixed, the best B_i is the projection of its unconstrained minimum on the
-    ball, so no step raises the objective. Atoms that no shape uses stay as they are.
-    Source: Mairal et al. 2010, algorithm 2.
+    Lowers 1/2 sum_j ||S_j - sum_i C_ji B_i||_F^2 over ||B_i||_F <= bound. shapes S (n,
+    3, p), coefficients C (n, k); atoms (k, 3, p) within the bound, the place to start.
+    Block coordinate descent: with the other atoms fixed, the best B_i is the projection
+    of its unconstrained minimum on the ball, so no step raises the objective. Atoms
+    that no shape uses stay as they are. Source: Mairal et al. 2010, algorithm 2.
     """
     A = coefficients.T @ coefficients
     D = coefficients.T @ flat(shapes)
@@ -143,14 +144,15 @@ def of_norm_one(shapes: Floats) -> Floats:
 
 
 def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats:
-    """(sum_j C_ji s_j / sum_j C_ji) / std(B_i): the size of the shapes that use atom i.
+    """Return the scale (k,) of each atom: the size of the shapes that use it.
 
-    A learned atom has no size: grown to the standard deviation 1 of a normalised shape
-    it is as large as the training shapes are on average, each by its share in the
-    atom's use. One that no shape uses is as large as all shapes are on average.
+    (sum_j C_ji s_j / sum_j C_ji) / std(B_i). A learned atom has no size: grown to the
+    standard deviation 1 of a normalised shape it is as large as the training shapes are
+    on average, each by its share in the atom's use. One that no shape uses is as large
+    as all shapes are on average.
 
     atoms B (k, 3, p), none 0; coefficients C (n, k); scale s (n,), by which shapes were
-    normalised; returns (k,) > 0.
+    normalised. All are > 0.
     """
     use = coefficients.sum(axis=0)
     size = np.full(len(atoms), float(scale.sum()) / len(scale))

@@ -46,7 +46,7 @@ class Mixture:
 
     @property
     def by_landmark(self) -> Floats:
-        """Covariances as (K, p, 3, p, 3)."""
+        """Return the covariances by landmark (K, p, 3, p, 3)."""
         k, _, p = self.means.shape
         return self.covariances.reshape(k, 3, p, 3, p).transpose(0, 2, 1, 4, 3)
 
@@ -67,7 +67,7 @@ class Mixture:
         return self.of_landmarks(self.weights, means, C)
 
     def log_density(self, shapes: Floats) -> Floats:
-        """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K).
+        """Return log(pi_k N(x_n; mu_k, C_k)) (n, K) of shapes (n, 3, p).
 
         Components are taken side by side on all cores.
         """
@@ -108,7 +108,7 @@ def learn_mixture(
     max_rounds: int = 30,
     tolerance: float = 1e-4,
 ) -> LearnedMixture:
-    """Learn from shapes (n, 3, p), normalised and aligned.
+    """Learn a mixture of Gaussians from shapes (n, 3, p), normalised and aligned.
 
     shrinkage in [0, 1): the share of G in the covariance of a component of average
     size; floor > 0: variance of every coordinate beyond that of the shapes. The start
@@ -139,7 +139,7 @@ def learn_mixture(
 
 
 def _alive(mixture: Mixture, n: int) -> Mixture:
-    """Return the components that shapes, n in all, belong to."""
+    """Return the mixture without components that next to no shape of n belongs to."""
     retained = mixture.weights * n > MIN_SHAPES
     weights = mixture.weights[retained]
     means = mixture.means[retained]
@@ -149,7 +149,10 @@ def _alive(mixture: Mixture, n: int) -> Mixture:
 def maximise(
     X: Floats, share: Floats, G: Floats, kappa: float, floor: float
 ) -> Mixture:
-    """Return the best mixture for shares (n, K) of components in shapes X (n, d)."""
+    """Return the best mixture, given the share (n, K) of each component in each shape.
+
+    The maximisation step. X (n, d), the shapes as rows; G, kappa and floor: see above.
+    """
     count = np.maximum(share.sum(axis=0), 1e-300)
     means = (share.T @ X) / count[:, None]
     prior = floor * np.eye(X.shape[1])
@@ -165,7 +168,10 @@ def maximise(
 
 
 def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
-    """log pi_k + E log N(x_n + e; mu_k, C_k) for X (n, d): (n, K)."""
+    """Return log pi_k + E log N(x_n + e; mu_k, C_k) (n, K) of shapes X (n, d).
+
+    The expectation is over e ~ N(0, floor I).
+    """
     density = mixture.log_density(X.reshape(len(X), 3, -1))
     traces = np.linalg.inv(mixture.covariances).trace(axis1=1, axis2=2)
     expected: Floats = density - 0.5 * floor * traces
@@ -173,7 +179,10 @@ def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
 
 
 def log_prior(mixture: Mixture, G: Floats, kappa: float) -> float:
-    """-kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G))."""
+    """Return the objective's term that draws covariances towards G.
+
+    -kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G)).
+    """
     log_size = np.linalg.slogdet(mixture.covariances)[1]
     G_of_each = np.broadcast_to(G, mixture.covariances.shape)
     pulled = np.linalg.solve(mixture.covariances, G_of_each)
@@ -182,9 +191,9 @@ def log_prior(mixture: Mixture, G: Floats, kappa: float) -> float:
 
 
 def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
-    """Return the centre (n,) that is nearest to each of X (n, d), after some rounds.
+    """Return the cluster (n,), 0 to k - 1, of each row of X (n, d).
 
-    Lloyd's method, from the seeds of k-means++.
+    By Lloyd's method, from the seeds of k-means++.
     """
     centres = _seeds(X, k)
     label = np.zeros(len(X), np.intp)
@@ -218,7 +227,10 @@ def _seeds(X: Floats, k: int) -> Floats:
 
 
 def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
-    """sum_n w_n (x_n - mean) (x_n - mean)^T."""
+    """Return the scatter matrix sum_n w_n (x_n - mean) (x_n - mean)^T (d, d).
+
+    X (n, d), weights w (n,); mean (d,) must be the weighted mean of X.
+    """
     some = np.flatnonzero(w > MIN_SHAPE_SHARE)
     weighted = np.sqrt(w[some])[:, None] * X[some]
     scatter: Floats = weighted.T @ weighted - w.sum() * np.outer(mean, mean)

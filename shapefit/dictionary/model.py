@@ -47,11 +47,11 @@ class Dictionary:
     normalised coordinate that it cannot place, and p_value_table (t, 4) what p-values
     under it are found by, see `draw_table`; acceleration (p,): how much the training
     shapes move, see `find_acceleration`, and their frame_rate in Hz; bone_tolerance
-    (e,), how far edges are from rigid, see `find_give`; edge_length (e,), the mean
-    lengths of the edges in `unit`, and edge_covariance (e, e), how their logarithms
-    differ between bodies, see `find_edge_covariance`; each where it is known;
-    objective_trace is the training objective after every half-step; provenance holds
-    text (version, resolved config, input digests).
+    (e,), how far edges are from rigid, see `find_bone_tolerance`; edge_length (e,), the
+    mean lengths of the edges in `unit`, and edge_covariance (e, e), how their
+    logarithms differ between bodies, see `find_edge_covariance`; each where it is
+    known; objective_trace is the training objective after every half-step; provenance
+    holds text (version, resolved config, input digests).
     """
 
     atoms: Floats
@@ -77,17 +77,17 @@ class Dictionary:
 
     @property
     def prior_weights(self) -> Floats | None:
-        """pi (K,) of the prior, None without one."""
+        """Return the weights pi (K,) of the prior, None without one."""
         return None if self.prior is None else self.prior.weights
 
     @property
     def prior_means(self) -> Floats | None:
-        """Return mu (K, 3, p) of the prior, None without one."""
+        """Return the means mu (K, 3, p) of the prior, None without one."""
         return None if self.prior is None else self.prior.means
 
     @property
     def prior_covariances(self) -> Floats | None:
-        """Return C (K, p, 3, p, 3) of the prior, by landmark; None without one."""
+        """Return covariances (K, p, 3, p, 3) of the prior by landmark, None without."""
         return None if self.prior is None else self.prior.by_landmark
 
     @property
@@ -147,7 +147,10 @@ class Dictionary:
 
     @property
     def depends_on(self) -> NDArray[np.int64]:
-        """Return the landmark on which each (p,) of those groups depends, else -1."""
+        """Return the landmark on which each landmark (p,) depends, -1 for none.
+
+        Those of `groups` depend on one, by index.
+        """
         index_of = self.landmark_names.index
         indices = np.full(len(self.landmark_names), -1)
         for depends_on, landmarks in self.groups.values():
@@ -156,7 +159,11 @@ class Dictionary:
         return indices
 
     def marked(self, landmarks: Collection[str]) -> Dictionary:
-        """Return the dictionary without optional joints (toes) that nothing marks."""
+        """Return the dictionary without optional joints (toes) that a file lacks.
+
+        landmarks: the names in the file. A group of `WHERE_MARKED` stays whole where
+        one of its joints is among them.
+        """
         retained: list[str] = []
         dropped: set[str] = set()
         for text, (_, members) in self.groups.items():
@@ -171,7 +178,7 @@ class Dictionary:
         return replace(self.of_landmarks(names), provenance=provenance)
 
     def of_landmarks(self, names: Sequence[str]) -> Dictionary:
-        """Return the dictionary of some landmarks.
+        """Return the dictionary of some of its landmarks, in the order of the names.
 
         It has the marginal of the prior and the edges between them; `mirror_index`
         stays where the partners of all are among them.
@@ -203,7 +210,10 @@ class Dictionary:
         return changed
 
     def _with_edges(self, edges: Integers, retained: Indices) -> Dictionary:
-        """Return the dictionary with these edges, which are the retained ones."""
+        """Return the dictionary with new edges (e, 2), and what it knows of them.
+
+        retained (e,): the old edge that each is.
+        """
         tolerance = self.bone_tolerance
         length = self.edge_length
         covariance = self.edge_covariance
@@ -219,7 +229,7 @@ class Dictionary:
 
 
 def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
-    """Return the dictionary of the landmarks y = A x + e.
+    """Return a dictionary of joints x as one of landmarks y = A x + e.
 
         p(y) = sum_k pi_k N(y; A mu_k, A C_k A^T + V),  atoms A B_i
 
@@ -249,7 +259,7 @@ def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
 
 
 def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
-    """E ||x_i - x_j||^2 (e,) of the edges ij under the prior."""
+    """Return the mean squared length (e,) of edges (e, 2) under the prior."""
     i, j = edges.T
     squared_means = np.einsum("kap,kbq->kpaqb", prior.means, prior.means)
     second = prior.by_landmark + squared_means
@@ -259,7 +269,10 @@ def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
 
 
 def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
-    """Say how sure the depth of a class is that was learned from 2D landmarks."""
+    """Say in a line how sure depth is of a class learned from 2D landmarks.
+
+    Without a line for a dictionary learned from 3D shapes.
+    """
     provenance = dictionary.provenance
     if LEARNED_FROM not in provenance:
         return ()

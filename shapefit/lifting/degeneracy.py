@@ -38,10 +38,11 @@ FAR_FROM_TOO_LARGE = 1e100
 def normalise_visible(
     landmarks: Floats, weights: Floats
 ) -> tuple[Normalised, dict[int, str]]:
-    """(landmarks - centroid) / scale of what is seen, and where that means nothing.
+    """Return the landmarks, centred and scaled, and why images cannot be lifted.
 
-    landmarks (n, 2, p), weights (n, p) with 0 = hidden. Images that find_degenerate
-    names have the points 0, and centroid and scale nan.
+    points = (landmarks - centroid) / scale, both of the visible landmarks; reasons by
+    image number. landmarks (n, 2, p), weights (n, p) with 0 = hidden. Images that
+    find_degenerate names have the points 0, and centroid and scale nan.
     """
     # find_degenerate names what is too large
     with np.errstate(over="ignore", invalid="ignore"):
@@ -57,7 +58,7 @@ def normalise_visible(
 
 
 def _far_from_degenerate(norm: Normalised) -> Flags:
-    """Whether the landmarks of each image (n,) need no closer look."""
+    """Return which images (n,) are surely fine: find_degenerate need not look."""
     x = norm.points[:, 0]
     y = norm.points[:, 1]
     xx = np.einsum("np,np->n", x, x)
@@ -73,9 +74,10 @@ def _far_from_degenerate(norm: Normalised) -> Flags:
 
 
 def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
-    """Return images whose visible landmarks do not span the image plane, and why.
+    """Return why images cannot be lifted, by image number; those that can are absent.
 
-    In float64. landmarks (n, 2, p), weights (n, p) with 0 = hidden.
+    Visible landmarks are too few, on one point or line, too large or too close
+    together. In float64. landmarks (n, 2, p), weights (n, p) with 0 = hidden.
     """
     visible: Flags = np.asarray(weights > 0)
     count = visible.sum(axis=1)

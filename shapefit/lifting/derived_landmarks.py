@@ -56,11 +56,11 @@ def place_dependents(
     depends_on: Integers,
     residual_variance: float,
 ) -> Lifting[PosteriorEstimate]:
-    """Return a lifting with covariances whose dependent landmarks are where images say.
+    """Return the lifting with its dependent landmarks moved to where images show them.
 
-    landmarks (n, 2, p) as observed, which of them (n, p) are; depends_on (p,), the
-    landmark that each depends on, -1 for none; residual_variance, that of landmarks in
-    the unit of shapes.
+    Its covariances must be there, and change with them. landmarks (n, 2, p) as
+    observed; shown (n, p), which of them are; depends_on (p,), the landmark that each
+    depends on, -1 for none; residual_variance, that of landmarks in the unit of shapes.
     """
     C = lifting.estimate.covariance
     assert C is not None, "the plan asks for it"
@@ -95,9 +95,10 @@ def place_dependents(
 def _noise_of_differences(
     is_seen: Flags, others: Integers, residual_variance: float
 ) -> Floats:
-    """Return R (n, q, q) of differences of landmarks from the `others` (q,).
+    """Return the covariance R (n, q, q) of the noise of q differences of coordinates.
 
-    Those from one landmark share its noise, and what is not seen (n, q) has much.
+    others (q,): the coordinate that each is a difference from. Those from one landmark
+    share its noise; one that is not seen (n, q) has `UNSEEN_VARIANCE`.
     """
     of_each = np.where(is_seen, residual_variance, UNSEEN_VARIANCE)
     both_seen = is_seen[:, :, None] & is_seen[:, None]
@@ -108,7 +109,10 @@ def _noise_of_differences(
 
 
 def _gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
-    """Return K (n, 3a, q): x, y and z of dependent landmarks by their x and y."""
+    """Return K (n, 3a, 2a), by which residuals in x and y move x, y and z (see above).
+
+    C (n, 3p, 3p), R (n, 2a, 2a); dependent (3a,): rows of C of the a landmarks.
+    """
     q = R.shape[1]
     rest = np.setdiff1d(np.arange(C.shape[1]), dependent)
     known = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
@@ -122,7 +126,10 @@ def _gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
 def _covariance_of_placed(
     C: Floats, K: Floats, R: Floats, a: Indices, b: Integers
 ) -> Floats:
-    """Return T C T^T + K R K^T of landmarks `a`, placed from landmarks `b`."""
+    """Return the covariance (n, 3p, 3p) after landmarks `a` were placed from `b`.
+
+    T C T^T + K R K^T, see above.
+    """
     p = C.shape[1] // 3
     dependent = np.concatenate([a, p + a, 2 * p + a])
     own = np.concatenate([a, p + a])
@@ -136,13 +143,13 @@ def _covariance_of_placed(
     return placed
 
 
-def see_rows(
+def combine_landmarks(
     rows: Floats, shapes: Floats, covariance: Floats | None, sd: Floats | float = 0.0
 ) -> Points:
-    """Combine the landmarks of shapes (n, 3, p) by rows of weights (q, p).
+    """Return q points, each a weighted sum of landmarks, and what is known of errors.
 
-    Their covariances likewise. They have a variance of their own besides, that of the
-    standard deviations `sd` (q,).
+    rows (q, p), the weights; shapes (n, 3, p); covariance (n, 3p, 3p), without which
+    no errors are known. sd (q,): standard deviation that a point has besides.
     """
     points = shapes @ rows.T
     if covariance is None:
@@ -176,7 +183,7 @@ def as_joints(
     """
     back = np.asarray(np.linalg.inv(A), dtype=np.float64)
     estimate = lifting.estimate
-    joints = see_rows(back, estimate.shapes, estimate.covariance)
+    joints = combine_landmarks(back, estimate.shapes, estimate.covariance)
     estimate = replace(estimate, shapes=joints.points)
     if joints.deviation is not None and joints.correlation is not None:
         estimate = replace(

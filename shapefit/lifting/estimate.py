@@ -38,7 +38,7 @@ class ConvexProof:
 
     @classmethod
     def of(cls, solution: Solution) -> ConvexProof:
-        """Return what a solution proves."""
+        """Return those fields of a solution that prove its optimum."""
         return cls(
             **{field.name: getattr(solution, field.name) for field in fields(cls)}
         )
@@ -75,8 +75,9 @@ class Estimate:
     limit: str = ""
 
     def status_words(self) -> NDArray[np.object_]:
-        """Return the words of all statuses (n,); to ask each one takes ten times as
-        long.
+        """Return the status of each image as its word (n,), such as "optimal".
+
+        To ask each one takes ten times as long.
         """
         words = {id(status): status.value for status in Status}
         return np.array([*map(words.__getitem__, map(id, self.status))], dtype=object)
@@ -130,11 +131,10 @@ class PosteriorEstimate(Estimate):
     def in_unit(
         self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0
     ) -> PosteriorEstimate:
-        """Return the estimate in another unit: error bars times grow / shrink, (n, 1,
-        1) or one.
+        """Return the estimate with its error bars, and these alone, in another unit.
 
-        The unit is smaller by `grow`, or larger by `shrink`; variances change by the
-        squares.
+        The unit is smaller by `grow`, or larger by `shrink`, each (n, 1, 1) or one
+        number: deviations times grow / shrink, variances by the squares.
         """
         covariance = self.covariance
         if covariance is not None:
@@ -168,11 +168,11 @@ class Placement(NamedTuple):
 def fit_translation(
     problem: Problem, projected: Floats, translation: Floats | None = None
 ) -> Placement:
-    """argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2 for projected shapes S, or a given
-    T.
+    """Return the translation at which projected shapes fit their landmarks best.
 
-    T is the mean of W - S with the weights squared. S (n, 2, p); further rows do not
-    count.
+    argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2, the mean of W - S with the weights
+    squared; a given T is kept, and its residuals are returned. S (n, 2, p); further
+    rows do not count.
     """
     squares = problem.weights[:, None] ** 2
     with np.errstate(invalid="ignore"):  # where nothing is seen

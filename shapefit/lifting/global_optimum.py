@@ -42,10 +42,11 @@ def find_global(
     tolerance: float = 1e-2,
     threads: int = 0,
 ) -> AtomEstimate:
-    """Search all rotations, from the results of convex+refine and alternate on.
+    """Return the best shapes over all shared rotations, with a certified gap.
 
-    So it is never above either of them. The iterations are cells; the gap is that to
-    the bound.
+    The search starts from the results of convex+refine and alternate, so its objective
+    is never above either of theirs. The iterations are cells; the gap is that to the
+    bound.
     """
     refined = refine_convex(
         problem, solve=solve, mean_shape=mean_shape, threads=threads
@@ -102,7 +103,7 @@ class DroppedCells(NamedTuple):
 
     @classmethod
     def room(cls, n: int, d: int) -> DroppedCells:
-        """Return room for d cells of each of n images."""
+        """Return arrays of zeros, into which a search writes d cells of n images."""
         return cls(np.zeros(n, np.int64), np.zeros((n, d, 4, 4)), np.zeros((n, d)))
 
 
@@ -122,10 +123,11 @@ def find_optimum(
     threads: int = 0,
     dropped: DroppedCells | None = None,
 ) -> GlobalOptimum:
-    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1.
+    """Find the certified optimum over one rotation and coefficients, for each image.
 
-    (Paper, eq. originalnoisy, with weights and translation.) Over all R, with Rbar
-    Rbar^T = I, and c >= 0. The optimum found is never above v at one of starts (n, s,
+    min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 (paper,
+    eq. originalnoisy, with weights and translation) over all R, with Rbar Rbar^T = I,
+    and c >= 0. The optimum found is never above v at one of starts (n, s,
     3, 3); a start that is nan counts for nothing. Fewer than two visible landmarks are
     DEGENERATE. A search that has not ended after max_cells tests of cells, by default
     `limit_cells`, goes on with looser gaps for as many again, and is an

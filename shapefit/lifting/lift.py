@@ -111,10 +111,11 @@ def lift(
     estimator: Estimator[E],
     camera: Camera | None = None,
 ) -> Lifting[E]:
-    """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3,
-    p).
+    """Lift the landmarks of n images to shapes by a method, in their own unit.
 
-    camera of the images, for a method that looks through it.
+    landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3, p); estimator, the
+    method on normalised landmarks; camera of the images, for a method that looks
+    through it. Images that cannot be lifted have a reason in `failures`.
     """
     norm, failures = normalise_visible(landmarks, weights)
     fine = np.isfinite(norm.scale)
@@ -163,8 +164,10 @@ def lift(
 def noise_of_landmarks(
     program: Program, scale: Floats, shape: tuple[int, ...]
 ) -> Floats | None:
-    """Covariance (n, p, 2, 2) of the noise of landmarks (n, p) that are normalised by
-    scale.
+    """Return the covariance (n, p, 2, 2) of the noise of normalised landmarks.
+
+    None where the program states none. scale (n,), by which the landmarks were divided;
+    shape, (n, p).
     """
     if program.noise == 0:
         return None
@@ -177,8 +180,9 @@ def noise_of_landmarks(
 def choose_lambda(
     program: Program, atoms: Floats, scale: Floats, visible_share: Floats
 ) -> Floats:
-    """Lambda (n,) as given, from the noise, or 1 where it is ignored.
+    """Return lambda, the price of coefficients, of each image (n,).
 
+    As the program gives it, else from the noise; 1 for an exact loss, which ignores it.
     From the noise it is noise / scale E max_i ||G B_i^T||_* sqrt(visible share), with
     the scale (n,) of the landmarks; hidden ones, which no noise reaches, shrink the
     expectation.
@@ -194,11 +198,10 @@ def choose_lambda(
 
 
 def noise_dual_norm(atoms: Floats) -> float:
-    """E max_i ||G B_i^T||_* over centred landmark noise G (2, p) of unit standard
-    deviation.
+    """Return the mean lambda below which noise alone would switch an atom on.
 
-    This is the mean lambda below which noise alone would switch an atom on. atoms (k,
-    3, p). The mean of seeded draws: the same for the same atoms.
+    E max_i ||G B_i^T||_* over centred landmark noise G (2, p) of unit standard
+    deviation. atoms (k, 3, p). The mean of seeded draws: the same for the same atoms.
     """
     k, _, p = atoms.shape
     G = np.random.default_rng(NOISE_SEED).standard_normal((NOISE_DRAWS, 2, p))
@@ -273,8 +276,9 @@ def merge(groups: Sequence[Group], atoms: Floats) -> Lifting[AtomEstimate]:
 
 
 def _pad(group: Group, k: int) -> Lifting[AtomEstimate]:
-    """Return the lifting with coefficients and transforms of k atoms; the others have
-    no part.
+    """Return the lifting of a group with coefficients and transforms of all k atoms.
+
+    Those of atoms that the group lacks are 0. Its failures are left out.
     """
     estimate = group.lifting.estimate
     c, M, proof = estimate.coefficients, estimate.transforms, estimate.convex_proof

@@ -53,11 +53,12 @@ MAX_ROOT_STEPS = 100
 def lift_by_pursuit(
     problem: Problem, *, mean_shape: Floats, edges: Integers
 ) -> AtomEstimate:
-    """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012).
+    """Lift by projected matching pursuit: the mean shape and a few PCA bases.
 
-    The coefficients take up the mean of the two scales of the camera. The objective is
-    the squared error with both scales; the residual belongs to the rotated shape, as
-    with every method.
+    Source: Ramakrishna, Kanade, Sheikh, ECCV 2012. edges (e, 2) are the limbs whose
+    lengths are kept. The coefficients take up the mean of the two scales of the camera.
+    The objective is the squared error with both scales; the residual belongs to the
+    rotated shape, as with every method.
     """
     pursuit = pursue(problem, mean_shape, edges)
     solved = np.asarray(np.isfinite(pursuit.scale).all(axis=1))
@@ -108,16 +109,16 @@ def pursue(
     most_atoms: int = MAX_PURSUED_ATOMS,
     most_rounds: int = MAX_PURSUIT_ROUNDS,
 ) -> Pursuit:
-    """Lower ||Omega o (W - M S - T 1^T)||_F^2 greedily, keeping the size of the
-    skeleton.
+    """Fit the mean shape and a few atoms to landmarks greedily, at a fixed limb size.
 
-    S = c_0 mean + sum_i c_i B_i with mean_shape (3, p); edges (e, 2) are the limbs,
-    whose squared lengths keep the sum they have in the mean shape. It begins with the
-    camera M of the mean shape, two rows of a rotation with a scale each. While the
-    error is above `goal`, the atom whose projection has the largest |inner product|
-    with the residual joins, of those whose limbs are no mixture of the chosen ones';
-    then rounds minimise over c (globally, on the limb constraint) and over M, until one
-    changes the error by less than `change`. lambda is ignored.
+    Lowers ||Omega o (W - M S - T 1^T)||_F^2 for S = c_0 mean + sum_i c_i B_i with
+    mean_shape (3, p); edges (e, 2) are the limbs, whose squared lengths keep the sum
+    they have in the mean shape. It begins with the camera M of the mean shape, two rows
+    of a rotation with a scale each. While the error is above `goal`, the atom whose
+    projection has the largest |inner product| with the residual joins, of those whose
+    limbs are no mixture of the chosen ones'; then rounds minimise over c (globally, on
+    the limb constraint) and over M, until one changes the error by less than `change`.
+    lambda is ignored. Raises ValueError for a loss other than the squared one.
 
     Source: Ramakrishna, Kanade and Sheikh 2012, with the mean as one more basis shape:
     with c_0 = 1 the constraint would leave a single atom no more than two coefficients.
@@ -167,7 +168,10 @@ def pursue(
 
 
 def divide_by_weights(weights: Floats) -> Iterator[tuple[Indices, Floats]]:
-    """Yield the rows of weights (n, p) that are the same, with these (p,), in parts."""
+    """Yield groups of images with the same weights: their rows, and the weights (p,).
+
+    Of weights (n, p), `IMAGES_PURSUED_AT_ONCE` images at most in a group.
+    """
     for start in range(0, len(weights), IMAGES_PURSUED_AT_ONCE):
         part = weights[start : start + IMAGES_PURSUED_AT_ONCE]
         masks, mask_of = np.unique(part, axis=0, return_inverse=True)
@@ -176,16 +180,20 @@ def divide_by_weights(weights: Floats) -> Iterator[tuple[Indices, Floats]]:
 
 
 class Search:
-    """min ||w - M sum_i y_i Q_i||^2 over M and ||y|| = length.
+    """The greedy search of `pursue`, for n images of the same weights.
 
-    For n images of the same weights. The m chosen shapes of an image, the mean first,
-    are mixed into Q_i = sum_j (L^-1)_ij B_j with L L^T the Gram matrix of their limbs,
-    so that the sum of squared limb lengths of sum_i y_i Q_i is ||y||^2. A round needs
-    Z_i = w Q_i^T (n, m, 2, 3) and N_ij = Q_i Q_j^T (n, m, m, 3, 3) alone.
+    min ||w - M sum_i y_i Q_i||^2 over M and ||y|| = length. The m chosen shapes of an
+    image, the mean first, are mixed into Q_i = sum_j (L^-1)_ij B_j with L L^T the Gram
+    matrix of their limbs, so that the sum of squared limb lengths of sum_i y_i Q_i is
+    ||y||^2. A round needs Z_i = w Q_i^T (n, m, 2, 3) and N_ij = Q_i Q_j^T (n, m, m, 3,
+    3) alone.
     """
 
     def __init__(self, w: Floats, B: Floats, limbs: Floats) -> None:
-        """Begin with the mean, the first of shapes B (s, 3, p) with limbs (s, l)."""
+        """Begin with the mean, the first of shapes B (s, 3, p) with limbs (s, l).
+
+        w (n, 2, p) and B are centred and multiplied by the weights.
+        """
         n = len(w)
         self.w = w
         self.B = B
@@ -241,9 +249,11 @@ class Search:
         self.coefficients[going[:, None], chosen] = mixed
 
     def add_atom(self, rows: Indices, chosen: Indices) -> tuple[Indices, Indices]:
-        """Add the atom of the largest |<w - M S, M B_i>| whose limbs are no mixture.
+        """Choose one more atom for each image: that most like what is not yet fitted.
 
-        Returns the images that have one, and what is chosen for them.
+        That of the largest |<w - M S, M B_i>|, of those whose limbs are no mixture of
+        the chosen ones'. Returns the images that have one, and the shapes chosen for
+        them, the new one last.
         """
         S = np.einsum("ns,sap->nap", self.coefficients[rows], self.B)
         M = self.cameras(rows)
@@ -260,7 +270,7 @@ class Search:
         return rows[has_one], np.column_stack([chosen, atom])[has_one]
 
     def cameras(self, rows: Indices) -> Floats:
-        """M = diag(scale) R of images, (r, 2, 3)."""
+        """Return the cameras M = diag(scale) R (r, 2, 3) of these images."""
         M: Floats = self.scale[rows, :, None] * self.R[rows]
         return M
 
@@ -272,9 +282,10 @@ class Search:
         return Z, N
 
     def fit_camera(self, rows: Indices, y: Floats, Z: Floats, N: Floats) -> None:
-        """R nearest to argmin_M ||w - M S||^2 for S = sum_i y_i Q_i, and its scales.
+        """Fit rotations and scales of these images to S = sum_i y_i Q_i, in place.
 
-        The rotation stays where it fits better than that, so that no error rises.
+        R is nearest to argmin_M ||w - M S||^2. The rotation stays where it fits better
+        than that, so that no error rises. Z and N as `moments` returns them.
         """
         D = np.einsum("nm,nmab->nab", y, Z)
         yy = (y[:, :, None] * y[:, None]).reshape(len(y), 1, -1)
@@ -289,7 +300,11 @@ class Search:
         self.error[rows] = np.maximum(left, 0.0)
 
     def mix(self, M: Floats, y: Floats, Z: Floats, N: Floats) -> Floats:
-        """argmin ||w - sum_i y_i M Q_i||^2 over ||y|| = length, from where y is."""
+        """Return the coefficients y (n, m) that fit best at the cameras M (n, 2, 3).
+
+        argmin ||w - sum_i y_i M Q_i||^2 over ||y|| = length; of two the one nearer to
+        the given y. Z and N as `moments` returns them.
+        """
         n, m = y.shape
         P = (M.swapaxes(1, 2) @ M).reshape(n, 9, 1)
         G = (N.reshape(n, m * m, 9) @ P).reshape(n, m, m)
@@ -298,7 +313,10 @@ class Search:
 
 
 def least_squares(D: Floats, P: Floats) -> Floats:
-    """argmin_M ||w - M S||^2 of least norm, D = w S^T (n, 2, 3) and P = S S^T."""
+    """Return M (n, 2, 3), the least-squares solution of w = M S of least norm.
+
+    D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
+    """
     extent, axes = np.linalg.eigh(P)
     has_extent = extent > MIN_EXTENT_SHARE * extent[:, -1:]
     inverse = np.zeros_like(extent)
@@ -308,9 +326,10 @@ def least_squares(D: Floats, P: Floats) -> Floats:
 
 
 def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
-    """argmin_{s >= 0} ||w - diag(s) R S||^2 (n, 2), and how far that is below ||w||^2.
+    """Return the best scales (n, 2) of x and y, and how much they lower the error (n,).
 
-    R (n, 2, 3), rows of rotations or 0; D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
+    argmin_{s >= 0} ||w - diag(s) R S||^2, and how far that is below ||w||^2. R (n, 2,
+    3), rows of rotations or 0; D = w S^T (n, 2, 3) and P = S S^T (n, 3, 3).
     """
     overlap = np.maximum((D * R).sum(axis=2), 0.0)
     extent = (R @ P * R).sum(axis=2)
@@ -321,8 +340,9 @@ def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
 
 
 def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> Floats:
-    """argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`.
+    """Return the y (n, m) on a sphere at which a quadratic function is least.
 
+    argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`.
     G (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix
     positive semidefinite: at the largest root of
 

@@ -37,19 +37,23 @@ class Need(NamedTuple):
     """A field of the dictionary that a method cannot do without, and how to get one
     that has it.
 
-    useless    says what is wrong with the field of a dictionary that has it; "" for
+    name       of the field
+    what       the field is for, in words
+    fix        how to get a dictionary that has it
+    find_fault returns what is wrong with the field of a dictionary that has it, "" for
                nothing
     """
 
     name: str
     what: str
     fix: str
-    useless: Callable[[Dictionary], str] = lambda _: ""
+    find_fault: Callable[[Dictionary], str] = lambda _: ""
 
 
-def lacks_limbs(dictionary: Dictionary) -> str:
-    """Say what keeps the edges from fixing the size of a skeleton: none of them has a
-    length.
+def find_fault_of_edges(dictionary: Dictionary) -> str:
+    """Say why the edges give a skeleton no size: none, or none with a length; else "".
+
+    The dictionary must have edges.
     """
     assert dictionary.edges is not None  # check_needs
     if len(dictionary.edges) == 0:
@@ -139,7 +143,7 @@ METHODS: dict[str, Method] = {
                 "edges",
                 "the limbs whose lengths pmp keeps",
                 "learn it with `method: pca-bases` from shapes with edges",
-                lacks_limbs,
+                find_fault_of_edges,
             ),
         ),
         mixes_atoms=False,

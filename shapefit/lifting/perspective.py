@@ -148,7 +148,10 @@ def refine_view(
 def find_rotations(
     known: Floats, problem: Problem, mean_shape: Floats, threads: int
 ) -> Floats:
-    """Return known rotations (m, 3, 3), else those of the posed mean shape."""
+    """Return rotations (m, 3, 3): those known, else those of the mean shape's pose.
+
+    The identity where it has no pose.
+    """
     R = known.copy()
     unknown = np.flatnonzero(~np.isfinite(R).all(axis=(1, 2)))
     if len(unknown):
@@ -170,9 +173,10 @@ def refine_perspective(
     max_rounds: int = MAX_REFINEMENT_ROUNDS,
     threads: int = 0,
 ) -> RefinedViews:
-    """min sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2.
+    """Fit rotation, translation and coefficients of each image before a pinhole camera.
 
-    Over R, t and c >= 0. s is the softness; max_rounds are those of an image. r_j =
+    min sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2 over R, t and c >= 0.
+    s is the softness; max_rounds are those of an image. r_j =
     Omega_j (w_j - projection of column j of R sum_i c_i B_i + t), in normalised units:
     landmarks w (n, 2, p), weights Omega (n, p), atoms B (k, 3, p), camera in the unit
     of w. It starts from the rotations R (n, 3, 3), c = prior (k,), and t where weak
@@ -219,7 +223,7 @@ def place_in_depth(
     """Return t (n, 3) at which R S has about the size and place of the landmarks.
 
     That is where weak perspective puts it. The depth is that of the visible landmarks'
-    middle; S (3, p), the rest as above.
+    middle; S (3, p), the rest as in `refine_perspective`.
     """
     omega = np.where(weights > 0, weights, 0.0) ** 2
     share = omega / omega.sum(axis=1, keepdims=True)
@@ -246,9 +250,10 @@ def place_in_depth(
 
 
 def mean_coefficients(atoms: Floats, mean_shape: Floats) -> Floats:
-    """argmin_{c >= 0} |sum_i c_i B_i - mean_shape|^2 + 1e-6 max_i |B_i|^2 |c|^2: (k,).
+    """Return the coefficients (k,) >= 0 whose mixture of atoms is the mean shape.
 
-    For exemplars all are alike, 1/k over the spread of their mean.
+    argmin_{c >= 0} |sum_i c_i B_i - mean_shape|^2 + 1e-6 max_i |B_i|^2 |c|^2. For
+    exemplars all are alike, 1/k over the spread of their mean.
     """
     k = len(atoms)
     A = atoms.reshape(k, -1).T

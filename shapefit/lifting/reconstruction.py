@@ -19,7 +19,7 @@ MIN_ACTIVE_SHARE = 1e-6
 
 
 def lift_convex(problem: Problem, *, solve: Solve, threads: int = 0) -> AtomEstimate:
-    """Solve the convex program and complete each transform.
+    """Lift by the convex program: solve it, and turn its transforms into shapes.
 
     Source: paper, section Reconstruction.
     """
@@ -68,10 +68,11 @@ def is_active(coefficients: Floats) -> NDArray[np.bool_]:
 
 
 def reconstruct(M: Transforms, atoms: Floats, *, threads: int = 0) -> Reconstruction:
-    """S = sum_i c_i R_i B_i (paper, eq. new3dmodel) of n images, atoms B (k, 3, p).
+    """Return the shapes that the transforms M_i of n images make of the atoms.
 
-    R_i completes M_i / c_i by the cross product of its rows; `threads` = 0 means all
-    cores. The method is written down in shapefit/core/pose/transforms.cpp.
+    S = sum_i c_i R_i B_i (paper, eq. new3dmodel), atoms B (k, 3, p). R_i completes M_i
+    / c_i by the cross product of its rows; `threads` = 0 means all cores. The method is
+    written down in shapefit/core/pose/transforms.cpp.
     """
     n = len(M.count)
     shapes = np.zeros((n, 3, atoms.shape[2]))

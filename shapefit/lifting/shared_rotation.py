@@ -41,13 +41,14 @@ def refine_convex(
     signed: bool = False,
     threads: int = 0,
 ) -> AtomEstimate:
-    """Synchronise the convex solution to one rotation and alternate from there.
+    """Refine the solution of the convex program to one rotation shared by all atoms.
 
-    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). The
-    convex optimum bounds the objective from below, for c_i Rbar is a transform of
-    spectral norm |c_i|, and the gap is that to its dual. With a robust loss the robust
-    program finds the outliers, and the squared residuals of the other landmarks are
-    refined, which it does not bound.
+    The rotation nearest to those of the solution (`synchronise`) is where alternation
+    starts. Over c >= 0, or, where `signed`, over all c (paper, Experiments,
+    "Alternate+"). The convex optimum bounds the objective from below, for c_i Rbar is a
+    transform of spectral norm |c_i|, and the gap is that to its dual. With a robust
+    loss the robust program finds the outliers, and the squared residuals of the other
+    landmarks are refined, which it does not bound.
     """
     solution = solve(problem)
     starts = synchronise(solution.transforms, threads=threads)[:, None]
@@ -68,14 +69,14 @@ def refine_convex(
         refined = replace(alternate_from(inliers), outliers=outliers)
     return replace(
         refined,
-        status=_worse_of(solution.status, refined.status),
+        status=_join_statuses(solution.status, refined.status),
         iterations=solution.iterations + refined.iterations,
         convex_proof=ConvexProof.of(solution),
     )
 
 
 def _gap_to(bound: Floats, objective: Floats) -> Floats:
-    """(objective - bound) / objective (n,), 0 where the objective is 0."""
+    """Return (objective - bound) / objective (n,), 0 where the objective is 0."""
     gap = np.zeros_like(objective)
     np.divide(objective - bound, objective, out=gap, where=objective != 0)
     return gap
@@ -93,10 +94,10 @@ def _without_outliers(problem: Problem, outliers: NDArray[np.bool_]) -> Problem:
     return replace(problem, weights=weights, loss=Loss.SQUARED)
 
 
-def _worse_of(
+def _join_statuses(
     solved: tuple[Status, ...], refined: tuple[Status, ...]
 ) -> tuple[Status, ...]:
-    """Return how each image ended: as refined, unless its solution failed before."""
+    """Return each image's status: as refined, unless its solution failed before."""
     # rare, and slow to ask of every image
     if not any(failure in solved for failure in FAILURES):
         return refined
@@ -112,9 +113,10 @@ def alternate_from_mean(
     signed: bool = False,
     threads: int = 0,
 ) -> AtomEstimate:
-    """Alternate from the pose of the mean shape (paper, Experiments, "Alternate").
+    """Fit shape and rotation by turns, from the pose of the mean shape.
 
-    The paper has one start; with more, the pose that fits best is the one to begin at.
+    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate"). It
+    has one start; with more, the pose that fits best is the one to begin at.
     """
     pose = find_pose(problem, mean_shape, starts, threads=threads)
     return _alternate(problem, pose.rotation[:, None], signed=signed, threads=threads)
@@ -151,7 +153,7 @@ def _alternate_or_restart(
     signed: bool,
     threads: int,
 ) -> AtomEstimate:
-    """Alternate; where no atom fits at the start, from the mean shape's pose too.
+    """Alternate from `starts`; where no atom fits there, from the mean shape's pose.
 
     Without coefficients there is no rotation to go on from, though another one may fit.
     """
@@ -176,7 +178,7 @@ def _alternate_or_restart(
 def _alternate(
     problem: Problem, starts: Floats, *, signed: bool, threads: int
 ) -> AtomEstimate:
-    """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
+    """Return the estimate that alternation from starts (n, s, 3, 3) finds."""
     end = alternate(problem, starts, signed=signed, threads=threads)
     return describe_shapes(
         problem,
@@ -195,7 +197,10 @@ def describe_shapes(
     iterations: Integers,
     status: tuple[Status, ...],
 ) -> AtomEstimate:
-    """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3) or nan."""
+    """Return the estimate of shapes S = R sum_i c_i B_i, c (n, k) and R (n, 3, 3).
+
+    nan rotations stand for no shape.
+    """
     R = np.where(np.isfinite(rotation), rotation, 0.0)
     shapes = combine(coefficients, problem.atoms, R)
     placement = fit_translation(problem, shapes)
@@ -240,9 +245,10 @@ def even_views(count: int) -> Floats:
 
 
 def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
-    """Turn each view about its optical axis so that <D, Rbar> is largest: (n, v, 3, 3).
+    """Turn each view in the image plane to where a shape fits the landmarks best.
 
-    views (v, 3, 3); landmarks_by_shape D = w S^T (n, 2, 3).
+    Returns rotations (n, v, 3, 3) of largest <D, Rbar>. views (v, 3, 3);
+    landmarks_by_shape D = w S^T (n, 2, 3).
     """
     D = landmarks_by_shape[:, None]  # its rows beside those of every view
     x = views[:, 0]
@@ -262,9 +268,10 @@ def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
 
 
 def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
-    """S Omega^2 S^T (n, 3, 3) and W Omega^2 S^T (n, 2, 3) about the weighted means.
+    """Return the moments of shape and landmarks, all that a pose depends on.
 
-    They are all that a pose depends on; shape S (3, p). Zero for an image without
+    S Omega^2 S^T (n, 3, 3) and W Omega^2 S^T (n, 2, 3) about the weighted means; shape
+    S (3, p). Zero for an image without
     landmarks.
     """
     squares = problem.weights[:, None] ** 2
@@ -280,9 +287,10 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
 def find_pose(
     problem: Problem, shape: Floats, starts: int = STARTS, *, threads: int = 0
 ) -> Pose:
-    """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T.
+    """Return rotation and size at which a shape fits the landmarks of an image best.
 
-    Shape S (3, p). Trust regions start from so many even views, of which the first is
+    argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape S
+    (3, p). Trust regions start from so many even views, of which the first is
     the identity. Each is turned in the plane to where it correlates best, and the best
     local minimum counts.
     """
@@ -324,14 +332,16 @@ def alternate(
     max_rounds: int = 500,
     threads: int = 0,
 ) -> Alternation:
-    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1.
+    """Fit coefficients and one rotation by turns, from given rotations: local minima.
 
-    Over Rbar Rbar^T = I. (Paper, eq. originalnoisy, with weights and translation.) Each
+    min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over Rbar
+    Rbar^T = I (paper, eq. originalnoisy, with weights and translation). Each
     round minimises over c >= 0 (any c where `signed`), exactly, and over T with it;
     then takes Rbar to a local minimum by trust region steps. Neither raises the
     objective. It stops when a round lowers it by at most the tolerance. starts (n, s,
     3, 3) are the rotations to begin at: the best result of an image counts. Fewer than
-    two visible landmarks are DEGENERATE.
+    two visible landmarks are DEGENERATE. Raises ValueError for a loss other than the
+    squared one.
     """
     problem.require_squared("alternation")
     n = len(problem.landmarks)
@@ -355,9 +365,10 @@ def alternate(
 
 
 def synchronise(M: Transforms, *, threads: int = 0) -> Floats:
-    """argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2.
+    """Return the one rotation (n, 3, 3) nearest to all transforms of each image.
 
-    For n images. The rotations (n, 3, 3), nan where all M_i are 0: the projection on
+    argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2, nan
+    where all M_i are 0: the projection on
     the deformable Stiefel manifold. For a given Rbar c_i = max(0, <M_i, Rbar>) / 2,
     which leaves the maximum of sum_i max(0, <M_i, Rbar>)^2: a monotone iteration climbs
     from the polar factors of sum_i M_i and of the largest M_i, and the best local

@@ -204,9 +204,10 @@ def contradicts(kappa: float, distance: float, trusted: float, doubtful: float) 
 
 
 def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> float:
-    """Median start distance (n,) of the images with enough landmarks `visible` (n,).
+    """Return the median of start distances (n,), nan where too few images have one.
 
-    nan where these are fewer than `fewest_images`.
+    visible (n,), the landmarks seen: images with fewer than `LIMITS.fewest_visible` do
+    not count, and `LIMITS.fewest_images` must.
     """
     says_something = np.isfinite(start_distance) & (visible >= LIMITS.fewest_visible)
     distances = start_distance[says_something]
@@ -270,11 +271,13 @@ IMAGES_AT_ONCE = 128
 def expected_error(
     shapes: Floats, covariance: Floats, shown: Flags | None = None
 ) -> Floats:
-    """Calibrated E mean_j ||d_j|| of errors d ~ N(0, P C P), similarities taken off.
+    """Return the mean distance (n,) of landmarks from the truth that is to be expected.
 
-    Translations, rotations and the scale move a shape S in seven directions e_a, omega
-    x S and S of its 3p coordinates, which an alignment takes off; P projects onto what
-    is left. Of a Gaussian with the covariance A, to second order,
+    After alignment by a similarity: `MEASURED_ERROR_SHARE` times E mean_j ||d_j|| of
+    errors d ~ N(0, P C P). Translations, rotations and the scale move a shape S in
+    seven directions e_a, omega x S and S of its 3p coordinates, which an alignment
+    takes off; P projects onto what is left. Of a Gaussian with the covariance A, to
+    second order,
 
         E ||d|| = sqrt(tr A) (1 - tr(A^2) / (4 tr(A)^2)).
 
@@ -309,10 +312,11 @@ def expected_error(
 
 
 def _without_similarities(S: Floats, C: Floats) -> Floats:
-    """Return the blocks (n, p, 3, 3) of P C P, those of each landmark with itself.
+    """Return the covariance (n, p, 3, 3) of each landmark, similarities taken off.
 
-    With orthonormal directions Q (3p, 7) of similarities, P C P = C - Q Q^T C - C Q Q^T
-    + Q (Q^T C Q) Q^T.
+    The blocks of P C P on its diagonal, see `expected_error`. With orthonormal
+    directions Q (3p, 7) of similarities, P C P = C - Q Q^T C - C Q Q^T + Q (Q^T C Q)
+    Q^T.
     """
     n, _, p = S.shape
     Q, _ = np.linalg.qr(_directions_of_similarities(S))

@@ -110,7 +110,10 @@ def convert_dictionary(config: ConvertConfig, target: FileFormat) -> Result:
 
 
 def find_common_kind(files: Sequence[Path], options: InputOptions) -> FileKind:
-    """Return what the files hold; InputError where they hold different things."""
+    """Return what the files hold; InputError where they hold different things.
+
+    Streams cannot be looked into: with one among them it is "landmarks".
+    """
     if any(map(is_stream, files)):
         return "landmarks"
     first = find_kind(files[0], options)
@@ -125,7 +128,10 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> FileKind:
 def open_source(
     kind: FileKind, files: Sequence[Path], options: InputOptions
 ) -> ConvertedSource:
-    """Open files of a kind; InputError for options that results do not have."""
+    """Open files of a kind, "landmarks", "shapes" or else results.
+
+    Raises InputError for options that results do not have.
+    """
     options = replace(options, individual=None)  # whom `select_items` selects
     if kind == "landmarks":
         return open_landmarks(files, options)
@@ -172,7 +178,10 @@ def select_items(
 def find_individual(
     sequences: Sequence[str], wanted: str, files: Sequence[Path]
 ) -> Indices:
-    """Return the rows of an individual; InputError where there is none of the name."""
+    """Return the rows of images of an individual; InputError for an unknown name.
+
+    Its name is that of its sequence, or the last part of that.
+    """
     is_wanted = [name == wanted or name.endswith(f"/{wanted}") for name in sequences]
     rows = np.flatnonzero(is_wanted)
     if not len(rows):

@@ -95,7 +95,10 @@ def describe_files(config: InfoConfig) -> Iterator[Result]:
 
 
 def as_printed(lines: Sequence[InfoLine]) -> str:
-    """Return the title and the lines below it as a terminal can show them."""
+    """Return the description of an input as one text that a terminal can show.
+
+    The first line is the title, without its label.
+    """
     (_, title), *others = [(name, printable(text)) for name, text in lines]
     labelled = [f"  {name + ':':<13} {text}" for name, text in others]
     return "\n".join([title, *labelled])
@@ -117,7 +120,7 @@ def describe_installed() -> str:
 
 
 def describe_folder(folder: Path, manifest: Manifest) -> list[InfoLine]:
-    """Return what the manifest of a folder of results says."""
+    """Return labels and texts on a folder of results, as its manifest states them."""
     following = f"shapefit eval {as_typed(folder)} --truth SHAPES -o report"
     title = [("name", source_name(folder)), ("kind", "folder of results")]
     return [*title, *describe_parts(manifest.done), ("next", following)]
@@ -126,7 +129,7 @@ def describe_folder(folder: Path, manifest: Manifest) -> list[InfoLine]:
 def describe_input(
     file_format: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[list[InfoLine], tuple[str, ...]]:
-    """Return what one input holds, and warnings about it."""
+    """Return labels and texts on what one input holds, and warnings about it."""
     kind = find_kind(paths[0], options)
     name = source_name(paths[0])
     if len(paths) > 1:
@@ -162,7 +165,7 @@ def describe_input(
 
 
 def describe_items(source: Source[Any], noun: str) -> list[InfoLine]:
-    """Return how many items a file has, and what its first ones are like."""
+    """Return labels and texts on the number of items, and on the first of them."""
     sample = source.first(INSPECTED_ITEMS)
     part = "" if len(sample) == source.estimate else f" (of the first {len(sample):,})"
     number = f"{source.count:,}"
@@ -187,7 +190,10 @@ def describe_items(source: Source[Any], noun: str) -> list[InfoLine]:
 
 
 def describe_sequences(sample: Items, part: str) -> Iterator[InfoLine]:
-    """Yield which sequences there are in the part that was read, and their frames."""
+    """Yield labels and texts on the sequences of a sample, and on missing frames.
+
+    part is the end of texts that are true of the sample only.
+    """
     sequences = list(dict.fromkeys(filter(None, sample.sequences or ())))
     if not sequences:
         return
@@ -202,9 +208,9 @@ def describe_sequences(sample: Items, part: str) -> Iterator[InfoLine]:
 
 
 def describe_gaps(sample: Items) -> str:
-    """Say how many frames of sequences are missing, and where for how long.
+    """Return a text on the frames that sequences miss, and on their longest gap.
 
-    "" where none is, or files number none.
+    It is "" where none is, or files number none.
     """
     if sample.frames is None or sample.sequences is None:
         return ""
@@ -232,7 +238,7 @@ def describe_gaps(sample: Items) -> str:
 
 
 def describe_point(sample: Items, visible: Flags) -> str:
-    """Return the first item with a landmark, and where the first of these is."""
+    """Return a text: the first item with a visible landmark, and where that is."""
     row, column = np.argwhere(visible)[0].tolist()
     numbers = ", ".join(f"{value:g}" for value in sample.points[row, column])
     item, landmark = sample.items[row], sample.landmark_names[column]
@@ -240,7 +246,7 @@ def describe_point(sample: Items, visible: Flags) -> str:
 
 
 def describe_dictionary(path: Path) -> list[InfoLine]:
-    """Return what a dictionary holds, where it comes from, and how to fit with it."""
+    """Return labels and texts: what a dictionary holds, its source, how to use it."""
     dictionary = read_dictionary(path, old=True)
     names = dictionary.landmark_names
     provenance = dictionary.provenance
@@ -268,7 +274,10 @@ def describe_dictionary(path: Path) -> list[InfoLine]:
 def next_command(
     kind: str, paths: Sequence[Path], names: Sequence[str], keypoints: str | None
 ) -> str:
-    """Return the command to go on with, for people with the installed dictionary."""
+    """Return the command to go on with: view, fit or learn-dict, by the kind of file.
+
+    For landmarks of people it names the installed dictionary.
+    """
     if kind == "result":
         return f"shapefit view {as_typed(paths[0])}"
     if len(paths) > 3:

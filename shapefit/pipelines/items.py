@@ -72,7 +72,7 @@ def match_keys(parts: Iterable[Items]) -> MatchKeys:
 def find_truth(
     place: str | Path, match: str, images: MatchKeys, truth: MatchKeys
 ) -> Indices:
-    """Return the true shape (n,) of each image, -1 where it has none.
+    """Return the row (n,) of the true shape of each image, -1 where it has none.
 
     By item or by frame and sequence: of the same name, else of one that ends alike
     (`cam01/anna` and `anna`), else of any, as long as that is one. Raises InputError
@@ -108,7 +108,7 @@ def _composed(key: object) -> object:
 
 
 def find_frames(images: MatchKeys, truth: MatchKeys) -> Indices:
-    """Return the true shape (n,) of each image by sequence and frame, -1 for none."""
+    """Return the row (n,) of each image's true shape by sequence and frame, else -1."""
     sequences, frames = images.by_frame()
     true_sequences, true_frames = truth.by_frame()
     if images.frame_rate and truth.frame_rate:
@@ -131,15 +131,16 @@ def _last_part(name: str) -> str:
 
 
 def _nothing(_: str) -> str:
+    """Return "" for any name, so that all sequences count as one."""
     return ""
 
 
 def named_items(
     images: Items, dataset: str, place: str | Path, key: str
 ) -> tuple[str, ...]:
-    """Return what a dataset, which `key` chose, names for each image.
+    """Return the name that a dataset holds for each image, as `key` asks for.
 
-    BY_ITEM names the items.
+    BY_ITEM stands for the items. Raises InputError where there is no such dataset.
     """
     if dataset == BY_ITEM:
         return tuple(images.items)
@@ -186,6 +187,6 @@ class ChosenItems:
 
 
 def subsample(wanted: int, count: int) -> tuple[int, ...]:
-    """Return the middle of each of as many equal parts of 0..count - 1 as wanted."""
+    """Return at most `wanted` indices, spread evenly over 0 to count - 1."""
     parts = min(wanted, count)
     return tuple((2 * part + 1) * count // (2 * parts) for part in range(parts))

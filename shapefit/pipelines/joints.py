@@ -20,7 +20,11 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.names import check_numbering, numbers_of, renamed
 from shapefit.io.skeletons import PEOPLE, THETA, BodyPart, people_joints, people_parts
-from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
+from shapefit.lifting.derived_landmarks import (
+    as_joints,
+    combine_landmarks,
+    place_dependents,
+)
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.records import Landmarks
@@ -42,8 +46,10 @@ PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle"
 def match_names(
     names: Sequence[str], dictionary: Dictionary, place: str, *, in_place: bool = True
 ) -> Matched:
-    """Match the landmarks of files to those of a dictionary; at least three must be in
-    both.
+    """Match the landmarks of files to those of a dictionary, by their names.
+
+    Raises InputError at `place` where fewer than three are in both, unless all are.
+    in_place as in `Matched`.
     """
     whole = dictionary
     doubts = check_numbering(names, dictionary.landmark_names, place, "the dictionary")
@@ -108,14 +114,15 @@ class Matched(NamedTuple):
         return self.in_place and bool(self.dictionary.provenance.get(WHERE_MARKED))
 
     def arrange(self, images: Landmarks, place: str) -> Landmarks:
-        """Return images of these landmarks with those of the dictionary."""
+        """Return images of the files with the landmarks of the dictionary instead."""
         named = named_as_joints(images, self.joints, place)
         names = self.dictionary.landmark_names
         return arrange(named, names, place, omit=bool(self.unknown))
 
     def warnings(self) -> tuple[str, ...]:
-        """Name landmarks that are left out; the few of a known skeleton that are no
-        joints, such as eyes, are expected.
+        """Return warnings: doubts about numbers, and landmarks that are left out.
+
+        The few of a known skeleton that are no joints, such as eyes, are expected.
         """
         expected = len(self.unknown) <= len(self.joints.names)
         if expected or not self.unknown:
@@ -127,7 +134,7 @@ class Matched(NamedTuple):
         return (*self.doubts, f"{fault} ({abbreviate(self.unknown)})")
 
     def observed(self, theta: Mapping[str, float]) -> Dictionary:
-        """Return the dictionary of the landmarks y."""
+        """Return the dictionary of detected landmarks, at body proportions theta."""
         if not (self.moves or self.has_dependents):
             return self.dictionary
         return mapped(
@@ -159,7 +166,9 @@ class Matched(NamedTuple):
             return joints, None
         rows = self.joints.rows(names, theta) @ np.linalg.inv(A)
         std = np.array([self.joints.deviation_of(name) for name in names])
-        points = see_rows(rows, lifting.shapes, lifting.estimate.covariance, std)
+        points = combine_landmarks(
+            rows, lifting.shapes, lifting.estimate.covariance, std
+        )
         detected = Detected(names, points.points.swapaxes(1, 2))
         if points.deviation is not None and points.correlation is not None:
             sd = lifting.scale[:, None, None] * points.deviation
@@ -190,14 +199,12 @@ class Joints(NamedTuple):
         return tuple(name for name in THETA if name in used)
 
     def among(self, joints: Sequence[str]) -> Joints:
-        """Return the same for a dictionary without joints for which no landmark
-        stands.
-        """
+        """Return these without the parts whose joints are not all among `joints`."""
         parts = {n: p for n, p in self.parts.items() if p.joints <= set(joints)}
         return Joints(tuple(joints), parts, self.markers)
 
     def rows(self, landmarks: Sequence[str], theta: Mapping[str, float]) -> Floats:
-        """Weights (m, p) of the joints that give the landmarks."""
+        """Return weights (m, p) by which m landmarks follow from the p joints."""
         weights = np.zeros((len(landmarks), len(self.joint_names)))
         for row, name in enumerate(landmarks):
             for joint, weight in self.parts[name].weights(theta).items():
@@ -205,15 +212,19 @@ class Joints(NamedTuple):
         return weights
 
     def matrix(self, theta: Mapping[str, float]) -> Floats:
-        """A (p, p), the identity where no landmark stands for a joint."""
+        """Return A (p, p) in y = A x: landmarks y from joints x, at proportions theta.
+
+        Its row is that of the identity where no landmark stands for a joint.
+        """
         A = np.eye(len(self.joint_names))
         for joint, landmarks in self.markers.items():
             A[self.joint_names.index(joint)] = self.rows(landmarks, theta).mean(axis=0)
         return A
 
     def deviation_of(self, landmark: str) -> float:
-        """Standard deviation of a landmark of the files from its row of weights: 0
-        where it stands for a joint, and is lifted itself.
+        """Return the standard deviation of a landmark from where its weights put it.
+
+        It is 0 where the landmark stands for a joint, and so is lifted itself.
         """
         for several in self.markers.values():
             if landmark in several:
@@ -221,7 +232,7 @@ class Joints(NamedTuple):
         return self.parts[landmark].std
 
     def deviations(self) -> Floats:
-        """Standard deviations (p,) of the landmarks from A x."""
+        """Return the standard deviations (p,) of landmarks from A x, 0 for joints."""
         std = {
             joint: self.parts[landmarks[0]].std
             for joint, landmarks in self.markers.items()
@@ -232,11 +243,11 @@ class Joints(NamedTuple):
 def find_joints(
     names: Sequence[str], joints: Sequence[str], *, in_place: bool = True
 ) -> Joints:
-    """Return the landmarks that stand for joints which files lack: at these without
-    `in_place`.
+    """Return which landmarks of files stand for joints that the files lack.
 
-    Of several those stand for a joint that deviate least, such as the top of the head
-    in place of ears, together if they are pairs, and none if they are alike.
+    Without `in_place` they lie at the joints. Of several those stand for a joint that
+    deviate least, such as the top of the head in place of ears, together if they are
+    pairs, and none if they are alike.
     """
     parts = {}
     for name, part in people_parts(

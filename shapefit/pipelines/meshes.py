@@ -90,7 +90,7 @@ def check_has_meshes(
 
 
 def in_object_frame(result: Fit, dictionary: Dictionary) -> Floats:
-    """size * sum_i c_i V_i: (n, 3, q).
+    """Return the mesh vertices (n, 3, q) of each image: size * sum_i c_i V_i.
 
     The frame is that of the dictionary, in which objects stand upright. The size is
     that of the dictionary's shapes (metres, for instance) where it knows the sizes of

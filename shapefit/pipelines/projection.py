@@ -78,7 +78,7 @@ def project_shapes(config: ProjectConfig) -> Iterator[Result]:
 
 
 def turns_of(sequences: NDArray[np.str_]) -> Floats:
-    """Return the turns (n,) of images: t / m of frame t of a sequence of m frames."""
+    """Return the share (n,) of a full turn at each image: t / m at frame t of m."""
     _, sequence, counts = np.unique(sequences, return_inverse=True, return_counts=True)
     order = np.argsort(sequence, kind="stable")
     first = np.cumsum(counts) - counts
@@ -138,7 +138,7 @@ def random_stream(seed: int, purpose: int, batch: int) -> np.random.Generator:
 
 
 def add_noise(landmarks: Floats, deviation: float, rng: np.random.Generator) -> Floats:
-    """W + deviation * N(0, 1), landmarks (n, 2, p), n <= IMAGES_DRAWN_AT_ONCE."""
+    """Return landmarks (n, 2, p) with Gaussian noise, n <= IMAGES_DRAWN_AT_ONCE."""
     n, *rest = landmarks.shape
     noise = rng.standard_normal((IMAGES_DRAWN_AT_ONCE, *rest))[:n]
     return landmarks + deviation * noise

@@ -92,5 +92,5 @@ def merge_warnings(
 
 
 def nothing_in(count: int, unit: str) -> tuple[str, ...]:
-    """Warn of inputs that hold nothing."""
+    """Return a warning where an input holds 0 of its unit, such as images, else ()."""
     return () if count else (f"the input holds no {unit}",)

@@ -85,7 +85,7 @@ class ResultFile(NamedTuple):
 
 
 class Checked(NamedTuple):
-    """Images that were checked: results, claims, which are certified, largest gap."""
+    """A batch that was checked: claims, which images are certified, largest gap."""
 
     result: Fit
     claims: Claims
@@ -171,9 +171,10 @@ def verify_results(request: Request) -> Generator[Result, None, None]:
 
 
 def find_files(result: Path) -> tuple[list[ResultFile], list[Failure], int]:
-    """Return the files of a result, what is false in its manifest, how many images.
+    """Return the files of a result, what its manifest has wrong, and its images.
 
-    The images are those that it lists.
+    These are as many as the manifest lists, 0 for a single file. Raises InputError for
+    a folder without a manifest.
     """
     if not result.is_dir():
         return [ResultFile(result)], [], 0
@@ -201,7 +202,7 @@ def find_files(result: Path) -> tuple[list[ResultFile], list[Failure], int]:
 
 
 def find_overlaps(manifest: Manifest) -> Iterator[Failure]:
-    """Yield the parts of a folder that have rows of another one, or leave rows out."""
+    """Yield a failure for each part that shares rows with another, or skips rows."""
     of_inputs: dict[tuple[str, ...], list[PartLine]] = {}
     for line in manifest.parts.values():
         of_inputs.setdefault(line.inputs, []).append(line)
@@ -229,10 +230,13 @@ def verify_file(
     fits: list[Statement],
     digest_of: Callable[[Path], str],
 ) -> Generator[Result, None, None]:
-    """Verify the images of one file, and what it states of them all."""
+    """Verify one file; yields a Result per chunk, and adds to `tally` and `fits`.
+
+    Raises InputError where the file cannot be verified.
+    """
     with open_results([part.file], (), head=True) as results:
         head = results.head
-        fit = read_statement(head.attributes, part.file)
+        fit = statement_of(head.attributes, part.file)
         fits.append(fit)
         seal = read_seal(part.file)
         missing = sorted(required(fit, head) - head.column_names())
@@ -253,7 +257,7 @@ def verify_file(
         if missing:
             tally.unread += results.count
             return
-        program = read_program(head, part.file, request.dictionary, dictionary, fit)
+        program = program_of(head, part.file, request.dictionary, dictionary, fit)
         rows = result_rows(part, seal)
         with open_images(part.file, rows, head, fit, files, results.count) as images:
             batches: Iterator[Fit] = iter(())
@@ -283,7 +287,7 @@ def count_in(tally: VerifyTally, chunk: Checked) -> Result:
 
 
 def check_config(attributes: Mapping[str, Any]) -> Iterator[Failure]:
-    """Yield a failure where the config is not that of the fit."""
+    """Yield a failure where the stored config does not have its stored digest."""
     config = str(attributes["config"]).encode()
     if hashlib.sha256(config).hexdigest() != attributes.get("config_digest"):
         yield Failure("config", "is not that of the fit, by its digest")
@@ -292,7 +296,10 @@ def check_config(attributes: Mapping[str, Any]) -> Iterator[Failure]:
 def check_seal(
     part: ResultFile, seal: Seal, fit: Statement, count: int
 ) -> Iterator[Failure]:
-    """Yield what is false of the digest of a file's contents, and of its manifest."""
+    """Yield failures: contents against their digest, and a file against its manifest.
+
+    count is the number of images that the file holds.
+    """
     name = part.file.name
     if seal.stated and seal.stated != seal.found:
         fault = "its contents are not those that `fit` wrote, by their digest"
@@ -321,7 +328,7 @@ def result_rows(part: ResultFile, seal: Seal) -> slice | None:
     return None if rows is None else slice(*rows)
 
 
-def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
+def statement_of(attributes: Mapping[str, Any], file: Path) -> Statement:
     """Return what the attributes `config` and `inputs` of a result say.
 
     Raises InputError where they are not those of a fit.
@@ -353,7 +360,7 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
 
 
 def required(fit: Statement, head: Fit) -> set[str]:
-    """Return the datasets that every such fit writes."""
+    """Return the names of the datasets that every fit by its method writes."""
     name = fit.config["method"]
     names = set(FIT_COLUMNS.split())
     if METHODS[name].has_prior:
@@ -379,10 +386,10 @@ def match_files(
     request: Request,
     digest_of: Callable[[Path], str],
 ) -> tuple[list[Path], list[Failure]]:
-    """Return the landmarks of a part as its fit read them, and false digests.
+    """Return the files of landmarks that a part was fitted to, and failed digests.
 
-    There are none where not all are given. A file is recognised by the digest that the
-    fit states, else by its name, or it is the only one.
+    There are no files where not all are given. A file is recognised by the digest that
+    the fit states, else by its name, or it is the only one.
     """
     candidates = {fit.config["dictionary"]: [request.dictionary]}
     inputs = fit.config["landmarks"] if part.line is None else part.line.inputs
@@ -415,7 +422,7 @@ def match_files(
     return [paths[0] for paths in landmarks], wrong
 
 
-def read_program(
+def program_of(
     head: Fit, file: Path, path: Path, dictionary: Dictionary, fit: Statement
 ) -> CertifiedProgram:
     """Return the convex program of a fit. Raises InputError for another dictionary."""
@@ -451,9 +458,10 @@ def open_images(
     files: Sequence[Path],
     count: int,
 ) -> Iterator[Iterator[Landmarks | None]]:
-    """Open the landmarks of a file of results as its fit read them.
+    """Give the landmarks of a result, batch by batch, as its fit read them.
 
-    Gives None for each batch without files.
+    Without `files` each batch is None. Raises InputError where these do not have
+    `count` images.
     """
     if not files:
         yield repeat(None)
@@ -497,7 +505,7 @@ def check_chunk(
     program: CertifiedProgram,
     certified: bool,
 ) -> Checked:
-    """Check the claims of some images."""
+    """Check what a result claims of a batch; `given` are its landmarks, if at hand."""
     columns = claimed_columns(result)
     has_scale = np.isfinite(columns["scale"])
     claims = Claims(has_scale & np.isfinite(columns["shapes"]).all(axis=(1, 2)))
@@ -526,9 +534,9 @@ def claimed_columns(result: Fit) -> dict[str, Any]:
 
 
 def check_confidence(columns: dict[str, Any], claims: Claims) -> None:
-    """Claim that there is a number for each landmark, where confidences are stored.
+    """Check that stored confidences are one number per landmark, into `claims`.
 
-    Others are taken out.
+    Others are taken out of `columns`, and every image then has a false claim.
     """
     confidence = columns.get("confidence")
     if confidence is None:
@@ -543,7 +551,10 @@ def check_confidence(columns: dict[str, Any], claims: Claims) -> None:
 def check_landmarks(
     columns: Mapping[str, Any], result: Fit, given: Landmarks, claims: Claims
 ) -> None:
-    """Claim that n results have the landmarks, confidences and items of a file."""
+    """Check that results have the landmarks, confidences and items of a file.
+
+    Images for which that is false get a reason in `claims`.
+    """
     everyone = np.ones_like(claims.fitted)
     visible = given.visible()
     in_file = np.where(visible[:, None], given.as_columns(), np.nan)
@@ -594,7 +605,7 @@ def summary_lines(
 
 
 def _say_certified(tally: VerifyTally, fit: Statement) -> str:
-    """Say what the certificates of a method prove."""
+    """Return a text on what the certificates of a fit prove, or why it has none."""
     if fit.certified:
         return (
             "the convex program is solved to within the gap that is stated,"
@@ -611,7 +622,7 @@ def _say_certified(tally: VerifyTally, fit: Statement) -> str:
 
 
 def _say_sealed(tally: VerifyTally) -> str:
-    """Say whether files are as they were written."""
+    """Return a text on whether files are as `fit` wrote them, by their digests."""
     if tally.not_sealed:
         return "not sealed: the file has no digest of what it holds"
     if tally.sealed < tally.images + tally.unread:

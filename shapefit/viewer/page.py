@@ -213,7 +213,7 @@ class EncodedArray(TypedDict):
 
 
 def viewer_page(scene: Scene) -> str:
-    """Return the page of a scene.
+    """Return the HTML of the page that shows a scene.
 
     Names come from files of any origin: in the markup they are escaped, and the script
     puts them into the document as text only. The Content-Security-Policy lets run the
@@ -248,7 +248,7 @@ def resource(name: str) -> str:
 
 
 def _without_markup(data: str) -> str:
-    """Return JSON in which nothing ends or opens an element."""
+    """Return JSON with &, < and > as escapes, so that HTML finds no element in it."""
     data = data.replace("&", r"\u0026")
     return data.replace("<", r"\u003c").replace(">", r"\u003e")
 
@@ -262,6 +262,7 @@ def content_security_policy(style: str, script: str) -> str:
 
 
 def _hash_of(text: str) -> str:
+    """Return the SHA-256 digest of a script or style as a policy states it."""
     digest = sha256(text.encode()).digest()
     return f"'sha256-{b64encode(digest).decode('ascii')}'"
 

@@ -23,8 +23,8 @@ from shapefit.dictionary.from_2d.model import (
     Images,
     Views,
     posterior_mean,
-    scatter,
     split_ppca,
+    sum_covariances,
 )
 from shapefit.geometry.rotations import (
     exponential,
@@ -133,7 +133,7 @@ def test_shapes_covariances_and_noise_are_those_of_the_joint_gaussian(planted):
         assert found.residual_variance[i] == pytest.approx(residual_variance, rel=1e-4)
     total = sum(covariance for _, covariance, _, _ in exact)
     np.testing.assert_allclose(
-        scatter(found, planted.views, planted.model), total, atol=1e-5
+        sum_covariances(found, planted.views, planted.model), total, atol=1e-5
     )
 
 

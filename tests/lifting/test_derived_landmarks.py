@@ -8,7 +8,11 @@ import pytest
 from shapefit.config.paths import find_dictionary
 from shapefit.convex.solver import Status
 from shapefit.io import read_dictionary
-from shapefit.lifting.derived_landmarks import PAIRS, place_dependents, see_rows
+from shapefit.lifting.derived_landmarks import (
+    PAIRS,
+    combine_landmarks,
+    place_dependents,
+)
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.records import Landmarks
@@ -140,7 +144,7 @@ def test_error_bars_of_rows_are_those_of_samples(rng):
     root = rng.standard_normal((n, 3 * p, 3 * p))
     covariance = root @ root.swapaxes(1, 2)
     mean, apart = rng.standard_normal((n, 3, p)), np.array([0.0, 6.0, 0.0])
-    found = see_rows(rows, mean, covariance, apart)
+    found = combine_landmarks(rows, mean, covariance, apart)
     draws = np.einsum("nij,nsj->nsi", root, rng.standard_normal((n, 40_000, 3 * p)))
     points = (mean[:, None] + draws.reshape(n, -1, 3, p)) @ rows.T
     points += apart * rng.standard_normal(points.shape)

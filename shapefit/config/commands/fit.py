@@ -61,6 +61,7 @@ class CameraConfig(ConfigModel):
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
+        """Raise ValueError for keys that exclude or need each other."""
         if self.calibration is not None and isinstance(self.focal, float | int):
             raise ValueError(
                 "`focal` and `calibration` both give the focal length; leave one out"
@@ -177,6 +178,7 @@ class FitConfig(MetresConfig):
 
     @model_validator(mode="after")
     def _belong_together(self) -> Self:
+        """Raise ValueError for keys that need another one, or that the method lacks."""
         if self.lam == "auto" and self.noise is None:
             raise ValueError(
                 "`lambda: auto` needs `noise`; give the noise of a landmark"
@@ -199,7 +201,7 @@ def find_conflict(fit: FitConfig) -> str | None:
 
 
 def list_conflicts(fit: FitConfig, method: Method) -> Iterator[tuple[str, str]]:
-    """Yield what a method cannot do that a config asks for, and the fix."""
+    """Yield fault and fix of each key of a config that a method cannot use."""
     given = fit.model_fields_set
     if fit.outliers in ROBUST and fit.outliers not in method.losses:
         yield f"does not support `outliers: {fit.outliers}`", "use `method: convex`"

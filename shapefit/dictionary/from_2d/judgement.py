@@ -81,8 +81,9 @@ NOTHING_IN_COMMON = "nothing in common: hidden landmarks are not predicted"
 
 @dataclass(frozen=True)
 class Judgement:
-    """What speaks for a class, and the verdict.
+    """How well a class was learned from 2D landmarks, and the verdict.
 
+    verdict is `LEARNED`, `DOUBTFUL_DEPTH`, `VIEWS_ALIKE` or `NOTHING_IN_COMMON`.
     hidden_error is the root mean square error of hidden landmarks, in the size of the
     shapes; gain the log evidence a landmark of the model beyond that of the flat one;
     turn the angle between the outermost directions of view, in degrees; half_distance
@@ -97,13 +98,17 @@ class Judgement:
     verdict: str
 
     @property
-    def fine(self) -> bool:
+    def is_learned(self) -> bool:
         """Whether a class was learned, possibly with doubtful depth."""
         return self.verdict in (LEARNED, DOUBTFUL_DEPTH)
 
 
 def evaluate_class(images: Images, state: ClassState) -> Judgement:
-    """Judge whether depth was learned, by hidden landmarks of a sample of images."""
+    """Judge whether a class of shapes and its depth were learned, on some images.
+
+    By the error of hidden landmarks, the evidence beyond a flat model, and two halves
+    that agree. state: what was learned from all images.
+    """
     some = images.hiding(state.outliers)[evenly(len(images), JUDGED_IMAGES)]
     hidden = hide_some(some.weights > 0)
     remaining = some.hiding(hidden)
@@ -133,7 +138,11 @@ def evaluate_class(images: Images, state: ClassState) -> Judgement:
 
 
 def judge_depth(model: Gaussian, gain: float, half_distance: float) -> str:
-    """Return the verdict on the depth of a class that is not flat."""
+    """Return `LEARNED`, `DOUBTFUL_DEPTH` or `VIEWS_ALIKE`, of a class that is not flat.
+
+    gain: log evidence a landmark beyond a flat model; half_distance: of shapes learned
+    from each half of the images, in sizes of a shape; see `Judgement`.
+    """
     deforms = np.sqrt(model.covariance.trace()) / np.linalg.norm(model.mean)
     is_deep = gain > DEEP_GAIN
     is_same = half_distance < max(SAME_DEFORMATION_SHARE * deforms, SAME_SIZE_SHARE)
@@ -145,7 +154,7 @@ def judge_depth(model: Gaussian, gain: float, half_distance: float) -> str:
 
 
 def is_flat_class(model: Gaussian) -> bool:
-    """Whether the mean shape has next to no depth."""
+    """Whether the mean shape is flat: next to no extent along its thinnest axis."""
     size = np.linalg.svd(model.mean, compute_uv=False)
     return bool(size[2] <= FLAT_DEPTH_SHARE * size[0])
 
@@ -159,7 +168,10 @@ def widest_turn(views: Views) -> float:
 
 
 def flat_evidence(images: Images) -> float:
-    """Return the log evidence of the flat model, rolled or not as suits it better."""
+    """Return the log evidence of the images under the flat model (see above).
+
+    Of images rolled in their plane or not, whichever is larger.
+    """
     W, _ = complete_landmarks(images, COMPLETION_RANK)
     upright = flat_state(images, W, np.zeros(len(images)))
     angle = roll_angles(W)
@@ -171,7 +183,10 @@ def flat_evidence(images: Images) -> float:
 
 
 def flat_state(images: Images, W: Floats, angle: Floats) -> ClassState:
-    """Return the flat model of landmarks W (n, 2, p), complete, rolled by angles."""
+    """Learn the flat model: all views the same but for a roll by the angles (n,).
+
+    W (n, 2, p): the landmarks, hidden ones filled in.
+    """
     views = Views(rotation_about_axis(2, angle), np.zeros(len(W)))
     start = first_state(images, W, views)
     *_, flat = improve(images, start, JUDGED_ROUNDS, turning=False)
@@ -179,7 +194,10 @@ def flat_state(images: Images, W: Floats, angle: Floats) -> ClassState:
 
 
 def roll_angles(W: Floats) -> Floats:
-    """Angles (n,) by which images (n, 2, p) are rolled in their plane from the mean."""
+    """Return the angles (n,) in radians by which images are rolled in their plane.
+
+    From their mean; W (n, 2, p), the landmarks, hidden ones filled in.
+    """
     z = W[:, 0] + 1j * W[:, 1]
     mean = z[0]
     angle: Floats = np.zeros(len(W))
@@ -190,16 +208,17 @@ def roll_angles(W: Floats) -> Floats:
 
 
 def rigid_state(images: Images) -> ClassState:
-    """Return the rigid model of the images."""
+    """Learn the rigid model of the images: their views and one shape for all."""
     W, _ = complete_landmarks(images, COMPLETION_RANK)
     (views,) = find_views(W, (min(COMPLETION_RANK, W.shape[2] - 1),))
     return first_state(images, W, views)
 
 
 def halves_distance(images: Images, learned: ClassState) -> float:
-    """mean ||X - X'|| / ||X|| of shapes X and X', learned from half of the images.
+    """Return how far shapes are from those that half of the images gives by itself.
 
-    Each half, in the order of the images, is learned from by itself. The error of what
+    mean ||X - X'|| / ||X|| of shapes X, as learned from all, and X', learned from the
+    first or the second half of the images. The error of what
     was learned is less where the halves show the same poses from other sides. Near and
     far of a half may be exchanged.
     """
@@ -222,12 +241,11 @@ def _mean_distance(X: Floats, Y: Floats) -> float:
 
 
 def price_of_views(images: Images, state: ClassState, axes: slice) -> float:
-    """sum_n log(S |H_n|^(1/2) / (2 pi)^(d/2)): what it costs that rotations were
-    chosen.
+    """Return the log evidence to take off, as the views were fitted to the images.
 
-    By Laplace's method for a uniform prior over the d axes; H is the information of a
-    rotation about them, S = 8 pi^2 the size of all rotations, or 2 pi of those about
-    one axis.
+    sum_n log(S |H_n|^(1/2) / (2 pi)^(d/2)), by Laplace's method for a uniform prior
+    over the d axes; H is the information of a rotation about them, S = 8 pi^2 the size
+    of all rotations, or 2 pi of those about one axis.
     """
     expected = posterior_mean(images, state.views, state.model, slopes=True)
     assert expected.information is not None

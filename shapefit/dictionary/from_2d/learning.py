@@ -33,8 +33,8 @@ from shapefit.dictionary.from_2d.model import (
     choose_rows,
     hide_some,
     posterior_mean,
-    scatter,
     split_ppca,
+    sum_covariances,
 )
 from shapefit.geometry.rotations import complete_rotation
 from shapefit.threads import on_threads
@@ -101,7 +101,7 @@ SIZE_WEIGHT = 1.0
 
 @dataclass(frozen=True)
 class ClassState:
-    """What is learned after a round.
+    """What is learned of the images and their class of shapes after a round.
 
     views, the model that follows from them, damping of their steps (n,); outliers (n,
     p); shapes (n, 3, p) and the objective are those of the views under the model
@@ -117,18 +117,19 @@ class ClassState:
 
     @property
     def in_camera(self) -> Floats:
-        """Shapes s R x (n, 3, p) in the frame of the camera."""
+        """Return the shapes s R x (n, 3, p) in the frame of the camera."""
         s = np.exp(self.views.log_scale)[:, None, None]
         points: Floats = s * (self.views.rotation @ self.shapes)
         return points
 
 
 def learn_class(images: Images) -> Iterator[ClassState]:
-    """Yield the state after each round from the best start.
+    """Learn a class of shapes from 2D landmarks; yield the state after each round.
 
-    Starts are judged by the objective after some rounds with images that lie evenly.
-    Landmarks are outliers only where others, hidden, are then predicted clearly better:
-    rare poses of a class that is no Gaussian look like outliers, too.
+    From the best of several starts. They are judged by the objective after some rounds
+    with images that lie evenly. Landmarks are outliers only where others, hidden, are
+    then predicted clearly better: rare poses of a class that is no Gaussian look like
+    outliers, too.
     """
     p = images.landmarks.shape[2]
     ranks = tuple(sorted({min(rank, p - 1) for rank in START_RANKS}))
@@ -154,7 +155,10 @@ def learn_class(images: Images) -> Iterator[ClassState]:
 
 
 def run_trial(images: Images, W: Floats, views: Views) -> ClassState:
-    """Return the state after the rounds by which a start is judged."""
+    """Return the state after `TRIAL_ROUNDS` rounds from a start, to judge it by.
+
+    W (n, 2, p): the landmarks, hidden ones filled in; views: the start.
+    """
     state = first_state(images, W, views)
     for k in range(TRIAL_ROUNDS):
         state = learn_round(images, state, hold=k < HELD_ROUNDS)
@@ -162,7 +166,10 @@ def run_trial(images: Images, W: Floats, views: Views) -> ClassState:
 
 
 def hidden_error(images: Images, hidden: Flags, state: ClassState) -> float:
-    """Median distance of the hidden landmarks (n, p) from where the model has them."""
+    """Return the median distance of hidden landmarks (n, p) from their predictions.
+
+    0 where none is hidden.
+    """
     predicted = predict(images.hiding(hidden | state.outliers), state)
     distance = np.linalg.norm(predicted - images.landmarks, axis=1)
     return float(np.median(distance[hidden])) if hidden.any() else 0.0
@@ -183,9 +190,9 @@ def improve(
     *,
     turning: bool = True,
 ) -> Iterator[ClassState]:
-    """Yield the state after each round, until the objective stands still.
+    """Yield the state after each further round, until the objective stands still.
 
-    The views climb where they are turning.
+    `rounds` at most. turning: whether views change, too, and not the model alone.
     """
     coordinates = 2 * int((images.weights > 0).sum())
     for k in range(rounds):
@@ -199,7 +206,10 @@ def improve(
 
 
 def first_state(images: Images, W: Floats, views: Views) -> ClassState:
-    """Return the rigid model of completed landmarks W (n, 2, p) in these views."""
+    """Return the state to start from: the rigid model of landmarks in these views.
+
+    W (n, 2, p): the landmarks, hidden ones filled in.
+    """
     n, _, p = W.shape
     A = np.exp(views.log_scale)[:, None, None] * views.rotation[:, :2]
     solution = np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0]
@@ -225,8 +235,9 @@ def first_state(images: Images, W: Floats, views: Views) -> ClassState:
 
 
 def learn_round(images: Images, state: ClassState, *, hold: bool) -> ClassState:
-    """Take one round: a step of views that do not hold, expectation, maximisation.
+    """Take one round of learning: step the views, expect shapes, fit the model.
 
+    With `hold` the views stay as they are.
     Blocks of images are taken side by side on all cores, and what adds up over them is
     added in their order.
     """
@@ -269,9 +280,10 @@ class Expectation(NamedTuple):
 def expect(
     images: Images, state: ClassState, rows: slice, *, hold: bool
 ) -> Expectation:
-    """Step the views of some rows, unless they hold, and expect their shapes.
+    """Return what the model expects of some images, after a step of their views.
 
-    A step, and a change of outliers, is taken where it raises the log density.
+    With `hold` there is none. A step, and a change of outliers, is taken where it
+    raises the log density.
     """
     model = state.model
     views = state.views[rows]
@@ -300,14 +312,14 @@ def expect(
         damping=damping,
         shapes=expected.shapes,
         outliers=outliers,
-        covariance=scatter(expected, views, model),
+        covariance=sum_covariances(expected, views, model),
         log_density=float(expected.log_density.sum()),
         residual_variance=float(expected.residual_variance.sum()),
     )
 
 
 def join_blocks(blocks: Sequence[Expectation]) -> Expectation:
-    """Return what is expected of all images; sums are taken in the order of blocks."""
+    """Join what is expected of blocks of images; sums are taken in their order."""
     covariance = np.zeros_like(blocks[0].covariance)
     for block in blocks:
         covariance += block.covariance
@@ -328,7 +340,10 @@ def join_blocks(blocks: Sequence[Expectation]) -> Expectation:
 def maximise_class(
     images: Images, model: Gaussian, expectation: Expectation
 ) -> Gaussian:
-    """Return the best model of what is expected of the images."""
+    """Return the model that is likeliest, given what is expected of the images.
+
+    Its noise falls to `MIN_NOISE_FACTOR` of that of the model before at most.
+    """
     n, p = images.weights.shape
     shapes = expectation.shapes
     mean = shapes.mean(axis=0)
@@ -349,7 +364,7 @@ def maximise_class(
 
 
 def sequence_means(values: Floats, sequence: Indices) -> Floats:
-    """Means (sequences,) of values (n,)."""
+    """Return the mean of values (n,) in each sequence, by its number."""
     count = np.maximum(np.bincount(sequence), 1)
     means: Floats = np.bincount(sequence, values) / count
     return means
@@ -360,8 +375,8 @@ def complete_landmarks(
 ) -> tuple[Floats, Flags]:
     """Return landmarks (n, 2, p), centred and filled in, and which are outliers (n, p).
 
-    Hidden and outliers are as factors of the rank have them; where outliers are sought,
-    these are found by turns.
+    Those that are hidden or outliers are where a matrix of `rank` leading factors has
+    them. Outliers are sought only with `doubting`, by turns with the factors.
     """
     w = images.landmarks
     is_there = images.weights > 0
@@ -385,7 +400,11 @@ def complete_landmarks(
 
 
 def filled(w: Floats, visible: Flags, placed: Floats) -> tuple[Floats, Floats]:
-    """Fill hidden landmarks of w (n, 2, p); return it centred, and where it was."""
+    """Fill in hidden landmarks from `placed` (n, 2, p), and centre them all.
+
+    w (n, 2, p), the landmarks; placed, centred. Returns them, and the middle (n, 2, 1)
+    by which w and placed lie apart.
+    """
     count = np.maximum(visible.sum(axis=1), 1)[:, None, None]
     offset = np.where(visible[:, None], w - placed, 0.0)
     middle = offset.sum(axis=2, keepdims=True) / count
@@ -394,7 +413,11 @@ def filled(w: Floats, visible: Flags, placed: Floats) -> tuple[Floats, Floats]:
 
 
 def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:
-    """Return the views of landmarks W (n, 2, p), complete and centred, of each rank."""
+    """Return the views of all images by factorisation, one set for each rank.
+
+    W (n, 2, p): landmarks, centred, hidden ones filled in; ranks: numbers of factors,
+    ascending, 3 or more.
+    """
     n, _, p = W.shape
     U = np.linalg.svd(W.reshape(2 * n, p), full_matrices=False)[0]
     views = []
@@ -412,9 +435,10 @@ def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:
 
 
 def rigid_upgrade(L: Floats) -> Floats:
-    """Return Q (3, 3) with Q Q^T nearest to making L Q (n, 2, 3) orthonormal.
+    """Return Q (3, 3) that turns three factors L (n, 2, 3) into rows of rotations.
 
-    That is linear in Q Q^T = G: a G a = 1, b G b = 1, a G b = 0 for rows a, b of L.
+    L Q is as near to orthonormal as Q Q^T can make it. That is linear in Q Q^T = G: a G
+    a = 1, b G b = 1, a G b = 0 for rows a, b of L.
     """
     i, j = np.triu_indices(3)
     left = L[:, [0, 1, 0]]
@@ -432,9 +456,11 @@ def rigid_upgrade(L: Floats) -> Floats:
 
 
 def upgrade(L: Floats, Q: Floats) -> Floats:
-    """min over Q (r, 3) of sum_n (a b)^2 + (a a - b b)^2 / 4 + (a a + b b - 2)^2 / 4.
+    """Return Q (r, 3), improved, that turns r factors L (n, 2, r) into rotations.
 
-    a, b are the rows of L Q. Levenberg and Marquardt's method.
+    min over Q of sum_n (a b)^2 + (a a - b b)^2 / 4 + (a a + b b - 2)^2 / 4 with a, b
+    the rows of L Q: a local minimum, from the given Q on. Levenberg and Marquardt's
+    method.
     """
     r = len(Q)
     damping = 1e-3

@@ -87,19 +87,19 @@ class Images:
 
     @property
     def visible(self) -> Flags:
-        """Landmarks (n, p) that have a weight and are inliers."""
+        """Return which landmarks (n, p) have a weight and are inliers."""
         is_there = self.weights > 0
         return is_there if self.outliers is None else is_there & ~self.outliers
 
     def hiding(self, landmarks: Flags) -> Images:
-        """Return the images with these landmarks (n, p) hidden, and no outlier."""
+        """Return the images with these landmarks (n, p) hidden, all others inliers."""
         weights = np.where(landmarks, 0.0, self.weights)
         return Images(self.landmarks, weights, self.sequence)
 
 
 @dataclass(frozen=True)
 class Views:
-    """Rotations R (n, 3, 3) and log s (n,)."""
+    """Where each image is seen from: rotation R (n, 3, 3) and log_scale log s (n,)."""
 
     rotation: Floats
     log_scale: Floats
@@ -125,7 +125,7 @@ class Gaussian:
 
     @property
     def covariance(self) -> Floats:
-        """V V^T + rho I (3p, 3p), all x first, then y, then z."""
+        """Return the covariance of shapes (3p, 3p), all x first, then y, then z."""
         V = self.modes.reshape(self.mean.size, -1)
         C: Floats = V @ V.T + self.rest * np.eye(len(V))
         return C
@@ -161,9 +161,10 @@ OfImages = TypeVar("OfImages", Views, Expected)
 def posterior_mean(
     images: Images, views: Views, model: Gaussian, *, slopes: bool = False
 ) -> Expected:
-    """Expectation step: shapes given their images.
+    """Return what the model expects of images in given views: the shapes, and more.
 
-    With slopes, those of the log density by the views come with it. With U U^T = M^-1
+    The expectation step. With `slopes`, the gradient and the information of the log
+    density by the views are among it. With U U^T = M^-1
     all that is needed of it follows from V U, by landmark. The gradient is that of the
     expected log density of image and shape together (Fisher's identity); the
     information is that of the mean shape, the covariance held.
@@ -234,6 +235,7 @@ class _Seen(NamedTuple):
 
 
 def _see(images: Images, views: Views, model: Gaussian) -> _Seen:
+    """Return what the views make of the model: modes and residuals in the images."""
     n, _, p = images.landmarks.shape
     q = model.modes.shape[2]
     s = np.exp(views.log_scale)
@@ -316,14 +318,18 @@ def _add_slopes_of_size(
     views: Views,
     model: Gaussian,
 ) -> None:
-    """Add what the prior of log s, the last direction, has of the slopes."""
+    """Add the slopes of the prior of log s to gradient and information, in place."""
     deviation = views.log_scale - model.log_size[images.sequence]
     gradient[:, 3] -= deviation / model.size_variance
     information[:, 3, 3] += 1 / model.size_variance
 
 
 def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
-    """Return the log density gained (n, p) where one landmark changes sides."""
+    """Return the log density gained (n, p) where one landmark changes its label.
+
+    An inlier becomes an outlier, an outlier an inlier. left (n, 2, p): residuals; H (n,
+    p, 2, 2): their covariance; v (n, p): variances; visible (n, p): the inliers.
+    """
     sign = np.where(visible, -1 / v, 1 / v)
     A = np.eye(2) + sign[..., None, None] * H
     size = np.maximum(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2, 1e-12)
@@ -339,9 +345,10 @@ def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Flags) -> Floats:
 
 
 def change_inliers(images: Images, flip_gain: Floats) -> Flags:
-    """Flip whether the most doubtful landmark of an image is an outlier.
+    """Return outliers (n, p) after the label of one landmark of each image has changed.
 
-    At least half of its landmarks are none.
+    The one that gains most log density, if any gains. At least half of the landmarks
+    that are seen stay inliers.
     """
     visible = images.visible
     is_there = images.weights > 0
@@ -355,8 +362,8 @@ def change_inliers(images: Images, flip_gain: Floats) -> Flags:
     return outliers
 
 
-def scatter(expected: Expected, views: Views, model: Gaussian) -> Floats:
-    """sum_n Cov x_n (3p, 3p)."""
+def sum_covariances(expected: Expected, views: Views, model: Gaussian) -> Floats:
+    """Return the sum over images of the covariance (3p, 3p) of their shapes."""
     n, _, p = expected.shapes.shape
     PR = views.rotation[:, :2]
     root = expected.root.transpose(1, 0, 2).reshape(3 * p, -1)
@@ -370,7 +377,11 @@ def scatter(expected: Expected, views: Views, model: Gaussian) -> Floats:
 
 
 def ascent(views: Views, expected: Expected, damping: Floats) -> Views:
-    """Take a damped scoring step of each view (n,) towards more log density."""
+    """Return each view after a damped step towards more log density of its image.
+
+    damping (n,). By Fisher scoring, from the slopes, which must be there; at most
+    `MAX_VIEW_STEP` in a direction.
+    """
     assert expected.gradient is not None
     assert expected.information is not None
     trace = expected.information.trace(axis1=1, axis2=2)[:, None, None]
@@ -428,7 +439,10 @@ def choose_rows(mask: Flags, yes: OfImages, no: OfImages) -> OfImages:
 
 
 def hide_some(visible: Flags) -> Flags:
-    """Choose a tenth of the seen landmarks (n, p) at random, of no image too many."""
+    """Choose a tenth of the seen landmarks (n, p) at random, to be hidden.
+
+    None of an image that would show three or fewer. Always the same ones.
+    """
     hidden = visible & (np.random.default_rng(0).random(visible.shape) < 0.1)
     left = (visible & ~hidden).sum(axis=1, keepdims=True)
     chosen: Flags = hidden & (left > 3)

@@ -83,12 +83,12 @@ def hide_in_turn(
     *,
     threads: int = 0,
 ) -> HiddenInTurn:
-    """Compare each landmark of n images with what the others predict.
+    """Hide each landmark of n images in turn and compare it with its prediction.
 
-    rotation (n, 3, 3), those of the posteriors of the images, from which the ascents
-    start; inliers (n, p), inlier probabilities, nan where a landmark is not seen. A
-    landmark that is mostly an outlier, in most images, has no part in the kappa of the
-    file.
+    The others predict it. rotation (n, 3, 3), those of the posteriors of the images,
+    from which the ascents start; inliers (n, p), inlier probabilities, nan where a
+    landmark is not seen. A landmark that is mostly an outlier, in most images, has no
+    part in the kappa of the file.
     """
     square = predict_hidden(problem, rotation, model, threads=threads)
     with np.errstate(invalid="ignore"):
@@ -109,7 +109,11 @@ def hide_in_turn(
 
 
 def _kappa_of_landmark(square: Floats) -> float:
-    """Return the kappa of d^2 (n,) of one landmark, nan where too few are known."""
+    """Return the factor kappa by which the variances of one landmark are too small.
+
+    square (n,): its squared Mahalanobis distances d^2 (see above) where it was hidden,
+    else nan. nan for fewer than `MIN_PREDICTIONS`.
+    """
     known = square[np.isfinite(square)]
     if len(known) < MIN_PREDICTIONS:
         return np.nan
@@ -119,9 +123,10 @@ def _kappa_of_landmark(square: Floats) -> float:
 def predict_hidden(
     problem: Problem, rotation: Floats, model: PosteriorModel, *, threads: int = 0
 ) -> Floats:
-    """Return d^2 (n, p) of seen landmarks from what the others predict.
+    """Return squared Mahalanobis distances (n, p) of landmarks from their predictions.
 
-    nan where that is nothing, and where a landmark is not hidden.
+    The others predict a landmark while it is hidden. nan where they predict nothing,
+    and where a landmark is not seen or not chosen to be hidden.
     """
     has_view: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
     is_visible = (problem.weights > 0) & has_view[:, None]
@@ -159,7 +164,10 @@ def predict_hidden(
 
 
 def _choose_hidden(is_visible: Flags) -> tuple[Indices, Indices]:
-    """Return the images and the landmarks that are hidden, one at a time."""
+    """Choose seen landmarks (n, p) to hide: the image and the landmark of each.
+
+    All of them, or `MAX_HIDDEN` at most, evenly over landmarks and images.
+    """
     # by landmark: neighbours have the same landmarks in sight
     landmark, image = np.nonzero(is_visible.T)
     every = max(1, ceil(len(image) / MAX_HIDDEN))

@@ -83,7 +83,7 @@ def lift_to_posterior(
     visible = problem.weights > 0
     camera = problem.camera
     if camera is not None:
-        starts = face(starts, problem.landmarks, visible, camera)
+        starts = turn_towards_landmarks(starts, problem.landmarks, visible, camera)
     posterior = find_from(
         problem,
         starts,
@@ -104,9 +104,10 @@ def lift_to_posterior(
 def describe_posterior(
     problem: Problem, model: PosteriorModel, solution: Solution, posterior: Posterior
 ) -> PosteriorEstimate:
-    """Lay out posteriors that began at the solutions of the convex program.
+    """Return posteriors as an estimate, with the error bars scaled as the model says.
 
-    The covariances of the posterior are written over.
+    solution: that of the convex program, from which they started, and its proof. The
+    covariances of the posterior are written over.
     """
     lost = np.isnan(posterior.log_evidence)
     translation = posterior.mean[:, :2].mean(axis=2)
@@ -135,7 +136,7 @@ def describe_posterior(
 
 
 def end_of(solution: Solution, posterior: Posterior) -> tuple[Status, ...]:
-    """Return how each image ended: as its convex program, where that failed."""
+    """Return the status of each image: that of its convex program where this failed."""
     status = np.full(len(posterior.log_evidence), Status.ITERATION_LIMIT, dtype=object)
     status[posterior.stationary] = Status.CONVERGED
     status[np.isnan(posterior.log_evidence)] = Status.NUMERICAL_FAILURE
@@ -145,8 +146,9 @@ def end_of(solution: Solution, posterior: Posterior) -> tuple[Status, ...]:
 
 
 def scale_of_bars(bar_scale: float, growth: Sequence[float], landmarks: int) -> Floats:
-    """Return factors (p,) on standard deviations by those on covariances; empty: no
-    growth.
+    """Return factors (p,) on standard deviations: sqrt(bar_scale growth).
+
+    Both are factors on covariances; empty growth stands for 1 for each landmark.
     """
     factor: Floats = np.sqrt(
         bar_scale * (np.array(growth) if growth else np.ones(landmarks))
@@ -157,8 +159,9 @@ def scale_of_bars(bar_scale: float, growth: Sequence[float], landmarks: int) -> 
 def grow_covariance(
     covariance: Floats | None, factor: Floats, out: Floats | None = None
 ) -> Floats | None:
-    """D C D of covariances C (n, 3p, 3p), D = diag of factors (p,) for x, for y and for
-    z.
+    """Return covariances (n, 3p, 3p) after deviations were multiplied by factors (p,).
+
+    D C D with D the factors on the diagonal, for x, for y and for z; None for None.
     """
     if covariance is None:
         return None
@@ -177,8 +180,10 @@ def find_from(
     covariance: bool = False,
     threads: int = 0,
 ) -> Posterior:
-    """Return the posteriors of n images from rotations (n, S, 3, 3), as a camera would
-    see them.
+    """Return the posteriors of n images, sought from S rotations (n, S, 3, 3) each.
+
+    A problem with a camera is seen through it. lengths, modes and covariance as in
+    `find_posterior`.
     """
     landmarks = problem.landmarks
     noise = find_noise(problem)
@@ -274,12 +279,12 @@ def find_start_distance(
 
 
 def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
-    """Mean over j of ||s R e_j + t - x_j|| for the least-squares s, R, t, beside the
-    size of x.
+    """Return mean distances (n,) of landmarks after alignment, in sizes of the shapes.
 
-    e, x (n, 3, p), nan where a landmark of e does not count; the size is the mean over
-    coordinates of the standard deviation of those x_j that count. (n,), nan where fewer
-    than three do.
+    Mean over j of ||s R e_j + t - x_j|| for the least-squares s, R, t, over the size of
+    x. Estimates e, shapes x (n, 3, p), nan where a landmark of e does not count; the
+    size is the mean over coordinates of the standard deviation of those x_j that count.
+    nan where fewer than three do.
     """
     errors = similarity_errors(estimate, shapes)
     finite = np.isfinite(estimate)
@@ -312,8 +317,9 @@ def find_starts(
 def look_through(
     estimate: PosteriorEstimate, posterior: Posterior, problem: Problem, camera: Camera
 ) -> PosteriorEstimate:
-    """The same estimate with shapes in the unit of the dictionary, placed before the
-    camera.
+    """Return the estimate with its shapes before the camera, in the dictionary's unit.
+
+    Translation, residual and error bars follow.
     """
     lost = np.isnan(posterior.scale)
     size = posterior.scale[:, None, None]
@@ -337,8 +343,9 @@ def look_through(
 
 
 def find_residual_variance(problem: Problem, residual_variance: float) -> Floats:
-    """Variance v / omega^2 (n, p) in the unit of shapes; inf where a landmark is
-    hidden.
+    """Return the variance v / omega^2 (n, p) of landmarks that stays unexplained.
+
+    omega are the weights; in the unit of shapes, inf where a landmark is hidden.
     """
     omega = problem.weights
     square = np.where(omega > 0, omega, 1.0) ** 2
@@ -346,8 +353,9 @@ def find_residual_variance(problem: Problem, residual_variance: float) -> Floats
 
 
 def find_noise(problem: Problem) -> Floats:
-    """Covariance V / omega^2 (n, p, 2, 2) of the measurement, normalised; 0 where not
-    known.
+    """Return the covariance V / omega^2 (n, p, 2, 2) of the measured landmarks.
+
+    omega are the weights; in normalised units, 0 where the problem states no noise.
     """
     n, p = problem.weights.shape
     if problem.noise is None:
@@ -358,8 +366,10 @@ def find_noise(problem: Problem) -> Floats:
 
 
 class Rays(NamedTuple):
-    """f u (n, 2, p) with f the geometric mean of both focal lengths, slopes (n, 2, p),
-    f (n,).
+    """The rays of n images of landmarks before a pinhole camera, see above.
+
+    landmarks f u (n, 2, p), slopes +-u (n, 2, p), and focal f (n,), the geometric mean
+    of both focal lengths.
     """
 
     landmarks: Floats
@@ -389,13 +399,13 @@ def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
     return noisy
 
 
-def face(
+def turn_towards_landmarks(
     rotations: Floats, landmarks: Floats, visible: NDArray[np.bool_], camera: Camera
 ) -> Floats:
-    """Turn rotations (n, S, 3, 3) of weak perspective, which looks along the ray to the
-    landmarks.
+    """Return rotations (n, S, 3, 3) of weak perspective as a pinhole camera has them.
 
-    They are turned with the least turn of the optical axis onto the ray to the middle
+    Weak perspective looks along the ray to the landmarks. So they are turned by the
+    least turn of the optical axis onto the ray to the middle
     of the seen landmarks (n, 2, p): an object off to the side shows its side.
     """
     count = np.maximum(visible.sum(axis=1), 1)[:, None]

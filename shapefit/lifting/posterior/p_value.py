@@ -72,7 +72,7 @@ def find_p_values(
     inliers: Floats,
     table: Floats,
 ) -> Floats:
-    """P(a distance under the model > squared_mahalanobis) of n images (n,).
+    """Return p-values (n,): the chance of a larger distance of an image of the model.
 
     squared_mahalanobis (n,); visible (n,), the landmarks seen; inliers (n,), the
     expected number of those that are inliers; table (c, 3), the moments as `moments_at`
@@ -91,16 +91,17 @@ def find_p_values(
     freedom = 2 * inliers[is_judged] - VIEW_NUMBERS
     mean = np.maximum(freedom + excess, MIN_MEAN_DISTANCE)
     distance = np.maximum(squared_mahalanobis[is_judged], 0.0)
-    p[is_judged] = exceeds(distance, mean, 2 * share * mean)
+    p[is_judged] = find_chance_above(distance, mean, 2 * share * mean)
     has_few_inliers = inliers < np.maximum(MIN_INLIERS, MIN_INLIER_SHARE * visible)
     p[is_judged & has_few_inliers] = 0.0
     return p
 
 
 def moments_at(table: Floats, scale: float) -> Floats:
-    """Return the rows (c, 3) of a table (t, 4) at a scale, linear in its logarithm.
+    """Return the moments (c, 3) of a p-value table (t, 4) at a scale of the prior.
 
-    The first column, that of the scale, is left out.
+    Interpolated linearly in the logarithm of the scale, which is the first column of
+    the table and left out; beyond its scales as at the nearest.
     """
     # without counts np.unique imports masked arrays, which takes time
     scales, _ = np.unique(table[:, 0], return_counts=True)
@@ -116,18 +117,18 @@ def moments_at(table: Floats, scale: float) -> Floats:
 
 
 def with_p_value_table(dictionary: Dictionary) -> Dictionary:
-    """Return the dictionary with the table by which fits judge, if it has a prior."""
+    """Return the dictionary with its table of p-values; as it is, without a prior."""
     if dictionary.prior is None:
         return dictionary
     return replace(dictionary, p_value_table=draw_table(dictionary.prior))
 
 
 def draw_table(prior: Mixture, scales: tuple[float, ...] = DRAWN_SCALES) -> Floats:
-    """Return the moments (t, 4) of the distance under the model.
+    """Return the p-value table (t, 4): moments of the distance of images of the model.
 
-    Columns: scale of the prior; landmarks seen, ascending; excess, how much larger its
-    mean is than 2 b - 6 for b inliers; share of the variance 2 (2 b - 6 + excess) of
-    chi^2.
+    They are found by drawing images. Columns: scale of the prior; landmarks seen,
+    ascending; excess, how much larger its mean is than 2 b - 6 for b inliers; share of
+    the variance 2 (2 b - 6 + excess) of chi^2.
     """
     p = prior.means.shape[2]
     most = DRAWN_LANDMARKS[-1]
@@ -146,13 +147,14 @@ def draw_table(prior: Mixture, scales: tuple[float, ...] = DRAWN_SCALES) -> Floa
 
 
 def draw_moments(prior: Mixture, count: int) -> tuple[float, float]:
-    """Draw images of `count` landmarks from the model: their excess and share.
+    """Return the excess and the share of variance of images of `count` landmarks.
 
-    See `draw_table`. The distance x is compared with y, that from what is expected at
-    the true view and component, which is chi^2 with f = 2 count - 2 degrees of freedom
-    (a control variate): with b the slope of x over y, and z = x - b (y - f), the mean
-    of x is that of z and its variance Var z + 2 f b^2. With the correlation r, (1 -
-    r^4) times as many images tell as much of that as all do without y.
+    Both as in `draw_table`, found by drawing images. The distance x is compared with y,
+    that from what is expected at the true view and component, which is chi^2 with f = 2
+    count - 2 degrees of freedom (a control variate): with b the slope of x over y, and
+    z = x - b (y - f), the mean of x is that of z and its variance Var z + 2 f b^2. With
+    the correlation r, (1 - r^4) times as many images tell as much of that as all do
+    without y.
     """
     drawn = draw_images(prior, count)
     y = true_distances(prior, drawn)
@@ -224,7 +226,7 @@ def find_posterior_of(drawn: Drawn, prior: Mixture) -> Posterior:
 def slope_and_correlation(x: Floats, y: Floats) -> tuple[float, float]:
     """Return the slope of x (n,) over y (n,), and their correlation.
 
-    x is nan where there is no posterior.
+    Pairs whose x is nan do not count.
     """
     finite = np.isfinite(x)
     C = np.cov(x[finite], y[finite])
@@ -234,7 +236,10 @@ def slope_and_correlation(x: Floats, y: Floats) -> tuple[float, float]:
 
 
 def true_distances(prior: Mixture, drawn: Drawn) -> Floats:
-    """Return squared Mahalanobis distances (n,) at the true components and views."""
+    """Return squared Mahalanobis distances (n,) of drawn images from their own model.
+
+    That of the component and the view of which each was drawn.
+    """
     k, R, w, shown = drawn
     n = len(k)
     rows = np.arange(n)[:, None]
@@ -252,11 +257,11 @@ def true_distances(prior: Mixture, drawn: Drawn) -> Floats:
     return squares
 
 
-def exceeds(x: Floats, mean: Floats, variance: Floats) -> Floats:
-    """P(X > x) for a Gamma variable X, whose root X^(1/3) is nearly normal.
+def find_chance_above(x: Floats, mean: Floats, variance: Floats) -> Floats:
+    """Return P(X > x) (n,) for Gamma variables X of these means and variances (n,).
 
-    By Wilson and Hilferty: (X / mean)^(1/3) has the mean 1 - c and the variance c =
-    variance / (3 mean)^2.
+    By Wilson and Hilferty, for whom the root X^(1/3) is nearly normal: (X / mean)^(1/3)
+    has the mean 1 - c and the variance c = variance / (3 mean)^2.
     """
     c = variance / (3 * mean) ** 2
     z = (np.cbrt(x / mean) - (1 - c)) / np.sqrt(c)

@@ -24,10 +24,10 @@ MIN_LIKELIHOOD_GAIN = 1e-4
 
 
 class Outliers(NamedTuple):
-    """A landmark is an outlier with a chance; then it falls with a density.
+    """How often landmarks are outliers, and how outliers are spread over the image.
 
-    The density is per area in the unit of the landmarks; a chance of 0 believes every
-    landmark.
+    chance that a landmark is one, 0 to believe every landmark; density, the probability
+    per area with which it then falls anywhere, in the unit of the landmarks.
     """
 
     chance: float = 0.0
@@ -99,14 +99,17 @@ def find_posterior(
     covariance: bool = False,
     threads: int = 0,
 ) -> Posterior:
-    """Return the posterior of n images.
+    """Return means, covariances and evidence of the shapes of n images under a prior.
 
     landmarks w (n, 2, p), of any size; residual_variance v (n, p), that of what the
     model cannot place, in the unit of the prior's shapes, inf where a landmark is
     hidden; noise V (n, p, 2, 2), the covariance of the measurement in the unit of the
     landmarks; starts (n, S, 3, 3), rotations from the frame of the prior to that of the
     camera, nan where there are fewer. Every start is climbed under every component of
-    the prior, and each maximum counts once, by its evidence. slopes (n, 2, p), of the
+    the prior, and each maximum counts once, by its evidence. outliers: how likely a
+    landmark is one, never by default. modes: how many maxima of an image, the most
+    likely ones, are returned besides; covariance: whether that of all landmarks
+    together is. slopes (n, 2, p), of the
     rays on which the landmarks lie: P_j = [I | -slope_j] where a point at the depth z
     of the middle of the shape is seen at w_j; without them the rays are parallel. With
     usual lengths of limbs the mixture is that given these; its modes, which are stored,
@@ -166,7 +169,10 @@ def find_posterior(
 
 
 def _empty_posterior(n: int, p: int, modes: int, *, covariance: bool) -> Posterior:
-    """Return arrays for the posterior of n images, which a kernel fills."""
+    """Return arrays that a kernel fills with the posterior of n images.
+
+    modes: how many of each image; without `covariance` that array has no rows.
+    """
     d = 3 * p
     return Posterior(
         mean=np.empty((n, 3, p)),
@@ -193,5 +199,5 @@ def _empty_posterior(n: int, p: int, modes: int, *, covariance: bool) -> Posteri
 
 
 def _in_order(x: Floats) -> Floats:
-    """Return the array as kernels read it."""
+    """Return the array as kernels read it: contiguous, in float64."""
     return np.ascontiguousarray(x, np.float64)

@@ -25,7 +25,11 @@ MIN_LIMBS = 2
 
 
 class LimbLengths(NamedTuple):
-    """Limbs (e, 2), the logarithms k (e,) of their usual lengths, and Q (e, e)."""
+    """What is known beforehand of the lengths of limbs, but for the size of the body.
+
+    limbs (e, 2), pairs of landmarks; log_length (e,), the logarithms of their usual
+    lengths; precision (e, e) of these, the size left open.
+    """
 
     limbs: Integers
     log_length: Floats
@@ -38,7 +42,10 @@ class LimbLengths(NamedTuple):
 
 
 def find_limb_lengths(dictionary: Dictionary) -> LimbLengths | None:
-    """Return the usual lengths of the limbs of people, None where they are unknown."""
+    """Return the usual lengths of the limbs of people, None where they are unknown.
+
+    None, too, where fewer than `MIN_LIMBS` are known.
+    """
     usual = dictionary.edge_length
     covariance = dictionary.edge_covariance
     edges = dictionary.edges

@@ -198,7 +198,10 @@ def _lay_out(
     bar_scale: Floats,
     position: Floats | None,
 ) -> Clips:
-    """Return the images of a lifting as clips, their bars as they were at first."""
+    """Return the images of a lifting as `Clips`, before `bar_scale` widened error bars.
+
+    The lifting must have modes.
+    """
     estimate = lifting.estimate
     weights = lifting.problem.weights
     assert estimate.modes is not None, "the images were lifted with their modes"
@@ -222,9 +225,10 @@ def _lay_out(
 def _add_common_covariance(
     smoothed: Floats, grow: Floats, images: Floats, rows: Indices, constant: Floats
 ) -> Floats:
-    """Return C of S and P, all (n, 3p, 3p), and sigma (n, p); see above.
+    """Return smoothed covariances with the errors added that frames have in common.
 
-    It is written over S, as these take most of the memory. S is in the unit of the
+    C = S + r^2 P + sigma^2 I, all (n, 3p, 3p), sigma (n, p); see above. It is written
+    over S, as these take most of the memory. S is in the unit of the
     landmarks, C in that times grow (n, p); P of the image t is in row rows[t].
     """
     covariance = smoothed
@@ -239,7 +243,7 @@ def _add_common_covariance(
 
 
 def _mark_stopped(status: tuple[Status, ...], is_stopped: Flags) -> tuple[Status, ...]:
-    """Return how images ended whose sequence was stopped by its limit of rounds."""
+    """Return the statuses with ITERATION_LIMIT for images of stopped sequences."""
     if not is_stopped.any():
         return status
     both = zip(is_stopped, status, strict=True)
@@ -252,7 +256,7 @@ def refine_clips(
     motion: BodyMotion,
     threads: int = 0,
 ) -> RefinedClips:
-    """Return what sequences make of their images.
+    """Infer the shapes of each sequence from all of its images, and their error bars.
 
     All but correlations in the unit of the landmarks. nan in all but the points where
     the inference is that of the images: they are alone or nearly so in their sequence,
@@ -319,7 +323,11 @@ def refine_clip(
     motion: BodyMotion,
     refined: RefinedClips,
 ) -> None:
-    """Refine one sequence from its informative images (t,), and write it down."""
+    """Infer the t frames of one sequence, and write them into `refined`.
+
+    clip: its rows of all images; informative and is_finite (t,): which of its images
+    say something of their frame, and which have a shape at all.
+    """
     inference = Inference(clips, clip, informative, is_finite, motion, refined)
     stretches = inference.stretches
     growth = find_growth(
@@ -418,7 +426,10 @@ class Inference:
         return smooth(visible, model, self.sigma)
 
     def relative_sizes(self, visible: Observations) -> Floats:
-        """Return how large bones are in each stretch (t,), beside the median."""
+        """Return the size of bones in the stretch of each frame (t,) over the median.
+
+        1 for a stretch that is too short.
+        """
         sizes = np.array(
             [self._size_in(visible, stretch) for stretch in self.stretches]
         )
@@ -427,7 +438,10 @@ class Inference:
         return np.repeat(relative, frames)
 
     def _size_in(self, visible: Observations, stretch: slice) -> float:
-        """The sum of the lengths in a stretch alone; nan where it is too short."""
+        """Return the sum of the bone lengths, inferred from a stretch alone.
+
+        nan where it has too few informative images, or the body has no bones.
+        """
         is_short = self.informative[stretch].sum() < MIN_CLIP_FRAMES
         if is_short or not len(self.motion.bones):
             return np.nan
@@ -435,7 +449,10 @@ class Inference:
         return float(self.infer(visible.part(stretch), alone).lengths.sum())
 
     def store(self, smoothed: Smoothed, growth: Floats, stretch: slice) -> None:
-        """Write a stretch down, inferred in the unit `size` times growth (t,)."""
+        """Write the frames of a stretch into `refined`, in the unit of the landmarks.
+
+        smoothed: all frames of the sequence, in the unit `size` times growth (t,).
+        """
         refined = self.refined
         frames = self._placed_in(stretch)
         rows = self.clip.start + frames
@@ -450,20 +467,24 @@ class Inference:
             refined.covariance[row] = unit[frame] ** 2 * smoothed.covariance[frame]
 
     def _placed_in(self, stretch: slice) -> Indices:
-        """The frames of a stretch that are placed, by their number in the sequence."""
+        """Return the numbers in the sequence of a stretch's frames that get a shape."""
         rows: Indices = stretch.start + np.flatnonzero(self.is_placed[stretch])
         return rows
 
     def energies_of(self, smoothed: Smoothed) -> list[float]:
-        """The energy of each stretch, but for that of lengths if there are several."""
+        """Return the objective (energy) of each stretch at the minimum.
+
+        That of the lengths counts only where there is a single stretch.
+        """
         if len(self.stretches) == 1:
             return [smoothed.energy]
         return [float(smoothed.energies[stretch].sum()) for stretch in self.stretches]
 
     def leave_out_bones(self, visible: Observations, growth: Floats) -> None:
-        """Write stretches down without bones that would move their images too far.
+        """Replace stretches that moved too far from their images by ones without bones.
 
-        They keep the error bars of these, and of a half body the points too.
+        In `refined`; too far is beyond `CONSTANTS.farthest`. They keep the error bars
+        of their images, and of a half body the points too.
         """
         refined = self.refined
         moved = refined.points[self.clip] - self.points
@@ -497,10 +518,11 @@ def judged_by(stretch: slice, informative: Flags) -> Indices:
 def find_growth(
     scale: Floats, there: Flags, width: float, timeline: Timeline
 ) -> Floats:
-    """Return smoothed scales (t,) of images, beside the mean of those `there` (t,).
+    """Return the smoothed scales (t,) of images, over their mean.
 
-    The mean is the geometric one. Each stretch is smoothed by itself; one where no
-    image is there lies between others.
+    there (t,): the images whose scales count. width: standard deviation of the window,
+    in frames. The mean is the geometric one. Each stretch is smoothed by itself; one
+    where no image is there lies between others.
     """
     level = np.full(len(scale), np.nan)
     places = timeline.on_grid()
@@ -516,10 +538,11 @@ def find_growth(
 
 
 def smooth_scale(scale: Floats, there: Flags, width: float, place: Integers) -> Floats:
-    """Logarithms (t,) of the scales of images that are `there`, smoothed.
+    """Return smoothed logarithms (t,) of the scales of images.
 
-    By lines through them within a Gaussian window of so many frames about each (local
-    linear regression); place (t,) of the images among the frames, from 0.
+    there (t,): the images whose scales count. By lines through them within a Gaussian
+    window of `width` frames about each (local linear regression); place (t,) of the
+    images among the frames, from 0.
     """
     rows = place[there]
     level = np.interp(np.arange(place[-1] + 1), rows, np.log(scale[there]))
@@ -545,8 +568,9 @@ def smooth_scale(scale: Floats, there: Flags, width: float, place: Integers) -> 
 
 
 def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
-    """Return the usual lengths with the precision (1 + r^2 t) Q, for t frames.
+    """Return the usual lengths with more weight, as errors of t frames are correlated.
 
+    Their precision becomes (1 + r^2 t) Q; None for None.
     What t images say of the lengths has the variance P (1 / t + r^2), as their
     deviations have the share r in common; the objective takes it for P / t. So images
     would count (1 + r^2 t) times too much beside Q: their errors do not average out,
@@ -582,7 +606,10 @@ def moments_of_modes(clips: Clips, clip: slice) -> tuple[Floats, Floats]:
 
 
 def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
-    """What the images of a clip say, in the given unit."""
+    """Return the observations of a clip, with lengths in the given unit.
+
+    unit: its size in that of the landmarks.
+    """
     is_finite = np.isfinite(clips.scale[clip])
     grow = np.where(is_finite, clips.scale[clip], unit) / unit
     centre = np.where(is_finite[:, None], clips.centre[clip], 0.0) / unit
@@ -618,9 +645,10 @@ def find_acceleration_scale(
 
         2.5 P - 0.5 N = 8.2 times the mean square of the motion's.
 
-    By medians, which the jumps of a detector do not move, and over a lag beyond which
-    its errors are no motion either. A mean square grows with L^3. place (t,) of the
-    images among the frames, one after the other without it.
+    It is 1, too, where there are too few frames to tell. By medians, which the jumps of
+    a detector do not move, and over a lag beyond which its errors are no motion either.
+    A mean square grows with L^3. place (t,) of the images among the frames, one after
+    the other without it.
     """
     w = np.where(visible.trust[:, None] > 0, visible.landmarks, np.nan)
     if place is not None:
@@ -658,10 +686,11 @@ def median_variance(values: Floats) -> Floats:
 def add_common_error(
     smoothed: tuple[Floats, Floats], images: tuple[Floats, Floats], constant: Floats
 ) -> tuple[Floats, Floats]:
-    """Return deviations and correlations of C, from those of S and P, all (n, 3, p).
+    """Return deviations and correlations with the errors that frames have in common.
 
-    And from sigma (n, p). Correlations of x with y, x with z, and y with z of each
-    landmark. A correlation of a landmark that has no deviation is 0.
+    Those of C, from those of S (smoothed) and P (images), all (n, 3, p), and from sigma
+    (n, p), the constant; see above. Correlations of x with y, x with z, and y with z of
+    each landmark. A correlation of a landmark that has no deviation is 0.
     """
     sd, mixed = smoothed
     image_sd, image_mixed = images

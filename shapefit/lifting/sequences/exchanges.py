@@ -73,9 +73,10 @@ def find_exchanges(
 def find_changes(
     landmarks: Floats, pairs: NDArray[np.integer], position: Floats
 ) -> Floats:
-    """Return the sum of S (t,) over the pairs, for an exchange before each frame.
+    """Return the log likelihood ratio (t,) that sides change places before each frame.
 
-    position (t,) in time, in frames.
+    The sum of S (see above) over the pairs; positive speaks for it. position (t,) in
+    time, in frames.
     """
     difference = landmarks[..., pairs[:, 0]] - landmarks[..., pairs[:, 1]]
     visible: Flags = np.asarray(np.isfinite(difference).all(axis=1))
@@ -101,7 +102,10 @@ def find_changes(
 
 
 def likeliest_states(change: Floats) -> Flags:
-    """Return which frames (t,) are exchanged in the likeliest run; the first is not."""
+    """Return which frames (t,) are exchanged in the likeliest run; the first is not.
+
+    change (t,): the log likelihood ratios of `find_changes`.
+    """
     gain = change - CONSTANTS.exchange_price
     value = np.array([0.0, -np.inf])
     came = np.zeros((len(change), 2), dtype=np.intp)

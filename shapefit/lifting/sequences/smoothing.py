@@ -162,7 +162,7 @@ class Observations:
         return len(self.start)
 
     def part(self, rows: slice) -> Observations:
-        """Some of the frames."""
+        """Return some of the frames."""
         return replace(
             self,
             landmarks=self.landmarks[rows],
@@ -218,7 +218,10 @@ def smooth(
     noise: float,
     max_rounds: int = MAX_SMOOTHING_ROUNDS,
 ) -> Smoothed:
-    """Minimise the objective above, for landmarks of the deviation `noise`."""
+    """Infer the frames of a sequence: the minimum of the objective above.
+
+    noise: sigma, the standard deviation of a coordinate of the landmarks.
+    """
     t, _, p = visible.start.shape
     points = visible.start.reshape(t, 3 * p).copy()
     lengths = mean_lengths(visible.start, model.bones)
@@ -264,16 +267,20 @@ def smooth(
 
 
 def further_weight(visible: Observations, noise: float) -> Floats:
-    """Return the weight q (1/sigma^2 - 1/v) (t, 2p) of the landmarks themselves."""
+    """Return the weights (t, 2p) of coordinates that images have not yet counted.
+
+    q (1/sigma^2 - 1/v), see above; noise is sigma. 0 where that is below 0.
+    """
     more = max(1 / noise**2 - 1 / visible.residual_variance, 0.0)
     weight: Floats = more * np.tile(visible.trust, (1, 2))
     return weight
 
 
 def fixed_lengths(model: SequenceModel, lengths: Floats) -> tuple[Floats, Floats]:
-    """Return weights H = Q / (g k)(g k)^T (e, e) and usual lengths g k (e,).
+    """Return the penalty on bone lengths: its weights (e, e) and usual lengths (e,).
 
-    0 for bones without a usual length.
+    H = Q / (g k)(g k)^T and g k, with g the scale at which k agree with `lengths` (e,).
+    Both are 0 for bones without a usual length.
     """
     e = len(model.bones)
     fixed, inverse = np.zeros((2, e))
@@ -287,14 +294,18 @@ def fixed_lengths(model: SequenceModel, lengths: Floats) -> tuple[Floats, Floats
 
 
 def mean_lengths(points: Floats, bones: Integers) -> Floats:
-    """Mean lengths (e,) of the bones (e, 2) of points (t, 3, p)."""
+    """Return the mean lengths (e,) of the bones (e, 2) of points (t, 3, p)."""
     i, j = bones.T
     lengths = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1)
     return np.asarray(lengths.mean(axis=0))
 
 
 def fit_scale(lengths: Floats, usual: Floats) -> float:
-    """Scale g at which usual lengths (e,) agree best with others; nan if unknown."""
+    """Return the scale at which usual lengths (e,) agree best with given ones (e,).
+
+    The geometric mean of the ratios. Usual lengths that are nan do not count; one must
+    be known.
+    """
     known = np.isfinite(usual)
     ratios = lengths[known] / usual[known]
     return float(np.exp(np.log(ratios).mean()))
@@ -379,7 +390,8 @@ def fill(
 ) -> Floats:
     """Interpolate missing frames of points (t, 3, p) between their neighbours in time.
 
-    Frames have positions (t,), or come one after the other.
+    Frames have positions (t,), or come one after the other. Raises ValueError where no
+    frame is present.
     """
     if present.all():
         return points

@@ -33,7 +33,8 @@ def refine_through_camera(
 
     `refine` takes a lifting by weak perspective and its landmarks, and the memory of
     its modes. The scale of an image stays what it is: bodies are taken to stay about as
-    far away, as they are without a camera.
+    far away, as they are without a camera. Raises ValueError where there is a view, but
+    the method did not look through its camera itself.
     """
     view = lifting.perspective
     if view is None:

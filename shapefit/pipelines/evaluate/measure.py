@@ -205,7 +205,7 @@ def _match(file: Path, results: Fit, truth: Shapes, match: str) -> MatchedResult
 def _say_left_out(
     side: str, names: Sequence[str], common: Sequence[str]
 ) -> Iterator[str]:
-    """Say which landmarks one side alone has."""
+    """Yield a note on landmarks that only one side has: `results` or `truth`."""
     alone = [name for name in names if name not in set(common)]
     if alone:
         yield f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
@@ -214,7 +214,7 @@ def _say_left_out(
 def _find_datasets(
     file: Path, matched: MatchedResults, config: EvalConfig
 ) -> MetricData:
-    """Return what metrics take, beside what is always taken."""
+    """Return the datasets that metrics need, and ALWAYS_TAKEN, None for absent ones."""
     data: dict[str, Any] = {"estimate": matched.estimate, "truth": matched.true}
     of_metrics = chain(*(METRICS[metric].needs for metric in config.metrics))
     for name in {*ALWAYS_TAKEN, *of_metrics} - data.keys():
@@ -262,7 +262,7 @@ def _sequences(results: Fit, truth: Shapes, rows: Indices) -> tuple[str, ...]:
 def match_truth(
     file: Path, results: Items, truth: Shapes, match: str
 ) -> tuple[Indices, bool]:
-    """Return the true shape (n,) of each image, -1 for none, and whether by frame.
+    """Return the row (n,) of the true shape of each image, -1 for none; if by frame.
 
     By frame where that is chosen, or where results of other tools, which have no
     status, share no item with the truth.
@@ -298,7 +298,7 @@ def _common_landmarks(
 def _one_individual(
     sequences: Sequence[str], rows: Indices, estimate: Floats, true: Floats
 ) -> tuple[Indices, list[str]]:
-    """Return the images whose true shape no better sequence has, and a warning.
+    """Return the rows of images whose true shape no better sequence has; a warning.
 
     Better is the one with the smaller median error.
     """
@@ -359,9 +359,9 @@ def _check_carried(file: Path, results: Fit, name: str, data: Array) -> None:
 
 
 def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[str]:
-    """Say where shapes (n, 3, p) fit the truth much better when it is another one.
+    """Return a warning where shapes fit a mirrored truth much better, else [].
 
-    That is with the names of left and right exchanged, or mirrored.
+    Or one with the names of left and right exchanged. Shapes are (n, 3, p).
     """
     some = list(subsample(INSPECTED_IMAGES, len(estimate)))
     e = estimate[some]
@@ -390,7 +390,7 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
 def _find_units(
     results: Fit, truth: Shapes, estimate: Floats, true: Floats
 ) -> list[str]:
-    """Say where shapes in the same unit differ in size by far: one unit is not right.
+    """Return a warning where shapes in the same unit differ in size by far, else [].
 
     estimate and true (n, 3, p). Results in pixels may state how many metres these are.
     """
@@ -418,10 +418,10 @@ def _find_units(
 def check_rotation_frames(
     metrics: Sequence[str], data: MetricData
 ) -> tuple[Sequence[str], list[str]]:
-    """Leave out `rotation` where dictionary and truth have different frames; say so.
+    """Return the metrics without `rotation` where frames differ, and a note on that.
 
-    Then shapes fit the truth with a small rotation, and their stated rotations are far
-    from the true ones.
+    The frames are those of dictionary and truth. Then shapes fit the truth with a small
+    rotation, and their stated rotations are far from the true ones.
     """
     if "rotation" not in metrics:
         return metrics, []
@@ -495,7 +495,7 @@ def _errors_of(
 def _failures(
     results: Fit, rows: Indices, common: Flags, errors: Mapping[Quantity, Floats]
 ) -> dict[str, str]:
-    """Say why images without an error have none; rows (n,) of their true shapes."""
+    """Return item -> why it lacks an error; rows (n,) of true shapes, -1 for none."""
     certain = {
         quantity: values
         for quantity, values in errors.items()

@@ -93,7 +93,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
 def _report_texts(
     document: report.Document, methods: Mapping[str, Measured], *, plots: bool
 ) -> dict[str, str]:
-    """Return the files of the report but for that of all images."""
+    """Return names -> texts of the files of the report, without per_image.csv."""
     options = orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE
     texts = {"report.csv": report.report_csv(document)}
     texts["report.json"] = orjson.dumps(document, option=options).decode()
@@ -107,7 +107,7 @@ def _report_texts(
 
 
 def read_files(files: Sequence[Path]) -> Fit:
-    """Read results, or shapes in any format, such as TRC, as results of shapes."""
+    """Read results as a Fit, or shapes in any format, such as TRC, as one."""
     file_format = detect_format(files[0])
     if file_format.read_poses is None:
         check_holds(files[0], "result", file_format)
@@ -129,10 +129,10 @@ def read_files(files: Sequence[Path]) -> Fit:
 def used_in_training(
     method: str, attributes: Mapping[str, Any], truth: Mapping[str, str]
 ) -> list[str]:
-    """Warn where a file of the truth is one that the dictionary learned from.
+    """Return a warning where the dictionary learned from a file of the truth.
 
-    By their digests. A fit with `leave_one_out` ignores, in each image, the atoms of
-    the shape that it shows.
+    Files are compared by their digests. A fit with `leave_one_out` ignores, in each
+    image, the atoms of the shape that it shows.
     """
     training = parse_json(attributes.get("training_inputs", "{}"))
     config = parse_json(attributes.get("config", "{}"))
@@ -152,7 +152,7 @@ def make_document(
     warnings: Sequence[str],
     inputs: Mapping[str, str],
 ) -> report.Document:
-    """Sum up the errors, method by method, over sequences and groups.
+    """Return the report: errors of each method, summed up over sequences and groups.
 
     Raises InputError where nothing was measured, and where no sequence is in any group.
     """
@@ -189,7 +189,7 @@ def make_document(
 
 
 def _outcome(name: str, files: list[str], measured: Measured) -> report.MethodOutcome:
-    """Return what became of the images of a method."""
+    """Return the entry of a method in the report: files, images and failures."""
     mean_objective = None
     if measured.objective is not None:
         finite = measured.objective[np.abs(measured.objective) <= MAX_COORDINATE]
@@ -237,9 +237,9 @@ def _rows_per_image(name: str, measured: Measured) -> Iterator[tuple[str | float
 
 
 def _plot(document: report.Document, methods: Mapping[str, Measured]) -> str:
-    """Draw the first metric that is an error, in its first unit.
+    """Return the SVG plot of the first metric that is an error, in its first unit.
 
-    Which is normalised for a length.
+    For a length that unit is normalised.
     """
     quantities = [(one.metric, one.unit) for one in document["summaries"]]
     errors = [quantity for quantity in quantities if quantity[1] != SHARE]

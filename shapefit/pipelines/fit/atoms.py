@@ -102,7 +102,7 @@ class AtomFamily:
             check_omitted(sample, self.leave_one_out, self.dictionary)
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Time one image, and some more where all may take long."""
+        """Return the seconds per image, by lifting one, or some where all take long."""
         per_image = 0.0
         if total <= 1:
             return Cost(per_image, total)
@@ -116,11 +116,11 @@ class AtomFamily:
         return Cost(per_image, total)
 
     def calibrate(self, sample: Landmarks) -> Calibration:
-        """Nothing is left open but the camera."""
+        """Return an empty calibration: only the camera is left open."""
         return Calibration()
 
     def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
-        """Images are lifted one by one."""
+        """Yield blocks of about `size` images, which are lifted one by one."""
         return read_blocks(source, size)
 
     def lift(self, images: Landmarks) -> Lifted:
@@ -135,7 +135,7 @@ class AtomFamily:
         return Lifted(fail_nonfinite(lifting), omitted=omitted)
 
     def columns(self, fit: Fit, lifting: Lifting[AtomEstimate]) -> Fit:
-        """Add coefficients, gap and certificate."""
+        """Return the fit with coefficients, duality gap and certificate."""
         estimate = lifting.estimate
         failed = np.isnan(lifting.scale)
         fit = replace(
@@ -200,21 +200,21 @@ class AtomFamily:
         return merge_groups(groups, self.dictionary.atoms)
 
     def solver(self, tolerance: float | None = None) -> Solve:
-        """Return what solves the convex program, to the tolerance of the family."""
+        """Return the solver of the convex program, by default to the own tolerance."""
         if tolerance is None:
             tolerance = self.tolerance
         return partial(solve_newton, tolerance=tolerance, threads=self.threads)
 
 
 def estimate_by_program(family: AtomFamily) -> Estimator[AtomEstimate]:
-    """Return the method `convex`."""
+    """Return the estimator of the method `convex`."""
     from shapefit.lifting.reconstruction import lift_convex
 
     return partial(lift_convex, solve=family.solver(), threads=family.threads)
 
 
 def estimate_by_refinement(family: AtomFamily) -> Estimator[AtomEstimate]:
-    """Return the method `convex+refine`."""
+    """Return the estimator of the method `convex+refine`."""
     from shapefit.lifting.shared_rotation import refine_convex
 
     return partial(
@@ -227,7 +227,7 @@ def estimate_by_refinement(family: AtomFamily) -> Estimator[AtomEstimate]:
 
 
 def estimate_by_search(family: AtomFamily) -> Estimator[AtomEstimate]:
-    """Return the method `global`, whose tolerance is that of another gap."""
+    """Return the estimator of `global`, whose tolerance is that of another gap."""
     from shapefit.lifting.global_optimum import find_global
 
     of_program = min(family.tolerance, METHODS["convex"].tolerance)
@@ -242,7 +242,7 @@ def estimate_by_search(family: AtomFamily) -> Estimator[AtomEstimate]:
 
 
 def estimate_by_alternation(family: AtomFamily) -> Estimator[AtomEstimate]:
-    """Return the method `alternate`."""
+    """Return the estimator of the method `alternate`."""
     from shapefit.lifting.shared_rotation import alternate_from_mean
 
     return partial(
@@ -255,7 +255,7 @@ def estimate_by_alternation(family: AtomFamily) -> Estimator[AtomEstimate]:
 
 
 def estimate_by_pose(family: AtomFamily) -> Estimator[AtomEstimate]:
-    """Return the method `mean-shape`."""
+    """Return the estimator of the method `mean-shape`."""
     from shapefit.lifting.shared_rotation import pose_mean_shape
 
     return partial(
@@ -267,7 +267,7 @@ def estimate_by_pose(family: AtomFamily) -> Estimator[AtomEstimate]:
 
 
 def estimate_by_pursuit(family: AtomFamily) -> Estimator[AtomEstimate]:
-    """Return the method `pmp`."""
+    """Return the estimator of the method `pmp`."""
     from shapefit.lifting.matching_pursuit import lift_by_pursuit
 
     edges = family.dictionary.edges

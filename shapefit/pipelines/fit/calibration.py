@@ -10,7 +10,7 @@ from shapefit.dictionary.model import LEARNED_FROM
 from shapefit.errors import counted
 from shapefit.pipelines.fit.camera import (
     choose_camera,
-    read_lens,
+    read_calibrated_camera,
     say_outside,
     undistorted,
 )
@@ -35,9 +35,11 @@ def calibrate(
 ) -> Calibrating:
     """Settle from the first of a total of images what the config leaves open.
 
-    The camera is chosen first, since the family settles the rest as it sees them.
+    Yields a Result with the time that the fit may take, where that is long, and returns
+    the Calibration. The camera is chosen first, since the family settles the rest as it
+    sees them.
     """
-    images = undistorted(images, read_lens(config))
+    images = undistorted(images, read_calibrated_camera(config))
     family = choose_family(config, match)
     family.check(images)
     named = match.arrange(images, place_of_names(config))
@@ -60,7 +62,7 @@ def calibrate(
 
 
 def announce_time(cost: Cost, total: int) -> str:
-    """Return how long all images may take, "" where that is not long."""
+    """Return a line on how long all images may take, "" for less than a minute."""
     seconds = cost.per_image * cost.liftings
     if seconds < ANNOUNCE_AFTER_SECONDS:
         return ""

@@ -68,7 +68,7 @@ MAX_CAMERA_PIXELS = 1e12
 
 
 class CameraChoice(NamedTuple):
-    """The keys of `camera` that were left open, and a line about the camera."""
+    """Values for keys of `camera` that a config leaves open, and a line about them."""
 
     keys: Mapping[str, CameraKey]
     line: str
@@ -96,7 +96,7 @@ def choose_camera(
         return CameraChoice({"focal": "files"}, "perspective, of the calibration")
     in_files = images.column(CAMERA_MATRIX) is not None and not from_landmarks
     if given.focal == "files" or (is_open and in_files):
-        read_intrinsics(images)
+        intrinsics_of(images)
         line = f"perspective, `{CAMERA_MATRIX}` of the files"
         return CameraChoice({"focal": "files"}, line)
     size = find_size(config, images)
@@ -108,7 +108,7 @@ def choose_camera(
 
 
 def weak_perspective(why: str) -> CameraChoice:
-    """Return the choice of no perspective, and why."""
+    """Return the choice of weak perspective; `why` is the end of its line."""
     return CameraChoice({"focal": "none"}, f"weak perspective{why}")
 
 
@@ -154,7 +154,7 @@ def assume_camera(given: CameraConfig, size: Size, images: Landmarks) -> CameraC
 
 
 class Size(NamedTuple):
-    """Of images, in pixels; nan where it is unknown."""
+    """Width and height of images in pixels; nan where they are unknown."""
 
     width: float
     height: float
@@ -165,7 +165,7 @@ def find_size(config: FitConfig, images: Landmarks) -> Size:
     if config.image_size is not None:
         return Size(*config.image_size)
     if images.column(IMAGE_SIZE) is not None:
-        sizes = np.unique(read_dataset(images, IMAGE_SIZE, (2,)), axis=0)
+        sizes = np.unique(checked_dataset(images, IMAGE_SIZE, (2,)), axis=0)
         if len(sizes) == 1 and (sizes > 0).all():
             return Size(*sizes[0])
     return Size(np.nan, np.nan)
@@ -201,8 +201,8 @@ def find_extent(images: Landmarks) -> float:
     return median(np.hypot(*extent.T)) if len(w) else np.inf
 
 
-def read_lens(config: FitConfig) -> CalibratedCamera | None:
-    """Return the camera of the calibration that a config names, None without one."""
+def read_calibrated_camera(config: FitConfig) -> CalibratedCamera | None:
+    """Read the camera, with its lens, from the calibration file of a config, if any."""
     if config.camera.calibration is None:
         return None
     from shapefit.io.readers.calibration import read_camera
@@ -211,9 +211,7 @@ def read_lens(config: FitConfig) -> CalibratedCamera | None:
 
 
 def camera_factory(config: CameraConfig) -> Callable[[Landmarks], Camera] | None:
-    """Return what gives the cameras of images by a config, None for weak
-    perspective.
-    """
+    """Return the function from images to their cameras, None for weak perspective."""
     assumed = config.focal in ("auto", "none")
     return None if assumed else partial(find_camera, config=config)
 
@@ -225,10 +223,10 @@ def find_camera(images: Landmarks, config: CameraConfig | None = None) -> Camera
     n = len(images)
     sign = pinhole.depth_sign(images.y_axis)
     if config is None:
-        focals, centres = read_intrinsics(images)
+        focals, centres = intrinsics_of(images)
         return Camera(focals, centres, sign, 0.0)
     if isinstance(config.focal, str):
-        focals, centres = read_intrinsics(images)
+        focals, centres = intrinsics_of(images)
     else:
         focals = np.full((n, 2), config.focal)
         centres = np.zeros((n, 2))
@@ -237,9 +235,11 @@ def find_camera(images: Landmarks, config: CameraConfig | None = None) -> Camera
     return Camera(focals, centres, sign, config.focal_sd)
 
 
-def read_intrinsics(images: Landmarks) -> tuple[Floats, Floats]:
-    """Return focal (n, 2) and principal point (n, 2) by the camera matrices, without
-    their skew.
+def intrinsics_of(images: Landmarks) -> tuple[Floats, Floats]:
+    """Return focal lengths (n, 2) and principal points (n, 2) of n camera matrices.
+
+    They are the dataset `camera_matrix` of the images. Raises InputError where they
+    lack it, and for a matrix that is impossible or has skew.
     """
     if images.column(CAMERA_MATRIX) is None:
         fix = (
@@ -247,7 +247,7 @@ def read_intrinsics(images: Landmarks) -> tuple[Floats, Floats]:
             " datasets"
         )
         raise input_error(CAMERA_MATRIX, "the landmarks have no such dataset", fix)
-    K = read_dataset(images, CAMERA_MATRIX, (3, 3))
+    K = checked_dataset(images, CAMERA_MATRIX, (3, 3))
     focal = np.stack([K[:, 0, 0], K[:, 1, 1]], axis=1)
     rest = abs(K - np.eye(3))[:, [1, 2, 2, 2], [0, 0, 1, 2]]
     if (rest > 1e-6 * abs(K).max(initial=0)).any() or (focal <= 0).any():
@@ -259,7 +259,7 @@ def read_intrinsics(images: Landmarks) -> tuple[Floats, Floats]:
 
 
 def check_intrinsics(place: str, focal: Floats, centre: Floats) -> None:
-    """Raise InputError for focal lengths and principal points of no camera."""
+    """Raise InputError for a focal length or principal point that no camera has."""
     is_focal = (focal >= MIN_FOCAL_PIXELS) & (focal <= MAX_CAMERA_PIXELS)
     is_centre = np.abs(centre) <= MAX_CAMERA_PIXELS
     if is_focal.all() and is_centre.all():
@@ -274,9 +274,12 @@ def check_intrinsics(place: str, focal: Floats, centre: Floats) -> None:
     raise input_error(place, f"holds {worst:g}, which no camera has", fix)
 
 
-def read_dataset(images: Landmarks, name: str, *shapes: tuple[int, ...]) -> Floats:
-    """Return a dataset (n, *shape) that is there and holds an array of one of these
-    shapes, or one per image.
+def checked_dataset(images: Landmarks, name: str, *shapes: tuple[int, ...]) -> Floats:
+    """Return a dataset of n images as an array (n, *shape), one of `shapes`.
+
+    The file may state one array for all images, which is repeated, or one of each; the
+    images must have the dataset. Raises InputError for other shapes, for what is not
+    finite, and for what is no number.
     """
     n = len(images)
     values = np.asarray(images.column(name))
@@ -292,10 +295,11 @@ def read_dataset(images: Landmarks, name: str, *shapes: tuple[int, ...]) -> Floa
 
 
 def undistorted(images: Landmarks, calibrated: CalibratedCamera | None) -> Landmarks:
-    """Return the images as the calibrated camera, or that of the files, sees them
-    without a lens.
+    """Return the images with the distortion of the lens removed from their landmarks.
 
-    A landmark that no point of the scene can have in this lens is unseen.
+    The lens is that of `calibrated`, whose datasets they then have, else of their own
+    datasets; without either they stay as they are. A landmark that no point of the
+    scene can have in this lens is unseen.
     """
     if calibrated is not None:
         stated = {
@@ -310,13 +314,13 @@ def undistorted(images: Landmarks, calibrated: CalibratedCamera | None) -> Landm
     if images.column(DISTORTION) is None or images.column(CAMERA_MATRIX) is None:
         return images
     coefficients = pinhole.complete_coefficients(
-        read_dataset(images, DISTORTION, (4,), (5,), (8,))
+        checked_dataset(images, DISTORTION, (4,), (5,), (8,))
     )
     if not coefficients.any():
         return images
     if images.y_axis == "up":
         coefficients = coefficients * np.where(np.arange(8) == 2, -1.0, 1.0)
-    focal, centre = (values[..., None] for values in read_intrinsics(images))
+    focal, centre = (values[..., None] for values in intrinsics_of(images))
     straight = centre + focal * pinhole.undistort(
         (images.as_columns() - centre) / focal, coefficients
     )
@@ -330,7 +334,7 @@ def undistorted(images: Landmarks, calibrated: CalibratedCamera | None) -> Landm
 
 
 def _rename_distortion(extras: Mapping[str, Array]) -> dict[str, Array]:
-    """Return datasets with the distortion, if it is among them, as removed."""
+    """Return datasets with `distortion`, if there, renamed to `removed_distortion`."""
     renamed = {name: v for name, v in extras.items() if name != DISTORTION}
     if DISTORTION in extras:
         renamed[REMOVED] = extras[DISTORTION]

@@ -89,8 +89,10 @@ def choose_method(
 def find_method(
     config: FitConfig, dictionary: Dictionary, has_sequences: Callable[[], bool]
 ) -> str:
-    """Return `convex` without a prior, or where a key needs it; else the posterior of
-    sequences where there are such.
+    """Return `convex`, `sequences` or `posterior`, by the dictionary and the images.
+
+    `convex` without a prior, or where a key of the config needs it; else `sequences`
+    for frames of sequences, and `posterior` for single images.
     """
     if dictionary.prior is None:
         return "convex"
@@ -174,7 +176,7 @@ def match_to_dictionary(
 
 
 def place_of_names(config: FitConfig) -> str:
-    """Return where messages say that landmark names stand."""
+    """Return the place of the landmark names as messages name it: the files."""
     return ", ".join(map(str, config.landmarks)) + ": landmark names"
 
 
@@ -183,16 +185,17 @@ def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
     use.
     """
     for need in METHODS[method].needs:
-        fault = need.useless(dictionary)
+        fault = need.find_fault(dictionary)
         if getattr(dictionary, need.name) is None:
             fault = f"no `{need.name}`"
         if fault:
             raise input_error(place, f"{fault}: {need.what}", need.fix)
 
 
-def read_options(config: FitConfig) -> InputOptions:
-    """Return how the landmark files are read; detections are tracked where motion is
-    needed.
+def reading_options(config: FitConfig) -> InputOptions:
+    """Return the options by which the landmark files of a fit are to be read.
+
+    Detections are tracked where the method or the output needs motion.
     """
     track = METHODS[config.method].sequences
     if not isinstance(config.output, ResultFolder):
@@ -201,8 +204,9 @@ def read_options(config: FitConfig) -> InputOptions:
 
 
 def save_for_output(config: FitConfig) -> FitConfig:
-    """Return the config with what a file of angles needs: an angle is that of several
-    joints.
+    """Return the config, with `save.covariance` where the output is of joint angles.
+
+    The error bar of an angle depends on several joints.
     """
     if find_target_format(Path(str(config.output))).angles:
         return config.changed(save={"covariance": True})
@@ -220,9 +224,7 @@ def files_of(config: FitConfig) -> dict[str, Path]:
 
 
 def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, ...]:
-    """Say what is doubtful of a dictionary: how it was learned, and for which
-    methods.
-    """
+    """Return warnings about a dictionary: how it was learned, and for which method."""
     warnings = [*describe_learning(dictionary)]
     method = METHODS[config.method]
     learned = dictionary.provenance.get("method")

@@ -42,7 +42,7 @@ MIN_GAINS = 4
 
 
 class Factors(NamedTuple):
-    """On the covariances of the prior, and on the residual variance."""
+    """Factors on the covariances of the prior, and on the residual variance."""
 
     prior: float
     variance: float
@@ -57,11 +57,10 @@ def maximise_theta(
     names: Sequence[str],
     start: Mapping[str, float],
 ) -> dict[str, float]:
-    """argmax_theta log p(w | theta) + log p(theta), twice, one parameter after the
-    other.
+    """Return the body proportions theta that maximise log p(w | theta) + log p(theta).
 
-    Each is taken to the top of the parabola through the best value tried and its
-    neighbours.
+    names are those to find, from `start`, twice, one after the other. Each is taken to
+    the top of the parabola through the best value tried and its neighbours.
     """
     theta = dict(start)
     for width in (1.0, 0.5):
@@ -75,7 +74,7 @@ def maximise_theta(
 
 
 def log_prior_of_skeleton(name: str, x: Floats) -> Floats:
-    """log p(theta) of the logarithm x (m,) of a parameter, but for a constant."""
+    """Return log p(theta) at logarithms x (m,) of a parameter, up to a constant."""
     parameter = THETA[name]
     away = (x - np.log(parameter.mean)) / parameter.std
     logarithm: Floats = -0.5 * away**2
@@ -105,8 +104,9 @@ def choose_factors(
     scales: tuple[float, ...] = FACTORS,
     variances: tuple[float, ...] = FACTORS,
 ) -> Factors:
-    """Choose among pairs of factors by their evidence (n,) of images, in order of both.
+    """Return the pair of factors by which images have the greatest mean evidence.
 
+    `scales` on the prior and `variances` rise; the first pair of them is the default.
     All pairs are tried where, at first sight, the next scale or the next variance is
     likelier. Of pairs as likely as the best, the widest is taken; then the least
     variance.
@@ -116,24 +116,24 @@ def choose_factors(
     before = evidence(first, few)
     wider = [Factors(scale, first.variance) for scale in scales[1:2]]
     looser = [Factors(first.prior, variance) for variance in variances[1:2]]
-    if not any(gains(before, evidence(pair, few)) for pair in wider + looser):
+    if not any(is_likelier(before, evidence(pair, few)) for pair in wider + looser):
         return first
     pairs = [Factors(*pair) for pair in product(scales, variances)]
     tried = {pair: evidence(pair, images) for pair in pairs}
     for pair, values in tried.items():
         log.debug("fit", "mean log evidence %.4g with %s", np.nanmean(values), pair)
     best = max(pairs, key=lambda pair: float(np.nanmean(tried[pair])))
-    likely = [pair for pair in pairs if as_likely(tried[pair], tried[best])]
+    likely = [pair for pair in pairs if is_as_likely(tried[pair], tried[best])]
     return max(likely, key=lambda pair: (pair.prior, -pair.variance))
 
 
-def gains(before: Floats, after: Floats) -> bool:
-    """Whether log p(w) (n,) gets larger, summed over the images."""
+def is_likelier(before: Floats, after: Floats) -> bool:
+    """Whether the sum of log p(w) (n,) over the images is larger after than before."""
     return bool(np.nansum(after - before) > 0)
 
 
-def as_likely(evidence: Floats, best: Floats) -> bool:
-    """Whether log p(w) (n,) is less than the best by a standard error at most."""
+def is_as_likely(evidence: Floats, best: Floats) -> bool:
+    """Whether mean log p(w) (n,) is at most a standard error below that of the best."""
     lost, error = mean_gain(evidence, best)
     return lost <= error
 
@@ -141,8 +141,8 @@ def as_likely(evidence: Floats, best: Floats) -> bool:
 def mean_gain(before: Floats, after: Floats) -> tuple[float, float]:
     """Return the mean of after - before where it is finite, and its standard error.
 
-    By batch means, as neighbours resemble each other (Flegal and Jones, Annals of
-    Statistics 2010).
+    They are 0 and infinite for fewer than MIN_GAINS images. By batch means, as
+    neighbours resemble each other (Flegal and Jones, Annals of Statistics 2010).
     """
     gain = (after - before)[np.isfinite(after - before)]
     if len(gain) < MIN_GAINS:

@@ -106,7 +106,7 @@ class Family(Protocol):
         ...
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Return what a total of images costs, by some of them."""
+        """Return the time that a total of images takes, predicted from some of them."""
         ...
 
     def calibrate(self, sample: Landmarks) -> Calibration:
@@ -124,17 +124,18 @@ class Family(Protocol):
         ...
 
     def columns(self, fit: Fit, lifting: Lifting[Any]) -> Fit:
-        """Add what this family knows of images that it has lifted."""
+        """Return the fit with the further columns that this family has of images."""
         ...
 
 
 def read_blocks(source: LandmarkSource, size: int) -> Iterator[Landmarks]:
-    """Yield images that are lifted one by one, in whole blocks of each file."""
+    """Yield about `size` images of one file at a time, in whole blocks."""
     return source.batches(whole_blocks(size), by_file=True)
 
 
 def whole_blocks(images: int) -> int:
-    """Round up to whole blocks: within one, images start from their neighbours'
-    solutions.
+    """Return a number of images rounded up to a multiple of IMAGES_PER_BLOCK.
+
+    Within a block images start from their neighbours' solutions.
     """
     return math.ceil(images / IMAGES_PER_BLOCK) * IMAGES_PER_BLOCK

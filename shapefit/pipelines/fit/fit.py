@@ -23,14 +23,14 @@ from shapefit.io.layout import INPUT_ROWS
 from shapefit.io.options import OutputOptions, RecordWriter
 from shapefit.io.readers.calibration import CalibratedCamera
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
-from shapefit.pipelines.fit.camera import read_lens, undistorted
+from shapefit.pipelines.fit.camera import read_calibrated_camera, undistorted
 from shapefit.pipelines.fit.choices import (
     choose_family,
     choose_method,
     in_sequences,
     match_to_dictionary,
     place_of_names,
-    read_options,
+    reading_options,
     save_for_output,
 )
 from shapefit.pipelines.fit.export import check_export, export_meshes
@@ -92,7 +92,7 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
     dictionary = part.dictionary or read_dictionary(config.dictionary)
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
     config = save_for_output(config)
-    with open_landmarks(config.landmarks, read_options(config), part.rows) as source:
+    with open_landmarks(config.landmarks, reading_options(config), part.rows) as source:
         match = match_to_dictionary(config, dictionary, source.head.landmark_names)
         calibration = part.calibration
         if calibration is None:
@@ -119,7 +119,7 @@ def plan_fit(config: FitConfig, match: Matched, calibration: Calibration) -> Fit
     """Return a fit in which nothing is left open, with the config that says so."""
     config = calibration.settle(config)
     family = choose_family(config, match, calibration)
-    return FitPlan(config, match, family, read_lens(config), calibration)
+    return FitPlan(config, match, family, read_calibrated_camera(config), calibration)
 
 
 def lift_all(
@@ -154,7 +154,7 @@ def open_writer(plan: FitPlan) -> AbstractContextManager[RecordWriter[Fit]]:
 
 
 def seal_of(part: FitPart) -> dict[str, str]:
-    """Return what a result says of itself beside its digest: its rows of the file."""
+    """Return the attribute of the rows of the file that a part holds, {} for all."""
     if part.rows is None:
         return {}
     return {INPUT_ROWS: f"{part.rows.start}:{part.rows.stop}"}

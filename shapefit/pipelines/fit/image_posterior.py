@@ -91,7 +91,7 @@ class ImagePosterior:
 
     @property
     def solve(self) -> Solve:
-        """What solves the convex program."""
+        """The solver of the convex program, to the tolerance."""
         return partial(solve_newton, tolerance=self.tolerance, threads=self.threads)
 
     def with_limbs(self) -> ImagePosterior:
@@ -146,12 +146,14 @@ class ImagePosterior:
         return replace(lifting, estimate=estimate)
 
     def log_evidence(self, images: Landmarks) -> Floats:
-        """log p(w) (n,) of images."""
+        """Return log p(w) (n,): how likely the landmarks of each image are."""
         return self.lift(images).estimate.log_evidence
 
     def weigh(self, images: Landmarks) -> Floats:
-        """Weights (n, p): 1 from a least confidence on, which does not count further;
-        0 at a border of the image.
+        """Return weights (n, p): 1 for landmarks that count, 0 for all others.
+
+        Those are unseen, less confident than `min_confidence`, or at a border of the
+        image.
         """
         weights = images.weights()
         sure = (weights > 0) & (weights >= self.min_confidence)

@@ -28,7 +28,7 @@ NO_CONSENSUS = (
 
 
 class Inliers(NamedTuple):
-    """Which landmarks (n, p) are seen and agree; why images without have no shape."""
+    """Which landmarks (n, p) are seen and agree; by row, why an image has too few."""
 
     flags: Flags
     failures: dict[int, str]

@@ -127,11 +127,13 @@ class PosteriorFamily:
         return self.match.dictionary
 
     def check(self, sample: Landmarks) -> None:
-        """Nothing beyond the landmarks is needed."""
+        """Raise nothing: this family needs only landmarks."""
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """By sizes: a sample is lifted as often as there are pairs of factors, and with
-        landmarks hidden in turn.
+        """Return seconds per image, by the sizes of the problem, and the liftings.
+
+        A sample is lifted as often as there are pairs of factors, and with landmarks
+        hidden in turn.
         """
         posterior = self.posterior
         prior = posterior.dictionary.prior
@@ -158,7 +160,7 @@ class PosteriorFamily:
         )
 
     def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
-        """Images are lifted one by one."""
+        """Yield blocks of about `size` images, which are lifted one by one."""
         return read_blocks(source, size)
 
     def lift(self, images: Landmarks) -> Lifted:
@@ -169,7 +171,7 @@ class PosteriorFamily:
     def at_joints(
         self, lifting: Lifting[PosteriorEstimate], images: Landmarks
     ) -> Lifted:
-        """Return what was lifted with the landmarks of the dictionary as its shapes."""
+        """Return a lifting of detected landmarks as one of the dictionary's joints."""
         lifting = fail_nonfinite(lifting)
         if self.dictionary.depth_ambiguity:
             estimate = trust.cover_mirror_image(lifting.estimate)
@@ -182,7 +184,7 @@ class PosteriorFamily:
         return Lifted(joints, detected)
 
     def columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
-        """Add error bars in the unit of the fit, and whom to trust."""
+        """Return the fit with error bars in its unit, and which images to trust."""
         estimate = lifting.estimate
         scaled = estimate.in_unit(lifting.scale[:, None, None])
         fit = replace(
@@ -201,7 +203,10 @@ class PosteriorFamily:
         return self.with_verdicts(fit, lifting)
 
     def with_verdicts(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
-        """Decide which shapes are to be trusted, by error bars in its unit."""
+        """Return the fit with `trusted`, `reasons` and `expected_error` of each image.
+
+        A reason is one of those in `trust`, or "" where the image is trusted.
+        """
         estimate = lifting.estimate
         assert estimate.covariance is not None, "asked for with a calibration"
         assert estimate.p_value is not None, "added to what was lifted"

@@ -79,8 +79,9 @@ Carried = dict[str, Array]
 
 
 def carry(images: Landmarks) -> tuple[Carried, Carried]:
-    """Return what came with the landmarks, of each image and of the file, under names
-    that no dataset of a result has.
+    """Return the further datasets of landmarks, of each image and of the file.
+
+    One whose name a dataset of a result has gets another name.
     """
     taken = {column.name for column in columns_of(Fit)}
     free = free_names([*images.extras, *images.file_extras], taken)
@@ -90,13 +91,14 @@ def carry(images: Landmarks) -> tuple[Carried, Carried]:
 
 
 def stated_height(config: FitConfig, images: int) -> Floats | None:
-    """Return the height (n,) of bodies in metres that the config states."""
+    """Return the height (n,) in metres that the config states for all, else None."""
     return None if config.height is None else np.full(images, config.height)
 
 
 def with_camera(fit: Fit, lifting: Lifting[Estimate], dictionary: Dictionary) -> Fit:
-    """Add a perspective view; the position is in the unit of a dictionary that has
-    sizes.
+    """Return the fit with its camera and positions, where it is a perspective one.
+
+    Positions are in the unit of the dictionary, None where it has no sizes.
     """
     view = lifting.perspective
     if view is None:
@@ -140,7 +142,10 @@ def find_position(
 
 
 def size_attributes(dictionary: Dictionary) -> dict[str, str]:
-    """Say by what the size of shapes in metres is found, where it is known."""
+    """Return the attribute that says by what shapes have metres, {} where they lack it.
+
+    That is "edges" for lengths of bones, or "spread" for the size of the whole shape.
+    """
     if not knows_size(dictionary):
         return {}
     return {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}
@@ -174,7 +179,7 @@ def provenance(
 
 
 def shown_landmarks(calibration: Calibration, dictionary: Dictionary) -> dict[str, str]:
-    """Return the names of the landmarks whose errors are expected ones, where known."""
+    """Return the attribute with the landmarks that most images show, {} if unknown."""
     names = dictionary.landmark_names
     both = zip(names, calibration.shown, strict=False)
     shown = [name for name, seen in both if seen]

@@ -78,8 +78,10 @@ HIDDEN_INSIDE = "hidden_landmarks_inside"
 
 
 class BarGrowth(NamedTuple):
-    """What hidden landmarks say: growth (p,), factors on covariances; numbers, stored
-    with the result; a line. Empty where the sample is too small.
+    """How much larger error bars must be, by landmarks hidden in turn; else empty.
+
+    growth (p,), factors on covariances; numbers, attributes of the result; line, a text
+    about them. All are empty where the sample is too small.
     """
 
     growth: tuple[float, ...] = ()
@@ -88,7 +90,10 @@ class BarGrowth(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Why no image is to be trusted, "" where nothing speaks against it; a warning."""
+    """Why no image of a file is to be trusted, and a warning; both "" where some are.
+
+    reason is `trust.NOT_OF_THE_CLASS` or `trust.STRETCHED`.
+    """
 
     reason: str = ""
     warning: str = ""
@@ -148,8 +153,9 @@ def settle_by_sample(
 
 
 class BarReport(NamedTuple):
-    """The factor on covariances with that of a report of errors, and a line about it,
-    "" without a report.
+    """The factor on covariances of error bars, and a line about it.
+
+    A report of errors is in the factor; without one the line is "".
     """
 
     bar_scale: float
@@ -157,9 +163,10 @@ class BarReport(NamedTuple):
 
 
 def read_report(prior: PriorConfig, method: str) -> BarReport:
-    """Read the factor of error bars from a report of `eval`, if one is given.
+    """Return `bar_scale` times the squared factor of a report of `eval`, if given.
 
-    Raises InputError for a file that holds none of the method.
+    The report is the file error_bars.json that `prior.calibration` names. Raises
+    InputError for a file that holds no factor of the method.
     """
     path = prior.calibration
     if path is None:
@@ -184,8 +191,10 @@ def read_report(prior: PriorConfig, method: str) -> BarReport:
 
 
 def draw_sample(images: Landmarks, posterior: ImagePosterior) -> Landmarks:
-    """Draw images that are spread over all; of long sequences pairs that are some time
-    apart.
+    """Return at most MAX_SAMPLE images, spread evenly over all that show enough.
+
+    Those have MIN_SAMPLE_LANDMARKS visible landmarks, and one that counts. Of more
+    images of sequences, pairs are taken that are PAIR_SECONDS apart.
     """
     images = images.take(np.flatnonzero(posterior.weigh(images).any(axis=1)))
     enough = images.visible().sum(axis=1) >= MIN_SAMPLE_LANDMARKS
@@ -206,8 +215,11 @@ def choose_skeleton(
     sample: Landmarks,
     posterior: ImagePosterior,
 ) -> tuple[dict[str, float] | None, str]:
-    """Return the parameters of the skeleton, as given, else estimated, else usual; and
-    a line.
+    """Return the body proportions of a detector, by name, and a line about them.
+
+    Each is as given, else of the greatest evidence, else usual, where the sample is
+    empty. The line is "" where none is estimated. Where no landmark of the detector
+    stands for a joint of the dictionary, they are those given, or None.
     """
     if not match.joints.markers:
         return None if given is None else dict(given), ""
@@ -253,10 +265,11 @@ def choose_scales(
     lifting: PosteriorLifting,
     posterior: ImagePosterior,
 ) -> tuple[ImagePosterior, str]:
-    """Return the posterior with the scales that `prior` leaves open chosen by evidence,
-    and a line about changes.
+    """Return the posterior with scales chosen by evidence, and a line about changes.
 
-    lifting, of the sample by the posterior.
+    They are the factor on the prior's covariances and the residual variance, where
+    `prior` leaves them open. lifting, of the sample by the posterior. The line is ""
+    where nothing changes.
     """
     unchanged = replace(posterior, residual_variance=posterior.variance)
     is_open = prior.scale is None or prior.residual_variance is None
@@ -288,8 +301,10 @@ def choose_scales(
 
 
 def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks:
-    """Hide landmarks that are outliers in most images: their errors say nothing of the
-    others, but would make them all less exact.
+    """Return the sample without landmarks that are outliers in most images.
+
+    Their errors say nothing of the others, but would make them all less exact. Where
+    these are more than MAX_HIDDEN_SHARE, all stay.
     """
     visible = np.maximum(np.isfinite(inlier_probability).sum(axis=0), 1)
     hidden = (inlier_probability < OUTLIER_BELOW).sum(
@@ -304,9 +319,10 @@ def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks
 def calibrate_bars(
     lifting: PosteriorLifting, posterior: ImagePosterior, bar_scale: float
 ) -> BarGrowth:
-    """Hide landmarks of a sample in turn, and let error bars grow to what is found.
+    """Return how error bars must grow so that landmarks hidden in turn lie in them.
 
-    bar_scale, of all covariances without the factors of a report, which come on top.
+    It is empty for too few images. bar_scale, of all covariances without the factors of
+    a report, which come on top.
     """
     n = len(lifting.scale)
     if n < trust.LIMITS.fewest_images:
@@ -340,7 +356,7 @@ def judge_names(
 ) -> Verdict:
     """Trust no image where many are doubtful, and few by the names of another skeleton.
 
-    lifting, of the images of the file.
+    The verdict is empty otherwise. lifting, of the images of the file.
     """
     if len(in_file) < MIN_SAMPLE:
         return Verdict()
@@ -391,7 +407,8 @@ def doubtful_as(
 def judge_stretch(sample: Landmarks, posterior: ImagePosterior) -> Verdict:
     """Trust no image of people whose x and y have different scales.
 
-    Wrong names may look like a stretch, too; but they are doubtful at any width.
+    The verdict is empty otherwise. Wrong names may look like a stretch, too; but they
+    are doubtful at any width.
     """
     stretch = find_stretch(sample, posterior.with_limbs())
     if stretch == 1:
@@ -406,7 +423,10 @@ def judge_stretch(sample: Landmarks, posterior: ImagePosterior) -> Verdict:
 def judge_sample(
     lifting: PosteriorLifting, bars: BarGrowth, shown: Flags | None
 ) -> Verdict:
-    """Trust no image of a file whose sample contradicts the dictionary."""
+    """Trust no image of a file whose sample contradicts the dictionary.
+
+    The verdict is empty otherwise, and where the sample is too small.
+    """
     if not bars.numbers:
         return Verdict()
     shares = judge_shares(lifting, bars.growth, shown)
@@ -423,7 +443,7 @@ def judge_sample(
 
 
 class Shares(NamedTuple):
-    """Of images that are trusted, and that are implausible or far from training."""
+    """Shares of images: trusted ones, and implausible ones or far from training."""
 
     trusted: float
     doubtful: float

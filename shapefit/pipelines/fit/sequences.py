@@ -82,10 +82,10 @@ class SequenceFamily:
         return self.of_images.dictionary
 
     def check(self, sample: Landmarks) -> None:
-        """Nothing beyond the landmarks is needed."""
+        """Raise nothing: this family needs only landmarks."""
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Images cost more than their smoothing."""
+        """Return the cost of single images, as smoothing costs less."""
         return self.of_images.predict_cost(sample, total)
 
     def calibrate(self, sample: Landmarks) -> Calibration:
@@ -93,7 +93,7 @@ class SequenceFamily:
         return self.of_images.calibrate(sample)
 
     def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
-        """Sequences are lifted whole."""
+        """Yield batches of about `size` images, in which sequences are whole."""
         return whole_sequences(source.batches(size))
 
     def lift(self, images: Landmarks) -> Lifted:
@@ -109,7 +109,7 @@ class SequenceFamily:
         return self.of_images.at_joints(lifting, images)
 
     def columns(self, fit: Fit, lifting: Lifting[PosteriorEstimate]) -> Fit:
-        """Add what single images have, and what sequences add."""
+        """Return the fit with the columns of single images, and those of sequences."""
         estimate = lifting.estimate
         return replace(
             self.of_images.columns(fit, lifting),

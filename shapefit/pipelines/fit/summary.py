@@ -308,9 +308,7 @@ def describe_result(plan: FitPlan, tally: Tally) -> str:
 
 
 def describe_gap(plan: FitPlan, tally: Tally) -> str:
-    """Return how far images may be from the optimum, as the line of the result goes on;
-    "" for methods that do not say.
-    """
+    """Return the end of a line: how far images are from the optimum, "" if unknown."""
     if tally.largest_gap is None and tally.largest_convex_gap is not None:
         return f", convex programs within {tally.largest_convex_gap:.1e}"
     is_bound = METHODS[plan.config.method].proves == "bound"
@@ -319,7 +317,7 @@ def describe_gap(plan: FitPlan, tally: Tally) -> str:
 
 
 def say_gap(largest_gap: float | None, missed: int | None) -> str:
-    """Return a largest gap as a line goes on, "" without one.
+    """Return the end of a line that states the largest gap, "" without one.
 
     missed, how many images are not optimal, None where the gap is one to a bound.
     """
@@ -332,7 +330,7 @@ def say_gap(largest_gap: float | None, missed: int | None) -> str:
 
 
 def describe_shown(plan: FitPlan) -> str:
-    """Return of how many landmarks the expected error is, "" where it is of all."""
+    """Return the end of a line: how many landmarks the error is of, "" for all."""
     shown = plan.calibration.shown
     independent = plan.match.dictionary.depends_on < 0
     if not shown or sum(shown) == independent.sum():

@@ -46,7 +46,7 @@ def check_not_flat(shapes: Shapes, place: str) -> None:
 
 
 def warn_of_shapes(shapes: Shapes) -> tuple[str, ...]:
-    """Warn of shapes of the other side than most, and of landmarks that coincide."""
+    """Return warnings of shapes that most mirror, and of landmarks that coincide."""
     warnings = []
     points = shapes.as_columns()
     mirrored = shapes.take(np.flatnonzero(find_mirrored(points))).items

@@ -33,7 +33,7 @@ from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSource, digests
-from shapefit.pipelines.fit.camera import find_camera, read_intrinsics
+from shapefit.pipelines.fit.camera import find_camera, intrinsics_of
 from shapefit.pipelines.fit.choices import check_needs
 from shapefit.pipelines.fit.evidence import mean_gain
 from shapefit.pipelines.fit.image_posterior import (
@@ -121,7 +121,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         f" {judgement.gain:.2f} per landmark, views up to {judgement.turn:.0f} degrees"
         " apart"
     )
-    if not judgement.fine:
+    if not judgement.is_learned:
         fix = FIXES[judgement.verdict]
         raise input_error(place, f"{judgement.verdict} ({evidence})", fix)
     outliers = f"{int(state.outliers.sum())} landmarks are outliers"
@@ -144,9 +144,9 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
 
 
 def describe_prediction(error: float) -> str:
-    """Say how well hidden landmarks are predicted, by their error in sizes of a shape.
+    """Return a text on the error of hidden landmarks, in sizes of a shape.
 
-    nan where there were none.
+    The error is nan where none was hidden.
     """
     if np.isnan(error):
         return "no hidden landmark to predict"
@@ -177,7 +177,7 @@ def usable_images(source: LandmarkSource, place: str) -> Landmarks:
 
 
 def normalised_images(given: Landmarks) -> Images:
-    """Bring the landmarks of each sequence, or of each single image, to the size 1.
+    """Return the landmarks centred, and of size 1 in each sequence or single image.
 
     Landmarks that lie far out do not count for the size, as outliers do not.
     """
@@ -259,7 +259,7 @@ def learn_mixtures(
 
 
 def lift_anew(shapes: Shapes, images: Landmarks, dictionary: Dictionary) -> Shapes:
-    """Return the shapes as a dictionary lifts them, the old ones of misread images."""
+    """Return the shapes as a dictionary lifts them; the old ones if sizes jump."""
     lifted = lift_images(images, dictionary).shapes
     before = shapes.as_columns()
     size = np.linalg.norm(lifted, axis=(1, 2))
@@ -270,11 +270,11 @@ def lift_anew(shapes: Shapes, images: Landmarks, dictionary: Dictionary) -> Shap
 
 
 def with_gaussian_prior(dictionary: Dictionary, state: ClassState) -> Dictionary:
-    """Return the dictionary with what was learned as prior of normalised shapes.
+    """Return the dictionary with the Gaussian of a learned class as its prior.
 
-    It is turned onto the mean shape; residual_variance is the variance of what it does
-    not explain. The size of a shape is the image's to find, so that the covariance has
-    no part along the mean.
+    It is scaled to normalised shapes, and turned onto the mean shape; residual_variance
+    is the variance of what it does not explain. The size of a shape is the image's to
+    find, so that the covariance has no part along the mean.
     """
     model = state.model
     d = model.mean.size
@@ -292,9 +292,9 @@ def with_gaussian_prior(dictionary: Dictionary, state: ClassState) -> Dictionary
 def resolve_depth(
     images: Landmarks, made: Dictionary, flip: bool | None
 ) -> tuple[Dictionary, str]:
-    """Return the dictionary or its mirror image, and what has decided.
+    """Return the dictionary or its mirror image in depth, and what has decided.
 
-    That is `flip`, else cameras.
+    That is `flip`, else cameras with perspective, else OPEN, which is nothing.
     """
     if flip is not None:
         return (mirror_image(made) if flip else made), "stated by `flip`"
@@ -323,13 +323,13 @@ def mirror_image(made: Dictionary) -> Dictionary:
 def evidence_of_mirror(
     images: Landmarks, dictionary: Dictionary
 ) -> tuple[float, float]:
-    """Return the log evidence an image that the class is mirrored, and its deviation.
+    """Return the mean log evidence per image for a mirrored class, and its error.
 
-    As cameras see it: the mirror image of a class is seen as the class is in mirrored
-    images.
+    The error is the standard one. Cameras see the mirror image of a class as they see
+    the class in mirrored images.
     """
     sample = images.take(evenly(len(images), COMPARED_IMAGES))
-    middle = read_intrinsics(sample)[1][:, :1]
+    middle = intrinsics_of(sample)[1][:, :1]
     w = sample.landmarks.copy()
     w[..., 0] = 2 * middle - w[..., 0]
 
@@ -341,9 +341,9 @@ def evidence_of_mirror(
 
 
 def error_of_hidden(images: Landmarks, dictionary: Dictionary) -> float:
-    """Hide a tenth of the landmarks of a sample of images, and predict them.
+    """Return the median error at which hidden landmarks of a sample are predicted.
 
-    Returns the median distance from where they are, in the size of their image.
+    A tenth of them is hidden. The error is in sizes of the landmarks of an image.
     """
     sample = images.take(evenly(len(images), COMPARED_IMAGES))
     hidden = hide_some(sample.visible())

@@ -191,7 +191,7 @@ def unaligned(points: Floats) -> Alignment:
 
 
 def separate(shapes: Shapes) -> tuple[Shapes, tuple[Failure, ...]]:
-    """Return the shapes that can be normalised, and the others as failures."""
+    """Return the shapes that are finite and have an extent, and others as failures."""
     points = shapes.as_columns()
     extent = np.ptp(points, axis=-1).max(axis=-1, initial=0.0)
     has_extent = np.isfinite(extent) & (extent >= MIN_EXTENT)
@@ -222,9 +222,10 @@ def every_nth(sequences: Sequence[str], n: int | Mapping[str, int]) -> list[int]
 
 
 def find_partners(shapes: Shapes, config: LearnDictConfig) -> Integers:
-    """Return the partner (p,) of each landmark, by `mirror` or the file.
+    """Return the index (p,) of each landmark's partner on the other side of the body.
 
-    Raises InputError where neither pairs the landmarks.
+    It is that of `mirror`, else of the file. Raises InputError where neither pairs the
+    landmarks.
     """
     names = shapes.landmark_names
     points = np.arange(len(names))
@@ -248,14 +249,17 @@ def find_partners(shapes: Shapes, config: LearnDictConfig) -> Integers:
 
 
 def number_of_atoms(number: int, config: LearnDictConfig) -> int:
-    """Return the atoms to learn from so many shapes, at most as many by default."""
+    """Return how many atoms to learn from `number` shapes, 1 without sparse coding.
+
+    By default it is at most the number of shapes.
+    """
     if config.method != "sparse-coding":
         return 1
     return config.k if "k" in config.model_fields_set else min(config.k, number)
 
 
 def with_motion(dictionary: Dictionary, every: Shapes, shapes: Shapes) -> Dictionary:
-    """Return the dictionary with what shapes show of motion and bones.
+    """Return the dictionary with accelerations, and with lengths of bones.
 
     Motion and differences between bodies are those of every shape, lengths those of the
     `shapes` that are learned from.
@@ -295,7 +299,7 @@ def place_of(config: LearnDictConfig) -> str:
 
 
 def exemplars(training: TrainingShapes) -> Dictionary:
-    """Make every training shape an atom, with its mesh."""
+    """Return a dictionary whose atoms are the training shapes, with their meshes."""
     return replace(
         training.dictionary,
         atoms=training.alignment.shapes,
@@ -307,9 +311,10 @@ def exemplars(training: TrainingShapes) -> Dictionary:
 
 
 def pca_bases(training: TrainingShapes) -> Dictionary:
-    """Join the principal components of each sequence that explain its variance.
+    """Return a dictionary whose atoms are principal components of each sequence.
 
-    Meshes are left out: bases are differences of shapes, not shapes.
+    Meshes are left out: bases are differences of shapes, not shapes. Raises InputError
+    where the shapes of each sequence are all alike.
     """
     aligned = training.alignment.shapes
     sequences = np.array(training.original.sequences or ("",) * len(aligned))
@@ -372,7 +377,7 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
 
 
 def number_of_components(number: int, prior: PriorConfig) -> int:
-    """Return the components of a mixture over so many shapes, by `prior`."""
+    """Return how many components a mixture over `number` shapes has, by `prior`."""
     if prior.components != "auto":
         return prior.components
     return min(max(number // SHAPES_PER_COMPONENT, 1), MAX_COMPONENTS)

@@ -77,12 +77,12 @@ class Manifest:
 
     @property
     def done(self) -> dict[str, PartLine]:
-        """The lines of the parts that have a result."""
+        """The lines of the parts that have a result, by file."""
         return {file: line for file, line in self.parts.items() if line.status == DONE}
 
     @property
     def files(self) -> set[str]:
-        """The files that it, or a run that goes on from it, may replace or remove."""
+        """The names of files that a run with this manifest may replace or remove."""
         numbers = (*self.run.parts, *self.run.removed)
         return {*map(part_name, numbers), *self.parts}
 
@@ -93,7 +93,7 @@ class Manifest:
             temporary.write_bytes(b"".join(map(_line_bytes, lines)))
 
     def add(self, line: PartLine) -> None:
-        """Add the line of a part."""
+        """Add the line of a part, to the file too."""
         self.parts[line.file] = line
         with storage_errors(self.path, None), self.path.open("ab", buffering=0) as file:
             file.write(_line_bytes(line))
@@ -114,7 +114,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 
 def find_strangers(folder: Path, manifest: Manifest | None) -> list[Path]:
-    """Return the files in a folder that would be taken for its results, and are not.
+    """Return files in a folder that are named as its parts are, but are not listed.
 
     Without a manifest that is every part, and the list of parts of an earlier version.
     """
@@ -139,9 +139,10 @@ def refuse_strangers(folder: Path, strangers: Sequence[Path]) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder of results for this run; made for it, it is gone if it stays empty.
+    """Hold the lock of a folder of results, so that no other run writes to it.
 
-    Raises InputError where another run holds it.
+    The folder is made where there is none, and removed if it stays empty. Raises
+    InputError where another run holds it.
     """
     check_folder(folder)
     made = [place for place in (folder, *folder.parents) if not place.exists()]
@@ -157,9 +158,10 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _lock(folder: Path) -> IO[str]:
-    """Return the open lock of a folder, which is made.
+    """Return the open lock file of a folder; both are made where there are none.
 
-    A run that ends removes it: who then holds one that is no longer there tries again.
+    Raises InputError where another run holds the lock. A run that ends removes it: who
+    then holds one that is no longer there tries again.
     """
     while True:
         folder.mkdir(parents=True, exist_ok=True)
@@ -186,7 +188,7 @@ def _lock(folder: Path) -> IO[str]:
 
 
 def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
-    """Return the manifests of folders whose results, two or more, are all in files."""
+    """Return folder -> manifest where all results of a folder, 2 or more, are given."""
     folders: dict[Path, Manifest] = {}
     for folder in dict.fromkeys(file.parent for file in files):
         manifest = read_manifest(folder)
@@ -199,7 +201,7 @@ def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
 
 
 def describe_parts(parts: Mapping[str, PartLine]) -> list[tuple[str, str]]:
-    """Return how many parts and images they are, and how large, for people."""
+    """Return labels and texts on parts: their number, size, images and failures."""
     images = sum(part.images for part in parts.values())
     failed = sum(part.failed for part in parts.values())
     size = sum(part.bytes for part in parts.values())

@@ -70,7 +70,7 @@ from shapefit.pipelines.fit.choices import (
     files_of,
     in_sequences,
     match_to_dictionary,
-    read_options,
+    reading_options,
 )
 from shapefit.pipelines.fit.family import Calibration, whole_blocks
 from shapefit.pipelines.fit.fit import FitPart, fit
@@ -209,7 +209,7 @@ def method_of(manifest: Manifest) -> str:
 
 
 def calibration_of(manifest: Manifest, config: FitConfig) -> Calibration:
-    """Return what was settled of the results in a folder.
+    """Return the Calibration that the manifest of a folder states.
 
     Raises InputError where that is not what a fit with this config settles.
     """
@@ -224,7 +224,7 @@ def calibration_of(manifest: Manifest, config: FitConfig) -> Calibration:
 
 
 def check_calibration(schema: type[BaseModel], values: Mapping[str, Any]) -> None:
-    """Raise ValueError or TypeError where these are no values of keys of a config."""
+    """Raise ValueError or TypeError for values that keys of a config cannot have."""
     for name, value in values.items():
         if name not in schema.model_fields:
             raise ValueError(f"there is no key {name}")
@@ -240,7 +240,7 @@ def check_calibration(schema: type[BaseModel], values: Mapping[str, Any]) -> Non
 def plan_folder(
     config: FitConfig, folder: ResultFolder, manifest: Manifest | None
 ) -> FolderPlan:
-    """Compare the parts that a config asks for with those that a folder has.
+    """Return which parts a folder is to have, which stay, and what is removed.
 
     A part stays where its result has the size that was written, and config and inputs
     are the same.
@@ -298,7 +298,7 @@ def find_parts(
 
     Those named already keep their files.
     """
-    options = read_options(config)
+    options = reading_options(config)
     named = named or {}
     names = map(part_name, count())
     free = (name for name in names if name not in named.values())
@@ -343,7 +343,7 @@ def divide_rows(
 
 
 def key_of(line: PartLine) -> PartKey:
-    """Return what the part of a line is made of."""
+    """Return the inputs and rows of a part, by which it is recognised."""
     return line.inputs, line.rows
 
 
@@ -353,7 +353,7 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
     Inputs that cannot be read, or do not go with the first, are left out: their part
     reports them.
     """
-    options = read_options(config)
+    options = reading_options(config)
     needed = {*CAMERA_DATASETS, config.leave_one_out}
     files: list[SourceFile[Landmarks]] = []
     images = 0
@@ -391,7 +391,10 @@ def do_parts(
     manifest: Manifest,
     calibration: Calibration,
 ) -> Iterator[Result]:
-    """Do the parts that are not retained, as they end; remove what is of no part."""
+    """Do the parts that are not retained; yield the result of each as it ends.
+
+    Files in `plan.removed` are removed first; the last result sums up.
+    """
     if config.threads == 0 and is_shared_out(folder):
         config = config.changed(threads=1)
     shared = calibration.settle(config)
@@ -432,7 +435,7 @@ class PartNumbers(NamedTuple):
 
 
 def numbers_of_parts(parts: Sequence[PartLine]) -> PartNumbers:
-    """Add up what the lines of parts state."""
+    """Return the sums over parts, and their largest gap, as their lines state them."""
     numbers = PartNumbers(images=sum(part.images for part in parts))
     lifted = [part for part in parts if part.images > part.failed]
     gaps = [part.largest_gap for part in lifted if part.largest_gap is not None]
@@ -451,10 +454,10 @@ def is_shared_out(folder: ResultFolder) -> bool:
 
 
 def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[EndedPart, None, None]:
-    """Do jobs where the folder says; yield each as it ends.
+    """Do jobs here, in processes or on a cluster; yield the end of each as it comes.
 
-    Where a process dies, the parts that were under way are done again, each alone in a
-    new one.
+    The folder says where. Where a process dies, the parts that were under way are done
+    again, each alone in a new one.
     """
     if not is_shared_out(folder):
         yield from map(do_job, jobs)
@@ -484,7 +487,7 @@ def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[EndedPart, None
 
 @contextmanager
 def executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
-    """Give the executor that a folder asks for, and how many parts it does at a time.
+    """Give an executor of processes or of Dask, and how many parts to submit at a time.
 
     Raises InputError where no scheduler answers.
     """
@@ -539,7 +542,10 @@ def end_with_parent() -> None:
 
 
 def await_job(future: Future[EndedPart], job: Job) -> EndedPart:
-    """Return the end of a job; InputError where scheduler or shapefit is missing."""
+    """Wait for a job; return its line and result, a failed one where workers died.
+
+    Raises InputError where scheduler or shapefit is missing.
+    """
     try:
         return future.result()
     except (futures.CancelledError, ModuleNotFoundError, ValueError) as error:
@@ -561,7 +567,7 @@ def await_job(future: Future[EndedPart], job: Job) -> EndedPart:
 
 
 def do_job(job: Job) -> EndedPart:
-    """Lift a part; whatever goes wrong is its result.
+    """Lift a part; return its line and result, a failed one for whatever goes wrong.
 
     Raises InputError in a worker of another version.
     """
@@ -582,8 +588,9 @@ def do_job(job: Job) -> EndedPart:
 
 
 def while_wanted(work: Callable[[Job], EndedPart], job: Job) -> EndedPart:
-    """Do a job; end it where a Dask worker does it and nobody waits for it any more, as
-    when `fit` was killed. Raises InputError then.
+    """Do a job, or raise InputError once nobody waits for it any more.
+
+    That is so where a Dask worker does it, and `fit` was killed.
     """
     is_wanted = task_of_dask()
     if is_wanted is None:
@@ -597,8 +604,9 @@ def while_wanted(work: Callable[[Job], EndedPart], job: Job) -> EndedPart:
 
 
 def task_of_dask() -> Callable[[], bool] | None:
-    """Return what says whether the task of Dask on this thread is still wanted; None
-    where there is none.
+    """Return a function that says whether this thread's Dask task is still wanted.
+
+    None where the thread has no such task.
     """
     distributed = sys.modules.get("distributed")
     if distributed is None:
@@ -617,7 +625,7 @@ def task_of_dask() -> Callable[[], bool] | None:
 
 
 def failed(job: Job, error: str) -> EndedPart:
-    """Return the end of a part without a result."""
+    """Return line and result of a part that has failed."""
     reason = error if str(job.part.inputs[0]) in error else f"{job.part}: {error}"
     result = Result(failures=(Failure(job.part.file, reason),))
     return job.part.line(FAILED, error=reason), result
@@ -676,5 +684,5 @@ def fit_part(job: Job) -> EndedPart:
 
 @lru_cache(maxsize=8)
 def once(read: Callable[[Any], Any], files: Any, _states: Any) -> Any:
-    """Return what is read of files, anew where their states have changed."""
+    """Return `read(files)`, kept from the last call unless states have changed."""
     return read(files)

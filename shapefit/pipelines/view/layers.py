@@ -106,7 +106,10 @@ def make_layers(
 def _in_one_space(
     layers: Sequence[Layer], stays: Sequence[bool], guide: str, notes: list[str]
 ) -> list[Layer]:
-    """Return the layers, those that do not stay aligned to those that do."""
+    """Return layers in one space: those whose `stays` is false move onto the others.
+
+    One that cannot be moved is left out, with a note.
+    """
     both = list(zip(layers, stays, strict=True))
     target = first_finite([layer["points"] for layer, stay in both if stay])
     shown = []
@@ -121,7 +124,7 @@ def _in_one_space(
 
 
 def _shapes_layer(content: Content, meshes: list[MeshSet]) -> Layer:
-    """Return shapes of a file, whose meshes are put among the others."""
+    """Return the layer of shapes of a file; its meshes are added to `meshes`."""
     layer: Layer = {
         "name": content.name,
         "role": content.role,
@@ -173,6 +176,7 @@ class _Space(NamedTuple):
 
 
 def _space(content: Content) -> _Space:
+    """Return whether a result is before a camera, and whether it knows metres."""
     metres = content.values.get("metres_per_unit")
     in_metres = metres is not None and bool(np.isfinite(metres).any())
     return _Space(has_camera(content), in_metres)
@@ -181,7 +185,7 @@ def _space(content: Content) -> _Space:
 def _result_layer(
     content: Content, observed: Floats | None, truth: Content | None
 ) -> Layer:
-    """Return a result in space: X = factor (S - start) + end for its shapes S."""
+    """Return the layer of a result: X = factor (S - start) + end of its shapes S."""
     values = content.values
     shapes = content.points
     n = len(shapes)
@@ -278,9 +282,9 @@ def _measure(
 
 
 def in_usual_units(layers: Sequence[Layer]) -> tuple[str, float]:
-    """Make the lengths in metres of layers all cm or all mm.
+    """Change measures in metres to cm or mm, in place; return the unit, and it per m.
 
-    Returns that unit, and how many of it are a metre.
+    They are mm where the median of a measure is below 1 cm.
     """
     measures = [measure for layer in layers for measure in layer["measures"]]
     lengths = [measure["values"] for measure in measures if measure["unit"] == "m"]
@@ -296,7 +300,7 @@ def in_usual_units(layers: Sequence[Layer]) -> tuple[str, float]:
 
 
 def _mixture(layer: Layer, content: Content, dictionary: Dictionary) -> Floats | None:
-    """Return how the coefficients of a result mix the meshes of the atoms, (n, k).
+    """Return the weights (n, k) by which a result mixes the meshes of the atoms.
 
     None where the result does not mix the atoms of this dictionary by one rotation.
     """
@@ -311,10 +315,10 @@ def _mixture(layer: Layer, content: Content, dictionary: Dictionary) -> Floats |
 
 
 def _aligned(layer: Layer, target: Floats) -> Layer:
-    """Move a layer, frame by frame, onto the points (n, 3, p) by the best similarity.
+    """Return a layer, moved frame by frame onto points (n, 3, p) by a similarity.
 
-    Over the landmarks that both have; frames with fewer than three such are nan
-    afterwards, and those that have no target stay where they are.
+    It is the best one over the landmarks that both have; frames with fewer than three
+    such are nan afterwards, and those that have no target stay where they are.
     """
     both = metrics.visible_in_both(layer["points"], target)
     has_target = np.any(metrics.visible_in_both(target, target), axis=1)

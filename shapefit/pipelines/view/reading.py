@@ -150,7 +150,7 @@ def _read_records(
     roles: Mapping[str, Role],
     true: Shapes | None,
 ) -> tuple[dict[str, AnyRecord], int, list[str]]:
-    """Return the chosen records of each name, how they are thinned, and notes."""
+    """Return the chosen records of each name, the step between frames, and notes."""
     chosen = ChosenItems("items", config.items)
     with ExitStack() as stack:
         sources: dict[str, AnySource] = {}
@@ -191,7 +191,7 @@ def _numbers(contents: Sequence[Content], n: int) -> Floats:
 
 
 def _role(path: Path, options: InputOptions) -> Role:
-    """Return what a file is shown as.
+    """Return the role of a file: result, shapes or landmarks, by what it holds.
 
     CSV with a column z is a result: shapes before a camera.
     """
@@ -203,7 +203,7 @@ def _role(path: Path, options: InputOptions) -> Role:
 
 
 def _open_source(paths: Sequence[Path], role: Role, options: InputOptions) -> AnySource:
-    """Open files of a kind."""
+    """Open files that have a role; the shapes of a dictionary are its atoms."""
     if role == "landmarks":
         return open_landmarks(paths, options)
     if role == "shapes" and find_kind(paths[0], options) == "dictionary":
@@ -229,10 +229,10 @@ def _take(source: AnySource, rows: Sequence[int], step: int) -> AnyRecord:
 
 
 def _as_shown(records: AnyRecord, truth: Shapes | None) -> AnyRecord:
-    """Return a result by the names that the truth has, with its observed landmarks.
+    """Return a result with the landmarks that the truth names, and what was observed.
 
-    Its observed landmarks are (n, 2, p); those of its input are observed where a joint
-    stands for them.
+    Other records stay. Its observed landmarks are (n, 2, p); those of its input are
+    observed where a joint stands for them.
     """
     if not isinstance(records, Fit):
         return records
@@ -284,7 +284,10 @@ def _content(
     rows: Indices,
     landmarks: Sequence[str],
 ) -> Content:
-    """Return records with joint angles, whose rows (n,) are those of the frames."""
+    """Return records as the page has them: by its frames and landmarks, with angles.
+
+    rows (n,) are the record of each frame, -1 for none.
+    """
     columns = columns_of(records.landmark_names, landmarks)
     if records.unit == UNKNOWN_UNIT:
         records = replace(records, unit="")

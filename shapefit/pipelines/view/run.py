@@ -76,7 +76,10 @@ def write_page(config: ViewConfig) -> Iterator[Result]:
 
 
 def draw_sheet(scene: Scene, output: Path) -> Figure:
-    """Draw images of one result with the meshes or edges of the dictionary."""
+    """Draw at most 24 images of one result with the dictionary's meshes or edges.
+
+    Raises InputError for a scene of anything else.
+    """
     if [layer["role"] for layer in scene["layers"]] != ["result"]:
         fix = "give one result of `fit`, or end the name in .html"
         raise input_error(output, "a sheet shows one result", fix)
@@ -113,7 +116,7 @@ def fitted_image(scene: Scene, row: int) -> FittedImage:
 
 
 def _mixed_mesh(scene: Scene, layer: Layer, row: int) -> Floats | None:
-    """Return s R sum_j w_j V_j + t (3, q) of one frame; None where it mixes none."""
+    """Return the mesh (3, q) of one frame, s R sum_j w_j V_j + t; None without any."""
     pose = layer["pose"]
     if "blend" not in layer or pose is None:
         return None

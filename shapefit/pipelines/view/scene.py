@@ -172,7 +172,7 @@ def _find_outliers(contents: Sequence[Content]) -> NDArray[np.bool_] | None:
 
 
 def _notes_on_thinning(frames: Frames) -> Iterator[str]:
-    """Say which frames a page shows that would be too large with all of them."""
+    """Yield a note where the page shows every n-th frame, to be small enough."""
     if frames.step > 1:
         yield (
             f"One of {frames.step} frames is shown: with all of them the page would be"
@@ -183,7 +183,7 @@ def _notes_on_thinning(frames: Frames) -> Iterator[str]:
 def _notes_on_landmarks(
     contents: Sequence[Content], observed: Floats | None
 ) -> Iterator[str]:
-    """Say where landmarks are missing, or are those of other results."""
+    """Yield notes where landmarks are missing, or are those of other results."""
     results = _results(contents)
     if results and observed is None:
         yield (
@@ -217,6 +217,7 @@ class Timing(NamedTuple):
 
 
 def _find_timing(config: ViewConfig, inputs: Inputs) -> Timing:
+    """Return when frames were seen; the rate is the config's, or the first stated."""
     recordings, times = find_recordings(inputs.contents, inputs.frames)
     contents = [*inputs.contents]
     if inputs.truth is not None:
@@ -245,7 +246,7 @@ def _find_floors(
 
 
 def _say_ground(floors: Mapping[str, Floor]) -> str:
-    """Say where the ground of the page comes from."""
+    """Return a sentence on where the ground of the page comes from."""
     if not floors:
         return "The floor is not known: each body has its own ground."
     return f"Floor from resting feet: {'; '.join(map(str, floors.values()))}."
@@ -284,7 +285,7 @@ def find_recordings(
 
 
 def _place_frames(recording: Sequence[int], frames: Frames, times: Integers) -> None:
-    """Write down the times of the frames of a recording by their numbers, if any.
+    """Set the times of a recording's frames, in place, by their numbers, if any.
 
     Missing frames are gaps.
     """
@@ -376,7 +377,10 @@ def _floors_of(result: Content, frames: Frames, rate: float) -> Mapping[str, Flo
 
 
 def _ground(floor: Floor | None, y_down: bool) -> Ground:
-    """Return where up is, as in the image without a floor, and the floor in metres."""
+    """Return the rotation that turns y up, and the height of the floor in metres.
+
+    Without a floor, up is that of the image.
+    """
     level = TO_Y_UP[IMAGE_UP] if y_down else np.eye(3)
     if floor is None:
         return {"upright": level.ravel().tolist()}
@@ -390,7 +394,7 @@ def _edges(
     dictionary: Dictionary | None,
     landmarks: Sequence[str],
 ) -> list[list[int]]:
-    """Return lines between landmarks, of the first that has any.
+    """Return lines between landmarks (pairs of indices), of the first that has any.
 
     That is the dictionary, else the truth, shapes, others, else a skeleton.
     """

@@ -17,7 +17,7 @@ from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.posterior import posterior
-from shapefit.lifting.posterior.method import face, lift_to_posterior
+from shapefit.lifting.posterior.method import lift_to_posterior, turn_towards_landmarks
 from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.posterior import Modes, Posterior, find_posterior
 
@@ -309,7 +309,9 @@ class Scene:
 
     def starts(self):
         """Rotations near the true ones, as seen along the rays to the middles."""
-        towards = face(np.eye(3)[None, None], self.landmarks, self.visible, self.camera)
+        towards = turn_towards_landmarks(
+            np.eye(3)[None, None], self.landmarks, self.visible, self.camera
+        )
         return towards.swapaxes(2, 3) @ self.rotation[:, None]
 
     def lift(self, prior, weights, modes: int = 0) -> Lifting:

@@ -7,7 +7,11 @@ import pytest
 
 from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.posterior.method import face, find_rays, noise_of_rays
+from shapefit.lifting.posterior.method import (
+    find_rays,
+    noise_of_rays,
+    turn_towards_landmarks,
+)
 from shapefit.lifting.posterior.posterior import find_posterior
 from tests.lifting.posterior.conftest import (
     RESIDUAL_VARIANCE,
@@ -32,7 +36,9 @@ def posterior(prior, landmarks, starts, slopes=None):
 
 def through_camera(prior, scene):
     rays = find_rays(scene.landmarks, scene.camera)
-    starts = face(scene.starts(), scene.landmarks, scene.visible, scene.camera)
+    starts = turn_towards_landmarks(
+        scene.starts(), scene.landmarks, scene.visible, scene.camera
+    )
     return rays, posterior(prior, rays.landmarks, starts, rays.slopes)
 
 
@@ -48,9 +54,9 @@ def test_the_camera_makes_near_shapes_better_and_its_regions_hold(draw_mixture, 
     scene = Scene(prior, 400, 6.0, sign)  # three to four times the size of the shapes
     rays, found = through_camera(prior, scene)
     weak = posterior(prior, scene.landmarks, scene.starts())
-    along = face(np.eye(3)[None, None], scene.landmarks, scene.visible, scene.camera)[
-        :, 0
-    ]
+    along = turn_towards_landmarks(
+        np.eye(3)[None, None], scene.landmarks, scene.visible, scene.camera
+    )[:, 0]
     without = error(along @ (weak.mean / weak.scale[:, None, None]), scene.shapes)
     assert error(found.mean / found.scale[:, None, None], scene.shapes) < 0.75 * without
     assert found.log_evidence.mean() > weak.log_evidence.mean() + 2
@@ -144,7 +150,9 @@ def test_rotations_are_turned_onto_the_ray_to_what_is_seen_and_no_further(rng, s
     camera = Camera(rng.uniform(800, 900, (n, 2)), rng.uniform(200, 300, (n, 2)), sign)
     landmarks, visible = rng.uniform(0, 900, (n, 2, p)), rng.random((n, p)) < 0.6
     rotations = random_rotations(3 * n, rng).reshape(n, 3, 3, 3)
-    turn = face(rotations, landmarks, visible, camera) @ np.swapaxes(rotations, 2, 3)
+    turn = turn_towards_landmarks(rotations, landmarks, visible, camera) @ np.swapaxes(
+        rotations, 2, 3
+    )
     middle = np.stack(
         [w[:, s].mean(axis=1) for w, s in zip(landmarks, visible, strict=True)]
     )

@@ -19,7 +19,7 @@ from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
 from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.p_value import (
     draw_table,
-    exceeds,
+    find_chance_above,
     find_p_values,
     moments_at,
     with_p_value_table,
@@ -176,4 +176,6 @@ def test_wilson_and_hilferty():
     for mean, variance in ((4.5, 3.0), (24.0, 25.0), (76.0, 136.0)):
         true = gammaincc(mean**2 / variance, x * mean / variance)
         each = np.full(len(x), mean)
-        assert exceeds(x, each, 0 * x + variance) == pytest.approx(true, abs=4e-3)
+        assert find_chance_above(x, each, 0 * x + variance) == pytest.approx(
+            true, abs=4e-3
+        )
