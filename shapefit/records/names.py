@@ -15,6 +15,6 @@ def as_composed(text: str) -> str:
 
 
 def all_composed(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return texts in Unicode's composed form; those of ASCII alone are there already."""
+    """Return texts in Unicode's composed form, which those of ASCII alone have."""
     whole = tuple(texts)
     return whole if "".join(whole).isascii() else tuple(map(as_composed, whole))

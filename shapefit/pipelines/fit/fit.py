@@ -8,7 +8,7 @@ from collections.abc import Generator, Iterator, Mapping
 from contextlib import AbstractContextManager, closing
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
@@ -21,7 +21,6 @@ from shapefit.io.formats import HDF5, find_target_format, result_writer
 from shapefit.io.inputs import State
 from shapefit.io.layout import INPUT_ROWS
 from shapefit.io.options import OutputOptions, RecordWriter
-from shapefit.io.readers.calibration import CalibratedCamera
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
 from shapefit.pipelines.fit.camera import read_calibrated_camera, undistorted
 from shapefit.pipelines.fit.choices import (
@@ -42,6 +41,9 @@ from shapefit.pipelines.joints import Matched
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Landmarks
 from shapefit.threads import side_by_side
+
+if TYPE_CHECKING:
+    from shapefit.io.readers.calibration import CalibratedCamera
 
 IMAGES_PER_BATCH = 4096
 """Images that are lifted together, or read before the first whole sequences are lifted;

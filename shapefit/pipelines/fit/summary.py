@@ -16,7 +16,6 @@ from shapefit.errors import abbreviate, as_typed, counted
 from shapefit.io import LandmarkSource
 from shapefit.io.options import Summary
 from shapefit.io.skeletons import joint_columns
-from shapefit.io.writers.metres import with_stated_height
 from shapefit.lifting import trust
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting
@@ -133,7 +132,7 @@ class Tally:
             return
         self.judged += len(record)
         self.trusted += int(record.trusted.sum())
-        metres = with_stated_height(record, "fit").metres_per_unit
+        metres = find_metres(record)
         if metres is not None:
             errors = record.expected_error * metres
             self.errors += errors[record.trusted & np.isfinite(errors)].tolist()
@@ -177,6 +176,15 @@ class Tally:
         length = np.linalg.norm(body, axis=1)
         self.bodies += len(body)
         self.on_head += int((down > ON_HEAD_COSINE * length).sum())
+
+
+def find_metres(record: Fit) -> Floats | None:
+    """Return the metres of a unit in each image (n,), by the height that is stated."""
+    if record.stated_height is None:
+        return record.metres_per_unit
+    from shapefit.io.writers.metres import with_stated_height
+
+    return with_stated_height(record, "fit").metres_per_unit
 
 
 def largest_of(before: float | None, gaps: Floats | None) -> float | None:
