@@ -101,7 +101,7 @@ def _kind_of(values: Any) -> str:
     return f"{values.dtype.kind}{values.dtype.itemsize}" if known else OTHER
 
 
-def _dataset_bytes(values: Any) -> bytes:
+def _dataset_bytes(values: Any) -> bytes | memoryview:
     """Return numbers as little-endian bytes, texts in UTF-8 after their lengths."""
     if values.dtype.kind in "OSU":
         texts = [
@@ -114,4 +114,4 @@ def _dataset_bytes(values: Any) -> bytes:
     if values.dtype.kind not in "biufc":
         return repr(values).encode()
     plain = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-    return plain.tobytes()
+    return plain.data
