@@ -372,9 +372,7 @@ def config_of(
 
 
 def plain(value: Any) -> Any:
-    """Return a value as YAML would have it: no numbers or arrays of NumPy, no tuples,
-    no paths.
-    """
+    """Return a value in types of YAML: NumPy's arrays as lists, and paths as texts."""
 
     def as_text_or_numbers(part: Any) -> Any:
         return part.tolist() if isinstance(part, np.ndarray | np.generic) else str(part)

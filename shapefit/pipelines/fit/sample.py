@@ -90,7 +90,7 @@ class BarGrowth(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Why no image of a file is to be trusted, and a warning; both "" where some are.
+    """Why no image of a file is to be trusted, and a warning; both "" by default.
 
     reason is `trust.NOT_OF_THE_CLASS` or `trust.STRETCHED`.
     """
