@@ -173,8 +173,8 @@ def _as_images(
 
     Names of their own stay too. Arrays with confidences, of a skeleton or of one image
     are read as a detector's file is: by `y_axis`, `min_confidence` and `image_size` of
-    the config. Raises InputError for what is no array of numbers, and for as many
-    landmarks as there are no names.
+    the config. Raises InputError for what is no array of numbers, and where landmarks
+    without names are not as many as the names.
     """
     if not isinstance(landmarks, Landmarks):
         try:
