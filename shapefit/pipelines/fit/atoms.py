@@ -102,7 +102,7 @@ class AtomFamily:
             check_omitted(sample, self.leave_one_out, self.dictionary)
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Return the seconds per image, by lifting one, or some where all take long."""
+        """Return the seconds per image, timed on one, or some where all take long."""
         per_image = 0.0
         if total <= 1:
             return Cost(per_image, total)

@@ -152,8 +152,8 @@ class ImagePosterior:
     def weigh(self, images: Landmarks) -> Floats:
         """Return weights (n, p): 1 for landmarks that count, 0 for all others.
 
-        Those are unseen, less confident than `min_confidence`, or at a border of the
-        image.
+        The others are unseen, less confident than `min_confidence`, or at a border of
+        the image.
         """
         weights = images.weights()
         sure = (weights > 0) & (weights >= self.min_confidence)

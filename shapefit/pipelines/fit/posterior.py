@@ -131,7 +131,7 @@ class PosteriorFamily:
         """Raise nothing: this family needs only landmarks."""
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Return seconds per image, by the sizes of the problem, and the liftings.
+        """Return the seconds per image, by sizes, and how many images are lifted.
 
         A sample is lifted as often as there are pairs of factors, and with landmarks
         hidden in turn.
