@@ -123,7 +123,7 @@ def fit(
         match = match_to_dictionary(wanted, atoms, source.head.landmark_names)
         sample = source.first(SAMPLE_POOL)
         steps = calibrate(wanted, match, sample, source.count)
-        calibration, announced = _ended(steps)
+        calibration, announced = _run_to_end(steps)
         warn(result.line for result in announced)
         plan = plan_fit(wanted, match, calibration)
         of_dictionary = warn_of_dictionary(plan.config, match.dictionary)
@@ -216,7 +216,7 @@ def learn(
     source = source_of(_shapes(shapes).named(), "shapes", config.rename)
     warn(source.notes)
     training = source.whole()
-    made, results = _ended(learn_from_shapes(training, config, {}))
+    made, results = _run_to_end(learn_from_shapes(training, config, {}))
     from shapefit.lifting.posterior.p_value import with_p_value_table
 
     dictionary = with_p_value_table(made)
@@ -247,7 +247,7 @@ def _shapes(given: Shapes | Fit | ArrayLike) -> Shapes:
     )
 
 
-def _ended(steps: Generator[Result, None, Made]) -> tuple[Made, list[Result]]:
+def _run_to_end(steps: Generator[Result, None, Made]) -> tuple[Made, list[Result]]:
     """Run a generator to its end; return what it returns, and all that it yields."""
     results: list[Result] = []
     try:
