@@ -38,8 +38,7 @@ def get_signal() -> int | None:
 
 
 def catch_signals() -> None:
-    """Raise Stopped where a signal comes that ends a command, unless it is ignored, as
-    nohup does.
+    """Let the signals in ENDING raise Stopped, unless one is ignored, as by nohup.
 
     Within a callback of a weak reference, or in a library that takes it for a fault of
     its own, the exception would be lost: it is raised again where nothing unwinds.
@@ -51,8 +50,10 @@ def catch_signals() -> None:
 
 @contextmanager
 def keep_signals() -> Iterator[None]:
-    """Raise Stopped once a signal has come, however the block ends: another exception
-    may have been made from one, and what the block has done without it is not all.
+    """Raise Stopped at the end of the block where a signal has come, however it ends.
+
+    Another exception may have been made from it, and what the block has done without it
+    is not all.
     """
     try:
         yield

@@ -103,7 +103,7 @@ class Timeline:
 
     @cached_property
     def stretches(self) -> list[slice]:
-        """Runs of images between which frames are missing for over `LONGEST_GAP`."""
+        """Slices of images, cut where frames are missing for over `LONGEST_GAP`."""
         longest = 1.0 + max(LONGEST_GAP * self.rate, JITTER)
         ends = np.flatnonzero(self.steps > longest) + 1
         return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(self)])]

@@ -123,7 +123,7 @@ def fit(
         match = match_to_dictionary(wanted, atoms, source.head.landmark_names)
         sample = source.first(SAMPLE_POOL)
         steps = calibrate(wanted, match, sample, source.count)
-        calibration, announced = _ended(steps)
+        calibration, announced = _run_to_end(steps)
         warn(result.line for result in announced)
         plan = plan_fit(wanted, match, calibration)
         of_dictionary = warn_of_dictionary(plan.config, match.dictionary)
@@ -173,8 +173,8 @@ def _as_images(
 
     Names of their own stay too. Arrays with confidences, of a skeleton or of one image
     are read as a detector's file is: by `y_axis`, `min_confidence` and `image_size` of
-    the config. Raises InputError for what is no array of numbers, and for as many
-    landmarks as there are no names.
+    the config. Raises InputError for what is no array of numbers, and where landmarks
+    without names are not as many as the names.
     """
     if not isinstance(landmarks, Landmarks):
         try:
@@ -216,7 +216,7 @@ def learn(
     source = source_of(_shapes(shapes).named(), "shapes", config.rename)
     warn(source.notes)
     training = source.whole()
-    made, results = _ended(learn_from_shapes(training, config, {}))
+    made, results = _run_to_end(learn_from_shapes(training, config, {}))
     from shapefit.lifting.posterior.p_value import with_p_value_table
 
     dictionary = with_p_value_table(made)
@@ -247,7 +247,7 @@ def _shapes(given: Shapes | Fit | ArrayLike) -> Shapes:
     )
 
 
-def _ended(steps: Generator[Result, None, Made]) -> tuple[Made, list[Result]]:
+def _run_to_end(steps: Generator[Result, None, Made]) -> tuple[Made, list[Result]]:
     """Run a generator to its end; return what it returns, and all that it yields."""
     results: list[Result] = []
     try:
@@ -372,9 +372,7 @@ def config_of(
 
 
 def plain(value: Any) -> Any:
-    """Return a value as YAML would have it: no numbers or arrays of NumPy, no tuples,
-    no paths.
-    """
+    """Return a value in types of YAML: NumPy's arrays as lists, and paths as texts."""
 
     def as_text_or_numbers(part: Any) -> Any:
         return part.tolist() if isinstance(part, np.ndarray | np.generic) else str(part)

@@ -23,8 +23,9 @@ def warn(messages: Iterable[object], level: int = 3) -> None:
 
 
 def with_names(record: Record, names: Sequence[str]) -> Record:
-    """Return a record whose items have names, and its landmarks these where they have
-    none. Raises InputError where they are too few or many.
+    """Return a record with names of its items, and these names of its landmarks.
+
+    Names of its own stay. Raises InputError where `names` are too few or too many.
     """
     p = record.points.shape[1]
     if not record.landmark_names and len(names) != p:

@@ -46,9 +46,9 @@ def solve(
     max_iterations: int = 1000,
     threads: int = 0,
 ) -> Optimum:
-    """min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2,
-    certified.
+    """Solve the convex program of images, and return its optimum with a certificate.
 
+    It is min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2, for
     landmarks W (2, p) of one image or (n, 2, p), nan where unseen; atoms B (k, 3, p);
     weights Omega (p,) or (n, p) >= 0; loss f: squared, exact, l1 or sparse-error with
     its weight beta. Nothing is normalised or centred, as `fit` does. Raises ValueError

@@ -115,7 +115,7 @@ AnyLine = TypeVar("AnyLine", RunLine, PartLine)
 
 
 def read_lines(folder: Path) -> tuple[RunLine, list[PartLine]] | None:
-    """Return the line of the run and those of parts in a folder's manifest, if any.
+    """Return the lines of run and parts in a folder's manifest, None without one.
 
     Of the lines of a part the last counts. A line without an end was being written, and
     is omitted. Raises InputError, which names the line, where a file of that name is

@@ -178,7 +178,7 @@ class ChosenItems:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Patterns that chose no item so far."""
+        """Warnings of patterns that chose no item so far."""
         return tuple(
             f"{self._key}: no item has this name or matches '{pattern}'"
             for pattern, is_used in self._is_used.items()

@@ -89,11 +89,11 @@ class Detected(NamedTuple):
 
 
 class Matched(NamedTuple):
-    """Landmarks of files beside a dictionary without what these do not mark.
+    """Landmarks of files, matched to the joints of a dictionary.
 
-    unknown landmarks are left out. in_place: they lie where A says, else at their
-    joints. whole is the dictionary as it was read. doubts are warnings about their
-    numbers.
+    dictionary is without landmarks that the files do not mark. unknown landmarks are
+    left out. in_place: they lie where A says, else at their joints. whole is the
+    dictionary as it was read. doubts are warnings about their numbers.
     """
 
     dictionary: Dictionary
@@ -178,8 +178,10 @@ class Matched(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """Joints of a dictionary; parts, by landmarks of files; those that stand for each
-    joint.
+    """Landmarks of files that stand for joints of a dictionary, and where they lie.
+
+    joint_names (p), of the dictionary; parts maps a landmark of the files to its place
+    among the joints; markers maps a joint to the landmarks that stand for it.
     """
 
     joint_names: tuple[str, ...]
@@ -188,12 +190,12 @@ class Joints(NamedTuple):
 
     @property
     def names(self) -> dict[str, str]:
-        """The landmark in whose column the images have each joint -> that joint."""
+        """Landmark of the images, in whose column a joint is -> that joint."""
         return {landmarks[0]: joint for joint, landmarks in self.markers.items()}
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The parameters that move a landmark of the files."""
+        """The body proportions, by name, that move a landmark of the files."""
         markers = (name for several in self.markers.values() for name in several)
         used = {name for marker in markers for name in self.parts[marker].along}
         return tuple(name for name in THETA if name in used)

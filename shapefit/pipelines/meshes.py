@@ -108,7 +108,7 @@ def in_object_frame(result: Fit, dictionary: Dictionary) -> Floats:
 
 
 def has_shape(result: Fit) -> Flags:
-    """Which of n images have a shape with an extent, a place and a rotation."""
+    """Return which images (n,) have a finite shape with an extent, and a rotation."""
     extent = np.ptp(result.shapes, axis=1).max(axis=1)
     turned = 0.0 if result.rotation is None else result.rotation.sum(axis=(1, 2))
     return np.asarray(np.isfinite(extent + turned) & (extent > 0))

@@ -131,7 +131,7 @@ def project_batch(
 
 
 def random_stream(seed: int, purpose: int, batch: int) -> np.random.Generator:
-    """Return the random numbers of one purpose for a batch of images."""
+    """Return the random generator of one purpose for a batch of images."""
     return np.random.default_rng(
         np.random.SeedSequence(seed, spawn_key=(purpose, batch))
     )

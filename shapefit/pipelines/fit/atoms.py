@@ -76,7 +76,7 @@ def make_atom_family(config: FitConfig, match: Matched) -> AtomFamily:
 
 @dataclass(frozen=True, kw_only=True)
 class AtomFamily:
-    """S = sum_i c_i R_i B_i, or R sum_i c_i B_i: shapes that combine atoms.
+    """Lift to shapes that combine atoms: S = sum_i c_i R_i B_i, or R sum_i c_i B_i.
 
     camera gives those of images, None for weak perspective; outlier_threshold, of
     outliers that are searched before the fit, None for no search; leave_one_out names
@@ -102,7 +102,7 @@ class AtomFamily:
             check_omitted(sample, self.leave_one_out, self.dictionary)
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Return the seconds per image, by lifting one, or some where all take long."""
+        """Return the seconds per image, timed on one, or some where all take long."""
         per_image = 0.0
         if total <= 1:
             return Cost(per_image, total)

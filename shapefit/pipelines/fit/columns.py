@@ -13,7 +13,7 @@ from shapefit.records import Fit
 
 
 def with_certificate(fit: Fit, lifting: Lifting[E], *, is_of_fit: bool) -> Fit:
-    """Add what proves the optimum of the convex program; images that failed have nan.
+    """Return the fit with the certificate of its convex program, nan for failures.
 
     is_of_fit, whether the objective of the program is that of the fit, if this was not
     refined before a camera.

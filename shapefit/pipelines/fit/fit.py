@@ -86,9 +86,10 @@ class LiftedBatch(NamedTuple):
 
 
 def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
-    """Lift every image: W, Omega -> S, each with its certificate or its error bars.
+    """Lift the 2D landmarks of every image to a 3D shape, and write the result.
 
-    Raises InputError, and writes nothing, where a file changes meanwhile.
+    Yields a Result per batch, and a last one that sums up. Raises InputError, and
+    writes nothing, where a file changes meanwhile.
     """
     files = WatchedFiles.of(config, part.states, part.inputs)
     dictionary = part.dictionary or read_dictionary(config.dictionary)
@@ -127,8 +128,9 @@ def plan_fit(config: FitConfig, match: Matched, calibration: Calibration) -> Fit
 def lift_all(
     source: LandmarkSource, plan: FitPlan
 ) -> Generator[LiftedBatch, None, None]:
-    """Lift batch by batch; while one is lifted, the next is read and the last is
-    stored.
+    """Yield the images of a source batch by batch, lifted.
+
+    While one batch is lifted, the next is read and the last is stored.
     """
     batches = plan.family.read_batches(source, IMAGES_PER_BATCH)
     several = plan.config.threads != 1 and source.count > IMAGES_PER_BATCH
@@ -136,7 +138,8 @@ def lift_all(
 
 
 def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:
-    """Lift one batch of the files; each line is a stage with tests of its own."""
+    """Return one batch of the files, lifted, as it is stored and reported."""
+    # each line is a stage with tests of its own
     straight = undistorted(images, plan.lens)
     named = plan.match.arrange(straight, place_of_names(plan.config))
     lifted = plan.family.lift(named)
@@ -145,7 +148,7 @@ def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:
 
 
 def open_writer(plan: FitPlan) -> AbstractContextManager[RecordWriter[Fit]]:
-    """Return what writes the result, which appears whole or not at all."""
+    """Return the writer of the result file, which appears whole or not at all."""
     output = plan.config.output
     assert isinstance(output, Path), "a folder is written part by part"
     height = plan.config.height

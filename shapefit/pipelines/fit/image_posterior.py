@@ -38,7 +38,7 @@ PosteriorLifting = Lifting[PosteriorEstimate]
 
 @dataclass(frozen=True, kw_only=True)
 class ImagePosterior:
-    """E[S | W] of single images, with error bars.
+    """Lift single images to the posterior mean of their shapes, with error bars.
 
     program, of which the view to start from is the optimum, to the tolerance; camera
     gives those of images, None for weak perspective; residual_variance None stands for
@@ -78,7 +78,7 @@ class ImagePosterior:
 
     @property
     def model(self) -> PosteriorModel:
-        """The model of the landmarks."""
+        """The prior over shapes and residuals, by which landmarks are weighed."""
         return make_model(
             self.dictionary,
             self.variance,
@@ -152,8 +152,8 @@ class ImagePosterior:
     def weigh(self, images: Landmarks) -> Floats:
         """Return weights (n, p): 1 for landmarks that count, 0 for all others.
 
-        Those are unseen, less confident than `min_confidence`, or at a border of the
-        image.
+        The others are unseen, less confident than `min_confidence`, or at a border of
+        the image.
         """
         weights = images.weights()
         sure = (weights > 0) & (weights >= self.min_confidence)
@@ -166,8 +166,10 @@ def find_at_border(
     dictionary: Dictionary,
     image_size: tuple[float, float] | None = None,
 ) -> Flags:
-    """Which landmarks (n, p) lie within 1% of a side of the image, with a neighbour
-    there, too.
+    """Return which landmarks (n, p) lie at a side of the image, a neighbour there too.
+
+    At a side is within 1% of the size. There are none where the size or the edges are
+    unknown, and where the names are not those of the dictionary.
     """
     n = len(images)
     p = len(images.landmark_names)

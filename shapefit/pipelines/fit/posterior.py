@@ -62,8 +62,9 @@ def make_posterior_family(
 def make_image_posterior(
     config: FitConfig, match: Matched, calibration: Calibration | None
 ) -> ImagePosterior:
-    """Return what lifts single images; before a calibration the landmarks are those of
-    the dictionary.
+    """Return the ImagePosterior of a config, with what a calibration has settled.
+
+    Before a calibration its landmarks are those of the dictionary.
     """
     lam = None if config.lam == "auto" else config.lam
     tolerance = config.tolerance
@@ -105,7 +106,7 @@ def make_image_posterior(
 
 @dataclass(frozen=True, kw_only=True)
 class PosteriorFamily:
-    """E[S | W] under the prior over shapes, with error bars and a rule whom to trust.
+    """Lift to the posterior mean under a prior over shapes, with error bars and trust.
 
     skeleton, factors of the detector's, None where they are usual; prior, keys of that
     section, of which a sample settles what is open; reason, why no image is to be
@@ -130,7 +131,7 @@ class PosteriorFamily:
         """Raise nothing: this family needs only landmarks."""
 
     def predict_cost(self, sample: Landmarks, total: int) -> Cost:
-        """Return seconds per image, by the sizes of the problem, and the liftings.
+        """Return the seconds per image, by sizes, and how many images are lifted.
 
         A sample is lifted as often as there are pairs of factors, and with landmarks
         hidden in turn.

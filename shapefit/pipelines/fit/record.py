@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def to_record(images: Landmarks, lifted: Lifted, plan: FitPlan) -> Fit:
-    """Lay out a batch as it is stored, with what came with its landmarks."""
+    """Return a lifted batch as it is stored, with further datasets of its landmarks."""
     lifting = lifted.lifting
     estimate = lifting.estimate
     dictionary = plan.match.dictionary
@@ -113,7 +113,7 @@ def with_camera(fit: Fit, lifting: Lifting[Estimate], dictionary: Dictionary) ->
 
 
 def with_detected(fit: Fit, detected: Detected | None) -> Fit:
-    """Add the landmarks of a detector in 3D, where these are not the joints."""
+    """Return the fit with a detector's landmarks in 3D, if these are not the joints."""
     if detected is None:
         return fit
     return replace(
@@ -154,8 +154,9 @@ def size_attributes(dictionary: Dictionary) -> dict[str, str]:
 def provenance(
     plan: FitPlan, inputs: Mapping[str, str]
 ) -> dict[str, str | float | int]:
-    """Return what is stored of a fit beside its images; `inputs` are the digests of its
-    files.
+    """Return the attributes of a result: method, version, config and what was settled.
+
+    `inputs` are the digests of the files of the fit.
     """
     config = plan.config.as_json()
     calibration = plan.calibration

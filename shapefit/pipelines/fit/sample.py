@@ -90,7 +90,7 @@ class BarGrowth(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Why no image of a file is to be trusted, and a warning; both "" where some are.
+    """Why no image of a file is to be trusted, and a warning; both "" by default.
 
     reason is `trust.NOT_OF_THE_CLASS` or `trust.STRETCHED`.
     """
@@ -155,7 +155,7 @@ def settle_by_sample(
 class BarReport(NamedTuple):
     """The factor on covariances of error bars, and a line about it.
 
-    A report of errors is in the factor; without one the line is "".
+    The factor of a report of errors is in it; without a report the line is "".
     """
 
     bar_scale: float
@@ -193,7 +193,7 @@ def read_report(prior: PriorConfig, method: str) -> BarReport:
 def draw_sample(images: Landmarks, posterior: ImagePosterior) -> Landmarks:
     """Return at most MAX_SAMPLE images, spread evenly over all that show enough.
 
-    Those have MIN_SAMPLE_LANDMARKS visible landmarks, and one that counts. Of more
+    Enough is MIN_SAMPLE_LANDMARKS visible landmarks, and one that counts. Of more
     images of sequences, pairs are taken that are PAIR_SECONDS apart.
     """
     images = images.take(np.flatnonzero(posterior.weigh(images).any(axis=1)))

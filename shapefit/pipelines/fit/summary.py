@@ -233,8 +233,9 @@ def summarise_fit(
 def warn_of_all(
     tally: Tally, plan: FitPlan, head: Landmarks
 ) -> Iterator[str | Counted]:
-    """Yield what is known at the end only, by shares of all images; head, as the files
-    state it.
+    """Yield warnings that need all images: people on their heads, wrong names, no rate.
+
+    head, as the files state it.
     """
     if 2 * tally.on_head > tally.bodies:
         other = "up" if head.y_axis == "down" else "down"
@@ -254,7 +255,7 @@ def warn_of_all(
 
 
 def warn_of_names(tally: Tally, plan: FitPlan) -> Iterator[Counted]:
-    """Name the landmarks that are outliers in most images that show them."""
+    """Yield a warning for each landmark that is an outlier in most images with it."""
     if tally.outliers is None or tally.visible is None:
         return
     names = plan.match.dictionary.landmark_names

@@ -68,8 +68,9 @@ def check_order(images: Landmarks, row: int) -> None:
 
 
 def divide_sequences(images: Landmarks) -> Iterator[Landmarks]:
-    """Divide whole sequences into batches; the pieces of a long one are refined by
-    themselves, in less memory.
+    """Yield at most MAX_CLIP_FRAMES images at a time, cut between sequences or clips.
+
+    The clips of a long sequence are refined by themselves, in less memory.
     """
     start = stop = 0
     for clip in split_into_clips(images.sequences or ()):

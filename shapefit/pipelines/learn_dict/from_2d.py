@@ -103,7 +103,7 @@ DEPTH_WARNING = (
 
 
 def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learning:
-    """Lift the images by what they have in common, and learn from the shapes.
+    """Learn a dictionary from 2D landmarks, lifted by what the images have in common.
 
     A mixture over shapes replaces the Gaussian that lifted them if it predicts hidden
     landmarks as well; at last near is distinguished from far. Raises InputError with
@@ -203,7 +203,7 @@ def normalised_images(given: Landmarks) -> Images:
 def learn_mixtures(
     given: Landmarks, normalised: Images, state: ClassState, config: LearnDictConfig
 ) -> Learning:
-    """Learn mixtures over what the prior before lifted, while they predict better.
+    """Learn mixtures from shapes that the last one lifted, while they predict better.
 
     The prior of the dictionary is the best one, or, where bodies are to vary, one of
     varied shapes. Hidden landmarks judge how sure it is: shapes that were lifted, and

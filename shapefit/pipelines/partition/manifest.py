@@ -45,7 +45,7 @@ class Part(NamedTuple):
 
     @property
     def slice(self) -> slice | None:
-        """The rows, as files are opened with."""
+        """The rows as a slice, None for all."""
         return None if self.rows is None else slice(*self.rows)
 
     def line(self, status: PartStatus, **outcome: Any) -> PartLine:

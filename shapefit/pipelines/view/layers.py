@@ -282,7 +282,7 @@ def _measure(
 
 
 def in_usual_units(layers: Sequence[Layer]) -> tuple[str, float]:
-    """Change measures in metres to cm or mm, in place; return the unit, and it per m.
+    """Change measures in m to cm or mm, in place; return unit and number of it per m.
 
     They are mm where the median of a measure is below 1 cm.
     """

@@ -76,7 +76,7 @@ def write_page(config: ViewConfig) -> Iterator[Result]:
 
 
 def draw_sheet(scene: Scene, output: Path) -> Figure:
-    """Draw at most 24 images of one result with the dictionary's meshes or edges.
+    """Draw some images of one result with the meshes or edges of its dictionary.
 
     Raises InputError for a scene of anything else.
     """

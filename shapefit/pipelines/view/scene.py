@@ -377,7 +377,7 @@ def _floors_of(result: Content, frames: Frames, rate: float) -> Mapping[str, Flo
 
 
 def _ground(floor: Floor | None, y_down: bool) -> Ground:
-    """Return the rotation that turns y up, and the height of the floor in metres.
+    """Return the rotation that turns y up, and the y of the floor there in metres.
 
     Without a floor, up is that of the image.
     """
