@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Loss(Enum):
-    """Data term f(Omega o (W - sum M_i B_i - T 1^T)) of the program.
+    """How the program measures residuals: f(r), r = Omega o (W - sum M_i B_i - T 1^T).
 
     SQUARED        1/2 ||r||_F^2                                 (paper, eq. finalnoisy)
     EXACT          0 where r = 0, infinite elsewhere             (paper, eq.
@@ -47,15 +47,15 @@ class ProblemArrays(TypedDict):
 
 @dataclass(frozen=True)
 class Problem:
-    """min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2.
+    """The convex program of n images, one for each.
 
-    For n images: landmarks W (n, 2, p), weights Omega (n, p) >= 0 with 0 = hidden (what
-    W holds there is irrelevant), atoms B (k, 3, p) shared by all images, lam (n,) > 0,
-    loss f, and beta > 0, the weight of ||E||_1 where the loss is SPARSE_ERROR. noise
-    (n, p, 2, 2), the covariance of each landmark's measurement, and camera, that of the
-    images in the unit of W, are no part of the program: methods that start from its
-    solution may use them where they are known. Raises ValueError on shapes or values
-    that do not fit.
+    min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2, landmarks
+    W (n, 2, p), weights Omega (n, p) >= 0 with 0 = hidden (what W holds there is
+    irrelevant), atoms B (k, 3, p) shared by all images, lam (n,) > 0, loss f, and beta
+    > 0, the weight of ||E||_1 where the loss is SPARSE_ERROR. noise (n, p, 2, 2), the
+    covariance of each landmark's measurement, and camera, that of the images in the
+    unit of W, are no part of the program: methods that start from its solution may use
+    them where they are known. Raises ValueError on shapes or values that do not fit.
     """
 
     landmarks: Floats
@@ -76,6 +76,7 @@ class Problem:
         self._check_values()
 
     def _check_shapes(self) -> None:
+        """Raise ValueError where the shapes of the arrays do not fit each other."""
         n, two, p = self.landmarks.shape
         k, three, q = self.atoms.shape
         if two != 2 or three != 3 or p != q or k == 0:
@@ -90,6 +91,7 @@ class Problem:
             )
 
     def _check_values(self) -> None:
+        """Raise ValueError for weights, lambdas, atoms or a beta out of range."""
         if not (np.isfinite(self.weights).all() and (self.weights >= 0).all()):
             raise ValueError("weights must be finite and >= 0")
         if not (np.isfinite(self.lam).all() and (self.lam > 0).all()):
@@ -100,7 +102,7 @@ class Problem:
             raise ValueError("beta must be > 0")
 
     def take(self, images: NDArray[np.intp] | NDArray[np.bool_]) -> Problem:
-        """Keep some of the images."""
+        """Return the problem of some of the images."""
         noise = None
         if self.noise is not None:
             noise = self.noise[images]
@@ -118,7 +120,7 @@ class Problem:
 
     @property
     def arrays(self) -> ProblemArrays:
-        """What every kernel needs of it, by the names of its arguments."""
+        """Return the arrays that every kernel needs, by the names of its arguments."""
         return {
             "landmarks": self.landmarks,
             "weights": self.weights,
@@ -135,7 +137,7 @@ class Problem:
 
     @property
     def bound(self) -> float:
-        """Bound on the entries of the dual Y: beta, 1 or none, by the loss."""
+        """Return the bound on entries of the dual Y: beta, 1 or inf, by the loss."""
         if self.loss is Loss.SPARSE_ERROR:
             return self.beta
         if self.loss is Loss.ABSOLUTE:
@@ -152,12 +154,13 @@ def build_problem(
     loss: Loss = Loss.SQUARED,
     beta: float = 0.1,
 ) -> Problem:
-    """Return the problem with defaults filled in.
+    """Return the convex program of landmarks and atoms, with defaults filled in.
 
     landmarks (n, 2, p), or (2, p) of a single image; hidden landmarks may be nan.
     Weights are by default 1 where a landmark is finite, else 0. lam (n,), or one number
     for all images. Under the EXACT loss a weight says only whether a landmark is seen:
-    all positive weights become 1.
+    all positive weights become 1. Raises ValueError where a landmark of positive weight
+    is not finite, or shapes or values do not fit.
     """
     W = landmarks if landmarks.ndim == 3 else landmarks[None]
     visible = np.all(np.isfinite(W), axis=1)

@@ -34,8 +34,8 @@ class Status(Enum):
     NUMERICAL_FAILURE = "numerical failure"
 
 
-def read_statuses(codes: NDArray[np.int64]) -> tuple[Status, ...]:
-    """Return the statuses of the codes (n,) that kernels write: their order above."""
+def decode_statuses(codes: NDArray[np.int64]) -> tuple[Status, ...]:
+    """Return the statuses of the codes (n,) of kernels: 0 is the first above."""
     return tuple(map(tuple(Status).__getitem__, codes.tolist()))
 
 
@@ -93,7 +93,7 @@ def solve_newton(
 
 
 def log_solution(solution: Solution) -> None:
-    """Log how many iterations images took, and the largest gap."""
+    """Log how many iterations the images took, and their largest relative gap."""
     if not log.is_heard(LOGGER) or not len(solution.iterations):
         return
     log.debug(
@@ -131,7 +131,10 @@ def log_trace(problem: Problem, tolerance: float, iterations: int) -> None:
 def solve_directly(
     problem: Problem, *, tolerance: float, max_iterations: int, threads: int
 ) -> Solution:
-    """Solve every image with all of its landmarks."""
+    """Solve every image by Newton's method with all landmarks, not in the atoms' span.
+
+    As `solve_newton`, whose parameters these are.
+    """
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)
     first, count, steps, codes = np.zeros((4, n), np.int64)
@@ -167,7 +170,7 @@ def solve_directly(
     if problem.loss is Loss.SQUARED:
         errors = np.broadcast_to(0.0, dual.shape)
     transforms = Transforms.gathered(first, count, atom, blocks, k)
-    status = read_statuses(codes)
+    status = decode_statuses(codes)
     return Solution(
         transforms, translation, dual, errors, objective, gap, residual, steps, status
     )
@@ -231,10 +234,10 @@ def solve_in_span(
 
 
 def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:
-    """Landmarks (n, p) whose weighted residual is beyond beta in a coordinate.
+    """Return the outliers (n, p) that a robust loss found; None for other losses.
 
-    For the sparse-error loss these are the ones with an error E that is not 0. None of
-    a loss that is not robust.
+    Landmarks whose weighted residual is beyond beta in a coordinate; for the
+    sparse-error loss, those with an error E that is not 0.
     """
     outliers: NDArray[np.bool_]
     if problem.loss is Loss.ABSOLUTE:

@@ -46,10 +46,10 @@ RANDOM_MIXTURES = (64, 128, 256, 512, 1024, 2048)
 
 
 class Reduced(NamedTuple):
-    """Images `rows` (m,) as a problem of r + 1 landmarks.
+    """Some images as a problem of r + 1 landmarks, equivalent to their own.
 
-    The basis U Z (p, r + 1) reduces weighted landmarks; without one the problem has all
-    p landmarks.
+    rows (m,): which of all images. The basis U Z (p, r + 1) reduces weighted landmarks;
+    without one the problem has all p landmarks.
     """
 
     rows: NDArray[np.intp]
@@ -57,7 +57,10 @@ class Reduced(NamedTuple):
     basis: Floats | None
 
     def expand(self, dual: Floats, original: Problem) -> Floats:
-        """Return the dual (m, 2, p) in the original problem, of (m, 2, r + 1) here."""
+        """Return the dual (m, 2, p) of the original problem from that of this one.
+
+        dual (m, 2, r + 1); original: the problem of all images.
+        """
         if self.basis is None:
             return dual
         w = weighted(original.landmarks[self.rows], original.weights[self.rows])
@@ -66,7 +69,11 @@ class Reduced(NamedTuple):
 
 
 def find_span(problem: Problem) -> Floats | None:
-    """Return an orthonormal basis (p, r) of the rows of all atoms, where it pays."""
+    """Return an orthonormal basis (p, r) of the span of all atoms, None if it is slow.
+
+    It saves no time for few landmarks or many atoms, and exists for the squared loss
+    alone.
+    """
     p = problem.landmarks.shape[2]
     if problem.loss is not Loss.SQUARED:
         return None
@@ -102,7 +109,7 @@ def find_row_space(rows: Floats, max_dimension: int) -> Floats | None:
 
 
 def are_independent(rows: Floats) -> bool:
-    """Whether the rows (m, p) are independent beyond doubt."""
+    """Whether the rows (m, p) are linearly independent, rounding left aside."""
     products = rows @ rows.T
     try:
         pivots = np.linalg.cholesky(products).diagonal() ** 2
@@ -151,7 +158,7 @@ def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
 
 
 def distinct_rows(x: Floats) -> tuple[Floats, NDArray[np.intp]]:
-    """Return the rows of x (n, p) that differ, and which of them each is."""
+    """Return the distinct rows of x (n, p), and which of them each row (n,) is."""
     if (x == x[0]).all():  # np.unique takes longer than all else
         return x[:1], np.zeros(len(x), np.intp)
     rows, row_of = np.unique(x, axis=0, return_inverse=True)
@@ -159,7 +166,7 @@ def distinct_rows(x: Floats) -> tuple[Floats, NDArray[np.intp]]:
 
 
 def find_basis(span: Floats, weights: Floats) -> Floats:
-    """Return U Z (p, r + 1) for the weights (p,).
+    """Return the basis U Z (p, r + 1) that reduces landmarks of the given weights (p,).
 
     U (p, r) spans the rows of all atoms, weighted and centred, where `span` (p, r)
     spans the atoms as they are. Weighted, their rows are in the span of U and the
@@ -179,9 +186,9 @@ def find_basis(span: Floats, weights: Floats) -> Floats:
 
 
 def weighted(points: Floats, weights: Floats) -> Floats:
-    """Return omega o (points - mean), the mean being weighted by omega^2.
+    """Return points (m, d, p), centred and multiplied by their weights omega (m, p).
 
-    points (m, d, p), weights omega (m, p).
+    omega o (points - mean), the mean being weighted by omega^2.
     """
     tiny = np.finfo(float).tiny
     largest = np.maximum(weights.max(axis=1, keepdims=True), tiny)

@@ -27,7 +27,7 @@ class TransformArrays(TypedDict):
 
 @dataclass(frozen=True)
 class Transforms:
-    """M (n, k, 2, 3) as a list of the blocks that are not 0.
+    """The transforms M (n, k, 2, 3) of n images, as a list of blocks that are not 0.
 
     They stand image by image, in the order of the atoms: count (n,), how many each
     image has; atom (a,) and block (a, 2, 3) of each; k atoms in all.
@@ -40,14 +40,14 @@ class Transforms:
 
     @classmethod
     def of(cls, M: Floats) -> Transforms:
-        """List the blocks of M (n, k, 2, 3) that are not 0."""
+        """Make the list of the blocks of M (n, k, 2, 3) that are not 0."""
         image, atom = np.nonzero(M.any(axis=(2, 3)))
         count = np.bincount(image, minlength=len(M))
         return cls(count, atom, M[image, atom], M.shape[1])
 
     @classmethod
     def with_one_rotation(cls, c: Floats, R: Floats) -> Transforms:
-        """M_i = c_i Rbar of c (n, k), most of them 0, and R (n, 3, 3)."""
+        """Return the transforms M_i = c_i Rbar of c (n, k) and R (n, 3, 3)."""
         image, atom = np.nonzero(c)
         count = np.bincount(image, minlength=len(c))
         blocks = c[image, atom, None, None] * R[image, :2]
@@ -57,9 +57,10 @@ class Transforms:
     def gathered(
         cls, first: Integers, count: Integers, atom: Integers, blocks: Floats, k: int
     ) -> Transforms:
-        """Put lists in the order of images, each of which has `count` from `first` on.
+        """Return the transforms of images whose blocks lie anywhere in a list.
 
-        Lists that stand in this order already are not copied.
+        Those of an image are `count` (n,) from the place `first` (n,) on. Lists that
+        stand in this order already are not copied.
         """
         shift = first - starts_of(count)
         total = count.sum()
@@ -83,7 +84,7 @@ class Transforms:
 
     @property
     def arrays(self) -> TransformArrays:
-        """What a kernel needs of it, by the names of its arguments."""
+        """Return the arrays that kernels need, by the names of their arguments."""
         return {
             "first": starts_of(self.count),
             "count": self.count,
@@ -94,7 +95,7 @@ class Transforms:
     def take(
         self, images: NDArray[np.intp] | NDArray[np.bool_] | Sequence[int]
     ) -> Transforms:
-        """Keep some of the images, in the order given."""
+        """Return the transforms of some of the images, in the order given."""
         first = starts_of(self.count)[images]
         count = self.count[images]
         return Transforms.gathered(first, count, self.atom, self.blocks, self.k)
@@ -111,12 +112,15 @@ class Transforms:
 
 
 def starts_of(count: Integers) -> Integers:
-    """Where lists of these lengths start when they stand one after another."""
+    """Return where lists of these lengths (n,) start, put one after another."""
     return np.cumsum(count) - count
 
 
 def nuclear_norm(Q: Floats) -> Floats:
-    """||Q||_* = s1 + s2, the dual norm of the spectral norm, of blocks (..., 2, 3)."""
+    """Return the sum of the singular values (...) of blocks (..., 2, 3).
+
+    ||Q||_* = s1 + s2, the dual norm of the spectral norm.
+    """
     cross = np.cross(Q[..., 0, :], Q[..., 1, :])
     product = np.linalg.norm(cross, axis=-1)
     squares = (Q**2).sum(axis=(-2, -1))

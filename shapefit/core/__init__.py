@@ -25,8 +25,9 @@ BEST_FIRST = {"x86_64_v4": 4, "x86_64_v3": 3, "x86_64_v2": 2, "plain": 0}
 
 
 def list_levels() -> tuple[str, ...]:
-    """Return the levels that this build has and this processor can run, the best
-    first.
+    """Return the instruction sets that this build has and this processor can run.
+
+    The best first. Raises InputError where the kernels are not compiled.
     """
     try:
         processor: int = import_module("shapefit.core._processor").LEVEL
@@ -48,7 +49,10 @@ def list_levels() -> tuple[str, ...]:
 
 
 def choose_level() -> str:
-    """Return the best instruction level, or the one that SHAPEFIT_LEVEL names."""
+    """Return the best instruction set, or the one that SHAPEFIT_LEVEL names.
+
+    Raises InputError where that is none of `LEVELS`.
+    """
     wanted = os.environ.get("SHAPEFIT_LEVEL") or LEVELS[0]
     if wanted not in LEVELS:
         raise InputError(

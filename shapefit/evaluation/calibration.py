@@ -39,7 +39,7 @@ class ErrorBars(NamedTuple):
     width: Mapping[str, Floats]
 
     def shares(self) -> Floats:
-        """Share (n,) of the landmarks of each image inside the 90% ellipsoids.
+        """Return the share (n,) of landmarks of each image inside the 90% ellipsoids.
 
         nan where there are none.
         """
@@ -71,9 +71,10 @@ def find_squares(
     deviation: Floats,
     correlation: Floats | None,
 ) -> tuple[Floats, Floats]:
-    """Return d^T C^-1 d, d = e_j - y_j, of the truth y = a R x + t; and the width.
+    """Return how far the truth is from estimates in error bars, and how wide these are.
 
-    The truth is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) /
+    Squared Mahalanobis distances d^T C^-1 d, d = e_j - y_j, of the truth y = a R x + t.
+    It is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) /
     sd_j)^2, t on z takes the centroid of the depths to that of the estimate (why:
     docs/metrics.md). What this takes off the variance of x_j, its leverage h_j with the
     weights 1 / sd^2, is given back: d_x / sqrt(1 - h), as in studentised residuals.
@@ -110,17 +111,18 @@ def find_squares(
 
 
 def _floored(sd: Floats) -> Floats:
-    """Return deviations (n, 3, p), none of them next to nothing beside the largest."""
+    """Return deviations (n, 3, p), raised to a tiny share of the image's largest."""
     largest = np.where(np.isfinite(sd), sd, 0.0).max(axis=(1, 2), keepdims=True)
     floored: Floats = np.maximum(sd, MIN_VARIANCE_SHARE * largest)
     return floored
 
 
 def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
-    """z^T K^-1 z for z (n, 3, p), by elimination: x, then y given x, then z given both.
+    """Return squared Mahalanobis distances (n, p) of errors in deviations z (n, 3, p).
 
-    K has the ones of a correlation matrix on its diagonal and correlation (n, 3, p)
-    beside it.
+    z^T K^-1 z, by elimination: x, then y given x, then z given both. K has the ones of
+    a correlation matrix on its diagonal and correlation (n, 3, p) beside it, those of x
+    with y, x with z, y with z; None for none.
     """
     if correlation is None:
         return np.asarray((z**2).sum(axis=1))
@@ -135,15 +137,16 @@ def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
     return np.asarray(x**2 + y_left**2 / y_variance + depth_left**2 / depth_variance)
 
 
-def cover(
+def summarise_coverage(
     method: str,
     bars: ErrorBars,
     sequences: Sequence[str],
     grouping: Mapping[str, Sequence[str]],
 ) -> Iterator[Coverage]:
-    """Sum up the error bars of images, whose sequences (n,) are in groups.
+    """Yield, for each group of sequences, how much of the truth error bars hold.
 
-    Groups without any are left out.
+    sequences (n,): that of each image; grouping: group -> its sequences. Groups without
+    error bars are left out.
     """
     names = np.array(sequences, dtype=str)
     for group, members in grouping.items():
@@ -168,11 +171,11 @@ def cover(
 
 
 def bar_scale_factors(bars: ErrorBars) -> dict[str, float | None]:
-    """Return how many times as wide error bars are true at each nominal share.
+    """Return factors by which error bars must widen to hold what they state.
 
-    sqrt(r / q) for the distance r that as many of the m landmarks do not exceed as
-    split conformal prediction requires, ceil((m + 1) level), and the quantile q of
-    chi^2. None where these are too few.
+    One for each nominal share, such as "90%": sqrt(r / q) for the distance r that as
+    many of the m landmarks do not exceed as split conformal prediction requires,
+    ceil((m + 1) level), and the quantile q of chi^2. None where these are too few.
     """
     squares = np.sort(bars.square[~np.isnan(bars.square)])
     factors: dict[str, float | None] = {}

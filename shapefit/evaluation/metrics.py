@@ -24,19 +24,22 @@ IMAGES_MEASURED_AT_ONCE = 1 << 10
 
 
 def similarity(estimate: Floats, truth: Floats) -> Floats:
-    """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean distance over j.
+    """Return the mean distance (n,) of landmarks from the truth, once aligned to it.
 
-    estimate and truth (n, 3, p) in any two frames -> (n,), in the unit of the truth. R
-    is proper: a mirrored estimate is not forgiven.
+    By the similarity s, R, t that minimises sum_j |s R e_j + t - x_j|^2. estimate and
+    truth (n, 3, p) in any two frames; errors in the unit of the truth. R is proper: a
+    mirrored estimate is not forgiven.
     """
     return similarity_errors(estimate, truth, MIN_COMMON_LANDMARKS)
 
 
 def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
-    """min over s >= 0, t of sum_j |s e_j + t - R x_j|^2; then the mean distance over j.
+    """Return the mean distance (n,) of landmarks from the truth in the camera frame.
 
-    estimate (n, 3, p) in the camera frame; truth (n, 3, p) in the frame of its file and
-    rotation (n, 3, 3) from there to the camera -> (n,), in the unit of the truth.
+    After the scale s >= 0 and shift t that minimise sum_j |s e_j + t - R x_j|^2, but no
+    rotation. estimate (n, 3, p) in the camera frame; truth (n, 3, p) in the frame of
+    its file and rotation (n, 3, 3) from there to the camera; errors in the unit of the
+    truth.
     """
     visible = visible_in_both(estimate, truth)
     x = rotation @ np.where(visible[:, None], truth, 0.0)
@@ -51,9 +54,10 @@ def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
 
 
 def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
-    """Errors (n,) that results expect after a similarity, in the unit of the truth.
+    """Return the errors (n,) that results state to expect, in the unit of the truth.
 
-    By the ratio of the sizes of truth and estimate, (n, 3, p) each.
+    error (n,), those in the unit of the estimate, times the ratio of the sizes of truth
+    and estimate, (n, 3, p) each; nan where the estimate has no size.
     """
     visible = visible_in_both(estimate, truth)
     size = np.sqrt((centred(estimate, visible) ** 2).sum(axis=(1, 2)))
@@ -65,14 +69,20 @@ def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
 
 
 def reprojection(fitted: Floats, observed: Floats) -> Floats:
-    """sqrt(mean over visible landmarks j of |w_j - v_j|^2); (n, 2, p) each -> (n,)."""
+    """Return the root mean square reprojection error (n,) of visible landmarks.
+
+    fitted and observed (n, 2, p); nan where none is visible.
+    """
     visible = visible_in_both(fitted, observed)
     squares = ((fitted - observed) ** 2).sum(axis=-2)
     return np.sqrt(_mean_over_visible(squares, visible, min_visible=1))
 
 
 def precision(labelled: Numbers, corrupted: Numbers) -> Floats:
-    """|labelled and corrupted| / |labelled| of each image (n,); nan where that is 0."""
+    """Return the share (n,) of landmarks labelled outliers that were corrupted.
+
+    Of each image; nan where none is labelled. Both (n, p), not 0 where they are.
+    """
     count = (labelled != 0).sum(axis=-1)
     both = ((labelled != 0) & (corrupted != 0)).sum(axis=-1)
     share: Floats = np.divide(
@@ -82,12 +92,15 @@ def precision(labelled: Numbers, corrupted: Numbers) -> Floats:
 
 
 def recall(labelled: Numbers, corrupted: Numbers) -> Floats:
-    """|labelled and corrupted| / |corrupted| of each image (n,); nan if that is 0."""
+    """Return the share (n,) of corrupted landmarks that were labelled outliers.
+
+    Of each image; nan where none is corrupted. Both (n, p), not 0 where they are.
+    """
     return precision(corrupted, labelled)
 
 
 def box_diagonal(observed: Floats, boxes: Floats | None = None) -> Floats:
-    """Return the diagonal (n,) of boxes (n, 4), or of those around landmarks.
+    """Return the diagonal (n,) of the box around the landmarks of each image.
 
     Boxes are x y w h; without them, those around visible landmarks (n, 2, p) count. nan
     where none is visible, or all are on one point: such a box measures nothing.
@@ -122,13 +135,13 @@ def truth_scale(estimate: Floats, truth: Floats) -> Floats:
 
 
 def visible_in_both(first: Floats, second: Floats) -> Flags:
-    """Landmarks with finite coordinates on both sides; (n, d, p) each -> (n, p)."""
+    """Return which landmarks (n, p) are finite in both arrays (n, d, p)."""
     visible: Flags = np.all(np.isfinite(first) & np.isfinite(second), axis=-2)
     return visible
 
 
 def _mean_over_visible(values: Floats, visible: Flags, min_visible: int) -> Floats:
-    """Mean over the visible of values (n, p) -> (n,); nan where these are too few."""
+    """Return the mean (n,) over visible values (n, p), nan where these are too few."""
     count = visible.sum(axis=-1)
     total = np.where(visible, values, 0.0).sum(axis=-1)
     mean = np.full(len(values), np.nan)
@@ -137,7 +150,11 @@ def _mean_over_visible(values: Floats, visible: Flags, min_visible: int) -> Floa
 
 
 def in_blocks(measure: Callable[..., Any], *arrays: NDArray[Any] | None) -> Any:
-    """Return measure(*arrays), an array (n, ...) or a tuple of them, block by block."""
+    """Return measure(*arrays), computed block by block to save memory.
+
+    measure returns an array (n, ...) or a tuple of them; arrays have n rows or are
+    None.
+    """
     count = next(len(array) for array in arrays if array is not None)
     parts = []
     for start in range(0, count, IMAGES_MEASURED_AT_ONCE):

@@ -44,8 +44,9 @@ LEGEND_LINE = 20
 
 
 def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
-    """Draw errors (n,) by method, nan = failed, sorted over the share of the images.
+    """Return an SVG of the sorted errors (n,) of each method, nan for failed images.
 
+    Errors lie over the share of the images.
     Where images failed the line of their method ends early.
     """
     finite = {
@@ -72,7 +73,7 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
 
 
 def _axis_labels(title: str, label: str) -> list[str]:
-    """Return the title, and what the axes are."""
+    """Return the SVG elements of the title and of the names of both axes."""
     below = AXES_TOP + AXES_HEIGHT + 38
     middle = AXES_TOP + AXES_HEIGHT / 2
     beside = _text(18, middle, escape(label))
@@ -84,7 +85,7 @@ def _axis_labels(title: str, label: str) -> list[str]:
 
 
 def _grid(largest: float) -> list[str]:
-    """Return the lines of the grid with their numbers, for errors up to the largest."""
+    """Return the SVG elements of the grid and its numbers, up to the largest error."""
     parts = []
     for value in _ticks(largest):
         y = AXES_TOP + AXES_HEIGHT * (1 - value / largest)
@@ -98,7 +99,11 @@ def _grid(largest: float) -> list[str]:
 
 
 def _line(values: Floats, images: int, largest: float) -> str:
-    """Return the points of the line of sorted errors of so many images."""
+    """Return the points of a method's line, "x,y x,y", for a polyline of SVG.
+
+    values: its sorted errors; images: how many it has, those that failed included;
+    largest: the error at the top.
+    """
     places = np.linspace(0, len(values) - 1, MAX_LINE_POINTS).astype(int)
     some = np.unique(places)[: len(values)]  # none where there are no errors
     across = AXES_LEFT + AXES_WIDTH * (some + 0.5) / max(images, 1)
@@ -115,4 +120,5 @@ def _ticks(largest: float) -> Floats:
 
 
 def _text(x: float, y: float, text: str, anchor: str = "middle") -> str:
+    """Return the SVG element of a text, which must be escaped already."""
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text}</text>'

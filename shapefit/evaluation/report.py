@@ -138,10 +138,11 @@ class Document(TypedDict):
 def group_sequences(
     groups: Mapping[str, str], sequences: Iterable[str]
 ) -> dict[str, tuple[str, ...]]:
-    """Sequences of each group (name -> glob).
+    """Return the sequences of each group, by its name.
 
-    Without groups all are in the group `all`; a sequence may be in several groups.
-    Raises InputError where no sequence is in any group.
+    groups: name -> glob of sequences. Without groups all are in the group `all`; a
+    sequence may be in several groups. Raises InputError where no sequence is in any
+    group.
     """
     names = tuple(dict.fromkeys(filter(None, sequences)))
     if not groups:
@@ -162,10 +163,11 @@ def summarise_errors(
     errors: Mapping[Quantity, Floats],
     grouping: Mapping[str, Sequence[str]],
 ) -> Iterator[ErrorSummary]:
-    """Sum up errors (n,) by metric and unit: each group followed by its sequences (n,).
+    """Yield a summary of errors for each metric, group and sequence, a group first.
 
-    nan is a failed image; an infinite error does not count. A sequence or group without
-    an image that counts is omitted.
+    sequences (n,): that of each image; errors (n,) by metric and unit, of which nan is
+    a failed image; an infinite error does not count. A sequence or group without an
+    image that counts is omitted.
     """
     names, codes = np.unique(np.array(sequences, dtype=str), return_inverse=True)
     order = np.argsort(codes, kind="stable")
@@ -180,7 +182,7 @@ def summarise_errors(
             inside = {
                 name: of_sequence[name]
                 for name in members
-                if name in of_sequence and of_sequence[name].counts
+                if name in of_sequence and of_sequence[name].has_images
             }
             if not inside:
                 continue
@@ -199,13 +201,13 @@ class _Statistics(NamedTuple):
     p90: float
 
     @property
-    def counts(self) -> bool:
-        """Whether there is an image that counts."""
+    def has_images(self) -> bool:
+        """Whether any image was measured or failed."""
         return self.images > 0 or self.failed > 0
 
 
 def _statistics(values: Floats) -> _Statistics:
-    """Return the numbers of errors (n,)."""
+    """Return the statistics of errors (n,): nan has failed, inf does not count."""
     finite = np.sort(values[np.isfinite(values)])
     n = len(finite)
     failed = int(np.isnan(values).sum())
@@ -217,7 +219,10 @@ def _statistics(values: Floats) -> _Statistics:
 
 
 def _mean_over_sequences(sequences: Sequence[_Statistics]) -> _Statistics:
-    """Return the sums of images, and the means of the numbers of those with images."""
+    """Return the statistics of a group: images summed, numbers averaged over sequences.
+
+    Sequences without a measured image have no part in the averages.
+    """
     table = np.array(sequences)
     images, failed = table[:, :2].sum(axis=0)
     with_images = table[table[:, 0] > 0, 2:]
@@ -228,8 +233,9 @@ def _mean_over_sequences(sequences: Sequence[_Statistics]) -> _Statistics:
 
 
 def report_csv(report: Document) -> str:
-    """Return the sums as CSV; those of error bars are inside_50, inside_90 and width.
+    """Return the text of report.csv: summaries of errors, then of error bars.
 
+    The metrics of error bars are inside_50, inside_90 and width.
     `images` of these are the landmarks counted, and the width is a median.
     """
     rows = [
@@ -248,7 +254,7 @@ def report_csv(report: Document) -> str:
 
 
 def _rows_of_coverage(coverage: Coverage) -> list[list[str | float | None]]:
-    """Return the rows of the error bars of a method in a group."""
+    """Return the rows of report.csv on the error bars of a method in a group."""
     method = coverage["method"]
     group = coverage["group"]
     counted = coverage["counted"]
@@ -266,7 +272,10 @@ def _is_nan(value: str | float | None) -> bool:
 
 
 def report_markdown(report: Document, plot: str = "") -> str:
-    """Return the page: a table of errors and error bars, failures, and the plot."""
+    """Return the page in Markdown: errors and error bars, failures, and the plot.
+
+    plot: the path of its file, "" for none.
+    """
     blocks = ["# Errors against the truth", _ERRORS_EXPLAINED]
     if report["calibration"]:
         blocks.append(_BARS_EXPLAINED)
@@ -308,7 +317,7 @@ def _table_of_errors(report: Document) -> str:
 
 
 def _list_of(title: str, lines: Sequence[str]) -> list[str]:
-    """Return the blocks of a list with its title; none of an empty one."""
+    """Return title and list as blocks of Markdown; nothing for an empty list."""
     if not lines:
         return []
     return [f"## {title}", "\n".join(f"- {' '.join(line.split())}" for line in lines)]
@@ -317,8 +326,9 @@ def _list_of(title: str, lines: Sequence[str]) -> list[str]:
 def table_of(
     report: Document,
 ) -> tuple[dict[GroupMethod, tuple[int, int]], dict[Quantity, QuantityColumn]]:
-    """Return images and failed images by group and method; the numbers by quantity.
+    """Return the counts and columns of the page's table, by group and method.
 
+    The counts are measured and failed images; the columns are numbers by quantity.
     Those of a metric are mean and median; then come the error bars, and expected /
     error.
     """
@@ -381,7 +391,7 @@ def _short_errors(
 
 
 def _say_mean_and_median(mean_and_median: Sequence[float], unit: str) -> str:
-    """Say a mean and a median; of less than a metre in millimetres."""
+    """Return a mean and a median in words; below a metre in millimetres."""
     if unit == "m" and mean_and_median[0] < 1:
         unit = "mm"
         mean_and_median = [1000 * value for value in mean_and_median]
@@ -406,7 +416,7 @@ def _short_bars(
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table whose columns line up, those after the first to the right."""
+    """Return a table in Markdown, its columns lined up, the first to the left."""
     cells = [
         [" ".join(cell.split()).replace("|", "\\|") for cell in row]
         for row in (header, *rows)
@@ -424,14 +434,14 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float | None, decimals: int) -> str:
-    """Write a number, or that there is none."""
+    """Return a number as text with so many decimals; `ABSENT` for None and nan."""
     return ABSENT if value is None or math.isnan(value) else f"{value:.{decimals}f}"
 
 
 def decimals_of(values: Iterable[float | None]) -> int:
-    """Return the digits after the point: three, as in the paper.
+    """Return how many digits after the point suit the largest of some numbers.
 
-    One from 10 on, more for tiny numbers.
+    Three, as in the paper; one from 10 on, more for tiny numbers.
     """
     finite = (value for value in values if value is not None and not math.isnan(value))
     largest = max(finite, default=0.0)

@@ -32,11 +32,12 @@ IMAGE_UP: Up = "-y"
 
 
 def nearest_axis_up(rotation: Floats) -> Up:
-    """Return the axis of the world that points up: argmax_a <R a, up in the image>.
+    """Return the axis of the world that points up, or nearest to it, in the images.
 
-    R (..., 3, 3) maps the world to the frame of the camera, x right, y down, z away
-    from it. The cameras of a recording are rarely tilted by more than 45 degrees, and
-    worlds have an axis upright; which one differs from tool to tool.
+    argmax_a <R a, up in the image>. R (..., 3, 3) maps the world to the frame of the
+    camera, x right, y down, z away from it. The cameras of a recording are rarely
+    tilted by more than 45 degrees, and worlds have an axis upright; which one differs
+    from tool to tool.
     """
     downward = np.asarray(rotation, np.float64)[..., 1, :].reshape(-1, 3)
     upward = -downward.mean(axis=0)
@@ -50,21 +51,22 @@ Axis = Literal["x", "y", "z"]
 
 
 def project_from_afar(shapes: Floats, rotations: Floats, scale: float = 1.0) -> Floats:
-    """W = s [1 0 0; 0 1 0] R S: what a camera far from the shapes sees.
+    """Project shapes under weak perspective: what a camera far from them sees.
 
-    shapes (..., 3, p), rotations (..., 3, 3) -> (..., 2, p). s = 1 is the orthographic
-    camera, any other positive s the weak-perspective one. Rotations map object frame to
-    camera frame: x right, y up, z towards the viewer.
+    W = s [1 0 0; 0 1 0] R S. shapes (..., 3, p), rotations (..., 3, 3) -> (..., 2, p).
+    s = 1 is the orthographic camera, any other positive s the weak-perspective one.
+    Rotations map object frame to camera frame: x right, y up, z towards the viewer.
     """
     return scale * (rotations[..., :2, :] @ shapes)
 
 
 def turntable(turns: Floats, up: Axis) -> Floats:
-    """R = U R_up(2 pi turns): the object stands upright and has turned about `up`.
+    """Return rotations (n, 3, 3) of an object on a turntable before a level camera.
 
-    turns (n,) -> (n, 3, 3). The camera looks horizontally. U brings the axis `up` of
-    the object to y of the camera by the shorter way; it is the identity for y. Seen
-    from above the object turns anticlockwise.
+    R = U R_up(2 pi turns), turns (n,) of a whole turn each. The object stands upright
+    and has turned about its axis `up`. The camera looks horizontally. U brings the axis
+    `up` of the object to y of the camera by the shorter way; it is the identity for y.
+    Seen from above the object turns anticlockwise.
     """
     axis = np.eye(3)["xyz".index(up)]
     return TO_Y_UP[up] @ rotation_about(axis, 2 * np.pi * np.asarray(turns))

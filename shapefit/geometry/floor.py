@@ -113,7 +113,7 @@ class FilmedBody(NamedTuple):
 
 
 class Floor(NamedTuple):
-    """The floor below a camera, and standard deviations.
+    """The floor below a camera, and standard deviations of what is known of it.
 
     up (3,), the direction in its frame; height of the camera in metres; its pitch
     (positive when it looks down) and roll (positive when it leans to the left, seen
@@ -129,7 +129,11 @@ class Floor(NamedTuple):
     roll_sd: float
 
     def stand(self, points: Floats) -> Floats:
-        """R x + (0, height, 0) with the shortest rotation R up = y: (..., 3, p)."""
+        """Return points (..., 3, p) of the camera in the frame of the floor.
+
+        There y is up, and 0 on the floor: R x + (0, height, 0) with the shortest
+        rotation R up = y. In metres.
+        """
         turn = shortest_rotations(self.up, np.array([[0.0, 1.0, 0.0]]))[0]
         standing: Floats = turn @ points + np.array([[0.0], [self.height], [0.0]])
         return standing
@@ -159,8 +163,10 @@ class Evidence(NamedTuple):
 
 
 def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None:
-    """Return the floor; None where no foot rests, or they leave it unsure.
+    """Return the floor that bodies stand on; None where no foot rests, or it is unsure.
 
+    Unsure is a height with a deviation above `MAX_HEIGHT_SD`. Bodies without all joints
+    of `MASS` do not count.
     distance_sd: standard deviation of the logarithm of the distance, the same for all
     frames.
     """
@@ -176,12 +182,15 @@ def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None
     farther = evidence.places * np.array([1.0, 1.0, 1 + distance_sd])
     change = _solve(foot_sd, evidence._replace(places=farther))[0] - abg
     covariance += np.outer(change, change)
-    floor = _read_floor(abg, covariance)
+    floor = _make_floor(abg, covariance)
     return None if floor.height_sd > MAX_HEIGHT_SD * stature else floor
 
 
-def _read_floor(abg: Floats, covariance: Floats) -> Floor:
-    """Return the floor of a, b and g; deviations are linearised."""
+def _make_floor(abg: Floats, covariance: Floats) -> Floor:
+    """Return the floor of the unknowns a, b and g (see above) and their covariance.
+
+    Its deviations are linearised.
+    """
     a, b, g = abg
     r = np.sqrt(1 + a**2 + b**2)
     slope = np.array([-g * a / r**3, -g * b / r**3, 1 / r])
@@ -228,7 +237,7 @@ def _find_evidence(body: FilmedBody) -> Evidence:
 
 
 def _centre_of_mass(X: Mapping[str, Floats]) -> Floats:
-    """Return the centre of mass (n, 3) of a body, borne by its joints."""
+    """Return the centre of mass (n, 3) of a body, from its joints (n, 3) by name."""
     trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
     parts = (
         share / 2 * (X[f"l{joint}"] + X[f"r{joint}"]) for joint, share in MASS.items()
@@ -237,7 +246,10 @@ def _centre_of_mass(X: Mapping[str, Floats]) -> Floats:
 
 
 def _bearing_offset(X: Mapping[str, Floats], stature: float) -> Floats:
-    """Return the way (n, 3) from an ankle to where the foot bears the body."""
+    """Return the vector (n, 3) from an ankle to where the foot bears the body.
+
+    It points ahead of the trunk.
+    """
     trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
     ahead = np.cross(X["lhip"] - X["rhip"], trunk)
     ahead *= FORWARD * stature / np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -251,7 +263,7 @@ def _find_rests(
     under: Floats,
     centre: Floats,
 ) -> NDArray[np.bool_]:
-    """Whether the left and right foot rest: (2, n).
+    """Return in which frames the left and the right foot bear the body at rest (2, n).
 
     feet (2, n, 3), where they bear the body `under` (2, n, 3), and its centre of mass
     (n, 3).
@@ -267,7 +279,10 @@ def _find_rests(
 def _bears(
     body: FilmedBody, X: Mapping[str, Floats], side: str, foot: Floats
 ) -> NDArray[np.bool_]:
-    """Whether a foot (n, 3) is slow and below a leg that is straight."""
+    """Return in which frames (n,) a foot is slow and below a leg that is straight.
+
+    side, "l" or "r"; foot (n, 3) in metres.
+    """
     hip, knee, ankle = (X[f"{side}{joint}"] for joint in ("hip", "knee", "ankle"))
     thigh = np.linalg.norm(hip - knee, axis=1)
     leg = thigh + np.linalg.norm(knee - ankle, axis=1)
@@ -309,6 +324,7 @@ def _find_leaning(
 
 
 def _min_rest_frames(body: FilmedBody) -> float:
+    """Return how many frames a foot must stay where it is to rest."""
     return max(MIN_REST_SECONDS * body.rate, 2)
 
 
@@ -320,9 +336,10 @@ def _runs(rest: NDArray[np.bool_], min_frames: float) -> list[tuple[int, int]]:
 
 
 def _solve(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
-    """Return a, b, g and their covariance; foot_sd of a foot across the line of sight.
+    """Return the unknowns a, b, g of the equations above, and their covariance.
 
     Least squares with weights anew in each step, of the leaning and then of the feet.
+    foot_sd: deviation of a foot across the line of sight, in metres.
     """
     usual, lean_precision = _usual_leaning(evidence.leaning, evidence.variances)
     prior = np.diag([*(lean_precision + CAMERA_TILT_SD**-2), 0.0])
@@ -344,7 +361,10 @@ def _solve(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
 
 
 def _usual_leaning(leaning: Floats, variances: Floats) -> tuple[Floats, Floats]:
-    """Return a and b as bodies lean in most moments (k, 2), and their precisions."""
+    """Return a and b (2,) as bodies lean in most moments, and their precisions (2,).
+
+    leaning and its variances (k, 2), of k moments.
+    """
     usual = np.median(leaning, axis=0)
     weights = np.ones(len(leaning))
     for _ in range(ROBUST_STEPS):

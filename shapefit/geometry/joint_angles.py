@@ -81,7 +81,10 @@ def measurable_angles(joints: Iterable[str]) -> tuple[JointAngle, ...]:
 
 
 def _slope(angle: JointAngle, points: Floats, up: Floats) -> Floats:
-    """d angle / d points (m, 3, n), by central differences."""
+    """Return the derivative of an angle by its points (m, 3, n), in radians.
+
+    By central differences; up (3, n).
+    """
     squares = (points - points.mean(axis=0)) ** 2
     step = DIFFERENCE_STEP * np.sqrt(squares.mean(axis=(0, 1)))
     slope = np.empty_like(points)
@@ -98,7 +101,10 @@ def _slope(angle: JointAngle, points: Floats, up: Floats) -> Floats:
 
 
 def _hinge(points: Floats, _: Floats) -> Floats:
-    """Return the angle by which the second bone leaves the direction of the first."""
+    """Return the angle (n,) in radians between a bone and the next one; 0 if straight.
+
+    points (3, 3, n): the three joints.
+    """
     above, joint, below = points
     return _between(joint - above, below - joint)
 
@@ -110,12 +116,13 @@ def _ankle(points: Floats, _: Floats) -> Floats:
 
 
 def _flexion(points: Floats, _: Floats, head: float) -> Floats:
-    """atan2(d_x, -d_y) of the bone d of a limb, which ends at the last point.
+    """Return the flexion (n,) in radians of a hip or shoulder: 0 hanging, + forward.
 
-    The first two points are left and right of the line about which the limb turns, the
-    next two of the other end of the trunk. head is 1 at the shoulders and -1 at the
-    hips. y is made orthogonal to z, and x = y x z is forward; so the bone may begin at
-    either end of the line.
+    atan2(d_x, -d_y) of the bone d of a limb, which ends at the last point. The first
+    two points are left and right of the line about which the limb turns, the next two
+    of the other end of the trunk. head is 1 at the shoulders and -1 at the hips. y is
+    made orthogonal to z, and x = y x z is forward; so the bone may begin at either end
+    of the line.
     """
     left, right, other_left, other_right, end = points
     z = right - left
@@ -137,7 +144,7 @@ def _tilt(points: Floats, up: Floats) -> Floats:
 
 
 def _between(a: Floats, b: Floats) -> Floats:
-    """atan2(|a x b|, <a, b>) in [0, pi], of vectors (3, n)."""
+    """Return the angle (n,) between vectors (3, n), in radians from 0 to pi."""
     across = np.cross(a, b, axis=0)
     return np.arctan2(np.sqrt(_dot(across, across)), _dot(a, b))
 
@@ -153,6 +160,7 @@ _shoulder_flexion = partial(_flexion, head=1.0)
 
 
 def _angles_of_side(side: str) -> tuple[JointAngle, ...]:
+    """Return the angles of the limbs of one side, "l" or "r"."""
     shoulder, elbow, wrist, hip, knee, ankle, heel, toe = (
         side + joint
         for joint in (

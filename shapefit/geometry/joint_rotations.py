@@ -69,7 +69,7 @@ def find_rig(
     root: int | None = None,
     pose: RestPose | None = None,
 ) -> Rig:
-    """Return the bones of points (f, 3, p), all known, and their rotations.
+    """Return the tree of bones that moves as points (f, 3, p) do, all of them known.
 
     The tree is that of `find_tree`. At rest bones have their median lengths and the
     directions of `pose`. Bones without one turn with their parent, from the pose of a
@@ -100,7 +100,7 @@ def find_rig(
 
 
 def place_nodes(rig: Rig) -> Floats:
-    """x = x_parent + P offset: where all nodes are (m, f, 3)."""
+    """Return where the nodes of a rig are in each frame (m, f, 3)."""
     places = [rig.root]
     G = [rig.rotations[0]]
     for node, offset, L in zip(
@@ -143,9 +143,10 @@ def find_tree(
 
 
 def _joining_cost(points: Floats, edges: Integers) -> Floats:
-    """Return how much each pair of landmarks changes its distance, from 1 on: (p, p).
+    """Return the cost (p, p) of a bone between two landmarks: how its length changes.
 
-    Pairs that are no edge cost more than all edges.
+    1 and the standard deviation of their distance. Pairs that are no edge cost more
+    than all edges.
     """
     rows = np.linspace(0, len(points) - 1, min(len(points), FRAMES_COMPARED))
     compared = points[rows.astype(int)].swapaxes(1, 2)
@@ -158,7 +159,7 @@ def _joining_cost(points: Floats, edges: Integers) -> Floats:
 
 
 def find_bones(tree: Sequence[Node]) -> dict[int, int]:
-    """Return the landmark where each bone ends -> the one where it begins."""
+    """Return the bones of a tree: the landmark where one ends -> where it begins."""
     ends = ((node.joint, tree[node.above].joint) for node in tree[1:])
     return {end: start for end, start in ends if end != start}
 
@@ -213,12 +214,13 @@ def _directions(points: Floats, start: int, ends: Sequence[int]) -> list[Floats]
 
 
 def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
-    """Q (f, 3, 3) takes the mean direction to the directions (f, 3) of a bone.
+    """Return the rotations (f, 3, 3) of a bone from its mean direction.
 
-    The turn about the bone is the angle of sum_k conj(mean b_k) b_k + w for the parts
-    b_k, complex numbers, of the bones that follow across this one. w is their variance,
-    and more where a bone goes against its mean: a thigh turns with its knee, a tail
-    that bends both ways does not turn.
+    They take it to its directions `bone` (f, 3), and turn it about itself as the bones
+    that follow do (their directions). The turn about the bone is the angle of sum_k
+    conj(mean b_k) b_k + w for the parts b_k, complex numbers, of the bones that follow
+    across this one. w is their variance, and more where a bone goes against its mean: a
+    thigh turns with its knee, a tail that bends both ways does not turn.
     """
     mean = _unit(bone.mean(axis=0))
     Q = shortest_rotations(mean, bone)
@@ -262,13 +264,13 @@ def _find_pose(
 
 
 def _turn_back(R: Floats, vectors: Floats) -> Floats:
-    """R^T v for rotations (f, 3, 3) and vectors (f, 3)."""
+    """Return R^T v (f, 3) for rotations R (f, 3, 3) and vectors v (f, 3)."""
     turned: Floats = (R.swapaxes(-1, -2) @ vectors[..., None])[..., 0]
     return turned
 
 
 def _unit(vectors: Floats) -> Floats:
-    """Return vectors (..., 3) of length 1; y where there is none."""
+    """Return vectors (..., 3) scaled to length 1; the axis y for those of length 0."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     up = np.broadcast_to(np.array([0.0, 1.0, 0.0]), vectors.shape).copy()
     unit: Floats = np.divide(vectors, length, out=up, where=length > 0)

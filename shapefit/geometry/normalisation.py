@@ -36,9 +36,10 @@ METRES = MappingProxyType(
 
 
 class Normalised(NamedTuple):
-    """points = (original - centroid) / scale; hidden points are 0.
+    """Points centred and scaled, and what brings them back; hidden points are 0.
 
-    points (..., d, p), centroid (..., d), scale (...).
+    points = (original - centroid) / scale. points (..., d, p), centroid (..., d), scale
+    (...).
     """
 
     points: Floats
@@ -47,7 +48,7 @@ class Normalised(NamedTuple):
 
 
 def centroid(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
-    """Mean of the visible points, shape (..., d); nan where none is visible."""
+    """Return the mean (..., d) of the visible points; nan where none is visible."""
     middle: Floats
     if visible is None:
         middle = points.mean(axis=-1)
@@ -60,20 +61,21 @@ def centroid(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats
 
 
 def std(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
-    """Mean over coordinates of the population standard deviation of the visible points.
+    """Return the size (...) of point sets: their standard deviation about the centroid.
 
-    Infinite where points are too far apart for their squares.
+    Of the visible points (the population's), the mean over the d coordinates. Infinite
+    where points are too far apart for their squares.
     """
     return _std(points - centroid(points, visible)[..., None], visible)
 
 
 def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Normalised:
-    """(points - centroid) / spread, as the program and the dictionary expect points.
+    """Centre points and scale them to the standard deviation 1, as lifting has them.
 
-    points (..., d, p), visible (..., p) bool or None for all. Where the visible points
-    coincide the scale is 0 and the normalised points are not finite: the caller decides
-    what that means. Source: released solver's convention, see docs/method.md,
-    Conventions.
+    (points - centroid) / std, see `std`. points (..., d, p), visible (..., p) bool or
+    None for all. Where the visible points coincide the scale is 0 and the normalised
+    points are not finite: the caller decides what that means. Source: released solver's
+    convention, see docs/method.md, Conventions.
     """
     middle = centroid(points, visible)
     centred = points - middle[..., None]
@@ -86,20 +88,21 @@ def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Norma
 
 
 def metres_in(unit: str) -> float | None:
-    """Return the metres in a unit, in letters of any case; None of no known length."""
+    """Return the metres in a unit, such as "cm" or "Feet"; None if it is not known."""
     return METRES.get(unit.strip().lower())
 
 
 def as_metres(unit: str) -> tuple[float, str]:
-    """Return the factor to the unit in which lengths are given out, and its name.
+    """Return the factor that turns lengths of a unit into metres, and "m".
 
-    It is the metre; lengths of a unit that is not known keep it.
+    1 and the unit itself where it is not known.
     """
     metres = metres_in(unit)
     return (1.0, unit.strip()) if metres is None else (metres, "m")
 
 
 def _std(centred: Floats, visible: NDArray[np.bool_] | None) -> Floats:
+    """Return `std` of points that are centred already."""
     deviation: Floats
     with np.errstate(over="ignore"):
         if visible is None:

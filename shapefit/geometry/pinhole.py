@@ -48,7 +48,7 @@ PATH_STATIONS = 17
 
 @dataclass(frozen=True)
 class Camera:
-    """u = centre + focal X_xy / (sign X_z) for n images.
+    """The pinhole cameras of n images: u = centre + focal X_xy / (sign X_z).
 
     focal (n, 2) > 0 and centre (n, 2), in the unit of the landmarks they go with. sign
     is +1 where z points away from the camera (y of the landmarks down), -1 where it
@@ -62,18 +62,18 @@ class Camera:
     focal_sd: float = 0.0
 
     def take(self, images: NDArray[np.intp]) -> Camera:
-        """Keep some of the images."""
+        """Return the cameras of some of the images."""
         return replace(self, focal=self.focal[images], centre=self.centre[images])
 
     def normalised_as(self, landmarks: Normalised) -> Camera:
-        """Return the camera that sees the same as normalised landmarks."""
+        """Return the camera in the unit of landmarks after their normalisation."""
         size = landmarks.scale[:, None]
         centre = (self.centre - landmarks.centroid) / size
         return replace(self, focal=self.focal / size, centre=centre)
 
 
 def project_pinhole(camera: Camera, points: Floats) -> Floats:
-    """u = centre + focal X_xy / (sign X_z).
+    """Return where a pinhole camera sees points: centre + focal X_xy / (sign X_z).
 
     points (n, 3, p) in the camera's frame -> (n, 2, p); nan for a point that is not in
     front of the camera.
@@ -84,12 +84,18 @@ def project_pinhole(camera: Camera, points: Floats) -> Floats:
 
 
 def depth_sign(y_axis: Literal["up", "down"] | None) -> float:
-    """+1 where z, the cross product of x and y, points away from the camera, or -1."""
+    """Return `Camera.sign`: 1 where z points away from the camera (y down), else -1.
+
+    z is the cross product of x and y; y points down by default.
+    """
     return -1.0 if y_axis == "up" else 1.0
 
 
 def complete_coefficients(coefficients: Sequence[float] | Floats) -> Floats:
-    """Return coefficients (..., m), m = 4, 5 or 8, with 0 for the others (..., 8)."""
+    """Return all coefficients (..., 8) of a lens, 0 for those that are not given.
+
+    coefficients (..., m), m = 4, 5 or 8; raises ValueError for others.
+    """
     given = np.asarray(coefficients, dtype=np.float64)
     if given.shape[-1] not in (4, 5, COEFFICIENTS):  # more are a thin prism and tilt
         raise ValueError(f"{given.shape[-1]} coefficients of distortion, not 4, 5 or 8")
@@ -98,11 +104,11 @@ def complete_coefficients(coefficients: Sequence[float] | Floats) -> Floats:
 
 
 def undistort(points: Floats, coefficients: Floats) -> Floats:
-    """Return the points (..., 2, p) of the image plane that the lens puts at `points`.
+    """Return the points (..., 2, p) that a lens without distortion would show.
 
-    coefficients (..., 8). They are found by Newton's method, along the path from the
-    axis on which the lens turns nothing over. NaN where there are none: the model bends
-    back before that.
+    points (..., 2, p), distorted, in the image plane at distance 1; coefficients (...,
+    8). They are found by Newton's method, along the path from the axis on which the
+    lens turns nothing over. NaN where there are none: the model bends back before that.
     """
     undistorted = np.array(points, dtype=np.float64)
     size = np.maximum(np.linalg.norm(undistorted, axis=-2), NEGLIGIBLE_LENGTH)
@@ -134,10 +140,11 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
 def distort(
     points: Floats, coefficients: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the points where the lens puts them, and the derivative of that.
+    """Return where the distortion of a lens puts points, and the derivative of that.
 
-    It is dx/dx, dy/dy and dx/dy: the derivative is symmetric, since the model is the
-    gradient of a function of the plane.
+    points (..., 2, p) of the image plane at distance 1; coefficients (..., 8). It is
+    dx/dx, dy/dy and dx/dy: the derivative is symmetric, since the model is the gradient
+    of a function of the plane.
     """
     each = np.moveaxis(coefficients, -1, 0)[..., None]
     k1, k2, p1, p2, k3, k4, k5, k6 = each

@@ -16,7 +16,7 @@ MirrorIndex = NDArray[np.integer] | Sequence[int]
 
 
 class Similarity(NamedTuple):
-    """x -> scale * rotation @ x + translation.
+    """A similarity transform x -> scale * rotation @ x + translation.
 
     scale (...), rotation (..., 3, 3), translation (..., 3).
     """
@@ -26,13 +26,13 @@ class Similarity(NamedTuple):
     translation: Floats
 
     def apply(self, points: Floats) -> Floats:
-        """Move points (..., 3, p)."""
+        """Return points (..., 3, p) scaled, turned and moved."""
         turned = self.rotation @ points
         return self.scale[..., None, None] * turned + self.translation[..., None]
 
 
 class Alignment(NamedTuple):
-    """shapes = rotations @ original shapes, and their mean.
+    """Shapes turned onto their mean: shapes = rotations @ original shapes.
 
     shapes (n, 3, p), mean (3, p), rotations (n, 3, 3) proper; `converged` states
     whether the mean came to rest within the rounds allowed.
@@ -46,12 +46,13 @@ class Alignment(NamedTuple):
 
 
 def rotation_onto(source: Floats, target: Floats) -> Floats:
-    """argmin ||R source - target||_F over proper rotations R.
+    """Return the rotation (..., 3, 3) that turns source points onto targets best.
 
-    source and target (..., 3, p), taken as they are (not centred); R (..., 3, 3). Where
-    the minimiser is not unique, as for points on one line, one of them is returned,
-    always the same; it is the identity where source or target is 0, and nan where an
-    entry is nan. Source: Kabsch 1976, Umeyama 1991.
+    argmin ||R source - target||_F over proper rotations R. source and target (..., 3,
+    p), taken as they are (not centred); R (..., 3, 3). Where the minimiser is not
+    unique, as for points on one line, one of them is returned, always the same; it is
+    the identity where source or target is 0, and nan where an entry is nan. Source:
+    Kabsch 1976, Umeyama 1991.
     """
     cross = target @ np.swapaxes(source, -1, -2)
     finite = np.isfinite(cross).all(axis=(-2, -1), keepdims=True)
@@ -59,8 +60,9 @@ def rotation_onto(source: Floats, target: Floats) -> Floats:
 
 
 def similarity_transform(source: Floats, target: Floats) -> Similarity:
-    """argmin ||s R source + t 1^T - target||_F over s >= 0, proper rotations R and t.
+    """Return the similarity transform that moves source points onto targets best.
 
+    argmin ||s R source + t 1^T - target||_F over s >= 0, proper rotations R and t.
     source and target (..., 3, p). s is the least-squares scale, <R source, target> /
     ||source||^2 of the centred points. Where the points of the source coincide s = 1
     and R = I, where those of the target do s = 0 and R = I. A nan makes its own
@@ -79,9 +81,10 @@ def similarity_transform(source: Floats, target: Floats) -> Similarity:
 def similarity_errors(
     estimate: Floats, truth: Floats, min_landmarks: int = 3
 ) -> Floats:
-    """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean distance over j.
+    """Return the mean distance (n,) of estimated points from true ones, once aligned.
 
-    estimate e and truth x (n, 3, p) -> (n,). Landmarks that are not finite on one side
+    By the similarity s, R, t that minimises sum_j |s R e_j + t - x_j|^2 over points j.
+    estimate e and truth x (n, 3, p). Landmarks that are not finite on one side
     do not count; nan where fewer than `min_landmarks` do.
     """
     finite: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
@@ -96,7 +99,10 @@ def similarity_errors(
 
 
 def _centred_unless_one(points: Floats, finite: Flags) -> Floats:
-    """Points (n, d, p) less the mean of the finite ones; 0 where these coincide."""
+    """Return points (n, d, p) less the mean of the finite ones (n, p).
+
+    0 for those that are not, and for all where the finite ones coincide.
+    """
     if finite.size:
         first = finite.argmax(axis=1)[:, None, None]
     else:
@@ -110,7 +116,10 @@ def _centred_unless_one(points: Floats, finite: Flags) -> Floats:
 
 
 def coincide(points: Floats) -> Flags:
-    """Tell where all points of (..., d, p) are one, up to rounding, or none: (...)."""
+    """Whether all points of a set (..., d, p) are one up to rounding: (...).
+
+    A set without points is one, too.
+    """
     if points.shape[-1] == 0:
         return np.ones(points.shape[:-2], dtype=np.bool_)
     extent = np.ptp(points, axis=-1).max(axis=-1)
@@ -119,7 +128,7 @@ def coincide(points: Floats) -> Flags:
 
 
 def centred(points: Floats, finite: Flags) -> Floats:
-    """Points (n, d, p) less the mean of the finite ones (n, p), 0 for the others."""
+    """Return points (n, d, p) less the mean of the finite ones (n, p), 0 for others."""
     points = np.where(finite[:, None], points, 0.0)
     count = np.maximum(finite.sum(axis=-1), 1)
     mean = points.sum(axis=-1, keepdims=True) / count[:, None, None]
@@ -127,9 +136,9 @@ def centred(points: Floats, finite: Flags) -> Floats:
 
 
 def _scaled_rotation(X: Floats, Y: Floats) -> tuple[Floats, Floats]:
-    """argmin ||s R X - Y||_F of centred points (..., 3, p): R (..., 3, 3) and s (...).
+    """Return rotation (..., 3, 3) and scale (...) that bring X onto Y best.
 
-    s is 1 where X = 0.
+    argmin ||s R X - Y||_F of centred points (..., 3, p); s is 1 where X = 0.
     """
     R = rotation_onto(X, Y)
     size = (X**2).sum(axis=(-2, -1))
@@ -144,13 +153,14 @@ def generalised_procrustes(
     tolerance: float = 1e-8,
     max_rounds: int = 100,
 ) -> Alignment:
-    """min sum_j ||(R_j S_j - mean) P||_F^2 over proper rotations R_j and the mean.
+    """Turn all shapes onto their common mean (generalised Procrustes alignment).
 
-    shapes (n, 3, p), each centred and normalised already: scale and position stay as
-    they are. P keeps the given landmarks (None: all) and subtracts their centroid. Each
-    round turns every shape onto the mean and averages again, until the mean moves by at
-    most `tolerance` of its norm. The first mean is the first shape, and the answer is
-    given in its frame (rotations[0] = I). Source: Gower 1975.
+    min sum_j ||(R_j S_j - mean) P||_F^2 over proper rotations R_j and the mean. shapes
+    (n, 3, p), each centred and normalised already: scale and position stay as they are.
+    P keeps the given landmarks (None: all) and subtracts their centroid. Each round
+    turns every shape onto the mean and averages again, until the mean moves by at most
+    `tolerance` of its norm. The first mean is the first shape, and the answer is given
+    in its frame (rotations[0] = I). Source: Gower 1975.
     """
     chosen = choose_landmarks(shapes, landmarks)
     mean = chosen[0]
@@ -177,7 +187,7 @@ def choose_landmarks(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:
 
 
 def mirror(shapes: Floats, mirror_index: MirrorIndex, lateral: int = 0) -> Floats:
-    """F S P: negate the lateral coordinate and exchange each point with its partner.
+    """Return mirror images of shapes: left and right exchanged, the axis negated.
 
     shapes (..., 3, p) in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0,
     1, 2); mirror_index (p,): the partner of each point, itself for a point on the

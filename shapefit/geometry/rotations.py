@@ -11,7 +11,7 @@ OPPOSITE_BELOW = 1e-9
 
 
 def nearest_rotation(A: Floats) -> Floats:
-    """argmin ||R - A||_F over proper rotations; A and R (..., 3, 3)."""
+    """Return the proper rotations nearest to matrices A (..., 3, 3) in ||R - A||_F."""
     U, _, Vt = np.linalg.svd(A)
     flip = np.ones(A.shape[:-1])
     flip[..., 2] = np.sign(np.linalg.det(U @ Vt))
@@ -20,10 +20,11 @@ def nearest_rotation(A: Floats) -> Floats:
 
 
 def complete_rotation(rows: Floats) -> Floats:
-    """Nearest two orthonormal rows and their cross product: (..., 2, 3) -> (..., 3, 3).
+    """Return the rotation (..., 3, 3) whose first two rows are nearest to given ones.
 
-    The two rows are the polar factor of the input, so a positive multiple of two rows
-    of a rotation comes back as that rotation (paper, section Reconstruction).
+    rows (..., 2, 3); the third row is the cross product of the others. The two rows are
+    the polar factor of the input, so a positive multiple of two rows of a rotation
+    comes back as that rotation (paper, section Reconstruction).
     """
     top = nearest_rows(rows)
     third = np.cross(top[..., 0, :], top[..., 1, :])
@@ -31,14 +32,14 @@ def complete_rotation(rows: Floats) -> Floats:
 
 
 def nearest_rows(rows: Floats) -> Floats:
-    """Two orthonormal rows nearest to two rows, their polar factor: (..., 2, 3)."""
+    """Return the two orthonormal rows nearest to given ones (..., 2, 3)."""
     U, _, Vt = np.linalg.svd(rows, full_matrices=False)
     nearest: Floats = U @ Vt
     return nearest
 
 
 def random_rotations(n: int, rng: np.random.Generator) -> Floats:
-    """n rotations (n, 3, 3), uniform over SO(3): quaternions of Gaussian direction."""
+    """Return random rotations (n, 3, 3), uniform over all rotations."""
     q = rng.standard_normal((4, n))
     w, x, y, z = q / np.linalg.norm(q, axis=0)
     entries = [
@@ -50,9 +51,10 @@ def random_rotations(n: int, rng: np.random.Generator) -> Floats:
 
 
 def rotation_about(axis: Floats, angles: Floats) -> Floats:
-    """R = I + sin(a) [u]_x + (1 - cos(a)) [u]_x^2 (Rodrigues).
+    """Return the rotations (..., 3, 3) about an axis (3,) by angles (...) in radians.
 
-    axis (3,), angles (...) in radians -> (..., 3, 3).
+    R = I + sin(a) [u]_x + (1 - cos(a)) [u]_x^2 (Rodrigues); the axis may have any
+    length.
     """
     x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -67,7 +69,10 @@ def rotation_about_axis(axis: int, angles: Floats) -> Floats:
 
 
 def exponential(turns: Floats) -> Floats:
-    """R = exp([omega]_x) of turns omega (..., 3) in radians: (..., 3, 3)."""
+    """Return the rotations (..., 3, 3) of rotation vectors (..., 3), in radians.
+
+    R = exp([omega]_x) of the turns omega.
+    """
     angle = np.linalg.norm(turns, axis=-1)[..., None, None]
     K = _cross_matrix(turns)
     # np.sinc(x) = sin(pi x) / (pi x), finite at 0
@@ -78,14 +83,15 @@ def exponential(turns: Floats) -> Floats:
 
 
 def _cross_matrix(vectors: Floats) -> Floats:
-    """[v]_x of vectors (..., 3): the matrices (..., 3, 3) with [v]_x a = v x a."""
+    """Return the matrices (..., 3, 3) with [v]_x a = v x a, of vectors (..., 3)."""
     return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)
 
 
 def shortest_rotations(start: Floats, ends: Floats) -> Floats:
-    """R = I + K + K^2 / (1 + cos), K = [start x end]_x.
+    """Return the rotations (f, 3, 3) by the least angle from a direction to others.
 
-    Unit vectors start (3,) and ends (f, 3) -> (f, 3, 3). Between opposite ones it is
+    R = I + K + K^2 / (1 + cos), K = [start x end]_x, of unit vectors start (3,) and
+    ends (f, 3). Between opposite ones it is
     half a turn about some axis across them.
     """
     cosine = ends @ start
@@ -100,8 +106,9 @@ def shortest_rotations(start: Floats, ends: Floats) -> Floats:
 
 
 def rotation_angle(first: Floats, second: Floats) -> Floats:
-    """Angle of first^T second in degrees; (..., 3, 3) each, nan where an entry is nan.
+    """Return the angle (...) in degrees between rotations (..., 3, 3).
 
+    That of first^T second; nan where an entry is nan.
     Uses ||R1 - R2||_F = 2 sqrt(2) sin(angle / 2), which keeps its accuracy at small
     angles.
     """

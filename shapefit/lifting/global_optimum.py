@@ -14,7 +14,7 @@ import numpy as np
 from shapefit import core
 from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Problem
-from shapefit.convex.solver import Status, read_statuses
+from shapefit.convex.solver import Status, decode_statuses
 from shapefit.lifting.estimate import AtomEstimate, Solve
 from shapefit.lifting.methods import STARTS
 from shapefit.lifting.shared_rotation import (
@@ -174,5 +174,5 @@ def find_optimum(
         bound=bound,
         relative_gap=gap,
         cells=cells,
-        status=read_statuses(codes),
+        status=decode_statuses(codes),
     )

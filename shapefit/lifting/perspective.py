@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solver import Status, read_statuses
+from shapefit.convex.solver import Status, decode_statuses
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
@@ -210,7 +210,7 @@ def refine_perspective(
         status=codes,
         threads=threads,
     )
-    status = read_statuses(codes)
+    status = decode_statuses(codes)
     failed = [ending in REFINEMENT_FAILURES for ending in status]
     for result in (R, t, c):
         result[failed] = np.nan

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Loss, Problem
-from shapefit.convex.solver import Status, find_outliers, read_statuses
+from shapefit.convex.solver import Status, decode_statuses, find_outliers
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.degeneracy import find_degenerate
@@ -361,7 +361,7 @@ def alternate(
         threads=threads,
     )
     rotation[~coefficients.any(axis=1)] = np.nan
-    return Alternation(coefficients, rotation, rounds, read_statuses(codes))
+    return Alternation(coefficients, rotation, rounds, decode_statuses(codes))
 
 
 def synchronise(M: Transforms, *, threads: int = 0) -> Floats:

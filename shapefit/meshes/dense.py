@@ -11,23 +11,24 @@ from shapefit.geometry.normalisation import Normalised
 def carry_mesh(
     mesh_vertices: Floats, normalised: Normalised, rotations: Floats
 ) -> Floats:
-    """R_j (V_j - centroid_j 1^T) / scale_j: treat meshes as their landmarks were.
+    """Return mesh vertices (n, 3, q), normalised and turned as their landmarks were.
 
-    mesh_vertices V (n, 3, q) in the frame and unit of the landmarks that gave
-    `normalised`; rotations R (n, 3, 3), those of their alignment -> (n, 3, q).
+    R_j (V_j - centroid_j 1^T) / scale_j. mesh_vertices V (n, 3, q) in the frame and
+    unit of the landmarks that gave `normalised`; rotations R (n, 3, 3), those of their
+    alignment.
     """
     centred = mesh_vertices - normalised.centroid[..., None]
     return rotations @ (centred / normalised.scale[..., None, None])
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
-    """Return the length of a normalised unit: the weighted mean of those in the atoms.
+    """Return how long the unit of mixed shapes is (n,), by the sizes of their atoms.
 
     (sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i
     = 1, so that the shape of an image is as large as its atoms are on average: an image
     does not determine whether a car is small or far away. atoms B (k, 3, p), the
     landmarks; coefficients (n, k); atom_scale s (k,): atom i measures s_i B_i in the
-    unit wanted. Returns (n,), nan where all coefficients are 0.
+    unit wanted. nan where all coefficients are 0.
     """
     size = np.linalg.norm(atoms, axis=(1, 2))
     share = coefficients * size

@@ -288,7 +288,10 @@ def draw_shape(axes: Axes3D, image: FittedImage, model: DrawnModel) -> None:
 
 
 def _limits(points: Floats) -> tuple[Floats, Floats]:
-    """Lowest and highest coordinates of a square or cube around the points (d, p)."""
+    """Return lowest and highest corner (d,) of a square or cube around points (d, p).
+
+    With a margin; the points must be finite.
+    """
     if not points.size:
         points = np.zeros((len(points), 1))
     low = points.min(axis=1)

@@ -72,7 +72,7 @@ class Column(NamedTuple):
 
     @property
     def per_item(self) -> bool:
-        """Whether it gets longer with more items."""
+        """Whether its rows belong to single items: it gets longer with more items."""
         return self.axes[0] in ("n", "a")
 
     @property
@@ -106,25 +106,28 @@ _COLUMNS: dict[type, tuple[Column, ...]] = {}
 def columns_of(cls: type) -> tuple[Column, ...]:
     """Return the columns of a class of records, those that it inherits first."""
     if cls not in _COLUMNS:
-        _COLUMNS[cls] = tuple(_read_columns(cls))
+        _COLUMNS[cls] = tuple(_parse_columns(cls))
     return _COLUMNS[cls]
 
 
-def _read_columns(cls: type) -> Iterator[Column]:
-    """Yield what is written beside the fields of a class."""
+def _parse_columns(cls: type) -> Iterator[Column]:
+    """Yield the columns that the annotations of a class and its bases describe."""
     columns: dict[str, Column] = {}
     for base in reversed(cls.__mro__):
         for field, hint in get_annotations(base).items():
             if hasattr(hint, "__metadata__"):  # Annotated
                 kind, axes, *marks = get_args(hint)
-                columns[field] = _read_column(field, kind, axes, marks)
+                columns[field] = _parse_column(field, kind, axes, marks)
     yield from columns.values()
 
 
-def _read_column(
+def _parse_column(
     field: str, kind: object, axes: str, marks: Sequence[Unit | Named]
 ) -> Column:
-    """Return a column of what is written beside its field."""
+    """Return the column that the annotation of a field describes.
+
+    kind: its type; axes, such as "n p 3"; marks: unit and name, if any.
+    """
     kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
     name = field
     unit = ""
@@ -156,8 +159,9 @@ def column_by_name(cls: type) -> Mapping[str, Column]:
 def fit_axes(
     axes: Sequence[str | int], shape: Sequence[int], sizes: dict[str, int]
 ) -> bool:
-    """Whether a shape has these axes; sizes of letters that are new are added to
-    `sizes`.
+    """Whether an array's shape has these axes, where each letter has one size.
+
+    sizes: those of the letters so far, to which new ones are added.
     """
     if len(shape) != len(axes):
         return False
@@ -169,7 +173,10 @@ def fit_axes(
 
 
 def as_kind(column: Column, value: object) -> Array | Texts:
-    """Return a value in the type of a column. Raises TypeError or ValueError."""
+    """Return a value in the type of a column: an array, or a tuple of texts.
+
+    Raises TypeError or ValueError where it cannot be converted.
+    """
     if column.kind == Texts:
         return value if isinstance(value, tuple) else tuple(map(str, _each(value)))
     if column.kind == Words:
@@ -184,8 +191,9 @@ def as_kind(column: Column, value: object) -> Array | Texts:
 
 
 def _as_whole_numbers(values: NDArray[Any], dtype: type) -> Array:
-    """Return values in a type that holds them all. Raises ValueError where it does
-    not: fractions are no indices, and 2 is no flag.
+    """Return values as whole numbers or flags (dtype), unchanged in value.
+
+    Raises ValueError where that cannot be: fractions are no indices, and 2 is no flag.
     """
     if values.dtype == dtype:
         return values
@@ -197,7 +205,7 @@ def _as_whole_numbers(values: NDArray[Any], dtype: type) -> Array:
 
 
 def _each(value: object) -> Sequence[object]:
-    """Return what a sequence or an array holds. Raises TypeError for other values."""
+    """Return the elements of a sequence or an array. Raises TypeError for others."""
     if isinstance(value, np.ndarray):
         values: list[object] = value.tolist()
         return values
@@ -239,8 +247,7 @@ def complete(record: Items) -> None:
 
 
 def in_columns(points: Floats) -> Floats:
-    """Return points (n, p, d) as the mathematics has them: (n, d, p), and in that order
-    in memory.
+    """Return points (n, p, d) as (n, d, p), one landmark a column, also in memory.
 
     Sums round by the order in memory: what is computed must not depend on who made the
     array.
@@ -249,7 +256,7 @@ def in_columns(points: Floats) -> Floats:
 
 
 def held_columns(record: Items) -> Iterator[tuple[Column, Array | Texts]]:
-    """Yield the columns that a record has, as they stand in a file."""
+    """Yield the columns of a record that are not None, with their values."""
     for column in columns_of(type(record)):
         value = getattr(record, column.field)
         if value is not None:
@@ -257,7 +264,10 @@ def held_columns(record: Items) -> Iterator[tuple[Column, Array | Texts]]:
 
 
 def take_rows(record: Items, rows: NDArray[np.integer] | slice) -> dict[str, object]:
-    """Return the fields of a record of some items; transforms go with their image."""
+    """Return those fields of a record that change where only some items are kept.
+
+    By name, for `replace`; transforms go with their image.
+    """
     changes: dict[str, object] = {}
     for column, value in held_columns(record):
         if column.axes[0] == "n":
@@ -270,6 +280,7 @@ def take_rows(record: Items, rows: NDArray[np.integer] | slice) -> dict[str, obj
 
 
 def _take(value: Array | Texts, rows: NDArray[np.integer] | slice) -> Array | Texts:
+    """Return some rows of an array or of a tuple of texts, which may be empty."""
     if isinstance(value, np.ndarray):
         return value[rows]
     if isinstance(rows, slice):
@@ -280,6 +291,7 @@ def _take(value: Array | Texts, rows: NDArray[np.integer] | slice) -> Array | Te
 def _take_counted(
     value: Array, count: Integers, rows: NDArray[np.integer] | slice
 ) -> Array:
+    """Return the rows of an array that belong to some items, with `count` (n,) each."""
     ends = np.cumsum(count)
     taken = np.arange(len(count))[rows]
     ranges = [np.arange(ends[row] - count[row], ends[row]) for row in taken]
@@ -288,8 +300,10 @@ def _take_counted(
 
 
 def fields_from(cls: type, columns: Mapping[str, object]) -> dict[str, Any]:
-    """Return columns by the fields of a class; those that it does not list become
-    `extras`. What is None is left out.
+    """Return the arguments that make a record of columns given by their names in files.
+
+    Columns that the class does not list become `extras`; those that are None are left
+    out.
     """
     listed = column_by_name(cls)
     fields: dict[str, Any] = {}

@@ -14,10 +14,10 @@ from shapefit.errors import input_error
 def order_by_frame(
     sequences: Sequence[str] | None, frames: Integers | None
 ) -> NDArray[np.intp] | None:
-    """Return the order (n,) in which frames rise, sequence by sequence; None where
-    they rise as they stand.
+    """Return the order (n,) that sorts items by frame, sequence by sequence.
 
-    Items of no sequence, "", stay in their order.
+    None where frames rise as they stand, and without sequences or frames. Items of no
+    sequence, "", stay in their order.
     """
     if sequences is None or frames is None:
         return None
@@ -51,8 +51,9 @@ def check_frames(
 def _places(
     sequences: Sequence[str], frames: Integers
 ) -> tuple[NDArray[np.intp], Integers]:
-    """Return the number of each item's sequence, and its frame, 0 without a
-    sequence.
+    """Return the number of each item's sequence (n,), and its frame (n,).
+
+    The frame of an item without a sequence, "", is 0.
     """
     number: dict[str, int] = {}
     which = np.array([number.setdefault(s, len(number)) for s in sequences], np.intp)

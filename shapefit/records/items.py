@@ -111,11 +111,11 @@ class Items:
         return replace(self, **take_rows(self, rows))  # type: ignore[arg-type]
 
     def replaced(self, **changes: object) -> Self:
-        """Return the same with other fields; None leaves one out."""
+        """Return the record with these fields changed; None leaves one out."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def as_columns(self) -> Floats:
-        """The points as the mathematics has them, see `in_columns`."""
+        """Return the points as (n, d, p), one landmark a column, see `in_columns`."""
         return in_columns(self.points)
 
     def with_points(self, points: Floats) -> Self:
@@ -124,13 +124,14 @@ class Items:
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def with_whole_points(self) -> Self:
-        """Return the same items; a landmark with one unknown coordinate has none."""
+        """Return the same items; landmarks with one nan coordinate become nan."""
         unknown = np.isnan(self.points).any(axis=2, keepdims=True)
         return self.with_points(np.where(unknown, np.nan, self.points))
 
     def named(self, landmark_names: Sequence[str] = ()) -> Self:
-        """Return the same with names of landmarks where they have none, by default
-        their numbers, and numbered items where these have none.
+        """Return the record with names for landmarks and items that have none.
+
+        Landmarks get the given ones, by default their numbers; items get theirs.
         """
         n, p = self.points.shape[:2]
         names = self.landmark_names or landmark_names or tuple(map(str, range(p)))
@@ -139,16 +140,14 @@ class Items:
 
     @property
     def lines(self) -> Integers | None:
-        """The edges that join landmarks which are there; None without any."""
+        """Return the edges (l, 2) whose both ends are landmarks; None without edges."""
         if self.edges is None:
             return None
         count = len(self.landmark_names)
         return self.edges[((self.edges >= 0) & (self.edges < count)).all(axis=1)]
 
     def column(self, name: str) -> Array | None:
-        """Return a column or a further dataset by its name in files; None without
-        it.
-        """
+        """Return a column or an extra dataset by its name in files; None without it."""
         listed = column_by_name(type(self)).get(name)
         if listed is not None:
             value = getattr(self, listed.field)
@@ -156,8 +155,9 @@ class Items:
         return self.extras.get(name, self.file_extras.get(name))
 
     def item_columns(self) -> dict[str, Array]:
-        """Return the columns with a row an item by their names in files, but for the
-        names of items and sequences.
+        """Return the columns that have a row for each item, by their names in files.
+
+        But for the names of items and sequences.
         """
         columns = {
             column.name: np.asarray(value)
@@ -167,7 +167,7 @@ class Items:
         return columns | dict(self.extras)
 
     def column_names(self) -> set[str]:
-        """Return the names of all columns and further datasets that there are."""
+        """Return the names in files of all columns and extra datasets there are."""
         return {
             *(column.name for column, _ in held_columns(self)),
             *self.extras,
@@ -175,21 +175,23 @@ class Items:
         }
 
     def with_extras(self, extras: Mapping[str, Array]) -> Self:
-        """Return the same with more columns of items, in place of those of the same
-        names.
+        """Return the record with more columns, a row for each item.
+
+        They replace extra ones of the same names.
         """
         whole = {name: v for name, v in self.file_extras.items() if name not in extras}
         return replace(self, extras={**self.extras, **extras}, file_extras=whole)
 
     def with_file_extras(self, extras: Mapping[str, Array]) -> Self:
-        """Return the same with more datasets of the file, in place of those of the
-        same names.
+        """Return the record with more datasets of the whole file.
+
+        They replace extra ones of the same names.
         """
         rows = {name: v for name, v in self.extras.items() if name not in extras}
         return replace(self, extras=rows, file_extras={**self.file_extras, **extras})
 
     def without(self, names: Collection[str]) -> Self:
-        """Return the same without the columns and further datasets of these names."""
+        """Return the record without the columns and extra datasets of these names."""
         changes: dict[str, object] = {
             column.field: None
             for column, _ in held_columns(self)
@@ -205,8 +207,9 @@ Record = TypeVar("Record", bound=Items)
 
 
 def concatenate(parts: Sequence[Record]) -> Record:
-    """Join records of the same landmarks and columns; what is of the file comes from
-    the first.
+    """Join records of the same landmarks and columns, one after the other.
+
+    What belongs to the whole file comes from the first.
     """
     first = parts[0]
     if len(parts) == 1:

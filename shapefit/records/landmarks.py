@@ -32,13 +32,11 @@ class Landmarks(Items):
     """Where y points."""
 
     def weights(self) -> Floats:
-        """Omega (n, p): the confidence, or 1, where a landmark has a place, and 0
-        elsewhere.
-        """
+        """Return the weights (n, p): the confidence, else 1; 0 where unseen."""
         placed = np.isfinite(self.landmarks).all(axis=2)
         confidence = 1.0 if self.confidence is None else self.confidence
         return np.where(placed, confidence, 0.0)
 
     def visible(self) -> Flags:
-        """Omega > 0 (n, p): the landmarks that have a place and confidence."""
+        """Return which landmarks (n, p) have a place and a confidence above 0."""
         return self.weights() > 0

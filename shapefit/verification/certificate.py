@@ -105,19 +105,20 @@ class ProgramImages(NamedTuple):
 def check_certificate(
     columns: ImageColumns, program: CertifiedProgram, claims: Claims
 ) -> Flags:
-    """Claim that the dual bounds the objective as stated, of the shapes as stated.
+    """Compute the certificate of n images again, and claim that it is as stated.
 
+    Dual, objective, gap and shapes; claims that are false are noted in `claims`.
     Returns the images (n,) that state a gap: without one nothing is certified of an
     image.
     """
-    images = read_images(columns, program)
+    images = normalise_images(columns, program)
     k, _, p = program.atoms.shape
     n = len(images.size)
     rows = program.atoms.reshape(3 * k, p)
     prefix = "convex_" if program.refined else ""
     gap = stated_gap(columns, program)
     states_gap = np.asarray(claims.fitted & np.isfinite(gap))
-    M, c = read_transforms(columns, n, k, claims)
+    M, c = build_transforms(columns, n, k, claims)
     D = check_dual(images, columns["dual"], program, claims, states_gap)
     T = columns["convex_translation"]
     X = (M.swapaxes(1, 2).reshape(2 * n, -1) @ rows).reshape(n, 2, p)
@@ -152,7 +153,11 @@ def check_refined(
     claims: Claims,
     of: Flags,
 ) -> None:
-    """Claim the objective of shapes with one rotation, its gap to D, and the shapes."""
+    """Check shapes with one rotation, their objective and its gap to the bound D (n,).
+
+    By claims that they are what coefficients and rotations give, the gaps of the images
+    `of` (n,).
+    """
     k, _, p = program.atoms.shape
     c = columns["coefficients"]
     R = np.nan_to_num(columns["rotation"])
@@ -166,10 +171,13 @@ def check_refined(
     check_shapes(columns, images, c, S, T, claims)
 
 
-def read_transforms(
+def build_transforms(
     columns: ImageColumns, n: int, k: int, claims: Claims
 ) -> tuple[Floats, Floats]:
-    """Return M (n, k, 2, 3) and c (n, k), and claim that transforms are finite."""
+    """Return the transforms M (n, k, 2, 3) of a result and their spectral norms (n, k).
+
+    Claims that they are finite; those that are not count as 0.
+    """
     image = np.repeat(np.arange(n), columns["transform_count"])
     # Of an atom that is not there another one is taken, with which the objective is
     # false.
@@ -192,7 +200,7 @@ def stated_gap(columns: ImageColumns, program: CertifiedProgram) -> Floats:
     return np.asarray(columns[name])
 
 
-def read_images(columns: ImageColumns, program: CertifiedProgram) -> ProgramImages:
+def normalise_images(columns: ImageColumns, program: CertifiedProgram) -> ProgramImages:
     """Weigh and normalise the landmarks of n images of a result.
 
     omega is the confidence, 1 without one, and 0 where a landmark is unseen or was set
@@ -226,8 +234,9 @@ def objective(
     total: Floats,
     program: CertifiedProgram,
 ) -> tuple[Floats, Floats]:
-    """Return P (n,) of projections X (n, 2, p) at T (n, 2), and its size.
+    """Return the objective P (n,) of projected shapes, and the size of its terms (n,).
 
+    X (n, 2, p), the projections, at the translations T (n, 2);
     total (n,), the sum of the norms of transforms. Differences are to be compared with
     the size: P and the objective without a shape.
     """
@@ -253,7 +262,10 @@ def check_dual(
     claims: Claims,
     of: Flags,
 ) -> Floats:
-    """Claim that the dual Y (n, 2, p) is feasible, of some images; return D (n,)."""
+    """Return the bound D (n,) of dual points Y (n, 2, p), and claim they are feasible.
+
+    Of the images `of` (n,).
+    """
     n, _, p = Y.shape
     k = len(program.atoms)
     columns = np.ascontiguousarray(program.atoms.transpose(2, 1, 0).reshape(p, 3 * k))
@@ -262,7 +274,7 @@ def check_dual(
     norms = nuclear_norms(products[:, 0], products[:, 1])
     if images.retained is not None:
         norms = norms * images.retained
-    most = largest(norms)
+    most = largest_of_images(norms)
     farthest = np.sqrt((program.atoms**2).sum(axis=1)).max()
     lengths = np.sqrt((weighted**2).sum(axis=1))
     terms = lengths.sum(axis=1) * farthest / images.lam
@@ -291,7 +303,12 @@ def check_gap(
     claims: Claims,
     of: Flags,
 ) -> None:
-    """Claim the objective P, with its size, and the gap (P - D) / P; 0 / 0 is 0."""
+    """Claim that stated objectives and gaps are P and (P - D) / P, computed again.
+
+    objective: P and the size of its terms; D, the bound; stated: objective and gap as
+    the result has them, (n,) each; prefix of their names; of: images with a gap. 0 / 0
+    is 0.
+    """
     P, size = objective
     stated_objective, stated_gap = stated
     text = f"{prefix}objective is that of the shape"
@@ -311,20 +328,23 @@ def check_shapes(
     T: Floats,
     claims: Claims,
 ) -> None:
-    """Claim coefficients c (n, k) and the shapes size S + (size T + centroid).
+    """Claim that coefficients, scale, translation and shapes are those computed again.
 
-    S (n, 3, p) and T (n, 2) are normalised.
+    c (n, k), the coefficients; S (n, 3, p) and T (n, 2), shapes and translations in
+    normalised units, which the landmarks' size and centroid bring into their own.
     """
     size = images.size
     place = size[:, None] * T + images.centroid
-    distance = largest(np.abs(images.centroid)) + size * largest(np.abs(T))
+    distance = largest_of_images(np.abs(images.centroid)) + size * largest_of_images(
+        np.abs(T)
+    )
     rounding = SUM_ROUNDING * distance
     X = size[:, None, None] * S
     X[:, :2] += place[..., None]
     claims.near(
         "coefficients are those of the transforms",
         np.abs(columns["coefficients"] - c),
-        CLAIM_TOLERANCE * (1 + largest(c)),
+        CLAIM_TOLERANCE * (1 + largest_of_images(c)),
     )
     claims.near(
         "scale is the size of the landmarks",
@@ -336,7 +356,7 @@ def check_shapes(
         np.abs(columns["translation"] - place),
         CLAIM_TOLERANCE * size + rounding,
     )
-    shape_tolerance = CLAIM_TOLERANCE * (1 + largest(np.abs(S)))
+    shape_tolerance = CLAIM_TOLERANCE * (1 + largest_of_images(np.abs(S)))
     claims.near(
         "shapes are those of the certificate",
         np.abs(columns["shapes"] - X),
@@ -377,11 +397,12 @@ class Claims:
     ) -> None:
         """Claim that differences (n, ...) are at most `allowed` (n,), and not nan.
 
-        of (n,): the images of which it is claimed, by default those with a shape.
+        Images for which it is false join `missed`. text: the claim in words; of (n,):
+        the images of which it is claimed, by default those with a shape.
         """
         if of is None:
             of = self.fitted
-        off = largest(np.asarray(off, dtype=np.float64))
+        off = largest_of_images(np.asarray(off, dtype=np.float64))
         is_near = off <= np.asarray(allowed)  # nan is not
         false = of & ~is_near
         for image in np.flatnonzero(false & ~self.missed).tolist():
@@ -389,18 +410,24 @@ class Claims:
         self.missed |= false
 
     def hold(self, text: str, holds: ArrayLike, of: Flags | None = None) -> None:
-        """Claim what holds or not (n, ...), with nothing between."""
+        """Claim that `holds` (n, ...) is true throughout; text and of as in `near`."""
         self.near(text, np.where(holds, 0.0, np.inf), 0.0, of)
 
 
-def largest(values: Floats) -> Floats:
-    """Return the largest number of each image (n,) of values (n, ...), or nan."""
+def largest_of_images(values: Floats) -> Floats:
+    """Return the largest value of each image (n,), nan where any of its values is.
+
+    values (n, ...); -inf for an image without values.
+    """
     axes = tuple(range(1, values.ndim))
     return np.asarray(values.max(axis=axes, initial=-np.inf))
 
 
 def check_ranges(columns: ImageColumns, claims: Claims) -> None:
-    """Claim that numbers are in range, rotations proper, shapes whole or absent."""
+    """Claim that numbers are in their `RANGES`, rotations proper, shapes whole or nan.
+
+    And that the status says whether there is a shape.
+    """
     for (low, high), names in RANGES.items():
         for name in columns.keys() & set(names.split()):
             values = np.asarray(columns[name], dtype=np.float64)

@@ -10,8 +10,8 @@ from shapefit.evaluation.calibration import (
     SQUARED_RADII,
     ErrorBars,
     bar_scale_factors,
-    cover,
     find_squares,
+    summarise_coverage,
 )
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -156,7 +156,7 @@ def test_groups_are_summed_up():
     bars = ErrorBars(chdtri(3, 1 - level), width)
     np.testing.assert_allclose(bars.shares(), [1, 1, 0.5])
     groups = {"13": ("a", "b"), "14": ("c",), "15": ("d",)}
-    first, second = cover("m", bars, ["a", "b", "c"], groups)
+    first, second = summarise_coverage("m", bars, ["a", "b", "c"], groups)
     assert (first["group"], first["counted"]) == ("13", 3)
     assert first["inside"] == pytest.approx([1 / 3, 1.0])
     assert first["median_width"] == {"normalised": 2.0}

@@ -11,8 +11,8 @@ from shapefit.verification.certificate import (
     check_certificate,
     check_dual,
     check_ranges,
+    normalise_images,
     nuclear_norms,
-    read_images,
 )
 
 
@@ -124,7 +124,7 @@ def test_a_known_optimum_is_certified_and_nothing_else(planted):
 def test_the_dual_of_a_robust_loss_is_bounded(planted, loss, bound, over):
     """With a lambda so large that nothing else limits it."""
     program = CertifiedProgram(B, None, False, True, False, loss, 0.1, 1e-6)
-    images = read_images(planted | {"lambda": np.array([100.0])}, program)
+    images = normalise_images(planted | {"lambda": np.array([100.0])}, program)
     Y = planted["dual"] * (1 + over) * bound / np.abs(planted["dual"]).max()
     claims = Claims(np.ones(1, dtype=bool))
     check_dual(images, Y, program, claims, np.ones(1, dtype=bool))

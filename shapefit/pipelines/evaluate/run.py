@@ -16,7 +16,11 @@ from shapefit import __version__
 from shapefit.config import EvalConfig
 from shapefit.errors import input_error, listed, parse_json, path_text, printable
 from shapefit.evaluation import report
-from shapefit.evaluation.calibration import WIDTH_SHARE, bar_scale_factors, cover
+from shapefit.evaluation.calibration import (
+    WIDTH_SHARE,
+    bar_scale_factors,
+    summarise_coverage,
+)
 from shapefit.evaluation.metrics import METRICS, SHARE
 from shapefit.evaluation.plots import draw_errors
 from shapefit.geometry.normalisation import MAX_COORDINATE
@@ -181,7 +185,7 @@ def make_document(
             name, measured.sequences, measured.errors, grouping
         )
         if measured.bars is not None:
-            document["calibration"] += cover(
+            document["calibration"] += summarise_coverage(
                 name, measured.bars, measured.sequences, grouping
             )
             document["factors"][name] = bar_scale_factors(measured.bars)
