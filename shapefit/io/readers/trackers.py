@@ -272,21 +272,13 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     exist = (track >= -1) & (track < len(file.track_names))
     exist &= (video >= 0) & (video < (len(file.video_names) or 1))
     require(exist.all(), "instances of tracks or videos that it does not hold")
-    names = tuple(
-        dict.fromkeys(node for skeleton in file.skeletons for node in skeleton.nodes)
-    )
+    names, edges = _join_skeletons(file.skeletons)
     points = _place_points(file, instances, names)
     replaced = _are_replaced(instances, video, frame)
     lost = int(replaced.sum())
     note = f"{lost} predicted instances replaced by those that a user placed"
     scores = points[..., 2]
-    pairs = dict.fromkeys(
-        pair for skeleton in file.skeletons for pair in skeleton.edges
-    )
-    individuals = (
-        *number_repeats(file.track_names),
-        "",
-    )  # the last is that of track -1
+    individuals = (*number_repeats(file.track_names), "")  # the last is of track -1
     several = len(file.video_names) > 1
     return Poses(
         name=str(paths[0]),
@@ -302,7 +294,7 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
         individual=[individuals[number] for number in track.tolist()],
         landmark_names=names,
         unit="px",
-        edges=tuple((names.index(a), names.index(b)) for a, b in pairs),
+        edges=edges,
         notes=(note,) if lost else (),
     ).take(~replaced)
 
@@ -399,14 +391,21 @@ def _instances_of(
     return instances[which], np.repeat(np.arange(len(frames)), end - start)
 
 
+def _join_skeletons(skeletons: Sequence[SlpSkeleton]) -> tuple[tuple[str, ...], Edges]:
+    """Return the nodes of all skeletons, and their edges as pairs of these."""
+    names = tuple(
+        dict.fromkeys(node for skeleton in skeletons for node in skeleton.nodes)
+    )
+    pairs = dict.fromkeys(pair for skeleton in skeletons for pair in skeleton.edges)
+    return names, tuple((names.index(a), names.index(b)) for a, b in pairs)
+
+
 def _place_points(
     file: SlpFile, instances: NDArray[Any], names: Sequence[str]
 ) -> Floats:
     """Return x, y and score of the nodes of instances (n, names, 3), NaN for none."""
     kind = instances["instance_type"].astype(np.int64)
     skeleton = instances["skeleton"].astype(np.int64)
-    first = instances["point_id_start"].astype(np.int64)
-    last = instances["point_id_end"].astype(np.int64)
     require(np.isin(kind, (USER, PREDICTED)).all(), "instances of an unknown type")
     exist = (skeleton >= 0) & (skeleton < len(file.skeletons))
     require(exist.all(), "instances of skeletons that it does not hold")
@@ -414,13 +413,8 @@ def _place_points(
     for number, (nodes, _) in enumerate(file.skeletons):
         columns = np.array([names.index(node) for node in nodes], np.int64)
         for chosen in (USER, PREDICTED):
-            table = file.tables[chosen]
             mine = np.flatnonzero((kind == chosen) & (skeleton == number))
-            start = first[mine]
-            inside = (start >= 0) & (start + len(nodes) <= len(table))
-            inside &= last[mine] - start == len(nodes)
-            require(inside.all(), "instances of points that it does not hold")
-            cells = table[start[:, None] + np.arange(len(nodes))]
+            cells = _cells_of(file.tables[chosen], instances[mine], len(nodes))
             hidden = ~cells["visible"].astype(bool)
             for place, axis in enumerate("xy"):
                 values = np.where(hidden, np.nan, cells[axis] - file.shift)
@@ -428,6 +422,19 @@ def _place_points(
             if chosen == PREDICTED:
                 points[mine[:, None], columns, 2] = cells["score"]
     return points
+
+
+def _cells_of(table: NDArray[Any], instances: NDArray[Any], count: int) -> NDArray[Any]:
+    """Return the rows of a table of points (n, count) that instances of so many nodes
+    have.
+    """
+    start = instances["point_id_start"].astype(np.int64)
+    end = instances["point_id_end"].astype(np.int64)
+    inside = (start >= 0) & (start + count <= len(table))
+    inside &= end - start == count
+    require(inside.all(), "instances of points that it does not hold")
+    cells: NDArray[Any] = table[start[:, None] + np.arange(count)]
+    return cells
 
 
 def _are_replaced(instances: NDArray[Any], video: Integers, frame: Integers) -> Flags:
@@ -604,9 +611,22 @@ def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
 POSES_OF_NWB = ("PoseEstimationSeries", "PoseEstimation")
 UNITS = {"m": "m", "meter": "m", "meters": "m", "metres": "m"}
 
-Series = tuple[
-    Floats, Floats, Floats, float, str
-]  # points, confidence, times, rate or 0, unit
+
+class Series(NamedTuple):
+    """A landmark of an animal over n times.
+
+    points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, and unit.
+    """
+
+    points: Floats
+    confidence: Floats
+    times: Floats
+    rate: float
+    unit: str
+
+
+SeriesOfAnimals = dict[tuple[str, str], Series]
+"""The series of each animal and landmark."""
 
 
 def is_nwb(head: Head) -> bool:
@@ -619,61 +639,36 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
 
     Raises FormatError where there is none, or one twice.
     """
-    series: dict[tuple[str, str], Series] = {}
     with TrackerFile(paths[0]) as file:
         groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
-        kinds = {name: file.text("neurodata_type", name) for name in groups}
-        for name in groups:
-            if (kinds[name], kinds.get(name.rpartition("/")[0])) == POSES_OF_NWB:
-                *_, animal, landmark = name.split("/")
-                once = (animal, landmark) not in series
-                require(
-                    once,
-                    "animals of one name in several modules; save each in its own file",
-                )
-                series[animal, landmark] = _read_series(file, name)
-        require(series, "no PoseEstimation (ndx-pose), so no landmarks")
-        skeleton = next((name for name in groups if file.texts(f"{name}/nodes")), "")
-        nodes = file.texts(f"{skeleton}/nodes")
-        pairs = file.edges(f"{skeleton}/edges", len(nodes))
-    landmarks = [*dict.fromkeys(landmark for _, landmark in series)]
-    names = [
-        *dict.fromkeys([*(node for node in nodes if node in landmarks), *landmarks])
-    ]
+        series = _read_all_series(file, groups)
+        nodes, pairs = _read_nwb_skeleton(file, groups)
+    names = _landmarks_in_order(series, nodes)
     animals = [*dict.fromkeys(animal for animal, _ in series)]
-    all_points, _, all_times, all_rates, all_units = zip(*series.values(), strict=True)
-    axes, units = {points.shape[1] for points in all_points}, {*all_units}
+    axes = {one.points.shape[1] for one in series.values()}
     require(len(axes) == 1, "2D and 3D series; save them in files of their own")
-    times = np.unique(np.concatenate(all_times))
-    cells = np.full((len(times), len(animals), len(names), *axes), np.nan)
-    confidence = np.full(cells.shape[:3], np.nan)
-    present = np.zeros(cells.shape[:2], bool)
-    for (animal, landmark), (points, scores, at, *_) in series.items():
-        rows = np.searchsorted(times, at)
-        number = animals.index(animal)
-        place = rows, number, names.index(landmark)
-        cells[place], confidence[place], present[rows, number] = points, scores, True
-    rates = {rate for rate, at in zip(all_rates, all_times, strict=True) if len(at) > 1}
-    rate = (rates.pop() or None) if len(rates) == 1 else None
+    times = np.unique(np.concatenate([one.times for one in series.values()]))
+    points, confidence, present = _place_series(series, times, animals, names)
+    rate = _common_rate(series)
     frames = frames_of_times(times, rate)
     if rate is None and frames is not None:
         rate = find_rate(np.array(frames), times)
     return of_frames(
         paths[0],
-        cells,
+        points,
         None if np.isnan(confidence).all() else confidence,
         number_labels(times),
         frames=frames,
         times=times,
         individuals=animals,
         present=present,
-        landmark_names=tuple(names),
+        landmark_names=names,
         frame_rate=rate,
-        unit="px" if axes == {2} else units.pop() if len(units) == 1 else UNKNOWN_UNIT,
+        unit="px" if axes == {2} else _common_unit(series),
         edges=tuple(
             (names.index(nodes[a]), names.index(nodes[b]))
             for a, b in pairs
-            if {nodes[a], nodes[b]} <= {*landmarks}
+            if nodes[a] in names and nodes[b] in names
         ),
     )
 
@@ -689,11 +684,29 @@ def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
             yield from _groups(file, inner, levels - 1)
 
 
+def _read_all_series(file: TrackerFile, groups: Sequence[str]) -> SeriesOfAnimals:
+    """Return the series of all PoseEstimations among groups, at least one."""
+    kinds = {name: file.text("neurodata_type", name) for name in groups}
+    series: SeriesOfAnimals = {}
+    for name in groups:
+        parent = name.rpartition("/")[0]
+        if (kinds[name], kinds.get(parent)) != POSES_OF_NWB:
+            continue
+        *_, animal, landmark = name.split("/")
+        require(
+            (animal, landmark) not in series,
+            "animals of one name in several modules; save each in its own file",
+        )
+        series[animal, landmark] = _read_series(file, name)
+    require(series, "no PoseEstimation (ndx-pose), so no landmarks")
+    return series
+
+
 def _read_series(file: TrackerFile, group: str) -> Series:
-    """Return points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, and
-    unit.
-    """
-    data, start, rate = f"{group}/data", f"{group}/starting_time", 0.0
+    """Return the series of a group."""
+    data = f"{group}/data"
+    start = f"{group}/starting_time"
+    rate = 0.0
     points = file.numbers(data) * (file.number("conversion", data) or 1.0)
     require(points.ndim == 2, f"{data} has {points.ndim} axes, not 2")
     offset = file.attribute("offset", data) or 0.0
@@ -713,10 +726,62 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     require(rising, f"the times of {group} do not increase")
     fits = times.shape == confidence.shape == points.shape[:-1]
     require(fits, f"{group} has other numbers of points, times and confidences")
-    return (
-        points,
-        confidence,
-        times,
-        rate,
-        UNITS.get(file.text("unit", data).lower(), UNKNOWN_UNIT),
-    )
+    unit = UNITS.get(file.text("unit", data).lower(), UNKNOWN_UNIT)
+    return Series(points, confidence, times, rate, unit)
+
+
+def _read_nwb_skeleton(
+    file: TrackerFile, groups: Sequence[str]
+) -> tuple[tuple[str, ...], Edges]:
+    """Return the nodes of the first skeleton among groups, and their pairs; none where
+    there is none.
+    """
+    skeleton = next((name for name in groups if file.texts(f"{name}/nodes")), "")
+    nodes = file.texts(f"{skeleton}/nodes")
+    return nodes, file.edges(f"{skeleton}/edges", len(nodes))
+
+
+def _landmarks_in_order(
+    series: SeriesOfAnimals, nodes: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the landmarks of all series: those of a skeleton in its order, then the
+    others.
+    """
+    landmarks = dict.fromkeys(landmark for _, landmark in series)
+    in_skeleton = [node for node in nodes if node in landmarks]
+    return tuple(dict.fromkeys([*in_skeleton, *landmarks]))
+
+
+def _place_series(
+    series: SeriesOfAnimals,
+    times: Floats,
+    animals: Sequence[str],
+    names: Sequence[str],
+) -> tuple[Floats, Floats, Flags]:
+    """Return points (n, i, p, d) and confidence (n, i, p) at n times, NaN where an
+    animal lacks a landmark, and which animals are there (n, i).
+    """
+    dimensions = next(iter(series.values())).points.shape[1]
+    points = np.full((len(times), len(animals), len(names), dimensions), np.nan)
+    confidence = np.full(points.shape[:3], np.nan)
+    present = np.zeros(points.shape[:2], bool)
+    for (animal, landmark), one in series.items():
+        rows = np.searchsorted(times, one.times)
+        number = animals.index(animal)
+        place = names.index(landmark)
+        points[rows, number, place] = one.points
+        confidence[rows, number, place] = one.confidence
+        present[rows, number] = True
+    return points, confidence, present
+
+
+def _common_rate(series: SeriesOfAnimals) -> float | None:
+    """Return the rate in Hz of all series of several times; None for others or none."""
+    rates = {one.rate for one in series.values() if len(one.times) > 1}
+    return (rates.pop() or None) if len(rates) == 1 else None
+
+
+def _common_unit(series: SeriesOfAnimals) -> str:
+    """Return the unit of all series; unknown where they differ."""
+    units = {one.unit for one in series.values()}
+    return units.pop() if len(units) == 1 else UNKNOWN_UNIT
