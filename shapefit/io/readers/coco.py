@@ -21,6 +21,7 @@ from shapefit.io.readers.detections import Detection, as_poses, person_points, w
 from shapefit.io.readers.poses import (
     SPARSEST,
     FormatError,
+    Images,
     Poses,
     as_numbers,
     check_names,
@@ -104,40 +105,15 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     left_out: Counter[str] = Counter()
     for stated_keys in given["annotations"]:
         left_out.update(_further_points(stated_keys))
-    whole = any(_has_parts(entry) for entry in annotations)
     names = _Landmarks()
     for category in content.get("categories") or ():
         names.add(category)
-    images = content.get("images") or []
-    file_of = {image["id"]: image.get("file_name") or image["id"] for image in images}
-    order = {image: number for number, image in enumerate(file_of)}
-    detections: list[Detection] = []
-    for entry in annotations:
-        points = _annotated_points(entry)
-        if whole and len(points) == len(installed_skeletons()[BODY].landmark_names):
-            points = np.concatenate([points, _points_of_parts(entry)])
-            left_out.subtract(part for part, _ in PARTS if _has_points(entry.get(part)))
-        if (placed := names.place(entry, points)) is not None:
-            image = order.setdefault(entry["image_id"], len(order))
-            detections.append((placed, image, _identity(entry)))
-    files = [str(file_of.get(image, image)) for image in order]
-    stated = {
-        image["id"]: next(
-            (image[key] for key in ("vid_id", "video_id") if image.get(key)), None
-        )
-        for image in images
-    }
-    videos = [stated.get(image) for image in order]
-    named = [video for video in videos if video is not None]
-    frame_of = {image["id"]: _stated_frame(image) for image in images}
-    placed_images = place_images(
-        paths[0],
-        files,
-        [str(video) for video in videos] if named else None,
-        stated=[frame_of.get(image) for image in order],
-    )
-    marks = [points[:, 2] for points, *_ in detections]
-    scored = any((values % 1 > 0).any() for values in marks)
+    image_of = {image["id"]: image for image in content.get("images") or ()}
+    order = {image: number for number, image in enumerate(image_of)}
+    detections = _place_annotations(annotations, names, order, left_out)
+    images = [image_of.get(image, _Image(id=image)) for image in order]
+    placed_images = _place_annotated_images(paths[0], images)
+    scored = any((points[:, 2] % 1 > 0).any() for points, *_ in detections)
     if scored:
         detections = [
             (np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)]), *others)
@@ -151,14 +127,6 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
         edges=names.edges,
         notes=(*names.notes, *_notes_of_further(left_out)),
     )
-
-
-def _stated_frame(image: _Image) -> int | None:
-    """Return the number of the frame that an image states; None where it states
-    none.
-    """
-    numbers = (image.get("frame_id"), image.get("frame_index"))
-    return next((n for n in numbers if isinstance(n, int) and n >= 0), None)
 
 
 def _further_points(annotation: Mapping[str, Any]) -> list[str]:
@@ -179,13 +147,29 @@ def _has_points(values: object) -> bool:
     return isinstance(values, int | float) and values != 0
 
 
-def _notes_of_further(left_out: Mapping[str, int]) -> list[str]:
-    """Say which points of annotations are not read."""
-    return [
-        f"{printable(key)} of {counted(number, 'annotation')} left out"
-        for key, number in sorted(left_out.items())
-        if number
-    ]
+def _place_annotations(
+    annotations: Sequence[_Annotation],
+    names: _Landmarks,
+    order: dict[Identity, int],
+    left_out: Counter[str],
+) -> list[Detection]:
+    """Return annotations as detections among the landmarks of all categories.
+
+    Images that annotations alone name are added to `order`; lists of COCO-WholeBody
+    that are read are taken from `left_out`.
+    """
+    whole = any(_has_parts(entry) for entry in annotations)
+    detections: list[Detection] = []
+    for entry in annotations:
+        points = _annotated_points(entry)
+        if whole and len(points) == len(installed_skeletons()[BODY].landmark_names):
+            points = np.concatenate([points, _points_of_parts(entry)])
+            left_out.subtract(part for part, _ in PARTS if _has_points(entry.get(part)))
+        placed = names.place(entry, points)
+        if placed is not None:
+            image = order.setdefault(entry["image_id"], len(order))
+            detections.append((placed, image, _identity(entry)))
+    return detections
 
 
 def _has_parts(entry: _Annotation) -> bool:
@@ -235,6 +219,40 @@ def _identity(entry: _Annotation) -> Any:
     if isinstance(attributes, dict):
         stated.append(attributes.get("track_id"))
     return next((who for who in stated if who is not None), None)
+
+
+def _place_annotated_images(path: Path, images: Sequence[_Image]) -> Images:
+    """Return images in the videos, and at the frames, that they state."""
+    videos = [_stated_video(image) for image in images]
+    named = any(video is not None for video in videos)
+    return place_images(
+        path,
+        [str(image.get("file_name") or image["id"]) for image in images],
+        [str(video) for video in videos] if named else None,
+        stated=[_stated_frame(image) for image in images],
+    )
+
+
+def _stated_video(image: _Image) -> Identity | None:
+    """Return the video that an image states; None where it states none."""
+    return image.get("vid_id") or image.get("video_id") or None
+
+
+def _stated_frame(image: _Image) -> int | None:
+    """Return the number of the frame that an image states; None where it states
+    none.
+    """
+    numbers = (image.get("frame_id"), image.get("frame_index"))
+    return next((n for n in numbers if isinstance(n, int) and n >= 0), None)
+
+
+def _notes_of_further(left_out: Mapping[str, int]) -> list[str]:
+    """Say which points of annotations are not read."""
+    return [
+        f"{printable(key)} of {counted(number, 'annotation')} left out"
+        for key, number in sorted(left_out.items())
+        if number
+    ]
 
 
 @dataclass
