@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Required
+from typing import Required
 
 import numpy as np
 from typing_extensions import TypedDict
@@ -38,7 +38,7 @@ class _Category(TypedDict, total=False):
     id: Required[Identity]
     name: Identity | None
     keypoints: list[str] | None
-    skeleton: Any
+    skeleton: object
 
 
 class _Image(TypedDict, total=False):
@@ -46,22 +46,22 @@ class _Image(TypedDict, total=False):
     file_name: Identity | None
     vid_id: Identity | None
     video_id: Identity | None
-    frame_id: Any
-    frame_index: Any
+    frame_id: object
+    frame_index: object
 
 
 class _Annotation(TypedDict, total=False):
     id: Identity | None
     image_id: Required[Identity]
     category_id: Identity | None
-    keypoints: Any
-    foot_kpts: Any
-    face_kpts: Any
-    lefthand_kpts: Any
-    righthand_kpts: Any
-    track_id: Any
-    person_id: Any
-    attributes: Any
+    keypoints: object
+    foot_kpts: object
+    face_kpts: object
+    lefthand_kpts: object
+    righthand_kpts: object
+    track_id: object
+    person_id: object
+    attributes: object
 
 
 class _Annotations(TypedDict, total=False):
@@ -99,8 +99,9 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     names together, in their order. Feet, face and hands of COCO-WholeBody are landmarks
     after those of the body; what else has points is left out and named.
     """
-    given: Any = read_json(paths[0])
+    given = read_json(paths[0])
     content = checked(_Annotations, given)
+    assert isinstance(given, dict), "`checked` refuses others"
     annotations = [entry for entry in content["annotations"] if entry.get("keypoints")]
     left_out: Counter[str] = Counter()
     for stated_keys in given["annotations"]:
@@ -116,8 +117,12 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     scored = any((points[:, 2] % 1 > 0).any() for points, *_ in detections)
     if scored:
         detections = [
-            (np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)]), *others)
-            for points, *others in detections
+            (
+                np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)]),
+                image,
+                who,
+            )
+            for points, image, who in detections
         ]
     return as_poses(
         placed_images,
@@ -129,7 +134,7 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _further_points(annotation: Mapping[str, Any]) -> list[str]:
+def _further_points(annotation: Mapping[str, object]) -> list[str]:
     """Return the keys of an annotation beside `keypoints` that hold points."""
     return [
         key
@@ -204,7 +209,7 @@ def _points_of_parts(entry: _Annotation) -> Floats:
     """Return x, y, v of feet, face and hands (116, 3), 0 where there is none."""
     parts = []
     for part, count in PARTS:
-        given: Any = entry.get(part) or [0.0] * (3 * count)
+        given = entry.get(part) or [0.0] * (3 * count)
         values = as_numbers(given, f"{part} of {_described_entry(entry)}")
         fits = values.shape == (3 * count,)
         require(fits, f"{part} of {_described_entry(entry)} are not {count} landmarks")
@@ -212,10 +217,10 @@ def _points_of_parts(entry: _Annotation) -> Floats:
     return np.concatenate(parts)
 
 
-def _identity(entry: _Annotation) -> Any:
+def _identity(entry: _Annotation) -> object:
     """Return who an annotation is, as PoseTrack or CVAT states it; None for nobody."""
     attributes = entry.get("attributes")
-    stated: list[Any] = [entry.get("track_id"), entry.get("person_id")]
+    stated: list[object] = [entry.get("track_id"), entry.get("person_id")]
     if isinstance(attributes, dict):
         stated.append(attributes.get("track_id"))
     return next((who for who in stated if who is not None), None)
@@ -274,9 +279,10 @@ class _Landmarks:
         here = [self.column_of.setdefault(name, len(self.column_of)) for name in given]
         self.columns[category["id"]] = here
         self.names[category["id"]] = str(category.get("name") or category["id"])
-        lines: Any = category.get("skeleton")
+        lines = category.get("skeleton")
+        listed = lines if isinstance(lines, list) else []
         # COCO counts from 1, some tools from 0
-        zeros = any(0 in line for line in lines or () if isinstance(line, list))
+        zeros = any(0 in line for line in listed if isinstance(line, list))
         for a, b in skeleton_edges(lines, len(given), first=0 if zeros else 1):
             self.pairs[here[a], here[b]] = None
 
@@ -387,8 +393,9 @@ def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     images differ in a number, it is that of the frame; images of numbers that are no
     frames are in their order.
     """
-    content: Any = read_json(paths[0])
+    content = read_json(paths[0])
     checked(list[_Result], content)
+    assert isinstance(content, list), "`checked` refuses others"
     number_of: dict[Identity, int] = {}
     detections: list[Detection] = []
     for entry in content:

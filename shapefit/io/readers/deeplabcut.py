@@ -7,11 +7,12 @@ import io
 import pickle
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PureWindowsPath
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
+from typing_extensions import TypedDict
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, printable
 from shapefit.io.csv_file import MOST_FRAME, read_numbers
 from shapefit.io.formats import Head
@@ -33,8 +34,15 @@ HEADER = ("scorer", "individuals", "bodyparts", "coords")
 TableColumns = list[tuple[str, ...]]
 """(scorer, [individual,] body part, coordinate) of each column."""
 
-TableRows = Mapping[str, Any]
-"""Fields of `of_frames` that say what the rows are."""
+
+class TableRows(TypedDict, total=False):
+    """Fields of `of_frames` that say what the rows are."""
+
+    labels: Sequence[str]
+    frames: Integers
+    video: str | Sequence[str]
+    unordered: bool
+
 
 MANY = 10**9
 """Frames of a video for one that is labelled: any."""
@@ -221,15 +229,16 @@ class NameUnpickler(pickle._Unpickler):
     file says.
     """
 
-    def find_class(self, module: str, name: str) -> Any:
+    def find_class(self, module: str, name: str) -> NoReturn:
         """Refuse what would be imported, and could be called."""
         raise FormatError(f"asks for {module}.{name}, which is never executed here")
 
 
-def _unpickle_names(pickled: Any) -> TableColumns:
+def _unpickle_names(pickled: object) -> TableColumns:
     """Return the names of columns, a list of tuples, that an attribute has pickled."""
     data = pickled.encode() if isinstance(pickled, str) else pickled
-    require(isinstance(data, bytes), "the names of its columns are missing")
+    if not isinstance(data, bytes):
+        raise FormatError("the names of its columns are missing")
     with library_reads("the names of its columns are damaged"):
         names = NameUnpickler(io.BytesIO(data)).load()
     listed = isinstance(names, list) and all(isinstance(name, tuple) for name in names)

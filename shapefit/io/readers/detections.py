@@ -37,7 +37,7 @@ from shapefit.io.readers.poses import (
 from shapefit.io.readers.text import floats, read_json, read_text
 from shapefit.io.skeletons import skeletons_of_size
 
-Detection = tuple[Floats, int, Any]
+Detection = tuple[Floats, int, object]
 """x, y, confidence of all landmarks (p, 3), NaN for none; number of the image; who it
 is.
 """
@@ -94,7 +94,7 @@ def _are_pairs(keypoints: object) -> bool:
     return isinstance(keypoints, list) and isinstance(keypoints[0], list)
 
 
-def _keys_of(people: Sequence[Any]) -> set[str]:
+def _keys_of(people: Sequence[object]) -> set[str]:
     """Return the keys of all people that are objects."""
     return {key for one in people if isinstance(one, dict) for key in one}
 
@@ -118,34 +118,40 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
                 others = content.keys() - {"version"}
                 require("people" in content or not others, "there is no list of people")
                 content = content.get("people", [])
-            detections += detections_of(content, number)
-            for person in content:
+            people = _people_of(content)
+            detections += _detections_of(people, number)
+            for person in people:
                 left_out.update(one for one in LEFT_OUT if any(person.get(one) or ()))
     names = listed(left_out, "and") if left_out else ""
     note = f"landmarks beside those of the body left out: {names}"
     return as_poses(images, detections, notes=(note,) if left_out else ())
 
 
-def detections_of(
-    people: object, image: int, *, needed: bool = False
+def _people_of(content: object) -> list[dict[str, Any]]:
+    """Return a list of people as it stands in a file."""
+    require(isinstance(content, list), "no list of people")
+    return checked(list[dict[str, Any]], content)
+
+
+def _detections_of(
+    people: Sequence[Mapping[str, object]], image: int, *, needed: bool = False
 ) -> list[Detection]:
     """Return the people of an image, who may have no landmarks unless they are
     `needed`.
     """
     detections: list[Detection] = []
-    require(isinstance(people, list), "no list of people")
-    for person in checked(list[dict[str, Any]], people):
+    for person in people:
         points = person_points(person, needed=needed)
         detections.append((points, image, who_of(person)))
     return detections
 
 
-def who_of(person: Mapping[str, Any]) -> Any:
+def who_of(person: Mapping[str, object]) -> object:
     """Return what identity a file gives a person; None for nobody."""
     return _first_score(person, WHO)
 
 
-def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
+def person_points(person: Mapping[str, object], *, needed: bool = False) -> Floats:
     """Return x, y, confidence of the landmarks of a person (p, 3), who may have none
     unless they are `needed`.
 
@@ -177,7 +183,7 @@ def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
     return np.column_stack([values, scores])
 
 
-def _points_of_lists(given: Mapping[str, Any]) -> Floats:
+def _points_of_lists(given: Mapping[str, object]) -> Floats:
     """Return x, y, confidence (p, 3) of lists `x`, `y` and, if any, `visible`."""
     require({"x", "y"} <= given.keys(), "keypoints without lists of x and y")
     x, y = (as_numbers(given[axis], f"{axis} of keypoints") for axis in ("x", "y"))
@@ -188,7 +194,7 @@ def _points_of_lists(given: Mapping[str, Any]) -> Floats:
     return np.column_stack([x, y, scores])
 
 
-def _first_score(content: Mapping[str, Any], keys: Sequence[str]) -> Any:
+def _first_score(content: Mapping[str, object], keys: Sequence[str]) -> object:
     """Return the value of the first key that an object has."""
     return next((content[key] for key in keys if content.get(key) is not None), None)
 
@@ -218,9 +224,9 @@ def is_yolo(head: Head) -> bool:
 
 class _DataYaml(TypedDict, total=False):
     kpt_shape: list[int] | None
-    kpt_names: Any
-    names: Any
-    skeleton: Any
+    kpt_names: object
+    names: object
+    skeleton: object
 
 
 def read_yolo(paths: tuple[Path, ...]) -> Poses:
@@ -367,17 +373,17 @@ def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Im
 
 class _Frame(TypedDict, total=False):
     frame_id: Identity | None
-    instances: Required[list[Any]]
+    instances: Required[list[object]]
 
 
 class _Meta(TypedDict, total=False):
     keypoint_id2name: dict[str, str] | None
-    skeleton_links: Any
+    skeleton_links: object
 
 
 class _TrackedVideo(TypedDict, total=False):
     meta_info: _Meta | None
-    instance_info: Required[list[dict[str, Any]]]
+    instance_info: Required[list[dict[str, object]]]
 
 
 def is_mmpose_video(head: Head) -> bool:
@@ -405,7 +411,8 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     numbers, labels = _frames_of([frame.get("frame_id") for frame in frames])
     detections: list[Detection] = []
     for number, frame in enumerate(frames):
-        detections += detections_of(frame["instances"], number, needed=True)
+        people = _people_of(frame["instances"])
+        detections += _detections_of(people, number, needed=True)
     names = meta.get("keypoint_id2name") or {}
     whole = {*names} == {*map(str, range(len(names)))}
     require(whole, "keypoint_id2name does not number the landmarks from 0 on")

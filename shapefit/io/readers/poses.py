@@ -479,7 +479,7 @@ def number_repeats(labels: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def name_individual(who: Any) -> str:
+def name_individual(who: object) -> str:
     """Return an identity, or [it], as text: `id 3` for 3; "" for what is below 0, or of
     no kind.
     """
@@ -487,8 +487,9 @@ def name_individual(who: Any) -> str:
         who = who[0]
     if isinstance(who, str):
         return who
-    number = isinstance(who, int | float) and not isinstance(who, bool)
-    return f"id {who:g}" if number and who >= 0 else ""
+    if isinstance(who, bool) or not isinstance(who, int | float):
+        return ""
+    return f"id {who:g}" if who >= 0 else ""
 
 
 def skeleton_edges(lines: object, landmarks: int, *, first: int = 0) -> Edges:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PureWindowsPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -20,6 +20,7 @@ from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.declared import checked, parsed
 from shapefit.io.readers.poses import (
     Edges,
+    FormatError,
     Poses,
     check_names,
     frames_of_times,
@@ -66,7 +67,7 @@ class TrackerFile(Hdf5File):
         )
         return tuple(values.tolist())
 
-    def table(self, name: str, columns: Sequence[str]) -> NDArray[Any]:
+    def table(self, name: str, columns: Sequence[str]) -> NDArray[np.void]:
         """Return a dataset of rows with these columns, all of them numbers."""
         rows = np.asarray(self.rows(name))
         lacking = [one for one in columns if one not in (rows.dtype.names or ())]
@@ -88,11 +89,11 @@ class TrackerFile(Hdf5File):
         """Return an attribute that is a number above 0, or the first of some; 0 for
         none.
         """
-        value: Any = self.attribute(attribute, node) or 0
+        value: object = self.attribute(attribute, node) or 0
         if isinstance(value, list) and value:  # a version and that below it
             value = value[0]
-        number = isinstance(value, int | float) and math.isfinite(value)
-        require(number, f"{node.strip('/')}@{attribute} is no number")
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise FormatError(f"{node.strip('/')}@{attribute} is no number")
         return max(float(value), 0.0)
 
     def edges(self, name: str, count: int) -> Edges:
@@ -212,7 +213,7 @@ class _NodeNumber(TypedDict):
 
 class _Graph(TypedDict, total=False):
     nodes: list[_NodeNumber]
-    links: list[dict[str, Any]]
+    links: list[dict[str, object]]
 
 
 class _Skeleton(_Graph, total=False):
@@ -236,9 +237,9 @@ class SlpFile(NamedTuple):
     track_names: tuple[str, ...]
     video_names: tuple[str, ...]
     skeletons: list[SlpSkeleton]
-    frames: NDArray[Any]
-    instances: NDArray[Any]
-    tables: tuple[NDArray[Any], NDArray[Any]]
+    frames: NDArray[np.void]
+    instances: NDArray[np.void]
+    tables: tuple[NDArray[np.void], NDArray[np.void]]
     shift: float
 
 
@@ -303,7 +304,8 @@ def _open_slp(path: Path) -> SlpFile:
     """Return what a .slp file holds, its tables with the columns that are used."""
     with TrackerFile(path) as file:
         tracks = [
-            parsed(list[Any], text, "tracks_json") for text in file.texts("tracks_json")
+            parsed(list[object], text, "tracks_json")
+            for text in file.texts("tracks_json")
         ]
         require(all(len(track) > 1 for track in tracks), "a track without a name")
         videos = [
@@ -351,8 +353,8 @@ def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
     types: list[int] = []
     edges: dict[tuple[str, str], None] = {}
     for link in graph.get("links", ()):
-        kind = link.get("type")
-        kind = kind if isinstance(kind, dict) else {}
+        stated_kind = link.get("type")
+        kind = stated_kind if isinstance(stated_kind, dict) else {}
         if "py/reduce" in kind:
             types.append(_type_of_edge(kind["py/reduce"]))
         stated = len(types) if "py/reduce" in kind else kind.get("py/id", 1)
@@ -367,7 +369,7 @@ def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
     return SlpSkeleton(names, tuple(edges))
 
 
-def _type_of_edge(pickled: Any) -> int:
+def _type_of_edge(pickled: object) -> int:
     """Return the type of an edge, [.., {py/tuple: [type]}, ..]; 0 for what is none."""
     steps = pickled[1] if isinstance(pickled, list) and len(pickled) > 1 else None
     values = steps.get("py/tuple") if isinstance(steps, dict) else None
@@ -376,8 +378,8 @@ def _type_of_edge(pickled: Any) -> int:
 
 
 def _instances_of(
-    frames: NDArray[Any], instances: NDArray[Any]
-) -> tuple[NDArray[Any], Integers]:
+    frames: NDArray[np.void], instances: NDArray[np.void]
+) -> tuple[NDArray[np.void], Integers]:
     """Return the instances of frames one after the other, and the number of the frame
     of each.
     """
@@ -401,7 +403,7 @@ def _join_skeletons(skeletons: Sequence[SlpSkeleton]) -> tuple[tuple[str, ...], 
 
 
 def _place_points(
-    file: SlpFile, instances: NDArray[Any], names: Sequence[str]
+    file: SlpFile, instances: NDArray[np.void], names: Sequence[str]
 ) -> Floats:
     """Return x, y and score of the nodes of instances (n, names, 3), NaN for none."""
     kind = instances["instance_type"].astype(np.int64)
@@ -424,7 +426,9 @@ def _place_points(
     return points
 
 
-def _cells_of(table: NDArray[Any], instances: NDArray[Any], count: int) -> NDArray[Any]:
+def _cells_of(
+    table: NDArray[np.void], instances: NDArray[np.void], count: int
+) -> NDArray[np.void]:
     """Return the rows of a table of points (n, count) that instances of so many nodes
     have.
     """
@@ -433,11 +437,13 @@ def _cells_of(table: NDArray[Any], instances: NDArray[Any], count: int) -> NDArr
     inside = (start >= 0) & (start + count <= len(table))
     inside &= end - start == count
     require(inside.all(), "instances of points that it does not hold")
-    cells: NDArray[Any] = table[start[:, None] + np.arange(count)]
+    cells: NDArray[np.void] = table[start[:, None] + np.arange(count)]
     return cells
 
 
-def _are_replaced(instances: NDArray[Any], video: Integers, frame: Integers) -> Flags:
+def _are_replaced(
+    instances: NDArray[np.void], video: Integers, frame: Integers
+) -> Flags:
     """Return which predicted instances (n,) a user has replaced by others."""
     user = instances["instance_type"] == USER
     track = instances["track"].astype(np.int64)
