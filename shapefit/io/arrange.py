@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from shapefit.records.columns import Array
 from shapefit.records.items import Items, Record
 from shapefit.records.landmarks import Landmarks
 from shapefit.records.shapes import Shapes
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 OF_LANDMARKS = ("confidence", *LABELS)
 """Further columns (n, p) that go with their landmarks."""
@@ -74,7 +76,7 @@ def _goes_with(record: Items, name: str, values: Array) -> bool:
     return name in OF_LANDMARKS and values.shape[:2] == shape
 
 
-def _move(values: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+def _move(values: NDArray[Scalar], rows: NDArray[np.intp]) -> NDArray[Scalar]:
     """Return values (n, p) of these landmarks, 0 for those that are not there."""
     return np.pad(values, [(0, 0), (0, 1)])[:, rows]
 

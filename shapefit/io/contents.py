@@ -11,20 +11,20 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.io.layout import CONTENTS
 
 DIGEST_BLOCK_BYTES = 1 << 22
 """Of a dataset that are read at a time."""
 
-DatasetRows = slice | tuple[Any, ...]
+DatasetRows = slice | tuple[()]
 
 
-def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], Any]) -> str:
+def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], object]) -> str:
     """Return the SHA-256 of an open file in hexadecimal; `read` gives rows of a dataset
     by its name.
 
@@ -49,7 +49,9 @@ def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], Any]) ->
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _describe_attributes(name: str, node: Any) -> Iterator[list[Any]]:
+def _describe_attributes(
+    name: str, node: h5py.Group | h5py.Dataset
+) -> Iterator[list[object]]:
     """Yield a line for each attribute of a node, but for the digest itself."""
     for key in node.attrs:
         if name == "/" and key == CONTENTS:
@@ -62,18 +64,25 @@ def _describe_attributes(name: str, node: Any) -> Iterator[list[Any]]:
             value = value.encode("utf-8", "surrogateescape")
         values = np.asarray(value)
         hashed = hashlib.sha256(_dataset_bytes(values)).hexdigest()
-        yield ["attribute", name, key, _kind_of(values), list(values.shape), hashed]
+        yield [
+            "attribute",
+            name,
+            key,
+            _kind_of(values.dtype),
+            list(values.shape),
+            hashed,
+        ]
 
 
 def _describe_dataset(
-    dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], Any]
-) -> list[Any]:
+    dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], object]
+) -> list[object]:
     """Return kind, shape and digest of the values of a dataset, read in blocks of
     rows.
     """
     if dataset.shape is None:
         return ["empty"]
-    kind = "text" if h5py.check_string_dtype(dataset.dtype) else _kind_of(dataset)
+    kind = "text" if h5py.check_string_dtype(dataset.dtype) else _kind_of(dataset.dtype)
     if kind == OTHER:  # which no result holds
         return [kind, str(dataset.dtype)]
     hashed = hashlib.sha256()
@@ -93,15 +102,14 @@ OTHER = "other"
 """Kind of values that are neither numbers nor texts."""
 
 
-def _kind_of(values: Any) -> str:
+def _kind_of(dtype: np.dtype[np.generic]) -> str:
     """Return what values are: text, or a letter with the bytes of a number."""
-    if values.dtype.kind in "OSU":
+    if dtype.kind in "OSU":
         return "text"
-    known = values.dtype.kind in "biufc"
-    return f"{values.dtype.kind}{values.dtype.itemsize}" if known else OTHER
+    return f"{dtype.kind}{dtype.itemsize}" if dtype.kind in "biufc" else OTHER
 
 
-def _dataset_bytes(values: Any) -> bytes | memoryview:
+def _dataset_bytes(values: NDArray[np.generic]) -> bytes | memoryview:
     """Return numbers as little-endian bytes, texts in UTF-8 after their lengths."""
     if values.dtype.kind in "OSU":
         texts = [

@@ -229,64 +229,31 @@ class _Table:
 
     def take(self, lines: Integers, cells: Mapping[str, Sequence[str]]) -> None:
         """Take some rows; raises InputError for wrong ones."""
-        problems: list[tuple[int, str]] = []
-
-        def note(column: str, wrong: Flags, fix: str) -> None:
-            for row in np.flatnonzero(wrong).tolist():
-                fault = (
-                    f"is '{cells[column][row]}'" if cells[column][row] else "is empty"
-                )
-                problems.append(
-                    (row, f"{self.name}:{lines[row]}: {column} {fault}; {fix}")
-                )
-
+        faults = _Faults(self.name, lines, cells)
         for column in ("item", "landmark"):
             if "" in cells[column]:
                 empty = np.array([text == "" for text in cells[column]])
-                note(column, empty, f"name the {column}")
-        item, landmark = (
-            np.fromiter(map(numbers.__getitem__, cells[column]), np.int32, len(lines))
-            for column, numbers in (
-                ("item", self._items),
-                ("landmark", self._landmarks),
-            )
-        )
-        for column, of_item in self._of_items.items():
-            first = [*map(of_item.setdefault, cells["item"], cells[column])]
-            if first != [*cells[column]]:
-                wrong = np.array(first, object) != np.array(cells[column], object)
-                note(column, wrong, f"give all rows of an item one {column}")
-        if FRAME in self._of_items:
-            numbers, invalid = read_numbers(cells[FRAME])
-            whole = (np.abs(numbers) < MOST_FRAME) & (numbers % 1 == 0)
-            self.numbered = self.numbered or any(cells[FRAME])
-            sequences = cells.get("sequence", ())
-            single = np.array([not sequence for sequence in sequences], bool)
-            if len(single):  # images of no sequence need no number
-                whole |= single & np.isnan(numbers)
-            note(FRAME, invalid | ~whole, "write a whole number")
-        if TIME in self._of_items:
-            seconds, invalid = read_numbers(cells[TIME])
-            note(TIME, invalid | np.isinf(seconds), f"{FINITE_OR_EMPTY} (seconds)")
+                faults.note(column, empty, f"name the {column}")
+        item = _numbers_of(cells["item"], self._items)
+        landmark = _numbers_of(cells["landmark"], self._landmarks)
+        self._take_columns_of_items(cells, faults)
         points = []
         for axis in self._axes:
             values, invalid = read_numbers(cells[axis])
-            note(axis, invalid | np.isinf(values), FINITE_OR_EMPTY)
+            faults.note(axis, invalid | np.isinf(values), FINITE_OR_EMPTY)
             points.append(values)
         missing = np.isnan(points).any(axis=0)
         confidence = np.zeros(len(lines))
         if self._scored:
             confidence, _ = read_numbers(cells["confidence"])
             wrong = ~(np.isfinite(confidence) & (confidence >= 0))
-            note("confidence", wrong, "write 0 (hidden) or a positive number")
+            fix = "write 0 (hidden) or a positive number"
+            faults.note("confidence", wrong, fix)
         if self._kind == "landmarks":  # as some detectors write what they miss
             missing |= (np.array(points) == MISSED).all(axis=0) & ~(confidence > 0)
         for values in points:
             values[missing] = np.nan
-        if problems:
-            raise input_problems(
-                [text for _, text in sorted(problems, key=lambda p: p[0])]
-            )
+        faults.check()
         steps = np.diff(item, prepend=self._last)
         self.in_order = self.in_order and not (steps < 0).any()
         self._last = int(item[-1]) if len(item) else self._last
@@ -295,35 +262,37 @@ class _Table:
             (lines.astype(np.int32), item, landmark, *points, confidence)
         )
 
+    def _take_columns_of_items(
+        self, cells: Mapping[str, Sequence[str]], faults: _Faults
+    ) -> None:
+        """Take what all rows of an item share: its sequence, frame and time."""
+        for column, of_item in self._of_items.items():
+            first = [*map(of_item.setdefault, cells["item"], cells[column])]
+            if first != [*cells[column]]:
+                wrong = np.array(first, object) != np.array(cells[column], object)
+                faults.note(column, wrong, f"give all rows of an item one {column}")
+        if FRAME in self._of_items:
+            numbers, invalid = read_numbers(cells[FRAME])
+            whole = (np.abs(numbers) < MOST_FRAME) & (numbers % 1 == 0)
+            self.numbered = self.numbered or any(cells[FRAME])
+            sequences = cells.get("sequence", ())
+            single = np.array([not sequence for sequence in sequences], bool)
+            if len(single):  # images of no sequence need no number
+                whole |= single & np.isnan(numbers)
+            faults.note(FRAME, invalid | ~whole, "write a whole number")
+        if TIME in self._of_items:
+            seconds, invalid = read_numbers(cells[TIME])
+            wrong = invalid | np.isinf(seconds)
+            faults.note(TIME, wrong, f"{FINITE_OR_EMPTY} (seconds)")
+
     def records(self) -> Items:
         """Return what was taken. Raises InputError for double rows."""
         items = tuple(self._items)
-        names = tuple(self._landmarks)
         n = len(items)
-        p = len(names)
+        p = len(self._landmarks)
         d = len(self._axes)
         check_fits(self.name, n * p * 8 * (d + 3))
-        planes = np.full((d + 1, n * p), np.nan)
-        first = np.full(n * p, -1)
-        if self._parts:
-            lines, item, landmark, *values = map(
-                np.concatenate, zip(*self._parts, strict=True)
-            )
-            self._parts = [(lines, item, landmark, *values)]
-            place = item * np.int64(p) + landmark
-            row = np.arange(len(lines))
-            first[place[::-1]] = row[::-1]
-            again = np.flatnonzero(first[place] != row)
-            if len(again):
-                problems = [
-                    f"{self.name}:{lines[k]}: item '{items[item[k]]}', landmark "
-                    f"'{names[landmark[k]]}' is also on line {lines[first[place[k]]]}; "
-                    "keep one of them"
-                    for k in again[:LIMIT]
-                ]
-                raise input_problems(problems, len(again))
-            for plane, column in zip(planes, values, strict=True):
-                plane[place] = column
+        planes = self._planes()
         points = np.ascontiguousarray(planes[:d].reshape(d, n, p).transpose(1, 2, 0))
         cells = {
             column: [of_item[name] for name in items]
@@ -337,7 +306,7 @@ class _Table:
         if TIME in cells:
             times, _ = read_numbers(cells[TIME])
         of_items: dict[str, Any] = {
-            "landmark_names": names,
+            "landmark_names": tuple(self._landmarks),
             "items": items,
             "sequences": cells.get("sequence"),
             "frames": frames,
@@ -351,6 +320,39 @@ class _Table:
         if self._scored:
             confidence = np.nan_to_num(planes[d]).reshape(n, p)
         return Landmarks(points, confidence=confidence, **of_items)
+
+    def _planes(self) -> Floats:
+        """Return the coordinates and the confidence (d + 1, n p) of what was taken, NaN
+        for landmarks that an item lacks.
+
+        Raises InputError for double rows.
+        """
+        places = len(self._items) * len(self._landmarks)
+        planes = np.full((len(self._axes) + 1, places), np.nan)
+        if not self._parts:
+            return planes
+        lines, item, landmark, *values = map(
+            np.concatenate, zip(*self._parts, strict=True)
+        )
+        self._parts = [(lines, item, landmark, *values)]
+        place = item * np.int64(len(self._landmarks)) + landmark
+        row = np.arange(len(lines))
+        first = np.full(places, -1)
+        first[place[::-1]] = row[::-1]
+        again = np.flatnonzero(first[place] != row)
+        if len(again):
+            items = tuple(self._items)
+            names = tuple(self._landmarks)
+            problems = [
+                f"{self.name}:{lines[k]}: item '{items[item[k]]}', landmark "
+                f"'{names[landmark[k]]}' is also on line {lines[first[place[k]]]}; "
+                "keep one of them"
+                for k in again[:LIMIT]
+            ]
+            raise input_problems(problems, len(again))
+        for plane, column in zip(planes, values, strict=True):
+            plane[place] = column
+        return planes
 
     def pop_complete(self) -> Items:
         """Take out all items but the last one, of which more rows may come."""
@@ -372,11 +374,45 @@ class _Table:
         return images.take(slice(0, last))
 
 
+class _Faults:
+    """What is wrong with cells of some rows, by row."""
+
+    def __init__(
+        self, name: str, lines: Integers, cells: Mapping[str, Sequence[str]]
+    ) -> None:
+        """Note nothing yet about rows, which stand in these lines of a file."""
+        self._name = name
+        self._lines = lines
+        self._cells = cells
+        self._problems: list[tuple[int, str]] = []
+
+    def note(self, column: str, wrong: Flags, fix: str) -> None:
+        """Note the rows (n,) whose cell in a column is wrong, and what to write."""
+        for row in np.flatnonzero(wrong).tolist():
+            cell = self._cells[column][row]
+            fault = f"is '{cell}'" if cell else "is empty"
+            place = f"{self._name}:{self._lines[row]}"
+            self._problems.append((row, f"{place}: {column} {fault}; {fix}"))
+
+    def check(self) -> None:
+        """Raise InputError, row by row, where anything was noted."""
+        if self._problems:
+            ordered = sorted(self._problems, key=lambda problem: problem[0])
+            raise input_problems([text for _, text in ordered])
+
+
 def _numbering(*texts: str) -> defaultdict[str, int]:
     """Return a dictionary that gives the next number to each new text, beginning with
     these.
     """
     return defaultdict(count(len(texts)).__next__, zip(texts, count()))
+
+
+def _numbers_of(
+    texts: Sequence[str], numbering: defaultdict[str, int]
+) -> NDArray[np.int32]:
+    """Return the number of each text, new ones numbered as they come."""
+    return np.fromiter(map(numbering.__getitem__, texts), np.int32, len(texts))
 
 
 class Spool:

@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, suppress
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from shapefit.errors import InputError, input_error, listed
 from shapefit.io.inputs import (
@@ -28,6 +28,9 @@ from shapefit.io.inputs import (
 )
 from shapefit.io.layout import LANDMARKS, RESULTS, Layout
 from shapefit.io.options import BY_DEFAULT, OutputOptions, RecordWriter
+
+if TYPE_CHECKING:
+    from shapefit.io.readers.poses import Poses
 
 Output = AbstractContextManager[RecordWriter[Any]]
 
@@ -108,7 +111,7 @@ class Head:
             return frozenset()
 
     @cached_property
-    def json(self) -> Any:
+    def json(self) -> object:
         """The content of a JSON file; None for other files, and damaged ones."""
         from shapefit.io.readers.text import read_json
 
@@ -129,9 +132,9 @@ class Head:
     def inner_keys(self) -> frozenset[str]:
         """The keys of the first objects in JSON, some levels deep."""
         found: set[str] = set()
-        level = [self.json]
+        level: list[object] = [self.json]
         for _ in range(MAX_LEVELS):
-            within: list[Any] = []
+            within: list[object] = []
             for value in level:
                 if isinstance(value, dict):
                     found |= value.keys()
@@ -158,7 +161,7 @@ class FileFormat(NamedTuple):
     suffixes: tuple[str, ...]
     records: tuple[str, ...] = ()
     recognise: Callable[[Head], bool] = lambda head: False
-    read_poses: Callable[..., Any] | None = None
+    read_poses: Callable[..., Poses] | None = None
     together: bool = False
     write: Callable[..., Output] | None = None
     in_metres: bool = False

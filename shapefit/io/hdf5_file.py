@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import IO, Any, NamedTuple, Self
 
 import h5py
 import numpy as np
@@ -138,9 +138,8 @@ class Hdf5File:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._datasets: dict[
-            str, Any
-        ] = {}  # h5py takes long to look up their types and shapes
+        # h5py takes long to look up their types and shapes
+        self._datasets: dict[str, h5py.Dataset] = {}
         self._chunks: dict[str, Chunks] = {}
         with self.damage():
             self.root = open_hdf5(path)
@@ -207,7 +206,7 @@ class Hdf5File:
         with self.damage(name):
             return isinstance(self.root.get(name), h5py.Dataset)
 
-    def rows(self, name: str, rows: slice | tuple[Any, ...] = ()) -> Any:
+    def rows(self, name: str, rows: slice | tuple[()] = ()) -> Any:
         """Return rows of a dataset as they stand in the file, texts as str; `()` is all
         of it.
 
@@ -241,7 +240,7 @@ class Hdf5File:
             return _decoded(values) if text else values
 
     def _check_chunks(
-        self, name: str, dataset: h5py.Dataset, rows: slice | tuple[Any, ...]
+        self, name: str, dataset: h5py.Dataset, rows: slice | tuple[()]
     ) -> None:
         """Raise InputError for chunks with some of these rows that take more memory
         than they declare, or than their size allows.
@@ -513,7 +512,7 @@ class Hdf5Reader(Hdf5File):
 
     def _open_datasets(self) -> None:
         """Open all datasets, by their names of today."""
-        nodes: dict[Any, Any] = {}
+        nodes: dict[str, h5py.Group | h5py.Dataset] = {}
         with self.damage():
             self.root.visititems(
                 lambda name, node: nodes.update({name: node})
@@ -607,7 +606,7 @@ def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
         space.truncate(min(size, path.stat().st_size))  # closing can make it shorter
 
 
-def _reserve(file: Any, size: int) -> None:
+def _reserve(file: IO[bytes], size: int) -> None:
     """Make an open file so large on the disk, where the system can."""
     try:
         os.posix_fallocate(file.fileno(), 0, size)
@@ -624,7 +623,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
     their length is known.
     """
 
-    def __init__(self, file: Any, form: Layout, space: Any) -> None:
+    def __init__(self, file: h5py.File, form: Layout, space: IO[bytes]) -> None:
         super().__init__()
         self._file, self._form, self._space = file, form, space
         self._needed = self._reserved = 0
@@ -678,7 +677,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             )
         for name in self._shapes.keys() - self._form.unmarked:
             self._open[name].attrs[PER_ITEM] = True
-        stated: dict[str, Any] = {"format": self._form.name, "version": VERSION}
+        stated: dict[str, object] = {"format": self._form.name, "version": VERSION}
         stated |= {
             n: getattr(self._first, n, None) for n in ("unit", "y_axis", "frame_rate")
         }

@@ -9,14 +9,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
 from shapefit.io.checks import LIMIT, input_problems
+from shapefit.records.items import Record
 from shapefit.records.names import as_composed
+
+if TYPE_CHECKING:
+    from shapefit.io.source import SourceFile
 
 
 def numbers_of(names: Sequence[str]) -> list[int] | None:
@@ -125,7 +129,9 @@ def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
     return [*pairs.items()]
 
 
-def prefix_with_file(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ...]]:
+def prefix_with_file(
+    files: Sequence[SourceFile[Record]],
+) -> tuple[Sequence[SourceFile[Record]], tuple[str, ...]]:
     """Return files whose items begin with the file's name if two have an item, and a
     note of that.
 
@@ -150,20 +156,20 @@ def prefix_with_file(files: Sequence[Any]) -> tuple[Sequence[Any], tuple[str, ..
     )
 
 
-def _find_shared_item(files: Sequence[Any]) -> str | None:
+def _find_shared_item(files: Sequence[SourceFile[Record]]) -> str | None:
     """Return an item that two files have; None where there is none.
 
     Only names whose hash is there twice are read again and compared: 8 bytes for each
     item.
     """
 
-    def names(file: Any) -> Iterator[str]:
+    def names(file: SourceFile[Record]) -> Iterator[str]:
         return chain.from_iterable(file.blocks("item"))
 
     everything = chain.from_iterable(map(names, files))
     hashes = np.sort(np.fromiter(map(hash, everything), np.int64))
     again = set(hashes[1:][hashes[1:] == hashes[:-1]].tolist())
-    first: dict[str, tuple[Any, int]] = {}
+    first: dict[str, tuple[SourceFile[Record], int]] = {}
     shared, problems = None, []
     items = (
         (file, row, name) for file in files for row, name in enumerate(names(file))

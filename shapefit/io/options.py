@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
     from shapefit.geometry.cameras import Up
@@ -39,7 +39,7 @@ class InputOptions:
 AS_THEY_ARE = InputOptions()
 
 
-def input_options(config: Any, track: Track = "none") -> InputOptions:
+def input_options(config: object, track: Track = "none") -> InputOptions:
     """Return how a command reads its files, by the keys of its config."""
     keys = ("format", "individual", "rename", "keypoints", "y_axis", "image_size")
     given = {key: getattr(config, key) for key in keys if hasattr(config, key)}

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Generic, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.checks import (
     CENTRED,
@@ -575,32 +575,20 @@ def _without_unknown(file: SourceFile[Record]) -> SourceFile[Record]:
     Landmarks that are mostly unknown are left out first. Raises InputError where no
     landmark is known often.
     """
-    starts = range(0, file.count, ITEMS_PER_BLOCK)
-    blocks = [
-        slice(start, min(start + ITEMS_PER_BLOCK, file.count)) for start in starts
-    ]
-    parts = [np.isnan(file.read(rows).points).any(axis=2) for rows in blocks]
-    if not any(part.any() for part in parts):
+    if not file.count:
+        return file
+    known = _known_landmarks(file)
+    if known.all():
         return file
     from shapefit.io.readers.items import with_landmarks
 
-    known = ~np.concatenate(parts)
     often = known.mean(axis=0) >= MIN_SHARE
-    number = counted(file.count, "shape")
     if not often.any():
+        number = counted(file.count, "shape")
         problem = f"no landmark is known in {MIN_SHARE:.0%} of its {number}"
         raise input_error(file.name, problem, "give shapes with fewer gaps")
     names = np.array(file.head.landmark_names, object)
-    notes = list(file.notes)
-    if not often.all():
-        rare = names[~often].tolist()
-        text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
-        text = f"{counted(len(rare), 'landmark')} {text} ({abbreviate(rare)})"
-        notes.append(f"{file.name}: {text}")
     whole = np.flatnonzero(known[:, often].all(axis=1))
-    if omitted := file.count - len(whole):
-        text = f"{counted(omitted, 'shape')} left out, in which a landmark is unknown"
-        notes.append(f"{file.name}: {text}")
 
     def within(rows: slice) -> tuple[slice, NDArray[np.intp]]:
         taken = whole[rows]
@@ -622,9 +610,44 @@ def _without_unknown(file: SourceFile[Record]) -> SourceFile[Record]:
     def place(name: str, row: int | None = None) -> str:
         return file.place(name, None if row is None else int(whole[row]))
 
+    left_out = _notes_of_unknown(file, names[~often].tolist(), len(whole))
     return replace(
-        file, count=len(whole), read=read, texts=texts, place=place, notes=tuple(notes)
+        file,
+        count=len(whole),
+        read=read,
+        texts=texts,
+        place=place,
+        notes=(*file.notes, *left_out),
     )
+
+
+def _known_landmarks(file: SourceFile[Record]) -> Flags:
+    """Return which landmarks (n, p) of the shapes of a file are known."""
+    starts = range(0, file.count, ITEMS_PER_BLOCK)
+    blocks = [
+        slice(start, min(start + ITEMS_PER_BLOCK, file.count)) for start in starts
+    ]
+    return ~np.concatenate(
+        [np.isnan(file.read(rows).points).any(axis=2) for rows in blocks]
+    )
+
+
+def _notes_of_unknown(
+    file: SourceFile[Record], rare: Sequence[str], whole: int
+) -> list[str]:
+    """Say which landmarks are left out as rare, and how many of the shapes are not
+    whole.
+    """
+    notes = []
+    if rare:
+        text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
+        text = f"{counted(len(rare), 'landmark')} {text} ({abbreviate(rare)})"
+        notes.append(f"{file.name}: {text}")
+    omitted = file.count - whole
+    if omitted:
+        text = f"{counted(omitted, 'shape')} left out, in which a landmark is unknown"
+        notes.append(f"{file.name}: {text}")
+    return notes
 
 
 def _named_by_skeleton(file: SourceFile[Record], skeleton: str) -> SourceFile[Record]:

@@ -98,7 +98,7 @@ def in_object_frame(result: Fit, dictionary: Dictionary) -> Floats:
     """
     c, size = result.coefficients, result.scale
     assert dictionary.mesh_vertices is not None
-    assert c is not None, "`check_dictionary` asks for them"
+    assert c is not None, "`check_has_meshes` asks for them"
     assert size is not None, "every fit has it"
     if dictionary.atom_scale is not None:
         size = metric_scale(dictionary.atoms, c, dictionary.atom_scale)

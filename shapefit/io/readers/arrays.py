@@ -91,8 +91,8 @@ def check_archive(path: Path) -> None:
 
 def of_array(
     path: Path,
-    points: NDArray[Any],
-    scores: NDArray[Any] | None = None,
+    points: NDArray[np.generic],
+    scores: NDArray[np.generic] | None = None,
     dimensions: int | None = 2,
     **fields: Any,
 ) -> Poses:
@@ -113,24 +113,26 @@ def of_array(
             and points.shape[2] in (2, 3)
         )
         require(numeric, f"{points.dtype} of the shape {points.shape}")
-        points = points.astype(np.float64)
-        if points.shape[2] == 3:
-            least = np.nanmin(points[..., 2], initial=np.inf)
-            most = np.nanmax(points[..., 2], initial=-np.inf)
+        values = points.astype(np.float64)
+        if values.shape[2] == 3:
+            least = np.nanmin(values[..., 2], initial=np.inf)
+            most = np.nanmax(values[..., 2], initial=-np.inf)
             as_confidence = not (least < 0 or most > 1) and scores is None
             if dimensions == 3 or (dimensions is None and not as_confidence):
-                return of_bodies(path, points, None, **fields)
+                return of_bodies(path, values, None, **fields)
             twice = "three numbers of each landmark beside its confidence"
             require(scores is None, twice)
             range_found = f"third numbers run from {least:g} to {most:g}"
             require(as_confidence, f"{range_found}, are they confidences?")
-            points, scores = points[..., :2], points[..., 2]
+            scores = values[..., 2]
+            values = values[..., :2]
             fields = {"or_else": OR_DEPTH, **fields}
+        confidence = None
         if scores is not None:
             fits = scores.dtype.kind in "biuf" and scores.shape == points.shape[:2]
             require(fits, f"confidences are {scores.dtype} of the shape {scores.shape}")
-            scores = np.nan_to_num(scores.astype(np.float64))
-        return of_bodies(path, points, scores, **fields)
+            confidence = np.nan_to_num(scores.astype(np.float64))
+        return of_bodies(path, values, confidence, **fields)
 
 
 def of_bodies(

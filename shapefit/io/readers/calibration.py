@@ -91,7 +91,7 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
         return _camera(table)
 
 
-def _read_content(path: Path) -> Any:
+def _read_content(path: Path) -> object:
     """Return the mappings and lists in a file, whose name tells whether it is JSON or
     YAML.
     """
@@ -113,7 +113,7 @@ def _read_content(path: Path) -> Any:
         return YAML(typ="safe", pure=True).load(text)
 
 
-def _sections(name: str, value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+def _sections(name: str, value: object) -> Iterator[tuple[str, dict[str, object]]]:
     """Yield the mappings with a camera matrix, and their names or numbers."""
     if isinstance(value, dict) and _field(value, "matrix") is not None:
         yield name, value
@@ -124,7 +124,7 @@ def _sections(name: str, value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
             yield from _sections(str(key), within)
 
 
-def _field(table: Mapping[str, Any], field: str) -> Any:
+def _field(table: Mapping[str, object], field: str) -> object:
     """Return what stands under one of the names of a field; None for nothing."""
     small = {str(key).lower(): value for key, value in table.items()}
     values = (small.get(key) for key in CALIBRATION_KEYS[field].split())
@@ -133,7 +133,7 @@ def _field(table: Mapping[str, Any], field: str) -> Any:
     )
 
 
-def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
+def _camera(table: Mapping[str, object]) -> CalibratedCamera:
     """Return the camera of a section. Raises FormatError for fields that cannot be."""
     model = str(table.get("distortion_model", "")).lower()
     fisheye = table.get("fisheye") is True or model in ("fisheye", "equidistant")
@@ -192,7 +192,7 @@ def _rotation(given: Floats | None) -> Floats | None:
 
 
 def _array(
-    table: Mapping[str, Any], field: str, shape: tuple[int, ...] = ()
+    table: Mapping[str, object], field: str, shape: tuple[int, ...] = ()
 ) -> Floats | None:
     """Return a field as numbers, None where it has none; OpenCV gives a matrix by its
     `data`.

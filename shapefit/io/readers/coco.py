@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Required
+from typing import Required
 
 import numpy as np
 from typing_extensions import TypedDict
@@ -21,6 +21,7 @@ from shapefit.io.readers.detections import Detection, as_poses, person_points, w
 from shapefit.io.readers.poses import (
     SPARSEST,
     FormatError,
+    Images,
     Poses,
     as_numbers,
     check_names,
@@ -37,7 +38,7 @@ class _Category(TypedDict, total=False):
     id: Required[Identity]
     name: Identity | None
     keypoints: list[str] | None
-    skeleton: Any
+    skeleton: object
 
 
 class _Image(TypedDict, total=False):
@@ -45,22 +46,22 @@ class _Image(TypedDict, total=False):
     file_name: Identity | None
     vid_id: Identity | None
     video_id: Identity | None
-    frame_id: Any
-    frame_index: Any
+    frame_id: object
+    frame_index: object
 
 
 class _Annotation(TypedDict, total=False):
     id: Identity | None
     image_id: Required[Identity]
     category_id: Identity | None
-    keypoints: Any
-    foot_kpts: Any
-    face_kpts: Any
-    lefthand_kpts: Any
-    righthand_kpts: Any
-    track_id: Any
-    person_id: Any
-    attributes: Any
+    keypoints: object
+    foot_kpts: object
+    face_kpts: object
+    lefthand_kpts: object
+    righthand_kpts: object
+    track_id: object
+    person_id: object
+    attributes: object
 
 
 class _Annotations(TypedDict, total=False):
@@ -98,50 +99,30 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     names together, in their order. Feet, face and hands of COCO-WholeBody are landmarks
     after those of the body; what else has points is left out and named.
     """
-    given: Any = read_json(paths[0])
+    given = read_json(paths[0])
     content = checked(_Annotations, given)
+    assert isinstance(given, dict), "`checked` refuses others"
     annotations = [entry for entry in content["annotations"] if entry.get("keypoints")]
     left_out: Counter[str] = Counter()
     for stated_keys in given["annotations"]:
         left_out.update(_further_points(stated_keys))
-    whole = any(_has_parts(entry) for entry in annotations)
     names = _Landmarks()
     for category in content.get("categories") or ():
         names.add(category)
-    images = content.get("images") or []
-    file_of = {image["id"]: image.get("file_name") or image["id"] for image in images}
-    order = {image: number for number, image in enumerate(file_of)}
-    detections: list[Detection] = []
-    for entry in annotations:
-        points = _annotated_points(entry)
-        if whole and len(points) == len(installed_skeletons()[BODY].landmark_names):
-            points = np.concatenate([points, _points_of_parts(entry)])
-            left_out.subtract(part for part, _ in PARTS if _has_points(entry.get(part)))
-        if (placed := names.place(entry, points)) is not None:
-            image = order.setdefault(entry["image_id"], len(order))
-            detections.append((placed, image, _identity(entry)))
-    files = [str(file_of.get(image, image)) for image in order]
-    stated = {
-        image["id"]: next(
-            (image[key] for key in ("vid_id", "video_id") if image.get(key)), None
-        )
-        for image in images
-    }
-    videos = [stated.get(image) for image in order]
-    named = [video for video in videos if video is not None]
-    frame_of = {image["id"]: _stated_frame(image) for image in images}
-    placed_images = place_images(
-        paths[0],
-        files,
-        [str(video) for video in videos] if named else None,
-        stated=[frame_of.get(image) for image in order],
-    )
-    marks = [points[:, 2] for points, *_ in detections]
-    scored = any((values % 1 > 0).any() for values in marks)
+    image_of = {image["id"]: image for image in content.get("images") or ()}
+    order = {image: number for number, image in enumerate(image_of)}
+    detections = _place_annotations(annotations, names, order, left_out)
+    images = [image_of.get(image, _Image(id=image)) for image in order]
+    placed_images = _place_annotated_images(paths[0], images)
+    scored = any((points[:, 2] % 1 > 0).any() for points, *_ in detections)
     if scored:
         detections = [
-            (np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)]), *others)
-            for points, *others in detections
+            (
+                np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)]),
+                image,
+                who,
+            )
+            for points, image, who in detections
         ]
     return as_poses(
         placed_images,
@@ -153,15 +134,7 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _stated_frame(image: _Image) -> int | None:
-    """Return the number of the frame that an image states; None where it states
-    none.
-    """
-    numbers = (image.get("frame_id"), image.get("frame_index"))
-    return next((n for n in numbers if isinstance(n, int) and n >= 0), None)
-
-
-def _further_points(annotation: Mapping[str, Any]) -> list[str]:
+def _further_points(annotation: Mapping[str, object]) -> list[str]:
     """Return the keys of an annotation beside `keypoints` that hold points."""
     return [
         key
@@ -179,13 +152,29 @@ def _has_points(values: object) -> bool:
     return isinstance(values, int | float) and values != 0
 
 
-def _notes_of_further(left_out: Mapping[str, int]) -> list[str]:
-    """Say which points of annotations are not read."""
-    return [
-        f"{printable(key)} of {counted(number, 'annotation')} left out"
-        for key, number in sorted(left_out.items())
-        if number
-    ]
+def _place_annotations(
+    annotations: Sequence[_Annotation],
+    names: _Landmarks,
+    order: dict[Identity, int],
+    left_out: Counter[str],
+) -> list[Detection]:
+    """Return annotations as detections among the landmarks of all categories.
+
+    Images that annotations alone name are added to `order`; lists of COCO-WholeBody
+    that are read are taken from `left_out`.
+    """
+    whole = any(_has_parts(entry) for entry in annotations)
+    detections: list[Detection] = []
+    for entry in annotations:
+        points = _annotated_points(entry)
+        if whole and len(points) == len(installed_skeletons()[BODY].landmark_names):
+            points = np.concatenate([points, _points_of_parts(entry)])
+            left_out.subtract(part for part, _ in PARTS if _has_points(entry.get(part)))
+        placed = names.place(entry, points)
+        if placed is not None:
+            image = order.setdefault(entry["image_id"], len(order))
+            detections.append((placed, image, _identity(entry)))
+    return detections
 
 
 def _has_parts(entry: _Annotation) -> bool:
@@ -220,7 +209,7 @@ def _points_of_parts(entry: _Annotation) -> Floats:
     """Return x, y, v of feet, face and hands (116, 3), 0 where there is none."""
     parts = []
     for part, count in PARTS:
-        given: Any = entry.get(part) or [0.0] * (3 * count)
+        given = entry.get(part) or [0.0] * (3 * count)
         values = as_numbers(given, f"{part} of {_described_entry(entry)}")
         fits = values.shape == (3 * count,)
         require(fits, f"{part} of {_described_entry(entry)} are not {count} landmarks")
@@ -228,13 +217,47 @@ def _points_of_parts(entry: _Annotation) -> Floats:
     return np.concatenate(parts)
 
 
-def _identity(entry: _Annotation) -> Any:
+def _identity(entry: _Annotation) -> object:
     """Return who an annotation is, as PoseTrack or CVAT states it; None for nobody."""
     attributes = entry.get("attributes")
-    stated: list[Any] = [entry.get("track_id"), entry.get("person_id")]
+    stated: list[object] = [entry.get("track_id"), entry.get("person_id")]
     if isinstance(attributes, dict):
         stated.append(attributes.get("track_id"))
     return next((who for who in stated if who is not None), None)
+
+
+def _place_annotated_images(path: Path, images: Sequence[_Image]) -> Images:
+    """Return images in the videos, and at the frames, that they state."""
+    videos = [_stated_video(image) for image in images]
+    named = any(video is not None for video in videos)
+    return place_images(
+        path,
+        [str(image.get("file_name") or image["id"]) for image in images],
+        [str(video) for video in videos] if named else None,
+        stated=[_stated_frame(image) for image in images],
+    )
+
+
+def _stated_video(image: _Image) -> Identity | None:
+    """Return the video that an image states; None where it states none."""
+    return image.get("vid_id") or image.get("video_id") or None
+
+
+def _stated_frame(image: _Image) -> int | None:
+    """Return the number of the frame that an image states; None where it states
+    none.
+    """
+    numbers = (image.get("frame_id"), image.get("frame_index"))
+    return next((n for n in numbers if isinstance(n, int) and n >= 0), None)
+
+
+def _notes_of_further(left_out: Mapping[str, int]) -> list[str]:
+    """Say which points of annotations are not read."""
+    return [
+        f"{printable(key)} of {counted(number, 'annotation')} left out"
+        for key, number in sorted(left_out.items())
+        if number
+    ]
 
 
 @dataclass
@@ -256,9 +279,10 @@ class _Landmarks:
         here = [self.column_of.setdefault(name, len(self.column_of)) for name in given]
         self.columns[category["id"]] = here
         self.names[category["id"]] = str(category.get("name") or category["id"])
-        lines: Any = category.get("skeleton")
+        lines = category.get("skeleton")
+        listed = lines if isinstance(lines, list) else []
         # COCO counts from 1, some tools from 0
-        zeros = any(0 in line for line in lines or () if isinstance(line, list))
+        zeros = any(0 in line for line in listed if isinstance(line, list))
         for a, b in skeleton_edges(lines, len(given), first=0 if zeros else 1):
             self.pairs[here[a], here[b]] = None
 
@@ -369,8 +393,9 @@ def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     images differ in a number, it is that of the frame; images of numbers that are no
     frames are in their order.
     """
-    content: Any = read_json(paths[0])
+    content = read_json(paths[0])
     checked(list[_Result], content)
+    assert isinstance(content, list), "`checked` refuses others"
     number_of: dict[Identity, int] = {}
     detections: list[Detection] = []
     for entry in content:

@@ -7,11 +7,12 @@ import io
 import pickle
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PureWindowsPath
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
+from typing_extensions import TypedDict
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, printable
 from shapefit.io.csv_file import MOST_FRAME, read_numbers
 from shapefit.io.formats import Head
@@ -33,8 +34,15 @@ HEADER = ("scorer", "individuals", "bodyparts", "coords")
 TableColumns = list[tuple[str, ...]]
 """(scorer, [individual,] body part, coordinate) of each column."""
 
-TableRows = Mapping[str, Any]
-"""Fields of `of_frames` that say what the rows are."""
+
+class TableRows(TypedDict, total=False):
+    """Fields of `of_frames` that say what the rows are."""
+
+    labels: Sequence[str]
+    frames: Integers
+    video: str | Sequence[str]
+    unordered: bool
+
 
 MANY = 10**9
 """Frames of a video for one that is labelled: any."""
@@ -61,29 +69,14 @@ def read_deeplabcut_csv(paths: tuple[Path, ...]) -> Poses:
     numbers the rows; cells may have semicolons or tabs between them, as Excel saves
     them.
     """
-    path, text = paths[0], read_text(paths[0])
+    path = paths[0]
+    text = read_text(path)
     delimiter = _delimiter(text)
     if _is_numbered(text, delimiter):
         rows = text.split("\n")
         text = "\n".join(row.partition(delimiter)[2] for row in rows)
-    levels: dict[str, list[str]] = {}
-    first_lines = text.split("\n", len(HEADER))[: len(HEADER)]
-    with library_reads("the lines of names have no end"):
-        rows = [*csv.reader(first_lines, delimiter=delimiter)]
-    for cells in rows:
-        name, *_ = row = [cell.strip() for cell in cells] or [""]
-        if name not in HEADER or name in levels:
-            break
-        levels[name] = row
-    needed = [name for name in HEADER[1:] if name != "individuals"]
-    lacking = [name for name in needed if name not in levels]
-    require(not lacking, f"there is no line {abbreviate(lacking)}")
-    names = [levels[name] for name in HEADER[1:] if name in levels]
-    require(
-        len({*map(len, names)}) == 1,
-        "the lines of names have different numbers of cells",
-    )
-    columns = [("", *column) for column in zip(*names, strict=True)]
+    levels = _read_levels(text, delimiter)
+    columns = _columns_of_levels(levels)
     placed = [number for number, column in enumerate(columns) if number and column[-1]]
     first = text.split("\n", len(levels))[-1].partition(delimiter)[0].strip('" ')
     numbered = not read_numbers([first])[1].any()
@@ -100,6 +93,34 @@ def read_deeplabcut_csv(paths: tuple[Path, ...]) -> Poses:
     return _of_columns(
         path, retained, table.numbers(placed), _named_columns(path, images)
     )
+
+
+def _read_levels(text: str, delimiter: str) -> dict[str, list[str]]:
+    """Return the cells of the lines of names at the beginning, by the first of each."""
+    first_lines = text.split("\n", len(HEADER))[: len(HEADER)]
+    with library_reads("the lines of names have no end"):
+        rows = [*csv.reader(first_lines, delimiter=delimiter)]
+    levels: dict[str, list[str]] = {}
+    for cells in rows:
+        row = [cell.strip() for cell in cells] or [""]
+        name = row[0]
+        if name not in HEADER or name in levels:
+            break
+        levels[name] = row
+    return levels
+
+
+def _columns_of_levels(levels: Mapping[str, list[str]]) -> TableColumns:
+    """Return the names of all columns, of which the first is that of the frames."""
+    needed = [name for name in HEADER[1:] if name != "individuals"]
+    lacking = [name for name in needed if name not in levels]
+    require(not lacking, f"there is no line {abbreviate(lacking)}")
+    names = [levels[name] for name in HEADER[1:] if name in levels]
+    require(
+        len({*map(len, names)}) == 1,
+        "the lines of names have different numbers of cells",
+    )
+    return [("", *column) for column in zip(*names, strict=True)]
 
 
 def is_hdf5(head: Head) -> bool:
@@ -208,15 +229,16 @@ class NameUnpickler(pickle._Unpickler):
     file says.
     """
 
-    def find_class(self, module: str, name: str) -> Any:
+    def find_class(self, module: str, name: str) -> NoReturn:
         """Refuse what would be imported, and could be called."""
         raise FormatError(f"asks for {module}.{name}, which is never executed here")
 
 
-def _unpickle_names(pickled: Any) -> TableColumns:
+def _unpickle_names(pickled: object) -> TableColumns:
     """Return the names of columns, a list of tuples, that an attribute has pickled."""
     data = pickled.encode() if isinstance(pickled, str) else pickled
-    require(isinstance(data, bytes), "the names of its columns are missing")
+    if not isinstance(data, bytes):
+        raise FormatError("the names of its columns are missing")
     with library_reads("the names of its columns are damaged"):
         names = NameUnpickler(io.BytesIO(data)).load()
     listed = isinstance(names, list) and all(isinstance(name, tuple) for name in names)

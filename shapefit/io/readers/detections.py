@@ -37,7 +37,7 @@ from shapefit.io.readers.poses import (
 from shapefit.io.readers.text import floats, read_json, read_text
 from shapefit.io.skeletons import skeletons_of_size
 
-Detection = tuple[Floats, int, Any]
+Detection = tuple[Floats, int, object]
 """x, y, confidence of all landmarks (p, 3), NaN for none; number of the image; who it
 is.
 """
@@ -94,7 +94,7 @@ def _are_pairs(keypoints: object) -> bool:
     return isinstance(keypoints, list) and isinstance(keypoints[0], list)
 
 
-def _keys_of(people: Sequence[Any]) -> set[str]:
+def _keys_of(people: Sequence[object]) -> set[str]:
     """Return the keys of all people that are objects."""
     return {key for one in people if isinstance(one, dict) for key in one}
 
@@ -118,34 +118,40 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
                 others = content.keys() - {"version"}
                 require("people" in content or not others, "there is no list of people")
                 content = content.get("people", [])
-            detections += detections_of(content, number)
-            for person in content:
+            people = _people_of(content)
+            detections += _detections_of(people, number)
+            for person in people:
                 left_out.update(one for one in LEFT_OUT if any(person.get(one) or ()))
     names = listed(left_out, "and") if left_out else ""
     note = f"landmarks beside those of the body left out: {names}"
     return as_poses(images, detections, notes=(note,) if left_out else ())
 
 
-def detections_of(
-    people: object, image: int, *, needed: bool = False
+def _people_of(content: object) -> list[dict[str, Any]]:
+    """Return a list of people as it stands in a file."""
+    require(isinstance(content, list), "no list of people")
+    return checked(list[dict[str, Any]], content)
+
+
+def _detections_of(
+    people: Sequence[Mapping[str, object]], image: int, *, needed: bool = False
 ) -> list[Detection]:
     """Return the people of an image, who may have no landmarks unless they are
     `needed`.
     """
     detections: list[Detection] = []
-    require(isinstance(people, list), "no list of people")
-    for person in checked(list[dict[str, Any]], people):
+    for person in people:
         points = person_points(person, needed=needed)
         detections.append((points, image, who_of(person)))
     return detections
 
 
-def who_of(person: Mapping[str, Any]) -> Any:
+def who_of(person: Mapping[str, object]) -> object:
     """Return what identity a file gives a person; None for nobody."""
     return _first_score(person, WHO)
 
 
-def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
+def person_points(person: Mapping[str, object], *, needed: bool = False) -> Floats:
     """Return x, y, confidence of the landmarks of a person (p, 3), who may have none
     unless they are `needed`.
 
@@ -177,7 +183,7 @@ def person_points(person: Mapping[str, Any], *, needed: bool = False) -> Floats:
     return np.column_stack([values, scores])
 
 
-def _points_of_lists(given: Mapping[str, Any]) -> Floats:
+def _points_of_lists(given: Mapping[str, object]) -> Floats:
     """Return x, y, confidence (p, 3) of lists `x`, `y` and, if any, `visible`."""
     require({"x", "y"} <= given.keys(), "keypoints without lists of x and y")
     x, y = (as_numbers(given[axis], f"{axis} of keypoints") for axis in ("x", "y"))
@@ -188,7 +194,7 @@ def _points_of_lists(given: Mapping[str, Any]) -> Floats:
     return np.column_stack([x, y, scores])
 
 
-def _first_score(content: Mapping[str, Any], keys: Sequence[str]) -> Any:
+def _first_score(content: Mapping[str, object], keys: Sequence[str]) -> object:
     """Return the value of the first key that an object has."""
     return next((content[key] for key in keys if content.get(key) is not None), None)
 
@@ -218,9 +224,9 @@ def is_yolo(head: Head) -> bool:
 
 class _DataYaml(TypedDict, total=False):
     kpt_shape: list[int] | None
-    kpt_names: Any
-    names: Any
-    skeleton: Any
+    kpt_names: object
+    names: object
+    skeleton: object
 
 
 def read_yolo(paths: tuple[Path, ...]) -> Poses:
@@ -233,44 +239,21 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
     """
     files, images = _find_images(paths, ".txt")
     data = _read_data_yaml(paths[0] if paths[0].is_dir() else paths[0].parent)
-    rows: list[tuple[int, list[float]]] = []
-    for number, file in enumerate(files):
-        for line, text in enumerate(read_text(file).split("\n"), 1):
-            with parsing(f"{file}:{line}", "a label of YOLO"):
-                if cells := text.partition("#")[0].split():
-                    rows.append((number, floats(cells)))
-    smallest = min((len(row) for _, row in rows), default=BOX) - BOX
-    shape = data.get("kpt_shape") or [smallest // 3, 3]
+    rows = _read_labels(files)
     with parsing(paths[0], "labels of YOLO", f"correct {DATA}"):
-        whole = len(shape) == 2 and shape[0] >= 0
-        require(whole, f"kpt_shape {shape} in {DATA} is not [landmarks, 2 or 3]")
-    count, step = shape
-    width = BOX + count * step
+        count, step = _shape_of_labels(data, rows)
     detections: list[Detection] = []
     for number, row in rows:
         with parsing(files[number], "labels of YOLO", f"check kpt_shape in {DATA}"):
-            given = f"a line of {len(row)} numbers, and {count} landmarks take {width}"
-            require(step in (2, 3) and len(row) - width in (0, 1, 2), given)
-            marked = count == 17 or {*row[BOX + 2 : width : 3]} <= {0, 1, 2}
-            require(data or marked, f"no {DATA} beside them, and v is not 0, 1 or 2")
-        points = np.reshape(row[BOX:width], (count, step))
-        if step == 2:
-            points = np.column_stack([points, (points > 0).any(axis=1)])
-        who = row[-1] if len(row) == width + 2 else None
+            points, who = _split_label(row, count, step, alone=not data)
         detections.append((points, number, who))
-    names = data.get("kpt_names")
-    if isinstance(names, dict):  # a list for each class, of which the first is taken
-        names = next(iter(names.values()), None)
-    people = not data or data.get("names") in (["person"], {0: "person"})
-    if not isinstance(names, list) or len(names) != count:
-        names = () if people and count == 17 else range(count)
     marks = [points[:, 2] for points, *_ in detections]
     return as_poses(
         images,
         detections,
         scored=any(not np.isin(values, (0, 1, 2)).all() for values in marks),
         unit=FRACTION,
-        landmark_names=tuple(map(str, names)) or None,
+        landmark_names=_names_of_data(data, count),
         edges=skeleton_edges(data.get("skeleton"), count),
     )
 
@@ -290,6 +273,68 @@ def _read_data_yaml(folder: Path) -> _DataYaml:
         with library_reads("it is no YAML"):
             content = YAML(typ="safe", pure=True).load(path)
         return checked(_DataYaml, content if isinstance(content, dict) else {})
+
+
+Label = tuple[int, list[float]]
+"""The number of a file, and the numbers of a line in it."""
+
+
+def _read_labels(files: Sequence[Path]) -> list[Label]:
+    """Return the lines of files that hold anything but a comment."""
+    rows: list[Label] = []
+    for number, file in enumerate(files):
+        for line, text in enumerate(read_text(file).split("\n"), 1):
+            with parsing(f"{file}:{line}", "a label of YOLO"):
+                cells = text.partition("#")[0].split()
+                if cells:
+                    rows.append((number, floats(cells)))
+    return rows
+
+
+def _shape_of_labels(data: _DataYaml, rows: Sequence[Label]) -> tuple[int, int]:
+    """Return how many landmarks a line has, and the numbers of each: as data.yaml says,
+    else as many as the shortest line holds.
+    """
+    shortest = min((len(row) for _, row in rows), default=BOX) - BOX
+    shape = data.get("kpt_shape") or [shortest // 3, 3]
+    whole = len(shape) == 2 and shape[0] >= 0
+    require(whole, f"kpt_shape {shape} in {DATA} is not [landmarks, 2 or 3]")
+    count, step = shape
+    return count, step
+
+
+def _split_label(
+    row: Sequence[float], count: int, step: int, *, alone: bool
+) -> tuple[Floats, float | None]:
+    """Return x, y, v of the landmarks of a line (p, 3), and its track, None without.
+
+    Where no data.yaml stands beside the lines (`alone`), v must be 0, 1 or 2 for a line
+    to be of landmarks, unless there are as many as people have.
+    """
+    width = BOX + count * step
+    given = f"a line of {len(row)} numbers, and {count} landmarks take {width}"
+    require(step in (2, 3) and len(row) - width in (0, 1, 2), given)
+    marked = count == 17 or {*row[BOX + 2 : width : 3]} <= {0, 1, 2}
+    require(not alone or marked, f"no {DATA} beside them, and v is not 0, 1 or 2")
+    points = np.reshape(row[BOX:width], (count, step))
+    if step == 2:
+        points = np.column_stack([points, (points > 0).any(axis=1)])
+    return points, row[-1] if len(row) == width + 2 else None
+
+
+def _names_of_data(data: _DataYaml, count: int) -> tuple[str, ...] | None:
+    """Return the names of so many landmarks: those in data.yaml, else numbers; None for
+    people, whose names are known, and for no landmarks.
+    """
+    names = data.get("kpt_names")
+    if isinstance(names, dict):  # a list for each class, of which the first is taken
+        names = next(iter(names.values()), None)
+    if isinstance(names, list) and len(names) == count:
+        return tuple(map(str, names)) or None
+    people = not data or data.get("names") in (["person"], {0: "person"})
+    if people and count == 17:
+        return None
+    return tuple(map(str, range(count))) or None
 
 
 def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Images]:
@@ -328,17 +373,17 @@ def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Im
 
 class _Frame(TypedDict, total=False):
     frame_id: Identity | None
-    instances: Required[list[Any]]
+    instances: Required[list[object]]
 
 
 class _Meta(TypedDict, total=False):
     keypoint_id2name: dict[str, str] | None
-    skeleton_links: Any
+    skeleton_links: object
 
 
 class _TrackedVideo(TypedDict, total=False):
     meta_info: _Meta | None
-    instance_info: Required[list[dict[str, Any]]]
+    instance_info: Required[list[dict[str, object]]]
 
 
 def is_mmpose_video(head: Head) -> bool:
@@ -366,7 +411,8 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     numbers, labels = _frames_of([frame.get("frame_id") for frame in frames])
     detections: list[Detection] = []
     for number, frame in enumerate(frames):
-        detections += detections_of(frame["instances"], number, needed=True)
+        people = _people_of(frame["instances"])
+        detections += _detections_of(people, number, needed=True)
     names = meta.get("keypoint_id2name") or {}
     whole = {*names} == {*map(str, range(len(names)))}
     require(whole, "keypoint_id2name does not number the landmarks from 0 on")
@@ -416,49 +462,72 @@ def as_poses(
     fractions where they can be. Raises InputError where detections have different
     numbers of landmarks.
     """
-    place = {video: number for number, video in enumerate(dict.fromkeys(images.videos))}
-    order = [(place[images.videos[i]], images.frames[i]) for _, i, _ in detections]
-    ranked = sorted(range(len(detections)), key=order.__getitem__)
-    detections = [detections[row] for row in ranked]
-    sizes = Counter(len(points) for points, *_ in detections if len(points))
-    if len(sizes) > 1:
-        kinds = [f"{n} detections with {p}" for p, n in sorted(sizes.items())]
-        problem = f"several skeletons: {listed(kinds, 'and')} landmarks"
-        raise input_error(
-            images.name, problem, "give the files of each in a separate call"
-        )
-    p = next(iter(sizes), len(fields.get("landmark_names") or ()))
-    values = np.full((len(detections), p, 3), np.nan)
-    for row, (marked, *_) in enumerate(detections):
-        if len(marked):
-            values[row] = marked
-    points, confidence = values[..., :2], values[..., 2]
+    detections = _order_detections(images, detections)
+    values = _stack(images, detections, len(fields.get("landmark_names") or ()))
+    confidence = values[..., 2]
     if scored and np.nanmax(confidence, initial=0) > 2:
         confidence = confidence / 6
         notes += ("confidences divided by 6, the largest that AlphaPose states",)
     missing = ~np.isfinite(values).all(axis=2) | (hide_unscored & ~(confidence > 0))
-    points = np.where(missing[..., None], np.nan, points)
-    of = [image for _, image, _ in detections]
-    who = [name_individual(w) for *_, w in detections]
-    times = Counter(zip(of, who, strict=True))
-    if doubles := sum(number > 1 for (_, name), number in times.items() if name):
-        # Some tools number the people of each frame anew.
-        notes += (
-            f"numbers of people are not used, as {doubles} of them occur twice in a"
-            " frame",
-        )
-        who = [""] * len(who)
+    points = np.where(missing[..., None], np.nan, values[..., :2])
+    individuals, doubled = _name_people(detections)
+    image_of = [image for _, image, _ in detections]
     return Poses(
         name=images.name,
-        video=[images.videos[image] for image in of],
+        video=[images.videos[image] for image in image_of],
         points=points,
         confidence=np.where(missing, 0.0, confidence) if scored else None,
-        frame=np.array([images.frames[image] for image in of], np.int64),
-        label=[images.labels[image] for image in of],
-        individual=who,
-        skeleton=next(iter(skeletons_of_size(p)), None),
+        frame=np.array([images.frames[image] for image in image_of], np.int64),
+        label=[images.labels[image] for image in image_of],
+        individual=individuals,
+        skeleton=next(iter(skeletons_of_size(values.shape[1])), None),
         unordered=images.unordered,
-        notes=notes,
+        notes=notes + doubled,
         **(unit_of(points) if unit is None else {"unit": unit}),
         **fields,
     )
+
+
+def _order_detections(
+    images: Images, detections: Sequence[Detection]
+) -> list[Detection]:
+    """Return detections in the order of videos and frames."""
+    place = {video: number for number, video in enumerate(dict.fromkeys(images.videos))}
+    order = [(place[images.videos[i]], images.frames[i]) for _, i, _ in detections]
+    ranked = sorted(range(len(detections)), key=order.__getitem__)
+    return [detections[row] for row in ranked]
+
+
+def _stack(images: Images, detections: Sequence[Detection], expected: int) -> Floats:
+    """Return x, y, confidence of all landmarks (N, p, 3), NaN for a detection without
+    any; as many as expected where none has any.
+
+    Raises InputError where detections have different numbers of landmarks.
+    """
+    sizes = Counter(len(points) for points, *_ in detections if len(points))
+    if len(sizes) > 1:
+        kinds = [f"{n} detections with {p}" for p, n in sorted(sizes.items())]
+        problem = f"several skeletons: {listed(kinds, 'and')} landmarks"
+        fix = "give the files of each in a separate call"
+        raise input_error(images.name, problem, fix)
+    values = np.full((len(detections), next(iter(sizes), expected), 3), np.nan)
+    for row, (points, *_) in enumerate(detections):
+        if len(points):
+            values[row] = points
+    return values
+
+
+def _name_people(detections: Sequence[Detection]) -> tuple[list[str], tuple[str, ...]]:
+    """Return the individual of each detection, and a note where none counts, since some
+    are twice in a frame: some tools number the people of each frame anew.
+    """
+    individuals = [name_individual(who) for *_, who in detections]
+    image_of = [image for _, image, _ in detections]
+    times = Counter(zip(image_of, individuals, strict=True))
+    doubles = sum(number > 1 for (_, name), number in times.items() if name)
+    if not doubles:
+        return individuals, ()
+    note = (
+        f"numbers of people are not used, as {doubles} of them occur twice in a frame"
+    )
+    return [""] * len(individuals), (note,)

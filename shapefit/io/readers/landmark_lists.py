@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeGuard
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _frames_of_list(content: Any) -> tuple[list[int], Sequence[Any]]:
+def _frames_of_list(content: object) -> tuple[list[int], Sequence[object]]:
     """Return the frames of a file, and their numbers as far as they are stated."""
     if isinstance(content, dict):
         numbered = [key for key in content if key.isdecimal() and key.isascii()]
@@ -106,14 +106,16 @@ def _frames_of_list(content: Any) -> tuple[list[int], Sequence[Any]]:
     return [number for number in stated if isinstance(number, int)], frames
 
 
-def _is_body(content: object) -> bool:
+def _is_body(content: object) -> TypeGuard[list[object]]:
     """Whether a list holds a landmark."""
     return isinstance(content, list) and any(
         isinstance(point, dict) and {"x", "y"} <= point.keys() for point in content
     )
 
 
-def _listed_bodies(frame: Any, nested: int = NESTED) -> Iterator[list[dict[str, Any]]]:
+def _listed_bodies(
+    frame: object, nested: int = NESTED
+) -> Iterator[list[dict[str, object]]]:
     """Yield the bodies of a frame; there may be none."""
     if isinstance(frame, dict):
         frame = _first_entry(frame, BODIES, ())
@@ -124,6 +126,8 @@ def _listed_bodies(frame: Any, nested: int = NESTED) -> Iterator[list[dict[str, 
             yield from _listed_bodies(one, nested - 1)
 
 
-def _first_entry(content: Mapping[str, Any], keys: Sequence[str], default: Any) -> Any:
+def _first_entry(
+    content: Mapping[str, object], keys: Sequence[str], default: object
+) -> object:
     """Return the value of the first key that an object has."""
     return next((content[key] for key in keys if content.get(key) is not None), default)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,24 +41,11 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     exactly 0. Points without a name, which some programs write after the others, are
     left out.
     """
-    path, text = paths[0], read_text(paths[0])
+    path = paths[0]
+    text = read_text(path)
     delimiter = "\t" if "\t" in text else ","
-    lines = text.split("\n")
-    require(len(lines) >= HEADER_LINES, f"its header has {len(lines)} lines, not 5")
-    head = [
-        [cell.strip() for cell in line.split(delimiter)]
-        for line in lines[:HEADER_LINES]
-    ]
-    _, keys, values, names, axes = head
-    about = dict(zip(map(str.lower, keys), values, strict=False))
-    count = sum(map(bool, axes[2:])) // 3  # X1 Y1 Z1 X2 ...
-    require(
-        count and names[0].lower() == "frame#",
-        "no names of markers in line 4, above X1 Y1",
-    )
-    require(not any(names[3::3] + names[4::3]), "names that do not stand above an X")
-    labels = [*names[2:], *[""] * (3 * count)][: 3 * count : 3]
-    text, unnamed = _without_points_after(text, 3 * count + 2, delimiter)
+    about, labels = _read_trc_header(text, delimiter)
+    text, unnamed = _without_points_after(text, 3 * len(labels) + 2, delimiter)
     points, frames, times = _read_points(path, text, labels, HEADER_LINES, delimiter)
     origin = np.asarray((points == 0).all(axis=2))
     points = np.where(origin[..., None], np.nan, points)
@@ -67,15 +54,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     nameless = [number for number, label in enumerate(labels) if not label]
     unnamed += int(np.isfinite(points[:, nameless]).all(axis=2).sum())
     origins = int(origin[:, named].sum())
-    announced = floats([about.get("numframes") or "0"])[0]
-    notes = []
-    if announced > len(points):
-        lost = int(announced) - len(points)
-        notes.append(f"{lost} frames are announced in the header, but not there")
-    if origins:
-        notes.append(f"{origins} points at exactly 0, 0, 0 taken for missing")
-    if unnamed:
-        notes.append(f"{counted(unnamed, 'point')} without a name left out")
+    notes = _notes_of_trc(about, len(points), origins, unnamed)
     require("datarate" in about, "there is no DataRate in line 2")
     rate = floats([about["datarate"]])[0]
     timed = len(times) > 0 and bool(np.isfinite(times).all())
@@ -92,13 +71,39 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
         labels=frames,
         frames=numbers,
         times=times if timed else None,
-        notes=tuple(notes),
+        notes=notes,
     )
 
 
-def _are_in_a_row(numbers: Sequence[int]) -> bool:
-    """Whether numbers of frames, from 0 on, leave none out."""
-    return sorted(numbers) == [*range(len(numbers))]
+def _read_trc_header(text: str, delimiter: str) -> tuple[dict[str, str], list[str]]:
+    """Return what the header states, by key in small letters, and a label for each
+    X, "" for a marker without a name.
+    """
+    lines = text.split("\n")
+    require(len(lines) >= HEADER_LINES, f"its header has {len(lines)} lines, not 5")
+    head = [_split_cells(line, delimiter) for line in lines[:HEADER_LINES]]
+    _, keys, values, names, axes = head
+    about = dict(zip(map(str.lower, keys), values, strict=False))
+    count = sum(map(bool, axes[2:])) // 3  # X1 Y1 Z1 X2 ...
+    require(
+        count and names[0].lower() == "frame#",
+        "no names of markers in line 4, above X1 Y1",
+    )
+    require(not any(names[3::3] + names[4::3]), "names that do not stand above an X")
+    return about, _labels_above(names, count)
+
+
+def _split_cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line without the spaces around them."""
+    return [cell.strip() for cell in line.split(delimiter)]
+
+
+def _labels_above(names: Sequence[str], count: int) -> list[str]:
+    """Return what stands above the X of each of so many markers, which begin in the
+    third cell; "" where a line is shorter.
+    """
+    cells = [*names[2:], *[""] * (3 * count)]
+    return cells[: 3 * count : 3]
 
 
 def _without_points_after(text: str, cells: int, delimiter: str) -> tuple[str, int]:
@@ -118,6 +123,29 @@ def _without_points_after(text: str, cells: int, delimiter: str) -> tuple[str, i
     return "\n".join(lines), left_out
 
 
+def _notes_of_trc(
+    about: Mapping[str, str], frames: int, origins: int, unnamed: int
+) -> tuple[str, ...]:
+    """Say which frames are absent, and which points are taken for missing or left
+    out.
+    """
+    announced = floats([about.get("numframes") or "0"])[0]
+    notes = []
+    if announced > frames:
+        lost = int(announced) - frames
+        notes.append(f"{lost} frames are announced in the header, but not there")
+    if origins:
+        notes.append(f"{origins} points at exactly 0, 0, 0 taken for missing")
+    if unnamed:
+        notes.append(f"{counted(unnamed, 'point')} without a name left out")
+    return tuple(notes)
+
+
+def _are_in_a_row(numbers: Sequence[int]) -> bool:
+    """Whether numbers of frames, from 0 on, leave none out."""
+    return sorted(numbers) == [*range(len(numbers))]
+
+
 def is_vicon(head: Head) -> bool:
     """Whether the columns of a section `Trajectories` begin with those of Vicon."""
     _, _, after = head.text.lower().partition(b"trajectories")
@@ -131,28 +159,38 @@ def read_vicon(paths: tuple[Path, ...]) -> Poses:
     Frame,X,Y,Z,...`, the units, and the frames up to an empty line. An empty cell is
     missing.
     """
-    path, lines = paths[0], read_text(paths[0]).split("\n")
-    bare = [line.strip(', "\t') for line in lines]
-    sections = [line.lower() for line in bare]
-    require("trajectories" in sections, "no section Trajectories")
-    start = sections.index("trajectories") + 1
-    end = bare.index("", start) if "" in bare[start:] else len(bare)
-    head = [
-        [cell.strip() for cell in line.split(",")] for line in lines[start : start + 4]
-    ]
+    path = paths[0]
+    lines = read_text(path).split("\n")
+    start, end = _find_trajectories(lines)
+    head = [_split_cells(line, ",") for line in lines[start : start + 4]]
     whole = len(head) == 4 and len(head[3]) > 2
     require(whole, "the four lines below Trajectories are not complete")
-    rate, labels, axes, unit = head[0][0], head[1], head[2], head[3][2]
+    rates, names, axes, units = head
     count = axes.count("X")
     require(
         axes == ["Frame", "Sub Frame", *"XYZ" * count], "other columns than X, Y and Z"
     )
-    labels = [*labels[2:], *[""] * (3 * count)][: 3 * count : 3]
+    labels = _labels_above(names, count)
     text = "\n".join(lines[:end])
     points, frames, _ = _read_points(path, text, labels, start + 4)
-    hertz = floats([rate])[0]
-    numbers = frames_of_labels(frames)
-    return of_markers(path, points, labels, hertz, unit, labels=frames, frames=numbers)
+    return of_markers(
+        path,
+        points,
+        labels,
+        rate=floats([rates[0]])[0],
+        unit=units[2],
+        labels=frames,
+        frames=frames_of_labels(frames),
+    )
+
+
+def _find_trajectories(lines: Sequence[str]) -> tuple[int, int]:
+    """Return the lines in which the section `Trajectories` begins and ends."""
+    bare = [line.strip(', "\t') for line in lines]
+    sections = [line.lower() for line in bare]
+    require("trajectories" in sections, "no section Trajectories")
+    start = sections.index("trajectories") + 1
+    return start, bare.index("", start) if "" in bare[start:] else len(bare)
 
 
 def _read_points(

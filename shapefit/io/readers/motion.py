@@ -110,26 +110,20 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     """Return the joints of a BVH file, in its unit, and then the ends of bones,
     `JOINT_end`.
     """
-    path, text = paths[0], read_text(paths[0])
+    path = paths[0]
+    text = read_text(path)
     joints, lines, announced, seconds = _read_hierarchy(path, text)
-    channels = [joint.name for joint in joints for _ in joint.channels]
-    rows = "\n".join(" ".join(line.split()) for line in text.split("\n"))
-    table = read_table(path, rows, channels, " ", after=lines)
-    motion = table.numbers(range(len(channels)), finite=True)
-    require(not np.isnan(motion).any(), "a channel is no number")
+    motion = _read_channels(path, text, joints, lines)
     lost = announced - len(motion)
     note = f"{lost} frames are announced in the header, but not there"
     order = sorted(range(len(joints)), key=lambda number: not joints[number].channels)
     place = {old: number for number, old in enumerate(order)}
-    rate = 1.0 / seconds if seconds > 0 else None
-    if rate is not None and rate > 1 and abs(rate - round(rate)) < 1e-3 * rate:
-        rate = float(round(rate))  # the time was rounded: 0.033333 s is 30 Hz
     return of_frames(
         path,
         place_bones(joints, motion)[:, order],
         video=path.stem,
         landmark_names=number_repeats([joints[number].name for number in order]),
-        frame_rate=rate,
+        frame_rate=_rate_of(seconds),
         notes=(note,) if lost > 0 else (),
         edges=tuple(
             (place[j.parent], place[i]) for i, j in enumerate(joints) if j.parent >= 0
@@ -185,6 +179,28 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float
     )
 
 
+def _read_channels(
+    path: Path, text: str, joints: Sequence[Joint], lines: int
+) -> Floats:
+    """Return the channels (n, c) of all joints, which stand after so many lines."""
+    channels = [joint.name for joint in joints for _ in joint.channels]
+    rows = "\n".join(" ".join(line.split()) for line in text.split("\n"))
+    table = read_table(path, rows, channels, " ", after=lines)
+    motion = table.numbers(range(len(channels)), finite=True)
+    require(not np.isnan(motion).any(), "a channel is no number")
+    return motion
+
+
+def _rate_of(seconds: float) -> float | None:
+    """Return the rate of frames of so many seconds in Hz; None for no time."""
+    if not seconds > 0:  # of nan neither
+        return None
+    rate = 1.0 / seconds
+    if rate > 1 and abs(rate - round(rate)) < 1e-3 * rate:
+        return float(round(rate))  # the time was rounded: 0.033333 s is 30 Hz
+    return rate
+
+
 # ASF/AMC, of Acclaim
 
 
@@ -194,6 +210,10 @@ def is_acclaim(head: Head) -> bool:
 
 
 INCH = 0.0254
+
+BoneBlock = dict[str, list[str]]
+"""The words of each line of a bone, by the first."""
+
 WHOLE_FILE = "give whole files, in which every frame lists the bones of the skeleton"
 
 
@@ -239,10 +259,37 @@ def _read_asf_skeleton(path: Path) -> tuple[list[Joint], str, float]:
     Lengths are in inches / `length`, as in CMU's database (0.45), and given out in
     metres; with `length 1` their unit is unknown. Raises InputError, naming the line.
     """
+    units, blocks, links = _read_asf_sections(path)
+    bones = []
+    for number, block in blocks:
+        with parsing(f"{path}:{number}", "a bone of ASF", WHOLE_FILE):
+            bones.append(_bone(block))
+    with parsing(path, "ASF", WHOLE_FILE):
+        require(units.get("angle", "deg").startswith("deg"), "angles in radians")
+        check_names([bone.name for bone in bones], "bone")
+        (length,) = floats([units.get("length", "1")])
+        require(length > 0, f"the unit of length {length:g}")
+        _link(bones, links)
+    if length == 1:
+        return bones, UNKNOWN_UNIT, 1.0
+    return bones, "m", INCH / length
+
+
+def _read_asf_sections(
+    path: Path,
+) -> tuple[dict[str, str], list[tuple[int, BoneBlock]], list[list[str]]]:
+    """Return the units of an ASF file; the blocks of the root and the bones, each with
+    its line; and bones with those below them.
+    """
     units: dict[str, str] = {}
-    root = {"name": ["root"], "dof": ["TX", "TY", "TZ", "RX", "RY", "RZ"], "axis": []}
-    root |= {"position": ["0"] * 3, "orientation": ["0"] * 3}
-    blocks: list[tuple[int, dict[str, list[str]]]] = [(1, root)]
+    root: BoneBlock = {
+        "name": ["root"],
+        "dof": ["TX", "TY", "TZ", "RX", "RY", "RZ"],
+        "axis": [],
+        "position": ["0"] * 3,
+        "orientation": ["0"] * 3,
+    }
+    blocks = [(1, root)]
     links: list[list[str]] = []
     section = ""
     for number, line in enumerate(read_text(path).split("\n"), 1):
@@ -261,34 +308,10 @@ def _read_asf_skeleton(path: Path) -> tuple[list[Joint], str, float]:
             block["dof" if key == "order" else key] = rest
         elif section == ":hierarchy":
             links.append([word, *rest])
-    bones = []
-    for number, block in blocks:
-        with parsing(f"{path}:{number}", "a bone of ASF", WHOLE_FILE):
-            bones.append(_bone(block))
-    with parsing(path, "ASF", WHOLE_FILE):
-        require(units.get("angle", "deg").startswith("deg"), "angles in radians")
-        check_names([bone.name for bone in bones], "bone")
-        (length,) = floats([units.get("length", "1")])
-        require(length > 0, f"the unit of length {length:g}")
-        index = {bone.name: number for number, bone in enumerate(bones)}
-        unknown = [name for link in links for name in link if name not in index]
-        require(not unknown, f"a hierarchy of unknown bones ({abbreviate(unknown)})")
-        pairs = [
-            (index[above], index[name]) for above, *below in links for name in below
-        ]
-        for above, child in pairs:
-            bones[child].parent = above
-        reached = len(_parents_first([bone.parent for bone in bones])) == len(bones)
-        whole = len(bones) > 1 and reached and len(pairs) == len(bones) - 1
-        require(whole, "the hierarchy does not reach every bone once")
-    return (
-        bones,
-        UNKNOWN_UNIT if length == 1 else "m",
-        1.0 if length == 1 else INCH / length,
-    )
+    return units, blocks, links
 
 
-def _bone(block: dict[str, list[str]]) -> Joint:
+def _bone(block: BoneBlock) -> Joint:
     """Return a bone, or the root, whose place is where it turns; its first angle turns
     first.
     """
@@ -316,6 +339,22 @@ def _bone(block: dict[str, list[str]]) -> Joint:
     axes = Rotation.from_euler(letters, angles, degrees=True).as_matrix()
     channels = [_channel(name[1:], name[:1]) for name in reversed(block["dof"])]
     return Joint(block["name"][0], -1, before, after, axes, channels)
+
+
+def _link(bones: Sequence[Joint], links: Sequence[Sequence[str]]) -> None:
+    """Give bones their parents, by names of bones and of those below.
+
+    Raises FormatError where these do not reach every bone once.
+    """
+    index = {bone.name: number for number, bone in enumerate(bones)}
+    unknown = [name for link in links for name in link if name not in index]
+    require(not unknown, f"a hierarchy of unknown bones ({abbreviate(unknown)})")
+    pairs = [(index[above], index[name]) for above, *below in links for name in below]
+    for above, child in pairs:
+        bones[child].parent = above
+    reached = len(_parents_first([bone.parent for bone in bones])) == len(bones)
+    whole = len(bones) > 1 and reached and len(pairs) == len(bones) - 1
+    require(whole, "the hierarchy does not reach every bone once")
 
 
 def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]:

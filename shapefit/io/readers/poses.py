@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Flags, Floats, Indices, Integers, Numbers
 from shapefit.errors import InputError, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import Direction
@@ -62,7 +62,7 @@ class Poses:
     name: str
     points: Floats
     confidence: Floats | None = None
-    frame: NDArray[Any]
+    frame: Integers
     time: Floats | None = None
     label: Sequence[str]
     individual: Sequence[str] | None = None
@@ -121,7 +121,7 @@ class Poses:
         """The video of each pose (N,)."""
         return [self.video] * len(self) if isinstance(self.video, str) else self.video
 
-    def take(self, rows: NDArray[Any]) -> Poses:
+    def take(self, rows: Flags | Integers | Indices) -> Poses:
         """Return some of the poses, by a mask or by numbers."""
         rows = np.arange(len(self))[rows]
         changes: dict[str, Any] = {}
@@ -456,7 +456,7 @@ def _frames_at(times: Floats, rate: float) -> list[int] | None:
     return [int(place) for place in whole.tolist()]
 
 
-def number_labels(values: NDArray[Any]) -> list[str]:
+def number_labels(values: Numbers) -> list[str]:
     """Return frames or seconds as text, to the microsecond. Raises FormatError for no
     number.
     """
@@ -479,7 +479,7 @@ def number_repeats(labels: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def name_individual(who: Any) -> str:
+def name_individual(who: object) -> str:
     """Return an identity, or [it], as text: `id 3` for 3; "" for what is below 0, or of
     no kind.
     """
@@ -487,8 +487,9 @@ def name_individual(who: Any) -> str:
         who = who[0]
     if isinstance(who, str):
         return who
-    number = isinstance(who, int | float) and not isinstance(who, bool)
-    return f"id {who:g}" if number and who >= 0 else ""
+    if isinstance(who, bool) or not isinstance(who, int | float):
+        return ""
+    return f"id {who:g}" if who >= 0 else ""
 
 
 def skeleton_edges(lines: object, landmarks: int, *, first: int = 0) -> Edges:

@@ -50,6 +50,9 @@ DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 Line = tuple[str, str]
 
+ImageKey = tuple[str, ...]
+"""The cells of a row that tell its image from others."""
+
 
 class Understood(NamedTuple):
     """What a table holds, and how it was understood, line by line."""
@@ -186,16 +189,11 @@ def _two_bodies(header: Header, body: Body) -> str:
 
 def _read_wide(table: Table, header: Header, body: Body) -> Grid:
     """Read a table with a row per image."""
-    numbers, flags = _columns_of(body)
     for axis in WEIGHTS:  # of an image, for all its landmarks
         if axis in header.roles and not any(axis in axes for axes in body.values()):
             column = header.roles[axis]
             body = {name: {**axes, axis: column} for name, axes in body.items()}
-    numbers, flags = _columns_of(body)
-    values = {
-        **dict(zip(numbers, table.numbers(numbers, finite=True).T, strict=True)),
-        **dict(zip(flags, table.flags(flags).T, strict=True)),
-    }
+    values = _values_of(table, body)
     unknown = np.full(len(table.rows), np.nan)
     axes = {
         axis: np.stack(
@@ -209,6 +207,14 @@ def _read_wide(table: Table, header: Header, body: Body) -> Grid:
     cells = dict(zip(keys.columns, texts, strict=True))
     used = {*keys.columns.values(), *values}
     return Grid(axes, [*body], cells, keys, used)
+
+
+def _values_of(table: Table, body: Body) -> dict[int, Floats]:
+    """Return the values (n,) of each column of a body."""
+    numbers, flags = _columns_of(body)
+    values = dict(zip(numbers, table.numbers(numbers, finite=True).T, strict=True))
+    values.update(zip(flags, table.flags(flags).T, strict=True))
+    return values
 
 
 def _columns_of(body: Body) -> tuple[list[int], list[int]]:
@@ -228,15 +234,38 @@ def _read_long(table: Table, header: Header) -> Grid:
     names = _whole_names(names)
     keys = _find_keys(table, header, names)
     roles = {a: header.roles[a] for a in ("x", "y", "z", *WEIGHTS) if a in header.roles}
-    numbers, flags = _columns_of({"": roles})
-    values = {
-        **dict(zip(numbers, table.numbers(numbers, finite=True).T, strict=True)),
-        **dict(zip(flags, table.flags(flags).T, strict=True)),
-    }
-    landmarks: dict[str, int] = {}
-    images: dict[tuple[str, ...], int] = {}
-    rows: dict[tuple[int, int], int] = {}
+    values = _values_of(table, {"": roles})
     texts = table.texts(*keys.columns.values()) or [[""] * len(names)]
+    images, landmarks, places = _place_rows(table, keys, names, texts)
+    image, landmark = np.array(places, np.int64).reshape(-1, 2).T
+    axes = {}
+    for axis, column in roles.items():
+        axes[axis] = np.full((len(images), len(landmarks)), np.nan)
+        axes[axis][image, landmark] = values[column]
+    keyed = zip(*images, strict=True) if images else ((),) * len(keys.columns)
+    cells = dict(zip(keys.columns, keyed, strict=False))
+    used = {*keys.columns.values(), *values, header.roles["landmark"]}
+    return Grid(axes, landmarks, cells, keys, used)
+
+
+def _whole_names(names: list[str]) -> list[str]:
+    """Return numbers as whole ones: pandas writes 1.0 where cells are empty."""
+    if all(name.endswith(".0") and name[:-2].isdecimal() for name in names):
+        return [name[:-2] for name in names]
+    return names
+
+
+def _place_rows(
+    table: Table, keys: Keys, names: Sequence[str], texts: Sequence[Sequence[str]]
+) -> tuple[list[ImageKey], list[str], list[tuple[int, int]]]:
+    """Return the images by their cells, the landmarks, and the numbers of both of each
+    row; `texts` are the cells of each column that tells images apart.
+
+    Raises InputError for a landmark that is twice in an image.
+    """
+    images: dict[ImageKey, int] = {}
+    landmarks: dict[str, int] = {}
+    rows: dict[tuple[int, int], int] = {}
     for row, (name, *key) in enumerate(zip(names, *texts, strict=True)):
         image = images.setdefault(tuple(key), len(images))
         place = (image, landmarks.setdefault(name, len(landmarks)))
@@ -249,22 +278,7 @@ def _read_long(table: Table, header: Header) -> Grid:
             if not keys.columns:
                 fix = "tell the images apart by a column `item`, or `frame`"
             raise input_error(f"{table.path}:{table.lines[row]}", problem, fix)
-    at = tuple(np.array([*rows], np.int64).reshape(-1, 2).T)
-    axes = {}
-    for axis, column in roles.items():
-        axes[axis] = np.full((len(images), len(landmarks)), np.nan)
-        axes[axis][at] = values[column]
-    keyed = zip(*images, strict=True) if images else ((),) * len(keys.columns)
-    cells = dict(zip(keys.columns, keyed, strict=False))
-    used = {*keys.columns.values(), *values, header.roles["landmark"]}
-    return Grid(axes, [*landmarks], cells, keys, used)
-
-
-def _whole_names(names: list[str]) -> list[str]:
-    """Return numbers as whole ones: pandas writes 1.0 where cells are empty."""
-    if all(name.endswith(".0") and name[:-2].isdecimal() for name in names):
-        return [name[:-2] for name in names]
-    return names
+    return [*images], [*landmarks], [*rows]
 
 
 # Weights.

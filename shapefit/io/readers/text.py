@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import orjson
@@ -40,7 +40,7 @@ LINE_BYTES = 60
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
 
-def read_json(path: Path, *, keep: bool = False) -> Any:
+def read_json(path: Path, *, keep: bool = False) -> object:
     """Return the content of a JSON file, and `keep` it for the next call: 0.7 of the
     time in all.
 
@@ -55,7 +55,7 @@ def read_json(path: Path, *, keep: bool = False) -> Any:
 
 
 @lru_cache(maxsize=1)
-def _parse_json(path: Path, _time: int, _size: int) -> Any:
+def _parse_json(path: Path, _time: int, _size: int) -> object:
     data = read_whole(path).removeprefix(BYTE_ORDER_MARK)
     if not data.strip():
         raise input_error(path, "is empty", "make or copy it again, or take it away")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PureWindowsPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -20,6 +20,7 @@ from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.declared import checked, parsed
 from shapefit.io.readers.poses import (
     Edges,
+    FormatError,
     Poses,
     check_names,
     frames_of_times,
@@ -66,7 +67,7 @@ class TrackerFile(Hdf5File):
         )
         return tuple(values.tolist())
 
-    def table(self, name: str, columns: Sequence[str]) -> NDArray[Any]:
+    def table(self, name: str, columns: Sequence[str]) -> NDArray[np.void]:
         """Return a dataset of rows with these columns, all of them numbers."""
         rows = np.asarray(self.rows(name))
         lacking = [one for one in columns if one not in (rows.dtype.names or ())]
@@ -88,11 +89,11 @@ class TrackerFile(Hdf5File):
         """Return an attribute that is a number above 0, or the first of some; 0 for
         none.
         """
-        value: Any = self.attribute(attribute, node) or 0
+        value: object = self.attribute(attribute, node) or 0
         if isinstance(value, list) and value:  # a version and that below it
             value = value[0]
-        number = isinstance(value, int | float) and math.isfinite(value)
-        require(number, f"{node.strip('/')}@{attribute} is no number")
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise FormatError(f"{node.strip('/')}@{attribute} is no number")
         return max(float(value), 0.0)
 
     def edges(self, name: str, count: int) -> Edges:
@@ -212,7 +213,7 @@ class _NodeNumber(TypedDict):
 
 class _Graph(TypedDict, total=False):
     nodes: list[_NodeNumber]
-    links: list[dict[str, Any]]
+    links: list[dict[str, object]]
 
 
 class _Skeleton(_Graph, total=False):
@@ -236,9 +237,9 @@ class SlpFile(NamedTuple):
     track_names: tuple[str, ...]
     video_names: tuple[str, ...]
     skeletons: list[SlpSkeleton]
-    frames: NDArray[Any]
-    instances: NDArray[Any]
-    tables: tuple[NDArray[Any], NDArray[Any]]
+    frames: NDArray[np.void]
+    instances: NDArray[np.void]
+    tables: tuple[NDArray[np.void], NDArray[np.void]]
     shift: float
 
 
@@ -272,21 +273,13 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     exist = (track >= -1) & (track < len(file.track_names))
     exist &= (video >= 0) & (video < (len(file.video_names) or 1))
     require(exist.all(), "instances of tracks or videos that it does not hold")
-    names = tuple(
-        dict.fromkeys(node for skeleton in file.skeletons for node in skeleton.nodes)
-    )
+    names, edges = _join_skeletons(file.skeletons)
     points = _place_points(file, instances, names)
     replaced = _are_replaced(instances, video, frame)
     lost = int(replaced.sum())
     note = f"{lost} predicted instances replaced by those that a user placed"
     scores = points[..., 2]
-    pairs = dict.fromkeys(
-        pair for skeleton in file.skeletons for pair in skeleton.edges
-    )
-    individuals = (
-        *number_repeats(file.track_names),
-        "",
-    )  # the last is that of track -1
+    individuals = (*number_repeats(file.track_names), "")  # the last is of track -1
     several = len(file.video_names) > 1
     return Poses(
         name=str(paths[0]),
@@ -302,7 +295,7 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
         individual=[individuals[number] for number in track.tolist()],
         landmark_names=names,
         unit="px",
-        edges=tuple((names.index(a), names.index(b)) for a, b in pairs),
+        edges=edges,
         notes=(note,) if lost else (),
     ).take(~replaced)
 
@@ -311,7 +304,8 @@ def _open_slp(path: Path) -> SlpFile:
     """Return what a .slp file holds, its tables with the columns that are used."""
     with TrackerFile(path) as file:
         tracks = [
-            parsed(list[Any], text, "tracks_json") for text in file.texts("tracks_json")
+            parsed(list[object], text, "tracks_json")
+            for text in file.texts("tracks_json")
         ]
         require(all(len(track) > 1 for track in tracks), "a track without a name")
         videos = [
@@ -359,8 +353,8 @@ def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
     types: list[int] = []
     edges: dict[tuple[str, str], None] = {}
     for link in graph.get("links", ()):
-        kind = link.get("type")
-        kind = kind if isinstance(kind, dict) else {}
+        stated_kind = link.get("type")
+        kind = stated_kind if isinstance(stated_kind, dict) else {}
         if "py/reduce" in kind:
             types.append(_type_of_edge(kind["py/reduce"]))
         stated = len(types) if "py/reduce" in kind else kind.get("py/id", 1)
@@ -375,7 +369,7 @@ def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
     return SlpSkeleton(names, tuple(edges))
 
 
-def _type_of_edge(pickled: Any) -> int:
+def _type_of_edge(pickled: object) -> int:
     """Return the type of an edge, [.., {py/tuple: [type]}, ..]; 0 for what is none."""
     steps = pickled[1] if isinstance(pickled, list) and len(pickled) > 1 else None
     values = steps.get("py/tuple") if isinstance(steps, dict) else None
@@ -384,8 +378,8 @@ def _type_of_edge(pickled: Any) -> int:
 
 
 def _instances_of(
-    frames: NDArray[Any], instances: NDArray[Any]
-) -> tuple[NDArray[Any], Integers]:
+    frames: NDArray[np.void], instances: NDArray[np.void]
+) -> tuple[NDArray[np.void], Integers]:
     """Return the instances of frames one after the other, and the number of the frame
     of each.
     """
@@ -399,14 +393,21 @@ def _instances_of(
     return instances[which], np.repeat(np.arange(len(frames)), end - start)
 
 
+def _join_skeletons(skeletons: Sequence[SlpSkeleton]) -> tuple[tuple[str, ...], Edges]:
+    """Return the nodes of all skeletons, and their edges as pairs of these."""
+    names = tuple(
+        dict.fromkeys(node for skeleton in skeletons for node in skeleton.nodes)
+    )
+    pairs = dict.fromkeys(pair for skeleton in skeletons for pair in skeleton.edges)
+    return names, tuple((names.index(a), names.index(b)) for a, b in pairs)
+
+
 def _place_points(
-    file: SlpFile, instances: NDArray[Any], names: Sequence[str]
+    file: SlpFile, instances: NDArray[np.void], names: Sequence[str]
 ) -> Floats:
     """Return x, y and score of the nodes of instances (n, names, 3), NaN for none."""
     kind = instances["instance_type"].astype(np.int64)
     skeleton = instances["skeleton"].astype(np.int64)
-    first = instances["point_id_start"].astype(np.int64)
-    last = instances["point_id_end"].astype(np.int64)
     require(np.isin(kind, (USER, PREDICTED)).all(), "instances of an unknown type")
     exist = (skeleton >= 0) & (skeleton < len(file.skeletons))
     require(exist.all(), "instances of skeletons that it does not hold")
@@ -414,13 +415,8 @@ def _place_points(
     for number, (nodes, _) in enumerate(file.skeletons):
         columns = np.array([names.index(node) for node in nodes], np.int64)
         for chosen in (USER, PREDICTED):
-            table = file.tables[chosen]
             mine = np.flatnonzero((kind == chosen) & (skeleton == number))
-            start = first[mine]
-            inside = (start >= 0) & (start + len(nodes) <= len(table))
-            inside &= last[mine] - start == len(nodes)
-            require(inside.all(), "instances of points that it does not hold")
-            cells = table[start[:, None] + np.arange(len(nodes))]
+            cells = _cells_of(file.tables[chosen], instances[mine], len(nodes))
             hidden = ~cells["visible"].astype(bool)
             for place, axis in enumerate("xy"):
                 values = np.where(hidden, np.nan, cells[axis] - file.shift)
@@ -430,7 +426,24 @@ def _place_points(
     return points
 
 
-def _are_replaced(instances: NDArray[Any], video: Integers, frame: Integers) -> Flags:
+def _cells_of(
+    table: NDArray[np.void], instances: NDArray[np.void], count: int
+) -> NDArray[np.void]:
+    """Return the rows of a table of points (n, count) that instances of so many nodes
+    have.
+    """
+    start = instances["point_id_start"].astype(np.int64)
+    end = instances["point_id_end"].astype(np.int64)
+    inside = (start >= 0) & (start + count <= len(table))
+    inside &= end - start == count
+    require(inside.all(), "instances of points that it does not hold")
+    cells: NDArray[np.void] = table[start[:, None] + np.arange(count)]
+    return cells
+
+
+def _are_replaced(
+    instances: NDArray[np.void], video: Integers, frame: Integers
+) -> Flags:
     """Return which predicted instances (n,) a user has replaced by others."""
     user = instances["instance_type"] == USER
     track = instances["track"].astype(np.int64)
@@ -604,9 +617,22 @@ def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
 POSES_OF_NWB = ("PoseEstimationSeries", "PoseEstimation")
 UNITS = {"m": "m", "meter": "m", "meters": "m", "metres": "m"}
 
-Series = tuple[
-    Floats, Floats, Floats, float, str
-]  # points, confidence, times, rate or 0, unit
+
+class Series(NamedTuple):
+    """A landmark of an animal over n times.
+
+    points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, and unit.
+    """
+
+    points: Floats
+    confidence: Floats
+    times: Floats
+    rate: float
+    unit: str
+
+
+SeriesOfAnimals = dict[tuple[str, str], Series]
+"""The series of each animal and landmark."""
 
 
 def is_nwb(head: Head) -> bool:
@@ -619,61 +645,36 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
 
     Raises FormatError where there is none, or one twice.
     """
-    series: dict[tuple[str, str], Series] = {}
     with TrackerFile(paths[0]) as file:
         groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
-        kinds = {name: file.text("neurodata_type", name) for name in groups}
-        for name in groups:
-            if (kinds[name], kinds.get(name.rpartition("/")[0])) == POSES_OF_NWB:
-                *_, animal, landmark = name.split("/")
-                once = (animal, landmark) not in series
-                require(
-                    once,
-                    "animals of one name in several modules; save each in its own file",
-                )
-                series[animal, landmark] = _read_series(file, name)
-        require(series, "no PoseEstimation (ndx-pose), so no landmarks")
-        skeleton = next((name for name in groups if file.texts(f"{name}/nodes")), "")
-        nodes = file.texts(f"{skeleton}/nodes")
-        pairs = file.edges(f"{skeleton}/edges", len(nodes))
-    landmarks = [*dict.fromkeys(landmark for _, landmark in series)]
-    names = [
-        *dict.fromkeys([*(node for node in nodes if node in landmarks), *landmarks])
-    ]
+        series = _read_all_series(file, groups)
+        nodes, pairs = _read_nwb_skeleton(file, groups)
+    names = _landmarks_in_order(series, nodes)
     animals = [*dict.fromkeys(animal for animal, _ in series)]
-    all_points, _, all_times, all_rates, all_units = zip(*series.values(), strict=True)
-    axes, units = {points.shape[1] for points in all_points}, {*all_units}
+    axes = {one.points.shape[1] for one in series.values()}
     require(len(axes) == 1, "2D and 3D series; save them in files of their own")
-    times = np.unique(np.concatenate(all_times))
-    cells = np.full((len(times), len(animals), len(names), *axes), np.nan)
-    confidence = np.full(cells.shape[:3], np.nan)
-    present = np.zeros(cells.shape[:2], bool)
-    for (animal, landmark), (points, scores, at, *_) in series.items():
-        rows = np.searchsorted(times, at)
-        number = animals.index(animal)
-        place = rows, number, names.index(landmark)
-        cells[place], confidence[place], present[rows, number] = points, scores, True
-    rates = {rate for rate, at in zip(all_rates, all_times, strict=True) if len(at) > 1}
-    rate = (rates.pop() or None) if len(rates) == 1 else None
+    times = np.unique(np.concatenate([one.times for one in series.values()]))
+    points, confidence, present = _place_series(series, times, animals, names)
+    rate = _common_rate(series)
     frames = frames_of_times(times, rate)
     if rate is None and frames is not None:
         rate = find_rate(np.array(frames), times)
     return of_frames(
         paths[0],
-        cells,
+        points,
         None if np.isnan(confidence).all() else confidence,
         number_labels(times),
         frames=frames,
         times=times,
         individuals=animals,
         present=present,
-        landmark_names=tuple(names),
+        landmark_names=names,
         frame_rate=rate,
-        unit="px" if axes == {2} else units.pop() if len(units) == 1 else UNKNOWN_UNIT,
+        unit="px" if axes == {2} else _common_unit(series),
         edges=tuple(
             (names.index(nodes[a]), names.index(nodes[b]))
             for a, b in pairs
-            if {nodes[a], nodes[b]} <= {*landmarks}
+            if nodes[a] in names and nodes[b] in names
         ),
     )
 
@@ -689,11 +690,29 @@ def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
             yield from _groups(file, inner, levels - 1)
 
 
+def _read_all_series(file: TrackerFile, groups: Sequence[str]) -> SeriesOfAnimals:
+    """Return the series of all PoseEstimations among groups, at least one."""
+    kinds = {name: file.text("neurodata_type", name) for name in groups}
+    series: SeriesOfAnimals = {}
+    for name in groups:
+        parent = name.rpartition("/")[0]
+        if (kinds[name], kinds.get(parent)) != POSES_OF_NWB:
+            continue
+        *_, animal, landmark = name.split("/")
+        require(
+            (animal, landmark) not in series,
+            "animals of one name in several modules; save each in its own file",
+        )
+        series[animal, landmark] = _read_series(file, name)
+    require(series, "no PoseEstimation (ndx-pose), so no landmarks")
+    return series
+
+
 def _read_series(file: TrackerFile, group: str) -> Series:
-    """Return points (n, 2 or 3), confidence (n,), times (n,) in s, rate in Hz or 0, and
-    unit.
-    """
-    data, start, rate = f"{group}/data", f"{group}/starting_time", 0.0
+    """Return the series of a group."""
+    data = f"{group}/data"
+    start = f"{group}/starting_time"
+    rate = 0.0
     points = file.numbers(data) * (file.number("conversion", data) or 1.0)
     require(points.ndim == 2, f"{data} has {points.ndim} axes, not 2")
     offset = file.attribute("offset", data) or 0.0
@@ -713,10 +732,62 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     require(rising, f"the times of {group} do not increase")
     fits = times.shape == confidence.shape == points.shape[:-1]
     require(fits, f"{group} has other numbers of points, times and confidences")
-    return (
-        points,
-        confidence,
-        times,
-        rate,
-        UNITS.get(file.text("unit", data).lower(), UNKNOWN_UNIT),
-    )
+    unit = UNITS.get(file.text("unit", data).lower(), UNKNOWN_UNIT)
+    return Series(points, confidence, times, rate, unit)
+
+
+def _read_nwb_skeleton(
+    file: TrackerFile, groups: Sequence[str]
+) -> tuple[tuple[str, ...], Edges]:
+    """Return the nodes of the first skeleton among groups, and their pairs; none where
+    there is none.
+    """
+    skeleton = next((name for name in groups if file.texts(f"{name}/nodes")), "")
+    nodes = file.texts(f"{skeleton}/nodes")
+    return nodes, file.edges(f"{skeleton}/edges", len(nodes))
+
+
+def _landmarks_in_order(
+    series: SeriesOfAnimals, nodes: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the landmarks of all series: those of a skeleton in its order, then the
+    others.
+    """
+    landmarks = dict.fromkeys(landmark for _, landmark in series)
+    in_skeleton = [node for node in nodes if node in landmarks]
+    return tuple(dict.fromkeys([*in_skeleton, *landmarks]))
+
+
+def _place_series(
+    series: SeriesOfAnimals,
+    times: Floats,
+    animals: Sequence[str],
+    names: Sequence[str],
+) -> tuple[Floats, Floats, Flags]:
+    """Return points (n, i, p, d) and confidence (n, i, p) at n times, NaN where an
+    animal lacks a landmark, and which animals are there (n, i).
+    """
+    dimensions = next(iter(series.values())).points.shape[1]
+    points = np.full((len(times), len(animals), len(names), dimensions), np.nan)
+    confidence = np.full(points.shape[:3], np.nan)
+    present = np.zeros(points.shape[:2], bool)
+    for (animal, landmark), one in series.items():
+        rows = np.searchsorted(times, one.times)
+        number = animals.index(animal)
+        place = names.index(landmark)
+        points[rows, number, place] = one.points
+        confidence[rows, number, place] = one.confidence
+        present[rows, number] = True
+    return points, confidence, present
+
+
+def _common_rate(series: SeriesOfAnimals) -> float | None:
+    """Return the rate in Hz of all series of several times; None for others or none."""
+    rates = {one.rate for one in series.values() if len(one.times) > 1}
+    return (rates.pop() or None) if len(rates) == 1 else None
+
+
+def _common_unit(series: SeriesOfAnimals) -> str:
+    """Return the unit of all series; unknown where they differ."""
+    units = {one.unit for one in series.values()}
+    return units.pop() if len(units) == 1 else UNKNOWN_UNIT

@@ -66,6 +66,22 @@ def track_people(poses: Poses) -> Sequence[str] | None:
     """
     if poses.individual is None:
         return None
+    detections = _as_detections(poses)
+    anonymous = np.array([not who for who in poses.individual], bool)
+    seen = detections.weights.any(axis=1)
+    number = _number_tracks(poses, detections, np.flatnonzero(anonymous & seen))
+    taken = set(poses.individual)
+    free = (name for n in count(1) if (name := f"person {n}") not in taken)
+    tracks = int(number.max(initial=-1)) + 1
+    names = [*islice(free, tracks), ""]  # the last is that of -1
+    return [
+        who or names[n]
+        for who, n in zip(poses.individual, number.tolist(), strict=True)
+    ]
+
+
+def _as_detections(poses: Poses) -> _Detections:
+    """Return poses as detections, which do not move yet."""
     weights = np.isfinite(poses.points).all(axis=2).astype(float)
     if poses.confidence is not None:
         weights *= np.clip(np.nan_to_num(poses.confidence, nan=1.0), 0, 1)
@@ -74,16 +90,22 @@ def track_people(poses: Poses) -> Sequence[str] | None:
     finite = np.isfinite(points[..., :2])
     low = np.where(finite, points[..., :2], np.inf).min(axis=1, initial=np.inf)
     high = np.where(finite, points[..., :2], -np.inf).max(axis=1, initial=-np.inf)
-    boxes = np.concatenate([low, high], axis=1)
-    size = np.maximum(np.sqrt(((high - low) ** 2).sum(axis=1)), 1e-9)
-    motion = np.zeros((len(poses), 2))
-    detections = _Detections(
-        points, weights, np.asarray(poses.frame), motion, boxes, size
+    return _Detections(
+        points=points,
+        weights=weights,
+        frame=np.asarray(poses.frame),
+        motion=np.zeros((len(poses), 2)),
+        boxes=np.concatenate([low, high], axis=1),
+        size=np.maximum(np.sqrt(((high - low) ** 2).sum(axis=1)), 1e-9),
     )
-    anonymous = np.array([not who for who in poses.individual], bool)
+
+
+def _number_tracks(poses: Poses, detections: _Detections, chosen: Integers) -> Integers:
+    """Return the track of each detection (N,), from 0 on; -1 for those not chosen."""
     rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
-    videos, frames = poses.videos, poses.frame.tolist()
-    for row in np.flatnonzero(anonymous & weights.any(axis=1)).tolist():
+    videos = poses.videos
+    frames = poses.frame.tolist()
+    for row in chosen.tolist():
         rows_of[videos[row], frames[row]].append(row)
     number = np.full(len(poses), -1)
     open_tracks: dict[str, Integers] = {}  # the last detection of each
@@ -100,13 +122,7 @@ def track_people(poses: Poses) -> Sequence[str] | None:
         number[new] = np.arange(following, following + len(new))
         following += len(new)
         open_tracks[video] = np.concatenate([tracks, new])
-    taken = set(poses.individual)
-    free = (name for n in count(1) if (name := f"person {n}") not in taken)
-    names = [*islice(free, following), ""]  # the last is that of -1
-    return [
-        who or names[n]
-        for who, n in zip(poses.individual, number.tolist(), strict=True)
-    ]
+    return number
 
 
 def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Integers:
@@ -119,13 +135,29 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
     steps = detections.motion[tracks] * np.minimum(passed, MAX_MOVING_FRAMES)[:, None]
     expected = detections.points[tracks]
     expected[..., :2] += steps[:, None]
+    boxes = (detections.boxes[tracks] + np.tile(steps, 2))[:, None]
+    others = detections.boxes[rows]
 
-    boxes, others = (
-        (detections.boxes[tracks] + np.tile(steps, 2))[:, None],
-        detections.boxes[rows],
-    )
     reach = np.minimum(FRAME_REACH + REACH_PER_MISSED_FRAME * (passed - 1), MAX_REACH)
     scale = np.maximum(detections.size[tracks, None], detections.size[rows])
+    distance, total = _distances(detections, expected, rows, scale)
+    if not total.all():  # without a common landmark, the middles of the boxes
+        middle = (others[:, :2] + others[:, 2:] - boxes[..., :2] - boxes[..., 2:]) / 2
+        distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
+    ratio = distance / (scale * reach[:, None])
+    pairs = assign(ratio + (1 - _overlaps(boxes, others)) / 2, ratio <= 1)
+
+    who, which = np.array(pairs, np.intp).reshape(-1, 2).T
+    _go_on(detections, tracks[who], rows[which], passed[who], expected[who])
+    return np.array([who, which])
+
+
+def _distances(
+    detections: _Detections, expected: Floats, rows: Integers, scale: Floats
+) -> tuple[Floats, Floats]:
+    """Return the mean distance of the landmarks that T tracks and D detections have in
+    common (T, D), and the weight of those.
+    """
     difference = detections.points[rows] - expected[:, None]
     away = np.sqrt(np.einsum("tdpc,tdpc->tdp", difference, difference))
     common = np.where(np.isnan(away), 0.0, detections.weights[rows])
@@ -133,33 +165,41 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
     away = np.fmin(away, scale[..., None])
     total = common.sum(axis=2)
     distance = np.einsum("tdp,tdp->td", away, common) / np.maximum(total, 1e-12)
-    if not total.all():  # without a common landmark, the middles of the boxes
-        middle = (others[:, :2] + others[:, 2:] - boxes[..., :2] - boxes[..., 2:]) / 2
-        distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
-    ratio = distance / (scale * reach[:, None])
-    sides = np.minimum(boxes[..., 2:], others[:, 2:]) - np.maximum(
-        boxes[..., :2], others[:, :2]
-    )
-    shared = np.maximum(sides, 0).prod(axis=-1)
-    areas = sum((box[..., 2:] - box[..., :2]).prod(axis=-1) for box in (boxes, others))
-    overlap = shared / np.maximum(areas - shared, 1e-12)
-    pairs = assign(ratio + (1 - overlap) / 2, ratio <= 1)
+    return distance, total
 
-    who, which = np.array(pairs, np.intp).reshape(-1, 2).T
-    before, after = tracks[who], rows[which]
+
+def _overlaps(boxes: Floats, others: Floats) -> Floats:
+    """Return the intersection over the union of boxes (T, 1, 4) and others (D, 4)."""
+    least = np.maximum(boxes[..., :2], others[:, :2])
+    most = np.minimum(boxes[..., 2:], others[:, 2:])
+    shared = np.maximum(most - least, 0).prod(axis=-1)
+    areas = sum((box[..., 2:] - box[..., :2]).prod(axis=-1) for box in (boxes, others))
+    overlap: Floats = shared / np.maximum(areas - shared, 1e-12)
+    return overlap
+
+
+def _go_on(
+    detections: _Detections,
+    before: Integers,
+    after: Integers,
+    passed: Integers,
+    expected: Floats,
+) -> None:
+    """Give the detections after m others of the same tracks their motion, the expected
+    landmarks that they lack, and a size that does not collapse.
+    """
     points = detections.points[after]
     moved = (points - detections.points[before])[..., :2]
     both = ~np.isnan(moved[..., :1])
     number = both.sum(axis=1)
     mean = np.where(both, moved, 0.0).sum(axis=1) / np.maximum(number, 1)
     smooth = detections.motion[before]
-    motion = smooth + MOTION_SHARE * (mean / passed[who, None] - smooth)
+    motion = smooth + MOTION_SHARE * (mean / passed[:, None] - smooth)
     detections.motion[after] = np.where(number > 0, motion, smooth)
-    detections.points[after] = np.where(np.isnan(points), expected[who], points)
+    detections.points[after] = np.where(np.isnan(points), expected, points)
     detections.size[after] = np.maximum(
         detections.size[after], 0.95 * detections.size[before]
     )
-    return np.array([who, which])
 
 
 def assign(cost: Floats, allowed: Flags) -> list[tuple[int, int]]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import orjson
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error
 from shapefit.geometry.joint_rotations import Rig, find_rig, place_nodes
 from shapefit.io.skeletons import part_names
@@ -37,8 +37,7 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
     """
     points = _bridged(motion.points)
     placed = np.asarray(np.isfinite(points).all(axis=(0, 1)))
-    column = np.cumsum(placed) - 1
-    edges = column[motion.edges[placed[motion.edges].all(axis=1)]]
+    edges = _edges_between(motion, placed)
     if not len(edges):
         problem = (
             "no edge joins two landmarks that have a place, so there are no bones to"
@@ -46,34 +45,26 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
         )
         fix = "write TRC or C3D, or lift with a dictionary that has `edges`"
         raise input_error(path.name, problem, fix)
-    points, landmarks = (
-        points[:, :, placed],
-        np.array(motion.landmark_names, dtype=object)[placed],
-    )
+    points = points[:, :, placed]
+    landmarks = np.array(motion.landmark_names, dtype=object)[placed]
     parts = _parts(tuple(motion.landmark_names))
     rows = [parts.get(name, {}) for name in landmarks]
     hips = [j for j, row in enumerate(rows) if row.get("joint") == "Hips"]
     pose = {j: row["rest"] for j, row in enumerate(rows) if "rest" in row}
     rig = find_rig(points, edges, hips[0] if hips else None, pose)
-    angles = np.concatenate(np.degrees(find_angles(rig.rotations)), axis=1)
-    table = np.hstack([rig.root, angles]).round(DECIMALS)
-    text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
+    motion_lines = _motion_lines(rig)
+    head = [
+        "HIERARCHY",
+        *_joint_lines(rig, _names(rig, landmarks, rows)),
+        "MOTION",
+        f"Frames: {len(points)}",
+        f"Frame Time: {1 / motion.rate:.10g}",
+        "",
+    ]
     with path.open("wb") as file:
-        head = "\n".join(
-            ["HIERARCHY", *_joint_lines(rig, _names(rig, landmarks, rows)), "MOTION"]
-        )
-        frame_time = f"{1 / motion.rate:.10g}"
-        head += f"\nFrames: {len(points)}\nFrame Time: {frame_time}\n"
-        file.write(head.encode())
-        file.write(text.replace(b"],[", b"\n").replace(b",", b" ") + b"\n")
-    truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
-    far = 1000 * np.linalg.norm(place_nodes(rig) - truth, axis=2)
-    joints = f"joints of {motion.name}" if motion.name else "joints"
-    said = (
-        f"{joints} {far.mean():.1f} mm from the landmarks on average,"
-        f" {far.max():.1f} at most"
-    )
-    return f"{said}; {motion.steady}" if motion.steady else said
+        file.write("\n".join(head).encode())
+        file.write(motion_lines)
+    return _describe(motion, rig, points)
 
 
 def _bridged(points: Floats) -> Floats:
@@ -85,6 +76,13 @@ def _bridged(points: Floats) -> Floats:
         if finite.any():
             track[:] = np.interp(frames, frames[finite], track[finite])
     return bridged
+
+
+def _edges_between(motion: FileMotion, placed: Flags) -> Integers:
+    """Return the edges (e, 2) of landmarks that have a place, counted among these."""
+    column = np.cumsum(placed) - 1
+    edges: Integers = column[motion.edges[placed[motion.edges].all(axis=1)]]
+    return edges
 
 
 def _parts(names: tuple[str, ...]) -> dict[str, Mapping[str, Any]]:
@@ -110,6 +108,16 @@ def _rows() -> dict[str, dict[str, Any]]:
             of_side = {key: f"{word}{name}" for key, name in names.items()}
             rows[f"{side}{part}"] = {**of_side, "rest": [sign * x, y, z]}
     return rows
+
+
+def _motion_lines(rig: Rig) -> bytes:
+    """Return a line for each frame: the place of the root, and the angles in
+    degrees.
+    """
+    angles = np.concatenate(np.degrees(find_angles(rig.rotations)), axis=1)
+    table = np.hstack([rig.root, angles]).round(DECIMALS)
+    text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
+    return text.replace(b"],[", b"\n").replace(b",", b" ") + b"\n"
 
 
 def find_angles(rotations: Floats) -> Floats:
@@ -174,3 +182,15 @@ def _names(rig: Rig, landmarks: Floats, rows: list[Mapping[str, Any]]) -> list[s
             name += "_"
         names.append(name)
     return names
+
+
+def _describe(motion: FileMotion, rig: Rig, points: Floats) -> str:
+    """Say how far the joints of a rig are from landmarks (f, 3, p)."""
+    truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
+    far = 1000 * np.linalg.norm(place_nodes(rig) - truth, axis=2)
+    joints = f"joints of {motion.name}" if motion.name else "joints"
+    said = (
+        f"{joints} {far.mean():.1f} mm from the landmarks on average,"
+        f" {far.max():.1f} at most"
+    )
+    return f"{said}; {motion.steady}" if motion.steady else said

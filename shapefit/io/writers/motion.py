@@ -26,6 +26,7 @@ from shapefit.io.skeletons import edges_of, joint_columns, model_names
 from shapefit.io.writers.metres import (
     EXTRINSIC_ROTATION,
     EXTRINSIC_TRANSLATION,
+    MetricShapes,
     Shapes3D,
     find_stature,
     flip,
@@ -287,31 +288,45 @@ def find_floors(
     assumed = np.isclose(np.max(focal), ASSUMED_FOCAL * size)
     bodies: dict[str, list[FilmedBody]] = {}
     for name, track, frames in _tracks(records, place):
-        metric = in_metres(track, options, place)
-        rate = track.frame_rate or ASSUMED_RATE
-        points = metric.points.copy()
-        if track.reasons is not None:
-            points[track.reasons != ""] = np.nan
-        for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
-            points[~_visible_around(track, ankle, rate, frames), :, ankle] = np.nan
-        stature = find_stature(points, names)
-        if stature is not None and np.isfinite(stature).any():
-            sd = np.full(1, UNKNOWN_SD)
-            if track.shape_sd is not None:
-                sd = in_columns(track.shape_sd)
-            deviations = metric.factor[:, None, None] * np.broadcast_to(
-                sd, points.shape
-            )
-            tall = float(np.nanmedian(stature))
-            points = bridge_gaps(points, frames, rate)
-            deviations = bridge_gaps(deviations, frames, rate)
-            body = FilmedBody(points, deviations, joint_columns(names), tall, rate)
+        body = _filmed_body(track, frames, in_metres(track, options, place))
+        if body is not None:
             bodies.setdefault(video_of(name), []).append(body)
     floors = {
         name: find_floor(of, ASSUMED_DISTANCE_SD if assumed else KNOWN_DISTANCE_SD)
         for name, of in bodies.items()
     }
     return {name: floor for name, floor in floors.items() if floor is not None}
+
+
+def _filmed_body(
+    track: Fit, frames: Integers, metric: MetricShapes
+) -> FilmedBody | None:
+    """Return the body of a track as it stands in its frames (n,); None where its height
+    is not known.
+
+    Doubtful shapes, and ankles that were not seen, are gaps.
+    """
+    names = track.landmark_names
+    rate = track.frame_rate or ASSUMED_RATE
+    points = metric.points.copy()
+    if track.reasons is not None:
+        points[track.reasons != ""] = np.nan
+    for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
+        points[~_visible_around(track, ankle, rate, frames), :, ankle] = np.nan
+    stature = find_stature(points, names)
+    if stature is None or not np.isfinite(stature).any():
+        return None
+    sd = np.full(1, UNKNOWN_SD)
+    if track.shape_sd is not None:
+        sd = in_columns(track.shape_sd)
+    deviations = metric.factor[:, None, None] * np.broadcast_to(sd, points.shape)
+    return FilmedBody(
+        bridge_gaps(points, frames, rate),
+        bridge_gaps(deviations, frames, rate),
+        joint_columns(names),
+        float(np.nanmedian(stature)),
+        rate,
+    )
 
 
 def bridge_gaps(values: Floats, frames: Integers, rate: float) -> Floats:
@@ -433,62 +448,82 @@ def _motion(
 ) -> FileMotion:
     """Return one sequence in metres, with gaps for the frames that it lacks."""
     name, records, frames = track
+    angles = _angles_on(floor, records)
+    angle_sd = records.extras.get(ANGLE_SD, np.empty((len(records), 0)))
     names = angle_names(records.landmark_names)
-    none = np.empty((len(records), 0))
-    angles = records.extras.get(ANGLES)
-    angle_sd = records.extras.get(ANGLE_SD, none)
-    if (
-        floor is not None and angles is not None
-    ):  # tilts of trunk and head to the true vertical
-        up = floor.up * np.array([1.0, -1.0, -1.0]) * flip(records)
-        angles = measure_angles(
-            records.as_columns(), up, joint_columns(records.landmark_names)
-        )[0]
     if options.markers == "input" and isinstance(records, Fit):
         records = _as_markers(records)
     metric = in_metres(records, options, place, floor)
-    n = len(frames)
     first = int(frames[0]) if len(frames) else 0
-    length = int(frames[-1]) - first + 1 if n else 0
-    of = f" of {name}" if name else ""
-
-    def by_frame(values: Array) -> Floats:
-        per_frame = np.full((length, *values.shape[1:]), np.nan)
-        per_frame[frames - first] = values
-        return per_frame
-
-    points = by_frame(metric.points)
-    trusted = np.full(length, "", dtype=object)
-    if isinstance(records, Fit) and records.reasons is not None:
-        trusted[frames - first] = np.where(records.reasons == "", "true", "false")
+    length = int(frames[-1]) - first + 1 if len(frames) else 0
+    points = _by_frame(metric.points, frames, length)
     warnings = list(metric.warnings)
     gaps = length - int(np.isfinite(points).any(axis=(1, 2)).sum())
     if gaps:
-        warnings.append(f"{counted(gaps, 'frame')} without a shape{of}")
+        of_sequence = f" of {name}" if name else ""
+        warnings.append(f"{counted(gaps, 'frame')} without a shape{of_sequence}")
     known_rate = records.frame_rate or find_rate(frames, records.times)
     if not known_rate:
         warnings.append(NO_RATE)
     rate = known_rate or 1.0
-    times = find_times(frames, length, records.times, rate)
     stated = records.lines
     edges = edges_of(records.landmark_names) if stated is None else stated
+    distance_sd = metric.factor[:, None] * _distance_sd(records)
     return FileMotion(
         name=name,
         landmark_names=records.landmark_names,
         points=points,
         first=first,
         rate=rate,
-        times=times,
+        times=find_times(frames, length, records.times, rate),
         edges=np.asarray(edges, np.int64).reshape(-1, 2),
         axes=metric.axes,
         size=metric.size,
         warnings=tuple(warnings),
-        trusted=trusted.tolist(),
-        deviations=by_frame(metric.factor[:, None] * _distance_sd(records)),
+        trusted=_trusted_frames(records, frames, length),
+        deviations=_by_frame(distance_sd, frames, length),
         angle_names=names,
-        angles=by_frame(none if angles is None else angles),
-        angle_deviations=by_frame(angle_sd),
+        angles=_by_frame(angles, frames, length),
+        angle_deviations=_by_frame(angle_sd, frames, length),
     )
+
+
+def _angles_on(floor: Floor | None, records: Shapes3D) -> Array:
+    """Return the joint angles of records (n, a), none where they are not known.
+
+    On a floor, trunk and head are tilted to its true vertical.
+    """
+    angles = records.extras.get(ANGLES)
+    if angles is None:
+        return np.empty((len(records), 0))
+    if floor is None:
+        return angles
+    up = floor.up * np.array([1.0, -1.0, -1.0]) * flip(records)
+    joints = joint_columns(records.landmark_names)
+    values, _ = measure_angles(records.as_columns(), up, joints)
+    return values
+
+
+def _by_frame(values: Array, frames: Integers, length: int) -> Floats:
+    """Return values (n, ...) of some frames (n,) in all of so many frames, nan in the
+    others.
+    """
+    per_frame = np.full((length, *values.shape[1:]), np.nan)
+    per_frame[_places(frames)] = values
+    return per_frame
+
+
+def _places(frames: Integers) -> Integers:
+    """Return where frames (n,) in order stand among all from the first on."""
+    return frames - frames[:1]
+
+
+def _trusted_frames(records: Shapes3D, frames: Integers, length: int) -> list[str]:
+    """Return whether each of so many frames is trusted, "" where this is not known."""
+    trusted = np.full(length, "", dtype=object)
+    if isinstance(records, Fit) and records.reasons is not None:
+        trusted[_places(frames)] = np.where(records.reasons == "", "true", "false")
+    return trusted.tolist()
 
 
 def _distance_sd(records: Shapes3D) -> Floats:

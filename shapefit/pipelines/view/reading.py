@@ -59,7 +59,7 @@ SHOWN_DATASETS = {"sequence", "landmarks_fitted", "status", "shape_sd", *POSE_DA
 """Of a result that a page is made of, beside those that the format does not list."""
 
 BY_LANDMARK = ("landmarks", "shapes", "landmarks_fitted", "shape_sd", "outliers")
-"""Datasets whose last axis is that of landmarks."""
+"""Datasets whose last axis is that of landmarks on the page."""
 
 ITEMS_READ_AT_ONCE = 1 << 14
 
@@ -308,10 +308,6 @@ def _content(
             value = np.where(columns < 0, np.nan, value[..., columns])
         values[dataset] = value
     return Content(name, role, records, rows, values)
-
-
-BY_LANDMARK = ("landmarks", "shapes", "landmarks_fitted", "shape_sd", "outliers")
-"""Datasets whose last axis is that of landmarks on the page."""
 
 
 def _true_content(
