@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +24,10 @@ OF_OTHER_FITS = """
     numpy.ma numpy.polynomial numpy.random numpy.testing polars ruamel scipy
     shapefit.config.commands.others shapefit.config.manifest
     shapefit.evaluation shapefit.lifting.perspective
-    shapefit.lifting.outliers.ransac shapefit.lifting.sequences
+    shapefit.lifting.consensus shapefit.lifting.sequences
     shapefit.lifting.posterior.method
-    shapefit.meshes shapefit.pipelines.export.meshes shapefit.pipelines.export.pictures
-    shapefit.pipelines.partition.run shapefit.pipelines.fit.sequences tqdm trimesh
+    shapefit.meshes shapefit.pipelines.meshes shapefit.pipelines.partition.run
+    shapefit.pipelines.fit.sequences tqdm trimesh
 """
 NEEDED = "numpy h5py pydantic shapefit.config.commands.fit shapefit.io.csv_file"
 
@@ -77,6 +78,11 @@ def test_help_imports_nothing_heavy(arguments):
 def test_a_fit_of_csv_imports_what_it_needs_and_no_more(of_a_fit):
     assert not of_a_fit & set(OF_OTHER_FITS.split())
     assert of_a_fit >= set(NEEDED.split())
+
+
+def test_what_a_fit_must_not_import_is_there():
+    named = [name for name in OF_OTHER_FITS.split() if name.startswith("shapefit.")]
+    assert [name for name in named if find_spec(name) is None] == []
 
 
 def test_no_cycles_are_looked_for_in_what_was_imported():

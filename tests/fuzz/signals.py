@@ -22,7 +22,8 @@ import numpy as np
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, landmark_writer, write_dictionary
+from shapefit.io import landmark_writer, write_dictionary
+from shapefit.records import Landmarks
 
 SOON = 0.5
 """Seconds of the processor from a signal to the end."""
@@ -135,11 +136,11 @@ def is_running(process: int) -> bool:
 
 def write_views(path: Path, n: int, p: int) -> None:
     """Write n images of p random landmarks."""
-    w = np.random.default_rng(1).normal(size=(n, 2, p))
+    landmarks = np.random.default_rng(1).normal(size=(n, p, 2))
     names = tuple(f"p{j}" for j in range(p))
     items = tuple(f"image{i}" for i in range(n))
     with landmark_writer(path) as writer:
-        writer.append(LandmarkSet(landmarks=w, landmark_names=names, items=items))
+        writer.append(Landmarks(landmarks, landmark_names=names, items=items))
 
 
 def write_atoms(path: Path, k: int, p: int, prior: Mixture | None = None) -> None:

@@ -81,12 +81,17 @@ def _existing_path(content: Any, location: Sequence[int | str]) -> Path:
     """
     path: list[int | str] = []
     for step in location:
-        inside = isinstance(content, Mapping) and step in content
-        if not inside and not (isinstance(content, list) and isinstance(step, int)):
+        has_key = isinstance(content, Mapping) and step in content
+        if not has_key and not _has_place(content, step):
             break
         content = content[step]
         path.append(step)
     return tuple(path)
+
+
+def _has_place(content: Any, step: int | str) -> bool:
+    """Whether a value is a list that is long enough to have this place."""
+    return isinstance(content, list) and isinstance(step, int) and step < len(content)
 
 
 def _value_at(content: Any, path: Path) -> Any:

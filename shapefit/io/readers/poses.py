@@ -81,8 +81,8 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise FormatError for names that are empty or repeat, and fields that do not
-        agree.
+        """Raise FormatError for names that are empty or repeat, a frame rate that is none,
+        and fields that do not agree.
 
         In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a
         confidence or with 0, and (0, 0) with a confidence of 0.
@@ -92,6 +92,8 @@ class Poses:
         check_names(self.landmark_names or (), "landmark")
         names = p if self.landmark_names is None else len(self.landmark_names)
         require(names == p or not n, f"{names} names of {p} landmarks")
+        rate = self.frame_rate
+        require(rate is None or 0 < rate < np.inf, f"a frame rate of {rate} Hz")
         scores = self.confidence
         require(
             scores is None or scores.shape == (n, p), "other confidences than landmarks"
