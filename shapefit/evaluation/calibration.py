@@ -27,7 +27,7 @@ MIN_VARIANCE_SHARE = 1e-12
 
 
 class ErrorBars(NamedTuple):
-    """The truth in the error bars of n images of one method.
+    """How far the truth is in error bars, and how wide these are, of n images.
 
     square (n, p): the squared Mahalanobis distance of the truth, chi^2 with 3 degrees
     of freedom where error bars are true; width (n, p): root of the mean squared

@@ -71,12 +71,12 @@ def find_global(
 
 
 class GlobalOptimum(NamedTuple):
-    """min_R v(R) for n images, and how well it is known.
+    """The least objective over all rotations for n images, and how well it is known.
 
-    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0; objective U (n,)
-    there, and bound L (n,) <= v(R) for every rotation R; relative_gap (U - L) / U (n,),
-    0 where U = 0; cells (n,) of the search; status, a Status per image: OPTIMAL where U
-    - L <= tolerance U, up to rounding.
+    That is min_R v(R). coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0;
+    objective U (n,) there, and bound L (n,) <= v(R) for every rotation R; relative_gap
+    (U - L) / U (n,), 0 where U = 0; cells (n,) of the search; status, a Status per
+    image: OPTIMAL where U - L <= tolerance U, up to rounding.
     """
 
     coefficients: Floats

@@ -45,11 +45,12 @@ MAX_REFINEMENT_ROUNDS = 1000
 
 @dataclass(frozen=True)
 class RefinedViews:
-    """Stationary points for n images: X = R sum_i c_i B_i + t.
+    """What refinement under perspective finds of n images: stationary points.
 
-    rotation R (n, 3, 3); translation t (n, 3); coefficients c (n, k) >= 0; objective
-    (n,); rounds (n,); status, a Status per image. nan where it is DEGENERATE, which
-    means that a landmark begins behind the camera, or NUMERICAL_FAILURE.
+    X = R sum_i c_i B_i + t. rotation R (n, 3, 3); translation t (n, 3); coefficients c
+    (n, k) >= 0; objective (n,); rounds (n,); status, a Status per image. nan where it
+    is DEGENERATE, which means that a landmark begins behind the camera, or
+    NUMERICAL_FAILURE.
     """
 
     rotation: Floats

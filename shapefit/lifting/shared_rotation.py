@@ -83,9 +83,10 @@ def _gap_to(bound: Floats, objective: Floats) -> Floats:
 
 
 def _without_outliers(problem: Problem, outliers: NDArray[np.bool_]) -> Problem:
-    """Return the problem of the squared loss without these landmarks (n, p).
+    """Return the problem of the squared loss without the outliers (n, p).
 
-    Images that could not be lifted without them keep theirs, and the flags are cleared.
+    Images that could not be lifted without theirs keep them, and their flags in
+    `outliers` are cleared.
     """
     weights = np.where(outliers, 0.0, problem.weights)
     lost = list(find_degenerate(problem.landmarks, weights))
@@ -220,10 +221,10 @@ def describe_shapes(
 
 
 class Pose(NamedTuple):
-    """W ~ size Rbar S + T 1^T for n images: rotation (n, 3, 3), size (n,) >= 0.
+    """The best rotation (n, 3, 3) and size (n,) >= 0 of one shape in n images.
 
-    The rotation is nan where no size > 0 fits better than 0, as without visible
-    landmarks.
+    W ~ size Rbar S + T 1^T. The rotation is nan where no size > 0 fits better than 0,
+    as without visible landmarks.
     """
 
     rotation: Floats
@@ -311,7 +312,7 @@ def find_pose(
 
 
 class Alternation(NamedTuple):
-    """Local minima for n images: S = R sum_i c_i B_i.
+    """What alternation finds of n images: local minima S = R sum_i c_i B_i.
 
     coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0, for it is unknown
     then; rounds (n,), over all starts of an image; status, a Status per image.

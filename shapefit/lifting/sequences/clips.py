@@ -110,7 +110,7 @@ class Clips:
 
 
 class RefinedClips(NamedTuple):
-    """What sequences make of n images; each writes its own.
+    """Points and error bars of n images, into which each sequence writes its own.
 
     points, deviation and correlation (n, 3, p), noise (n,); covariance (n, 3p, 3p) of
     all landmarks of an image; converged (n,), whether the inference of the sequence
@@ -301,7 +301,11 @@ def is_informative(clips: Clips) -> Flags:
 
 
 def split_into_clips(sequences: Sequence[str]) -> list[slice]:
-    """Slices of equal neighbours in `sequences` (n,), of MAX_CLIP_FRAMES at most."""
+    """Return the slices of images that are refined together.
+
+    Equal neighbours in `sequences` (n,), divided where they are more than
+    MAX_CLIP_FRAMES.
+    """
     values = np.array(sequences, dtype=object)
     changes = np.flatnonzero(values[1:] != values[:-1]) + 1
     slices = []
