@@ -74,8 +74,8 @@ def find_squares(
     """Return how far the truth is from estimates in error bars, and how wide these are.
 
     Squared Mahalanobis distances d^T C^-1 d, d = e_j - y_j, of the truth y = a R x + t.
-    It is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) /
-    sd_j)^2, t on z takes the centroid of the depths to that of the estimate (why:
+    It is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2,
+    t on z takes the centroid of the depths to that of the estimate (why:
     docs/metrics.md). What this takes off the variance of x_j, its leverage h_j with the
     weights 1 / sd^2, is given back: d_x / sqrt(1 - h), as in studentised residuals.
 

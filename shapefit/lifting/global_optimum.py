@@ -125,8 +125,8 @@ def find_optimum(
 
     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 (paper,
     eq. originalnoisy, with weights and translation) over all R, with Rbar Rbar^T = I,
-    and c >= 0. The optimum found is never above v at one of starts (n, s,
-    3, 3); a start that is nan counts for nothing. Fewer than two visible landmarks are
+    and c >= 0. The optimum found is never above v at one of starts (n, s, 3, 3); a
+    start that is nan counts for nothing. Fewer than two visible landmarks are
     DEGENERATE. A search that has not ended after max_cells tests of cells, by default
     `limit_cells`, goes on with looser gaps for as many again, and is an
     ITERATION_LIMIT. The cells that it drops are written to `dropped`. Bound and search:

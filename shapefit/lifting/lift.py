@@ -180,7 +180,7 @@ def noise_of_landmarks(
 def choose_lambda(
     program: Program, atoms: Floats, scale: Floats, visible_share: Floats
 ) -> Floats:
-    """Return lambda, the price of coefficients, of each image (n,).
+    """Return lambda (n,), the weight of the penalty on transforms, of each image.
 
     As the program gives it, else from the noise; 1 for an exact loss, which ignores it.
     From the noise it is noise / scale E max_i ||G B_i^T||_* sqrt(visible share), with

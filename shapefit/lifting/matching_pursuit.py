@@ -350,8 +350,8 @@ def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
 def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> Floats:
     """Return the y (n, m) on a sphere at which a quadratic function is least.
 
-    argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`.
-    G (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix
+    argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`. G
+    (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix
     positive semidefinite: at the largest root of
 
         sum_i (t_i / (mu_i + multiplier))^2 = radius^2,

@@ -236,9 +236,9 @@ def objective(
 ) -> tuple[Floats, Floats]:
     """Return the objective P (n,) of projected shapes, and the size of its terms (n,).
 
-    X (n, 2, p), the projections, at the translations T (n, 2);
-    total (n,), the sum of the norms of transforms. Differences are to be compared with
-    the size: P and the objective without a shape.
+    X (n, 2, p), the projections, at the translations T (n, 2); total (n,), the sum of
+    the norms of transforms. Differences are to be compared with the size: P and the
+    objective without a shape.
     """
     beta = program.beta
 

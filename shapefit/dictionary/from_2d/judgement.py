@@ -221,9 +221,9 @@ def halves_distance(images: Images, learned: ClassState) -> float:
     """Return how far shapes are from those that half of the images gives by itself.
 
     mean ||X - X'|| / ||X|| of shapes X, as learned from all, and X', learned from the
-    first or the second half of the images. The error of what
-    was learned is less where the halves show the same poses from other sides. Near and
-    far of a half may be exchanged.
+    first or the second half of the images. The error of what was learned is less where
+    the halves show the same poses from other sides. Near and far of a half may be
+    exchanged.
     """
     n = len(images)
     distances = []

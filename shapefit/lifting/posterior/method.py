@@ -405,8 +405,8 @@ def turn_towards_landmarks(
     """Return rotations (n, S, 3, 3) of weak perspective as a pinhole camera has them.
 
     Weak perspective looks along the ray to the landmarks. So they are turned by the
-    least turn of the optical axis onto the ray to the middle
-    of the seen landmarks (n, 2, p): an object off to the side shows its side.
+    least turn of the optical axis onto the ray to the middle of the seen landmarks (n,
+    2, p): an object off to the side shows its side.
     """
     count = np.maximum(visible.sum(axis=1), 1)[:, None]
     middle = np.where(visible[:, None], landmarks, 0.0).sum(axis=2) / count
