@@ -86,7 +86,7 @@ def find_acceleration(
 def weigh_differences(
     sequences: Sequence[str], frames: Integers | None, rate: float
 ) -> Floats:
-    """Return the weights (n, 3) of the second difference that begins at each shape.
+    """Return the weights (n, 3) of each shape and the next two in a second difference.
 
     See `Timeline.second_differences`; they are 0 where there is none.
     """

@@ -31,7 +31,7 @@ MIN_SHAPE_SHARE = 1e-15
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """p(x) = sum_k pi_k N(x; mu_k, C_k) over shapes x.
+    """A mixture of Gaussians over shapes x: p(x) = sum_k pi_k N(x; mu_k, C_k).
 
     Shapes are flattened: all x, then all y, then all z. weights pi (K,), positive, with
     the sum 1; means mu (K, 3, p); covariances C (K, 3p, 3p).

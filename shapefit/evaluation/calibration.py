@@ -27,7 +27,7 @@ MIN_VARIANCE_SHARE = 1e-12
 
 
 class ErrorBars(NamedTuple):
-    """The truth in the error bars of n images of one method.
+    """How far the truth is in error bars, and how wide these are, of n images.
 
     square (n, p): the squared Mahalanobis distance of the truth, chi^2 with 3 degrees
     of freedom where error bars are true; width (n, p): root of the mean squared
@@ -74,8 +74,8 @@ def find_squares(
     """Return how far the truth is from estimates in error bars, and how wide these are.
 
     Squared Mahalanobis distances d^T C^-1 d, d = e_j - y_j, of the truth y = a R x + t.
-    It is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) /
-    sd_j)^2, t on z takes the centroid of the depths to that of the estimate (why:
+    It is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2,
+    t on z takes the centroid of the depths to that of the estimate (why:
     docs/metrics.md). What this takes off the variance of x_j, its leverage h_j with the
     weights 1 / sd^2, is given back: d_x / sqrt(1 - h), as in studentised residuals.
 

@@ -46,8 +46,8 @@ LEGEND_LINE = 20
 def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
     """Return an SVG of the sorted errors (n,) of each method, nan for failed images.
 
-    Errors lie over the share of the images.
-    Where images failed the line of their method ends early.
+    Errors lie over the share of the images. Where images failed the line of their
+    method ends early.
     """
     finite = {
         name: np.sort(values[~np.isnan(values)]) for name, values in errors.items()

@@ -235,8 +235,8 @@ def _mean_over_sequences(sequences: Sequence[_Statistics]) -> _Statistics:
 def report_csv(report: Document) -> str:
     """Return the text of report.csv: summaries of errors, then of error bars.
 
-    The metrics of error bars are inside_50, inside_90 and width.
-    `images` of these are the landmarks counted, and the width is a median.
+    The metrics of error bars are inside_50, inside_90 and width. `images` of these are
+    the landmarks counted, and the width is a median.
     """
     rows = [
         [getattr(summary, name) for name in CSV_COLUMNS]

@@ -166,9 +166,8 @@ def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None
     """Return the floor that bodies stand on; None where no foot rests, or it is unsure.
 
     Unsure is a height with a deviation above `MAX_HEIGHT_SD`. Bodies without all joints
-    of `MASS` do not count.
-    distance_sd: standard deviation of the logarithm of the distance, the same for all
-    frames.
+    of `MASS` do not count. distance_sd: standard deviation of the logarithm of the
+    distance, the same for all frames.
     """
     needed = {f"{side}{joint}" for side in "lr" for joint in MASS}
     whole = [body for body in bodies if needed <= body.joints.keys()]

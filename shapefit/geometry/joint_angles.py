@@ -110,7 +110,10 @@ def _hinge(points: Floats, _: Floats) -> Floats:
 
 
 def _ankle(points: Floats, _: Floats) -> Floats:
-    """Return how far the foot is raised above the right angle to the shank."""
+    """Return the angle (n,) in radians by which a foot is raised: 0 at a right angle.
+
+    Right to the shank, which runs from knee to ankle; the foot runs from heel to toe.
+    """
     knee, ankle, heel, toe = points
     return np.asarray(np.pi / 2 - _between(knee - ankle, toe - heel))
 
@@ -135,7 +138,7 @@ def _flexion(points: Floats, _: Floats, head: float) -> Floats:
 
 
 def _tilt(points: Floats, up: Floats) -> Floats:
-    """Return the angle to the vertical of the line from one middle to another.
+    """Return the angle (n,) in radians between a line and the vertical.
 
     It leads from the middle of the first two points to that of the others.
     """

@@ -84,8 +84,8 @@ def similarity_errors(
     """Return the mean distance (n,) of estimated points from true ones, once aligned.
 
     By the similarity s, R, t that minimises sum_j |s R e_j + t - x_j|^2 over points j.
-    estimate e and truth x (n, 3, p). Landmarks that are not finite on one side
-    do not count; nan where fewer than `min_landmarks` do.
+    estimate e and truth x (n, 3, p). Landmarks that are not finite on one side do not
+    count; nan where fewer than `min_landmarks` do.
     """
     finite: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
     count = finite.sum(axis=1)

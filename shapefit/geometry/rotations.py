@@ -91,8 +91,7 @@ def shortest_rotations(start: Floats, ends: Floats) -> Floats:
     """Return the rotations (f, 3, 3) by the least angle from a direction to others.
 
     R = I + K + K^2 / (1 + cos), K = [start x end]_x, of unit vectors start (3,) and
-    ends (f, 3). Between opposite ones it is
-    half a turn about some axis across them.
+    ends (f, 3). Between opposite ones it is half a turn about some axis across them.
     """
     cosine = ends @ start
     K = _cross_matrix(np.cross(start, ends))
@@ -108,9 +107,8 @@ def shortest_rotations(start: Floats, ends: Floats) -> Floats:
 def rotation_angle(first: Floats, second: Floats) -> Floats:
     """Return the angle (...) in degrees between rotations (..., 3, 3).
 
-    That of first^T second; nan where an entry is nan.
-    Uses ||R1 - R2||_F = 2 sqrt(2) sin(angle / 2), which keeps its accuracy at small
-    angles.
+    That of first^T second; nan where an entry is nan. Uses ||R1 - R2||_F = 2 sqrt(2)
+    sin(angle / 2), which keeps its accuracy at small angles.
     """
     distance = np.linalg.norm(first - second, axis=(-2, -1))
     sine_of_half = np.clip(distance / np.sqrt(8), 0, 1)

@@ -575,7 +575,7 @@ def _stored_as(column: Column) -> tuple[str, str]:
     """Return the types of NumPy that a column can have in files, and what it holds."""
     if column.is_text:
         return TEXT
-    return INTEGERS if column.is_index else NUMBER_KINDS
+    return INTEGERS if column.is_integer else NUMBER_KINDS
 
 
 @contextmanager

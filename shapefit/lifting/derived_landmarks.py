@@ -148,8 +148,8 @@ def combine_landmarks(
 ) -> Points:
     """Return q points, each a weighted sum of landmarks, and what is known of errors.
 
-    rows (q, p), the weights; shapes (n, 3, p); covariance (n, 3p, 3p), without which
-    no errors are known. sd (q,): standard deviation that a point has besides.
+    rows (q, p), the weights; shapes (n, 3, p); covariance (n, 3p, 3p), without which no
+    errors are known. sd (q,): standard deviation that a point has besides.
     """
     points = shapes @ rows.T
     if covariance is None:

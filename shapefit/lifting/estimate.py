@@ -46,12 +46,13 @@ class ConvexProof:
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """W ~ first two rows of shapes + T 1^T for n images, in normalised units.
+    """What every method estimates of n images, in normalised units.
 
-    shapes (n, 3, p) in the camera frame, with mean depth 0; translation T (n, 2);
-    rotation (n, 3, 3), shared by all atoms or their consensus, nan where unknown;
-    objective (n,), that of the method; residual (n,), ||Omega o (W - shapes - T
-    1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,); status, a Status per image.
+    W ~ first two rows of shapes + T 1^T. shapes (n, 3, p) in the camera frame, with
+    mean depth 0; translation T (n, 2); rotation (n, 3, 3), shared by all atoms or their
+    consensus, nan where unknown; objective (n,), that of the method; residual (n,),
+    ||Omega o (W - shapes - T 1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,);
+    status, a Status per image.
 
     outliers (n, p), the landmarks that a robust loss or a search before the fit set
     aside, None without either; convex_proof, of the convex program that the method is
@@ -195,11 +196,11 @@ def fit_translation(
 
 
 def join_images(records: Sequence[Any], order: Integers) -> Any:
-    """Join records of images, one type, and take these of all their images, by number.
+    """Return one record of images from several of one type, its images in `order`.
 
-    Arrays, tuples and transforms in them, and in records and mappings that they hold,
-    have the images first; all else, and the atoms of a problem, are those of the first
-    record.
+    order numbers the images of all records, one record after the other. Arrays, tuples
+    and transforms in them, and in records and mappings that they hold, have the images
+    first; all else, and the atoms of a problem, are those of the first record.
     """
     first = records[0]
     if isinstance(first, np.ndarray):

@@ -73,12 +73,12 @@ def find_global(
 
 
 class GlobalOptimum(NamedTuple):
-    """min_R v(R) for n images, and how well it is known.
+    """The least objective over all rotations for n images, and how well it is known.
 
-    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0; objective U (n,)
-    there, and bound L (n,) <= v(R) for every rotation R; relative_gap (U - L) / U (n,),
-    0 where U = 0; cells (n,) of the search; status, a Status per image: OPTIMAL where U
-    - L <= tolerance U, up to rounding.
+    That is min_R v(R). coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0;
+    objective U (n,) there, and bound L (n,) <= v(R) for every rotation R; relative_gap
+    (U - L) / U (n,), 0 where U = 0; cells (n,) of the search; status, a Status per
+    image: OPTIMAL where U - L <= tolerance U, up to rounding.
     """
 
     coefficients: Floats
@@ -127,8 +127,8 @@ def find_optimum(
 
     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 (paper,
     eq. originalnoisy, with weights and translation) over all R, with Rbar Rbar^T = I,
-    and c >= 0. The optimum found is never above v at one of starts (n, s,
-    3, 3); a start that is nan counts for nothing. Fewer than two visible landmarks are
+    and c >= 0. The optimum found is never above v at one of starts (n, s, 3, 3); a
+    start that is nan counts for nothing. Fewer than two visible landmarks are
     DEGENERATE. A search that has not ended after max_cells tests of cells, by default
     `limit_cells`, goes on with looser gaps for as many again, and is an
     ITERATION_LIMIT. The cells that it drops are written to `dropped`. Bound and search:

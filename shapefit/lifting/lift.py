@@ -55,7 +55,7 @@ MAX_RELATIVE_NOISE = 1e6
 
 
 class Program(NamedTuple):
-    """Which convex program is solved.
+    """Which convex program is solved: its lambda, loss and threshold of outliers.
 
     `lam` None takes lambda from `noise`, the standard deviation of a landmark's
     coordinate in the unit of the landmarks. With a robust loss a landmark is an outlier
@@ -71,11 +71,11 @@ class Program(NamedTuple):
 
 @dataclass(frozen=True)
 class PerspectiveView:
-    """The camera sees X = R sum_i c_i B_i + translation, in n images.
+    """Where the shapes of n images are before a perspective camera.
 
-    translation (n, 3), of the object's origin in the frame of the camera, in normalised
-    units of the dictionary, nan where an image has no shape; the camera in the unit of
-    the landmarks.
+    It sees X = R sum_i c_i B_i + translation. translation (n, 3), of the object's
+    origin in the frame of the camera, in normalised units of the dictionary, nan where
+    an image has no shape; the camera in the unit of the landmarks.
     """
 
     translation: Floats
@@ -180,7 +180,7 @@ def noise_of_landmarks(
 def choose_lambda(
     program: Program, atoms: Floats, scale: Floats, visible_share: Floats
 ) -> Floats:
-    """Return lambda, the price of coefficients, of each image (n,).
+    """Return lambda (n,), the weight of the penalty on transforms, of each image.
 
     As the program gives it, else from the noise; 1 for an exact loss, which ignores it.
     From the noise it is noise / scale E max_i ||G B_i^T||_* sqrt(visible share), with
@@ -212,11 +212,10 @@ def noise_dual_norm(atoms: Floats) -> float:
 
 
 def fail_nonfinite(lifting: Lifting[E]) -> Lifting[E]:
-    """Fail the images whose shape is not finite throughout, and that have not failed
-    before.
+    """Return the lifting with images marked as failed whose shape is not all finite.
 
-    They end with NUMERICAL_FAILURE and without a shape (nan), whatever the solver says
-    of them.
+    Those that had failed before stay as they are. They end with NUMERICAL_FAILURE and
+    without a shape (nan), whatever the solver says of them.
     """
     broken = np.flatnonzero(~np.isfinite(lifting.shapes).all(axis=(1, 2))).tolist()
     broken = [image for image in broken if image not in lifting.failures]
@@ -257,11 +256,11 @@ class Group(NamedTuple):
 
 
 def merge(groups: Sequence[Group], atoms: Floats) -> Lifting[AtomEstimate]:
-    """Join the liftings of groups of images, each image in one group, in the order of
-    the images.
+    """Join the liftings of groups of images to one of all images, in their order.
 
-    atoms (k, 3, p) are those that the groups took theirs from; they become those of the
-    problem, and coefficients and transforms get k columns.
+    Each image is in one group. atoms (k, 3, p) are those that the groups took theirs
+    from; they become those of the problem, and coefficients and transforms get k
+    columns.
     """
     order = np.argsort(np.concatenate([group.images for group in groups]))
     failures = {

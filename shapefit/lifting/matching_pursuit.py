@@ -82,12 +82,13 @@ def lift_by_pursuit(
 
 
 class Pursuit(NamedTuple):
-    """W ~ M S + T 1^T with S = c_0 mean + sum_i c_i B_i and M = diag(s) Rbar, n images.
+    """What matching pursuit finds of n images: shapes S before cameras M.
 
-    coefficients c (n, k) of either sign; mean_coefficient c_0 (n,); rotation R (n, 3,
-    3) and scale s (n, 2) of x and y, nan where there is no camera; error (n,), ||Omega
-    o (W - M S - T 1^T)||_F^2; rounds (n,); status: CONVERGED where the error reached
-    the goal, ITERATION_LIMIT where the atoms ran out.
+    W ~ M S + T 1^T with S = c_0 mean + sum_i c_i B_i and M = diag(s) Rbar. coefficients
+    c (n, k) of either sign; mean_coefficient c_0 (n,); rotation R (n, 3, 3) and scale s
+    (n, 2) of x and y, nan where there is no camera; error (n,), ||Omega o (W - M S - T
+    1^T)||_F^2; rounds (n,); status: CONVERGED where the error reached the goal,
+    ITERATION_LIMIT where the atoms ran out.
     """
 
     coefficients: Floats
@@ -213,7 +214,10 @@ class Search:
     def run(
         self, goal: float, change: float, most_atoms: int, most_rounds: int
     ) -> None:
-        """Add atoms, and go round with those chosen, until errors are at the goal."""
+        """Add atoms one by one, refitting each time, until errors are at the goal.
+
+        goal, change and limits as in `pursue`.
+        """
         going = np.arange(len(self.w))
         chosen = np.zeros((len(going), 1), np.intp)
         for _ in range(most_atoms):
@@ -226,7 +230,11 @@ class Search:
     def go_round(
         self, going: Indices, chosen: Indices, change: float, most_rounds: int
     ) -> None:
-        """Minimise over coefficients and camera by turns, until errors stand still."""
+        """Fit coefficients and camera by turns, until errors stand still, in place.
+
+        going: the images; chosen (r, m): the shapes that each mixes; change and
+        most_rounds as in `pursue`.
+        """
         L = np.linalg.cholesky(self.limb_gram[chosen[:, :, None], chosen[:, None]])
         flat = self.B[chosen].reshape(*chosen.shape, -1)
         Q = np.linalg.solve(L, flat).reshape(*chosen.shape, *self.B.shape[1:])
@@ -342,8 +350,8 @@ def fit_scales(R: Floats, D: Floats, P: Floats) -> tuple[Floats, Floats]:
 def minimise_on_sphere(G: Floats, g: Floats, radius: float, before: Floats) -> Floats:
     """Return the y (n, m) on a sphere at which a quadratic function is least.
 
-    argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`.
-    G (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix
+    argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`. G
+    (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix
     positive semidefinite: at the largest root of
 
         sum_i (t_i / (mu_i + multiplier))^2 = radius^2,

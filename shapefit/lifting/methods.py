@@ -70,7 +70,7 @@ class Method(NamedTuple):
     learned, how the dictionary must be learned, by `method` of learn-dict, empty for
     any; needs, fields of the dictionary without which it cannot run; tolerance, the
     default of `tolerance`; has_starts, it seeks the pose of the mean shape from as many
-    views as `starts` says; sequences, it lifts whole sequences.
+    views as `starts` says; takes_sequences, it lifts whole sequences.
 
     proves: "optimum", it is the convex program, and its certificate is that of the
     result; "bound", it starts from the convex program, whose proof is stored beside it;
@@ -90,12 +90,12 @@ class Method(NamedTuple):
     proves: Literal["optimum", "bound", "global", "nothing"] = "nothing"
     mixes_atoms: bool = True
     perspective: Literal["refined", "own", "none"] = "refined"
-    sequences: bool = False
+    takes_sequences: bool = False
     has_starts: bool = False
     tolerance: float = 1e-6
 
     @property
-    def has_prior(self) -> bool:
+    def needs_prior(self) -> bool:
         """Whether it needs a prior over shapes."""
         return PRIOR in self.needs
 
@@ -158,7 +158,7 @@ METHODS: dict[str, Method] = {
     "posterior": POSTERIOR,
     "sequences": POSTERIOR._replace(
         summary="the posterior of whole sequences: rigid bones, smooth motion",
-        sequences=True,
+        takes_sequences=True,
     ),
 }
 

@@ -45,11 +45,12 @@ MAX_REFINEMENT_ROUNDS = 1000
 
 @dataclass(frozen=True)
 class RefinedViews:
-    """Stationary points for n images: X = R sum_i c_i B_i + t.
+    """What refinement under perspective finds of n images: stationary points.
 
-    rotation R (n, 3, 3); translation t (n, 3); coefficients c (n, k) >= 0; objective
-    (n,); rounds (n,); status, a Status per image. nan where it is DEGENERATE, which
-    means that a landmark begins behind the camera, or NUMERICAL_FAILURE.
+    X = R sum_i c_i B_i + t. rotation R (n, 3, 3); translation t (n, 3); coefficients c
+    (n, k) >= 0; objective (n,); rounds (n,); status, a Status per image. nan where it
+    is DEGENERATE, which means that a landmark begins behind the camera, or
+    NUMERICAL_FAILURE.
     """
 
     rotation: Floats
@@ -176,13 +177,12 @@ def refine_perspective(
     """Fit rotation, translation and coefficients of each image before a pinhole camera.
 
     min sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2 over R, t and c >= 0.
-    s is the softness; max_rounds are those of an image. r_j =
-    Omega_j (w_j - projection of column j of R sum_i c_i B_i + t), in normalised units:
-    landmarks w (n, 2, p), weights Omega (n, p), atoms B (k, 3, p), camera in the unit
-    of w. It starts from the rotations R (n, 3, 3), c = prior (k,), and t where weak
-    perspective puts it. A shape twice as large at twice the depth looks the same, so
-    the size is fixed: prior^T c = prior^T prior. The result is a local minimum; no
-    certificate bounds it.
+    s is the softness; max_rounds are those of an image. r_j = Omega_j (w_j - projection
+    of column j of R sum_i c_i B_i + t), in normalised units: landmarks w (n, 2, p),
+    weights Omega (n, p), atoms B (k, 3, p), camera in the unit of w. It starts from the
+    rotations R (n, 3, 3), c = prior (k,), and t where weak perspective puts it. A shape
+    twice as large at twice the depth looks the same, so the size is fixed: prior^T c =
+    prior^T prior. The result is a local minimum; no certificate bounds it.
     """
     n = len(landmarks)
     R = np.array(rotation, np.float64)
@@ -250,7 +250,7 @@ def place_in_depth(
 
 
 def mean_coefficients(atoms: Floats, mean_shape: Floats) -> Floats:
-    """Return the coefficients (k,) >= 0 whose mixture of atoms is the mean shape.
+    """Return the coefficients (k,) >= 0 of atoms that come nearest to the mean shape.
 
     argmin_{c >= 0} |sum_i c_i B_i - mean_shape|^2 + 1e-6 max_i |B_i|^2 |c|^2. For
     exemplars all are alike, 1/k over the spread of their mean.

@@ -44,12 +44,12 @@ def lift_convex(problem: Problem, *, solve: Solve, threads: int = 0) -> AtomEsti
 
 
 class Reconstruction(NamedTuple):
-    """S = sum_i c_i R_i B_i and its parts, for n images.
+    """The shapes of n images that transforms make of atoms, and their parts.
 
-    shapes (n, 3, p); coefficients c (n, k); rotation (n, 3, 3), the rotation nearest to
-    sum_i c_i R_i, nan where all coefficients are 0; active_atoms (n,); tight (n,): are
-    all active transforms orthogonal, so that the optimum solves the per-atom nonconvex
-    model too?
+    S = sum_i c_i R_i B_i. shapes (n, 3, p); coefficients c (n, k); rotation (n, 3, 3),
+    the rotation nearest to sum_i c_i R_i, nan where all coefficients are 0;
+    active_atoms (n,); tight (n,): are all active transforms orthogonal, so that the
+    optimum solves the per-atom nonconvex model too?
     """
 
     shapes: Floats
@@ -96,7 +96,10 @@ def reconstruct(M: Transforms, atoms: Floats, *, threads: int = 0) -> Reconstruc
 def combine(
     coefficients: Floats, atoms: Floats, rotation: Floats | None = None
 ) -> Floats:
-    """R sum_i c_i B_i (n, 3, p) for c (n, k), atoms B (k, 3, p) and R (n, 3, 3)."""
+    """Return the mixtures R sum_i c_i B_i (n, 3, p) of atoms, turned if R is given.
+
+    c (n, k), atoms B (k, 3, p), R (n, 3, 3).
+    """
     # atom by atom: the rounding of an image then depends on no other one
     shapes = np.zeros((len(coefficients), *atoms.shape[1:]))
     for c, atom in zip(coefficients.T, atoms, strict=True):

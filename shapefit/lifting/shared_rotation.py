@@ -83,9 +83,10 @@ def _gap_to(bound: Floats, objective: Floats) -> Floats:
 
 
 def _without_outliers(problem: Problem, outliers: NDArray[np.bool_]) -> Problem:
-    """Return the problem of the squared loss without these landmarks (n, p).
+    """Return the problem of the squared loss without the outliers (n, p).
 
-    Images that could not be lifted without them keep theirs, and the flags are cleared.
+    Images that could not be lifted without theirs keep them, and their flags in
+    `outliers` are cleared.
     """
     weights = np.where(outliers, 0.0, problem.weights)
     lost = list(find_degenerate(problem.landmarks, weights))
@@ -115,8 +116,8 @@ def alternate_from_mean(
 ) -> AtomEstimate:
     """Fit shape and rotation by turns, from the pose of the mean shape.
 
-    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate"). It
-    has one start; with more, the pose that fits best is the one to begin at.
+    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate"). The
+    paper has one start; with more, the pose that fits best is the one to begin at.
     """
     pose = find_pose(problem, mean_shape, starts, threads=threads)
     return _alternate(problem, pose.rotation[:, None], signed=signed, threads=threads)
@@ -220,10 +221,10 @@ def describe_shapes(
 
 
 class Pose(NamedTuple):
-    """W ~ size Rbar S + T 1^T for n images: rotation (n, 3, 3), size (n,) >= 0.
+    """The best rotation (n, 3, 3) and size (n,) >= 0 of one shape in n images.
 
-    The rotation is nan where no size > 0 fits better than 0, as without visible
-    landmarks.
+    W ~ size Rbar S + T 1^T. The rotation is nan where no size > 0 fits better than 0,
+    as without visible landmarks.
     """
 
     rotation: Floats
@@ -271,8 +272,7 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
     """Return the moments of shape and landmarks, all that a pose depends on.
 
     S Omega^2 S^T (n, 3, 3) and W Omega^2 S^T (n, 2, 3) about the weighted means; shape
-    S (3, p). Zero for an image without
-    landmarks.
+    S (3, p). Zero for an image without landmarks.
     """
     squares = problem.weights[:, None] ** 2
     total = squares.sum(axis=-1)
@@ -290,8 +290,8 @@ def find_pose(
     """Return rotation and size at which a shape fits the landmarks of an image best.
 
     argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape S
-    (3, p). Trust regions start from so many even views, of which the first is
-    the identity. Each is turned in the plane to where it correlates best, and the best
+    (3, p). Trust regions start from so many even views, of which the first is the
+    identity. Each is turned in the plane to where it correlates best, and the best
     local minimum counts.
     """
     P, D = find_moments(problem, shape)
@@ -311,7 +311,7 @@ def find_pose(
 
 
 class Alternation(NamedTuple):
-    """Local minima for n images: S = R sum_i c_i B_i.
+    """What alternation finds of n images: local minima S = R sum_i c_i B_i.
 
     coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0, for it is unknown
     then; rounds (n,), over all starts of an image; status, a Status per image.
@@ -335,12 +335,12 @@ def alternate(
     """Fit coefficients and one rotation by turns, from given rotations: local minima.
 
     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over Rbar
-    Rbar^T = I (paper, eq. originalnoisy, with weights and translation). Each
-    round minimises over c >= 0 (any c where `signed`), exactly, and over T with it;
-    then takes Rbar to a local minimum by trust region steps. Neither raises the
-    objective. It stops when a round lowers it by at most the tolerance. starts (n, s,
-    3, 3) are the rotations to begin at: the best result of an image counts. Fewer than
-    two visible landmarks are DEGENERATE. Raises ValueError for a loss other than the
+    Rbar^T = I (paper, eq. originalnoisy, with weights and translation). Each round
+    minimises over c >= 0 (any c where `signed`), exactly, and over T with it; then
+    takes Rbar to a local minimum by trust region steps. Neither raises the objective.
+    It stops when a round lowers it by at most the tolerance. starts (n, s, 3, 3) are
+    the rotations to begin at: the best result of an image counts. Fewer than two
+    visible landmarks are DEGENERATE. Raises ValueError for a loss other than the
     squared one.
     """
     problem.require_squared("alternation")
@@ -368,11 +368,10 @@ def synchronise(M: Transforms, *, threads: int = 0) -> Floats:
     """Return the one rotation (n, 3, 3) nearest to all transforms of each image.
 
     argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2, nan
-    where all M_i are 0: the projection on
-    the deformable Stiefel manifold. For a given Rbar c_i = max(0, <M_i, Rbar>) / 2,
-    which leaves the maximum of sum_i max(0, <M_i, Rbar>)^2: a monotone iteration climbs
-    from the polar factors of sum_i M_i and of the largest M_i, and the best local
-    maximum counts.
+    where all M_i are 0: the projection on the deformable Stiefel manifold. For a given
+    Rbar c_i = max(0, <M_i, Rbar>) / 2, which leaves the maximum of sum_i max(0, <M_i,
+    Rbar>)^2: a monotone iteration climbs from the polar factors of sum_i M_i and of the
+    largest M_i, and the best local maximum counts.
     """
     rotation = np.full((len(M.count), 3, 3), np.nan)
     core.synchronise(**M.arrays, rotation=rotation, threads=threads)

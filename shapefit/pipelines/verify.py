@@ -363,7 +363,7 @@ def required(fit: Statement, head: Fit) -> set[str]:
     """Return the names of the datasets that every fit by its method writes."""
     name = fit.config["method"]
     names = set(FIT_COLUMNS.split())
-    if METHODS[name].has_prior:
+    if METHODS[name].needs_prior:
         names.update(PRIOR_COLUMNS.split())
     if METHODS[name].mixes_atoms:
         names.add("coefficients")
@@ -441,8 +441,8 @@ def program_of(
         atoms=np.ascontiguousarray(dictionary.atoms[:, :, columns]),
         atom_items=dictionary.atom_items if omits else None,
         refined=is_perspective or fit.config["method"] != "convex",
-        bounds=not is_perspective and outliers not in ROBUST,
-        searched=outliers not in ("none", *ROBUST),
+        has_bound=not is_perspective and outliers not in ROBUST,
+        hides_outliers=outliers not in ("none", *ROBUST),
         loss=outliers if outliers in ROBUST else "squared",
         beta=fit.config["outlier_threshold"],
         tolerance=fit.config["tolerance"],
@@ -479,10 +479,10 @@ def open_images(
         fault = "does not state how its landmarks were read"
         raise input_error(file, fault, RESULT_OF_FIT) from None
     # Without identity over frames detections are no motion.
-    options = input_options(reading, "motion" if method.sequences else "none")
+    options = input_options(reading, "motion" if method.takes_sequences else "none")
     with open_landmarks(files, options, rows) as source:
         names = source.head.landmark_names
-        joints = find_joints(names, head.landmark_names, in_place=method.has_prior)
+        joints = find_joints(names, head.landmark_names, in_place=method.needs_prior)
         if source.count != count:
             fault = f"{counted(source.count, 'image')} for {counted(count, 'result')}"
             raise input_error(files[0], fault, f"give the landmarks of {file}")

@@ -92,10 +92,10 @@ class Column(NamedTuple):
             return "names"
         if self.kind == Flags:
             return "true and false"
-        return "whole numbers" if self.is_index else "numbers"
+        return "whole numbers" if self.is_integer else "numbers"
 
     @property
-    def is_index(self) -> bool:
+    def is_integer(self) -> bool:
         """Whether it holds whole numbers."""
         return self.kind == Integers
 
@@ -187,7 +187,7 @@ def as_kind(column: Column, value: object) -> Array | Texts:
     if column.kind == Floats:
         with np.errstate(invalid="ignore", over="ignore"):  # checks find nan, inf
             return np.asarray(value, np.float64)
-    return _as_whole_numbers(np.asarray(value), np.int64 if column.is_index else bool)
+    return _as_whole_numbers(np.asarray(value), np.int64 if column.is_integer else bool)
 
 
 def _as_whole_numbers(values: NDArray[Any], dtype: type) -> Array:

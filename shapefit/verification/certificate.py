@@ -72,16 +72,16 @@ class CertifiedProgram(NamedTuple):
 
     atoms B (k, 3, p), and the items of the training shapes that they are, where they
     are such; refined: the shapes have one rotation, refined from the solution of the
-    program; bounds: their objective has a gap to its bound; searched: landmarks
-    labelled outliers have no weight; loss, with the threshold beta; tolerance of the
-    relative gap.
+    program; has_bound: their objective has a gap to its bound; hides_outliers:
+    landmarks labelled outliers have no weight; loss, with the threshold beta; tolerance
+    of the relative gap.
     """
 
     atoms: Floats
     atom_items: Sequence[str] | None
     refined: bool
-    bounds: bool
-    searched: bool
+    has_bound: bool
+    hides_outliers: bool
     loss: str
     beta: float
     tolerance: float
@@ -140,7 +140,7 @@ def check_certificate(
         turned = np.concatenate([M, third[:, :, None]], axis=2)
         S = (turned.swapaxes(1, 2).reshape(3 * n, -1) @ rows).reshape(n, 3, p)
         check_shapes(columns, images, c, S, T, claims)
-    elif program.bounds:
+    elif program.has_bound:
         check_refined(columns, images, program, D, claims, states_gap)
     return states_gap
 
@@ -210,7 +210,7 @@ def normalise_images(columns: ImageColumns, program: CertifiedProgram) -> Progra
     visible = np.isfinite(landmarks).all(axis=1)
     confidence = columns.get("confidence", visible)
     weights = np.asarray(np.where(visible, confidence, 0.0), dtype=np.float64)
-    if program.searched and "outliers" in columns:
+    if program.hides_outliers and "outliers" in columns:
         weights = np.where(columns["outliers"] != 0, 0.0, weights)
     normalised = normalise(landmarks, np.asarray(weights > 0))
     retained = None
@@ -236,9 +236,9 @@ def objective(
 ) -> tuple[Floats, Floats]:
     """Return the objective P (n,) of projected shapes, and the size of its terms (n,).
 
-    X (n, 2, p), the projections, at the translations T (n, 2);
-    total (n,), the sum of the norms of transforms. Differences are to be compared with
-    the size: P and the objective without a shape.
+    X (n, 2, p), the projections, at the translations T (n, 2); total (n,), the sum of
+    the norms of transforms. Differences are to be compared with the size: P and the
+    objective without a shape.
     """
     beta = program.beta
 

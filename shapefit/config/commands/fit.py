@@ -205,7 +205,7 @@ def list_conflicts(fit: FitConfig, method: Method) -> Iterator[tuple[str, str]]:
     given = fit.model_fields_set
     if fit.outliers in ROBUST and fit.outliers not in method.losses:
         yield f"does not support `outliers: {fit.outliers}`", "use `method: convex`"
-    if fit.leave_one_out and method.has_prior:
+    if fit.leave_one_out and method.needs_prior:
         yield (
             "has a prior that was learned from all shapes; `leave_one_out` needs"
             " another",
@@ -214,8 +214,8 @@ def list_conflicts(fit: FitConfig, method: Method) -> Iterator[tuple[str, str]]:
     if fit.camera.focal not in ("auto", "none") and method.perspective == "none":
         yield "has no perspective camera", "leave out `camera.focal`"
     keys = keys_of_priors(fit)
-    if keys and not method.has_prior:
-        priors = name_methods(lambda row: row.has_prior)
+    if keys and not method.needs_prior:
+        priors = name_methods(lambda row: row.needs_prior)
         yield (
             f"has no prior; `{keys[0]}` needs one",
             f"use {priors}, or leave it out",

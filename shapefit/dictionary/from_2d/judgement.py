@@ -160,7 +160,10 @@ def is_flat_class(model: Gaussian) -> bool:
 
 
 def widest_turn(views: Views) -> float:
-    """Return the angle in degrees between the outermost directions of view."""
+    """Return the angle between the outermost directions of view, in degrees up to 90.
+
+    Opposite directions count as one. Of `JUDGED_IMAGES` images at most.
+    """
     forward = views.rotation[:, 2]
     some = forward[evenly(len(forward), JUDGED_IMAGES)]
     closest = np.abs(forward @ some.T).min()
@@ -218,9 +221,9 @@ def halves_distance(images: Images, learned: ClassState) -> float:
     """Return how far shapes are from those that half of the images gives by itself.
 
     mean ||X - X'|| / ||X|| of shapes X, as learned from all, and X', learned from the
-    first or the second half of the images. The error of what
-    was learned is less where the halves show the same poses from other sides. Near and
-    far of a half may be exchanged.
+    first or the second half of the images. The error of what was learned is less where
+    the halves show the same poses from other sides. Near and far of a half may be
+    exchanged.
     """
     n = len(images)
     distances = []
@@ -235,7 +238,7 @@ def halves_distance(images: Images, learned: ClassState) -> float:
 
 
 def _mean_distance(X: Floats, Y: Floats) -> float:
-    """mean ||X - Y|| / ||X|| of shapes (n, 3, p)."""
+    """Return the mean of ||X - Y|| / ||X|| over shapes X and Y (n, 3, p)."""
     size = np.linalg.norm(X, axis=(1, 2))
     return float((np.linalg.norm(X - Y, axis=(1, 2)) / size).mean())
 

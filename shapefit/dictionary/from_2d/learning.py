@@ -237,9 +237,8 @@ def first_state(images: Images, W: Floats, views: Views) -> ClassState:
 def learn_round(images: Images, state: ClassState, *, hold: bool) -> ClassState:
     """Take one round of learning: step the views, expect shapes, fit the model.
 
-    With `hold` the views stay as they are.
-    Blocks of images are taken side by side on all cores, and what adds up over them is
-    added in their order.
+    With `hold` the views stay as they are. Blocks of images are taken side by side on
+    all cores, and what adds up over them is added in their order.
     """
     n = len(images.weights)
     starts = range(0, n, IMAGES_AT_A_TIME)

@@ -164,10 +164,10 @@ def posterior_mean(
     """Return what the model expects of images in given views: the shapes, and more.
 
     The expectation step. With `slopes`, the gradient and the information of the log
-    density by the views are among it. With U U^T = M^-1
-    all that is needed of it follows from V U, by landmark. The gradient is that of the
-    expected log density of image and shape together (Fisher's identity); the
-    information is that of the mean shape, the covariance held.
+    density by the views are among it. With U U^T = M^-1 all that is needed of it
+    follows from V U, by landmark. The gradient is that of the expected log density of
+    image and shape together (Fisher's identity); the information is that of the mean
+    shape, the covariance held.
     """
     n, _, p = images.landmarks.shape
     q = model.modes.shape[2]

@@ -166,7 +166,7 @@ def predict_hidden(
 def _choose_hidden(is_visible: Flags) -> tuple[Indices, Indices]:
     """Choose seen landmarks (n, p) to hide: the image and the landmark of each.
 
-    All of them, or `MAX_HIDDEN` at most, evenly over landmarks and images.
+    All of them, or about `MAX_HIDDEN`, evenly over landmarks and images.
     """
     # by landmark: neighbours have the same landmarks in sight
     landmark, image = np.nonzero(is_visible.T)

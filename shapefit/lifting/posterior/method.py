@@ -124,7 +124,7 @@ def describe_posterior(
         objective=-posterior.log_evidence,
         residual=placement.residual,
         iterations=solution.iterations + posterior.rounds,
-        status=end_of(solution, posterior),
+        status=find_statuses(solution, posterior),
         convex_proof=ConvexProof.of(solution),
         deviation=grow * posterior.deviation,
         correlation=posterior.correlation.astype(np.float32),
@@ -135,7 +135,7 @@ def describe_posterior(
     )
 
 
-def end_of(solution: Solution, posterior: Posterior) -> tuple[Status, ...]:
+def find_statuses(solution: Solution, posterior: Posterior) -> tuple[Status, ...]:
     """Return the status of each image: that of its convex program where this failed."""
     status = np.full(len(posterior.log_evidence), Status.ITERATION_LIMIT, dtype=object)
     status[posterior.stationary] = Status.CONVERGED
@@ -237,13 +237,13 @@ def with_p_value(
 def find_start_distance(
     estimate: PosteriorEstimate, problem: Problem, *, solve: Solve, threads: int = 0
 ) -> Floats:
-    """Similarity distance (n,) of the inliers of posteriors from those of their convex
-    shapes.
+    """Return how far posteriors are (n,) from the convex shapes they started from.
 
-    In units of the size of the former; nan where either does not exist. The convex
-    program knows neither outliers nor perspective. So images beyond the limit are
-    solved again without the outliers, and with the landmarks that weak perspective
-    would have of the shapes found, c + (w - c) (t_z + Z_j) / t_z.
+    The mean distance of inliers after alignment, in sizes of the posterior's; nan where
+    either does not exist. The convex program knows neither outliers nor perspective. So
+    images beyond the limit are solved again without the outliers, and with the
+    landmarks that weak perspective would have of the shapes found, c + (w - c) (t_z +
+    Z_j) / t_z.
     """
     assert estimate.convex_proof is not None, "the posterior starts from it"
     camera = problem.camera
@@ -301,9 +301,10 @@ def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
 def find_starts(
     problem: Problem, solution: Solution, mean_shape: Floats, *, threads: int = 0
 ) -> Floats:
-    """Rotations (n, 1, 3, 3): the consensus of the convex program's rotations.
+    """Return the rotation (n, 1, 3, 3) of each image from which posteriors are sought.
 
-    Where they are all 0, the best pose of the mean shape (3, p).
+    The consensus of the convex program's rotations; where all transforms are 0, the
+    best pose of the mean shape (3, p).
     """
     M = solution.transforms
     rotation = reconstruct(M, problem.atoms, threads=threads).rotation
@@ -385,12 +386,11 @@ def find_rays(landmarks: Floats, camera: Camera) -> Rays:
 
 
 def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
-    """Covariances (n, p, 2, 2) of f u: those of landmarks, and what the focal length
-    leaves open.
+    """Return the covariances (n, p, 2, 2) of the landmarks f u of rays.
 
-    Where the logarithm of f is off by e, a point at the depth z of the shape is seen e
-    u z away. Depths have about the size of the shape, which is 1 for normalised
-    landmarks.
+    Those of landmarks, and what an uncertain focal length adds. Where the logarithm of
+    f is off by e, a point at the depth z of the shape is seen e u z away. Depths have
+    about the size of the shape, which is 1 for normalised landmarks.
     """
     grow = np.sqrt(camera.focal.prod(axis=1))[:, None] / camera.focal
     stretched = noise * grow[:, None, :, None] * grow[:, None, None, :]
@@ -405,8 +405,8 @@ def turn_towards_landmarks(
     """Return rotations (n, S, 3, 3) of weak perspective as a pinhole camera has them.
 
     Weak perspective looks along the ray to the landmarks. So they are turned by the
-    least turn of the optical axis onto the ray to the middle
-    of the seen landmarks (n, 2, p): an object off to the side shows its side.
+    least turn of the optical axis onto the ray to the middle of the seen landmarks (n,
+    2, p): an object off to the side shows its side.
     """
     count = np.maximum(visible.sum(axis=1), 1)[:, None]
     middle = np.where(visible[:, None], landmarks, 0.0).sum(axis=2) / count

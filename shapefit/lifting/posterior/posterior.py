@@ -109,11 +109,10 @@ def find_posterior(
     the prior, and each maximum counts once, by its evidence. outliers: how likely a
     landmark is one, never by default. modes: how many maxima of an image, the most
     likely ones, are returned besides; covariance: whether that of all landmarks
-    together is. slopes (n, 2, p), of the
-    rays on which the landmarks lie: P_j = [I | -slope_j] where a point at the depth z
-    of the middle of the shape is seen at w_j; without them the rays are parallel. With
-    usual lengths of limbs the mixture is that given these; its modes, which are stored,
-    are those without.
+    together is. slopes (n, 2, p), of the rays on which the landmarks lie: P_j = [I |
+    -slope_j] where a point at the depth z of the middle of the shape is seen at w_j;
+    without them the rays are parallel. With usual lengths of limbs the mixture is that
+    given these; its modes, which are stored, are those without.
     """
     outliers = outliers or Outliers()
     lengths = lengths or LimbLengths.none()

@@ -110,7 +110,7 @@ class Clips:
 
 
 class RefinedClips(NamedTuple):
-    """What sequences make of n images; each writes its own.
+    """Points and error bars of n images, into which each sequence writes its own.
 
     points, deviation and correlation (n, 3, p), noise (n,); covariance (n, 3p, 3p) of
     all landmarks of an image; converged (n,), whether the inference of the sequence
@@ -228,8 +228,8 @@ def _add_common_covariance(
     """Return smoothed covariances with the errors added that frames have in common.
 
     C = S + r^2 P + sigma^2 I, all (n, 3p, 3p), sigma (n, p); see above. It is written
-    over S, as these take most of the memory. S is in the unit of the
-    landmarks, C in that times grow (n, p); P of the image t is in row rows[t].
+    over S, as these take most of the memory. S is in the unit of the landmarks, C in
+    that times grow (n, p); P of the image t is in row rows[t].
     """
     covariance = smoothed
     factor = np.tile(grow, 3)
@@ -301,7 +301,11 @@ def is_informative(clips: Clips) -> Flags:
 
 
 def split_into_clips(sequences: Sequence[str]) -> list[slice]:
-    """Slices of equal neighbours in `sequences` (n,), of MAX_CLIP_FRAMES at most."""
+    """Return the slices of images that are refined together.
+
+    Equal neighbours in `sequences` (n,), divided where they are more than
+    MAX_CLIP_FRAMES.
+    """
     values = np.array(sequences, dtype=object)
     changes = np.flatnonzero(values[1:] != values[:-1]) + 1
     slices = []
@@ -570,12 +574,12 @@ def smooth_scale(scale: Floats, there: Flags, width: float, place: Integers) -> 
 def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
     """Return the usual lengths with more weight, as errors of t frames are correlated.
 
-    Their precision becomes (1 + r^2 t) Q; None for None.
-    What t images say of the lengths has the variance P (1 / t + r^2), as their
-    deviations have the share r in common; the objective takes it for P / t. So images
-    would count (1 + r^2 t) times too much beside Q: their errors do not average out,
-    however many they are. Frames whose landmarks are stated to be exacter count for the
-    share sigma^2 / v of their variance that is left.
+    Their precision becomes (1 + r^2 t) Q; None for None. What t images say of the
+    lengths has the variance P (1 / t + r^2), as their deviations have the share r in
+    common; the objective takes it for P / t. So images would count (1 + r^2 t) times
+    too much beside Q: their errors do not average out, however many they are. Frames
+    whose landmarks are stated to be exacter count for the share sigma^2 / v of their
+    variance that is left.
     """
     if usual is None:
         return None

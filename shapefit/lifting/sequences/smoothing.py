@@ -175,7 +175,7 @@ class Observations:
         )
 
     def grown(self, growth: Floats) -> Observations:
-        """Return the same in a unit of each frame, the former times growth (t,).
+        """Return the observations in a larger unit of each frame, times growth (t,).
 
         The precisions are written over.
         """
@@ -193,7 +193,7 @@ class Observations:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """The frames at the minimum.
+    """The inferred frames of a sequence: the minimum of the objective above.
 
     points (t, 3, p) and lengths (e,); the energy there, and energies (t,) of frames
     with the second differences that begin there. deviation (t, 3, p) of the points, the

@@ -89,7 +89,7 @@ def choose_camera(
     method = METHODS[config.method]
     is_calibrated = given.calibration is not None and method.perspective != "none"
     is_open = given.focal == "auto"
-    looks_through = method.has_prior or is_calibrated
+    looks_through = method.needs_prior or is_calibrated
     if given.focal == "none" or (is_open and not looks_through):
         return weak_perspective("")
     if is_calibrated:

@@ -81,7 +81,7 @@ def choose_method(
         tolerance = row.tolerance
     proof = config.save.proof
     if proof is None:
-        proof = not row.has_prior
+        proof = not row.needs_prior
     config = config.changed(tolerance=tolerance, save={"proof": proof})
     return MethodChoice(config, line)
 
@@ -164,12 +164,12 @@ def match_to_dictionary(
     method needs. Raises InputError.
     """
     method = METHODS[config.method]
-    if method.has_prior and dictionary.p_value_table is None:
+    if method.needs_prior and dictionary.p_value_table is None:
         from shapefit.lifting.posterior.p_value import with_p_value_table
 
         dictionary = with_p_value_table(dictionary)  # not learned by this version
     match = match_names(
-        names, dictionary, place_of_names(config), in_place=method.has_prior
+        names, dictionary, place_of_names(config), in_place=method.needs_prior
     )
     check_needs(config.method, match.dictionary, config.dictionary)
     return match
@@ -197,7 +197,7 @@ def reading_options(config: FitConfig) -> InputOptions:
 
     Detections are tracked where the method or the output needs motion.
     """
-    track = METHODS[config.method].sequences
+    track = METHODS[config.method].takes_sequences
     if not isinstance(config.output, ResultFolder):
         track = track or find_target_format(config.output).in_metres
     return input_options(config, "motion" if track else "none")

@@ -62,7 +62,7 @@ class Calibration(NamedTuple):
     def keys_of(self, config: FitConfig) -> dict[str, Any]:
         """Return the values of the config's keys that were settled."""
         keys: dict[str, Any] = {"camera": dict(self.camera)}
-        if not METHODS[config.method].has_prior:
+        if not METHODS[config.method].needs_prior:
             return keys
         prior: dict[str, float | None] = {
             "scale": self.prior_scale,

@@ -247,7 +247,7 @@ def warn_of_all(
         yield Counted(tally.on_head, "image", text)
     yield from warn_of_names(tally, plan)
     has_rate = plan.config.frame_rate or head.frame_rate
-    if METHODS[plan.config.method].sequences and not has_rate:
+    if METHODS[plan.config.method].takes_sequences and not has_rate:
         yield (
             "the frame rate is unknown, so the motion from image to image is taken for"
             " that of the training shapes; set `frame_rate`"

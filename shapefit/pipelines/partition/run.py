@@ -307,7 +307,10 @@ def find_parts(
         ranges: Sequence[tuple[int, int] | None] = [None]
         if file_format is HDF5:
             ranges = divide_rows(
-                inputs, options, size, by_sequence=METHODS[config.method].sequences
+                inputs,
+                options,
+                size,
+                by_sequence=METHODS[config.method].takes_sequences,
             )
         states = tuple(map(find_state, inputs))
         for rows in ranges:
