@@ -17,8 +17,8 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting import global_optimum
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.global_optimum import (
-    MAX_CELLS,
-    MAX_NUMBERS,
+    MAX_KEPT_NUMBERS,
+    MAX_SEARCH_CELLS,
     DroppedCells,
     find_optimum,
     limit_cells,
@@ -99,8 +99,8 @@ def test_a_limit_leaves_a_bound_that_holds(make_scene):
 
 
 def test_the_limit_is_in_cells_and_falls_with_the_size_of_the_problem():
-    assert limit_cells(64, 15) == MAX_CELLS
-    assert limit_cells(2000, 1000) == MAX_NUMBERS // 18_000
+    assert limit_cells(64, 15) == MAX_SEARCH_CELLS
+    assert limit_cells(2000, 1000) == MAX_KEPT_NUMBERS // 18_000
 
 
 LEAST = 1e-7
