@@ -108,8 +108,9 @@ class DroppedCells(NamedTuple):
 
 
 def limit_cells(k: int, p: int) -> int:
-    """Return after how many tests of cells a search with k atoms of p landmarks gives
-    up.
+    """Return after how many tests of cells the search of an image gives up.
+
+    For k atoms of p landmarks: fewer where these are many, for memory.
     """
     return min(MAX_SEARCH_CELLS, MAX_KEPT_NUMBERS // (8 * k + 2 * p))
 

@@ -84,13 +84,13 @@ class PerspectiveView:
 
 @dataclass(frozen=True)
 class Lifting(Generic[E]):
-    """Shapes in the camera frame and the units of the landmarks, and all that they rest
-    on.
+    """What lifting n images gives: shapes in the units of the landmarks, and the rest.
 
-    shapes (n, 3, p) = scale (shapes of the estimate), with mean depth 0, + translation
-    on x and y; landmarks_fitted (n, 2, p) are their projections: x and y, unless there
-    is a perspective view. translation (n, 2), scale (n,); problem and estimate in
-    normalised units; failures: image -> reason, for images without a shape (nan).
+    shapes (n, 3, p) in the camera frame = scale (shapes of the estimate), with mean
+    depth 0, + translation on x and y; landmarks_fitted (n, 2, p) are their projections:
+    x and y, unless there is a perspective view. translation (n, 2), scale (n,); problem
+    and estimate in normalised units; failures: image -> reason, for images without a
+    shape (nan).
     """
 
     shapes: Floats

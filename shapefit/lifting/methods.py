@@ -34,8 +34,7 @@ AUTO = "auto"
 
 
 class Need(NamedTuple):
-    """A field of the dictionary that a method cannot do without, and how to get one
-    that has it.
+    """A field of the dictionary that a method cannot do without.
 
     name       of the field
     what       the field is for, in words

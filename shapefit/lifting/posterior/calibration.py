@@ -25,8 +25,8 @@ from shapefit.arrays import Flags, Floats, Indices
 from shapefit.convex.problem import Problem
 from shapefit.lifting.posterior.method import (
     MIN_INLIER_PROBABILITY,
-    find_from,
     find_noise,
+    find_posterior_from,
     find_rays,
     noise_of_rays,
 )
@@ -64,11 +64,12 @@ class HiddenInTurn:
     predictions: int
 
     def growth(self, bar_scale: float) -> Floats:
-        """Return factors (p,) on covariances: max(1, kappa, kappa_j) / `bar_scale`.
+        """Return the factors (p,) by which covariances of landmarks are to grow.
 
-        bar_scale, which all covariances have, stands for as large a kappa. Never below
-        1: a sample that is well predicted shows no more than that its poses resemble
-        the training's.
+        max(1, kappa / bar_scale), for the larger kappa of all and of the landmark; nan
+        ones do not count. bar_scale, which all covariances have, stands for as large a
+        kappa. Never below 1: a sample that is well predicted shows no more than that
+        its poses resemble the training's.
         """
         kappa = np.fmax(self.by_landmark, self.kappa)
         factor: Floats = np.fmax(kappa / bar_scale, 1.0)
@@ -137,7 +138,9 @@ def predict_hidden(
     rows = np.arange(len(image))
     others = problem.take(image)
     others.weights[rows, hidden] = 0.0
-    posterior = find_from(others, rotation[image][:, None], model, threads=threads)
+    posterior = find_posterior_from(
+        others, rotation[image][:, None], model, threads=threads
+    )
     noise = find_noise(problem)
     w = problem.landmarks
     P = np.zeros((len(image), 2, 3))

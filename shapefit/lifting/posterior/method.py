@@ -66,8 +66,7 @@ def lift_to_posterior(
     modes: int = 0,
     threads: int = 0,
 ) -> PosteriorEstimate:
-    """Return the posterior mean, its standard deviations, and how surprising the
-    landmarks are.
+    """Lift by the method `posterior`: the mean shapes of the posterior, and error bars.
 
     The convex program, which `solve` solves, finds the view to start from; its proof
     goes with the result, and is one of that program only. An image that the program
@@ -84,7 +83,7 @@ def lift_to_posterior(
     camera = problem.camera
     if camera is not None:
         starts = turn_towards_landmarks(starts, problem.landmarks, visible, camera)
-    posterior = find_from(
+    posterior = find_posterior_from(
         problem,
         starts,
         model,
@@ -170,7 +169,7 @@ def grow_covariance(
     return grown
 
 
-def find_from(
+def find_posterior_from(
     problem: Problem,
     starts: Floats,
     model: PosteriorModel,

@@ -51,8 +51,9 @@ def make_model(
     growth: tuple[float, ...] = (),
     covariance: bool = False,
 ) -> PosteriorModel:
-    """Return the model of a dictionary whose prior's covariances are `prior_scale`
-    times as large.
+    """Return the model of landmarks under a dictionary's prior, which must be there.
+
+    prior_scale: factor of the prior's covariances; the rest as in `PosteriorModel`.
     """
     assert dictionary.prior is not None, "checked with what the method needs"
     table = dictionary.p_value_table

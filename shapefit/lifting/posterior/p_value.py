@@ -72,7 +72,7 @@ def find_p_values(
     inliers: Floats,
     table: Floats,
 ) -> Floats:
-    """Return p-values (n,): the chance of a larger distance of an image of the model.
+    """Return the p-values (n,) of images: the chance of a larger distance by the model.
 
     squared_mahalanobis (n,); visible (n,), the landmarks seen; inliers (n,), the
     expected number of those that are inliers; table (c, 3), the moments as `moments_at`

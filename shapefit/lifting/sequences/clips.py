@@ -639,8 +639,7 @@ def find_acceleration_scale(
     lag: int,
     place: Integers | None = None,
 ) -> float:
-    """Return how much faster than expected the landmarks move in their images: 1 or
-    more.
+    """Return how many times faster than expected landmarks move in images, 1 at least.
 
     Second differences s_t = w_(t+L) - 2 w_t + w_(t-L) over a lag of L frames. Those of
     a smooth motion resemble their neighbours, with a correlation of 0.7; of white noise
@@ -673,10 +672,9 @@ def find_acceleration_scale(
 
 
 def median_variance(values: Floats) -> Floats:
-    """Return the variance (p,) of values (t, 2, p) about 0 by the median of their
-    sizes.
+    """Return the variance (p,) of values (t, 2, p) about 0, estimated by their median.
 
-    nan where nothing is known.
+    From the median of their sizes, as of a Gaussian; nan where nothing is known.
     """
     sizes = np.sort(np.abs(values.reshape(-1, values.shape[2])), axis=0)  # nan is last
     count = np.isfinite(sizes).sum(axis=0)

@@ -367,11 +367,11 @@ def observe(
 def find_precisions(
     covariances: Floats, factor: Floats, more: Floats, there: NDArray[np.bool_]
 ) -> tuple[Floats, Floats]:
-    """Return the inverses (t, k, d, d) of factor C + more I, and log determinants (t,
-    k).
+    """Return precisions (t, k, d, d) of modes, and log determinants of covariances.
 
-    factor, more (t, k); a factor of 0 takes C for 0. They are written over those C (t,
-    k, d, d) that are `there` (t, k): of long sequences these take most of the memory.
+    Inverses of the covariances factor C + more I, and determinants of these: factor,
+    more (t, k); a factor of 0 takes C for 0. They are written over those C (t, k, d, d)
+    that are `there` (t, k): of long sequences these take most of the memory.
     """
     log_det = np.zeros(there.shape)
     core.find_precisions(
