@@ -21,7 +21,7 @@ from itertools import chain, count, islice
 from math import isnan
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import orjson
@@ -619,7 +619,7 @@ def csv_output(target: Path) -> Iterator[CsvWriter]:
     exit.
     """
     with ExitStack() as stack:
-        file: Any
+        file: IO[bytes]
         if is_stream(target):
             if sys.stdout is None:
                 raise input_error(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from shapefit.records.shapes import Shapes
 
 if TYPE_CHECKING:
     from shapefit.io.source import SourceFile
+
+Stated = TypeVar("Stated", bound=Hashable)
 
 SEPARATELY = "use files that agree, or process them separately"
 
@@ -192,14 +194,18 @@ def _agree(first: Items, head: Items, name: str) -> bool:
     return np.array_equal(one, other, equal_nan=both_floats)
 
 
-def _agreed(what: str, places: Sequence[str], stated: Sequence[Any]) -> Any:
+def _agreed(
+    what: str, places: Sequence[str], stated: Sequence[Stated | None]
+) -> Stated | None:
     """Return what all places state, None if none does. Raises InputError where two
     differ.
     """
     place_of = {
         v: place for place, v in zip(places, stated, strict=True) if v is not None
     }
-    first, *others = place_of or (None,)
+    if not place_of:
+        return None
+    first, *others = place_of
     for value in others:
         fault = f"its {what} is '{value}', that of {place_of[first]} is '{first}'"
         raise input_error(place_of[value], fault, SEPARATELY)

@@ -110,7 +110,7 @@ def _as_text(path: Path) -> str:
     return "".join(steps).removeprefix(".")
 
 
-def _described(value: Any) -> str:
+def _described(value: object) -> str:
     """Return a value of JSON as a person would say it."""
     if isinstance(value, dict):
         return "an object"

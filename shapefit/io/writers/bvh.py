@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 import orjson
@@ -27,6 +27,16 @@ ROTATIONS = "Zrotation Xrotation Yrotation"
 
 LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 """Without all of these, left and right, it is no person."""
+
+
+class PartRow(TypedDict, total=False):
+    """A part of a person in BVH: the names of its joint and of the bone that leads to
+    it alone, and the direction at rest of the bone that ends there.
+    """
+
+    joint: str
+    bone: str
+    rest: Sequence[float]
 
 
 def write_bvh(path: Path, motion: FileMotion) -> str:
@@ -85,7 +95,7 @@ def _edges_between(motion: FileMotion, placed: Flags) -> Integers:
     return edges
 
 
-def _parts(names: tuple[str, ...]) -> dict[str, Mapping[str, Any]]:
+def _parts(names: tuple[str, ...]) -> dict[str, PartRow]:
     """Return the rows of `data/bvh.toml` by the landmarks of a person; none of
     others.
     """
@@ -95,18 +105,20 @@ def _parts(names: tuple[str, ...]) -> dict[str, Mapping[str, Any]]:
 
 
 @cache
-def _rows() -> dict[str, dict[str, Any]]:
+def _rows() -> dict[str, PartRow]:
+    """Return the rows of `data/bvh.toml` by part, of both sides."""
     file = Path(__file__).resolve().parents[2] / "data" / "bvh.toml"
     data = tomllib.loads(file.read_text(encoding="utf-8"))
-    rows: dict[str, dict[str, Any]] = data["middle"]
+    rows: dict[str, PartRow] = data["middle"]
     for part, row in data["side"].items():
-        (x, y, z), names = (
-            row["rest"],
-            {key: row[key] for key in ("joint", "bone") if key in row},
-        )
+        x, y, z = row["rest"]
         for side, word, sign in (("l", "Left", 1), ("r", "Right", -1)):
-            of_side = {key: f"{word}{name}" for key, name in names.items()}
-            rows[f"{side}{part}"] = {**of_side, "rest": [sign * x, y, z]}
+            of_side: PartRow = {"rest": [sign * x, y, z]}
+            if "joint" in row:
+                of_side["joint"] = f"{word}{row['joint']}"
+            if "bone" in row:
+                of_side["bone"] = f"{word}{row['bone']}"
+            rows[f"{side}{part}"] = of_side
     return rows
 
 
@@ -167,7 +179,7 @@ def _triple(vector: Floats) -> str:
     return " ".join(f"{x:.{DECIMALS}f}" for x in vector)
 
 
-def _names(rig: Rig, landmarks: Floats, rows: list[Mapping[str, Any]]) -> list[str]:
+def _names(rig: Rig, landmarks: Floats, rows: list[PartRow]) -> list[str]:
     """Name each node of a rig by its landmark; one that only leads to another, by
     both.
     """

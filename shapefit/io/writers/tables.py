@@ -99,7 +99,7 @@ def _write_csv(
     empty.
     """
 
-    def cell(value: Any) -> str:
+    def cell(value: object) -> str:
         if not isinstance(value, float):
             return str(value)
         return format(value, digits) if np.isfinite(value) else ""
