@@ -117,12 +117,7 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     scored = any((points[:, 2] % 1 > 0).any() for points, *_ in detections)
     if scored:
         detections = [
-            (
-                np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)]),
-                image,
-                who,
-            )
-            for points, image, who in detections
+            (_with_confidences(points), image, who) for points, image, who in detections
         ]
     return as_poses(
         placed_images,
@@ -249,6 +244,11 @@ def _stated_frame(image: _Image) -> int | None:
     """
     numbers = (image.get("frame_id"), image.get("frame_index"))
     return next((n for n in numbers if isinstance(n, int) and n >= 0), None)
+
+
+def _with_confidences(points: Floats) -> Floats:
+    """Return x, y, v (p, 3) with v as a confidence, which is at most 1."""
+    return np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)])
 
 
 def _notes_of_further(left_out: Mapping[str, int]) -> list[str]:
