@@ -69,10 +69,10 @@ class Reduced(NamedTuple):
 
 
 def find_span(problem: Problem) -> Floats | None:
-    """Return an orthonormal basis (p, r) of the span of all atoms, None if it is slow.
+    """Return an orthonormal basis (p, r) of the span of all atoms, or None.
 
-    It saves no time for few landmarks or many atoms, and exists for the squared loss
-    alone.
+    None where it saves no time, for few landmarks or many atoms, and for any loss but
+    the squared one, which alone can be reduced.
     """
     p = problem.landmarks.shape[2]
     if problem.loss is not Loss.SQUARED:
@@ -119,9 +119,9 @@ def are_independent(rows: Floats) -> bool:
 
 
 def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
-    """Yield the images in parts of equal weights, reduced to the span of the atoms.
+    """Yield the images in parts: those of equal weights reduced to the span of the atoms.
 
-    span (p, r). How a block of images is divided does not depend on the others, so that
+    span (p, r). A part of many different weights is as it was, its basis None. How a block of images is divided does not depend on the others, so that
     no result depends on how images are batched; blocks of one set of weights stay
     together, for threads to share.
     """

@@ -108,7 +108,11 @@ def _composed(key: object) -> object:
 
 
 def find_frames(images: MatchKeys, truth: MatchKeys) -> Indices:
-    """Return the row (n,) of each image's true shape by sequence and frame, else -1."""
+    """Return the row (n,) of each image's true shape, by sequence and frame, else -1.
+
+    Where this finds none at all, the last parts of the sequences' names are compared,
+    then frames alone. Frames of different rates are those of the same time.
+    """
     sequences, frames = images.by_frame()
     true_sequences, true_frames = truth.by_frame()
     if images.frame_rate and truth.frame_rate:

@@ -234,7 +234,10 @@ class Joints(NamedTuple):
         return self.parts[landmark].std
 
     def deviations(self) -> Floats:
-        """Return the standard deviations (p,) of landmarks from A x, 0 for joints."""
+        """Return the standard deviations (p,) of landmarks y from A x, see `matrix`.
+
+        They are 0 for joints for which no landmark stands.
+        """
         std = {
             joint: self.parts[landmarks[0]].std
             for joint, landmarks in self.markers.items()

@@ -279,10 +279,10 @@ class Expectation(NamedTuple):
 def expect(
     images: Images, state: ClassState, rows: slice, *, hold: bool
 ) -> Expectation:
-    """Return what the model expects of some images, after a step of their views.
+    """Return the posterior moments of some images, after a step of their views.
 
-    With `hold` there is none. A step, and a change of outliers, is taken where it
-    raises the log density.
+    hold, whether views stay as they are: then there is no step. A step, and with or
+    without it a change of outliers, is taken where it raises the log density.
     """
     model = state.model
     views = state.views[rows]

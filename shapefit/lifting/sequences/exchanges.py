@@ -51,8 +51,9 @@ class Exchanges(NamedTuple):
 def find_exchanges(
     landmarks: Floats, pairs: NDArray[np.integer], timeline: Timeline
 ) -> Exchanges:
-    """Find the frames of a sequence in which left and right are exchanged.
+    """Find the frames in which left and right are other than in most within a second.
 
+    A swap that lasts longer than a second is not found, but makes `continuous` False.
     landmarks (t, 2, p), nan where hidden; pairs (q, 2) of left and right.
     """
     position = timeline.position

@@ -160,8 +160,10 @@ def choose_family(
 def match_to_dictionary(
     config: FitConfig, dictionary: Dictionary, names: Sequence[str]
 ) -> Matched:
-    """Match the landmarks of the files to those of a dictionary that has what the
-    method needs. Raises InputError.
+    """Match the landmarks of the files to those of a dictionary, checked for the method.
+
+    A table of p-values that the method needs and the dictionary lacks is drawn. Raises
+    InputError where the dictionary lacks another thing that the method needs.
     """
     method = METHODS[config.method]
     if method.needs_prior and dictionary.p_value_table is None:

@@ -83,7 +83,7 @@ def warn_of_batch(lifting: Lifting[Estimate]) -> Iterator[Counted]:
 
 
 def count_reasons(record: Fit) -> Iterator[Counted]:
-    """Count the images that are not to be trusted, by their reasons."""
+    """Count the images that have a shape not to be trusted, by their reasons."""
     items: dict[str, list[str]] = {}
     if record.reasons is None:
         return

@@ -259,7 +259,7 @@ def learn_mixtures(
 
 
 def lift_anew(shapes: Shapes, images: Landmarks, dictionary: Dictionary) -> Shapes:
-    """Return the shapes as a dictionary lifts them; the old ones if sizes jump."""
+    """Return the shapes as a dictionary lifts them; a shape whose size jumps stays."""
     lifted = lift_images(images, dictionary).shapes
     before = shapes.as_columns()
     size = np.linalg.norm(lifted, axis=(1, 2))

@@ -415,7 +415,10 @@ def _edges(
 
 
 def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None:
-    """Return width and height of the images, where a file or its camera states them."""
+    """Return width and height of the images, by a file or a camera, or None.
+
+    A camera has no size: twice its principal point is taken, where y points down.
+    """
     for content in contents:
         size = content.records.column("image_size")
         if size is not None and size.shape[-1:] == (2,) and np.isfinite(size).all():
