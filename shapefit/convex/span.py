@@ -119,11 +119,12 @@ def are_independent(rows: Floats) -> bool:
 
 
 def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
-    """Yield the images in parts: those of equal weights reduced to the span of the atoms.
+    """Yield the images in parts, those of equal weights reduced to the atoms' span.
 
-    span (p, r). A part of many different weights is as it was, its basis None. How a block of images is divided does not depend on the others, so that
-    no result depends on how images are batched; blocks of one set of weights stay
-    together, for threads to share.
+    span (p, r). A part of many different weights is as it was, its basis None. How a
+    block of images is divided does not depend on the others, so that no result depends
+    on how images are batched; blocks of one set of weights stay together, for threads
+    to share.
     """
     together: list[NDArray[np.intp]] = []
     basis_of = lru_cache(maxsize=8)(lambda key: find_basis(span, np.frombuffer(key)))

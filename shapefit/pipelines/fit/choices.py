@@ -160,7 +160,7 @@ def choose_family(
 def match_to_dictionary(
     config: FitConfig, dictionary: Dictionary, names: Sequence[str]
 ) -> Matched:
-    """Match the landmarks of the files to those of a dictionary, checked for the method.
+    """Match landmarks of the files to those of a dictionary that suits the method.
 
     A table of p-values that the method needs and the dictionary lacks is drawn. Raises
     InputError where the dictionary lacks another thing that the method needs.
