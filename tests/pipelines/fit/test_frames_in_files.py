@@ -12,7 +12,16 @@ from shapefit.io import read_results, read_shapes
 from shapefit.io.readers.markers import read_trc
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.pipelines.convert import convert_files as convert
-from tests.io.readers.numbered import COUNT, IMAGES, RATE, amc, movement, nwb, text
+from tests.io.readers.numbered import (
+    COUNT,
+    IMAGES,
+    RATE,
+    amc,
+    movement,
+    nwb,
+    text,
+    yolo,
+)
 from tests.io.writers.conftest import parse_trc
 from tests.pipelines.fitted import fit_file
 
@@ -103,6 +112,20 @@ def test_frames_and_times_of_images_reach_the_files(tmp_path, make):
     check_trc(trc)
     check_mot(mot)
     check_csv(table)
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_an_empty_file_of_labels_is_an_image_of_nobody(tmp_path, named):
+    folder = yolo(tmp_path / "v", FRAMES, body)
+    (folder / f"image_{FRAMES[2]}.txt").write_text("")
+    keys = {"image_size": [1000, 1000], "keypoints": "coco_17"}
+    given = folder
+    if named:
+        given = folder / "*.txt"
+    fit_file(given, "people", tmp_path / "fit.h5", **keys)
+    result = read_results(tmp_path / "fit.h5")
+    steps = np.delete(FRAMES, 2) - FRAMES[0]
+    np.testing.assert_array_equal(result.frames - result.frames[0], steps)
 
 
 def markers(suffix):
