@@ -295,7 +295,7 @@ def number_or_word(text: str) -> object:
         return text
 
 
-TYPE_OF_METAVAR: dict[str, Any] = {
+TYPE_OF_METAVAR: dict[str, object] = {
     **dict.fromkeys(("NUMBER", "HZ", "METRES"), float),
     **dict.fromkeys(("FOCAL", "LAMBDA"), number_or_word),
     **dict.fromkeys(("CONFIG", "DICT"), click.Path(allow_dash=True)),

@@ -40,7 +40,7 @@ def tell(text: str) -> None:
     click.echo(printable(text), err=True)
 
 
-def printable_json(values: Any) -> str:
+def printable_json(values: object) -> str:
     """Return values as JSON on one line, what is not printable as escapes of JSON."""
     text = json.dumps(values, ensure_ascii=False, default=str)
     if text.isprintable():

@@ -72,7 +72,7 @@ def load_config(
     that are not given. Raises InputError with every problem, each with its place.
     """
     schema = CONFIGS[command]
-    values: dict[str, Any] = {}
+    values: dict[str, object] = {}
     places: Places = {(): command}
     if file is not None:
         values = _read_config(schema, command, file, places)
@@ -246,7 +246,7 @@ class _NodeReader:
             entries = [(number, item, item) for number, item in enumerate(node.value)]
         else:
             entries = [(str(key.value), key, item) for key, item in node.value]
-        items: dict[str | int, Any] = {}
+        items: dict[str | int, object] = {}
         for step, marked, item in entries:
             place = self.place_of(marked.start_mark)
             self.places[*location, step] = place
@@ -313,7 +313,7 @@ def _list_problems(
 
 
 def _describe_problem(
-    schema: Schema, problem: ErrorDetails, values: Mapping[str, Any], places: Places
+    schema: Schema, problem: ErrorDetails, values: Mapping[str, object], places: Places
 ) -> str:
     """Return what is wrong, its place, and the nearest value or key that is right."""
     from shapefit.config.reference import expects, meaning
