@@ -564,9 +564,9 @@ def _ends_with_cr(block: bytes) -> bool:
 def _divided(
     texts: Iterator[tuple[int, str]], width: int, name: str
 ) -> Iterator[tuple[Integers, Sequence[Sequence[str]]]]:
-    """Yield the rows of texts, block by block: their line numbers, and their columns.
+    """Yield rows of texts, block by block: their line numbers, and their columns.
 
-    Raises InputError for rows that do not have `width` cells.
+    Raises InputError for rows that do not have `width` cells, and for wrong quotes.
     """
     for line, text in texts:
         columns = split_columns(text, width)

@@ -82,9 +82,9 @@ class Layout(NamedTuple):
         return self.name.removeprefix("shapefit-")
 
     def is_per_item(self, name: str, axes: int) -> bool:
-        """Whether a dataset with so many axes has rows for items.
+        """Whether a dataset with so many axes has rows for items, by its name.
 
-        So it is unless its file states it.
+        That is for files that do not state it.
         """
         column = self.columns.get(name)
         return 0 < axes != OF_FILE.get(name) if column is None else column.per_item

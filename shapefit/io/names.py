@@ -131,7 +131,7 @@ def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
 def prefix_with_file(
     files: Sequence[SourceFile[Record]],
 ) -> tuple[Sequence[SourceFile[Record]], tuple[str, ...]]:
-    """Return files, with their names before all items if two share one, and a note.
+    """Return files, the file's name before each item if two have the same, and a note.
 
     Raises InputError for items that are twice in a file, and for files of one name.
     """

@@ -173,7 +173,7 @@ def read_shapes(
 
 
 def read_results(path: Path, *, proofs: bool = False) -> Fit:
-    """Read a result as one Fit, with the proof of its optimum if `proofs` asks for it."""
+    """Read a result as one Fit, with what proves its optimum if `proofs` is true."""
     with open_results([path], () if proofs else PROOF) as source:
         return source.whole()
 
