@@ -71,13 +71,13 @@ def arrange(
 
 
 def _goes_with(record: Items, name: str, values: Array) -> bool:
-    """Whether a further column has a value for each landmark."""
+    """Whether a column is one of OF_LANDMARKS, with a value for each landmark."""
     shape = (len(record), len(record.landmark_names))
     return name in OF_LANDMARKS and values.shape[:2] == shape
 
 
 def _move(values: NDArray[Scalar], rows: NDArray[np.intp]) -> NDArray[Scalar]:
-    """Return values (n, p) of these landmarks, 0 for those that are not there."""
+    """Return columns `rows` of values (n, p); p, one beyond the last, gives 0."""
     return np.pad(values, [(0, 0), (0, 1)])[:, rows]
 
 

@@ -27,11 +27,11 @@ OTHER_FOLDER = "choose another folder, or change its permissions"
 
 
 def check_output(target: Path, instead: str = "give the name of a file in it") -> Path:
-    """Return the file that writing to `target` would replace, links followed. Writes
-    nothing.
+    """Return the file that writing to `target` would replace, links followed.
 
-    Raises InputError where its folder can be neither written to nor made, or `target`
-    is a folder (`instead` says what to do then) or a device. `-` is always good.
+    Writes nothing. Raises InputError where its folder can be neither written to nor
+    made, or `target` is a folder (`instead` says what to do then) or a device. `-` is
+    always good.
     """
     if is_stream(target):
         return target
@@ -60,11 +60,10 @@ def check_folder(folder: Path) -> None:
 def storage_errors(
     target: Path, numbers: Container[int | None] | None = OF_THE_DISK
 ) -> Iterator[None]:
-    """Turn errors of these numbers, by default of the disk, into InputErrors at
-    `target`.
+    """Turn OSErrors of these numbers, by default of the disk, into InputErrors.
 
-    `numbers` = None stands for all of them; those of permission always count of a
-    temporary.
+    They are at `target`. `numbers` = None stands for all of them; those of permission
+    always count of a temporary.
     """
     try:
         yield
@@ -107,11 +106,11 @@ def atomic_path(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def staged_files(folder: Path) -> Iterator[Path]:
-    """Give a hidden folder whose files move into `folder`, which is made for them, on a
-    clean exit.
+    """Give a hidden folder whose files move into `folder` on a clean exit.
 
-    On any error before they are gone. Raises InputError where they cannot be written,
-    and before any moves where something is in the way of one.
+    `folder` is made for them. On any error before, they are gone. Raises InputError
+    where they cannot be written, and before any moves where something is in the way of
+    one.
     """
     around = folder if folder.is_dir() else folder.parent
     with storage_errors(folder), _temporary(around, "") as staging:
@@ -131,8 +130,9 @@ def staged_files(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(folder: Path, suffix: str) -> Iterator[Path]:
-    """Give a new hidden name in a folder, which is made; after it nothing is there any
-    more.
+    """Give an unused hidden name in a folder; what is there at the end is removed.
+
+    The folder is made where there is none.
     """
     temporary = folder / f".{secrets.token_hex(8)}{PARTIAL}{suffix[:20]}"
     with storage_errors(folder, None):
@@ -145,16 +145,16 @@ def _temporary(folder: Path, suffix: str) -> Iterator[Path]:
 
 
 def digests(paths: Iterable[Path]) -> dict[str, str]:
-    """Return the digest of each file under its path, as JSON can hold it."""
+    """Return the `digest` of each file by its path, a text that JSON can hold."""
     return {path_text(path): digest(path) for path in dict.fromkeys(paths)}
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of the file in hexadecimal; `stream` for what cannot be read twice (`-`,
-    a pipe).
+    """Return the SHA-256 of a file in hexadecimal; `stream` for `-` and pipes.
 
-    That of a folder is the digest of the names and digests of its files, in their
-    order, but for hidden ones, such as a result that is being written there.
+    These cannot be read twice. That of a folder is the digest of the names and digests
+    of its files, in their order, but for hidden ones, such as a result that is being
+    written there. Raises InputError as `require_file` does.
     """
     if path.is_dir():
         shown = (file for file in path.iterdir() if not file.name.startswith("."))
@@ -176,8 +176,7 @@ LONGEST_NAME = 200
 
 
 def file_stem(item: str) -> PurePosixPath:
-    """Return the relative path, without suffix, of the files of an item: `walk/007` ->
-    walk/007.
+    """Return the relative path, without suffix, that the files of an item get.
 
     `/` divides folders. Other characters that a name cannot have are written %XX, as in
     URLs, and so are dots and spaces at its ends; an empty part is %. Of a part that is
@@ -188,7 +187,7 @@ def file_stem(item: str) -> PurePosixPath:
 
 
 def _as_name(part: str) -> str:
-    """Return a name that every system allows."""
+    """Return a part of an item's name as a file name that every system allows."""
     # `%` begins an escape; the others Windows does not allow
     allowed = [c.isprintable() and c not in '%<>:"|?*\\' for c in part]
     text = "".join(

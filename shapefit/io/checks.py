@@ -62,8 +62,7 @@ def check_finite(
     *,
     gaps: bool = False,
 ) -> None:
-    """Raise InputError where a coordinate of the points (n, p, d) is no number to
-    compute with.
+    """Raise InputError where coordinates of points (n, p, d) cannot be computed with.
 
     That is NaN, infinite, or so large that its square is. With `gaps` NaN is an unknown
     landmark; points without names of landmarks are vertices.
@@ -94,8 +93,9 @@ def check_mesh(
     vertices: Floats | None,
     faces: Integers | None,
 ) -> None:
-    """Raise InputError for vertices (n, q, 3) that are no numbers, and for indices of
-    what is not there: edges of p landmarks, faces of vertices.
+    """Raise InputError for vertices that are no numbers, and indices out of range.
+
+    Edges index p landmarks; faces the vertices (n, q, 3).
     """
     q = 0
     if vertices is not None:
@@ -108,7 +108,7 @@ def check_mesh(
 def _check_indices(
     place: Place, name: str, indices: Integers | None, size: int
 ) -> None:
-    """Raise InputError for indices of what is not there."""
+    """Raise InputError where indices (m, i) are not from 0 to size - 1; None passes."""
     if indices is None:
         return
     wrong = np.argwhere((indices < 0) | (indices >= size))
@@ -119,9 +119,10 @@ def _check_indices(
 
 
 def warn_of_zeros(points: Floats) -> tuple[str, ...]:
-    """Warn of many landmarks (..., 2) at exactly (0, 0), where detectors put what they
-    miss: a corner of the image. Where others are on both sides of it, it is the origin
-    of the coordinates.
+    """Return a warning where many landmarks (..., 2) are at exactly (0, 0), else ().
+
+    Detectors put there what they miss: a corner of the image. Where others are on both
+    sides of it, it is the origin of the coordinates.
     """
     zeros = (points == 0).all(axis=-1)
     others = points[~zeros & np.isfinite(points).all(axis=-1)]
@@ -138,9 +139,10 @@ def warn_of_zeros(points: Floats) -> tuple[str, ...]:
 
 
 def warn_of_codes(points: Floats, weights: Floats | None = None) -> tuple[str, ...]:
-    """Warn of a number such as -999 that stands for all coordinates of points (n, p, d)
-    outside all others: a code of points that are missing. Hidden points, of weight 0,
-    do not count.
+    """Return warnings of numbers such as -999 that stand for missing points (n, p, d).
+
+    Such a code is all coordinates of a point, outside all others. Hidden points, of
+    weight 0, do not count.
     """
     placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
     if weights is not None:
@@ -168,8 +170,9 @@ def warn_of_codes(points: Floats, weights: Floats | None = None) -> tuple[str, .
 
 
 def input_problems(problems: Sequence[str], count: int | None = None) -> InputError:
-    """Build the InputError for these problems, of `count` in all; at most ten are
-    listed.
+    """Return an InputError that lists at most ten problems, and counts the others.
+
+    `count` is how many there are in all, by default those given.
     """
     shown = list(problems[:LIMIT])
     more = (len(problems) if count is None else count) - len(shown)
@@ -177,7 +180,7 @@ def input_problems(problems: Sequence[str], count: int | None = None) -> InputEr
 
 
 def place_in_memory(record: str) -> Place:
-    """Return what names the datasets of a record that is no file."""
+    """Return a Place that names the datasets, and rows, of a record in memory."""
 
     def place(name: str, row: int | None = None) -> str:
         where = record if name == record else f"{record}.{name}"

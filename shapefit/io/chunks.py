@@ -53,6 +53,7 @@ class Chunks:
     """
 
     def __init__(self, dataset: h5py.Dataset) -> None:
+        """Find the fault of a dataset, if any, and chunks that may hold too much."""
         self._dataset = dataset
         self._suspects: dict[Chunk, int] = {}
         self._filters = _filters_of(dataset)
@@ -71,7 +72,7 @@ class Chunks:
             dataset.id.chunk_iter(self._note)
 
     def _note(self, chunk: h5py.h5d.StoreInfo) -> None:
-        """Note a chunk that could inflate to more than nobody needs to ask for."""
+        """Note a chunk as a suspect where it may inflate to far more than declared."""
         most = 0
         if DEFLATE in self._filters:
             most = chunk.size * DEFLATE_GROWTH
@@ -81,9 +82,9 @@ class Chunks:
             self._suspects[chunk.chunk_offset] = chunk.size
 
     def find_longer(self, start: int, stop: int) -> Chunk | None:
-        """Return a chunk with some of these rows that is longer than it declares.
+        """Return a chunk with rows of start:stop that holds too much, None without one.
 
-        Each is looked at once.
+        That is more than it declares. Each is looked at once.
         """
         if not self._suspects:
             return None
@@ -109,9 +110,7 @@ class Chunks:
 
 
 def inflates_beyond(data: bytes, most: int) -> bool:
-    """Whether a deflated stream holds more than so many bytes; not, where it is
-    damaged.
-    """
+    """Whether a deflated stream holds more than `most` bytes; False if damaged."""
     stream = zlib.decompressobj()
     size = 0
     try:

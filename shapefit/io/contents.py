@@ -25,10 +25,9 @@ DatasetRows = slice | tuple[()]
 
 
 def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], object]) -> str:
-    """Return the SHA-256 of an open file in hexadecimal; `read` gives rows of a dataset
-    by its name.
+    """Return the SHA-256, in hexadecimal, of all that an open HDF5 file holds.
 
-    Raises what h5py and `read` raise.
+    `read` gives rows of a dataset by its name. Raises what h5py and `read` raise.
     """
     links: list[tuple[str, int]] = []
     file.id.links.visit(
@@ -77,8 +76,10 @@ def _describe_attributes(
 def _describe_dataset(
     dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], object]
 ) -> list[object]:
-    """Return kind, shape and digest of the values of a dataset, read in blocks of
-    rows.
+    """Return what the digest takes of a dataset: kind, shape and digest of its values.
+
+    It is read in blocks of rows. Of one that is empty, or neither numbers nor texts, it
+    is the kind, and the type.
     """
     if dataset.shape is None:
         return ["empty"]
@@ -103,7 +104,7 @@ OTHER = "other"
 
 
 def _kind_of(dtype: np.dtype[np.generic]) -> str:
-    """Return what values are: text, or a letter with the bytes of a number."""
+    """Return the kind of values: `text`, `f8` and so on for numbers, or OTHER."""
     if dtype.kind in "OSU":
         return "text"
     return f"{dtype.kind}{dtype.itemsize}" if dtype.kind in "biufc" else OTHER

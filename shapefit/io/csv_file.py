@@ -110,15 +110,15 @@ def csv_kind(path: Path) -> str:
 
 
 def read_csv(path: Path, kind: str) -> Items | Spool:
-    """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with
-    `[,sequence][,frame][,time]`.
+    """Read a tidy table of ours as records, or as a Spool of many landmarks.
 
-    Return records, or a Spool of many landmarks. A landmark that has no row or lacks a
-    coordinate is NaN, its confidence 0. Items are put in order of their frames, and
-    those in memory have the frame rate of their times. Raises InputError for the first
-    wrong cells, by line, and where memory does not hold a large table in which the rows
-    of an item do not stand together, or frames are not in order, which cannot go to a
-    file item by item.
+    Its columns are `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with
+    `[,sequence][,frame][,time]`. A landmark that has no row or lacks a coordinate is
+    NaN, its confidence 0. Items are put in order of their frames, and those in memory
+    have the frame rate of their times. Raises InputError for the first wrong cells, by
+    line, and where memory does not hold a large table in which the rows of an item do
+    not stand together, or frames are not in order, which cannot go to a file item by
+    item.
     """
     table = _Table(path, kind)
     spool = Spool()
@@ -148,8 +148,9 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
 
 
 def _in_time(records: Items, numbered: bool, name: str) -> Items:
-    """Return records in order of their frames, with the frame rate of their times; of
-    those that are not `numbered`, whose column of frames is empty, without frames.
+    """Return records in order of their frames, with the frame rate of their times.
+
+    Those that are not `numbered`, whose column of frames is empty, are without frames.
     Raises InputError where a sequence has two items in one frame.
     """
     if not numbered and len(records):
@@ -163,9 +164,10 @@ def _in_time(records: Items, numbered: bool, name: str) -> Items:
 
 
 def _read_unordered(path: Path, kind: str) -> Items:
-    """Read a large table once more, in which rows of an item do not stand together, as
-    pandas' `melt` leaves them, or frames are not in order: into memory. Raises
-    InputError where that is too little.
+    """Read a large table of items or frames out of order once more, into memory.
+
+    Rows of an item do not stand together, as pandas' `melt` leaves them, or frames are
+    not in order. Raises InputError where memory is too little.
     """
     table = _Table(path, kind)
     for lines, cells in table.blocks:
@@ -189,14 +191,13 @@ def read_csv_head(path: Path, kind: str) -> tuple[Items, float]:
 
 
 class _Table:
-    """The rows of a table while its blocks come in: numbers of items and landmarks, and
-    values.
+    """Collects the rows of a table, block by block, and makes records of them.
+
+    It holds numbers of items and landmarks, and values.
     """
 
     def __init__(self, path: Path, kind: str) -> None:
-        """Open a table. Raises InputError for columns that are unknown, there twice, or
-        missing.
-        """
+        """Open a table; InputError for columns unknown, there twice, or missing."""
         self.name, self._kind = source_name(path), kind
         columns, self.blocks = open_table(path)
         required = (
@@ -228,7 +229,10 @@ class _Table:
         self.numbered = False
 
     def take(self, lines: Integers, cells: Mapping[str, Sequence[str]]) -> None:
-        """Take some rows; raises InputError for wrong ones."""
+        """Add rows, given by their lines and their cells by column.
+
+        Raises InputError for wrong cells.
+        """
         faults = _Faults(self.name, lines, cells)
         for column in ("item", "landmark"):
             if "" in cells[column]:
@@ -265,7 +269,7 @@ class _Table:
     def _take_columns_of_items(
         self, cells: Mapping[str, Sequence[str]], faults: _Faults
     ) -> None:
-        """Take what all rows of an item share: its sequence, frame and time."""
+        """Store what rows of an item share: sequence, frame, time; note wrong cells."""
         for column, of_item in self._of_items.items():
             first = [*map(of_item.setdefault, cells["item"], cells[column])]
             if first != [*cells[column]]:
@@ -286,7 +290,10 @@ class _Table:
             faults.note(TIME, wrong, f"{FINITE_OR_EMPTY} (seconds)")
 
     def records(self) -> Items:
-        """Return what was taken. Raises InputError for double rows."""
+        """Return the rows so far as one record of the table's kind.
+
+        Raises InputError for double rows, and where memory is too little.
+        """
         items = tuple(self._items)
         n = len(items)
         p = len(self._landmarks)
@@ -322,10 +329,9 @@ class _Table:
         return Landmarks(points, confidence=confidence, **of_items)
 
     def _planes(self) -> Floats:
-        """Return the coordinates and the confidence (d + 1, n p) of what was taken, NaN
-        for landmarks that an item lacks.
+        """Return coordinates and confidence (d + 1, n p) of the rows so far.
 
-        Raises InputError for double rows.
+        NaN for landmarks that an item lacks. Raises InputError for double rows.
         """
         places = len(self._items) * len(self._landmarks)
         planes = np.full((len(self._axes) + 1, places), np.nan)
@@ -355,7 +361,7 @@ class _Table:
         return planes
 
     def pop_complete(self) -> Items:
-        """Take out all items but the last one, of which more rows may come."""
+        """Remove and return all items but the last, of which more rows may come."""
         images = self.records()
         last = len(images) - 1
         item, (lines, items, *values) = images.items[last], self._parts[0]
@@ -380,7 +386,7 @@ class _Faults:
     def __init__(
         self, name: str, lines: Integers, cells: Mapping[str, Sequence[str]]
     ) -> None:
-        """Note nothing yet about rows, which stand in these lines of a file."""
+        """Take a file's name, and the lines and cells of rows; nothing is noted yet."""
         self._name = name
         self._lines = lines
         self._cells = cells
@@ -402,8 +408,9 @@ class _Faults:
 
 
 def _numbering(*texts: str) -> defaultdict[str, int]:
-    """Return a dictionary that gives the next number to each new text, beginning with
-    these.
+    """Return a dictionary that gives the next number to each new text.
+
+    `texts` are numbered first, from 0.
     """
     return defaultdict(count(len(texts)).__next__, zip(texts, count()))
 
@@ -416,9 +423,7 @@ def _numbers_of(
 
 
 class Spool:
-    """Images of a large table in a temporary file, in parts, of which the last one read
-    is kept.
-    """
+    """Images of a large table in a temporary file, in parts; the last read is kept."""
 
     def __init__(self) -> None:
         self._names: Sequence[str] = ()
@@ -466,10 +471,10 @@ class Spool:
 
 
 def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
-    """Read decimal numbers, inf and nan; return them, and which cells are no number at
-    all.
+    """Return the numbers (n,) that cells hold, and which cells are no number at all.
 
-    Spaces around them do not count; an empty cell, and what is no number, is NaN.
+    They are decimal, inf or nan. Spaces around them do not count; an empty cell, and
+    what is no number, is NaN.
     """
     invalid = np.zeros(len(cells), bool)
     filled = [cell or "null" for cell in cells] if "" in cells else cells
@@ -496,12 +501,11 @@ def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
 
 
 def open_table(path: Path) -> tuple[list[str], Iterator[RowBlock]]:
-    """Open a file, a pipe or standard input: its columns, and blocks of rows that are
-    not empty.
+    """Open a table, and return its columns, and blocks of its rows as an iterator.
 
-    Where the header has spaces around its names, they are taken from the cells, too.
-    Raises InputError for text that is no CSV in UTF-8 with commas, and for rows of
-    another width.
+    It is a file, a pipe or standard input; empty rows are passed over. Where the header
+    has spaces around its names, they are taken from the cells, too. Raises InputError
+    for text that is no CSV in UTF-8 with commas, and for rows of another width.
     """
     name = source_name(path)
     texts = _read_texts(path)
@@ -520,8 +524,9 @@ def open_table(path: Path) -> tuple[list[str], Iterator[RowBlock]]:
 
 
 def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield the text of an input, whole lines at a time, and the number of the
-    first.
+    """Yield an input in texts of whole lines, each after the number of its first line.
+
+    Raises InputError for a cell without end, and for what is not UTF-8.
     """
     name, line, rest = source_name(path), 1, b""
     old_ends = False
@@ -559,7 +564,10 @@ def _ends_with_cr(block: bytes) -> bool:
 def _divided(
     texts: Iterator[tuple[int, str]], width: int, name: str
 ) -> Iterator[tuple[Integers, Sequence[Sequence[str]]]]:
-    """Yield the lines and the columns of some rows after others."""
+    """Yield rows of texts, block by block: their line numbers, and their columns.
+
+    Raises InputError for rows that do not have `width` cells, and for wrong quotes.
+    """
     for line, text in texts:
         columns = split_columns(text, width)
         if columns is not None:
@@ -578,10 +586,9 @@ def _divided(
 
 
 def split_columns(text: str, width: int) -> list[list[str]] | None:
-    """Return the columns of lines that all have `width` cells, none of them quoted.
+    """Return the columns of lines with `width` unquoted cells each, None for others.
 
-    None where it is not so plain; `read_rows` takes every text, and finds the same
-    cells.
+    `read_rows` takes every text, and finds the same cells.
     """
     text = text.replace("\r\n", "\n") if "\r" in text else text
     if '"' in text or "\r" in text:
@@ -600,7 +607,10 @@ def split_columns(text: str, width: int) -> list[list[str]] | None:
 def read_rows(
     texts: Iterable[str], line: int, name: str
 ) -> Iterator[tuple[int, list[str]]]:
-    """Yield line and cells of each row that is not empty; texts begin with `line`."""
+    """Yield the line number and cells of each row that is not empty.
+
+    The texts begin with `line`. Raises InputError for wrong quotes.
+    """
     lines = chain.from_iterable(StringIO(text, newline="") for text in texts)
     reader = csv.reader(lines, strict=True)
     start = line
@@ -615,9 +625,7 @@ def read_rows(
 
 @contextmanager
 def csv_output(target: Path) -> Iterator[CsvWriter]:
-    """Give a writer to standard output, for `-`, or to a file that appears on a clean
-    exit.
-    """
+    """Give a CsvWriter to a file that appears on a clean exit; to stdout for `-`."""
     with ExitStack() as stack:
         file: IO[bytes]
         if is_stream(target):
@@ -678,9 +686,7 @@ class CsvWriter(RecordWriter[Items]):
 
 
 def _columns(record: Items) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
-    """Return the columns beside `item` and `landmark`: numbers (n, p) each, and texts
-    (n,) each.
-    """
+    """Return the columns beside item and landmark: numbers (n, p), and texts (n,)."""
     d = record.points.shape[2]
     numbers = {"xyz"[axis]: record.points[..., axis] for axis in range(d)}
     texts: dict[str, Sequence[str]] = {}
@@ -703,7 +709,7 @@ def _columns(record: Items) -> tuple[dict[str, Floats], dict[str, Sequence[str]]
 
 
 def _lines(record: Items) -> memoryview:
-    """Return the lines of some items."""
+    """Return the rows of CSV of a record, without a header, as bytes."""
     n = len(record)
     p = len(record.landmark_names)
     numbers, texts = _columns(record)
@@ -741,7 +747,7 @@ def _lines(record: Items) -> memoryview:
 
 
 def _encoded_texts(text: str) -> bytes:
-    """Return a cell of text, in quotes where it needs them."""
+    """Return a text as a cell of CSV in UTF-8, in quotes where it needs them."""
     if not text or QUOTED.search(text):
         text = '"{}"'.format(text.replace('"', '""'))
     return text.encode()

@@ -47,12 +47,11 @@ CALIBRATION = re.compile(rb"\b(?:camera_|intrinsic_)?matrix\"?\s*[=:]", re.IGNOR
 
 
 def detect_format(path: Path, name: str = "auto") -> FileFormat:
-    """Return the format of a file or folder, by what it begins with; text of no known
-    kind is CSV.
+    """Return the format of a file or folder, by what it begins with.
 
-    Standard input and pipes are CSV. With another `name` than auto it is that format.
-    Raises InputError as `require_file` does, for unknown names, and for files that are
-    something else.
+    Text of no known kind is CSV, and so are standard input and pipes. With another
+    `name` than auto it is that format. Raises InputError as `require_file` does, for
+    unknown names, and for files that are something else.
     """
     if name != "auto" and not is_stream(path):
         chosen = named_format(name, FORMATS)
@@ -101,7 +100,10 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
 
 
 def _detect_folder(path: Path) -> FileFormat:
-    """Return the format of a folder whose files are one recording."""
+    """Return the format of a folder whose files are one recording.
+
+    Raises InputError where they are in none of the formats that have such folders.
+    """
     files = [file for file in sorted(path.iterdir()) if file.is_file()]
     folders = [one for one in FORMATS.values() if one.together]
     for one in folders:
@@ -119,8 +121,9 @@ def _detect_folder(path: Path) -> FileFormat:
 
 
 def _format_of_empty_label(path: Path) -> FileFormat | None:
-    """Return YOLO for an empty file of text beside labels of YOLO, which has an image
-    without anybody; else None.
+    """Return YOLO for an empty .txt beside labels of YOLO, else None.
+
+    It is the label of an image without anybody.
     """
     yolo = FORMATS["ultralytics-txt"]
     named = path.name.lower().endswith(yolo.suffixes)
@@ -142,9 +145,7 @@ def _has_labels(folder: Path, _changed: int) -> bool:
 def group_inputs(
     paths: Sequence[Path], options: InputOptions
 ) -> list[tuple[FileFormat, tuple[Path, ...]]]:
-    """Return the inputs in order, each with its format; files that are one recording
-    together.
-    """
+    """Return inputs with their formats, in order; files of one recording together."""
     groups: dict[tuple[str, Path], tuple[FileFormat, list[Path]]] = {}
     for path in paths:
         one = detect_format(path, options.format)

@@ -30,8 +30,9 @@ PRIOR_DATASETS = ("prior_weights", "prior_means", "prior_covariances")
 
 
 def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
-    """Read a dictionary, with `old` one of version 1, too. Raises InputError for what
-    is wrong.
+    """Read a dictionary file, with `old` one of version 1, too.
+
+    Raises InputError for what is wrong.
     """
     if our_format(path) is not HDF5:
         from shapefit.io.detect import detect_format
@@ -55,8 +56,10 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
 
 
 def atoms_of(dictionary: Dictionary) -> Shapes:
-    """Return the atoms as shapes: in the unit of the training shapes where their sizes
-    are known, else as they are, about 1 in size.
+    """Return the atoms of a dictionary as shapes.
+
+    They are in the unit of the training shapes where their sizes are known, else as
+    they are, about 1 in size.
     """
     k, sizes = dictionary.k, dictionary.atom_scale
     numbers = (f"atom {number:0{len(str(k - 1))}d}" for number in range(k))
@@ -110,7 +113,10 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
 
 
 def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
-    """Take the parts of the prior out of the fields; None without one."""
+    """Remove the parts of the prior from the fields, and return it; None without one.
+
+    Raises InputError where they are no mixture.
+    """
     parts = weights, means, covariances = [fields.pop(name) for name in PRIOR_DATASETS]
     if all(part is None for part in parts):
         return None
@@ -137,7 +143,10 @@ def _is_covariance(C: Floats) -> bool:
 
 
 def check_given_dictionary(dictionary: Dictionary, name: str) -> None:
-    """Raise InputError for what `read_dictionary` would not read from a file."""
+    """Raise InputError for a dictionary in memory with which no fit is possible.
+
+    `name` stands for it in messages. Its prior is not checked.
+    """
     columns = DICTIONARY.columns.values()
     fields = {one.field: getattr(dictionary, one.field, None) for one in columns}
     check_dictionary(fields, place_in_memory(name))

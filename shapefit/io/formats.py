@@ -56,7 +56,7 @@ class Head:
     """
 
     def __init__(self, path: Path) -> None:
-        """Read the first bytes, unpacked. Raises what reading raises."""
+        """Read the first bytes of a file, unpacked; InputError where that cannot be."""
         self.path, self.bytes = path, read_head(path, HEAD_BYTES)
         if self.bytes.startswith(GZIP_SIGNATURE):
             with suppress(zlib.error):
@@ -76,16 +76,15 @@ class Head:
         self.may_be_json = self.text.lstrip()[:1] in (b"{", b"[")
 
     def named(self, *endings: str) -> bool:
-        """Whether the name of the file has one of these endings."""
+        """Whether the name, without .gz and in any case, has one of these endings."""
         return self.path.name.lower().removesuffix(".gz").endswith(endings)
 
     @cached_property
     def hdf5(self) -> frozenset[str]:
-        """The names in the root of an HDF5 file, and one level below; empty for damaged
-        ones.
+        """The names in the root of an HDF5 file, and one level below; else empty.
 
         `@name` is an attribute of the root, `group/name` and `group@name` are below. Of
-        files of ours it is MARK alone.
+        files of ours it is MARK alone; it is empty for damaged ones, too.
         """
         if not self.bytes.startswith(HDF5_SIGNATURE):
             return frozenset()
@@ -172,7 +171,10 @@ class FileFormat(NamedTuple):
 
 
 def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Output:
-    """Write the format of this name; only its module is imported."""
+    """Return a context manager that gives a writer of the format of this name.
+
+    Only the module of that format is imported.
+    """
     if name == "hdf5":
         from shapefit.io.hdf5_file import hdf5_output
 
@@ -223,8 +225,9 @@ INDIVIDUALS = frozenset(
 
 
 def _csv_columns() -> set[str]:
-    """Return the columns of our CSV; tables with others are read as those of other
-    tools.
+    """Return the names of all columns that our CSV can have.
+
+    Tables with others are read as those of other tools.
     """
     from shapefit.io.csv_file import OPTIONAL_COLUMNS
 
@@ -281,9 +284,7 @@ keeps 8 decimals, PLY and GLB single precision.
 
 
 def our_format(path: Path) -> FileFormat | None:
-    """Return the format of a file that is ours, of standard input CSV; None for
-    something else.
-    """
+    """Return HDF5 or CSV for a file that is ours, CSV for `-`, None for others."""
     if is_stream(path):
         return CSV
     if not path.is_file() or not os.access(path, os.R_OK):  # `require_file` says so
@@ -293,7 +294,7 @@ def our_format(path: Path) -> FileFormat | None:
 
 
 def named_format(name: str, formats: Mapping[str, FileFormat]) -> FileFormat:
-    """Return the format of a name to read. Raises InputError for unknown ones."""
+    """Return the format that has this name. Raises InputError where none has."""
     if name not in formats:
         fix = f"use auto, {listed(formats)}"
         raise input_error("format", f"there is no format {name!r}", fix)
@@ -301,8 +302,9 @@ def named_format(name: str, formats: Mapping[str, FileFormat]) -> FileFormat:
 
 
 def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
-    """Raise InputError unless a file is in one of our formats that can hold records of
-    a kind.
+    """Raise InputError unless the format of a file is ours, and can hold such records.
+
+    `kind` is that of the records; `path` is named in the message.
     """
     if file_format.read_poses is not None or kind not in file_format.records:
         able = listed(row.title for row in OURS.values() if kind in row.records)
@@ -313,12 +315,12 @@ def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
 def record_writer(
     target: Path, form: Layout, to: str = "auto", options: OutputOptions = BY_DEFAULT
 ) -> Output:
-    """Give a writer of records of one layout for use in a `with`; `append` takes one or
-    more.
+    """Give a writer of records of one layout for use in a `with`.
 
-    The file, in the format `to`, or in that of its name, replaces `target` on a clean
-    exit and leaves nothing behind on an error. Raises InputError where that format
-    cannot hold the records, or has no use for the options.
+    Its `append` takes one or more. The file, in the format `to`, or in that of its
+    name, replaces `target` on a clean exit and leaves nothing behind on an error.
+    Raises InputError where that format cannot hold the records, or has no use for the
+    options.
     """
     file_format = check_target_format(target, form.kind, to)
     if is_stream(target) and file_format is not CSV:
@@ -340,11 +342,10 @@ result_writer = partial(record_writer, form=RESULTS)
 
 
 def find_target_format(path: Path, name: str = "auto") -> FileFormat:
-    """Return the format that an output path asks for: CSV for `-`, HDF5 for a name
-    without ending.
+    """Return the format that an output path asks for by its ending.
 
-    With another `name` than auto it is that format. Raises InputError for an ending of
-    no format.
+    It is CSV for `-`, and HDF5 for a name without ending. With another `name` than auto
+    it is that format. Raises InputError for an ending of no format, and unknown names.
     """
     if name in TARGETS:
         return TARGETS[name]
@@ -369,8 +370,9 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
 
 
 def check_target_format(path: Path, kind: str, name: str = "auto") -> FileFormat:
-    """Return the format of an output. Raises InputError where it cannot hold records of
-    a kind.
+    """Return the format of an output; InputError if it cannot hold such records.
+
+    `kind` is that of the records.
     """
     target = find_target_format(path, name)
     if kind not in target.records:

@@ -101,10 +101,10 @@ MOST_COMPRESSED = 2000
 
 
 def open_hdf5(path: Path) -> h5py.File:
-    """Open a file to read.
+    """Open an HDF5 file to read; InputError where it refers to values outside it.
 
-    Raises what h5py raises, and InputError for links to other files, and datasets whose
-    values are in others, or virtual: nothing outside is touched.
+    These are links to other files, and datasets whose values are in others, or virtual:
+    nothing outside is touched. Raises what h5py raises, too.
     """
     file = h5py.File(os.fspath(path), "r", rdcc_nbytes=CACHE_BYTES)
     links: list[tuple[bytes, int]] = []
@@ -157,21 +157,17 @@ class Hdf5File:
         self.root.close()
 
     def place(self, name: str, row: int | None = None) -> str:
-        """Name a dataset or group, or a row of it, in messages."""
+        """Return how messages name a dataset or group, or a row of it."""
         where = f"{self.path}:/{printable(name.strip('/'))}"
         return where if row is None else f"{where}[{row}]"
 
     def fault(self, name: str, fault: str, fix: str = DAMAGED) -> InputError:
-        """Return the error for what is wrong with a dataset or group, or with the file,
-        "".
-        """
+        """Return the InputError for a fault of a dataset or group, "" for the file."""
         return input_error(self.place(name) if name else self.path, fault, fix)
 
     @contextmanager
     def damage(self, name: str = "") -> Iterator[None]:
-        """Turn what h5py raises for damaged files, and for filters it lacks, into an
-        InputError.
-        """
+        """Turn what h5py raises for damage, or filters it lacks, into InputError."""
         try:
             yield
         except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
@@ -187,9 +183,7 @@ class Hdf5File:
             raise self.fault(name, f"cannot be read ({reason})", fix) from error
 
     def attribute(self, name: str, node: str = "/") -> Any:
-        """Return an attribute as Python's own str, bytes, number or list; None without
-        it.
-        """
+        """Return an attribute as a str, bytes, number or list of Python, else None."""
         with self.damage(node.strip("/")):
             attributes = self.root[node].attrs
             value = attributes[name] if name in attributes else None  # noqa: SIM401 hides damage
@@ -207,10 +201,10 @@ class Hdf5File:
             return isinstance(self.root.get(name), h5py.Dataset)
 
     def rows(self, name: str, rows: slice | tuple[()] = ()) -> Any:
-        """Return rows of a dataset as they stand in the file, texts as str; `()` is all
-        of it.
+        """Return rows of a dataset as they stand in the file, texts as str.
 
-        Raises InputError where they are more than memory or the file can hold.
+        `()` is all of it. Raises InputError where there is no such dataset, and where
+        they are more than memory or the file can hold.
         """
         if name not in self._datasets and not self.is_dataset(name):
             raise self.fault(name, "there is no such dataset")
@@ -242,8 +236,9 @@ class Hdf5File:
     def _check_chunks(
         self, name: str, dataset: h5py.Dataset, rows: slice | tuple[()]
     ) -> None:
-        """Raise InputError for chunks with some of these rows that take more memory
-        than they declare, or than their size allows.
+        """Raise InputError for chunks with some of these rows that hold too much.
+
+        That is more than they declare, or than their size allows.
         """
         if dataset.chunks is None:
             return
@@ -265,8 +260,9 @@ class Hdf5File:
 
 
 def _decoded(stored: Any) -> Any:
-    """Return bytes as str, an array of them as an array; in half the time of h5py's
-    `asstr`.
+    """Return bytes as str, and an array of bytes as an array of str.
+
+    It takes half the time of h5py's `asstr`.
     """
     if isinstance(stored, bytes):
         return stored.decode()
@@ -276,13 +272,15 @@ def _decoded(stored: Any) -> Any:
 
 
 def as_text(value: Any) -> Any:
-    """Return an attribute, bytes as text."""
+    """Return bytes as text, any other value of an attribute as it is."""
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
 def hdf5_kind(path: Path) -> str:
-    """Return the kind of the layout that a file says it has. Raises InputError for
-    other files.
+    """Return the kind of a file of ours: landmarks, shapes, result or dictionary.
+
+    It is that of the layout that the file says it has. Raises InputError for other
+    files.
     """
     with Hdf5File(path) as file:
         return LAYOUTS[_check_format(file, *LAYOUTS)].kind
@@ -301,8 +299,10 @@ def _check_format(file: Hdf5File, *formats: str) -> str:
 
 
 class Seal(NamedTuple):
-    """The digest of all that a file holds: as it is stated, "" without one, and as it
-    is; and the rows of the input that are in it, None for all.
+    """The digest of all that a file holds, as it is stated, and as it is.
+
+    It is stated as "" where there is none. rows are those of the input that are in the
+    file, None for all.
     """
 
     stated: str
@@ -311,8 +311,9 @@ class Seal(NamedTuple):
 
 
 def read_seal(path: Path) -> Seal:
-    """Read the whole of a file for its digest. Raises InputError where that cannot
-    be.
+    """Return the Seal of a file, which is read whole for its digest.
+
+    Raises InputError where that cannot be.
     """
     with Hdf5File(path) as file:
         stated = str(as_text(file.attribute(CONTENTS)) or "")
@@ -383,8 +384,9 @@ class Hdf5Reader(Hdf5File):
 
     @property
     def y_axis(self) -> Direction | None:
-        """Where y points, None where the file does not say it. Raises InputError for
-        other texts.
+        """Where y points, `up` or `down`; None where the file does not say it.
+
+        Raises InputError for other texts.
         """
         y_axis = self._attributes.get("y_axis")
         if y_axis == "up":
@@ -397,8 +399,9 @@ class Hdf5Reader(Hdf5File):
 
     @property
     def frame_rate(self) -> float | None:
-        """Frames per second, None where the file does not say it. Raises InputError for
-        what is no such number.
+        """Frames per second, None where the file does not say it.
+
+        Raises InputError for what is no such number.
         """
         rate = self._attributes.get("frame_rate")
         if rate is None:
@@ -408,7 +411,7 @@ class Hdf5Reader(Hdf5File):
         raise self._misstated()
 
     def _misstated(self) -> InputError:
-        """Return the error of attributes that cannot be."""
+        """Return the error for a y_axis or frame_rate that cannot be."""
         y_axis = self._attributes.get("y_axis")
         rate = self._attributes.get("frame_rate")
         fault = f"has the root attributes y_axis {y_axis!r} and frame_rate {rate!r}"
@@ -416,7 +419,7 @@ class Hdf5Reader(Hdf5File):
         return input_error(self.path, fault, f"{fix} number > 0")
 
     def records(self, rows: slice, without: Collection[str] = ()) -> Items:
-        """Return the items in these rows, without some datasets."""
+        """Return the items in these rows as a record, but for datasets `without`."""
         assert self.form.record is not None, "a dictionary has no items"
         fields: dict[str, Any] = {}
         extras: dict[str, Array] = {}
@@ -442,12 +445,16 @@ class Hdf5Reader(Hdf5File):
         )
 
     def _free_name(self, name: str) -> str:
-        """Return the name of a further dataset in memory: those of fields are taken."""
+        """Return a further dataset's name in memory, after `input_` if it is taken.
+
+        Those that the layout lists are taken.
+        """
         return f"input_{name}" if name in self.form.columns else name
 
     def dictionary_fields(self) -> dict[str, Any]:
-        """Return the datasets of a dictionary by their fields, in the orientation of
-        the mathematics; None for those that are absent.
+        """Return the datasets of a dictionary by their fields; None for absent ones.
+
+        They are in the orientation of the mathematics, one point a column.
         """
         fields: dict[str, Any] = {}
         for name, column in self.columns.items():
@@ -458,10 +465,10 @@ class Hdf5Reader(Hdf5File):
         return fields
 
     def read(self, name: str, rows: slice = slice(None)) -> Any:
-        """Return a dataset; of what grows with the items, some rows.
+        """Return a dataset; where it has rows for items, those of the items in `rows`.
 
         What the layout lists has the type of its field, all else is as it stands in
-        the file.
+        the file. Raises InputError for values of another type.
         """
         column = self.columns.get(name)
         if column and column.axes[0] == "a":
@@ -481,8 +488,9 @@ class Hdf5Reader(Hdf5File):
 
     @cached_property
     def _ends(self) -> Integers:
-        """Where the rows of items begin in counted datasets, and the last ends (n +
-        1,).
+        """Where the transforms of each item begin, and the last ones end (n + 1,).
+
+        Raises InputError where their counts are not those of the rows.
         """
         counts = self.read(COUNTS)
         ends = np.cumsum([0, *counts])
@@ -511,7 +519,7 @@ class Hdf5Reader(Hdf5File):
         return root
 
     def _open_datasets(self) -> None:
-        """Open all datasets, by their names of today."""
+        """Open all datasets, under today's names where version 1 had others."""
         nodes: dict[str, h5py.Group | h5py.Dataset] = {}
         with self.damage():
             self.root.visititems(
@@ -528,8 +536,9 @@ class Hdf5Reader(Hdf5File):
                 self._datasets[renamed.get(name, name)] = node
 
     def _has_edges(self) -> bool:
-        """Whether the edges are such, or must be: landmarks and results of other tools
-        may carry something else under this name.
+        """Whether the dataset `edges` is to be read as edges between landmarks.
+
+        Landmarks and results of other tools may carry something else under this name.
         """
         if self.form in (SHAPES, DICTIONARY) or EDGES not in self._datasets:
             return True
@@ -557,8 +566,9 @@ class Hdf5Reader(Hdf5File):
                 yield f"{self.place(name)}: {fault}; {wanted}"
 
     def _is_per_item(self, name: str) -> bool:
-        """Whether a dataset has rows for items, by its layout, or by its attribute in
-        version 2.
+        """Whether a dataset has rows for items.
+
+        By its layout, else by its attribute in version 2, and its axes in version 1.
         """
         if name in self.columns:
             return self.columns[name].per_item
@@ -572,7 +582,7 @@ class Hdf5Reader(Hdf5File):
 
 
 def _stored_as(column: Column) -> tuple[str, str]:
-    """Return the types of NumPy that a column can have in files, and what it holds."""
+    """Return the kinds of NumPy that a column can have in files, and words for them."""
     if column.is_text:
         return TEXT
     return INTEGERS if column.is_integer else NUMBER_KINDS
@@ -607,7 +617,7 @@ def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
 
 
 def _reserve(file: IO[bytes], size: int) -> None:
-    """Make an open file so large on the disk, where the system can."""
+    """Reserve `size` bytes on the disk for an open file, where the system can."""
     try:
         os.posix_fallocate(file.fileno(), 0, size)
     except (AttributeError, OSError) as error:  # macOS has no such function
@@ -736,9 +746,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
 def _as_stored(
     record: Items | Dictionary,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return what a record, or a dictionary, holds as it stands in a file: per item,
-    and whole.
-    """
+    """Return the datasets of a record or dictionary, those per item and the others."""
     if not isinstance(record, Items):
         return {}, _dictionary_as_stored(record)
     rows = dict(record.extras)
@@ -753,7 +761,7 @@ def _as_stored(
 
 
 def _dictionary_as_stored(dictionary: Dictionary) -> dict[str, Array]:
-    """Return the datasets of a dictionary."""
+    """Return the datasets of a dictionary by their names, as they stand in a file."""
     whole: dict[str, Array] = {}
     for name, column in DICTIONARY.columns.items():
         value = getattr(dictionary, column.field, None)
@@ -765,7 +773,7 @@ def _dictionary_as_stored(dictionary: Dictionary) -> dict[str, Array]:
 
 
 def _encoded(texts: Array) -> Array:
-    """Return texts in UTF-8, each as long as the longest."""
+    """Return texts as an array of UTF-8 of one width, that of the longest."""
     encoded = [
         str(text).encode("utf-8", "backslashreplace")
         for text in np.ravel(texts).tolist()

@@ -56,14 +56,12 @@ def is_stream(path: Path) -> bool:
 
 
 def source_name(path: Path) -> str:
-    """Name of the input in messages."""
+    """Return the name of an input in messages: its path, or `standard input`."""
     return "standard input" if is_stream(path) else str(path)
 
 
 def read_head(path: Path, size: int) -> bytes:
-    """Return the first bytes of a file. Raises InputError where the system cannot
-    read it.
-    """
+    """Return the first `size` bytes of a file; InputError where it cannot be read."""
     try:
         with path.open("rb") as file:
             return file.read(size)
@@ -88,12 +86,11 @@ def require_file(path: Path) -> None:
 
 
 def find_state(path: Path) -> State:
-    """Return the bytes of a file, and when it changed; zeros where there is none, and
-    for what is no file, such as a pipe.
+    """Return the bytes of a file, and when it changed; zeros where there is no file.
 
-    Of a folder it is all bytes, and a number that another name, size or time of a file
-    in it makes another one. Hidden files do not count, as one may be a result that is
-    being written there.
+    What is no file, such as a pipe, has zeros, too. Of a folder it is all bytes, and a
+    number that another name, size or time of a file in it makes another one. Hidden
+    files do not count, as one may be a result that is being written there.
     """
     try:
         if path.is_dir():
@@ -111,9 +108,7 @@ def find_state(path: Path) -> State:
 
 
 def check_unchanged(states: Mapping[Path, State]) -> None:
-    """Raise InputError for files that are not as they were when their states were
-    found.
-    """
+    """Raise InputError for files that changed since their states were found."""
     fault = "changed while it was read, so that the result would be of two states"
     fix = "run the command again when it is complete"
     changed = [path for path, state in states.items() if find_state(path) != state]
@@ -143,9 +138,7 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
 
 
 def read_whole(path: Path) -> bytes:
-    """Return the bytes of a file of text. Raises InputError where it is too large for
-    that.
-    """
+    """Return the bytes of a text file, unpacked; InputError where it is too large."""
     text = BytesIO()
     for block in _read_blocks(path, WHOLE_BLOCK_BYTES):
         text.write(block)
@@ -158,7 +151,7 @@ def read_whole(path: Path) -> bytes:
 
 
 def _read_blocks(path: Path, block_bytes: int) -> Iterator[bytes]:
-    """Yield the bytes of a text, block by block, also of one that gzip made smaller.
+    """Yield the bytes of a text, block by block, unpacked where gzip made it smaller.
 
     Raises InputError for text that cannot be unpacked, and at the place where it has
     become too large for the bytes that were read of its file.
@@ -198,17 +191,16 @@ def check_fits(place: str, size: int, what: str = "it") -> None:
 
 
 def check_unpacked(place: str | Path, size: int, packed: int) -> None:
-    """Raise InputError at `place` where `packed` bytes of a compressed file hold too
-    many.
-    """
+    """Raise InputError at `place` where `size` bytes are too many for `packed` ones."""
     if size > max(ALWAYS_FITS, MOST_INFLATED * packed):
         fault = f"{in_words(packed)} of it become {in_words(size)} or more"
         raise input_error(place, fault, "unpack it, and name what was in it")
 
 
 def free_memory() -> int:
-    """Return the bytes of memory that this process can still get: of the machine, of
-    its container, and below its own limit (`ulimit -v`).
+    """Return the bytes of memory that this process can still get.
+
+    Those of the machine, of its container, and below its own limit (`ulimit -v`).
     """
     page = os.sysconf("SC_PAGE_SIZE")
     free = [os.sysconf("SC_PHYS_PAGES") * page]

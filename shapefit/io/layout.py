@@ -78,12 +78,13 @@ class Layout(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The name without `shapefit-`."""
+        """The name without `shapefit-`: landmarks, shapes, result or dictionary."""
         return self.name.removeprefix("shapefit-")
 
     def is_per_item(self, name: str, axes: int) -> bool:
-        """Whether a dataset with so many axes has rows for items, unless its file
-        states it.
+        """Whether a dataset with so many axes has rows for items, by its name.
+
+        That is for files that do not state it.
         """
         column = self.columns.get(name)
         return 0 < axes != OF_FILE.get(name) if column is None else column.per_item
@@ -170,8 +171,7 @@ LAYOUT_OF = {Landmarks: LANDMARKS, Shapes: SHAPES, Fit: RESULTS}
 
 
 def free_names(names: Iterable[str], taken: Collection[str]) -> dict[str, str]:
-    """Return the name under which each dataset can stand in a file that has those in
-    `taken`.
+    """Return name -> free name of each dataset in a file that has those in `taken`.
 
     `input_` is put before a name that is taken, or whose group is, until it is free.
     """

@@ -81,8 +81,9 @@ def merge_heads(
 
 
 def _check_columns(places: Sequence[str], heads: Sequence[Items]) -> None:
-    """Raise InputError for a column that a file has alone and must not, or that differs
-    from that of the first.
+    """Raise InputError for a column that is not in all files, or not as in the first.
+
+    Those that need not be in all do not count.
     """
     optional = {*IN_SOME_FILES, "landmark_names", "item", "sequence"}
     without_frames = [head for head in heads if head.frames is None]
@@ -96,8 +97,9 @@ def _check_columns(places: Sequence[str], heads: Sequence[Items]) -> None:
 
 
 def _join_columns(heads: Sequence[Items]) -> dict[str, Any]:
-    """Return the fields and extras that any head has; what is of the file, of the first
-    that has it.
+    """Return the fields and extras that any head has.
+
+    What is of the file is that of the first that has it.
     """
     changes: dict[str, Any] = {}
     extras: dict[str, Array] = {}
@@ -171,7 +173,7 @@ def _lacks_confidence(part: Items, head: Items) -> bool:
 
 
 def _has_rows(record: Record, names: Collection[str]) -> Record:
-    """Return a record in which these datasets of the file are columns of each item."""
+    """Return a record in which these datasets of its file are repeated per item."""
     extras = {
         name: np.broadcast_to(value, (len(record), *value.shape))
         for name, value in record.file_extras.items()
@@ -181,9 +183,7 @@ def _has_rows(record: Record, names: Collection[str]) -> Record:
 
 
 def _agree(first: Items, head: Items, name: str) -> bool:
-    """Whether heads, without items, have the same column: of items, rows of one
-    shape.
-    """
+    """Whether two heads have the same column; of items, rows of one shape."""
     one = first.column(name)
     other = head.column(name)
     if one is None or other is None:
@@ -197,9 +197,7 @@ def _agree(first: Items, head: Items, name: str) -> bool:
 def _agreed(
     what: str, places: Sequence[str], stated: Sequence[Stated | None]
 ) -> Stated | None:
-    """Return what all places state, None if none does. Raises InputError where two
-    differ.
-    """
+    """Return what all places state, None if none does; InputError where two differ."""
     place_of = {
         v: place for place, v in zip(places, stated, strict=True) if v is not None
     }

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def numbers_of(names: Sequence[str]) -> list[int] | None:
-    """Return names of landmarks that are all numbers as such; None for others."""
+    """Return names of landmarks as integers if all are numbers, else None."""
     numbers = [int(name) for name in names if name.isdecimal()]
     return numbers if names and len(numbers) == len(names) else None
 
@@ -32,8 +32,7 @@ def numbers_of(names: Sequence[str]) -> list[int] | None:
 def check_numbering(
     have: Sequence[str], want: Sequence[str], place: str, other: str
 ) -> tuple[str, ...]:
-    """Say where numbers of landmarks may be counted from 0 on one side, from 1 on the
-    other.
+    """Return a warning where one side may count from 0 and the other from 1, else ().
 
     `want` are the names in `other`, a dictionary, a truth or a skeleton. Raises
     InputError at `place` where they must be.
@@ -118,7 +117,7 @@ HipL.
 
 
 def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Return the positions of left and right landmarks of one name."""
+    """Return positions (left, right) of landmarks whose names differ in side alone."""
     place = {name: number for number, name in enumerate(names)}
     pairs = {}
     for name, number in place.items():
@@ -132,8 +131,7 @@ def pairs_of_sides(names: Sequence[str]) -> list[tuple[int, int]]:
 def prefix_with_file(
     files: Sequence[SourceFile[Record]],
 ) -> tuple[Sequence[SourceFile[Record]], tuple[str, ...]]:
-    """Return files whose items begin with the file's name if two have an item, and a
-    note of that.
+    """Return files, the file's name before each item if two have the same, and a note.
 
     Raises InputError for items that are twice in a file, and for files of one name.
     """
@@ -157,10 +155,10 @@ def prefix_with_file(
 
 
 def _find_shared_item(files: Sequence[SourceFile[Record]]) -> str | None:
-    """Return an item that two files have; None where there is none.
+    """Return an item that two files have, None where there is none.
 
-    Only names whose hash is there twice are read again and compared: 8 bytes for each
-    item.
+    Raises InputError for items that are twice in a file. Only names whose hash is there
+    twice are read again and compared: 8 bytes for each item.
     """
 
     def names(file: SourceFile[Record]) -> Iterator[str]:

@@ -75,7 +75,7 @@ class BodyPart(NamedTuple):
         return set(self.fixed).union(*self.along.values())
 
     def weights(self, theta: Mapping[str, float]) -> dict[str, float]:
-        """Return the weights of the joints at a theta."""
+        """Return the weights of the joints that give the part, at proportions theta."""
         total = dict(self.fixed)
         for name, along in self.along.items():
             for joint, weight in along.items():
@@ -95,8 +95,9 @@ class Skeleton(NamedTuple):
 
 @cache
 def _data() -> Any:
-    """Return the content of `data/skeletons.toml`, which is read in 2 ms (YAML takes
-    35).
+    """Return the content of `data/skeletons.toml`.
+
+    It is read in 2 ms (YAML takes 35).
     """
     path = Path(__file__).resolve().parents[1] / "data" / "skeletons.toml"
     return tomllib.loads(path.read_text())
@@ -113,7 +114,7 @@ def installed_skeletons() -> Mapping[str, Skeleton]:
 
 
 def _bones(text: str) -> tuple[tuple[str, str], ...]:
-    """Return the pairs of chains such as `a-b-c`, separated by spaces."""
+    """Return the bones, pairs of names, of chains `a-b-c` that spaces separate."""
     return tuple(pair for chain in text.split() for pair in pairwise(chain.split("-")))
 
 
@@ -124,10 +125,9 @@ def skeletons_of_size(count: int) -> tuple[str, ...]:
 
 
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Return the bones of the skeleton that names most of the landmarks, as pairs of
-    positions.
+    """Return the bones between landmarks, as pairs of positions; () if none are known.
 
-    There are none where no skeleton names more than half of them.
+    They are those of the skeleton that names most of the landmarks, if more than half.
     """
     place = {name: number for number, name in enumerate(names)}
     bones = [_bones(text) for text in _data()["further_bones"].values()]
@@ -143,9 +143,7 @@ def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
 
 @cache
 def parts_of_the_body() -> Mapping[str, BodyPart]:
-    """Return the joints, and the parts of the body that detectors mark, by their
-    names.
-    """
+    """Return joints, and parts of the body that detectors mark, by their names."""
     joints = {joint: BodyPart(joint, {joint: 1.0}) for joint in JOINTS}
     return joints | {
         name: BodyPart(**values) for name, values in _data()["parts"].items()
@@ -154,7 +152,7 @@ def parts_of_the_body() -> Mapping[str, BodyPart]:
 
 @cache
 def _marked() -> Mapping[str, str]:
-    """Return the part of the body that a landmark of any detector marks."""
+    """Return landmark -> part of the body that it marks, for those of any detector."""
     return {
         name: part
         for part, names in _data()["marked"].items()
@@ -163,15 +161,13 @@ def _marked() -> Mapping[str, str]:
 
 
 def part_names(names: Iterable[str]) -> dict[str, str]:
-    """Return the part of the body of those of the names that are joints, or mark a
-    part.
-    """
+    """Return name -> part of the body, of names that are joints or mark a part."""
     part_of = {**{joint: joint for joint in JOINTS}, **_marked()}
     return {name: part_of[name] for name in names if name in part_of}
 
 
 def people_parts(names: Iterable[str]) -> dict[str, BodyPart]:
-    """Return the parts of the body by those of the names that mark one."""
+    """Return name -> BodyPart, of those names that mark a part of the body."""
     return {
         name: parts_of_the_body()[_marked()[name]]
         for name in names
@@ -180,24 +176,19 @@ def people_parts(names: Iterable[str]) -> dict[str, BodyPart]:
 
 
 def people_joints(names: Iterable[str]) -> dict[str, str]:
-    """Return the joints of the dictionary `people` by those of the names that mark one
-    alone.
-    """
+    """Return name -> joint of the dictionary `people`, of names that mark one alone."""
     parts = people_parts(names).items()
     return {name: part.joint for name, part in parts if part.joint and part.alone}
 
 
 def joint_columns(names: Sequence[str]) -> dict[str, int]:
-    """Return the column of each joint of a body, by the names of any installed
-    skeleton.
-    """
+    """Return joint -> column of its landmark, by the names of an installed skeleton."""
     joints = {name: name for name in names if name in JOINTS} | people_joints(names)
     return {joints[name]: column for column, name in enumerate(names) if name in joints}
 
 
 def model_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return landmarks by the names that markers have in the OpenSim models of
-    Pose2Sim.
+    """Return the names of landmarks in the OpenSim models of Pose2Sim.
 
     They are the detectors' own, but for the middle of the hips of `body_25` and for
     `coco_17`.

@@ -92,10 +92,10 @@ def open_shapes(
     gaps: bool = False,
     head: bool = False,
 ) -> ShapeSource:
-    """Open files of shapes, as `open_landmarks` does; landmarks in the order of the
-    first file.
+    """Open files of shapes as one source, landmarks in the order of the first file.
 
-    With `gaps` a landmark of an item may be unknown, NaN, and may lack its row in CSV.
+    All else is as in `open_landmarks`. With `gaps` a landmark of an item may be
+    unknown, NaN, and may lack its row in CSV.
     """
     return _open_files(Shapes, paths, options, gaps=gaps, head=head)
 
@@ -107,8 +107,9 @@ def open_results(
     head: bool = False,
     old: bool = False,
 ) -> ResultSource:
-    """Open results, as `open_landmarks` does, without some datasets; if `old`, of
-    version 1.
+    """Open files of results as one source, but for the datasets `without`.
+
+    All else is as in `open_landmarks`; with `old` those of version 1 are read, too.
     """
     return _open_files(Fit, paths, without=without, old=old, head=head)
 
@@ -148,8 +149,9 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> FileKind:
 def source_of(
     record: Record, name: str, rename: Mapping[str, str], *, gaps: bool = False
 ) -> Source[Record]:
-    """Return landmarks or shapes in memory as a source, checked as a file of this name
-    is.
+    """Return landmarks or shapes in memory as a source, checked as a file is.
+
+    `name` stands for it in messages.
     """
     place = place_in_memory(name)
     check_frames(record.sequences, record.frames, record.items, name)
@@ -171,16 +173,15 @@ def read_shapes(
 
 
 def read_results(path: Path, *, proofs: bool = False) -> Fit:
-    """Read a result as one, with what proves the optimum only if `proofs` asks for
-    it.
-    """
+    """Read a result as one Fit, with what proves its optimum if `proofs` is true."""
     with open_results([path], () if proofs else PROOF) as source:
         return source.whole()
 
 
 def write_shapes(path: Path, shapes: Shapes) -> None:
-    """Write shapes in the format of the name. Raises InputError where that is not
-    possible.
+    """Write shapes in the format that the name of the file asks for.
+
+    Raises InputError where that is not possible.
     """
     with record_writer(path, SHAPES) as writer:
         writer.append(shapes)
@@ -188,12 +189,12 @@ def write_shapes(path: Path, shapes: Shapes) -> None:
 
 @dataclass(frozen=True)
 class SourceFile(Generic[Record]):
-    """One file of a source: `read` returns the items of some rows, of none what all
-    have in common.
+    """One file of a source, of which some rows can be read.
 
-    texts reads the dataset item or sequence of some rows; `place` names a row of a
-    dataset in messages; y_axis is None where the file does not say it; estimate is the
-    number of items in the file, if only the first `count` were read.
+    `read` returns the items of some rows, of none what all have in common; texts reads
+    the dataset item or sequence of some rows; `place` names a row of a dataset in
+    messages; y_axis is None where the file does not say it; estimate is the number of
+    items in the file, if only the first `count` were read.
     """
 
     name: str
@@ -217,8 +218,9 @@ class SourceFile(Generic[Record]):
         y_axis: Direction | None = None,
         estimate: int = 0,
     ) -> SourceFile[Record]:
-        """Return a record in memory as a file; without `place` messages name the
-        item.
+        """Return a record in memory as a file of a source.
+
+        Without `place` messages name the item.
         """
         return SourceFile(
             name=name,
@@ -233,12 +235,13 @@ class SourceFile(Generic[Record]):
 
     @cached_property
     def head(self) -> Record:
-        """No items: the landmarks, columns and unit of the file."""
+        """The file's record without its items: landmarks, columns and unit."""
         return self.read(slice(0, 0))
 
     def blocks(self, dataset: str) -> Iterator[Sequence[str]]:
-        """Read the dataset item or sequence, block by block; empty texts where there is
-        none.
+        """Yield the texts of the dataset item or sequence, block by block.
+
+        They are empty where there is none.
         """
         missing = dataset == "sequence" and self.head.sequences is None
         for start in range(0, self.count, ITEMS_PER_BLOCK):
@@ -264,7 +267,7 @@ class SourceFile(Generic[Record]):
 
 
 def _column_texts(record: Items, dataset: str) -> Sequence[str]:
-    """Return the items of a record, or its sequences."""
+    """Return the texts of the dataset item or sequence; () without sequences."""
     return record.items if dataset == "item" else record.sequences or ()
 
 
@@ -301,11 +304,10 @@ class Source(Generic[Record]):
         self.states_y_axis = any(file.y_axis is not None for file in files)
 
     def batches(self, size: int, *, by_file: bool = False) -> Iterator[Record]:
-        """Give out the items in order, `size` >= 1 at a time, `by_file` none of two
-        files together.
+        """Yield the items in order, `size` >= 1 at a time, the last ones fewer.
 
-        A source without items gives one empty set, so that what is made of it can be
-        written.
+        With `by_file` none of two files are together. A source without items gives one
+        empty set, so that what is made of it can be written.
         """
         parts: list[Record] = []
         remaining = size
@@ -341,13 +343,11 @@ class Source(Generic[Record]):
         return self.first(max(self.count, 1))
 
     def names(self) -> Iterator[Sequence[str]]:
-        """Read the items, block by block."""
+        """Yield the names of all items, block by block."""
         return chain.from_iterable(file.blocks("item") for file in self._files)
 
     def sequences(self) -> Iterator[Sequence[str]]:
-        """Read the sequences of all items, block by block; an empty text where there is
-        none.
-        """
+        """Yield the sequences of all items, block by block; "" where there is none."""
         return chain.from_iterable(file.blocks("sequence") for file in self._files)
 
     def __enter__(self) -> Self:
@@ -375,8 +375,9 @@ def _open_files(
     without: Collection[str] = (),
     old: bool = False,
 ) -> Source[Record]:
-    """Open files of one kind of records, each in its format; other tools' readers are
-    imported if needed.
+    """Open files of one kind of records, each in its format, as one source.
+
+    Other tools' readers are imported if needed.
     """
     form = LAYOUT_OF[kind]
     readers = _Readers(form, old)
@@ -429,7 +430,7 @@ class _Readers:
 def _group(
     paths: Sequence[Path], options: InputOptions
 ) -> Sequence[tuple[FileFormat, tuple[Path, ...]]]:
-    """Return files with their format, those that belong together as one."""
+    """Return formats with their files; files that belong together are one group."""
     groups = []
     for path in paths:
         ours = our_format(path) if options.format == "auto" else None
@@ -442,7 +443,7 @@ def _group(
 
 
 def _as_kind(kind: type[Record], record: Items) -> Record:
-    """Return a record that a reader of this kind has made."""
+    """Return a record as it is; it must be of this kind."""
     assert isinstance(record, kind), f"{type(record).__name__} for {kind.__name__}"
     return record
 
@@ -453,7 +454,7 @@ def _of_poses(
     group: tuple[Path, ...],
     options: InputOptions,
 ) -> SourceFile[Record]:
-    """Read files of another tool that belong together."""
+    """Read files of another tool that belong together, as one file of a source."""
     from shapefit.io.readers import items
 
     record: Landmarks | Shapes
@@ -467,7 +468,7 @@ def _of_poses(
 
 
 def _of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Record]:
-    """Read a table of ours, of which the first rows say enough for a `head`."""
+    """Read a table of ours as a file of a source; with `head` its first rows only."""
     from shapefit.io.csv_file import Spool, read_csv, read_csv_head
 
     name = source_name(path)
@@ -502,9 +503,7 @@ def _with_doubts(file: SourceFile[Record]) -> SourceFile[Record]:
 
 
 def _weights_of(record: Items) -> Floats | None:
-    """Return the confidence (n, p) of landmarks, and of shapes of tools that have
-    it.
-    """
+    """Return the confidence (n, p) of landmarks, or shapes that have it, else None."""
     if isinstance(record, Landmarks):
         return record.confidence
     confidence = record.extras.get("confidence")
@@ -518,7 +517,7 @@ def _of_hdf5(
     rows: slice | None,
     without: Collection[str],
 ) -> SourceFile[Record]:
-    """Open a file of ours, or a part of its rows, but for some datasets.
+    """Open some rows of an HDF5 file of ours, but for the datasets `without`.
 
     Its images and shapes come in order of their frames; where they stand in another,
     they are read at once.
@@ -553,7 +552,8 @@ def _of_hdf5(
 
 
 def _order_of_frames(file: Hdf5Reader, place: str) -> NDArray[np.intp] | None:
-    """Return the order of frames of an open HDF5 file, None where they stand in it.
+    """Return the order of an HDF5 file's rows by frame, None where they stand in it.
+
     Raises InputError at the place for two items in one frame.
     """
     if not (file.is_dataset(FRAME) and file.is_dataset("sequence")):
@@ -569,8 +569,7 @@ MIN_SHARE = 0.9
 
 
 def _without_unknown(file: SourceFile[Record]) -> SourceFile[Record]:
-    """Return a file of shapes without those that lack a landmark, and a note of how
-    many.
+    """Return a file of shapes without those that lack a landmark, and notes of them.
 
     Landmarks that are mostly unknown are left out first. Raises InputError where no
     landmark is known often.
@@ -635,9 +634,7 @@ def _known_landmarks(file: SourceFile[Record]) -> Flags:
 def _notes_of_unknown(
     file: SourceFile[Record], rare: Sequence[str], whole: int
 ) -> list[str]:
-    """Say which landmarks are left out as rare, and how many of the shapes are not
-    whole.
-    """
+    """Return notes on landmarks left out as rare, and on the shapes left out."""
     notes = []
     if rare:
         text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
@@ -651,7 +648,7 @@ def _notes_of_unknown(
 
 
 def _named_by_skeleton(file: SourceFile[Record], skeleton: str) -> SourceFile[Record]:
-    """Return a file of ours whose landmarks, if numbers, are those of the skeleton."""
+    """Return a file whose landmarks, if numbers, have the names of the skeleton."""
     from shapefit.io.readers.items import name_numbers
 
     before = file.head.landmark_names
@@ -670,8 +667,7 @@ def _named_by_skeleton(file: SourceFile[Record], skeleton: str) -> SourceFile[Re
 
 
 def _in_pixels(file: SourceFile[Record], options: InputOptions) -> SourceFile[Record]:
-    """Return a file of images with landmarks in pixels, and a warning of those at (0,
-    0).
+    """Return a file of images with landmarks in pixels, and a warning of many zeros.
 
     Raises InputError where the first are fractions of an image, and there is no
     `image_size`.
@@ -755,7 +751,7 @@ def _changed(record: Record, options: InputOptions, file: SourceFile[Record]) ->
 
 
 def _without_doubtful(images: Record, least: float) -> Record:
-    """Return images without landmarks whose confidence is below the least."""
+    """Return images with landmarks hidden whose confidence is below `least`."""
     if not isinstance(images, Landmarks) or images.confidence is None:
         return images
     doubtful = images.confidence < least

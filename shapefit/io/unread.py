@@ -23,9 +23,7 @@ class Unread(NamedTuple):
 
 
 def name_unread(path: Path, head: Head) -> InputError | None:
-    """Return the error for a file of a kind that is known and not read; None for
-    others.
-    """
+    """Return the error for a file of a known kind that is not read, else None."""
     kind = next((one for one in UNREAD if one.recognise(head)), None)
     if kind is None:
         return None
@@ -34,18 +32,18 @@ def name_unread(path: Path, head: Head) -> InputError | None:
 
 
 def describe_json(head: Head) -> str:
-    """Say which keys JSON has that no reader knows."""
+    """Return a text on JSON of no known kind: the keys that it has."""
     keys = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
     return f"is JSON of no known kind, {printable(keys)}"
 
 
 def _has_keys(*keys: str) -> Callable[[Head], bool]:
-    """Return whether JSON has all these keys, anywhere near its beginning."""
+    """Return a test: has JSON all these keys, anywhere near its beginning?"""
     return lambda head: head.json is not None and {*keys} <= head.inner_keys
 
 
 def _begins(*beginnings: bytes) -> Callable[[Head], bool]:
-    """Return whether a file begins with one of these, in any case."""
+    """Return a test: does a file begin with one of these, in any case?"""
     lower = tuple(one.lower() for one in beginnings)
     return lambda head: head.text.lstrip().lower().startswith(lower)
 
@@ -53,12 +51,12 @@ def _begins(*beginnings: bytes) -> Callable[[Head], bool]:
 def _named_formats(
     *endings: str, begins: tuple[bytes, ...] = (b"",)
 ) -> Callable[[Head], bool]:
-    """Return whether a file has such a name, and begins with one of these."""
+    """Return a test: has a file such a name, and does it begin with one of these?"""
     return lambda head: head.named(*endings) and head.bytes.startswith(begins)
 
 
 def _has_lines(*patterns: str) -> Callable[[Head], bool]:
-    """Return whether a text has a line of each pattern."""
+    """Return a test: has a text a line of each pattern?"""
     rows = [re.compile(one.encode(), re.MULTILINE | re.IGNORECASE) for one in patterns]
     return lambda head: all(row.search(head.text) for row in rows)
 
