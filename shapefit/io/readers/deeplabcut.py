@@ -98,7 +98,7 @@ def read_deeplabcut_csv(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_levels(text: str, delimiter: str) -> dict[str, list[str]]:
-    """Return the cells of the lines of names at the beginning, by the first of each."""
+    """Return first cell -> all cells of each line of names at the beginning."""
     first_lines = text.split("\n", len(HEADER))[: len(HEADER)]
     with library_reads("the lines of names have no end"):
         rows = [*csv.reader(first_lines, delimiter=delimiter)]

@@ -250,8 +250,8 @@ def name_numbers(
 def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
     """Return the poses that the options select, their items and their sequences.
 
-    Landmarks, too, are selected. Poses go sequence by sequence, each in order of its
-    frames; items and sequences (n) are "" for none.
+    Poses without a landmark are left out. They go sequence by sequence, each in order
+    of its frames; items and sequences (n) are "" for none.
 
     Images that have names are no frames, and nobody is followed through them. Raises
     InputError for an individual that is not there or is twice in a frame, and where

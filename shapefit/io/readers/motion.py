@@ -369,8 +369,7 @@ def _link(bones: Sequence[Joint], links: Sequence[Sequence[str]]) -> None:
 
 
 def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]:
-    """Return the labels of the frames of a motion, and the channels (n, c) of all
-    bones.
+    """Return the labels of frames of an AMC file, and the channels (n, c) of all bones.
 
     A bone that no frame lists does not move. Raises InputError, naming the line, for
     other bones or channels than the skeleton has.

@@ -81,8 +81,10 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise FormatError for names that are empty or repeat, for a frame rate that
-        is not positive, and for fields that do not agree.
+        """Raise FormatError for fields that do not agree, and blank missing landmarks.
+
+        Also for names that are empty or repeat, and for a frame rate that is not
+        positive.
 
         In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a
         confidence or with 0, and (0, 0) with a confidence of 0.

@@ -178,6 +178,7 @@ def _two_bodies(header: Header, body: Body) -> str:
     """Return a note on which of several bodies is read, and which are not."""
 
     def named(one: Body) -> str:
+        """Return the first columns of a body, as the note names it."""
         axes = next(iter(one.values()))
         columns = [header.names[axes[axis]] for axis in "xyz" if axis in axes]
         return f"{', '.join(map(printable, columns))} ..."
@@ -210,7 +211,7 @@ def _read_wide(table: Table, header: Header, body: Body) -> Grid:
 
 
 def _values_of(table: Table, body: Body) -> dict[int, Floats]:
-    """Return the values (n,) of each column of a body."""
+    """Return column -> its values (n,), for each column of a body."""
     numbers, flags = _columns_of(body)
     values = dict(zip(numbers, table.numbers(numbers, finite=True).T, strict=True))
     values.update(zip(flags, table.flags(flags).T, strict=True))
@@ -447,6 +448,7 @@ def _table_images(
     order = np.arange(count)
 
     def called(role: str) -> str:
+        """Return the column of a role as messages name it."""
         return f"column {printable(header.called(grid.keys.columns[role]))}"
 
     fields: dict[str, Any] = {}

@@ -146,7 +146,7 @@ def find_angles(rotations: Floats) -> Floats:
     other = np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1)
 
     def change(start: Floats, end: Floats) -> Floats:
-        """Return the sum of the three turns between angles (..., 3), each below pi."""
+        """Return the sum of three turns between angles (..., 3), each at most pi."""
         turn = (end - start + np.pi) % (2 * np.pi) - np.pi
         turned: Floats = np.abs(turn).sum(axis=-1)
         return turned

@@ -137,7 +137,7 @@ def flip(records: Shapes3D) -> Floats:
 
 
 def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats, str]:
-    """Return the rotations that turn shapes so that y is up, and a text on what was up.
+    """Return the rotations that turn shapes so that y is up, and a text on what is up.
 
     They are (3, 3), or one for each shape. Raises InputError for `up` of results that
     have no extrinsics.
@@ -239,8 +239,7 @@ def _from_the_origin(records: Fit, points: Floats, place: str) -> tuple[Floats, 
 def _per_item(
     records: Fit, name: str, shape: tuple[int, ...], place: str
 ) -> Floats | None:
-    """Return a dataset as an array of this shape for each item; None where it is
-    absent.
+    """Return a dataset as an array of this shape for each item; None if it is absent.
 
     One of the file is that of each item. Raises InputError for another shape.
     """

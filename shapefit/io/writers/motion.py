@@ -142,15 +142,17 @@ class MotionWriter(RecordWriter[Shapes3D]):
     """
 
     def __init__(self, options: OutputOptions, *, angles: bool) -> None:
-        """Take records for files in metres; `angles`, whether joint angles are written
-        of them.
-        """
+        """Take records for files in metres; with `angles` their joint angles, too."""
         super().__init__()
         self.parts: list[Shapes3D] = []
         self._options, self._angles = options, angles
 
     def append(self, record: Shapes3D) -> None:
-        """Take the items of a record after those that are there."""
+        """Take the items of a record after those that are there.
+
+        Raises InputError where landmarks of a detector are wanted (`markers`), and it
+        has none.
+        """
         if self._options.markers == "input" and _detected(record) is None:
             problem = (
                 "`--markers input`: there are no landmarks of a detector beside the"
@@ -356,8 +358,7 @@ def angle_names(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
-    """Return the joint angles of records and their deviations (n, a), {} if there are
-    none.
+    """Return the columns of joint angles and their deviations (n, a); {} for none.
 
     Results are upright as their camera is, or by the axis `up` of its world; shapes by
     their axis `up`, y by default. Without `shape_covariance` deviations are two to
@@ -556,7 +557,7 @@ def find_times(
 
 
 def _as_markers(records: Fit) -> Fit:
-    """Return results of the landmarks that the files have, in place of the joints.
+    """Return results with the landmarks of the files in place of the joints.
 
     They have the names that models know.
     """

@@ -103,6 +103,7 @@ def _write_csv(
     """
 
     def cell(value: object) -> str:
+        """Return the text of a cell, "" for nan and infinite numbers."""
         if not isinstance(value, float):
             return str(value)
         return format(value, digits) if np.isfinite(value) else ""
