@@ -286,7 +286,7 @@ Label = tuple[int, list[float]]
 
 
 def _read_labels(files: Sequence[Path]) -> list[Label]:
-    """Return the number of the file and the numbers of each line; no comments.
+    """Return the file number and the numbers of each line that is not a comment.
 
     Raises InputError, naming the line, for what is no number.
     """

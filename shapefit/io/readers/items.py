@@ -91,7 +91,8 @@ def read_poses(
 ) -> Poses:
     """Return the poses in these files of one format; InputError for damaged ones.
 
-    They are in the wanted `dimensions` where a file may hold 2D or 3D.
+    They are in the wanted `dimensions` where a file may hold 2D or 3D. Landmarks whose
+    z is 0 everywhere are in 2D.
     """
     assert form.read_poses is not None
     wanted = (dimensions,) if form.either else ()

@@ -81,10 +81,10 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise FormatError for fields that do not agree, and blank missing landmarks.
+        """Raise FormatError for fields that do not fit; make missing landmarks NaN.
 
-        Also for names that are empty or repeat, and for a frame rate that is not
-        positive.
+        That is for fields that do not agree, for names that are empty or repeat, and
+        for a frame rate that is not positive.
 
         In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a
         confidence or with 0, and (0, 0) with a confidence of 0.
