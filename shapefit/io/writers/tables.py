@@ -220,8 +220,7 @@ MOST_NAMED = 4
 
 
 def count_uncertain(motions: Sequence[FileMotion]) -> str:
-    """Return a text on how many joint angles are uncertain, and which; "" for no
-    angles.
+    """Return a text on how many angles are uncertain, and which; "" for no angles.
 
     Those of all motions with a standard deviation above `MAX_ANGLE_SD` are.
     """
