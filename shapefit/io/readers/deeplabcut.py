@@ -160,10 +160,9 @@ def _is_numbered(text: str, delimiter: str) -> bool:
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     """Read a table that pandas wrote, in one of its two layouts, without pandas.
 
-    *table* (predictions): KEY/table has an index and blocks of numbers, their column
-     names pickled
-    in an attribute. *fixed* (labels): KEY/block0_values, its names beside it as levels
-        and codes.
+    *table* (predictions): KEY/table has an index and blocks of numbers, whose column
+    names are pickled in an attribute.
+    *fixed* (labels): KEY/block0_values, its names beside it as levels and codes.
     """
     columns: TableColumns = []
     blocks = []
