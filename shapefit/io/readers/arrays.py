@@ -53,8 +53,11 @@ def read_shape_array(paths: tuple[Path, ...]) -> Poses:
 
 
 def read_array(paths: tuple[Path, ...], dimensions: int | None = None) -> Poses:
-    """Return the images or shapes of an array of NumPy, in .npz beside its confidences
-    (n, p), or of JSON; of three numbers a landmark those of the wanted `dimensions`.
+    """Return the poses of an array (n, p, 2 or 3) of a file of NumPy or JSON.
+
+    In .npz confidences (n, p) may stand beside it. `dimensions` says what a third
+    number is, as in `of_array`. Raises FormatError where it cannot tell which array is
+    meant.
     """
     path = paths[0]
     if path.name.lower().endswith((".json", ".json.gz")):
@@ -78,8 +81,9 @@ def read_array(paths: tuple[Path, ...], dimensions: int | None = None) -> Poses:
 
 
 def check_archive(path: Path) -> None:
-    """Raise InputError where the arrays of .npz take more memory than is free, or than
-    a file of its size can hold.
+    """Raise InputError where the arrays of an .npz take too much memory.
+
+    That is more than is free, or than a file of its size can hold. Other files pass.
     """
     if not zipfile.is_zipfile(path):
         return
@@ -96,8 +100,9 @@ def of_array(
     dimensions: int | None = 2,
     **fields: Any,
 ) -> Poses:
-    """Return the images or shapes of an array (n, p, 2 or 3) or (p, 2 or 3); `path`
-    names it in messages.
+    """Return the poses of an array (n, p, 2 or 3), or (p, 2 or 3) of one image.
+
+    `path` names it in messages; `fields` are those of `of_frames`.
 
     A third number is z where shapes are wanted (`dimensions` 3), a confidence where
     images are (2), and without a wish (None) a confidence where all are in 0 to 1.

@@ -54,12 +54,12 @@ class DataLayout(NamedTuple):
 
     @property
     def frame_bytes(self) -> int:
-        """How long a frame is."""
+        """The number of bytes that a frame takes."""
         return (4 * self.points + self.analog) * self.width
 
     @property
     def bytes(self) -> int:
-        """How long all frames are."""
+        """The number of bytes that all frames take."""
         return self.frames * self.frame_bytes
 
 
@@ -89,7 +89,7 @@ class C3d(NamedTuple):
         return int(value) if 0 <= value < LARGEST_COUNT else 0
 
     def texts(self, name: str) -> list[str]:
-        """Return the texts of a parameter of POINT."""
+        """Return the texts of a parameter of the group POINT; [] for none."""
         values = self.parameters.get(("POINT", name), ())
         return [value for value in values if isinstance(value, str)]
 
@@ -174,13 +174,14 @@ def _open_c3d(path: Path) -> C3d:
 
 
 def width(scale: float) -> int:
-    """Return the bytes of a number, by the sign of the scale: floats, or integers."""
+    """Return the bytes of a coordinate: 4 (a float) for a scale below 0, else 2."""
     return 4 if scale < 0 else 2
 
 
 def _floats(data: bytes, is_dec: bool) -> Floats:
-    """Return numbers of four bytes; those of a DEC have their halves exchanged, and are
-    four times as large.
+    """Return the numbers (n,) in bytes, four for each, of an Intel processor or a DEC.
+
+    Those of a DEC have their halves exchanged, and are four times as large.
     """
     if not is_dec:
         return np.frombuffer(data, "<f4").astype(np.float64)
@@ -238,7 +239,10 @@ def _parameters(section: bytes, is_dec: bool) -> Parameters:
 
 
 def _place_of_values(section: bytes, body: int) -> tuple[int, int]:
-    """Return where the values of a parameter begin, and where they end."""
+    """Return where the values of a parameter begin in its section, and where they end.
+
+    body is where its kind stands. Raises FormatError for an unknown kind.
+    """
     kind, axes = struct.unpack_from("bB", section, body)
     start = body + 2 + axes
     known = kind in (TEXT_TYPE, BYTE, WHOLE_TYPE, FLOAT) and axes <= MOST_AXES
@@ -247,7 +251,10 @@ def _place_of_values(section: bytes, body: int) -> tuple[int, int]:
 
 
 def _values(kind: int, lengths: bytes, data: bytes, is_dec: bool) -> Values:
-    """Return the values of a parameter: numbers, or texts of the first length."""
+    """Return the values of a parameter: numbers, or texts.
+
+    lengths are those of its axes, a byte each; the first is that of a text.
+    """
     if kind == TEXT_TYPE:
         size = lengths[0] if lengths else 1
         rows = [data[start : start + size] for start in range(0, len(data), size or 1)]
@@ -261,8 +268,9 @@ def _values(kind: int, lengths: bytes, data: bytes, is_dec: bool) -> Values:
 
 
 def _fitting_layout(path: Path, file: C3d) -> DataLayout:
-    """Return the layout that fills the data section up to the end of its last block:
-    with the counts of the parameters, else of the header.
+    """Return the layout that fills the data section up to the end of its last block.
+
+    Its counts are those of the parameters, else of the header.
 
     Where all announce more frames than there are, it has those that are there, if
     nothing but zeros follows them. Raises FormatError where no layout fits.
@@ -292,7 +300,7 @@ def _fitting_layout(path: Path, file: C3d) -> DataLayout:
 
 
 def _of_parameters(file: C3d) -> DataLayout:
-    """Return the layout, without frames, that the parameters state."""
+    """Return the layout that the parameters state, with 0 frames."""
     rate = file.number("POINT", "RATE")
     of_analog = file.number("ANALOG", "RATE")
     shares = of_analog / rate if rate > 0 and of_analog > 0 else 1.0
@@ -306,8 +314,10 @@ def _of_parameters(file: C3d) -> DataLayout:
 
 
 def _actual_frames(file: C3d) -> int:
-    """Return the frames from TRIAL:ACTUAL_START_FIELD to ACTUAL_END_FIELD, each in two
-    halves, in which long recordings count; 0 without.
+    """Return the number of frames that the parameters of TRIAL state; 0 without them.
+
+    From ACTUAL_START_FIELD to ACTUAL_END_FIELD, each in two halves, in which long
+    recordings count.
     """
     ends = []
     for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD"):
@@ -320,7 +330,7 @@ def _actual_frames(file: C3d) -> int:
 
 
 def _ends_in(path: Path, count: int) -> bytes:
-    """Return the last bytes of a file."""
+    """Return the last `count` bytes of a file."""
     with path.open("rb") as file:
         file.seek(-count, os.SEEK_END)
         return file.read()
@@ -345,7 +355,7 @@ def _read_points(path: Path, file: C3d, layout: DataLayout) -> Floats:
 
 
 def _notes_of_counts(file: C3d, layout: DataLayout) -> list[str]:
-    """Say where the counts contradict each other, and frames are missing."""
+    """Return notes where counts contradict each other, and where frames are missing."""
     notes = []
     stated = _of_parameters(file)
     if stated[1:] != layout[1:]:

@@ -63,11 +63,11 @@ class CalibratedCamera:
 
 
 def read_camera(path: Path, name: str | None) -> CalibratedCamera:
-    """Return the camera of this name: its section, its `name` or its `port`; or the
-    only one.
+    """Return the camera of this name in a calibration; without a name the only one.
 
-    Raises InputError for a file that is no calibration, and a name that it does not
-    have.
+    A name is that of the section, its `name` or its `port`. Raises InputError for a
+    file that is no calibration, for a name that it does not have, and without a name
+    for several cameras.
     """
     require_file(path)
     with parsing(path, "a calibration", OF_TOOLS):
@@ -92,8 +92,9 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
 
 
 def _read_content(path: Path) -> object:
-    """Return the mappings and lists in a file, whose name tells whether it is JSON or
-    YAML.
+    """Return the mappings and lists in a file of JSON, YAML or else TOML.
+
+    Its name tells which it is. Raises FormatError for what is none.
     """
     if path.suffix.lower() == ".json":
         return read_json(path)
@@ -114,7 +115,10 @@ def _read_content(path: Path) -> object:
 
 
 def _sections(name: str, value: object) -> Iterator[tuple[str, dict[str, object]]]:
-    """Yield the mappings with a camera matrix, and their names or numbers."""
+    """Yield name and mapping of each section with a camera matrix, at any depth.
+
+    The name is its key, or its number in a list.
+    """
     if isinstance(value, dict) and _field(value, "matrix") is not None:
         yield name, value
     elif isinstance(value, dict | list):
@@ -125,7 +129,7 @@ def _sections(name: str, value: object) -> Iterator[tuple[str, dict[str, object]
 
 
 def _field(table: Mapping[str, object], field: str) -> object:
-    """Return what stands under one of the names of a field; None for nothing."""
+    """Return the value of a field, by any of its CALIBRATION_KEYS; None for nothing."""
     small = {str(key).lower(): value for key, value in table.items()}
     values = (small.get(key) for key in CALIBRATION_KEYS[field].split())
     return next(
@@ -169,8 +173,9 @@ def _camera(table: Mapping[str, object]) -> CalibratedCamera:
 
 
 def _rotation(given: Floats | None) -> Floats | None:
-    """Return a rotation (3, 3) given as a matrix or as a vector, its axis times its
-    angle.
+    """Return a rotation (3, 3) given as a matrix or as a vector; None for None.
+
+    The vector is its axis times its angle. Raises FormatError for what is no rotation.
     """
     if given is None:
         return None
@@ -194,8 +199,9 @@ def _rotation(given: Floats | None) -> Floats | None:
 def _array(
     table: Mapping[str, object], field: str, shape: tuple[int, ...] = ()
 ) -> Floats | None:
-    """Return a field as numbers, None where it has none; OpenCV gives a matrix by its
-    `data`.
+    """Return a field as an array of this shape, any for (); None where it has none.
+
+    OpenCV gives a matrix by its `data`. Raises FormatError for another shape.
     """
     given = _field(table, field)
     if given is None:

@@ -183,8 +183,9 @@ def _described_entry(entry: _Annotation) -> str:
 
 
 def _annotated_points(entry: _Annotation) -> Floats:
-    """Return x, y, v of the keypoints of an annotation (p, 3), in one list or in one
-    for each.
+    """Return x, y, v of the keypoints of an annotation (p, 3).
+
+    They stand in one list, or in one for each. Raises FormatError for others.
     """
     values = as_numbers(entry["keypoints"], f"keypoints of {_described_entry(entry)}")
     if values.ndim == 2 and values.shape[1] == 3:
@@ -239,9 +240,7 @@ def _stated_video(image: _Image) -> Identity | None:
 
 
 def _stated_frame(image: _Image) -> int | None:
-    """Return the number of the frame that an image states; None where it states
-    none.
-    """
+    """Return the frame number that an image states; None where it states none."""
     numbers = (image.get("frame_id"), image.get("frame_index"))
     return next((n for n in numbers if isinstance(n, int) and n >= 0), None)
 
@@ -252,7 +251,7 @@ def _with_confidences(points: Floats) -> Floats:
 
 
 def _notes_of_further(left_out: Mapping[str, int]) -> list[str]:
-    """Say which points of annotations are not read."""
+    """Return notes on the points of annotations that are not read."""
     return [
         f"{printable(key)} of {counted(number, 'annotation')} left out"
         for key, number in sorted(left_out.items())
@@ -287,8 +286,10 @@ class _Landmarks:
             self.pairs[here[a], here[b]] = None
 
     def place(self, entry: _Annotation, points: Floats) -> Floats | None:
-        """Return the points of an annotation among those of all categories; None for
-        one that is left out.
+        """Return x, y, v of an annotation among all landmarks (p, 3), 0 for others.
+
+        They stay as they are where no category names any. None for an annotation that
+        is left out, as its category names none. Raises FormatError for another number.
         """
         if not self.column_of:
             return points
@@ -310,8 +311,10 @@ class _Landmarks:
         return placed
 
     def _columns_of(self, entry: _Annotation) -> Sequence[int] | None:
-        """Return the columns of the category of an annotation; of an unknown one those
-        that all share.
+        """Return the columns of an annotation's landmarks; None if it is left out.
+
+        Those of its category, or of an unknown one those that all share, which is
+        counted for `notes`. Raises FormatError where they do not share them.
         """
         category = entry.get("category_id")
         columns = self.columns.get(category) if category is not None else None
@@ -330,8 +333,9 @@ class _Landmarks:
         return columns
 
     def _is_whole_body(self, columns: Sequence[int], count: int) -> bool:
-        """Whether landmarks are those of COCO-WholeBody, of which a category names
-        those of the body alone.
+        """Whether `count` landmarks are COCO-WholeBody's, with names of the body alone.
+
+        columns are those of the category. It is remembered in `whole_body`.
         """
         skeletons = installed_skeletons()
         body = skeletons[BODY].landmark_names
@@ -349,14 +353,14 @@ class _Landmarks:
 
     @property
     def edges(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of the landmarks."""
+        """Pairs of landmarks that the skeletons of categories join, by position."""
         if self.whole_body:
             return bones_of(installed_skeletons()[WHOLE_BODY].landmark_names)
         return tuple(self.pairs)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was left out or assumed."""
+        """Notes on annotations that were left out, or taken to be like others."""
         left_out = [
             f"{counted(number, 'annotation')} of category {printable(name)} left out,"
             " which names no keypoints"
@@ -386,8 +390,9 @@ frames; COCO's own are a choice of many images.
 
 
 def read_coco_results(paths: tuple[Path, ...]) -> Poses:
-    """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose
-    write it.
+    """Read COCO's list of {image_id, category_id, keypoints, score}.
+
+    MMDet and AlphaPose write it.
 
     A landmark of 0, 0, 0 is missing, others of confidence 0 have no weight. Where the
     images differ in a number, it is that of the frame; images of numbers that are no

@@ -32,8 +32,7 @@ NAMES_OF_KINDS = {
 
 
 def checked(kind: type[Kind], content: object) -> Kind:
-    """Return content whose values are of the declared kinds; keys that are not declared
-    are left out.
+    """Return content as of the declared kind, without keys that are not declared.
 
     Raises FormatError that names the place of the first value of another kind.
     """
@@ -58,7 +57,10 @@ def checked(kind: type[Kind], content: object) -> Kind:
 
 
 def parsed(kind: type[Kind], text: str, what: str) -> Kind:
-    """Return the content of JSON in a field of a file, `what`, as `checked` does."""
+    """Return the content of a text of JSON, as `checked` does; `what` is its field.
+
+    Raises FormatError for what is not JSON, too.
+    """
     try:
         content = orjson.loads(text)
     except ValueError as error:
@@ -68,7 +70,7 @@ def parsed(kind: type[Kind], text: str, what: str) -> Kind:
 
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
-    """Return what checks a kind; it is made once."""
+    """Return pydantic's validator of a kind; it is made once."""
     return TypeAdapter(kind)
 
 
@@ -76,8 +78,9 @@ Path = tuple[int | str, ...]
 
 
 def _existing_path(content: Any, location: Sequence[int | str]) -> Path:
-    """Return the keys and numbers that lead to a value; pydantic adds names of its
-    own.
+    """Return the keys and numbers of a location that are there in the content.
+
+    pydantic adds names of its own to those that lead to a value.
     """
     path: list[int | str] = []
     for step in location:
@@ -111,7 +114,7 @@ def _as_text(path: Path) -> str:
 
 
 def _described(value: object) -> str:
-    """Return a value of JSON as a person would say it."""
+    """Return what messages call a value: an object, a list, or else its JSON."""
     if isinstance(value, dict):
         return "an object"
     if isinstance(value, list):

@@ -49,8 +49,9 @@ MANY = 10**9
 
 
 def is_csv(head: Head) -> bool:
-    """Whether its rows of names come first; what is seen of the file can end in one of
-    them.
+    """Whether a text begins with DeepLabCut's rows of names.
+
+    What is seen of the file can end in one of them.
     """
     lines = [decode(line) for line in head.lines[:3]]
     first, *others = row_names(lines)
@@ -60,8 +61,9 @@ def is_csv(head: Head) -> bool:
 
 
 def read_deeplabcut_csv(paths: tuple[Path, ...]) -> Poses:
-    """Read DeepLabCut CSV, which Lightning Pose writes, too: a row for each frame,
-    columns by name.
+    """Read DeepLabCut's CSV: a row for each frame, columns by name.
+
+    Lightning Pose writes it, too.
 
     Three lines of names (scorer, bodyparts, coords) come first, four with
     `individuals`. The first column is the number of the frame, or the path of an image,
@@ -96,7 +98,7 @@ def read_deeplabcut_csv(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_levels(text: str, delimiter: str) -> dict[str, list[str]]:
-    """Return the cells of the lines of names at the beginning, by the first of each."""
+    """Return first cell -> all cells of each line of names at the beginning."""
     first_lines = text.split("\n", len(HEADER))[: len(HEADER)]
     with library_reads("the lines of names have no end"):
         rows = [*csv.reader(first_lines, delimiter=delimiter)]
@@ -111,7 +113,11 @@ def _read_levels(text: str, delimiter: str) -> dict[str, list[str]]:
 
 
 def _columns_of_levels(levels: Mapping[str, list[str]]) -> TableColumns:
-    """Return the names of all columns, of which the first is that of the frames."""
+    """Return the names of each column, by the lines of names.
+
+    The first column is that of the frames; scorers are left empty. Raises FormatError
+    where lines are lacking, or have different numbers of cells.
+    """
     needed = [name for name in HEADER[1:] if name != "individuals"]
     lacking = [name for name in needed if name not in levels]
     require(not lacking, f"there is no line {abbreviate(lacking)}")
@@ -129,7 +135,10 @@ def is_hdf5(head: Head) -> bool:
 
 
 def row_names(lines: Sequence[str]) -> list[str]:
-    """Return the names of the first rows of a table, without a column of pandas."""
+    """Return the names of the first rows of a table, which are their first cells.
+
+    A column of pandas before these does not count.
+    """
     delimiter = _delimiter(lines[0])
     column = 1 if _is_numbered(lines[0], delimiter) else 0
     rows = [line.split(delimiter) for line in lines]
@@ -137,7 +146,7 @@ def row_names(lines: Sequence[str]) -> list[str]:
 
 
 def _delimiter(text: str) -> str:
-    """Return what stands between the cells of the first line most often."""
+    """Return what the first line has most often: a comma, a semicolon or a tab."""
     first = text.partition("\n")[0]
     return max((",", ";", "\t"), key=first.count)
 
@@ -151,10 +160,9 @@ def _is_numbered(text: str, delimiter: str) -> bool:
 def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     """Read a table that pandas wrote, in one of its two layouts, without pandas.
 
-    *table* (predictions): KEY/table has an index and blocks of numbers, their column
-     names pickled
-    in an attribute. *fixed* (labels): KEY/block0_values, its names beside it as levels
-        and codes.
+    *table* (predictions): KEY/table has an index and blocks of numbers, whose column
+    names are pickled in an attribute.
+    *fixed* (labels): KEY/block0_values, its names beside it as levels and codes.
     """
     columns: TableColumns = []
     blocks = []
@@ -199,7 +207,10 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
 
 
 def _numbered(index: Floats) -> TableRows:
-    """Return what rows are by an index of frames."""
+    """Return the labels and frames of rows by an index (n,) that numbers the frames.
+
+    Raises FormatError for no whole number.
+    """
     labels = number_labels(index)
     whole = (index % 1 == 0).all() and (np.abs(index) < MOST_FRAME).all()
     require(whole, "a frame that is no whole number", "number the frames")
@@ -208,8 +219,10 @@ def _numbered(index: Floats) -> TableRows:
 
 
 def _named_columns(path: Path, images: Sequence[str]) -> TableRows:
-    """Return what rows are by the paths of images: labelled frames of videos, in a
-    folder each, whose names end in the number of the frame.
+    """Return the labels, frames and videos of rows by the paths of their images.
+
+    They are labelled frames of videos, in a folder each, whose names end in the number
+    of the frame.
     """
     folders = [PureWindowsPath(image).parent.name for image in images]
     several = len({*folders}) > 1
@@ -230,7 +243,7 @@ class NameUnpickler(pickle._Unpickler):
     """
 
     def find_class(self, module: str, name: str) -> NoReturn:
-        """Refuse what would be imported, and could be called."""
+        """Raise FormatError for all that a pickle asks to import, and could call."""
         raise FormatError(f"asks for {module}.{name}, which is never executed here")
 
 
@@ -247,8 +260,10 @@ def _unpickle_names(pickled: object) -> TableColumns:
 
 
 def _names_of_codes(file: TrackerFile, start: str) -> TableColumns:
-    """Return the names that levels and codes stand for, one tuple each; a code of -1 is
-    no name.
+    """Return the tuples of names for which levels and codes of HDF5 stand.
+
+    start: what their datasets begin with; [] where there are none. A code of -1 is "".
+    Raises FormatError for codes that have no name.
     """
     levels: list[list[str]] = []
     while file.is_dataset(place := f"{start}_level{len(levels)}"):

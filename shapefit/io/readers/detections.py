@@ -75,8 +75,9 @@ def is_openpose(head: Head) -> bool:
 
 
 def is_people_of_an_image(head: Head) -> bool:
-    """Whether a list, which may be empty, has people whose keypoints are pairs, or
-    lists of x and of y, without the image that they are of.
+    """Whether JSON is a list of people, which does not say of which image they are.
+
+    It may be empty. Their keypoints are pairs, or lists of x and of y.
     """
     if not isinstance(head.json, list) or "image_id" in head.keys:
         return False
@@ -100,8 +101,9 @@ def _keys_of(people: Sequence[object]) -> set[str]:
 
 
 def read_image_files(paths: tuple[Path, ...]) -> Poses:
-    """Read a file per frame, with the people in it: OpenPose's, or a list as MMPose,
-    Hugging Face and Ultralytics write it.
+    """Read files of JSON, each with the people in one image.
+
+    They are OpenPose's, or lists as MMPose, Hugging Face and Ultralytics write them.
 
     A landmark of confidence 0 is missing. Pose2Sim, Sports2D and RTMLib write such
     files, too.
@@ -128,7 +130,7 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
 
 
 def _people_of(content: object) -> list[dict[str, Any]]:
-    """Return a list of people as it stands in a file."""
+    """Return the list of people in a file; FormatError for no list of objects."""
     require(isinstance(content, list), "no list of people")
     return checked(list[dict[str, Any]], content)
 
@@ -136,8 +138,9 @@ def _people_of(content: object) -> list[dict[str, Any]]:
 def _detections_of(
     people: Sequence[Mapping[str, object]], image: int, *, needed: bool = False
 ) -> list[Detection]:
-    """Return the people of an image, who may have no landmarks unless they are
-    `needed`.
+    """Return the detections of an image, one for each of its people.
+
+    These may have no landmarks, unless they are `needed`: then FormatError.
     """
     detections: list[Detection] = []
     for person in people:
@@ -152,8 +155,9 @@ def who_of(person: Mapping[str, object]) -> object:
 
 
 def person_points(person: Mapping[str, object], *, needed: bool = False) -> Floats:
-    """Return x, y, confidence of the landmarks of a person (p, 3), who may have none
-    unless they are `needed`.
+    """Return x, y, confidence of the landmarks of a person (p, 3).
+
+    Without any (0, 3), or FormatError where they are `needed`.
 
     They are three numbers a landmark in one list, [x, y] beside a list of confidences,
     or lists of x and y and, if any, `visible`.
@@ -195,7 +199,7 @@ def _points_of_lists(given: Mapping[str, object]) -> Floats:
 
 
 def _first_score(content: Mapping[str, object], keys: Sequence[str]) -> object:
-    """Return the value of the first key that an object has."""
+    """Return the first value under these keys that is not None; None for nothing."""
     return next((content[key] for key in keys if content.get(key) is not None), None)
 
 
@@ -207,8 +211,9 @@ DATA = "data.yaml"
 
 
 def is_yolo(head: Head) -> bool:
-    """Whether a .txt file begins with a line of a class, a box and landmarks, all
-    fractions.
+    """Whether a .txt file begins with a line of YOLO: a class, a box and landmarks.
+
+    Box and landmarks are fractions of the image.
     """
     lines = (line.strip() for line in head.lines)
     first = next((line for line in lines if line and not line.startswith(b"#")), b"")
@@ -259,8 +264,9 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_data_yaml(folder: Path) -> _DataYaml:
-    """Return the nearest data.yaml in this folder or three above it, {} without; or
-    InputError.
+    """Return data.yaml in this folder, or the nearest of three above it; {} without.
+
+    Raises InputError for what is no YAML, or has other values.
     """
     from ruamel.yaml import YAML
 
@@ -280,7 +286,10 @@ Label = tuple[int, list[float]]
 
 
 def _read_labels(files: Sequence[Path]) -> list[Label]:
-    """Return the lines of files that hold anything but a comment."""
+    """Return the file number and the numbers of each line that is not a comment.
+
+    Raises InputError, naming the line, for what is no number.
+    """
     rows: list[Label] = []
     for number, file in enumerate(files):
         for line, text in enumerate(read_text(file).split("\n"), 1):
@@ -292,8 +301,10 @@ def _read_labels(files: Sequence[Path]) -> list[Label]:
 
 
 def _shape_of_labels(data: _DataYaml, rows: Sequence[Label]) -> tuple[int, int]:
-    """Return how many landmarks a line has, and the numbers of each: as data.yaml says,
-    else as many as the shortest line holds.
+    """Return how many landmarks a line has, and how many numbers each of them.
+
+    As data.yaml says, else as many landmarks of three as the shortest line holds.
+    Raises FormatError for another `kpt_shape`.
     """
     shortest = min((len(row) for _, row in rows), default=BOX) - BOX
     shape = data.get("kpt_shape") or [shortest // 3, 3]
@@ -309,7 +320,8 @@ def _split_label(
     """Return x, y, v of the landmarks of a line (p, 3), and its track, None without.
 
     Where no data.yaml stands beside the lines (`alone`), v must be 0, 1 or 2 for a line
-    to be of landmarks, unless there are as many as people have.
+    to be of landmarks, unless there are as many as people have. Raises FormatError for
+    other lines.
     """
     width = BOX + count * step
     given = f"a line of {len(row)} numbers, and {count} landmarks take {width}"
@@ -323,8 +335,9 @@ def _split_label(
 
 
 def _names_of_data(data: _DataYaml, count: int) -> tuple[str, ...] | None:
-    """Return the names of so many landmarks: those in data.yaml, else numbers; None for
-    people, whose names are known, and for no landmarks.
+    """Return the names of `count` landmarks, by data.yaml; else their numbers.
+
+    None for people, whose names are known, and for no landmarks.
     """
     names = data.get("kpt_names")
     if isinstance(names, dict):  # a list for each class, of which the first is taken
@@ -338,8 +351,7 @@ def _names_of_data(data: _DataYaml, count: int) -> tuple[str, ...] | None:
 
 
 def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Images]:
-    """Return the files of a folder, or these, in order, and the images of which they
-    are.
+    """Return the files of a folder, or these, in order, and the images of each.
 
     Where names differ in one number alone it is that of the frame; else each is that of
     an image. Raises InputError for links that lead nowhere, pipes and devices, which
@@ -394,8 +406,9 @@ def is_mmpose_video(head: Head) -> bool:
 
 
 def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
-    """Read a list of {frame_id, instances}, which may stand as `instance_info` beside
-    `meta_info`.
+    """Read MMPose's JSON of a video: a list of {frame_id, instances}.
+
+    It may stand as `instance_info` beside `meta_info`.
 
     An instance has keypoints [[x, y], ...] and keypoint_scores; `meta_info` the names,
     by number.
@@ -427,8 +440,9 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
 
 
 def _frames_of(stated: Sequence[Identity | None]) -> tuple[list[int], list[str]]:
-    """Return the numbers of frames from the first on, and their labels; the order of
-    the file where not all have a number.
+    """Return the numbers of frames from the first on, and their labels.
+
+    They are in the order of the file where not all have a number.
 
     Raises FormatError for a frame that is there twice.
     """
@@ -499,8 +513,9 @@ def _order_detections(
 
 
 def _stack(images: Images, detections: Sequence[Detection], expected: int) -> Floats:
-    """Return x, y, confidence of all landmarks (N, p, 3), NaN for a detection without
-    any; as many as expected where none has any.
+    """Return x, y, confidence of all detections (N, p, 3), NaN for one without any.
+
+    p is as `expected` where none has any.
 
     Raises InputError where detections have different numbers of landmarks.
     """
@@ -518,8 +533,10 @@ def _stack(images: Images, detections: Sequence[Detection], expected: int) -> Fl
 
 
 def _name_people(detections: Sequence[Detection]) -> tuple[list[str], tuple[str, ...]]:
-    """Return the individual of each detection, and a note where none counts, since some
-    are twice in a frame: some tools number the people of each frame anew.
+    """Return the individual of each detection, and a note where these are not used.
+
+    They are not where some are twice in a frame, and "" then: some tools number the
+    people of each frame anew.
     """
     individuals = [name_individual(who) for *_, who in detections]
     image_of = [image for _, image, _ in detections]

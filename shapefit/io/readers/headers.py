@@ -120,10 +120,10 @@ class Header(NamedTuple):
 
 
 def parse_header(text: str) -> Header | None:
-    """Return what the columns of a table hold by its first line, or after `sep=;` its
-    second.
+    """Return what the columns of a table hold, by its first line; None for others.
 
-    None unless they are landmark, x and y, or x and y of two landmarks at least.
+    After `sep=;` by its second. The columns must be landmark, x and y, or x and y of
+    two landmarks at least.
     """
     first, _, rest = text.partition("\n")
     line, delimiters = 1, sorted((",", ";", "\t"), key=first.count, reverse=True)

@@ -34,15 +34,16 @@ Notes = tuple[str, ...]
 def landmarks_of_files(
     form: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Landmarks, Notes]:
-    """Return the images of a file of poses, and warnings. Raises InputError."""
+    """Return the images of a file of poses, and warnings; InputError for 3D points."""
     return landmarks_of(_read_kind(form, paths, "landmarks", 2), options)
 
 
 def shapes_of_files(
     form: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[Shapes, Notes]:
-    """Return the shapes of a file of poses, NaN where a landmark is unknown, and
-    warnings.
+    """Return the shapes of a file of poses, and warnings; InputError for 2D points.
+
+    A shape is NaN where a landmark is unknown.
     """
     poses = _read_kind(form, paths, "shapes", 3)
     poses, fields, notes = _fields(poses, options)
@@ -53,8 +54,9 @@ def shapes_of_files(
 def _read_kind(
     form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int
 ) -> Poses:
-    """Return the poses in these files. Raises InputError where they are not of this
-    kind.
+    """Return the poses in these files; InputError where they have other dimensions.
+
+    kind: what the message asks for.
     """
     name, fix = source_name(paths[0]), f"give {dimensions}D {kind}"
     poses = read_poses(form, paths, dimensions)
@@ -69,8 +71,9 @@ FLAT = "z is 0 everywhere"
 
 
 def _without_depth(poses: Poses) -> Poses:
-    """Return points in 3D whose z is 0 wherever they are, as Sports2D writes them, as
-    the 2D landmarks that they are; others as they stand.
+    """Return points in 3D whose z is 0 everywhere as 2D landmarks; others as they are.
+
+    Sports2D writes such points.
     """
     if poses.points.shape[2] == 2:
         return poses
@@ -86,8 +89,10 @@ def _without_depth(poses: Poses) -> Poses:
 def read_poses(
     form: FileFormat, paths: tuple[Path, ...], dimensions: int | None = None
 ) -> Poses:
-    """Return the poses in these files, in 2D or 3D; in the wanted `dimensions` where a
-    file may hold either. Raises InputError.
+    """Return the poses in these files of one format; InputError for damaged ones.
+
+    They are in the wanted `dimensions` where a file may hold 2D or 3D. Landmarks whose
+    z is 0 everywhere are in 2D.
     """
     assert form.read_poses is not None
     wanted = (dimensions,) if form.either else ()
@@ -108,7 +113,9 @@ SIZE_FIX = "give the size of the images in pixels: `image_size=[1920,1080]`"
 
 
 def landmarks_of(poses: Poses, options: InputOptions) -> tuple[Landmarks, Notes]:
-    """Return 2D poses as images, and notes; fractions of the image times `image_size`.
+    """Return 2D poses as images of landmarks, and notes.
+
+    Fractions of the image are multiplied by `image_size`.
 
     Raises InputError for fractions that are useless without it.
     """
@@ -134,8 +141,10 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[Landmarks, Notes]
 
 
 def _with_direction(poses: Poses) -> Poses:
-    """Return landmarks in a plane whose y points up, with a note; pixels of which no y
-    is above 0 as those of an image, from its top down.
+    """Return landmarks in a plane, whose y points up, with a note that says so.
+
+    Pixels of which no y is above 0 are those of an image, from its top down: they get
+    the other sign. Landmarks whose y points elsewhere stay as they are.
 
     Sports2D changes the sign of y alone: the bottom of the image is then not at 0,
     where a camera takes it to be if y points up.
@@ -152,9 +161,7 @@ def _with_direction(poses: Poses) -> Poses:
 
 
 def _fields(poses: Poses, options: InputOptions) -> tuple[Poses, dict[str, Any], Notes]:
-    """Return the poses that the options select, what landmarks and shapes both have,
-    and notes.
-    """
+    """Return the selected poses, their fields of Landmarks and Shapes, and notes."""
     names, assumed = _landmark_names(poses, options)
     poses, items, sequences = select(poses, options)
     fields = {
@@ -216,8 +223,9 @@ def _check_skeleton(wanted: str | None) -> None:
 def name_numbers(
     names: Sequence[str], wanted: str | None, place: str
 ) -> tuple[Sequence[str], Notes]:
-    """Return the names in the skeleton `wanted` of landmarks that are called by
-    numbers, and notes; others, and all without a skeleton, keep their names.
+    """Return names of landmarks, numbers as names of the skeleton `wanted`, and notes.
+
+    Others, and all without a skeleton, keep their names.
 
     Numbers count from 0, or, where there is none of 0 and one of the last, from 1.
     Raises InputError for numbers that the skeleton has not.
@@ -241,8 +249,10 @@ def name_numbers(
 
 
 def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
-    """Return the poses with landmarks that the options select, sequence by sequence,
-    each in order of its frames; and (n) items and sequences, "" for none.
+    """Return the poses that the options select, their items and their sequences.
+
+    Poses without a landmark are left out. They go sequence by sequence, each in order
+    of its frames; items and sequences (n) are "" for none.
 
     Images that have names are no frames, and nobody is followed through them. Raises
     InputError for an individual that is not there or is twice in a frame, and where
@@ -293,8 +303,9 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
 
 
 def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
-    """Return poses without landmarks that are not to be used, and which have any
-    left.
+    """Return poses without unusable landmarks, and which (N,) have any left.
+
+    Unusable are infinite ones, and those of a confidence below `least`.
     """
     points, confidence = poses.points, poses.confidence
     placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
@@ -324,8 +335,10 @@ def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
 
 
 def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
-    """Return the item and the sequence of each pose; those without identity are
-    numbered, and `untracked` beside individuals that are `named` by the file.
+    """Return the item and the sequence of each pose, "" for no sequence.
+
+    Poses without identity are numbered, and called `untracked` where the file names
+    others (`named`).
     """
     if poses.named:
         return _name_images(poses)

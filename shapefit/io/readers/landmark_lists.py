@@ -40,7 +40,7 @@ NESTED = 4
 
 
 def is_landmark_lists(head: Head) -> bool:
-    """Whether the reader below finds a body in one of the first frames."""
+    """Whether JSON has a list of {x, y, ...} in one of its first frames."""
     frames = _frames_of_list(head.json)[1][:FIRST]
     return any(True for frame in frames for _ in _listed_bodies(frame))
 
@@ -89,7 +89,7 @@ def read_landmark_lists(paths: tuple[Path, ...]) -> Poses:
 
 
 def _frames_of_list(content: object) -> tuple[list[int], Sequence[object]]:
-    """Return the frames of a file, and their numbers as far as they are stated."""
+    """Return the numbers of frames, as far as they are stated, and the frames."""
     if isinstance(content, dict):
         numbered = [key for key in content if key.isdecimal() and key.isascii()]
         if content and len(numbered) == len(content):
@@ -107,7 +107,7 @@ def _frames_of_list(content: object) -> tuple[list[int], Sequence[object]]:
 
 
 def _is_body(content: object) -> TypeGuard[list[object]]:
-    """Whether a list holds a landmark."""
+    """Whether it is a list that holds a landmark {x, y, ...}."""
     return isinstance(content, list) and any(
         isinstance(point, dict) and {"x", "y"} <= point.keys() for point in content
     )
@@ -116,7 +116,10 @@ def _is_body(content: object) -> TypeGuard[list[object]]:
 def _listed_bodies(
     frame: object, nested: int = NESTED
 ) -> Iterator[list[dict[str, object]]]:
-    """Yield the bodies of a frame; there may be none."""
+    """Yield the bodies of a frame, each a list of landmarks; there may be none.
+
+    nested: how many lists in lists are looked into.
+    """
     if isinstance(frame, dict):
         frame = _first_entry(frame, BODIES, ())
     if _is_body(frame):
@@ -129,5 +132,5 @@ def _listed_bodies(
 def _first_entry(
     content: Mapping[str, object], keys: Sequence[str], default: object
 ) -> object:
-    """Return the value of the first key that an object has."""
+    """Return the first value under these keys that is not None; else the default."""
     return next((content[key] for key in keys if content.get(key) is not None), default)

@@ -34,8 +34,9 @@ def is_trc(head: Head) -> bool:
 
 
 def read_trc(paths: tuple[Path, ...]) -> Poses:
-    """Read the markers of a TRC file: tabs or commas, and a name above the X of each
-    marker.
+    """Read the markers of a TRC file, whose cells stand between tabs or commas.
+
+    A name stands above the X of each marker.
 
     A point is missing where a coordinate is empty or nan, and where all three are
     exactly 0. Points without a name, which some programs write after the others, are
@@ -76,8 +77,10 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_trc_header(text: str, delimiter: str) -> tuple[dict[str, str], list[str]]:
-    """Return what the header states, by key in small letters, and a label for each
-    X, "" for a marker without a name.
+    """Return what the header of TRC states, by key, and the label of each marker.
+
+    Keys are in small letters; a marker without a name is "". Raises FormatError for
+    headers that are not whole.
     """
     lines = text.split("\n")
     require(len(lines) >= HEADER_LINES, f"its header has {len(lines)} lines, not 5")
@@ -99,8 +102,9 @@ def _split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def _labels_above(names: Sequence[str], count: int) -> list[str]:
-    """Return what stands above the X of each of so many markers, which begin in the
-    third cell; "" where a line is shorter.
+    """Return the label above the X of each of so many markers; "" for none.
+
+    The first marker stands in the third cell; a line may be shorter.
     """
     cells = [*names[2:], *[""] * (3 * count)]
     return cells[: 3 * count : 3]
@@ -126,9 +130,7 @@ def _without_points_after(text: str, cells: int, delimiter: str) -> tuple[str, i
 def _notes_of_trc(
     about: Mapping[str, str], frames: int, origins: int, unnamed: int
 ) -> tuple[str, ...]:
-    """Say which frames are absent, and which points are taken for missing or left
-    out.
-    """
+    """Return notes on absent frames, and on points taken for missing or left out."""
     announced = floats([about.get("numframes") or "0"])[0]
     notes = []
     if announced > frames:
@@ -185,7 +187,11 @@ def read_vicon(paths: tuple[Path, ...]) -> Poses:
 
 
 def _find_trajectories(lines: Sequence[str]) -> tuple[int, int]:
-    """Return the lines in which the section `Trajectories` begins and ends."""
+    """Return the lines between which the section `Trajectories` stands, from 0 on.
+
+    The first is that below its title, the second that after its end. Raises FormatError
+    where there is no such section.
+    """
     bare = [line.strip(', "\t') for line in lines]
     sections = [line.lower() for line in bare]
     require("trajectories" in sections, "no section Trajectories")
@@ -196,11 +202,10 @@ def _find_trajectories(lines: Sequence[str]) -> tuple[int, int]:
 def _read_points(
     path: Path, text: str, labels: Sequence[str], after: int, delimiter: str = ","
 ) -> tuple[Floats, list[str], Floats]:
-    """Return points (n, m, 3), the labels of the frames, and what stands beside those,
-    NaN for no number (n,).
+    """Return points (n, m, 3), the labels of frames, and the second column (n,).
 
-    A row, after so many lines, is a frame, a time or the like, and x, y, z of each
-    marker.
+    Such as times; NaN where it is no number. A row, after so many lines, is a frame, a
+    time or the like, and x, y, z of each marker.
     """
     columns = ["Frame", "", *(f"{name} {axis}" for name in labels for axis in "XYZ")]
     table = read_table(path, text, columns, delimiter, after=after, padded=True)
@@ -218,8 +223,9 @@ def of_markers(
     unit: str,
     **fields: Any,
 ) -> Poses:
-    """Return the one body of markers (n, m, 3), in metres where the unit is known; y
-    points up where they are landmarks in a plane.
+    """Return the poses of one body of markers (n, m, 3), in metres if units are known.
+
+    y points up where they are landmarks in a plane.
 
     `subject:` before all their names is the individual; `fields` are those of
     `of_frames`.

@@ -74,7 +74,7 @@ def read_tps(paths: tuple[Path, ...]) -> Poses:
 
 
 def _count(path: Path, line: int, value: str) -> int:
-    """Return a number of lines. Raises InputError where it is none."""
+    """Return the number of landmarks that a line states; InputError for no number."""
     if not value.isdecimal():
         problem = f"{printable(value[:40])!r} is no number of landmarks"
         raise input_error(f"{path}:{line}", problem, "write LM=12")
@@ -109,7 +109,7 @@ def _specimen_labels(stated: Sequence[dict[str, str]]) -> list[str]:
 def _specimen_images(
     path: Path, points: Floats, labels: Sequence[str], **fields: Any
 ) -> Poses:
-    """Return images of landmarks that are numbered from 1."""
+    """Return specimens as poses, whose landmarks are numbered from 1."""
     return of_bodies(
         path,
         points,
@@ -142,7 +142,7 @@ def read_pts(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_one(path: Path) -> list[list[float]]:
-    """Return the points of one file. Raises InputError."""
+    """Return the points of one .pts file; InputError for damaged ones."""
     text = read_text(path)
     stated = re.search(r"n_points\s*:\s*(\d+)", text)
     before, bracket, rest = text.partition("{")

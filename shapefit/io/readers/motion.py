@@ -45,11 +45,11 @@ class Joint:
 
 
 def place_bones(joints: Sequence[Joint], values: Floats) -> Floats:
-    """x = x_parent + R_parent (before + shift) + R after, with R = R_parent C M C^T.
+    """Return the positions (n, joints, 3) of joints that turn by their channels.
 
-    values (n, c) are those of all channels, joint by joint, angles in degrees; returns
-    positions (n, joints, 3). C is the frame of the joint, M turns by its channels, and
-    shift moves by them.
+    x = x_parent + R_parent (before + shift) + R after, with R = R_parent C M C^T: C is
+    the frame of the joint, M turns by its channels, and shift moves by them. values (n,
+    c) are those of all channels, joint by joint, angles in degrees.
     """
     from scipy.spatial.transform import Rotation
 
@@ -79,8 +79,9 @@ def place_bones(joints: Sequence[Joint], values: Floats) -> Floats:
 
 
 def _parents_first(parents: Sequence[int]) -> list[int]:
-    """Return the joints of a tree, or of a part of it, each after its parent, -1 for
-    none.
+    """Return the numbers of joints in an order in which each stands after its parent.
+
+    A root has the parent -1; joints that no root leads to are left out.
     """
     order = [number for number, parent in enumerate(parents) if parent < 0]
     for number in order:
@@ -92,7 +93,10 @@ CHANNELS = {"rotation": True, "position": False, "r": True, "t": False}
 
 
 def _channel(axis: str, kind: str) -> Channel:
-    """Return a channel of BVH, as Xrotation, or of ASF, as rx."""
+    """Return whether a channel turns, and its axis: Xrotation of BVH, or rx of ASF.
+
+    Raises FormatError for others.
+    """
     exists = axis.lower() in tuple("xyz") and kind.lower() in CHANNELS
     require(exists, f"there is no channel {axis + kind!r}, as Xrotation or rx")
     return CHANNELS[kind.lower()], "xyz".index(axis.lower())
@@ -107,8 +111,9 @@ def is_bvh(head: Head) -> bool:
 
 
 def read_bvh(paths: tuple[Path, ...]) -> Poses:
-    """Return the joints of a BVH file, in its unit, and then the ends of bones,
-    `JOINT_end`.
+    """Return the joints of a BVH file, in its unit, and then the ends of bones.
+
+    These are called `JOINT_end`.
     """
     path = paths[0]
     text = read_text(path)
@@ -132,8 +137,9 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float]:
-    """Return joints, ends without channels, lines before the motion, how many frames
-    are announced, and the time of one; or InputError.
+    """Return joints, lines before the motion, announced frames, and seconds of one.
+
+    Ends of bones are joints without channels. Raises InputError, naming the line.
     """
     announced = 0
     joints: list[Joint] = []
@@ -205,7 +211,7 @@ def _rate_of(seconds: float) -> float | None:
 
 
 def is_acclaim(head: Head) -> bool:
-    """Whether a file of this name begins with a section or a comment."""
+    """Whether a file .asf or .amc begins with a section or a comment."""
     return head.named(".asf", ".amc") and head.text.lstrip()[:1] in (b":", b"#")
 
 
@@ -253,8 +259,9 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_asf_skeleton(path: Path) -> tuple[list[Joint], str, float]:
-    """Return the bones of an ASF file, the root first, their unit, and what lengths are
-    times.
+    """Return the bones of an ASF file, their unit, and the factor of their lengths.
+
+    The root is the first.
 
     Lengths are in inches / `length`, as in CMU's database (0.45), and given out in
     metres; with `length 1` their unit is unknown. Raises InputError, naming the line.
@@ -278,8 +285,10 @@ def _read_asf_skeleton(path: Path) -> tuple[list[Joint], str, float]:
 def _read_asf_sections(
     path: Path,
 ) -> tuple[dict[str, str], list[tuple[int, BoneBlock]], list[list[str]]]:
-    """Return the units of an ASF file; the blocks of the root and the bones, each with
-    its line; and bones with those below them.
+    """Return the units, the words of all bones, and the hierarchy of an ASF file.
+
+    The words of a bone stand beside its line, those of the root first; the hierarchy
+    lists bones with those below them.
     """
     units: dict[str, str] = {}
     root: BoneBlock = {
@@ -312,8 +321,10 @@ def _read_asf_sections(
 
 
 def _bone(block: BoneBlock) -> Joint:
-    """Return a bone, or the root, whose place is where it turns; its first angle turns
-    first.
+    """Return a bone of ASF, or the root, as a joint that has no parent yet.
+
+    A root's place is where it turns; the first angle of a joint turns first. Raises
+    FormatError for bones that are not whole.
     """
     from scipy.spatial.transform import Rotation
 
@@ -358,8 +369,7 @@ def _link(bones: Sequence[Joint], links: Sequence[Sequence[str]]) -> None:
 
 
 def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]:
-    """Return the labels of the frames of a motion, and the channels (n, c) of all
-    bones.
+    """Return the labels of frames of an AMC file, and the channels (n, c) of all bones.
 
     A bone that no frame lists does not move. Raises InputError, naming the line, for
     other bones or channels than the skeleton has.

@@ -81,8 +81,10 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise FormatError for names that are empty or repeat, for a frame rate that
-        is not positive, and for fields that do not agree.
+        """Raise FormatError for fields that do not fit; make missing landmarks NaN.
+
+        That is for fields that do not agree, for names that are empty or repeat, and
+        for a frame rate that is not positive.
 
         In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a
         confidence or with 0, and (0, 0) with a confidence of 0.
@@ -185,8 +187,9 @@ def of_frames(
 
 
 def unit_of(points: Floats) -> dict[str, Any]:
-    """Return the fields `unit` and `size_needed` of points (n, p, d) whose file states
-    no unit.
+    """Return the fields `unit` and `size_needed` of points whose file states no unit.
+
+    Points (n, p, 2) are fractions of the image where all lie within -0.5 and 1.5.
     """
     finite = points[np.isfinite(points)]
     inside = finite.size > 0 and bool(finite.min() >= -0.5 and finite.max() <= 1.5)
@@ -210,8 +213,7 @@ class FormatError(Exception):
 def parsing(
     place: str | Path, title: str, fix: str = "export it again"
 ) -> Iterator[None]:
-    """Turn what a reader finds wrong here into the InputError that names the file and
-    its format.
+    """Turn a FormatError here into the InputError that names the file and its format.
 
     All else that a reader raises is an error of its own, and passes.
     """
@@ -237,9 +239,7 @@ def library_reads(problem: str, fix: str = "") -> Iterator[None]:
 
 
 def as_numbers(values: object, what: str) -> Floats:
-    """Return lists of numbers, and of null, as an array. Raises FormatError for
-    others.
-    """
+    """Return lists of numbers, null as NaN, as an array; FormatError for others."""
     try:
         return np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -271,15 +271,14 @@ IMAGES = re.compile(r"\.(?:png|jpe?g|tiff?|bmp)$", re.IGNORECASE)
 
 
 def video_name(path: Path) -> str:
-    """Return the name of a file without its endings, which is what its items begin
-    with.
-    """
+    """Return the name of a file without its endings, with which its items begin."""
     return ENDINGS.sub("", Path(path.name.removesuffix(".gz")).stem) or path.name
 
 
 def image_labels(paths: Sequence[str]) -> list[str]:
-    """Return names of images, of any system: without folder and suffix if that tells
-    them apart.
+    """Return paths of images without folder and suffix, if that tells them apart.
+
+    Else without suffix. They may be those of any system.
     """
     stems = [IMAGES.sub("", PureWindowsPath(path).name) for path in paths]
     return (
@@ -296,8 +295,10 @@ SPARSEST = 100
 
 
 def series_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] | None:
-    """Return the number in which alone names differ, of one name the last; None where
-    they differ otherwise, or are no frames: there is one in so many at least.
+    """Return the number in each name, in which alone they differ; None for no series.
+
+    Of one name it is the last number. Names are no series where they differ otherwise,
+    or where there is less than one of them for so many numbers (`sparsest`).
     """
     parts = [NUMBER_IN_NAME.split(name) for name in names]  # text, number, text, ...
     if len({len(part) for part in parts}) > 1:
@@ -340,8 +341,9 @@ def place_images(
     sparsest: int = SPARSEST,
     stated: Sequence[int | None] | None = None,
 ) -> Images:
-    """Return images by their names, each in its video: those given, or the folders in
-    which images are numbered, or one.
+    """Return images, each with its video, its frame and its label, by their names.
+
+    Videos are those given, or the folders in which images are numbered, or one.
 
     Frames are those `stated`, where each image of a video has one of its own. Names
     that differ in a number alone are frames, too; else the order is that of the file.
@@ -373,8 +375,9 @@ def place_images(
 
 
 def _folders_of_series(files: Sequence[str]) -> list[str] | None:
-    """Return the folder of each image where there are several, in each of which names
-    are those of frames; else None.
+    """Return the folder of each image; None unless these are several series.
+
+    Images of a series have the names of frames.
     """
     folders = [PureWindowsPath(file).parent for file in files]
     names_in: dict[PureWindowsPath, list[str]] = {}
@@ -391,9 +394,7 @@ def _folders_of_series(files: Sequence[str]) -> list[str] | None:
 
 
 def frame_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] | None:
-    """Return the frame of each name, from the first on; None where names are no
-    series.
-    """
+    """Return the frame of each name, from 0 for the first; None for no series."""
     numbers = series_numbers(names, sparsest)
     if numbers is None:
         return None
@@ -402,8 +403,9 @@ def frame_numbers(names: Sequence[str], sparsest: int = SPARSEST) -> list[int] |
 
 
 def frames_of_labels(labels: Sequence[str]) -> list[int] | None:
-    """Return the frames that a file numbers, from the first on; None where not all are
-    whole numbers. Raises FormatError for one that is there twice.
+    """Return the frames that labels number, from 0 for the first; None for no numbers.
+
+    Raises FormatError for a number that is there twice.
     """
     if not all(label.isascii() and label.isdecimal() for label in labels):
         return None
@@ -426,8 +428,10 @@ RATES = (0.5, 2000.0)
 
 
 def frames_of_times(times: Floats, rate: float | None) -> list[int] | None:
-    """Return the frames at times (n,) in seconds: whole steps from the first, of 1 /
-    rate, or else of the usual or the least step; None where they are no steps.
+    """Return the frames at times (n,) in seconds; None where these are no whole steps.
+
+    Steps count from the first time, and last 1 / rate, or else as long as the usual or
+    the least step.
     """
     if not len(times) or not np.isfinite(times).all():
         return None
@@ -459,16 +463,15 @@ def _frames_at(times: Floats, rate: float) -> list[int] | None:
 
 
 def number_labels(values: Numbers) -> list[str]:
-    """Return frames or seconds as text, to the microsecond. Raises FormatError for no
-    number.
-    """
+    """Return frames or seconds as texts, to the microsecond; FormatError for NaN."""
     require(np.isfinite(values).all(), "a frame without a number")
     return [f"{value:.6f}".rstrip("0").rstrip(".") for value in values.tolist()]
 
 
 def number_repeats(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels, numbered where they repeat an earlier one; the eighth, if empty,
-    is `*7`.
+    """Return labels as names that differ: what repeats an earlier one gets a number.
+
+    An empty one is `*7` if it is the eighth.
     """
     times = Counter[str]()
     names: dict[str, None] = {}
@@ -482,8 +485,9 @@ def number_repeats(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def name_individual(who: object) -> str:
-    """Return an identity, or [it], as text: `id 3` for 3; "" for what is below 0, or of
-    no kind.
+    """Return the name of an identity: a text itself, `id 3` for 3, "" for others.
+
+    Others are numbers below 0, and what is of no such kind. [it] stands for it.
     """
     while isinstance(who, list) and len(who) == 1:
         who = who[0]
@@ -495,8 +499,9 @@ def name_individual(who: object) -> str:
 
 
 def skeleton_edges(lines: object, landmarks: int, *, first: int = 0) -> Edges:
-    """Return those of a list of lines that join two of so many landmarks, which a file
-    counts from `first`; lines of another kind join none.
+    """Return as pairs those of a list of lines that join two of so many landmarks.
+
+    A file counts these from `first`; lines of another kind join none.
     """
     pairs: list[tuple[int, int]] = []
     for line in lines if isinstance(lines, list) else []:

@@ -151,7 +151,7 @@ def understand(path: Path, dimensions: int | None = None) -> Understood:
 
 
 def _layout(header: Header) -> str:
-    """Return how the rows of a table stand."""
+    """Return a text on what a row of a table is, and what stands between cells."""
     row = "landmark" if header.is_long else "image"
     between = DELIMITERS.get(header.delimiter, "quotes")
     return f"a row per {row}, cells between {between}"
@@ -175,9 +175,10 @@ def _has_depth(body: Body) -> bool:
 
 
 def _two_bodies(header: Header, body: Body) -> str:
-    """Say which of several bodies was read."""
+    """Return a note on which of several bodies is read, and which are not."""
 
     def named(one: Body) -> str:
+        """Return the first columns of a body, as the note names it."""
         axes = next(iter(one.values()))
         columns = [header.names[axes[axis]] for axis in "xyz" if axis in axes]
         return f"{', '.join(map(printable, columns))} ..."
@@ -210,7 +211,7 @@ def _read_wide(table: Table, header: Header, body: Body) -> Grid:
 
 
 def _values_of(table: Table, body: Body) -> dict[int, Floats]:
-    """Return the values (n,) of each column of a body."""
+    """Return column -> its values (n,), for each column of a body."""
     numbers, flags = _columns_of(body)
     values = dict(zip(numbers, table.numbers(numbers, finite=True).T, strict=True))
     values.update(zip(flags, table.flags(flags).T, strict=True))
@@ -227,7 +228,7 @@ def _columns_of(body: Body) -> tuple[list[int], list[int]]:
 
 
 def _read_long(table: Table, header: Header) -> Grid:
-    """Read a table with a row per landmark of an image; nothing of a wide one."""
+    """Read a table with a row per landmark of an image; an empty Grid for others."""
     if not header.is_long:
         return Grid({}, (), {}, Keys({}), set())
     (names,) = table.texts(header.roles["landmark"])
@@ -249,7 +250,10 @@ def _read_long(table: Table, header: Header) -> Grid:
 
 
 def _whole_names(names: list[str]) -> list[str]:
-    """Return numbers as whole ones: pandas writes 1.0 where cells are empty."""
+    """Return names such as 1.0 as 1, if all are such; else as they are.
+
+    pandas writes 1.0 where cells are empty.
+    """
     if all(name.endswith(".0") and name[:-2].isdecimal() for name in names):
         return [name[:-2] for name in names]
     return names
@@ -258,8 +262,9 @@ def _whole_names(names: list[str]) -> list[str]:
 def _place_rows(
     table: Table, keys: Keys, names: Sequence[str], texts: Sequence[Sequence[str]]
 ) -> tuple[list[ImageKey], list[str], list[tuple[int, int]]]:
-    """Return the images by their cells, the landmarks, and the numbers of both of each
-    row; `texts` are the cells of each column that tells images apart.
+    """Return the images, the landmarks, and the numbers of both for each row.
+
+    An image is the `texts` of the columns that tell images apart.
 
     Raises InputError for a landmark that is twice in an image.
     """
@@ -308,8 +313,9 @@ def _weights(grid: Grid, header: Header) -> Floats | None:
 
 
 def _check_flags(values: Floats, axis: str, column: str) -> None:
-    """Raise FormatError for values of a column that are no shares, yes or no, or COCO's
-    of what is visible.
+    """Raise FormatError for weights that are not within 0 and 1, or 0, 1 and 2 of COCO.
+
+    The latter for `visible`. column is what the message calls theirs.
     """
     finite = values[np.isfinite(values)]
     of_coco = axis == "visible" and np.isin(finite, (0, 1, 2)).all()
@@ -330,7 +336,7 @@ def _column_of(axis: str, header: Header) -> str:
 
 
 def _notes_of_weights(grid: Grid, header: Header) -> list[str]:
-    """Say which columns hide landmarks, and which are for all landmarks of an image."""
+    """Return notes on columns that hide landmarks, or weight all of an image."""
     notes = []
     meaning = {"visible": "0 is hidden", "occluded": "1 is hidden"}
     for axis in WEIGHTS:
@@ -376,8 +382,9 @@ def _find_keys(table: Table, header: Header, landmarks: Sequence[str] | None) ->
 
 
 def _has_times(table: Table, columns: Mapping[str, int]) -> bool:
-    """Whether the column of times holds numbers, one in each row, and one of each
-    image that another column numbers.
+    """Whether the column of times has a number in each row, and one for each image.
+
+    The latter where another column numbers the images.
     """
     values, wrong = read_numbers(table.texts(columns["time"])[0])
     if wrong.any() or not np.isfinite(values).all():
@@ -432,14 +439,16 @@ def _tell_apart(cells: Sequence[str], landmarks: Sequence[str] | None) -> bool:
 def _table_images(
     path: Path, grid: Grid, header: Header
 ) -> tuple[dict[str, Any], Integers, tuple[Line, ...]]:
-    """Return the fields of `Poses` that say what the images are, the order of the rows,
-    and lines that say how items and frames were understood.
+    """Return the fields of `Poses` on images, the order of rows, and lines on these.
+
+    The lines say how items and frames were understood.
     """
     cells, count = grid.cells, len(grid.axes["x"])
     stem = video_name(path)
     order = np.arange(count)
 
     def called(role: str) -> str:
+        """Return the column of a role as messages name it."""
         return f"column {printable(header.called(grid.keys.columns[role]))}"
 
     fields: dict[str, Any] = {}
@@ -501,8 +510,9 @@ def _single_images(
 
 
 def _individual(cell: str) -> str:
-    """Return an individual as files of detectors name it: 3 is `id 3`, -1 and nothing
-    nobody.
+    """Return the individual in a cell: `id 3` for 3, and "" for -1 or nothing.
+
+    Files of detectors name it in this way.
     """
     (value,), wrong = read_numbers([cell])
     return printable(cell) if wrong.any() else name_individual(float(value))
@@ -525,8 +535,10 @@ def _whole_numbers(cells: Sequence[str]) -> list[int]:
 def _table_frames(
     cells: Sequence[str], videos: Sequence[str] | None, named: bool
 ) -> tuple[Integers, Integers]:
-    """Return the frames in their videos, from the first on, and their order. Those of
-    items that are named keep their numbers, as in our CSV.
+    """Return the frames in their videos, from 0 for the first, and the order of rows.
+
+    Those of items that are named keep their numbers, as in our CSV. Raises FormatError
+    for no whole number.
     """
     frames = np.array(_whole_numbers(cells), np.int64)
     order, first = _table_order(frames, videos)
@@ -536,7 +548,10 @@ def _table_frames(
 def _table_order(
     values: Floats | Integers, videos: Sequence[str] | None
 ) -> tuple[Integers, Integers]:
-    """Return the order of rows in their videos, and the first row of each (n,)."""
+    """Return the order of rows by video and value, and the first row of each video.
+
+    The latter (n,) is for each row that of its own video.
+    """
     videos = videos or [""] * len(values)
     rank = {video: number for number, video in enumerate(dict.fromkeys(videos))}
     ranks = np.array([rank[video] for video in videos], np.intp)
@@ -545,8 +560,9 @@ def _table_order(
 
 
 def _frames_of_times(seconds: Floats, videos: Sequence[str] | None) -> Integers:
-    """Return the frames of times in their videos, from the first on: those of one grid
-    for all videos, else counted.
+    """Return the frames (n,) of times in their videos, from 0 for the first of each.
+
+    They are those of one grid for all videos, else counted.
     """
     _, first = _table_order(seconds, videos)
     since = np.round(seconds - seconds[first], MICROSECONDS)
@@ -562,9 +578,7 @@ def _frames_of_times(seconds: Floats, videos: Sequence[str] | None) -> Integers:
 
 
 def _of_times(seconds: Floats, frames: Integers, order: Integers) -> dict[str, Any]:
-    """Return the times and the frame rate of frames; neither where the times are not in
-    seconds.
-    """
+    """Return the fields `time` and `frame_rate`; {} for times that are no seconds."""
     rate = find_rate(frames[order], seconds[order])
     if rate is None or not RATES[0] <= rate <= RATES[1]:
         return {}
@@ -585,8 +599,7 @@ def is_caliscope(head: Head) -> bool:
 
 
 def read_caliscope(paths: tuple[Path, ...]) -> Poses:
-    """Read caliscope's CSV of MediaPipe's landmarks: a row per point of a frame of a
-    camera.
+    """Read caliscope's CSV of MediaPipe: a row per point of a frame of a camera.
 
     A port (or cam_id) is a video. Points 0 to 32 are the body and have the names of
     mediapipe_33; hands (100, 200 and more) and face (500 and more) keep their numbers

@@ -41,11 +41,10 @@ _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
 
 def read_json(path: Path, *, keep: bool = False) -> object:
-    """Return the content of a JSON file, and `keep` it for the next call: 0.7 of the
-    time in all.
+    """Return the content of a JSON file; InputError, naming the line, for others.
 
-    NaN and Infinity, which Python writes, are read, too. Raises InputError, naming the
-    line.
+    To `keep` it for the next call takes 0.7 of the time in all. NaN and Infinity, which
+    Python writes, are read, too.
     """
     state = os.stat(path)
     content = _parse_json(path, state.st_mtime_ns, state.st_size)
@@ -56,6 +55,7 @@ def read_json(path: Path, *, keep: bool = False) -> object:
 
 @lru_cache(maxsize=1)
 def _parse_json(path: Path, _time: int, _size: int) -> object:
+    """Return the content of a JSON file, remembered while its time and size stay."""
     data = read_whole(path).removeprefix(BYTE_ORDER_MARK)
     if not data.strip():
         raise input_error(path, "is empty", "make or copy it again, or take it away")
@@ -72,8 +72,9 @@ def _parse_json(path: Path, _time: int, _size: int) -> object:
 
 
 def decode(data: bytes) -> str:
-    """Return text in UTF-8, with a mark or without, UTF-16 with a mark, or else
-    Latin-1; what can be written in several ways in Unicode is written in one.
+    """Return bytes as text: of UTF-8, UTF-16 with a mark, or else Latin-1.
+
+    What can be written in several ways in Unicode is written in one.
     """
     if data.startswith(UTF16_MARKS):
         text = data.decode("utf-16", "replace")
@@ -106,9 +107,7 @@ def read_text(path: Path) -> str:
 
 
 def floats(words: Sequence[str], count: int | None = None) -> list[float]:
-    """Return words, so many, as finite numbers. Raises FormatError where they are
-    none.
-    """
+    """Return words as finite numbers; FormatError for others, or another `count`."""
     require(len(words) == (count or len(words)), f"{len(words)} numbers, not {count}")
     values: list[float] = read_numbers(words)[0].tolist()
     wrong = [
@@ -143,7 +142,7 @@ class Table(NamedTuple):
     delimiter: str
 
     def texts(self, *columns: int) -> list[list[str]]:
-        """Return the cells of columns, without the spaces around them."""
+        """Return a list of the cells of each column, without the spaces around them."""
         last = max(columns, default=0) + 1
         cells = [row.split(self.delimiter, last) for row in self.rows]
         texts = [[row[column].strip() for row in cells] for column in columns]
@@ -155,7 +154,7 @@ class Table(NamedTuple):
         return texts
 
     def flags(self, columns: Sequence[int]) -> Floats:
-        """Return columns (n, ...) of yes and no, or of numbers, NaN for empty cells.
+        """Return columns (n, ...) of yes (1) and no (0), or of numbers; NaN for empty.
 
         Raises InputError for other cells.
         """
@@ -195,8 +194,7 @@ class Table(NamedTuple):
         return values
 
     def _plain_numbers(self, columns: Sequence[int]) -> Floats | None:
-        """Return columns where all cells are plain numbers or empty; None where any is
-        not.
+        """Return columns (n, ...) if all cells are plain numbers or empty; else None.
 
         JSON reads 21 MB of DeepLabCut's CSV in half the time that NumPy takes.
         """

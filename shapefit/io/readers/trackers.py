@@ -37,7 +37,7 @@ class TrackerFile(Hdf5File):
     """An open HDF5 file of another tool."""
 
     def names(self, group: str = "/") -> list[str]:
-        """Return the names in a group; none where it is absent."""
+        """Return the names in a group; [] where it is absent."""
         with self.damage(group.strip("/")):
             node = self.root.get(group)
             names = [*node] if isinstance(node, h5py.Group) else []
@@ -46,7 +46,7 @@ class TrackerFile(Hdf5File):
         return names
 
     def numbers(self, name: str) -> Floats:
-        """Return a dataset as numbers."""
+        """Return a dataset as numbers; FormatError where it holds none."""
         values = np.asarray(self.rows(name))
         require(values.dtype.kind in "biuf", f"{name} holds no numbers")
         return values.astype(np.float64)
@@ -56,8 +56,9 @@ class TrackerFile(Hdf5File):
         return self.numbers(name) if self.is_dataset(name) else None
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a dataset of names; () where it is absent or empty, as SLEAP writes
-        numbers.
+        """Return a dataset of texts; () where it is absent or empty.
+
+        SLEAP writes an empty one as numbers. Raises FormatError for others.
         """
         values = np.ravel(
             np.asarray(self.rows(name), object) if self.is_dataset(name) else ()
@@ -68,7 +69,7 @@ class TrackerFile(Hdf5File):
         return tuple(values.tolist())
 
     def table(self, name: str, columns: Sequence[str]) -> NDArray[np.void]:
-        """Return a dataset of rows with these columns, all of them numbers."""
+        """Return a dataset of rows with these columns of numbers; else FormatError."""
         rows = np.asarray(self.rows(name))
         lacking = [one for one in columns if one not in (rows.dtype.names or ())]
         require(not lacking, f"{name} has no column {abbreviate(lacking)}")
@@ -86,8 +87,9 @@ class TrackerFile(Hdf5File):
         )
 
     def number(self, attribute: str, node: str = "/") -> float:
-        """Return an attribute that is a number above 0, or the first of some; 0 for
-        none.
+        """Return an attribute as a number, 0 at least; 0 where it is absent.
+
+        Of several numbers the first. Raises FormatError for what is no number.
         """
         value: object = self.attribute(attribute, node) or 0
         if isinstance(value, list) and value:  # a version and that below it
@@ -97,8 +99,9 @@ class TrackerFile(Hdf5File):
         return max(float(value), 0.0)
 
     def edges(self, name: str, count: int) -> Edges:
-        """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or
-        empty.
+        """Return the pairs of landmarks in a dataset (e, 2); () if absent or empty.
+
+        Raises FormatError for landmarks that are not among so many.
         """
         given = self.numbers_if_any(name)
         if given is None or not given.size:
@@ -123,8 +126,9 @@ def is_sleap_analysis(head: Head) -> bool:
 
 
 def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
-    """Read an analysis file, whose array `tracks` is (track, xy, node, frame), as SLEAP
-    writes it, or (frame, track, node, xy).
+    """Read SLEAP's analysis file, whose array `tracks` has four axes.
+
+    They are (track, xy, node, frame), as SLEAP writes it, or (frame, track, node, xy).
 
     Newer files name the axes in the attribute `dims`; in older ones the lengths decide:
     those of `node_names`, and of `track_occupancy` (frame, track).
@@ -338,7 +342,9 @@ def _name_of_video(video: _Video) -> str:
 
 
 def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
-    """Return a skeleton: its edges are links whose type, or its place, is 1.
+    """Return the nodes of a skeleton of .slp, and those of its links that are edges.
+
+    Their type, or the place of a type that was stated before, is 1.
 
     A skeleton that comes from a preset has its graph in `nx_graph`.
     """
@@ -370,7 +376,10 @@ def _read_slp_skeleton(about: _Skeleton, nodes: Sequence[_Node]) -> SlpSkeleton:
 
 
 def _type_of_edge(pickled: object) -> int:
-    """Return the type of an edge, [.., {py/tuple: [type]}, ..]; 0 for what is none."""
+    """Return the type of an edge as jsonpickle writes it; 0 for what is none.
+
+    It is [.., {py/tuple: [type]}, ..].
+    """
     steps = pickled[1] if isinstance(pickled, list) and len(pickled) > 1 else None
     values = steps.get("py/tuple") if isinstance(steps, dict) else None
     first = values[0] if isinstance(values, list) and values else 0
@@ -380,8 +389,9 @@ def _type_of_edge(pickled: object) -> int:
 def _instances_of(
     frames: NDArray[np.void], instances: NDArray[np.void]
 ) -> tuple[NDArray[np.void], Integers]:
-    """Return the instances of frames one after the other, and the number of the frame
-    of each.
+    """Return the instances of all frames in order, and the row of the frame of each.
+
+    Raises FormatError for instances that are not there, or are shared.
     """
     start = frames["instance_id_start"].astype(np.int64)
     end = frames["instance_id_end"].astype(np.int64)
@@ -429,8 +439,9 @@ def _place_points(
 def _cells_of(
     table: NDArray[np.void], instances: NDArray[np.void], count: int
 ) -> NDArray[np.void]:
-    """Return the rows of a table of points (n, count) that instances of so many nodes
-    have.
+    """Return the rows (n, count) of a table of points that belong to n instances.
+
+    Raises FormatError for instances that do not have so many.
     """
     start = instances["point_id_start"].astype(np.int64)
     end = instances["point_id_end"].astype(np.int64)
@@ -503,8 +514,10 @@ def is_jabs(head: Head) -> bool:
 
 
 def read_jabs(paths: tuple[Path, ...]) -> Poses:
-    """Read JABS: (frame, point, [y, x]), or (frame, mouse, point, [y, x]) from version
-    3 on; a point is missing with confidence 0.
+    """Read the mice of a file of JABS; a point is missing with confidence 0.
+
+    Points are (frame, point, [y, x]), or (frame, mouse, point, [y, x]) from version 3
+    on.
 
     The mice of a frame are in any order. Version 3 counts them and numbers their
     tracks, later ones give identities, 0 for none.
@@ -563,8 +576,10 @@ def is_movement(head: Head) -> bool:
 
 
 def read_movement(paths: tuple[Path, ...]) -> Poses:
-    """Read movement's netCDF, which is HDF5: `position` over time, space, keypoints,
-    individuals, in any order; newer versions say `keypoint` and `individual`.
+    """Read the poses in movement's netCDF, which is HDF5.
+
+    `position` is over time, space, keypoints, individuals, in any order; newer versions
+    say `keypoint` and `individual`. Raises FormatError for data of another kind.
     """
     with TrackerFile(paths[0]) as file:
         kind = file.text("ds_type")
@@ -598,7 +613,10 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
 
 
 def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
-    """Return a dataset with the wanted axes in order."""
+    """Return a dataset of numbers with its axes in the wanted order, by their names.
+
+    Raises FormatError where it has other axes.
+    """
     # h5py's own `dims` can abort the process on damaged files
     with file.damage(name):
         scales = file.root[name].attrs["DIMENSION_LIST"]
@@ -641,7 +659,7 @@ def is_nwb(head: Head) -> bool:
 
 
 def read_nwb(paths: tuple[Path, ...]) -> Poses:
-    """Read all PoseEstimations of `processing`.
+    """Read the animals of an NWB file: all PoseEstimations in `processing`.
 
     Raises FormatError where there is none, or one twice.
     """
@@ -680,7 +698,7 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
 
 
 def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
-    """Yield the groups below a group, so many levels deep."""
+    """Yield the paths of the groups below a group, so many levels deep."""
     for name in file.names(group) if levels else ():
         inner = f"{group}/{name}"
         with file.damage(inner):
@@ -691,7 +709,7 @@ def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
 
 
 def _read_all_series(file: TrackerFile, groups: Sequence[str]) -> SeriesOfAnimals:
-    """Return the series of all PoseEstimations among groups, at least one."""
+    """Return the series of all PoseEstimations among groups; FormatError for none."""
     kinds = {name: file.text("neurodata_type", name) for name in groups}
     series: SeriesOfAnimals = {}
     for name in groups:
@@ -709,7 +727,10 @@ def _read_all_series(file: TrackerFile, groups: Sequence[str]) -> SeriesOfAnimal
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
-    """Return the series of a group."""
+    """Return the points, confidences and times of one landmark, in its group.
+
+    Raises FormatError where times do not increase, or numbers of values differ.
+    """
     data = f"{group}/data"
     start = f"{group}/starting_time"
     rate = 0.0
@@ -739,9 +760,7 @@ def _read_series(file: TrackerFile, group: str) -> Series:
 def _read_nwb_skeleton(
     file: TrackerFile, groups: Sequence[str]
 ) -> tuple[tuple[str, ...], Edges]:
-    """Return the nodes of the first skeleton among groups, and their pairs; none where
-    there is none.
-    """
+    """Return the nodes and edges of the first skeleton among groups, () if none."""
     skeleton = next((name for name in groups if file.texts(f"{name}/nodes")), "")
     nodes = file.texts(f"{skeleton}/nodes")
     return nodes, file.edges(f"{skeleton}/edges", len(nodes))
@@ -750,9 +769,7 @@ def _read_nwb_skeleton(
 def _landmarks_in_order(
     series: SeriesOfAnimals, nodes: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the landmarks of all series: those of a skeleton in its order, then the
-    others.
-    """
+    """Return the landmarks of all series, first those of a skeleton in its order."""
     landmarks = dict.fromkeys(landmark for _, landmark in series)
     in_skeleton = [node for node in nodes if node in landmarks]
     return tuple(dict.fromkeys([*in_skeleton, *landmarks]))
@@ -764,8 +781,9 @@ def _place_series(
     animals: Sequence[str],
     names: Sequence[str],
 ) -> tuple[Floats, Floats, Flags]:
-    """Return points (n, i, p, d) and confidence (n, i, p) at n times, NaN where an
-    animal lacks a landmark, and which animals are there (n, i).
+    """Return points (n, i, p, d), confidence and presence (n, i) of animals at n times.
+
+    Points and confidence (n, i, p) are NaN where an animal lacks a landmark.
     """
     dimensions = next(iter(series.values())).points.shape[1]
     points = np.full((len(times), len(animals), len(names), dimensions), np.nan)
@@ -782,7 +800,10 @@ def _place_series(
 
 
 def _common_rate(series: SeriesOfAnimals) -> float | None:
-    """Return the rate in Hz of all series of several times; None for others or none."""
+    """Return the rate in Hz that all series have; None where they differ or have none.
+
+    Series of one time do not count.
+    """
     rates = {one.rate for one in series.values() if len(one.times) > 1}
     return (rates.pop() or None) if len(rates) == 1 else None
 

@@ -62,6 +62,8 @@ class _Detections(NamedTuple):
 def track_people(poses: Poses) -> Sequence[str] | None:
     """Return the individuals (N,), poses without identity called `person 1` and so on.
 
+    "" for those without a landmark; None where the format knows no individuals.
+
     Tracks are numbered in order of their first frames, through all videos.
     """
     if poses.individual is None:
@@ -126,10 +128,10 @@ def _number_tracks(poses: Poses, detections: _Detections, chosen: Integers) -> I
 
 
 def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Integers:
-    """Return which tracks (T,) go on in which detections (D,) of a frame, as pairs (2,
-    m).
+    """Return pairs (2, m): which tracks (T,) go on in which detections (D,) of a frame.
 
-    Landmarks that a detection lacks are taken from its track, and move as that does.
+    It sets the motion of those detections. Landmarks that one lacks are taken from its
+    track, and move as that does.
     """
     passed = np.maximum(detections.frame[rows[0]] - detections.frame[tracks], 1)
     steps = detections.motion[tracks] * np.minimum(passed, MAX_MOVING_FRAMES)[:, None]
@@ -155,8 +157,9 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
 def _distances(
     detections: _Detections, expected: Floats, rows: Integers, scale: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the mean distance of the landmarks that T tracks and D detections have in
-    common (T, D), and the weight of those.
+    """Return the mean distance of T tracks from D detections, and its weight (T, D).
+
+    Both are of the landmarks that they have in common.
     """
     difference = detections.points[rows] - expected[:, None]
     away = np.sqrt(np.einsum("tdpc,tdpc->tdp", difference, difference))
@@ -185,8 +188,10 @@ def _go_on(
     passed: Integers,
     expected: Floats,
 ) -> None:
-    """Give the detections after m others of the same tracks their motion, the expected
-    landmarks that they lack, and a size that does not collapse.
+    """Set motion, lacking landmarks and size of m detections by those before them.
+
+    The landmarks are as expected, the size does not collapse; `passed` frames lie
+    between.
     """
     points = detections.points[after]
     moved = (points - detections.points[before])[..., :2]
@@ -203,7 +208,7 @@ def _go_on(
 
 
 def assign(cost: Floats, allowed: Flags) -> list[tuple[int, int]]:
-    """Return as many pairs as possible of those allowed, of least cost."""
+    """Return pairs (row, column): as many allowed ones as possible, at least cost."""
     padded = np.where(allowed, cost, np.inf)
     rows = np.flatnonzero(allowed.any(axis=1))
     best = padded[rows].argmin(axis=1) if len(rows) else rows

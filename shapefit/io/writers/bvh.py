@@ -40,8 +40,9 @@ class PartRow(TypedDict, total=False):
 
 
 def write_bvh(path: Path, motion: FileMotion) -> str:
-    """Write one motion, gaps bridged in straight lines; say how far joints are from the
-    landmarks.
+    """Write one motion as BVH; return a text on how far joints are from the landmarks.
+
+    Gaps are bridged in straight lines.
 
     Raises InputError where no edge joins two landmarks that have a place.
     """
@@ -78,7 +79,10 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
 
 
 def _bridged(points: Floats) -> Floats:
-    """Return points (f, 3, p) over gaps in a straight line; nan what is never known."""
+    """Return points (f, 3, p), unknown ones in straight lines; nan if never known.
+
+    Before the first known one and after the last they stay where these are.
+    """
     bridged = points.copy()
     frames = np.arange(len(points))
     for track in bridged.reshape(len(points), -1).T:
@@ -96,9 +100,7 @@ def _edges_between(motion: FileMotion, placed: Flags) -> Integers:
 
 
 def _parts(names: tuple[str, ...]) -> dict[str, PartRow]:
-    """Return the rows of `data/bvh.toml` by the landmarks of a person; none of
-    others.
-    """
+    """Return landmark -> row of `data/bvh.toml` for a person's; {} for others."""
     parts = part_names(names)
     person = set(parts.values()) >= {f"{side}{limb}" for side in "lr" for limb in LIMBS}
     return {name: _rows().get(part, {}) for name, part in parts.items() if person}
@@ -123,9 +125,7 @@ def _rows() -> dict[str, PartRow]:
 
 
 def _motion_lines(rig: Rig) -> bytes:
-    """Return a line for each frame: the place of the root, and the angles in
-    degrees.
-    """
+    """Return the lines of all frames: the place of the root, and angles in degrees."""
     angles = np.concatenate(np.degrees(find_angles(rig.rotations)), axis=1)
     table = np.hstack([rig.root, angles]).round(DECIMALS)
     text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
@@ -133,8 +133,7 @@ def _motion_lines(rig: Rig) -> bytes:
 
 
 def find_angles(rotations: Floats) -> Floats:
-    """R = R_z(a) R_x(b) R_y(c): angles (m, f, 3), in radians, of rotations (m, f, 3,
-    3).
+    """Return angles a, b, c (m, f, 3) in radians of rotations R_z(a) R_x(b) R_y(c).
 
     They change as little as can be from frame to frame: a, b, c and a + pi, pi - b, c +
     pi are one rotation, and so are angles that differ by 2 pi.
@@ -147,6 +146,7 @@ def find_angles(rotations: Floats) -> Floats:
     other = np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1)
 
     def change(start: Floats, end: Floats) -> Floats:
+        """Return the sum of three turns between angles (..., 3), each at most pi."""
         turn = (end - start + np.pi) % (2 * np.pi) - np.pi
         turned: Floats = np.abs(turn).sum(axis=-1)
         return turned
@@ -160,7 +160,7 @@ def find_angles(rotations: Floats) -> Floats:
 def _joint_lines(
     rig: Rig, names: list[str], number: int = 0, tabs: str = ""
 ) -> Iterator[str]:
-    """Yield the lines of a node at rest and of all below it."""
+    """Yield the lines of BVH for a node at rest and for all below it."""
     below = [k for k, node in enumerate(rig.tree) if node.above == number]
     yield f"{tabs}{'JOINT' if number else 'ROOT'} {names[number]}"
     yield f"{tabs}{{"
@@ -176,12 +176,14 @@ def _joint_lines(
 
 
 def _triple(vector: Floats) -> str:
+    """Return x, y and z as text, as BVH writes them."""
     return " ".join(f"{x:.{DECIMALS}f}" for x in vector)
 
 
 def _names(rig: Rig, landmarks: Floats, rows: list[PartRow]) -> list[str]:
-    """Name each node of a rig by its landmark; one that only leads to another, by
-    both.
+    """Return the names of the nodes of a rig, all different, by their landmarks.
+
+    A node that only leads to another is named by its bone, or else by both landmarks.
     """
     names: list[str] = []
     for node in rig.tree:
@@ -197,7 +199,7 @@ def _names(rig: Rig, landmarks: Floats, rows: list[PartRow]) -> list[str]:
 
 
 def _describe(motion: FileMotion, rig: Rig, points: Floats) -> str:
-    """Say how far the joints of a rig are from landmarks (f, 3, p)."""
+    """Return a text on how far the joints of a rig are from landmarks (f, 3, p)."""
     truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
     far = 1000 * np.linalg.norm(place_nodes(rig) - truth, axis=2)
     joints = f"joints of {motion.name}" if motion.name else "joints"

@@ -55,7 +55,7 @@ class MetricShapes(NamedTuple):
 def in_metres(
     records: Shapes3D, options: OutputOptions, place: str, floor: Floor | None = None
 ) -> MetricShapes:
-    """Return one sequence in metres.
+    """Return the points of one sequence in metres, and where axes and size come from.
 
     Results have y up, shapes keep their axes unless `up` turns them. On a floor y = 0
     is the floor, and x = z = 0 the camera. Raises InputError at `place` where the size
@@ -91,8 +91,9 @@ def in_metres(
 
 
 def with_stated_height(records: Fit, place: str) -> Fit:
-    """Return a result whose `metres_per_unit` make the body of each sequence as tall as
-    the result states, if it does.
+    """Return a result whose `metres_per_unit` make bodies as tall as the result states.
+
+    In each sequence; without a stated height it stays as it is.
     """
     if records.stated_height is None:
         return records
@@ -108,11 +109,11 @@ def with_stated_height(records: Fit, place: str) -> Fit:
 
 
 def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
-    """(|ankle knee| + |knee hip| + |hips shoulders|) / 0.779 along the body: (n,).
+    """Return the heights (n,) of people by their bones; None for other landmarks.
 
-    shapes (n, 3, p); legs are the mean of both, hips and shoulders the middles of
-    theirs. None where the landmarks are not those of a person with hips, knees, ankles
-    and shoulders.
+    (|ankle knee| + |knee hip| + |hips shoulders|) / 0.779 along the body, of shapes (n,
+    3, p): legs are the mean of both, hips and shoulders the middles of theirs.
+    Landmarks must have hips, knees, ankles and shoulders.
     """
     column = joint_columns(names)
     joints = [
@@ -131,15 +132,15 @@ def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
 
 
 def flip(records: Shapes3D) -> Floats:
-    """Return the signs (3,) between the frame of results and x right, y down, z
-    away.
-    """
+    """Return the signs (3,) that turn axes of results to x right, y down, z away."""
     return np.array([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.ones(3)
 
 
 def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats, str]:
-    """Return the rotations that turn shapes so that y is up, and where up comes
-    from.
+    """Return the rotations that turn shapes so that y is up, and a text on what is up.
+
+    They are (3, 3), or one for each shape. Raises InputError for `up` of results that
+    have no extrinsics.
     """
     up = options.up
     if isinstance(records, Shapes):
@@ -159,9 +160,12 @@ def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats
 def _factor(
     records: Shapes3D, upright: Floats, options: OutputOptions, place: str
 ) -> tuple[Floats, str]:
-    """Return the metres (n,) in a unit of each shape, and by what: the height that is
-    given or that the result states, the unit, or the training shapes, for all shapes
-    the same unless edges say their lengths.
+    """Return the metres (n,) in a unit of each shape, and a text on their source.
+
+    That is the height that is given or that the result states, the unit, or the
+    training shapes, for all shapes the same unless edges say their lengths. Raises
+    InputError at `place` where there is none of these, and for another unit than that
+    of the shapes.
     """
     n, unit = len(records), records.unit
     if options.unit and metres_in(unit) not in (None, metres_in(options.unit)):
@@ -206,8 +210,9 @@ def _factor(
 
 
 def _in_the_image(upright: Floats, factor: Floats) -> Floats:
-    """Place shapes of unknown depth in the plane of the image, the first at 0, the
-    lowest y 0.
+    """Return shapes of unknown depth in metres, placed in the plane of the image.
+
+    The first is at 0, the lowest y is 0.
     """
     middle = upright.mean(axis=2, keepdims=True)
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
@@ -220,8 +225,9 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
 
 
 def _from_the_origin(records: Fit, points: Floats, place: str) -> tuple[Floats, float]:
-    """Return points (n, 3, p) before the camera from the origin of its world, if that
-    is known, and the metres from the camera to it.
+    """Return points (n, 3, p) from the origin of the world, and how far the camera is.
+
+    They were from the camera, and stay so, at 0 m, where the origin is not known.
     """
     world = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
     if world is None or records.column(EXTRINSIC_ROTATION) is None:
@@ -233,8 +239,9 @@ def _from_the_origin(records: Fit, points: Floats, place: str) -> tuple[Floats, 
 def _per_item(
     records: Fit, name: str, shape: tuple[int, ...], place: str
 ) -> Floats | None:
-    """Return a dataset of the file or of each item for each item (n, ...); None without
-    it.
+    """Return a dataset as an array of this shape for each item; None if it is absent.
+
+    One of the file is that of each item. Raises InputError for another shape.
     """
     values = records.column(name)
     if values is None:

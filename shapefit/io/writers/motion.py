@@ -119,9 +119,7 @@ class FileMotion:
 
     @property
     def steady(self) -> str:
-        """Return what to say where a format has one rate, and times are others; else
-        "".
-        """
+        """The note on times that are off the steady rate of a format; "" for none."""
         off = self.times - self.frames / self.rate
         away = float(np.ptp(off)) if len(off) else 0.0
         if away * self.rate <= JITTER:
@@ -144,15 +142,17 @@ class MotionWriter(RecordWriter[Shapes3D]):
     """
 
     def __init__(self, options: OutputOptions, *, angles: bool) -> None:
-        """Take records for files in metres; `angles`, whether joint angles are written
-        of them.
-        """
+        """Take records for files in metres; with `angles` their joint angles, too."""
         super().__init__()
         self.parts: list[Shapes3D] = []
         self._options, self._angles = options, angles
 
     def append(self, record: Shapes3D) -> None:
-        """Take the items of a record after those that are there."""
+        """Take the items of a record after those that are there.
+
+        Raises InputError where landmarks of a detector are wanted (`markers`), and it
+        has none.
+        """
         if self._options.markers == "input" and _detected(record) is None:
             problem = (
                 "`--markers input`: there are no landmarks of a detector beside the"
@@ -182,13 +182,13 @@ def motion_output(
     angles: bool = False,
     judge_angles: JudgeAngles | None = None,
 ) -> Iterator[MotionWriter]:
-    """Give a writer to a file per sequence; all appear on a clean exit.
+    """Yield a writer; on a clean exit there is a file of each sequence that it took.
 
     `judge_angles` says in the summary how certain the angles of all sequences are.
 
     One sequence goes to `target`; several are named after it: man.trc becomes
-    man_NAME.trc. `suffix` is that of the format. Raises InputError where the
-    files cannot be written; earlier ones then stay.
+    man_NAME.trc. `suffix` is that of the format. Raises InputError where the files
+    cannot be written; earlier ones then stay.
     """
     check_output(target)
     writer = MotionWriter(options, angles=angles)
@@ -223,8 +223,9 @@ def motion_output(
 
 
 def _ending(target: Path, suffix: str) -> str:
-    """Return the ending of a name: the suffix of the format, such as .metres.csv, if
-    the name has it.
+    """Return the ending of a file's name: `suffix`, if the name has it, else its last.
+
+    suffix is that of the format, such as .metres.csv.
     """
     if target.name.lower().endswith(suffix):
         return target.name[-len(suffix) :]
@@ -232,8 +233,9 @@ def _ending(target: Path, suffix: str) -> str:
 
 
 def _file_stems(stem: str, names: Sequence[str]) -> list[str]:
-    """Return the stems of the files of sequences: after the target's their names, if
-    several.
+    """Return the stem of the file of each sequence: the target's, and then its name.
+
+    One sequence alone has the target's.
 
     Folders that all names share are left out; those that are then the same get a
     number.
@@ -254,8 +256,7 @@ def _file_stems(stem: str, names: Sequence[str]) -> list[str]:
 def find_motions(
     records: Shapes3D, options: OutputOptions, place: str
 ) -> list[FileMotion]:
-    """Part records by sequence, each in the order of its frames, on the floor of its
-    video.
+    """Return the motion of each sequence, frames in order, on the floor of its video.
 
     Raises InputError at `place` as `_tracks` and `in_metres`.
     """
@@ -270,8 +271,7 @@ def find_motions(
 def find_floors(
     records: Shapes3D, options: OutputOptions, place: str
 ) -> dict[str, Floor]:
-    """Return the floor that the bodies of each video stand on, by its name, where it is
-    known.
+    """Return video -> the floor that its bodies stand on, where that is known.
 
     It is that of trusted results under perspective. Raises InputError as `in_metres`.
     """
@@ -301,8 +301,7 @@ def find_floors(
 def _filmed_body(
     track: Fit, frames: Integers, metric: MetricShapes
 ) -> FilmedBody | None:
-    """Return the body of a track as it stands in its frames (n,); None where its height
-    is not known.
+    """Return the body of a track in frames (n,) as it stands; None for unknown height.
 
     Doubtful shapes, and ankles that were not seen, are gaps.
     """
@@ -330,8 +329,10 @@ def _filmed_body(
 
 
 def bridge_gaps(values: Floats, frames: Integers, rate: float) -> Floats:
-    """Return values (n, ...) of some frames (n,) at all frames from the first to the
-    last: in straight lines where some are missing, nan where for over `LONGEST_GAP`.
+    """Return values (n, ...) of frames (n,) at all frames from the first to the last.
+
+    Those of missing frames lie in straight lines, or are nan where more are missing
+    than for `LONGEST_GAP` seconds.
     """
     every = np.arange(frames[0], frames[-1] + 1) if len(frames) else frames
     if len(every) == len(frames):
@@ -352,15 +353,12 @@ def video_of(sequence: str) -> str:
 
 
 def angle_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the joint angles that landmarks determine; none unless it is
-    a body.
-    """
+    """Return the names of the joint angles that landmarks determine; () for no body."""
     return tuple(angle.name for angle in measurable_angles(joint_columns(names)))
 
 
 def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
-    """Return the joint angles of records and their deviations (n, a), {} if there are
-    none.
+    """Return the columns of joint angles and their deviations (n, a); {} for none.
 
     Results are upright as their camera is, or by the axis `up` of its world; shapes by
     their axis `up`, y by default. Without `shape_covariance` deviations are two to
@@ -384,8 +382,9 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
 
 
 def _covariance(record: Fit) -> Floats | None:
-    """Return the covariance of the landmarks together, or else that of each (n, p, 3,
-    3).
+    """Return the covariance of the landmarks of results; None where it is not known.
+
+    That of all together, or else that of each (n, p, 3, 3).
     """
     sd = record.shape_sd
     if record.shape_covariance is not None or sd is None:
@@ -400,7 +399,9 @@ def _covariance(record: Fit) -> Floats | None:
 
 
 def _tracks(records: Record, place: str) -> list[tuple[str, Record, Integers]]:
-    """Part records by sequence, with their frames or the order of the items.
+    """Return the name, the records and the frames (n,) of each sequence, in order.
+
+    Records without frames are in the order of their items.
 
     Raises InputError where two items of a sequence are of one frame, and where so many
     are missing that gaps cannot be filled.
@@ -489,7 +490,7 @@ def _motion(
 
 
 def _angles_on(floor: Floor | None, records: Shapes3D) -> Array:
-    """Return the joint angles of records (n, a), none where they are not known.
+    """Return the joint angles (n, a) of records; (n, 0) where they are not known.
 
     On a floor, trunk and head are tilted to its true vertical.
     """
@@ -505,21 +506,19 @@ def _angles_on(floor: Floor | None, records: Shapes3D) -> Array:
 
 
 def _by_frame(values: Array, frames: Integers, length: int) -> Floats:
-    """Return values (n, ...) of some frames (n,) in all of so many frames, nan in the
-    others.
-    """
+    """Return values (n, ...) of frames (n,) at `length` frames, nan at the others."""
     per_frame = np.full((length, *values.shape[1:]), np.nan)
     per_frame[_places(frames)] = values
     return per_frame
 
 
 def _places(frames: Integers) -> Integers:
-    """Return where frames (n,) in order stand among all from the first on."""
+    """Return the places of frames (n,), which are in order: 0 for the first."""
     return frames - frames[:1]
 
 
 def _trusted_frames(records: Shapes3D, frames: Integers, length: int) -> list[str]:
-    """Return whether each of so many frames is trusted, "" where this is not known."""
+    """Return "true" or "false" for frames that are trusted or not; "" if unknown."""
     trusted = np.full(length, "", dtype=object)
     if isinstance(records, Fit) and records.reasons is not None:
         trusted[_places(frames)] = np.where(records.reasons == "", "true", "false")
@@ -558,8 +557,9 @@ def find_times(
 
 
 def _as_markers(records: Fit) -> Fit:
-    """Return the landmarks of the files, by the names that models know, in place of the
-    joints.
+    """Return results with the landmarks of the files in place of the joints.
+
+    They have the names that models know.
     """
     names = tuple(records.input_landmark_names or ())
     assert records.input_shapes is not None, "the writer refuses results without"

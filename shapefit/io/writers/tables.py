@@ -28,8 +28,9 @@ TRC_COLUMNS = (
 
 
 def write_trc(path: Path, motion: FileMotion) -> None:
-    """Write one motion as TRC, which OpenSim reads, and its joint angles to
-    NAME_angles.csv.
+    """Write one motion as TRC, which OpenSim reads.
+
+    Its joint angles, if any, go to NAME_angles.csv.
     """
     if motion.angle_names:
         write_angles(path.with_name(f"{path.stem}_angles.csv"), motion)
@@ -69,14 +70,15 @@ def write_trc(path: Path, motion: FileMotion) -> None:
 
 
 def write_metres(path: Path, motion: FileMotion) -> None:
-    """Write a row per frame and landmark of one motion; what is not known is empty."""
+    """Write one motion as CSV, a row per frame and landmark; unknown cells empty."""
     columns = metres_columns(motion)
     _write_csv(path, [*columns], zip(*columns.values(), strict=True), ".7g")
 
 
 def metres_columns(motion: FileMotion) -> dict[str, Any]:
-    """Return the columns of a table of one motion: a row per frame and landmark, nan if
-    not known.
+    """Return name -> values of the columns of a motion, by frame and landmark.
+
+    Numbers that are not known are nan.
 
     sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2).
     """
@@ -95,11 +97,13 @@ def metres_columns(motion: FileMotion) -> dict[str, Any]:
 def _write_csv(
     path: Path, header: Sequence[str], rows: Iterable[Any], digits: str
 ) -> None:
-    """Write rows of whole numbers, times, texts and other numbers; what is not known is
-    empty.
+    """Write rows of a frame, a time and other cells as CSV; nan is an empty cell.
+
+    digits: the format of numbers with a fraction among the others.
     """
 
     def cell(value: object) -> str:
+        """Return the text of a cell, "" for nan and infinite numbers."""
         if not isinstance(value, float):
             return str(value)
         return format(value, digits) if np.isfinite(value) else ""
@@ -118,8 +122,10 @@ MAX_ANGLE_SD = 15.0
 
 
 def write_angles(path: Path, motion: FileMotion) -> None:
-    """Write each angle of a motion and its standard deviation, and the uncertain
-    ones.
+    """Write the joint angles of a motion as CSV, with their standard deviations.
+
+    A row per frame, whose last cell names the angles that are uncertain. Raises
+    InputError where landmarks determine no angle.
     """
     names = _angle_names(path, motion)
     header = [column for name in names for column in (name, f"{name}_sd")]
@@ -142,12 +148,13 @@ def write_angles(path: Path, motion: FileMotion) -> None:
 
 
 def write_mot(path: Path, motion: FileMotion) -> None:
-    """Write the joint angles of a motion as OpenSim reads them, and their standard
-    deviations, where there are any, to NAME_sd.sto.
+    """Write the joint angles of a motion as a .mot file, as OpenSim reads them.
 
-    OpenSim's `Storage` reads number after number and ends at the first NaN, so all
-    are finite: frames without a shape have no row, and an angle that is unknown in a
-    frame is that of the nearest one, with the deviation `UNKNOWN_TABLE_SD`.
+    Their standard deviations, where there are any, go to NAME_sd.sto.
+
+    OpenSim's `Storage` reads number after number and ends at the first NaN, so all are
+    finite: frames without a shape have no row, and an angle that is unknown in a frame
+    is that of the nearest one, with the deviation `UNKNOWN_TABLE_SD`.
     """
     names = _angle_names(path, motion)
     rows = np.isfinite(motion.angles).any(axis=1)
@@ -166,8 +173,9 @@ UNKNOWN_TABLE_SD = 180.0
 
 
 def _of_nearest_frames(angles: Floats, frames: Integers) -> Floats:
-    """Return angles (f, a), those that are unknown as in the nearest of the frames
-    (f,); 0 where an angle is unknown in all of them.
+    """Return angles (f, a), an unknown one as in the nearest frame; 0 if never known.
+
+    frames (f,): their numbers.
     """
     filled: Floats = np.zeros_like(angles)
     for number, column in enumerate(angles.T):
@@ -179,7 +187,10 @@ def _of_nearest_frames(angles: Floats, frames: Integers) -> Floats:
 
 
 def _known_deviations(motion: FileMotion) -> Floats:
-    """Return the deviations (f, a) of angles, a wide one where it is not known."""
+    """Return the standard deviations (f, a) of angles, UNKNOWN_TABLE_SD for unknown.
+
+    None is larger.
+    """
     known = np.isfinite(motion.angle_deviations) & np.isfinite(motion.angles)
     sd = np.where(known, motion.angle_deviations, UNKNOWN_TABLE_SD)
     return np.asarray(np.minimum(sd, UNKNOWN_TABLE_SD))
@@ -209,8 +220,9 @@ MOST_NAMED = 4
 
 
 def count_uncertain(motions: Sequence[FileMotion]) -> str:
-    """Return how many of the joint angles of all motions have a standard deviation
-    above `MAX_ANGLE_SD`, and which.
+    """Return a text on how many angles are uncertain, and which; "" for no angles.
+
+    Those of all motions with a standard deviation above `MAX_ANGLE_SD` are.
     """
     names = motions[0].angle_names if motions else ()
     rows = [np.isfinite(motion.angles).any(axis=1) for motion in motions]
@@ -241,17 +253,16 @@ def count_uncertain(motions: Sequence[FileMotion]) -> str:
 
 
 def point_to_trc(motions: Sequence[FileMotion]) -> str:
-    """Return how certain the angles of a MOT file are, and what inverse kinematics
-    takes in their place.
+    """Return a text for the summary of MOT: how certain angles are, and to write TRC.
+
+    Inverse kinematics takes TRC in place of the angles.
     """
     hint = "for inverse kinematics write TRC"
     return "; ".join(filter(None, [count_uncertain(motions), hint]))
 
 
 def _angle_names(path: Path, motion: FileMotion) -> Sequence[str]:
-    """Return the names of the joint angles. Raises InputError where landmarks determine
-    none.
-    """
+    """Return the names of the joint angles; InputError where a motion has none."""
     if not motion.angle_names:
         fix = (
             "lift with the dictionary `people`, or rename landmarks to its joints"
@@ -269,8 +280,10 @@ MAX_LABELS = 255
 
 
 def write_c3d(path: Path, motion: FileMotion) -> str:
-    """Write one motion in millimetres; a missing point has the residual -1. Say where
-    its times are not those of the one rate of a file.
+    """Write one motion as C3D in millimetres; return a note on times off the rate.
+
+    The note is "" where times are those of the one rate of a file. A missing point has
+    the residual -1.
 
     Raises InputError for more frames or landmarks, or longer names, than a file can
     hold.
