@@ -164,14 +164,12 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], int, int, float
                 count = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
                 require(rest[:1] == [str(len(channels))], count)
                 joints[above[-1]].channels = channels
-            elif key == "FRAME" and rest[:1] == ["Time:"]:
+            elif key == "FRAME" and rest and rest[0].upper() == "TIME:":
                 require(joints and not above, "the tree of joints is not complete")
-                for (
-                    joint
-                ) in joints:  # a channel of position replaces the offset along its axis
-                    joint.before[
-                        [axis for turns, axis in joint.channels if not turns]
-                    ] = 0
+                for joint in joints:
+                    # a channel of position replaces the offset along its axis
+                    moved = [axis for turns, axis in joint.channels if not turns]
+                    joint.before[moved] = 0
                 return joints, number, announced, floats(rest[1:2], 1)[0]
             elif key == "FRAMES:":
                 announced = int(max(floats(rest[:1], 1)[0], 0))

@@ -266,6 +266,7 @@ BVH = TREE + FRAMES
         TREE.replace("rotation", "Rotation").replace("position", "POSITION")
         + "\n"
         + FRAMES,
+        TREE.replace("Frame Time:", "FRAME TIME:").replace("MOTION", "Motion") + FRAMES,
     ],
 )
 def test_bvh_worked_out_by_hand(read, text):
