@@ -319,9 +319,10 @@ def _split_label(
 ) -> tuple[Floats, float | None]:
     """Return x, y, v of the landmarks of a line (p, 3), and its track, None without.
 
-    Where no data.yaml stands beside the lines (`alone`), v must be 0, 1 or 2 for a line
-    to be of landmarks, unless there are as many as people have. Raises FormatError for
-    other lines.
+    The line begins with its class and box; each of `count` landmarks has `step`
+    numbers, 2 or 3. Where no data.yaml stands beside the lines (`alone`), v must be 0,
+    1 or 2 for a line to be of landmarks, unless there are as many as people have.
+    Raises FormatError for other lines.
     """
     width = BOX + count * step
     given = f"a line of {len(row)} numbers, and {count} landmarks take {width}"

@@ -408,7 +408,7 @@ S = TypeVar("S", bound=Shapes)
 
 
 def with_landmarks(shapes: S, names: Sequence[str]) -> S:
-    """Return the shapes with some of their landmarks, and the edges between those.
+    """Return the shapes with these of their landmarks alone, and edges among those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the
     nearest of its ancestors that stays. The index of mirrored landmarks does not stay.
