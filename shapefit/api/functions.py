@@ -307,7 +307,11 @@ def evaluate(
         fix = "use `groups`, `least_visible` or `rename`, or the command line"
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
     config = config_of("eval", {"metrics": metrics, "match": match} | options)
-    estimated = result if isinstance(result, Fit) else _as_fit(_shapes(result))
+    if isinstance(result, Fit):
+        estimated = result
+    else:
+        given = _shapes(result)
+        estimated = replace(Fit.of_shapes(given), extras=given.extras)
     true = _shapes(truth)
     numbered = true.landmark_names or estimated.landmark_names
     if numbered:
@@ -332,20 +336,6 @@ def evaluate(
             summarise_errors("result", measured.sequences, measured.errors, grouping)
         ),
         failures=measured.failures,
-    )
-
-
-def _as_fit(shapes: Shapes) -> Fit:
-    """Return shapes from elsewhere as a fit of which nothing else is known."""
-    return Fit(
-        shapes.shapes,
-        landmark_names=shapes.landmark_names,
-        items=shapes.items,
-        sequences=shapes.sequences,
-        frames=shapes.frames,
-        unit=shapes.unit,
-        frame_rate=shapes.frame_rate,
-        extras=shapes.extras,
     )
 
 

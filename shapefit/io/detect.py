@@ -155,95 +155,110 @@ def group_inputs(
     return [(one, tuple(files)) for one, files in groups.values()]
 
 
-IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
-H5, JSON, TABLE = (".h5", ".hdf5"), (".json",), (".csv",)
+OF_LANDMARKS = ("landmarks",)
+"""What a format holds that is of images alone."""
+
+OF_SHAPES = ("shapes",)
+"""What a format holds that is of 3D alone."""
+
+OF_EITHER = ("landmarks", "shapes")
+"""What a format holds of which a file decides."""
+
+ENDINGS_OF_HDF5 = (".h5", ".hdf5")
+"""Of files of HDF5, whoever writes them."""
+
+ENDINGS_OF_JSON = (".json",)
+"""Of JSON of detectors and trackers."""
+
+ENDINGS_OF_TABLES = (".csv",)
+"""Of tables that are told apart by their headers."""
 
 FORMATS: dict[str, FileFormat] = {
     **OURS,
     "deeplabcut-csv": FileFormat(
         "a DeepLabCut or Lightning Pose CSV",
-        TABLE,
-        EITHER,
+        ENDINGS_OF_TABLES,
+        OF_EITHER,
         deeplabcut.is_csv,
         deeplabcut.read_deeplabcut_csv,
     ),
     "deeplabcut-h5": FileFormat(
         "a DeepLabCut HDF5 file",
-        H5,
-        EITHER,
+        ENDINGS_OF_HDF5,
+        OF_EITHER,
         deeplabcut.is_hdf5,
         deeplabcut.read_hdf5,
     ),
     "jabs-h5": FileFormat(
         "a JABS pose file",
-        H5,
-        IMAGES,
+        ENDINGS_OF_HDF5,
+        OF_LANDMARKS,
         trackers.is_jabs,
         trackers.read_jabs,
     ),
     "movement-netcdf": FileFormat(
         "a movement netCDF file",
         (".nc", ".nc4"),
-        EITHER,
+        OF_EITHER,
         trackers.is_movement,
         trackers.read_movement,
     ),
     "nwb-ndx-pose": FileFormat(
         "an NWB file",
         (".nwb",),
-        EITHER,
+        OF_EITHER,
         trackers.is_nwb,
         trackers.read_nwb,
     ),
     "sleap-analysis-h5": FileFormat(
         "a SLEAP analysis file",
-        H5,
-        IMAGES,
+        ENDINGS_OF_HDF5,
+        OF_LANDMARKS,
         trackers.is_sleap_analysis,
         trackers.read_sleap_analysis,
     ),
     "sleap-slp": FileFormat(
         "a SLEAP .slp file",
         (".slp",),
-        IMAGES,
+        OF_LANDMARKS,
         trackers.is_slp,
         trackers.read_slp,
     ),
     "caliscope-csv": FileFormat(
         "a caliscope CSV",
-        TABLE,
-        IMAGES,
+        ENDINGS_OF_TABLES,
+        OF_LANDMARKS,
         tables.is_caliscope,
         tables.read_caliscope,
     ),
     "coco-annotations": FileFormat(
         "a file of COCO annotations",
-        JSON,
-        IMAGES,
+        ENDINGS_OF_JSON,
+        OF_LANDMARKS,
         coco.is_coco_annotations,
         coco.read_coco_annotations,
         json_keys=("images", "annotations", "categories"),
     ),
     "coco-results": FileFormat(
         "a file of COCO results",
-        JSON,
-        IMAGES,
+        ENDINGS_OF_JSON,
+        OF_LANDMARKS,
         coco.is_coco_results,
         coco.read_coco_results,
         json_keys=("image_id", "keypoints"),
     ),
     "mmpose-video": FileFormat(
         "an MMPose file",
-        JSON,
-        IMAGES,
+        ENDINGS_OF_JSON,
+        OF_LANDMARKS,
         detections.is_mmpose_video,
         detections.read_mmpose_video,
         json_keys=("meta_info", "instance_info", "instances"),
     ),
     "mmpose-images": FileFormat(
         "a set of MMPose, Hugging Face or Ultralytics files",
-        JSON,
-        IMAGES,
+        ENDINGS_OF_JSON,
+        OF_LANDMARKS,
         detections.is_people_of_an_image,
         detections.read_image_files,
         together=True,
@@ -251,8 +266,8 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "openpose": FileFormat(
         "a set of OpenPose files",
-        JSON,
-        IMAGES,
+        ENDINGS_OF_JSON,
+        OF_LANDMARKS,
         detections.is_openpose,
         detections.read_image_files,
         together=True,
@@ -261,7 +276,7 @@ FORMATS: dict[str, FileFormat] = {
     "ultralytics-txt": FileFormat(
         "a set of YOLO pose labels",
         (".txt",),
-        IMAGES,
+        OF_LANDMARKS,
         detections.is_yolo,
         detections.read_yolo,
         together=True,
@@ -269,14 +284,14 @@ FORMATS: dict[str, FileFormat] = {
     "tps": FileFormat(
         "a TPS file",
         (".tps",),
-        EITHER,
+        OF_EITHER,
         morphometrics.is_tps,
         morphometrics.read_tps,
     ),
     "pts": FileFormat(
         "a set of .pts files",
         (".pts",),
-        IMAGES,
+        OF_LANDMARKS,
         morphometrics.is_pts,
         morphometrics.read_pts,
         together=True,
@@ -284,49 +299,49 @@ FORMATS: dict[str, FileFormat] = {
     "acclaim": FileFormat(
         "an ASF/AMC motion",
         (".amc", ".asf"),
-        SHAPES,
+        OF_SHAPES,
         motion.is_acclaim,
         motion.read_acclaim,
     ),
     "anipose-csv": FileFormat(
         "an anipose 3D CSV",
-        TABLE,
-        SHAPES,
+        ENDINGS_OF_TABLES,
+        OF_SHAPES,
         tables.is_anipose,
         tables.read_any_table,
     ),
     "bvh": FileFormat(
         "a BVH motion",
         (".bvh",),
-        SHAPES,
+        OF_SHAPES,
         motion.is_bvh,
         motion.read_bvh,
     ),
     "c3d": FileFormat(
         "a C3D file",
         (".c3d",),
-        EITHER,
+        OF_EITHER,
         c3d.is_c3d,
         c3d.read_c3d,
     ),
     "trc": FileFormat(
         "a TRC file",
         (".trc",),
-        EITHER,
+        OF_EITHER,
         markers.is_trc,
         markers.read_trc,
     ),
     "vicon-csv": FileFormat(
         "a Vicon Nexus CSV of trajectories",
-        TABLE,
-        EITHER,
+        ENDINGS_OF_TABLES,
+        OF_EITHER,
         markers.is_vicon,
         markers.read_vicon,
     ),
     "table": FileFormat(
         "a table of landmarks",
         (".csv", ".tsv", ".txt"),
-        EITHER,
+        OF_EITHER,
         tables.is_table,
         tables.read_any_table,
         states_y_axis=False,
@@ -334,8 +349,8 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "mediapipe": FileFormat(
         "a file of MediaPipe's landmarks",
-        JSON,
-        IMAGES,
+        ENDINGS_OF_JSON,
+        OF_LANDMARKS,
         landmark_lists.is_landmark_lists,
         landmark_lists.read_landmark_lists,
         json_keys=("pose_landmarks", "landmarks", "x", "y", "visibility"),
@@ -343,7 +358,7 @@ FORMATS: dict[str, FileFormat] = {
     "arrays": FileFormat(
         "an array of landmarks",
         (".npy", ".npz"),
-        EITHER,
+        OF_EITHER,
         arrays.is_array,
         arrays.read_array,
         states_y_axis=False,
@@ -352,7 +367,7 @@ FORMATS: dict[str, FileFormat] = {
     "arrays-3d": FileFormat(
         "an array of 3D points",
         (".npy", ".npz"),
-        SHAPES,
+        OF_SHAPES,
         lambda head: False,
         arrays.read_shape_array,
     ),

@@ -16,7 +16,13 @@ from shapefit.convex.solver import Status
 from shapefit.convex.transforms import Transforms, nuclear_norm
 from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.degeneracy import normalise_visible
-from shapefit.lifting.estimate import AtomEstimate, E, Estimator, join_images
+from shapefit.lifting.estimate import (
+    AtomEstimate,
+    E,
+    Estimator,
+    PosteriorEstimate,
+    join_images,
+)
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -101,6 +107,9 @@ class Lifting(Generic[E]):
     estimate: E
     failures: Mapping[int, str]
     perspective: PerspectiveView | None = None
+
+
+PosteriorLifting = Lifting[PosteriorEstimate]
 
 
 def lift(

@@ -133,6 +133,9 @@ class Limits(NamedTuple):
 
 LIMITS = Limits()
 
+MIN_INLIER_PROBABILITY = 0.5
+"""Inlier probability from which a landmark counts as an inlier."""
+
 NO_SHAPE = "no shape"
 TOO_FEW = "too few landmarks seen"
 IMPLAUSIBLE = "implausible landmarks"

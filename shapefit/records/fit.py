@@ -22,6 +22,7 @@ from shapefit.records.columns import (
     Words,
 )
 from shapefit.records.items import Direction, Items
+from shapefit.records.shapes import Shapes
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -150,6 +151,19 @@ class Fit(Items):
     """Images without a shape, and why; not stored in files."""
     y_axis: Direction = "down"
     """Where y points."""
+
+    @classmethod
+    def of_shapes(cls, shapes: Shapes) -> Self:
+        """Return shapes from elsewhere as a fit of which nothing else is known."""
+        return cls(
+            shapes.shapes,
+            landmark_names=shapes.landmark_names,
+            items=shapes.items,
+            sequences=shapes.sequences,
+            frames=shapes.frames,
+            unit=shapes.unit,
+            frame_rate=shapes.frame_rate,
+        )
 
     def take(self, rows: Rows) -> Self:
         """Return some images, in the order of `rows`; a slice copies nothing."""

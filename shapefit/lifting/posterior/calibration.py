@@ -24,7 +24,6 @@ import numpy as np
 from shapefit.arrays import Flags, Floats, Indices
 from shapefit.convex.problem import Problem
 from shapefit.lifting.posterior.method import (
-    MIN_INLIER_PROBABILITY,
     find_noise,
     find_posterior_from,
     find_rays,
@@ -32,12 +31,16 @@ from shapefit.lifting.posterior.method import (
 )
 from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.posterior import Posterior
+from shapefit.lifting.trust import MIN_INLIER_PROBABILITY
 
 CHI2_QUANTILE = 4.605170185988092
 """90% quantile of chi^2 with 2 degrees of freedom."""
 
 NOMINAL_SHARE = 0.9
 """Of the hidden landmarks, inside their regions."""
+
+OUTLIER_SHARE = 0.5
+"""Of the images that show a landmark, in which it is an outlier, to leave it out."""
 
 MIN_PREDICTIONS = 20
 """Of a landmark, from which on its own kappa is taken."""
@@ -95,7 +98,7 @@ def hide_in_turn(
     with np.errstate(invalid="ignore"):
         mostly_outlier = (inliers < MIN_INLIER_PROBABILITY).sum(axis=0)
     seen = np.isfinite(inliers).sum(axis=0)
-    is_outlier = mostly_outlier > MIN_INLIER_PROBABILITY * seen
+    is_outlier = mostly_outlier > OUTLIER_SHARE * seen
     pooled = square[:, ~is_outlier]
     pooled = pooled[np.isfinite(pooled)]
     if not len(pooled):

@@ -42,7 +42,7 @@ from shapefit.lifting.posterior.posterior import Posterior, find_posterior
 from shapefit.lifting.posterior.usual_lengths import LimbLengths
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation import find_pose
-from shapefit.lifting.trust import LIMITS
+from shapefit.lifting.trust import LIMITS, MIN_INLIER_PROBABILITY
 
 NEARLY_EXACT_VARIANCE = 3e-3
 """Residual variance below which landmarks look like outliers from any view but the
@@ -51,9 +51,6 @@ right one.
 
 COARSE_VARIANCE = 1e-2
 """Residual variance with which their views are first sought."""
-
-MIN_INLIER_PROBABILITY = 0.5
-"""Inlier probability from which a landmark counts as an inlier."""
 
 FAILED_STATUSES = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 

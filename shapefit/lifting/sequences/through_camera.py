@@ -17,11 +17,8 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.geometry.pinhole import project_pinhole
-from shapefit.lifting.estimate import PosteriorEstimate
-from shapefit.lifting.lift import Lifting, PerspectiveView
+from shapefit.lifting.lift import PerspectiveView, PosteriorLifting
 from shapefit.lifting.posterior.method import find_rays
-
-PosteriorLifting = Lifting[PosteriorEstimate]
 
 Refine = Callable[[PosteriorLifting, Floats], PosteriorLifting]
 

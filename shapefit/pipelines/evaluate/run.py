@@ -119,15 +119,7 @@ def read_files(files: Sequence[Path]) -> Fit:
             return results.whole()
     with open_shapes(files, gaps=True) as source:
         shapes = source.whole()
-    return Fit(
-        shapes.shapes,
-        landmark_names=shapes.landmark_names,
-        items=shapes.items,
-        sequences=shapes.sequences,
-        frames=shapes.frames,
-        unit=shapes.unit,
-        frame_rate=shapes.frame_rate,
-    )
+    return Fit.of_shapes(shapes)
 
 
 def used_in_training(

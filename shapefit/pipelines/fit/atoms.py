@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import evenly
+from shapefit.arrays import Floats, evenly
 from shapefit.config import FitConfig
 from shapefit.convex.problem import Loss
 from shapefit.convex.solver import solve_newton
@@ -27,7 +27,7 @@ from shapefit.lifting.methods import METHODS, ROBUST, STARTS
 from shapefit.pipelines.fit.camera import camera_factory
 from shapefit.pipelines.fit.columns import blank, with_certificate
 from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, read_blocks
-from shapefit.pipelines.fit.outliers import RANSAC_THRESHOLD, find_inliers
+from shapefit.pipelines.fit.outliers import RANSAC_THRESHOLD, lift_inliers
 from shapefit.pipelines.items import named_items
 from shapefit.pipelines.joints import Matched
 from shapefit.records import Fit, Landmarks
@@ -152,29 +152,20 @@ class AtomFamily:
 
     def lift_images(self, images: Landmarks) -> Lifting[AtomEstimate]:
         """Solve the program of each image; before a perspective camera, refine it."""
-        weights = images.weights()
-        visible = weights > 0
-        inliers = None
-        if self.outlier_threshold is not None:
-            inliers = find_inliers(
-                images, weights, self.dictionary, self.outlier_threshold, self.threads
-            )
-            weights = np.where(inliers.flags, weights, 0.0)
         w = images.as_columns()
-        lifting = lift(
-            w,
-            weights,
-            self.dictionary.atoms,
-            self.program,
-            ESTIMATORS[self.method](self),
+        estimator = ESTIMATORS[self.method](self)
+
+        def lift_weighted(weights: Floats) -> Lifting[AtomEstimate]:
+            return lift(w, weights, self.dictionary.atoms, self.program, estimator)
+
+        lifting = lift_inliers(
+            lift_weighted,
+            images,
+            images.weights(),
+            self.dictionary,
+            self.outlier_threshold,
+            self.threads,
         )
-        if inliers is not None:
-            outliers = visible & ~inliers.flags
-            lifting = replace(
-                lifting,
-                estimate=replace(lifting.estimate, outliers=outliers),
-                failures={**lifting.failures, **inliers.failures},
-            )
         if self.camera is not None and METHODS[self.method].perspective == "refined":
             from shapefit.lifting.perspective import refine_view
 

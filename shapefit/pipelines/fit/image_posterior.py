@@ -12,8 +12,8 @@ from shapefit.arrays import Flags, Floats
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import Camera
-from shapefit.lifting.estimate import PosteriorEstimate, Solve
-from shapefit.lifting.lift import Lifting, Program, lift
+from shapefit.lifting.estimate import Solve
+from shapefit.lifting.lift import PosteriorLifting, Program, lift
 from shapefit.lifting.methods import METHODS, MIN_CONFIDENCE
 from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
 from shapefit.lifting.posterior.model import (
@@ -23,7 +23,7 @@ from shapefit.lifting.posterior.model import (
 )
 from shapefit.lifting.posterior.usual_lengths import LimbLengths, find_limb_lengths
 from shapefit.pipelines.fit.camera import IMAGE_SIZE
-from shapefit.pipelines.fit.outliers import find_inliers
+from shapefit.pipelines.fit.outliers import lift_inliers
 from shapefit.records import Landmarks
 
 BORDER_SHARE = 0.01
@@ -32,8 +32,6 @@ BORDER_SHARE = 0.01
 
 USUAL_PROGRAM = Program(lam=0.1)
 """The convex program from which the view of an image comes."""
-
-PosteriorLifting = Lifting[PosteriorEstimate]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,34 +101,32 @@ class ImagePosterior:
         weights = self.weigh(images)
         depends = self.dictionary.depends_on >= 0
         weights = np.where(depends, 0.0, weights)
-        visible = weights > 0
-        inliers = None
-        if self.outlier_threshold is not None:
-            inliers = find_inliers(
-                images, weights, self.dictionary, self.outlier_threshold, self.threads
-            )
-            weights = np.where(inliers.flags, weights, 0.0)
-        lifting = lift(
-            images.as_columns(),
-            weights,
-            self.dictionary.atoms,
-            self.program,
-            partial(
-                lift_to_posterior,
-                model=self.model,
-                solve=self.solve,
-                modes=self.modes,
-                threads=self.threads,
-            ),
-            None if self.camera is None else self.camera(images),
+        estimator = partial(
+            lift_to_posterior,
+            model=self.model,
+            solve=self.solve,
+            modes=self.modes,
+            threads=self.threads,
         )
-        if inliers is None:
-            return lifting
-        outliers = visible & ~inliers.flags
-        return replace(
-            lifting,
-            estimate=replace(lifting.estimate, outliers=outliers),
-            failures={**lifting.failures, **inliers.failures},
+        camera = None if self.camera is None else self.camera(images)
+
+        def lift_weighted(weights: Floats) -> PosteriorLifting:
+            return lift(
+                images.as_columns(),
+                weights,
+                self.dictionary.atoms,
+                self.program,
+                estimator,
+                camera,
+            )
+
+        return lift_inliers(
+            lift_weighted,
+            images,
+            weights,
+            self.dictionary,
+            self.outlier_threshold,
+            self.threads,
         )
 
     def lift_with_p_values(self, images: Landmarks) -> PosteriorLifting:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from hashlib import blake2b
 from typing import NamedTuple
 
@@ -11,6 +12,8 @@ import numpy as np
 from shapefit.arrays import Flags, Floats
 from shapefit.dictionary.model import Dictionary
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
+from shapefit.lifting.estimate import E
+from shapefit.lifting.lift import Lifting
 from shapefit.records import Landmarks
 
 RANSAC_THRESHOLD = 0.25
@@ -32,6 +35,30 @@ class Inliers(NamedTuple):
 
     flags: Flags
     failures: dict[int, str]
+
+
+def lift_inliers(
+    lift_weighted: Callable[[Floats], Lifting[E]],
+    images: Landmarks,
+    weights: Floats,
+    dictionary: Dictionary,
+    threshold: float | None,
+    threads: int = 0,
+) -> Lifting[E]:
+    """Lift images by weights (n, p) that are 0 for their outliers, which are marked.
+
+    lift_weighted lifts them by weights. Without a threshold no outlier is searched.
+    """
+    if threshold is None:
+        return lift_weighted(weights)
+    inliers = find_inliers(images, weights, dictionary, threshold, threads)
+    lifting = lift_weighted(np.where(inliers.flags, weights, 0.0))
+    outliers = (weights > 0) & ~inliers.flags
+    return replace(
+        lifting,
+        estimate=replace(lifting.estimate, outliers=outliers),
+        failures={**lifting.failures, **inliers.failures},
+    )
 
 
 def find_inliers(

@@ -15,6 +15,7 @@ from shapefit.config.commands.fit import PriorConfig
 from shapefit.errors import InputError, input_error, parse_json
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.lifting import trust
+from shapefit.lifting.lift import PosteriorLifting
 from shapefit.lifting.posterior.calibration import hide_in_turn
 from shapefit.lifting.posterior.method import grow_covariance, scale_of_bars
 from shapefit.pipelines.fit.aspect import describe_stretch, find_stretch, narrow
@@ -26,7 +27,7 @@ from shapefit.pipelines.fit.evidence import (
     maximise_theta,
 )
 from shapefit.pipelines.fit.family import Calibration
-from shapefit.pipelines.fit.image_posterior import ImagePosterior, PosteriorLifting
+from shapefit.pipelines.fit.image_posterior import ImagePosterior
 from shapefit.pipelines.joints import MEANS, Matched, match_names
 from shapefit.records import Landmarks
 from shapefit.timeline import ASSUMED_RATE

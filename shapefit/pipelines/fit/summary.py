@@ -37,9 +37,6 @@ UPPER_END = ("head", "neck", "lshoulder", "rshoulder")
 LOWER_END = ("lankle", "rankle", "lhip", "rhip")
 """Likewise of its lower end."""
 
-MIN_INLIER_PROBABILITY = 0.5
-"""Inlier probability of an outlier."""
-
 MISNAMED_SHARE = 0.5
 """Of the images that show a landmark, in which it is an outlier, to doubt its name."""
 
@@ -138,7 +135,7 @@ class Tally:
             self.errors += errors[record.trusted & np.isfinite(errors)].tolist()
         probability = record.inlier_probability
         assert probability is not None, "it comes with every verdict"
-        outliers = (probability < MIN_INLIER_PROBABILITY).sum(axis=0)
+        outliers = (probability < trust.MIN_INLIER_PROBABILITY).sum(axis=0)
         visible = np.isfinite(probability).sum(axis=0)
         self.outliers = outliers if self.outliers is None else self.outliers + outliers
         self.visible = visible if self.visible is None else self.visible + visible

@@ -33,13 +33,11 @@ from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSource, digests
+from shapefit.lifting.lift import PosteriorLifting
 from shapefit.pipelines.fit.camera import find_camera, intrinsics_of
 from shapefit.pipelines.fit.choices import check_needs
 from shapefit.pipelines.fit.evidence import mean_gain
-from shapefit.pipelines.fit.image_posterior import (
-    ImagePosterior,
-    PosteriorLifting,
-)
+from shapefit.pipelines.fit.image_posterior import ImagePosterior
 from shapefit.pipelines.learn_dict.from_3d import (
     Learning,
     learn_from_shapes,
