@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from shapefit.io.checks import warn_of_zeros
 from shapefit.io.formats import Head
 from shapefit.io.inputs import check_fits, check_unpacked
 from shapefit.io.readers.poses import (
+    FrameFields,
     Poses,
     as_numbers,
     library_reads,
@@ -98,7 +99,7 @@ def of_array(
     points: NDArray[np.generic],
     scores: NDArray[np.generic] | None = None,
     dimensions: int | None = 2,
-    **fields: Any,
+    **fields: Unpack[FrameFields],
 ) -> Poses:
     """Return the poses of an array (n, p, 2 or 3), or (p, 2 or 3) of one image.
 
@@ -131,7 +132,7 @@ def of_array(
             require(as_confidence, f"{range_found}, are they confidences?")
             scores = values[..., 2]
             values = values[..., :2]
-            fields = {"or_else": OR_DEPTH, **fields}
+            fields.setdefault("or_else", OR_DEPTH)
         confidence = None
         if scores is not None:
             fits = scores.dtype.kind in "biuf" and scores.shape == points.shape[:2]
@@ -141,7 +142,7 @@ def of_array(
 
 
 def of_bodies(
-    path: Path, points: Floats, confidence: Floats | None, **fields: Any
+    path: Path, points: Floats, confidence: Floats | None, **fields: Unpack[FrameFields]
 ) -> Poses:
     """Return the poses of points (n, p, 2 or 3), one body per image.
 
@@ -151,4 +152,7 @@ def of_bodies(
     points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
     if points.shape[2] == 2 and confidence is None:
         fields["notes"] = (*fields.get("notes", ()), *warn_of_zeros(points))
-    return of_frames(path, points, confidence, **unit_of(points) | fields)
+    unit = unit_of(points)
+    fields.setdefault("unit", unit["unit"])
+    fields.setdefault("size_needed", unit["size_needed"])
+    return of_frames(path, points, confidence, **fields)

@@ -21,9 +21,11 @@ from shapefit.io.formats import FIRST, Head
 from shapefit.io.readers.declared import Identity, checked
 from shapefit.io.readers.poses import (
     FRACTION,
+    Edges,
     FormatError,
     Images,
     Poses,
+    UnitFields,
     as_numbers,
     library_reads,
     name_individual,
@@ -466,8 +468,9 @@ def as_poses(
     hide_unscored: bool = True,
     scored: bool = True,
     unit: str | None = "px",
+    landmark_names: tuple[str, ...] | None = None,
+    edges: Edges = (),
     notes: tuple[str, ...] = (),
-    **fields: Any,
 ) -> Poses:
     """Return detections in images as poses, in the order of videos and frames.
 
@@ -478,7 +481,7 @@ def as_poses(
     numbers of landmarks.
     """
     detections = _order_detections(images, detections)
-    values = _stack(images, detections, len(fields.get("landmark_names") or ()))
+    values = _stack(images, detections, len(landmark_names or ()))
     confidence = values[..., 2]
     if scored and np.nanmax(confidence, initial=0) > 2:
         confidence = confidence / 6
@@ -487,6 +490,8 @@ def as_poses(
     points = np.where(missing[..., None], np.nan, values[..., :2])
     individuals, doubled = _name_people(detections)
     image_of = [image for _, image, _ in detections]
+    in_unit: UnitFields = {"unit": unit or "", "size_needed": False}
+    stated = unit_of(points) if unit is None else in_unit
     return Poses(
         name=images.name,
         video=[images.videos[image] for image in image_of],
@@ -498,8 +503,9 @@ def as_poses(
         skeleton=next(iter(skeletons_of_size(values.shape[1])), None),
         unordered=images.unordered,
         notes=notes + doubled,
-        **(unit_of(points) if unit is None else {"unit": unit}),
-        **fields,
+        landmark_names=landmark_names,
+        edges=edges,
+        **stated,
     )
 
 

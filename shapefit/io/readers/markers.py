@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted
 from shapefit.geometry.normalisation import as_metres
 from shapefit.io.csv_file import read_numbers
@@ -221,14 +220,18 @@ def of_markers(
     markers: Sequence[str],
     rate: float,
     unit: str,
-    **fields: Any,
+    *,
+    labels: Sequence[str],
+    frames: Sequence[int] | Integers | None = None,
+    times: Floats | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Poses:
     """Return the poses of one body of markers (n, m, 3), in metres if units are known.
 
     y points up where they are landmarks in a plane.
 
-    `subject:` before all their names is the individual; `fields` are those of
-    `of_frames`.
+    `subject:` before all their names is the individual; labels, frames and times (n)
+    as `of_frames` takes them.
     """
     names = number_repeats(markers)
     factor, unit = as_metres(unit)
@@ -245,5 +248,8 @@ def of_markers(
         frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
         unit=unit or UNKNOWN_UNIT,
         y_axis="up",
-        **fields,
+        labels=labels,
+        frames=frames,
+        times=times,
+        notes=notes,
     )

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,8 +15,14 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.formats import Head
 from shapefit.io.readers.arrays import of_bodies
-from shapefit.io.readers.poses import FormatError, Poses, image_labels, require
+from shapefit.io.readers.poses import (
+    FormatError,
+    Poses,
+    image_labels,
+    require,
+)
 from shapefit.io.readers.text import floats, read_text
+from shapefit.records.items import Direction
 
 KEY = re.compile(r"\s*([A-Za-z]+3?)\s*=\s*(.*)")
 """A line of TPS that is no point: LM=12, IMAGE=a.jpg."""
@@ -107,7 +112,11 @@ def _specimen_labels(stated: Sequence[dict[str, str]]) -> list[str]:
 
 
 def _specimen_images(
-    path: Path, points: Floats, labels: Sequence[str], **fields: Any
+    path: Path,
+    points: Floats,
+    labels: Sequence[str],
+    y_axis: Direction | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Poses:
     """Return specimens as poses, whose landmarks are numbered from 1."""
     return of_bodies(
@@ -119,7 +128,8 @@ def _specimen_images(
         individual=[""] * len(points),
         unordered=True,
         landmark_names=tuple(map(str, range(1, points.shape[1] + 1))),
-        **fields,
+        y_axis=y_axis,
+        notes=notes,
     )
 
 

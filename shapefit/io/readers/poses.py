@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PureWindowsPath
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,7 +128,7 @@ class Poses:
     def take(self, rows: Flags | Integers | Indices) -> Poses:
         """Return some of the poses, by a mask or by numbers."""
         rows = np.arange(len(self))[rows]
-        changes: dict[str, Any] = {}
+        changes: dict[str, object] = {}
         for field in PER_POSE:
             values = getattr(self, field)
             if values is not None and not isinstance(values, str):
@@ -136,7 +136,45 @@ class Poses:
                 changes[field] = (
                     values[rows] if array else [values[row] for row in rows.tolist()]
                 )
-        return replace(self, **changes)
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+class PoseFields(TypedDict, total=False):
+    """Fields of Poses beside points and confidences."""
+
+    landmark_names: tuple[str, ...] | None
+    skeleton: str | None
+    frame_rate: float | None
+    edges: Edges
+    size_needed: bool
+    unordered: bool
+    named: bool
+    y_axis: Direction | None
+    flat: bool
+    or_else: str
+    unit: str
+    notes: tuple[str, ...]
+    video: str | Sequence[str]
+    individual: Sequence[str]
+    frame: Integers
+    time: Floats | None
+
+
+class UnitFields(TypedDict):
+    """The unit of points, and whether they are useless without `image_size`."""
+
+    unit: str
+    size_needed: bool
+
+
+class FrameFields(PoseFields, total=False):
+    """What `of_frames` takes beside points and confidences."""
+
+    labels: Sequence[str]
+    frames: Sequence[int] | Integers | None
+    times: Floats | None
+    individuals: Sequence[str] | None
+    present: NDArray[np.bool_] | None
 
 
 def of_frames(
@@ -149,7 +187,7 @@ def of_frames(
     times: Floats | None = None,
     individuals: Sequence[str] | None = None,
     present: NDArray[np.bool_] | None = None,
-    **fields: Any,
+    **fields: Unpack[PoseFields],
 ) -> Poses:
     """Return the poses of points (n, [i,] p, d), of i individuals in each of n frames.
 
@@ -171,23 +209,27 @@ def of_frames(
     if individuals is not None:
         check_names(individuals, "individual")
         individuals = [*individuals] * n
-    defaults: dict[str, Any] = {
-        "name": str(path),
+    defaults: PoseFields = {
         "video": video_name(path),
-        "points": points.reshape(n * many, p, d),
-        "confidence": confidence,
         "frame": np.repeat(np.arange(n) if frames is None else frames, many),
         "time": None if times is None else np.repeat(times, many),
-        "label": [label for label in labels for _ in range(many)],
-        "individual": individuals,
         "unit": "px" if d == 2 else UNKNOWN_UNIT,
     }
-    poses = Poses(**defaults | fields)
+    if individuals is not None:
+        defaults["individual"] = individuals
+    defaults.update(fields)
+    poses = Poses(
+        name=str(path),
+        points=points.reshape(n * many, p, d),
+        confidence=confidence,
+        label=[label for label in labels for _ in range(many)],
+        **defaults,
+    )
     return poses if present is None else poses.take(present.ravel())
 
 
-def unit_of(points: Floats) -> dict[str, Any]:
-    """Return the fields `unit` and `size_needed` of points whose file states no unit.
+def unit_of(points: Floats) -> UnitFields:
+    """Return the unit of points whose file states none, and what follows.
 
     Points (n, p, 2) are fractions of the image where all lie within -0.5 and 1.5.
     """

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from shapefit.io.readers.arrays import of_bodies
 from shapefit.io.readers.headers import OF_IMAGES, WEIGHTS, Body, Header, parse_header
 from shapefit.io.readers.poses import (
     RATES,
+    FrameFields,
     Poses,
     frames_of_times,
     name_individual,
@@ -134,14 +135,9 @@ def understand(path: Path, dimensions: int | None = None) -> Understood:
     elif unused := header.unused(grid.used):
         listed = abbreviate([*map(printable, unused)])
         notes += [] if header.triangulated else [f"columns left out: {listed}"]
-    poses = of_bodies(
-        path,
-        points,
-        confidence,
-        landmark_names=tuple(map(printable, grid.landmarks)),
-        notes=tuple(notes),
-        **fields,
-    )
+    fields["landmark_names"] = tuple(map(printable, grid.landmarks))
+    fields["notes"] = tuple(notes)
+    poses = of_bodies(path, points, confidence, **fields)
     lines = (
         ("table", _layout(header)),
         *of_images,
@@ -438,7 +434,7 @@ def _tell_apart(cells: Sequence[str], landmarks: Sequence[str] | None) -> bool:
 
 def _table_images(
     path: Path, grid: Grid, header: Header
-) -> tuple[dict[str, Any], Integers, tuple[Line, ...]]:
+) -> tuple[FrameFields, Integers, tuple[Line, ...]]:
     """Return the fields of `Poses` on images, the order of rows, and lines on these.
 
     The lines say how items and frames were understood.
@@ -451,7 +447,7 @@ def _table_images(
         """Return the column of a role as messages name it."""
         return f"column {printable(header.called(grid.keys.columns[role]))}"
 
-    fields: dict[str, Any] = {}
+    fields: FrameFields = {}
     if "individual" in cells:
         fields["individual"] = [*map(_individual, cells["individual"])]
     if "sequence" in cells:
@@ -486,15 +482,17 @@ def _table_images(
         fields |= _single_images(stem, cells, fields, count)
     if "time" in cells:
         seconds, _ = read_numbers(cells["time"])
-        fields |= _of_times(seconds, fields["frame"], order)
+        rate = find_rate(fields["frame"][order], seconds[order])
+        if rate is not None and RATES[0] <= rate <= RATES[1]:  # else no seconds
+            fields |= {"time": seconds, "frame_rate": rate}
     if "item" not in cells:
         items = ("items", f"'{stem}/...', by frame or number")
     return fields, order, (items, frames)
 
 
 def _single_images(
-    stem: str, cells: Mapping[str, Sequence[str]], fields: Mapping[str, Any], count: int
-) -> dict[str, Any]:
+    stem: str, cells: Mapping[str, Sequence[str]], fields: FrameFields, count: int
+) -> FrameFields:
     """Return the fields of images that are not known to be frames of a video."""
     if "labels" in fields:
         people = fields.get("individual", [""] * count)
@@ -575,14 +573,6 @@ def _frames_of_times(seconds: Floats, videos: Sequence[str] | None) -> Integers:
         rows = first == start
         _, frames[rows] = np.unique(seconds[rows], return_inverse=True)
     return frames
-
-
-def _of_times(seconds: Floats, frames: Integers, order: Integers) -> dict[str, Any]:
-    """Return the fields `time` and `frame_rate`; {} for times that are no seconds."""
-    rate = find_rate(frames[order], seconds[order])
-    if rate is None or not RATES[0] <= rate <= RATES[1]:
-        return {}
-    return {"time": seconds, "frame_rate": rate}
 
 
 # Tables of known tools.
