@@ -50,7 +50,7 @@ LEARN = [
         r"^shapes: no landmark is known in 90% of its 4 shapes",
     ),
     (np.ones((4, 5, 3)), {"k": 0}, r"^learn\.k: expected a whole number >= 1, found 0"),
-    (np.ones((4, 5, 3)), {"kk": 0}, r"^learn\.kk: unknown key"),
+    (np.ones((4, 5, 3)), {"kk": 0}, r"^learn\.kk: there is no argument `kk`; did you mean `k`"),
 ]
 
 
@@ -120,7 +120,7 @@ OPTIONS = [
         r"^fit\.method: expected auto, convex.*did you mean 'convex'\?$",
     ),
     ({"prior": {"scal": 2}}, r"fit\.prior: unknown key 'prior\.scal'.*'prior\.scale'"),
-    ({"lamda": 1}, r"fit\.lamda: unknown key 'lamda'; did you mean 'lambda'"),
+    ({"lamda": 1}, r"fit\.lamda: there is no argument `lamda`; did you mean `lam`"),
     (
         {"output": "x.h5"},
         r"^fit\.output: there is no argument `output`; it is for files",
@@ -286,7 +286,7 @@ def test_arrays_are_matched_by_their_order(chain, sample):
         ({"metrics": ["simlarity"]}, "did you mean 'similarity'"),
         ({"metrics": []}, "expected a list, each similarity, camera"),
         ({"match": "model"}, "there is no dataset 'model' with one name"),
-        ({"plots": True}, r"^evaluate\.plots: is a key of reports only"),
+        ({"plots": True}, r"^evaluate\.plots: .* `plots`; it is for files"),
         ({"groups": {"a": "nobody*"}}, "no sequence matches any group"),
     ],
 )
