@@ -50,7 +50,11 @@ LEARN = [
         r"^shapes: no landmark is known in 90% of its 4 shapes",
     ),
     (np.ones((4, 5, 3)), {"k": 0}, r"^learn\.k: expected a whole number >= 1, found 0"),
-    (np.ones((4, 5, 3)), {"kk": 0}, r"^learn\.kk: there is no argument `kk`; did you mean `k`"),
+    (
+        np.ones((4, 5, 3)),
+        {"kk": 0},
+        r"^learn\.kk: there is no argument `kk`; did you mean `k`",
+    ),
 ]
 
 
