@@ -113,19 +113,25 @@ def plot(fit: Fit, image: int | str, ax: Axes3D | None) -> Axes3D:
     row = _row_of(fit, image)
     if ax is None:
         ax = _new_axes()
-    down = 1 if fit.y_axis == "up" else -1
+    away = 1.0 if fit.y_axis == "down" else -1.0
     x, y, z = fit.shapes[row].T
-    height = down * y
     for a, b in edges_of_fit(fit):
-        ax.plot(x[[a, b]], z[[a, b]], height[[a, b]], color="0.3")
-    ax.scatter(x, z, height, s=12)
+        ends = [a, b]
+        ax.plot(x[ends], away * z[ends], y[ends], color="0.3")
+    ax.scatter(x, away * z, y, s=12)
     for bar in _bars(fit, row):
         bar_x, bar_y, bar_z = bar.T
-        ax.plot(bar_x, bar_z, down * bar_y, color="C0", linewidth=0.8)
-    name = fit.items[row]
-    ax.set(title=name, xlabel="x", ylabel="depth", zlabel="height")
+        ax.plot(bar_x, away * bar_z, bar_y, color="C0", linewidth=0.8)
+    if (fit.y_axis == "down") != ax.zaxis_inverted():
+        ax.invert_zaxis()
+    ax.set(title=fit.items[row], xlabel="x", ylabel="depth", zlabel="y")
+    ax.locator_params(nbins=MOST_TICKS)
     ax.set_aspect("equal")
     return ax
+
+
+MOST_TICKS = 4
+"""Of an axis of a plot."""
 
 
 def _row_of(fit: Fit, image: int | str) -> int:

@@ -47,15 +47,18 @@ def test_a_fit_has_a_picture_and_a_table_of_about_10_kb(walk):
 @pytest.mark.parametrize("y_axis", ["up", "down"])
 def test_heads_are_above_in_the_picture_and_the_plot(walk, y_axis):
     pytest.importorskip("matplotlib").use("svg")
-    turned = walk.shapes * [1, -1 if y_axis == "up" else 1, 1]
+    turned = walk.shapes * (1 if y_axis == "down" else np.array([1, -1, -1]))
     one = walk.replaced(shapes=turned, y_axis=y_axis)[:1]
     head, foot = (one.landmark_names.index(name) for name in ("head", "rankle"))
     picture = ET.fromstring(re.search("<svg.*</svg>", summarise(one))[0])
     circles = [*picture.iter("circle")]
     assert float(circles[head].get("cy")) < float(circles[foot].get("cy")) - 20
     axes = one.plot()
-    _, _, height = axes.collections[0]._offsets3d
-    assert height[head] > height[foot] + 20
+    _, depth, y = axes.collections[0]._offsets3d
+    assert axes.zaxis_inverted() == (y_axis == "down")
+    assert (y[foot] > y[head] + 20) == axes.zaxis_inverted()
+    np.testing.assert_array_equal(depth, walk.shapes[0, :, 2])
+    assert walk.plot(1, one.plot(0, axes)).zaxis_inverted()
     bars = one.shape_sd.size
     assert len(axes.lines) >= bars
     assert axes.get_title() == "landmarks/0"
