@@ -183,7 +183,7 @@ def unknown_arguments(
         if near:
             fix = f"did you mean `{near[0]}`?"
         elif name in _keys_of(function):
-            fix = "it is for files: use the command line, or what reads and writes them"
+            fix = "it is for files: give it to what reads or writes them"
         problems.append(f"{function}.{name}: there is no argument `{name}`; {fix}")
     return InputError(problems)
 

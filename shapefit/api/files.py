@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal, TypedDict, Unpack
 
@@ -11,6 +12,7 @@ from shapefit.api.arguments import Direction, File, unknown_arguments
 from shapefit.api.dictionary import Dictionary
 from shapefit.api.messages import warn
 from shapefit.config.paths import find_dictionaries
+from shapefit.errors import input_error
 from shapefit.io.options import InputOptions
 from shapefit.records import Fit, Landmarks, Shapes
 
@@ -121,8 +123,14 @@ def read_dictionary(path: File) -> Dictionary:
 
     """
     file = Path(path)
+    installed = find_dictionaries()
     if not file.is_file():
-        file = find_dictionaries().get(str(path), file)
+        file = installed.get(str(path), file)
+    if not file.exists():
+        near = get_close_matches(str(path), installed, n=1)
+        hint = f"did you mean `{near[0]}`?" if near else "correct the path"
+        fix = f"{hint} Installed are: {', '.join(installed)}"
+        raise input_error(file, "there is no such dictionary", fix)
     return Dictionary.of(io.read_dictionary(file))
 
 

@@ -37,7 +37,7 @@ from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.options import input_options
 from shapefit.io.readers.arrays import of_array
 from shapefit.io.readers.items import landmarks_of
-from shapefit.io.source import source_of
+from shapefit.io.source import source_of, without_doubtful
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
 from shapefit.pipelines.fit.choices import (
     are_long,
@@ -71,7 +71,6 @@ def fit(
     config: File | None = None,
     progress: bool = False,
     keypoints: str | None = None,
-    individual: str | None = None,
     rename: Mapping[str, str] | None = None,
     min_confidence: float | Automatic | None = None,
     y_axis: Direction | None = None,
@@ -116,8 +115,6 @@ def fit(
         Show a progress bar.
     keypoints : str
         Skeleton that names the landmarks of an array, such as "coco_17".
-    individual : str
-        Lift this individual alone.
     rename : mapping of str to str
         Landmarks to rename: given name -> name in the dictionary.
     min_confidence : float or "auto"
@@ -181,7 +178,6 @@ def fit(
         "method": method,
         "camera": section,
         "keypoints": keypoints,
-        "individual": individual,
         "rename": rename,
         "min_confidence": min_confidence,
         "y_axis": y_axis,
@@ -255,29 +251,47 @@ def _as_images(
 ) -> Landmarks:
     """Return arrays as Landmarks with these names (p) of landmarks; Landmarks stay.
 
-    Names of their own stay too. Arrays with confidences, of a skeleton or of one image
-    are read as a detector's file is: by `y_axis`, `min_confidence` and `image_size` of
-    the config. Raises InputError for what is no array of numbers, and where landmarks
-    without names are not as many as the names.
+    Names of their own stay too. Raises InputError for what is no array of numbers, and
+    where landmarks without names are not as many as the names.
     """
     if not isinstance(landmarks, Landmarks):
-        try:
-            points = np.asarray(landmarks, np.float64)
-        except (TypeError, ValueError):
-            fix = "give (n, p, 2), or (n, p, 3) with a confidence of 0 to 1"
-            raise input_error("landmarks", "is no array of numbers", fix) from None
-        of_detector = points.ndim == 2 or (points.ndim == 3 and points.shape[2] == 3)
-        if of_detector and config.keypoints is None and points.shape[-2] != len(names):
-            raise unnamed("landmarks", points.shape[-2], names)
-        if of_detector or config.keypoints is not None:
-            place = Path("landmarks")
-            if config.keypoints is None:
-                poses = of_array(place, points, landmark_names=tuple(names))
-            else:
-                poses = of_array(place, points)
-            return landmarks_of(poses, input_options(config))[0]
-        landmarks = Landmarks(points)
+        return _of_array(landmarks, config, names)
+    if config.y_axis not in (None, landmarks.y_axis):
+        fault = f"y points {config.y_axis}, and {landmarks.y_axis} in the landmarks"
+        fix = f"say it of these: landmarks.replaced(y_axis={config.y_axis!r})"
+        raise input_error("fit.y_axis", fault, fix)
+    if config.min_confidence:
+        landmarks = without_doubtful(landmarks, config.min_confidence)
     return with_names(landmarks, names).with_whole_points()
+
+
+def _of_array(given: ArrayLike, config: FitConfig, names: Sequence[str]) -> Landmarks:
+    """Return an array as Landmarks, by `y_axis` and `image_size` of the config.
+
+    Those with confidences, of a skeleton or of one image are read as a detector's file
+    is. Raises InputError as `_as_images`.
+    """
+    if isinstance(given, str | PathLike):
+        fix = f"read it: shapefit.read_landmarks({str(given)!r}, track='nearest')"
+        raise input_error("landmarks", "is the name of a file", fix)
+    try:
+        points = np.asarray(given, np.float64)
+    except (TypeError, ValueError):
+        fix = "give (n, p, 2), or (n, p, 3) with a confidence of 0 to 1"
+        raise input_error("landmarks", "is no array of numbers", fix) from None
+    of_detector = points.ndim == 2 or (points.ndim == 3 and points.shape[2] == 3)
+    if of_detector and config.keypoints is None and points.shape[-2] != len(names):
+        raise unnamed("landmarks", points.shape[-2], names)
+    if not of_detector and config.keypoints is None:
+        plain = Landmarks(points, y_axis=config.y_axis or "down")
+        return with_names(plain, names).with_whole_points()
+    place = Path("landmarks")
+    if config.keypoints is None:
+        poses = of_array(place, points, landmark_names=tuple(names))
+    else:
+        poses = of_array(place, points)
+    images, _ = landmarks_of(poses, input_options(config))
+    return images.replaced(y_axis=config.y_axis or images.y_axis)
 
 
 def _lift(

@@ -24,7 +24,10 @@ from shapefit.io.options import InputOptions
 SCRIPT = Path(__file__).with_name("typed_script.py")
 
 OF_FILES = {
-    "fit": {"landmarks", "dictionary", "format", "markers", "export", "output"},
+    "fit": {
+        *("landmarks", "dictionary", "format", "individual", "markers", "export"),
+        "output",
+    },
     "learn": {
         *("shapes", "output", "format", "keypoints", "individual", "y_axis"),
         *("min_confidence", "image_size", "flip"),
@@ -106,6 +109,7 @@ UNKNOWN = [
     ("fit", (np.ones((1, 15, 2)),), "frame_rte", "did you mean `frame_rate`?"),
     ("fit", (np.ones((1, 15, 2)),), "heigth", "did you mean `height`?"),
     ("fit", (np.ones((1, 15, 2)),), "export", "it is for files"),
+    ("fit", (np.ones((1, 15, 2)),), "individual", "it is for files: give it to what"),
     ("learn", (np.ones((4, 15, 3)),), "iteration", "did you mean `iterations`?"),
     ("evaluate", (np.ones((4, 15, 3)),) * 2, "mach", "did you mean `match`?"),
     ("solve", (np.ones((2, 9)), np.ones((1, 3, 9)), 1), "weigths", "`weights`?"),
