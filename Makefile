@@ -3,7 +3,7 @@
 #   make demo         the whole chain on sample_data, and three pages of what it finds
 #   make test         the quick tests, about three minutes on two cores
 #   make test-all     these and the slow ones: the paper, fuzz, wheel, cluster, store, browser
-#   make interop      OpenSim, ezc3d, bvhio and trimesh read what is written for them (installs 465 MB)
+#   make interop      OpenSim, movement, ezc3d, bvhio and trimesh read what is written for them (installs 1.7 GB)
 #   make check        format, lint, types, quick tests
 #   make wheel        a wheel of the compiled package in dist
 #   make test-levels  the solvers' tests with every instruction set of this processor, and with none
@@ -238,9 +238,9 @@ INSTALL_SHAPEFIT = $(INSTALL) --no-build-isolation --editable
 
 # The programs that read our files, in an environment of their own.
 $(INTEROP)/ready: $(TOOLS)
-	@echo "Installing OpenSim, ezc3d, bvhio and trimesh into $(INTEROP), 465 MB."
+	@echo "Installing OpenSim, movement, ezc3d, bvhio and trimesh into $(INTEROP), 1.7 GB."
 	@$(PYTHON) -m venv $(INTEROP)
-	@$(INTEROP)/bin/python -m pip install --quiet --disable-pip-version-check opensim ezc3d bvhio trimesh
+	@$(INTEROP)/bin/python -m pip install --quiet --disable-pip-version-check opensim ezc3d bvhio trimesh movement h5netcdf
 	@touch $@
 
 # What the slow tests and the benchmarks need besides: independent solvers, a cluster, a store.

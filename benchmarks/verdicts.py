@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import csv
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
@@ -34,6 +34,7 @@ from benchmarks.footage import (
     choose_clips,
     film,
 )
+from shapefit.api.arguments import Method, Prior
 from shapefit.evaluation.calibration import WIDTH_SQUARED_RADIUS
 from shapefit.evaluation.report import markdown_table
 from shapefit.io import write_shapes
@@ -62,7 +63,7 @@ LONGEST_SECONDS = 3.0
 EVERY = 4
 """Frames of film from one single image to the next."""
 
-PRIORS = {
+PRIORS: Mapping[Method, Prior] = {
     "posterior": {"residual_variance": 0.006, "bar_scale": 1.6},
     "sequences": {"residual_variance": 0.01, "bar_scale": 1.5},
 }
@@ -95,7 +96,7 @@ class Judged:
 
 
 def judge(
-    method: str,
+    method: Method,
     cell: Cell,
     body: str,
     images: Landmarks,

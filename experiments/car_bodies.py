@@ -16,6 +16,7 @@ import numpy as np
 
 import shapefit
 from experiments.sensitivity import CONFIGS, OF_THE_CARS
+from shapefit.api.arguments import Metric
 from shapefit.arrays import Floats
 from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.procrustes import similarity_transform
@@ -44,7 +45,11 @@ METHODS = {
 }
 """Name -> config of configs/cars/methods."""
 
-ERRORS = (("similarity", "normalised"), ("camera", "normalised"), ("rotation", "deg"))
+ERRORS: tuple[tuple[Metric, str], ...] = (
+    ("similarity", "normalised"),
+    ("camera", "normalised"),
+    ("rotation", "deg"),
+)
 CELL = "similarity / camera frame / rotation (deg)"
 
 SHOWN = {"sedan": "car07", "SUV": "car05", "pick-up": "car04"}

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 import shapefit
+from shapefit.api.arguments import Metric
 from shapefit.arrays import Flags, Floats
 from shapefit.evaluation.report import ALL, decimals_of, markdown_table, number
 
@@ -60,7 +61,7 @@ class Experiment:
     given: Callable[[Value], Given]
     truth: Callable[[], shapefit.Shapes]
     options: Callable[[Value], dict[str, Any]] = lambda _: {}
-    metrics: tuple[str, ...] = ("similarity",)
+    metrics: tuple[Metric, ...] = ("similarity",)
     match: str = "item"
     groups: Mapping[str, str] = field(default_factory=dict)
     every: int = 1

@@ -11,9 +11,8 @@ TYPE_CHECKING = (
     False  # `typing` would be imported before the command can handle a signal
 )
 if TYPE_CHECKING:
-    from typing import Any
-
     from shapefit.api.dictionary import Dictionary
+    from shapefit.api.evaluating import Evaluation, evaluate
     from shapefit.api.files import (
         read_dictionary,
         read_landmarks,
@@ -24,7 +23,8 @@ if TYPE_CHECKING:
         write_results,
         write_shapes,
     )
-    from shapefit.api.functions import Evaluation, evaluate, fit, learn
+    from shapefit.api.fitting import fit
+    from shapefit.api.learning import learn
     from shapefit.api.program import Optimum, solve
     from shapefit.errors import InputError
     from shapefit.records import Fit, Landmarks, Shapes
@@ -61,19 +61,23 @@ _PLACES = {
     "api.files": tuple(
         name for name in __all__ if name.startswith(("read_", "write_"))
     ),
-    "api.functions": ("Evaluation", "evaluate", "fit", "learn"),
+    "api.evaluating": ("Evaluation", "evaluate"),
+    "api.fitting": ("fit",),
+    "api.learning": ("learn",),
     "api.program": ("Optimum", "solve"),
 }
 
 
-def __getattr__(name: str) -> Any:
-    """Return a name of the package, from the module that has it."""
-    import importlib
+if not TYPE_CHECKING:  # a checker that sees it takes every name for one of these
 
-    for module, names in _PLACES.items():
-        if name in names:
-            return getattr(importlib.import_module(f"shapefit.{module}"), name)
-    raise AttributeError(f"module 'shapefit' has no attribute {name!r}")
+    def __getattr__(name: str) -> object:
+        """Return a name of the package, from the module that has it."""
+        import importlib
+
+        for module, names in _PLACES.items():
+            if name in names:
+                return getattr(importlib.import_module(f"shapefit.{module}"), name)
+        raise AttributeError(f"module 'shapefit' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -210,7 +210,8 @@ def test_every_script_has_a_picture(project):
     from PIL import Image
 
     folder = project / "docs/gallery"
-    assert {path.name for path in folder.iterdir()} == {*WRITTEN, "README.md"}
+    others = {"README.md", "notebook.ipynb"}
+    assert {path.name for path in folder.iterdir()} == {*WRITTEN, *others}
     for script in WRITTEN:
         picture = project / "docs/images/gallery" / f"{script.partition('.')[0]}.webp"
         assert Image.open(picture).width == 1000
@@ -225,6 +226,29 @@ def test_a_script_runs(script, tmp_path):
     run_script(script, tmp_path)
     for name in WRITTEN[script]:
         assert (tmp_path / name).stat().st_size > 0
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_and_shows_a_fit_a_plot_and_a_page(project, tmp_path):
+    """As the site shows it; the clone has it without outputs."""
+    import nbformat
+
+    from tools.site import run_notebook
+
+    source = project / "docs/gallery/notebook.ipynb"
+    cells = nbformat.read(source, as_version=4).cells
+    assert not any(cell.get("outputs") for cell in cells)
+    run_notebook(source, tmp_path / "run.ipynb")
+    outputs = {
+        cell.id: [output.get("data", {}) for output in cell.outputs]
+        for cell in nbformat.read(tmp_path / "run.ipynb", as_version=4).cells
+        if cell.cell_type == "code"
+    }
+    assert "<svg" in outputs["fit"][-1]["text/html"]
+    assert "image/png" in outputs["plot"][-1]
+    assert "image/png" in outputs["ankles"][-1]
+    assert "<th>trusted</th>" in outputs["table"][-1]["text/html"]
+    assert outputs["view"][-1]["text/html"].startswith('<iframe sandbox="allow-scripts')
 
 
 PACKAGES = {

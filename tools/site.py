@@ -15,6 +15,9 @@ import tempfile
 from pathlib import Path
 
 import shapefit
+from shapefit.api import arguments
+from shapefit.api.files import Reading
+from shapefit.records.page import Page
 
 PROJECT = Path(__file__).resolve().parents[1]
 PAGES = PROJECT / "build/site/pages"
@@ -48,6 +51,8 @@ def main() -> None:
         path.write_text(
             f"---\nsearch:\n  exclude: true\n---\n\n{text}", encoding="utf-8"
         )
+    for path in PROJECT.glob("docs/gallery/*.ipynb"):
+        run_notebook(path, PAGES / path.relative_to(PROJECT))
     (PAGES / "docs/api.md").write_text(functions_page(), encoding="utf-8")
     write_sample(PAGES / "sample.html")
     build = [
@@ -66,10 +71,28 @@ def main() -> None:
     sys.exit("\n".join(wrong or [done.stderr]) if done.returncode else None)
 
 
+def run_notebook(source: Path, target: Path) -> None:
+    """Run a notebook in its folder, and write it with its outputs to `target`.
+
+    An exception of a cell ends the build.
+    """
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(source, as_version=4)
+    place = {"metadata": {"path": str(source.parent)}}
+    NotebookClient(notebook, timeout=600, resources=place).execute()
+    nbformat.write(notebook, target)
+
+
+SECTIONS = (arguments.Camera, arguments.Prior, arguments.Save, arguments.LearnedPrior)
+"""Mappings that arguments of functions are."""
+
+
 def functions_page() -> str:
     """Return a page that lists what `import shapefit` offers, from the docstrings."""
     names = [name for name in shapefit.__all__ if not name.startswith("_")]
-    places = (getattr(shapefit, name) for name in names)
+    places = [*(getattr(shapefit, name) for name in names), Page, *SECTIONS, Reading]
     return "# Functions\n\n" + "\n".join(
         f"::: {place.__module__}.{place.__qualname__}\n" for place in places
     )

@@ -1,25 +1,70 @@
-"""What the functions of `import shapefit` tell: warnings, and errors of arrays without
-names.
-"""
+"""What the functions tell: warnings, progress, and errors of arrays without names."""
 
 from __future__ import annotations
 
+import sys
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
 
 from shapefit.errors import InputError, input_error, listed
 from shapefit.io.skeletons import skeletons_of_size
-from shapefit.pipelines.result import Note
+from shapefit.pipelines.result import Note, Result
 from shapefit.records import Landmarks, Record
 
+Step = TypeVar("Step")
 
-def warn(messages: Iterable[object], level: int = 3) -> None:
-    """Issue a Python warning for each message, at the caller of the function; notes are
-    none.
-    """
+
+def warn(messages: Iterable[object]) -> None:
+    """Issue a Python warning for each message, at the user's line; notes are none."""
+    level = _level_of_the_user()
     for message in messages:
         if not isinstance(message, Note):
             warnings.warn(str(message), stacklevel=level)
+
+
+def _level_of_the_user() -> int:
+    """Return how many calls above `warn` the first one outside the package is."""
+    frame = sys._getframe(1)
+    level = 1
+    while frame.f_back and _is_ours(str(frame.f_globals.get("__name__"))):
+        frame = frame.f_back
+        level += 1
+    return level
+
+
+def _is_ours(module: str) -> bool:
+    """Whether a module, by its name, belongs to the package."""
+    return module.partition(".")[0] == "shapefit"
+
+
+def show_progress(
+    steps: Iterable[Step],
+    result_of: Callable[[Step], Result],
+    *,
+    wanted: bool,
+    unit: str,
+    total: int | None = None,
+) -> Iterator[Step]:
+    """Yield steps of a run, and show how far they are, in a notebook as its own bar.
+
+    total is that of all steps, where it is known before they say it.
+    """
+    if not wanted:
+        yield from steps
+        return
+    with warnings.catch_warnings():
+        # where ipywidgets are missing, a notebook gets the bar as text
+        warnings.simplefilter("ignore")
+        from tqdm.auto import tqdm
+
+    with tqdm(total=total, unit=f" {unit}", desc="shapefit") as bar:
+        for step in steps:
+            yield step
+            result = result_of(step)
+            if total is None and result.total is not None:
+                bar.total = result.total
+            bar.update(result.done)
 
 
 def with_names(record: Record, names: Sequence[str]) -> Record:

@@ -1,51 +1,54 @@
-"""Fits as tables: joints in metres, and a data frame of pandas."""
+"""Fits as tables: joints in metres, a data frame of pandas, a dataset of xarray."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from shapefit.api.messages import warn
+from shapefit.arrays import Floats
 from shapefit.io.options import OutputOptions
 from shapefit.io.writers.motion import find_motions
 from shapefit.io.writers.tables import metres_columns
 from shapefit.records import Fit
+from shapefit.records.columns import Array, Singles, held_columns
 from shapefit.timeline import JITTER
 
 if TYPE_CHECKING:
+    import pandas
+    import xarray
+
     from shapefit.geometry.cameras import Up
 
 
 def to_metres(
     fit: Fit, *, height: float | None, unit: str | None, up: Up | None
-) -> np.recarray[Any, Any]:
+) -> np.recarray[tuple[int], np.dtype[np.void]]:
     """Return the joints of a fit in metres, a row for each joint of each image."""
     options = OutputOptions(height=height, unit=unit, up=up)
     motions = find_motions(fit.named(), options, "Fit.to_metres")
-    texts = dict.fromkeys(text for motion in motions for text in motion.warnings)
-    warn(texts, LEVEL)
-    parts = []
+    warn(dict.fromkeys(text for motion in motions for text in motion.warnings))
+    parts: list[Mapping[str, Array]] = []
     for motion in motions:
         columns = metres_columns(motion)
-        columns["trusted"] = [answer == "true" for answer in columns["trusted"]]
-        parts.append(columns | {"sequence": [motion.name] * len(columns["x"])})
+        count = len(columns["x"])
+        trusted = columns["trusted"] == "true"
+        sequence = np.full(count, motion.name)
+        parts.append({**columns, "trusted": trusted, "sequence": sequence})
     arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     kinds = [(name, array.dtype) for name, array in arrays.items()]
     return np.rec.fromarrays([*arrays.values()], dtype=kinds)
 
 
-LEVEL = 4
-"""Calls between a warning and the user: `warn`, `to_metres` here, and that of Fit."""
-
-
-def to_pandas(fit: Fit) -> Any:
+def to_pandas(fit: Fit) -> pandas.DataFrame:
     """Return a DataFrame of a fit, a row for each landmark of each image."""
-    import pandas  # type: ignore[import-untyped]
+    import pandas
 
     fit = fit.named()
     n, p = fit.shapes.shape[:2]
-    columns: dict[str, Any] = {
+    columns: dict[str, Array] = {
         "item": np.repeat(np.array(fit.items, dtype=object), p),
         "landmark": np.tile(np.array(fit.landmark_names, dtype=object), n),
     }
@@ -55,21 +58,71 @@ def to_pandas(fit: Fit) -> Any:
         deviations = fit.shape_sd.reshape(n * p, 3).T
         for axis, values in zip("xyz", deviations, strict=True):
             columns[f"sd_{axis}"] = values
-    times = fit.times
-    if fit.frames is not None:
-        rate = fit.frame_rate or 1.0
-        times = fit.frames / rate
-        if fit.times is not None:
-            off = np.abs(fit.times - times) * rate > JITTER
-            times = np.where(off, fit.times, times)
+    sequences = None if fit.sequences is None else np.array(fit.sequences, dtype=object)
     per_image = {
         "frame": fit.frames,
-        "time": times,
-        "sequence": fit.sequences,
+        "time": _times_of(fit),
+        "sequence": sequences,
         "trusted": fit.trusted,
         "reasons": fit.reasons,
     }
     for name, of_image in per_image.items():
         if of_image is not None:
             columns[name] = np.repeat(of_image, p)
-    return pandas.DataFrame(columns)
+    table = pandas.DataFrame(columns)
+    table.attrs.update(_attributes(fit))
+    return table
+
+
+def _times_of(fit: Fit) -> Floats | None:
+    """Return the times (n,) of the images, of the frame rate or as they are stated.
+
+    Without a frame rate they are numbers of frames; None where nothing is known.
+    """
+    if fit.frames is None:
+        return fit.times
+    rate = fit.frame_rate or 1.0
+    times: Floats = fit.frames / rate
+    if fit.times is None:
+        return times
+    is_off = np.abs(fit.times - times) * rate > JITTER
+    return np.where(is_off, fit.times, times)
+
+
+def _attributes(fit: Fit) -> dict[str, str | float]:
+    """Return what columns cannot say: the unit, where y points, and the frame rate."""
+    attributes: dict[str, str | float] = {"unit": fit.unit, "y_axis": fit.y_axis}
+    if fit.frame_rate is not None:
+        attributes["frame_rate"] = fit.frame_rate
+    return attributes
+
+
+DIMENSIONS: Mapping[tuple[str | int, ...], tuple[str, ...]] = {
+    ("n",): ("item",),
+    ("n", "p"): ("item", "landmark"),
+    ("n", "p", 2): ("item", "landmark", "plane"),
+    ("n", "p", 3): ("item", "landmark", "space"),
+}
+"""Names of the axes of columns that a dataset of xarray has."""
+
+
+def to_xarray(fit: Fit) -> xarray.Dataset:
+    """Return a dataset of the columns of a fit that belong to items and landmarks."""
+    import xarray
+
+    fit = fit.named()
+    variables: dict[str, tuple[tuple[str, ...], Array]] = {}
+    for column, values in held_columns(fit):
+        # correlations have three numbers, and none of them is along an axis of space
+        if column.axes not in DIMENSIONS or column.kind == Singles:
+            continue
+        if column.field != "items":
+            plain = np.asarray(values, str if column.is_text else None)
+            variables[column.name] = (DIMENSIONS[column.axes], plain)
+    coordinates = {
+        "item": [*fit.items],
+        "landmark": [*fit.landmark_names],
+        "plane": ["x", "y"],
+        "space": ["x", "y", "z"],
+    }
+    return xarray.Dataset(variables, coordinates, _attributes(fit))

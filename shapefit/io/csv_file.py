@@ -67,11 +67,14 @@ OF_ITEMS = ("sequence", FRAME, TIME)
 
 OPTIONAL_COLUMNS = {
     "landmarks": ("confidence", *OF_ITEMS),
-    "shapes": (*OF_ITEMS, "sd_x", "sd_y", "sd_z", "modes", "trusted"),
+    "shapes": (*OF_ITEMS, "sd_x", "sd_y", "sd_z", "modes", "trusted", "reasons"),
 }
 """Columns that may be there; of shapes and results those of items alone are read
 back.
 """
+
+ROW_NUMBERS = ""
+"""Name of a first column that is passed over: pandas numbers the rows in it."""
 
 MOST_FRAME = 2.0**53
 """Beyond it whole numbers are not told apart."""
@@ -101,6 +104,11 @@ NUMBER_CHARACTERS = 26
 """Bytes of a number with the comma behind it, at most."""
 
 Y_UP = "y points up, which CSV cannot say: read the file with `y_axis=up`"
+
+
+def without_row_numbers(columns: Sequence[str]) -> Sequence[str]:
+    """Return the columns of a table but for the row numbers that pandas writes."""
+    return columns[1:] if columns[:1] == [ROW_NUMBERS] else columns
 
 
 def csv_kind(path: Path) -> str:
@@ -208,7 +216,7 @@ class _Table:
             *(() if kind == "landmarks" else ("z",)),
         )
         optional = OPTIONAL_COLUMNS.get(kind, OPTIONAL_COLUMNS["shapes"])
-        unknown = {*columns} - {*required, *optional}
+        unknown = {*without_row_numbers(columns)} - {*required, *optional}
         if unknown or {*required} - {*columns} or len({*columns}) < len(columns):
             wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
             fault = f"the header is '{','.join(columns)[:80]}'"

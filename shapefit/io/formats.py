@@ -183,6 +183,14 @@ def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Out
         from shapefit.io.csv_file import csv_output
 
         return csv_output(target)
+    if name == "movement":
+        from shapefit.io.writers.movement import movement_output
+
+        return movement_output(target, options)
+    if name == "calibration":
+        from shapefit.io.writers.calibration import calibration_output
+
+        return calibration_output(target, options)
     from shapefit.io.writers import bvh, motion, tables
 
     if name == "c3d":
@@ -224,15 +232,17 @@ INDIVIDUALS = frozenset(
 """
 
 
-def _csv_columns() -> set[str]:
-    """Return the names of all columns that our CSV can have.
+def _is_csv(head: Head) -> bool:
+    """Whether a file has the columns of our CSV, and no other.
 
     Tables with others are read as those of other tools.
     """
-    from shapefit.io.csv_file import OPTIONAL_COLUMNS
+    from shapefit.io.csv_file import OPTIONAL_COLUMNS, without_row_numbers
 
-    optional = (name for names in OPTIONAL_COLUMNS.values() for name in names)
-    return {"item", "landmark", "x", "y", "z", *optional}
+    columns = {*without_row_numbers([*head.columns])}
+    required = {"item", "landmark", "x", "y"}
+    optional = {name for names in OPTIONAL_COLUMNS.values() for name in names}
+    return required <= columns <= {*required, "z", *optional}
 
 
 HDF5 = FileFormat(
@@ -246,12 +256,7 @@ CSV = FileFormat(
     "a CSV file",
     (".csv",),
     ITEMS,
-    lambda head: (
-        {"item", "landmark", "x", "y"} <= {*head.columns}
-        and {*head.columns} <= _csv_columns()
-        and not head.is_utf16
-        and not head.named(*HDF5.suffixes)
-    ),
+    lambda head: not head.is_utf16 and not head.named(*HDF5.suffixes) and _is_csv(head),
     write=partial(_write, "csv"),
     states_y_axis=False,
 )
@@ -273,6 +278,8 @@ TARGETS = OURS | {
         ("mot", "a MOT file", ".mot"),
         ("metres", "a table in metres", ".metres.csv"),
         ("angles", "a table of joint angles", ".angles.csv"),
+        ("movement", "a netCDF file of movement", ".nc"),
+        ("calibration", "a TOML file of cameras", ".toml"),
     )
 }
 """The formats that can be written, by their names."""

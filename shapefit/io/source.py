@@ -742,7 +742,7 @@ def _changed(record: Record, options: InputOptions, file: SourceFile[Record]) ->
     names = renamed(record.landmark_names, options.rename, file.name)
     record = replace(record.with_whole_points(), landmark_names=names)
     if isinstance(record, Landmarks) and options.min_confidence:
-        record = _without_doubtful(record, options.min_confidence)
+        record = without_doubtful(record, options.min_confidence)
     if options.landmarks is None:
         return record
     from shapefit.io.readers.items import keep_landmarks
@@ -750,7 +750,7 @@ def _changed(record: Record, options: InputOptions, file: SourceFile[Record]) ->
     return keep_landmarks(record, options.landmarks, file.name)
 
 
-def _without_doubtful(images: Record, least: float) -> Record:
+def without_doubtful(images: Record, least: float) -> Record:
     """Return images with landmarks hidden whose confidence is below `least`."""
     if not isinstance(images, Landmarks) or images.confidence is None:
         return images

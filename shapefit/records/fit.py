@@ -6,6 +6,7 @@
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from importlib import import_module
+from os import PathLike
 from typing import TYPE_CHECKING, Annotated, ClassVar, Self
 
 import numpy as np
@@ -22,10 +23,13 @@ from shapefit.records.columns import (
     Words,
 )
 from shapefit.records.items import Direction, Items
+from shapefit.records.page import Page
 from shapefit.records.shapes import Shapes
 
 if TYPE_CHECKING:
-    import pandas  # type: ignore[import-untyped]
+    import pandas
+    import xarray
+    from mpl_toolkits.mplot3d import Axes3D
 
     from shapefit.geometry.cameras import Up
 
@@ -187,7 +191,8 @@ class Fit(Items):
             parts.append(f"{int(self.trusted.sum())} trusted")
         return f"<shapefit.Fit: {', '.join(parts)}, in {self.unit}>"
 
-    # How tables are made is known above this room, which is imported by its name.
+    # How a fit is shown and handed on is known above this room, which is imported by
+    # its name.
 
     def to_metres(
         self,
@@ -196,13 +201,29 @@ class Fit(Items):
         unit: str | None = None,
         up: "Up | None" = None,
     ) -> "np.recarray[tuple[int], np.dtype[np.void]]":
-        """Return joints in metres: a row per frame and landmark, as `convert -o
-        x.metres.csv` writes.
+        """Return joints in metres, as `convert -o x.metres.csv` writes them.
 
-        Columns: frame, time (s, or frames without a frame rate), landmark, x, y, z, sd
-        of the distance to the point, trusted, sequence; nan in gaps. height of the body
-        in metres, by default that of the fit; unit and up as of `convert`. Raises
-        InputError where nothing says how large the shapes are.
+        Parameters
+        ----------
+        height : float
+            Of the body in metres; by default that of the fit.
+        unit : str
+            Unit of the shapes where they do not state it.
+        up : str
+            Axis of the world of a calibrated camera that points up, such as "z".
+
+        Returns
+        -------
+        recarray
+            A row per frame and landmark: frame, time (s, or frames without a frame
+            rate), landmark, x, y, z, sd of the distance to the point, trusted,
+            sequence; NaN in gaps.
+
+        Raises
+        ------
+        InputError
+            Where nothing says how large the shapes are.
+
         """
         tables = import_module("shapefit.api.tables")
         table: np.recarray[tuple[int], np.dtype[np.void]]
@@ -215,9 +236,72 @@ class Fit(Items):
         return self.to_metres()
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """Return a pandas.DataFrame with a row per landmark and image: item, landmark,
-        x, y, z, more.
+        """Return a table with a row per landmark and image.
 
-        time is in s where the frame rate is known or times are, else in frames.
+        Returns
+        -------
+        pandas.DataFrame
+            item, landmark, x, y, z, and what the fit knows of sd_x, sd_y, sd_z, frame,
+            time (s, or frames without a frame rate), sequence, trusted, reasons. Every
+            command reads the CSV that its `to_csv` writes.
+
         """
-        return import_module("shapefit.api.tables").to_pandas(self)
+        table: pandas.DataFrame = import_module("shapefit.api.tables").to_pandas(self)
+        return table
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return a dataset with the axes item, landmark and space.
+
+        Returns
+        -------
+        xarray.Dataset
+            All fields that belong to images, or to landmarks of images, in the unit of
+            the landmarks; `plane` is the axis of points in the image.
+
+        """
+        dataset: xarray.Dataset = import_module("shapefit.api.tables").to_xarray(self)
+        return dataset
+
+    def plot(self, image: int | str = 0, ax: "Axes3D | None" = None) -> "Axes3D":
+        """Draw the shape of one image, with a bar of one standard deviation each way.
+
+        Parameters
+        ----------
+        image : int or str
+            Number or name of the image.
+        ax : axes of matplotlib
+            Axes in 3D to draw into; by default new ones.
+
+        Returns
+        -------
+        axes of matplotlib
+
+        """
+        axes: Axes3D = import_module("shapefit.api.notebook").plot(self, image, ax)
+        return axes
+
+    def view(
+        self, output: str | PathLike[str] | None = None, *, open: bool = False
+    ) -> Page:
+        """Make the page of `shapefit view`, to rotate and play.
+
+        Parameters
+        ----------
+        output : path
+            HTML file to write; by default none is written.
+        open : bool
+            Show that file in a browser.
+
+        Returns
+        -------
+        Page
+            A notebook shows it at the end of a cell.
+
+        """
+        notebook = import_module("shapefit.api.notebook")
+        page: Page = notebook.view(self, output, open=open)
+        return page
+
+    def _repr_html_(self) -> str:
+        html: str = import_module("shapefit.api.notebook").summarise(self)
+        return html

@@ -66,6 +66,6 @@ def test_keys_of_input_say_how_files_are_read(project):
     assert images.landmark_names[:2] == ("Nose", "Neck")
     assert set(images.sequences) == {"openpose/person 1", "openpose/person 2"}
     with pytest.raises(
-        shapefit.InputError, match="how files are read; use format, keypoints"
+        shapefit.InputError, match=r"landmarks\.keypoint: .*; did you mean `keypoints`"
     ):
         shapefit.read_landmarks(people, keypoint="body_25")

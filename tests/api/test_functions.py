@@ -50,7 +50,11 @@ LEARN = [
         r"^shapes: no landmark is known in 90% of its 4 shapes",
     ),
     (np.ones((4, 5, 3)), {"k": 0}, r"^learn\.k: expected a whole number >= 1, found 0"),
-    (np.ones((4, 5, 3)), {"kk": 0}, r"^learn\.kk: unknown key"),
+    (
+        np.ones((4, 5, 3)),
+        {"kk": 0},
+        r"^learn\.kk: there is no argument `kk`; did you mean `k`",
+    ),
 ]
 
 
@@ -120,7 +124,7 @@ OPTIONS = [
         r"^fit\.method: expected auto, convex.*did you mean 'convex'\?$",
     ),
     ({"prior": {"scal": 2}}, r"fit\.prior: unknown key 'prior\.scal'.*'prior\.scale'"),
-    ({"lamda": 1}, r"fit\.lamda: unknown key 'lamda'; did you mean 'lambda'"),
+    ({"lamda": 1}, r"fit\.lamda: there is no argument `lamda`; did you mean `lam`"),
     (
         {"output": "x.h5"},
         r"^fit\.output: there is no argument `output`; it is for files",
@@ -156,6 +160,7 @@ LANDMARKS = [
         "has 14 landmarks without names, not 15; name them: Landmarks",
     ),
     ([["a"]], "^landmarks: is no array of numbers"),
+    ("cam01_json", r"name of a file; read it: shapefit\.read_landmarks\('cam01_json'"),
     (
         np.full((1, 15, 2), np.inf),
         r"^landmarks\[0\]: landmark 'pelvis' is \(inf, inf\); write",
@@ -194,6 +199,43 @@ def test_dictionaries_that_cannot_be_are_refused(people, views):
         shapefit.InputError, match=r"dictionary\.atoms: .*\(k, p, 3\), one landm"
     ):
         atoms.replaced(atoms=atoms.atoms.swapaxes(1, 2))
+
+
+def test_an_unknown_dictionary_names_the_nearest():
+    with pytest.raises(shapefit.InputError, match=r"did you mean `people`\? Insta"):
+        shapefit.fit(np.ones((1, 15, 2)), "peple")
+    with pytest.raises(shapefit.InputError, match=r"none\.h5: there is no such dictio"):
+        shapefit.read_dictionary("none.h5")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_y_axis_and_min_confidence_act_on_whatever_holds_the_landmarks(people, views):
+    images = shapefit.read_landmarks(views)[:4]
+    atoms = people["sparse-coding"]
+    turned = images.landmarks * [1, -1]
+    up, down = (
+        shapefit.fit(points, atoms, method="convex", y_axis=y_axis)
+        for points, y_axis in ((images.landmarks, "up"), (turned, None))
+    )
+    assert (up.y_axis, down.y_axis) == ("up", "down")
+    np.testing.assert_allclose(up.shapes, down.shapes * [1, -1, -1], atol=1e-6)
+    of_skeleton = shapefit.fit(
+        np.full((2, 17, 2), 50.0) + np.arange(17)[:, None],
+        y_axis="up",
+        keypoints="coco_17",
+    )
+    assert of_skeleton.y_axis == "up"
+    with pytest.raises(shapefit.InputError, match=r"y points down, and up in the land"):
+        shapefit.fit(images, atoms, method="convex", y_axis="down")
+    least = float(np.median(images.confidence))
+    hidden = images.replaced(
+        confidence=np.where(images.confidence < least, 0, images.confidence)
+    )
+    some, same = (
+        shapefit.fit(one, atoms, method="convex", **given)
+        for one, given in ((images, {"min_confidence": least}), (hidden, {}))
+    )
+    np.testing.assert_array_equal(some.shapes, same.shapes)
 
 
 CONFIGS = {
@@ -286,7 +328,7 @@ def test_arrays_are_matched_by_their_order(chain, sample):
         ({"metrics": ["simlarity"]}, "did you mean 'similarity'"),
         ({"metrics": []}, "expected a list, each similarity, camera"),
         ({"match": "model"}, "there is no dataset 'model' with one name"),
-        ({"plots": True}, r"^evaluate\.plots: is a key of reports only"),
+        ({"plots": True}, r"^evaluate\.plots: .* `plots`; it is for files"),
         ({"groups": {"a": "nobody*"}}, "no sequence matches any group"),
     ],
 )

@@ -164,8 +164,16 @@ def test_what_has_no_size_has_no_metres(keypoints):
         _ = alone.metres
 
 
+class Table(dict):
+    """Stands for a DataFrame where pandas is not installed."""
+
+    def __init__(self, columns):
+        super().__init__(columns)
+        self.attrs = {}
+
+
 @pytest.mark.parametrize(
-    "pandas", [Mock(DataFrame=dict), pytest.param(None, marks=pytest.mark.slow)]
+    "pandas", [Mock(DataFrame=Table), pytest.param(None, marks=pytest.mark.slow)]
 )
 def test_tables_of_other_libraries(found, monkeypatch, pandas):
     if pandas is not None:  # a stand-in where it is not installed
@@ -180,3 +188,4 @@ def test_tables_of_other_libraries(found, monkeypatch, pandas):
     assert list(timed["time"]) == np.repeat(expected, 21).tolist()
     points = np.column_stack([table["x"], table["y"], table["z"]])
     np.testing.assert_array_equal(points, found.shapes.reshape(-1, 3))
+    assert table.attrs == {"unit": "unknown", "y_axis": "down"}

@@ -88,7 +88,29 @@ def read_mesh(path):
     }
 
 
+def read_poses(path):
+    """movement's validator of files that its plugin opens, and a function of it."""
+    import xarray
+    from movement.kinematics import compute_velocity
+    from movement.validators.datasets import ValidPosesInputs
+
+    poses = xarray.open_dataset(path)
+    ValidPosesInputs.validate(poses)
+    velocity = compute_velocity(poses.position)
+    return {
+        "individuals": poses.individuals.values.tolist(),
+        "labels": poses.keypoints.values.tolist(),
+        "times": poses.time.values.tolist(),
+        "fps": float(poses.fps),
+        "points": poses.position.transpose(
+            "individuals", "time", "keypoints", "space"
+        ).values.tolist(),
+        "speed": float(abs(velocity).max()),
+    }
+
+
 READERS = {
+    ".nc": read_poses,
     ".mot": read_storage,
     ".sto": read_storage,
     ".trc": read_markers,

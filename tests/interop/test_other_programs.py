@@ -1,5 +1,5 @@
-"""What other programs read of files that `convert` writes: OpenSim, ezc3d, bvhio and
-trimesh, in the environment of `make interop`.
+"""What other programs read of files that `convert` writes: OpenSim, movement, ezc3d,
+bvhio and trimesh, in the environment of `make interop`.
 """
 
 import json
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from shapefit.cli.main import run
 
-from shapefit.io import read_shapes
+from shapefit.io import read_results, read_shapes
 
 PROJECT = Path(__file__).resolve().parents[2]
 PYTHON = (
@@ -37,7 +37,7 @@ def folder(tmp_path_factory):
     options = ["--frame-rate", "25", "--image-size", "1280x720"]
     walk = str(folder / "walk.h5")
     assert run(["fit", f"{data}/openpose", *options, "-o", walk]) == 0
-    for suffix in ("mot", "trc", "c3d", "bvh"):
+    for suffix in ("mot", "trc", "c3d", "bvh", "nc", "toml"):
         assert run(["convert", walk, "-o", str(folder / f"walk.{suffix}")]) == 0
     cars, fitted = str(folder / "cars.h5"), str(folder / "fitted.h5")
     learn = ["--method", "exemplars", "--set", "align=none", "-o", cars]
@@ -79,7 +79,7 @@ def test_points_in_trc_c3d_and_bvh_are_those_that_were_written(folder):
     stem = folder / "walk_person_1"
     trc, c3d, bvh = judge(*(stem.with_suffix(end) for end in (".trc", ".c3d", ".bvh")))
     written = read_shapes([stem.with_suffix(".trc")])
-    expected = written.shapes.swapaxes(1, 2)
+    expected = written.shapes
     assert (trc["unit"], c3d["unit"]) == ("m", "mm")
     assert trc["labels"] == c3d["labels"] == list(written.landmark_names)
     np.testing.assert_allclose(trc["points"], expected, atol=1e-6)
@@ -89,8 +89,31 @@ def test_points_in_trc_c3d_and_bvh_are_those_that_were_written(folder):
         bvh["labels"], np.swapaxes(bvh["points"], 0, 1), strict=True
     ):
         if name in bones.landmark_names:
-            ours = bones.shapes[:, :, bones.landmark_names.index(name)]
+            ours = bones.shapes[:, bones.landmark_names.index(name)]
             np.testing.assert_allclose(points, ours, atol=1e-4, err_msg=name)
+
+
+def test_movement_reads_points_times_and_names(folder):
+    (poses,) = judge(folder / "walk.nc")
+    assert poses["individuals"] == ["openpose_person 1", "openpose_person 2"]
+    assert poses["fps"] == 25
+    for person, points in enumerate(poses["points"], start=1):
+        written = read_shapes([folder / f"walk_person_{person}.trc"])
+        assert poses["labels"] == list(written.landmark_names)
+        np.testing.assert_allclose(poses["times"], np.arange(36) / 25)
+        np.testing.assert_allclose(points, written.shapes, atol=1e-6)
+    assert 1 < poses["speed"] < 10  # m/s, of people who walk
+
+
+def test_a_fit_with_the_camera_that_was_written_is_the_same(folder):
+    """The reader of calibrations is our own: it reads those of Pose2Sim, too."""
+    command = ["fit", f"{PROJECT}/sample_data/openpose", "--frame-rate", "25"]
+    camera = ["--calibration", str(folder / "walk.toml")]
+    again = folder / "again.h5"
+    assert run([*command, *camera, "-o", str(again)]) == 0
+    first, second = (read_results(path) for path in (folder / "walk.h5", again))
+    np.testing.assert_allclose(second.shapes, first.shapes, rtol=0.02, atol=5)
+    np.testing.assert_array_equal(second.focal, first.focal)
 
 
 def test_meshes_are_the_same_in_every_format(folder):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path, PureWindowsPath
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from typing_extensions import TypedDict
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import abbreviate
+from shapefit.geometry.normalisation import metres_in
 from shapefit.io.formats import Head
 from shapefit.io.hdf5_file import Hdf5File
 from shapefit.io.layout import UNKNOWN_UNIT
@@ -594,12 +596,13 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
         )
         rate = file.number("fps")
         in_frames = file.text("time_unit") == "frames"
+        unit = file.text("units", "position")
     require(
         space == tuple("xyz"[: points.shape[3]]), f"the coordinates {', '.join(space)}"
     )
     same = times is None or times.shape == points.shape[:1]
     require(same, "another number of times than of frames")
-    return of_frames(
+    poses = of_frames(
         paths[0],
         points,
         confidence,
@@ -610,6 +613,9 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
         individuals=individuals,
         frame_rate=rate or None,
     )
+    if metres_in(unit) is None:  # movement states no unit; what we write does
+        return poses
+    return replace(poses, unit=unit)
 
 
 def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:

@@ -63,6 +63,8 @@ RETAINED = {
     "input_landmark_names",
     "input_shapes",
     "input_shape_sd",
+    "image_size",
+    "removed_distortion",
     EXTRINSIC_ROTATION,
     EXTRINSIC_TRANSLATION,
     ANGLES,
@@ -111,6 +113,11 @@ class FileMotion:
     angle_names: Sequence[str]
     angles: Floats
     angle_deviations: Floats
+
+    @property
+    def rate_known(self) -> bool:
+        """Whether the frame rate is known, so that times are seconds."""
+        return NO_RATE not in self.warnings
 
     @property
     def frames(self) -> NDArray[np.int64]:

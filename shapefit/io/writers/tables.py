@@ -17,6 +17,7 @@ import orjson
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, printable
 from shapefit.io.writers.motion import FileMotion
+from shapefit.records.columns import Array
 
 C3D_BLOCK = 4096
 """Frames that are made text at a time."""
@@ -71,11 +72,11 @@ def write_trc(path: Path, motion: FileMotion) -> None:
 
 def write_metres(path: Path, motion: FileMotion) -> None:
     """Write one motion as CSV, a row per frame and landmark; unknown cells empty."""
-    columns = metres_columns(motion)
+    columns = {name: cells.tolist() for name, cells in metres_columns(motion).items()}
     _write_csv(path, [*columns], zip(*columns.values(), strict=True), ".7g")
 
 
-def metres_columns(motion: FileMotion) -> dict[str, Any]:
+def metres_columns(motion: FileMotion) -> dict[str, Array]:
     """Return name -> values of the columns of a motion, by frame and landmark.
 
     Numbers that are not known are nan.
@@ -87,10 +88,10 @@ def metres_columns(motion: FileMotion) -> dict[str, Any]:
     return {
         "frame": np.repeat(motion.frames, p),
         "time": np.repeat(motion.times, p),
-        "landmark": list(motion.landmark_names) * f,
+        "landmark": np.tile(np.array(motion.landmark_names, dtype=str), f),
         **{axis: motion.points[:, number].ravel() for number, axis in enumerate("xyz")},
         "sd": motion.deviations.ravel(),
-        "trusted": [answer for answer in motion.trusted for _ in range(p)],
+        "trusted": np.repeat(np.array(motion.trusted, dtype=str), p),
     }
 
 

@@ -1,0 +1,80 @@
+"""Tables of pandas are CSV that every command reads."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import shapefit
+from tests.cli.conftest import run_in
+
+COMMANDS = (
+    ("info", "fit.csv"),
+    ("convert", "fit.csv", "-o", "again.h5"),
+    ("view", "fit.csv", "-o", "fit.html"),
+    ("eval", "fit.csv", "--truth", "truth.h5", "-o", "report"),
+    ("eval", "fit.h5", "--truth", "fit.csv", "-o", "other"),
+)
+
+
+def check_commands(folder, shapes, items):
+    """Fail unless the commands read fit.csv, and find these shapes (n, p, 3) in it."""
+    for command in COMMANDS:
+        done = run_in(folder, *command)
+        assert done.returncode == 0, done.stderr
+    read = shapefit.read_shapes(folder / "again.h5")
+    np.testing.assert_array_equal(read.shapes, shapes)
+    assert read.items == items
+    report = (folder / "report/report.csv").read_text(encoding="utf-8")
+    assert next(csv.DictReader(report.splitlines()))["images"] == str(len(items))
+
+
+def write_truth(folder, fit):
+    """Write the fit, and its shapes as the truth."""
+    shapefit.write_results(folder / "fit.h5", fit)
+    names = {"landmark_names": fit.landmark_names, "items": fit.items}
+    shapefit.write_shapes(folder / "truth.h5", shapefit.Shapes(fit.shapes, **names))
+
+
+@pytest.fixture
+def fit(rng):
+    n, p = 4, 6
+    reasons = np.array(["", "", 'far, and "alone"', ""], object)
+    return shapefit.Fit(
+        rng.normal(size=(n, p, 3)),
+        landmark_names=tuple("abcdef"),
+        items=tuple(f"walk/{i}" for i in range(n)),
+        sequences=("walk",) * n,
+        frames=np.arange(n),
+        frame_rate=50.0,
+        shape_sd=np.ones((n, p, 3)),
+        trusted=reasons == "",
+        reasons=reasons,
+    )
+
+
+def test_row_numbers_and_reasons_are_passed_over(tmp_path, fit):
+    """As `to_csv` writes them, where pandas is not installed."""
+    header = ["", "item", "landmark", "x", "y", "z", "frame", "time", "sequence"]
+    with (tmp_path / "fit.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow([*header, "trusted", "reasons"])
+        for number, (row, column) in enumerate(np.ndindex(4, 6)):
+            names = [number, fit.items[row], fit.landmark_names[column]]
+            told = [row, row / 50, "walk", fit.trusted[row], fit.reasons[row]]
+            table.writerow([*names, *fit.shapes[row, column].tolist(), *told])
+    write_truth(tmp_path, fit)
+    check_commands(tmp_path, fit.shapes, fit.items)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", [True, False])
+def test_what_to_csv_writes_every_command_reads(tmp_path, fit, index):
+    pytest.importorskip("pandas")
+    table = fit.to_pandas()
+    assert table.attrs == {"unit": "unknown", "y_axis": "down", "frame_rate": 50.0}
+    table.to_csv(tmp_path / "fit.csv", index=index)
+    write_truth(tmp_path, fit)
+    check_commands(tmp_path, fit.shapes, fit.items)
+    read = shapefit.read_results(tmp_path / "fit.csv")
+    assert (read.frame_rate, read.frames.tolist()) == (50.0, [0, 1, 2, 3])
