@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-
 from shapefit.evaluation.plots import (
     AXES_HEIGHT,
     AXES_LEFT,
@@ -16,6 +15,7 @@ from shapefit.evaluation.plots import (
     AXES_WIDTH,
     draw_errors,
 )
+
 from shapefit.evaluation.report import (
     ABSENT,
     decimals_of,
