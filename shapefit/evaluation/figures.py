@@ -104,6 +104,9 @@ NAME_LETTERS = 24
 SHORT_NAME_LETTERS = 16
 """Last letters of a sequence below an axis."""
 
+LANDMARK_LETTERS = 36
+"""Last letters of a landmark beside an axis."""
+
 MAX_BARS = 200
 """Beyond so many bars errors of sequences are dots."""
 
@@ -127,6 +130,9 @@ WHISKERS = (5, 95)
 
 LEVELS = np.arange(0.05, 1.0, 0.05)
 """Of error bars."""
+
+SAID_LEVELS = (0.5, 0.9)
+"""Levels whose shares are written beside the curves."""
 
 VIEW_TURN = np.deg2rad(30)
 """By which the mean shape is turned about its vertical."""
@@ -404,7 +410,9 @@ def draw_landmarks(
             color=look.colour,
         )
     axes.set_yticks(
-        range(len(shown)), [_last_letters(names[j], 32) for j in shown], fontsize=8
+        range(len(shown)),
+        [_last_letters(names[j], LANDMARK_LETTERS) for j in shown],
+        fontsize=8,
     )
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
@@ -457,7 +465,7 @@ def draw_examples(rows: Sequence[Sequence[Example]], edges: Integers) -> Figure:
     from matplotlib.figure import Figure
 
     examples = [one for row in rows for one in row]
-    columns = len(rows[0])
+    columns = len(PANELS["examples"])
     panel_inches = FIGURE_INCHES / (3 * columns)
     shape = float(np.median([_height_by_width(one.truth) for one in examples]))
     inches = float(np.clip(panel_inches * shape, 0.55, 1.7))
@@ -558,7 +566,7 @@ def draw_bars(held: Mapping[str, Floats]) -> Figure:
             markersize=3,
             linestyle=look.dash,
             color=look.colour,
-            label=_legend_name(method),
+            label=f"{_legend_name(method)}\n{_say_held(shares)}",
         )
     axes.set(
         xlabel="what the error bars state (%)",
@@ -572,6 +580,15 @@ def draw_bars(held: Mapping[str, Floats]) -> Figure:
     handles, labels = axes.get_legend_handles_labels()
     right.legend(handles, labels, loc="upper left")
     return figure
+
+
+def _say_held(shares: Floats) -> str:
+    """Return in words what the bars of two levels hold, of shares at `LEVELS`."""
+    texts = []
+    for level in SAID_LEVELS:
+        share = shares[np.abs(LEVELS - level).argmin()]
+        texts.append(f"{level:.0%} bars hold {share:.0%}")
+    return ", ".join(texts)
 
 
 def _panels(name: str, height: float) -> tuple[Figure, Sequence[SubFigure]]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from shapefit.errors import listed, printable
 from shapefit.evaluation.figures import GRID, INK, PANELS, TRUTH
 from shapefit.evaluation.report import (
+    ABSENT,
     ALIGNED,
     ALL,
     NORMALISED,
@@ -17,6 +18,7 @@ from shapefit.evaluation.report import (
     SHORT_NAMES,
     UNSTATED_UNIT,
     Document,
+    GroupMethod,
     PartSummary,
     Quantity,
     decimals_of,
@@ -88,6 +90,9 @@ figure text { font-family: inherit; }
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """Nothing is loaded, and nothing runs; figures style themselves."""
+
+MEASURED = ("similarity", "camera", "rotation", "reprojection")
+"""Metrics of which less is better."""
 
 MEANINGS = {
     "similarity": (
@@ -271,31 +276,43 @@ def _table_of_errors(report: Document) -> str:
         rows = [row for row in counts if row[0] == group]
         if group != ALL:
             lines.append(_line("td", [group], 'class="group"'))
-        best = {quantity: _best_row(columns[quantity], rows) for quantity in shown}
-        for row in rows:
-            cells = [row[1], *(f"{count:,}" for count in counts[row])]
-            marks = [False] * 3
-            for quantity in shown:
-                values = columns[quantity].get(row, (None,))
-                every = [v for of in columns[quantity].values() for v in of]
-                decimals = decimals_of(every)
-                cells.append(" / ".join(number(value, decimals) for value in values))
-                marks.append(quantity[0] in MEASURED and best[quantity] == row)
-            lines.append(_line("td", cells, marks=marks))
+        columns_of_group = [
+            _column_cells(columns[quantity], rows, quantity) for quantity in shown
+        ]
+        for place, row in enumerate(rows):
+            counted_images = [f"{count:,}" for count in counts[row]]
+            cells = [column[place] for column in columns_of_group]
+            marks = [False] * 3 + [cell.is_best for cell in cells]
+            texts = [row[1], *counted_images, *(cell.text for cell in cells)]
+            lines.append(_line("td", texts, marks=marks))
     return _table(lines)
 
 
-MEASURED = ("similarity", "camera", "rotation", "reprojection")
-"""Columns of which less is better."""
+class _Cell(NamedTuple):
+    """A cell of the table, and whether no method has a smaller mean error."""
+
+    text: str
+    is_best: bool
 
 
-def _best_row(
-    column: Mapping[tuple[str, str], tuple[float, ...]],
-    rows: Sequence[tuple[str, str]],
-) -> tuple[str, str] | None:
-    """Return the row with the least mean, None where there is nothing to compare."""
-    known = [row for row in rows if row in column]
-    return min(known, key=lambda row: column[row][0]) if len(known) > 1 else None
+def _column_cells(
+    column: Mapping[GroupMethod, tuple[float, ...]],
+    rows: Sequence[GroupMethod],
+    quantity: Quantity,
+) -> list[_Cell]:
+    """Return the cells of a column in the rows of a group."""
+    decimals = decimals_of(value for values in column.values() for value in values)
+    texts = [
+        " / ".join(number(value, decimals) for value in column.get(row, (None,)))
+        for row in rows
+    ]
+    means = [text.partition(" / ")[0] for text in texts]
+    known = [float(mean) for mean in means if mean != ABSENT]
+    is_compared = quantity[0] in MEASURED and len(known) > 1
+    return [
+        _Cell(text, is_compared and mean != ABSENT and float(mean) == min(known))
+        for text, mean in zip(texts, means, strict=True)
+    ]
 
 
 def _column_name(quantity: Quantity) -> str:

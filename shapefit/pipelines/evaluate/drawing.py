@@ -128,11 +128,8 @@ def _draw(
     if any(len(of) > 1 for group in means.values() for of in group.values()):
         drawn["sequences"] = f.draw_sequences(means, unit)
     if shown.quantity[0] == ALIGNED:
-        is_normalised = shown.quantity[1] == NORMALISED
-        error = methods[names[0]].errors[shown.quantity]
-        pictured = picture(
-            names[0], matched, truth, error, shown.unit, is_normalised=is_normalised
-        )
+        error = shown.unit.factor * methods[names[0]].errors[shown.quantity]
+        pictured = picture(names[0], matched, truth, error, unit)
         if pictured is not None:
             drawn["landmarks"] = _draw_landmarks(document, methods, pictured, shown)
             drawn["examples"] = f.draw_examples(pictured.examples, pictured.edges)

@@ -9,8 +9,6 @@ import numpy as np
 
 from shapefit.arrays import Floats, Indices, Integers, evenly
 from shapefit.evaluation.figures import Example, TypicalShape
-from shapefit.evaluation.report import decimals_of, number
-from shapefit.evaluation.units import ShownUnit
 from shapefit.geometry.cameras import TO_Y_UP
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import (
@@ -24,16 +22,14 @@ from shapefit.records import Shapes
 WORDS = ("best", "median", "worst")
 """Rows of examples."""
 
-EXAMPLES_IN_A_ROW = 2
-
 INSPECTED_SHAPES = 200
 """Of which the typical one is chosen."""
 
 ITEM_LETTERS = 22
 """Last letters of an item that stand above it."""
 
-RANKS_APART = 500
-"""Share of all images by which the second example of a row is off in rank, inverted."""
+NEAR_SHARE = 0.05
+"""Share of all images within which two are near each other in the file."""
 
 AXES_UP: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 AXES_DOWN: tuple[Literal["-x", "-y", "-z"], ...] = ("-x", "-y", "-z")
@@ -62,13 +58,11 @@ def picture(
     matched: MatchedResults,
     truth: Shapes,
     error: Floats,
-    unit: ShownUnit,
-    *,
-    is_normalised: bool,
+    unit: str,
 ) -> Pictured | None:
     """Choose what is drawn of a method, None where no image has an error.
 
-    error (n,) in the unit of the truth, or normalised; unit says how both are shown.
+    error (n,) as people read it, in the unit.
     """
     rows = _choose_rows(error)
     if not rows:
@@ -78,11 +72,9 @@ def picture(
     for word, chosen in zip(WORDS, rows, strict=True):
         of_row = []
         for row in chosen:
-            value = unit.factor * error[row]
             item = matched.results.items[row]
             short = item if len(item) <= ITEM_LETTERS else f"…{item[-ITEM_LETTERS:]}"
-            amount = number(value, 2 if is_normalised else decimals_of([value]))
-            title = f"{word}: {short}, {amount} {unit.name}"
+            title = f"{word}: {short}, {_three_digits(error[row])} {unit}"
             of_row.append(_example(matched, truth, row, title))
         examples.append(tuple(of_row))
     return Pictured(
@@ -90,21 +82,33 @@ def picture(
     )
 
 
+def _three_digits(error: float) -> str:
+    """Return an error with three digits, and none after the point from 100 on."""
+    return f"{error:,.0f}" if error >= 100 else f"{error:.3g}"
+
+
 def _choose_rows(error: Floats) -> list[list[int]]:
     """Return the rows of the best, median and worst images, two of each.
 
-    Errors (n,); [] where none is finite. The second is another one near in rank, but
-    not the next, which in a video would look the same.
+    Errors (n,); [] where none is finite.
     """
     order = np.argsort(np.where(np.isfinite(error), error, np.inf), kind="stable")
     order = order[: np.isfinite(error).sum()]
-    n = len(order)
-    if not n:
+    if not len(order):
         return []
-    apart = 1 + n // RANKS_APART
-    middle = n // 2
-    places = [[0, apart], [middle, middle + apart], [n - 1, n - 1 - apart]]
-    return [[int(order[min(max(p, 0), n - 1)]) for p in pair] for pair in places]
+    from_middle = order[len(order) // 2 :]
+    return [_first_and_another(ranked) for ranked in (order, from_middle, order[::-1])]
+
+
+def _first_and_another(ranked: Indices) -> list[int]:
+    """Return the first row and the next that is not near it in the file.
+
+    Neighbours in a video look the same.
+    """
+    first = int(ranked[0])
+    is_apart = np.abs(ranked - first) > len(ranked) * NEAR_SHARE
+    others = ranked[is_apart] if is_apart.any() else ranked[1:]
+    return [first, int(others[0])] if len(others) else [first]
 
 
 def _edges(matched: MatchedResults, truth: Shapes) -> Integers:

@@ -63,6 +63,9 @@ OTHER_FRAME_DEGREES = 45.0
 ANY_DIRECTION = np.array([0.0, 1.0, 0.0])
 """Passed as up where no angle to the vertical is used."""
 
+LIMB_ENDS = {"lwrist", "rwrist", "lankle", "rankle"}
+"""Joints by which people are told from tracked animals, which have paws."""
+
 INSPECTED_IMAGES = 500
 """By which a mirrored truth, and one in another frame, are recognised."""
 
@@ -305,10 +308,12 @@ def _find_bars(
 def _angle_errors(matched: MatchedResults) -> PartErrors:
     """Return how far joint angles are from the true ones, in degrees.
 
-    Those of the names that bodies have. Angles to the vertical are left out, which
+    Of people alone. Angles to the vertical are left out, which
     the frames of the two sides do not share.
     """
     joints = joint_columns(matched.names)
+    if not LIMB_ENDS & joints.keys():
+        return PartErrors((), {})
     angles = measurable_angles(joints)
     is_within_body = [not angle.is_to_vertical for angle in angles]
     names = tuple(angle.name for angle in angles if not angle.is_to_vertical)
