@@ -12,7 +12,7 @@
 #   make fuzz         50,000 damaged files, configs and options, each in a separate process
 #   make mutants      300 small changes of the code, each with the tests that reach it; lists what survives
 #   make faults       every writing call fails with every error, and 200 kills; outputs stay whole
-#   make pictures     photograph the pages of the demo for README and docs (needs chromium)
+#   make pictures     every picture of README, docs and gallery (needs chromium; DATA=FOLDER as below)
 #   make docs         write the generated pages of docs/
 #   make site         the pages as a site with search, in build/site/html; every link is checked
 #   make recovery     the paper's figure of exact recovery on planted instances
@@ -217,8 +217,10 @@ faults: $(ALL_READY)
 	$(BIN)/python -m tests.fuzz.faults
 	$(BIN)/python -m tests.fuzz.faults --kill 200
 
-pictures: demo $(ALL_READY)
-	$(BIN)/python tools/page_pictures.py
+# The figures of motion capture are drawn anew where its data are.
+MOCAP := $(or $(DATA),../shared/data/mocap)
+pictures: demo recovery $(if $(wildcard $(MOCAP)/subject13_24fps.h5),mocap-table) $(ALL_READY)
+	$(BIN)/python -m tools.page_pictures
 
 docs: $(READY)
 	$(BIN)/python tools/generate.py

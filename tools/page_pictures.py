@@ -1,4 +1,4 @@
-"""Make every picture of README, docs and the gallery: python tools/page_pictures.py.
+"""Make every picture of README, docs and the gallery: python -m tools.page_pictures.
 
 Names of pictures after it make these alone. Reads what `make demo`, `make mocap-table`
 and `make recovery` leave, and runs docs/gallery; `make pictures` does all of it. Needs
@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 from base64 import b64decode
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from io import BytesIO
@@ -263,9 +263,8 @@ def _draw_lifted(
 
     fit = shapefit.read_results(result)
     row = fit.items.index(item)
-    observed = fit.landmarks if fit.input_landmarks is None else fit.input_landmarks
-    assert observed is not None, "every fit has them"
-    x, y = observed[row].T
+    assert fit.landmarks is not None, "every fit has them"
+    x, y = fit.landmarks[row].T
     size = 4.0 if len(x) < 40 else 2.4
     left.plot(x, -y, "o", color=INK, markersize=size, markeredgewidth=0)
     for axes in (left, right):
@@ -275,16 +274,16 @@ def _draw_lifted(
     if turn is None:
         _draw_mesh(right, mesh)
         return
-    edges = (
-        fit.edges if fit.edges is not None else np.array(edges_of(fit.landmark_names))
-    )
+    edges = fit.edges
+    if edges is None:
+        edges = np.array(edges_of(fit.landmark_names))
     # y down and z away become y up and z towards the viewer
     points = _seen(fit.shapes[row] * [1, -1, -1], turn, 12)
     _draw_bones(right, points, edges, fit.landmark_names)
 
 
 def _draw_bones(
-    axes: Axes, points: Floats, edges: Integers, names: tuple[str, ...]
+    axes: Axes, points: Floats, edges: Integers, names: Sequence[str]
 ) -> None:
     """Draw bones between points (p, 3), left and right in their colours."""
     order = np.argsort([points[list(edge), 2].mean() for edge in edges])
@@ -352,20 +351,21 @@ def copy_figure(target: Path, folder: Path, target_of_make: str) -> None:
 def draw_sheet(target: Path) -> None:
     """Draw a sample car: its landmarks over the fitted model, and its mesh."""
     from shapefit.config import ViewConfig
-    from shapefit.pipelines.view.run import view_results
+    from shapefit.pipelines.view.run import write_page
 
-    keys = {
-        "files": {"cars": (_made(DEMO / "cars/result.h5", "demo"),)},
-        "dictionary": DEMO / "cars/dictionary.h5",
-        "items": ("pickup_1/view_4",),
-        "output": target,
-    }
-    list(view_results(ViewConfig(**keys)))
+    result = _made(DEMO / "cars/result.h5", "demo")
+    config = ViewConfig(
+        files={"cars": (result,)},
+        dictionary=DEMO / "cars/dictionary.h5",
+        items=("pickup_1/view_4",),
+        output=target,
+    )
+    list(write_page(config))
 
 
 def draw_cells(target: Path) -> None:
     """Draw the cells of a proof of a global optimum."""
-    from tools.cells_picture import draw_cells as draw
+    from experiments.cells import draw_cells as draw
 
     draw().savefig(target, dpi=80)
 
@@ -454,7 +454,7 @@ VIEWER = (
 
 SHEETS = ("shapefit/meshes/pictures.py",)
 FIGURES = ("shapefit/evaluation/figures.py",)
-CELLS = ("tools/cells_picture.py",)
+CELLS = ("experiments/cells.py",)
 
 
 def _gallery(script: str, shown: str, sources: tuple[str, ...]) -> Picture:
