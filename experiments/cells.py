@@ -27,8 +27,11 @@ PROJECT = Path(__file__).resolve().parents[1]
 REACH = 100
 """Degrees to each side of the optimum."""
 
-STEPS = 100
-"""Points along a side."""
+OBJECTIVE_STEPS = 100
+"""Points along a side at which the objective is computed."""
+
+CELL_STEPS = 260
+"""Points along a side whose cell is found."""
 
 ATOM_STEP = 30
 """Every so many-th training shape is an atom."""
@@ -60,14 +63,8 @@ def draw_cells() -> Figure:
     corners = dropped.corners[0, : dropped.number[0]]
     signs = np.sign(np.einsum("le,lae->la", corners[:, 0], corners))
     corners = corners * signs[..., None]
-    turns = np.linspace(-REACH, REACH, STEPS)
-    x, y = np.meshgrid(turns, turns)
-    vectors = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    about = Rotation.from_rotvec(vectors, degrees=True)
-    turned = about * Rotation.from_matrix(best.rotation[0])
-    quaternions = turned.as_quat(scalar_first=True)
-    cell = _find_cells(quaternions, corners).reshape(x.shape)
-    objective = _objectives(problem, turned.as_matrix()).reshape(x.shape)
+    x, y, around = _rotations_about(best.rotation[0], OBJECTIVE_STEPS)
+    objective = _objectives(problem, around.as_matrix()).reshape(x.shape)
     value = objective / best.objective[0]
 
     figure = Figure(figsize=(9.2, 4.2), layout="constrained")
@@ -75,6 +72,9 @@ def draw_cells() -> Figure:
     drawn = left.contourf(x, y, np.minimum(value, 11.9), LEVELS, cmap="viridis_r")
     figure.colorbar(drawn, ax=left, label="objective / optimum")
     sizes = np.rad2deg(_diameters(corners))
+    x, y, around = _rotations_about(best.rotation[0], CELL_STEPS)
+    quaternions = around.as_quat(scalar_first=True)
+    cell = _find_cells(quaternions, corners).reshape(x.shape)
     shown = right.pcolormesh(
         x, y, sizes[cell], cmap="viridis_r", vmin=0, shading="nearest"
     )
@@ -87,6 +87,15 @@ def draw_cells() -> Figure:
         axes.set(title=title, xlabel="turn about x, degrees", aspect="equal")
     left.set_ylabel("turn about y, degrees")
     return figure
+
+
+def _rotations_about(optimum: Floats, steps: int) -> tuple[Floats, Floats, Rotation]:
+    """Return a grid of turns x, y (steps, steps) in degrees, and its rotations."""
+    turns = np.linspace(-REACH, REACH, steps)
+    x, y = np.meshgrid(turns, turns)
+    vectors = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    about = Rotation.from_rotvec(vectors, degrees=True)
+    return x, y, about * Rotation.from_matrix(optimum)
 
 
 def _made_problem() -> Problem:
