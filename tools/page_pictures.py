@@ -148,15 +148,20 @@ class MissingInput(Exception):
 
 def make_pictures(names: list[str]) -> None:
     """Make these pictures, or all, and note which code drew them."""
-    digests = json.loads(DRAWN_BY.read_text(encoding="utf-8"))
     for name in names or PICTURES:
         try:
             PICTURES[name].draw(IMAGES / name)
         except MissingInput as error:
             print(f"{name} is left as it is: {error}")
             continue
-        digests[name] = digest_of_code(name)
-        print(f"{name} made")
+        _note_code(name)
+        print(f"{name} made", flush=True)
+
+
+def _note_code(name: str) -> None:
+    """Note which code has just drawn a picture."""
+    digests = json.loads(DRAWN_BY.read_text(encoding="utf-8"))
+    digests[name] = digest_of_code(name)
     ordered = {name: digests[name] for name in PICTURES if name in digests}
     DRAWN_BY.write_text(json.dumps(ordered, indent=2) + "\n", encoding="utf-8")
 
