@@ -96,9 +96,9 @@ PAINT = """
   const frame = data.recordings[0].tracks[0].frames[time];
   Object.assign(view, { frame, yaw, pitch: 12 });
   const whole = document.createElement("canvas");
-  Object.assign(whole, { width: 1920, height: 720 });
+  Object.assign(whole, { width: 1440, height: 540 });
   const context = whole.getContext("2d");
-  context.scale(2, 2);
+  context.scale(1.5, 1.5);
   Object.assign(context, { fillStyle: "white", font: "14px system-ui, sans-serif" });
   context.fillRect(0, 0, 960, 360);
   let left = 0;
@@ -328,7 +328,7 @@ def _draw_mesh(axes: Axes, path: Path) -> None:
     from matplotlib.collections import PolyCollection
 
     mesh = trimesh.load_mesh(path)
-    vertices = _seen(np.asarray(mesh.vertices), 50, 15)
+    vertices = _seen(np.asarray(mesh.vertices), -50, 15)
     triangles = vertices[np.asarray(mesh.faces)]
     triangles = triangles[np.argsort(triangles[:, :, 2].mean(axis=1))]
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
