@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from shapefit.errors import printable
+
 MILLIMETRES_IN_A_METRE = 1000.0
 
 
@@ -25,4 +27,4 @@ def shown_unit(unit: str, errors: Iterable[float]) -> ShownUnit:
     """
     if unit == "m" and all(error < 1 for error in errors if np.isfinite(error)):
         return ShownUnit("mm", MILLIMETRES_IN_A_METRE)
-    return ShownUnit(unit, 1.0)
+    return ShownUnit(printable(unit), 1.0)
