@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import NamedTuple
 
 from shapefit.errors import listed, printable
@@ -34,59 +35,11 @@ MAX_FAILED_SHOWN = 10
 BOX = "box"
 """Unit of errors as shares of the box around the landmarks."""
 
-RECOLOURED = {INK: "var(--ink)", GRID: "var(--line)", TRUTH: "var(--truth)"}
-"""Colours of figures that a page puts its own in the place of."""
+RECOLOURED = {INK: "ink", GRID: "line", TRUTH: "truth"}
+"""Colours of figures -> those of the page that take their place."""
 
-STYLE = """
-:root {
-  color-scheme: light dark;
-  --ink: #1d2430; --line: #d0d4da; --truth: #9aa3af; --faint: #5b6472;
-  --background: #fff;
-}
-@media (prefers-color-scheme: dark) {
-  :root {
-    --ink: #e8ebf0; --line: #4a5563; --truth: #7b8694; --faint: #a3adba;
-    --background: #14181f;
-  }
-}
-body {
-  margin: 24px auto 48px; max-width: 960px; padding: 0 16px; color: var(--ink);
-  background: var(--background); font: 15px/1.45 system-ui, sans-serif;
-  overflow-wrap: anywhere;
-}
-h1 { font-size: 22px; margin: 0 0 8px; }
-h2 { font-size: 17px; margin: 32px 0 4px; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td {
-  padding: 3px 9px; text-align: right; border-bottom: 1px solid var(--line);
-  overflow-wrap: normal;
-}
-th { font-weight: 600; vertical-align: bottom; }
-td { white-space: nowrap; }
-th:first-child, td:first-child {
-  text-align: left; position: sticky; left: 0; background: var(--background);
-  padding-left: 0; white-space: normal; min-width: 90px;
-}
-tr.group td { font-weight: 600; padding-top: 10px; }
-td.best { font-weight: 600; }
-figure { margin: 8px 0; }
-figcaption, .note, dl { color: var(--faint); font-size: 13px; }
-dl { display: grid; grid-template-columns: max-content 1fr; gap: 2px 12px; }
-dt { font-weight: 600; }
-dd { margin: 0; }
-.panels { display: flex; }
-.panels svg { height: auto; display: block; }
-figure svg * { stroke-linejoin: round; stroke-linecap: butt; }
-figure text { font-family: inherit; }
-@media (max-width: 640px) {
-  .panels { flex-wrap: wrap; }
-  .panels svg { width: 100% !important; }
-  .panels.one { overflow-x: auto; }
-  .panels.one svg { width: auto !important; min-width: 560px; }
-  dl { grid-template-columns: 1fr; }
-}
-"""
+STYLE = Path(__file__).with_name("page.css")
+"""Style of the page, light and dark."""
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """Nothing is loaded, and nothing runs; figures style themselves."""
@@ -171,11 +124,12 @@ def report_page(
         _paragraph(facts.note, "note") if facts.note else "",
         _origin(report, facts),
     ]
+    style = STYLE.read_text(encoding="utf-8")
     head = (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-        f"<title>Errors against the truth</title><style>{STYLE}</style></head>"
+        f"<title>Errors against the truth</title><style>{style}</style></head>"
     )
     body = "\n".join(filter(None, parts))
     return f"{head}\n<body>\n{body}\n</body></html>\n"
@@ -419,7 +373,7 @@ def inline_svg(name: str, svg: str, title: str) -> str:
 def _as_part(name: str, tag: str) -> str:
     """Return a tag of a figure with the page's colours, and ids of its own."""
     for colour, of_page in RECOLOURED.items():
-        tag = tag.replace(colour, of_page)
+        tag = tag.replace(colour, f"var(--{of_page})")
     tag = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', tag)
     return re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", tag)
 
