@@ -26,6 +26,9 @@ from shapefit.errors import InputError, input_error, printable
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
+    from ruamel.yaml.constructor import BaseConstructor
+    from ruamel.yaml.error import StreamMark
+    from ruamel.yaml.nodes import Node
 
 Schema = type[CommandConfig]
 Location = tuple[str | int, ...]
@@ -95,7 +98,8 @@ def load_config(
     values.update(dict.fromkeys(replaced, "-"))
     data = values.get("data")
     if isinstance(data, str):
-        values = fill_in(values, str(absolute_path(data)))
+        folder = str(absolute_path(data))
+        values = {key: fill_in(value, folder) for key, value in values.items()}
     try:
         config = schema.model_validate(values, by_alias=True, by_name=False)
     except ValidationError as error:
@@ -115,7 +119,7 @@ def dump_config(config: CommandConfig) -> str:
 
 def _read_config(
     schema: Schema, command: str, path: Path, places: Places
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the values of a YAML file, of standard input, or of an installed config.
 
     Of an installed config only the settings count, not what it says of its own data.
@@ -153,7 +157,7 @@ def _read_config(
     return values
 
 
-def _leave_out_own_data(schema: Schema, values: dict[str, Any]) -> None:
+def _leave_out_own_data(schema: Schema, values: dict[str, object]) -> None:
     """Remove from values, in place, the keys that fit only an installed config's data.
 
     They are paths, and those of OF_ONE_DATA_SET.
@@ -161,15 +165,25 @@ def _leave_out_own_data(schema: Schema, values: dict[str, Any]) -> None:
     for path, key in list_config_keys(schema).items():
         *sections, name = path
         if isinstance(key.description, Paths) or name in OF_ONE_DATA_SET:
-            of_section = values
+            of_section: object = values
             for section in sections:
-                of_section = of_section.get(section, {})
-            of_section.pop(name, None)
+                of_section = _value_at(of_section, section)
+            if isinstance(of_section, dict):
+                of_section.pop(name, None)
+
+
+def _value_at(section: object, key: str | int) -> object:
+    """Return a value of a section or list, None where there is none."""
+    if isinstance(section, dict):
+        return section.get(key)
+    if isinstance(section, list | tuple) and isinstance(key, int):
+        return section[key]
+    return None
 
 
 def read_yaml(
     text: str, name: str, places: Places | None = None, folder: Path = Path()
-) -> Any:
+) -> object:
     """Return the values of a YAML 1.2 text in a folder.
 
     `places` gets the line and column of each. Keys and dates are texts. Raises
@@ -212,7 +226,7 @@ class _NodeReader:
     """Reads nodes of YAML as plain values, and writes down where each stands."""
 
     def __init__(
-        self, constructor: Any, name: str, places: Places | None, folder: Path
+        self, constructor: BaseConstructor, name: str, places: Places | None, folder: Path
     ) -> None:
         self.constructor = constructor
         self.name = name
@@ -220,13 +234,13 @@ class _NodeReader:
         self.places: Places = {} if places is None else places
         self.folder = folder
 
-    def place_of(self, mark: Any) -> str:
+    def place_of(self, mark: StreamMark) -> str:
         """Return the name of the text, with line and column if there are places."""
         if not self.has_places:
             return self.name
         return f"{self.name}:{mark.line + 1}:{mark.column + 1}"
 
-    def read(self, node: Any, location: Location) -> Any:
+    def read(self, node: Node, location: Location) -> object:
         """Return the value of a node, which is at a location."""
         if len(self.places) > MAX_VALUES:
             raise ValueError(
@@ -241,7 +255,7 @@ class _NodeReader:
             )
         if isinstance(node.value, str):
             return self._read_scalar(node, kind)
-        entries: list[tuple[str | int, Any, Any]]
+        entries: list[tuple[str | int, Node, Node]]
         if kind == "seq":
             entries = [(number, item, item) for number, item in enumerate(node.value)]
         else:
@@ -257,7 +271,7 @@ class _NodeReader:
             items[step] = self.read(item, (*location, step))
         return list(items.values()) if kind == "seq" else items
 
-    def _read_scalar(self, node: Any, kind: str) -> Any:
+    def _read_scalar(self, node: Node, kind: str) -> object:
         """Return a number, a truth value or nothing, else the text as it is written."""
         if any("\ud800" <= letter <= "\udfff" for letter in node.value):
             raise ValueError("half a letter, which no file can hold")
@@ -275,7 +289,7 @@ class _NodeReader:
 
 
 def _set_value(
-    values: dict[str, Any],
+    values: dict[str, object],
     places: Places,
     path: tuple[str, ...],
     value: object,
@@ -283,10 +297,11 @@ def _set_value(
 ) -> None:
     """Set the value at a path of keys, in place; `origin` names it in messages."""
     for depth, key in enumerate(path[:-1], start=1):
-        if not isinstance(values.get(key), dict):
-            values[key] = {}
+        section = values.get(key)
+        if not isinstance(section, dict):
+            section = values[key] = {}
             places[path[:depth]] = origin
-        values = values[key]
+        values = section
     values[path[-1]] = value
     for location in list(places):
         if location[: len(path)] == path:
@@ -297,7 +312,7 @@ def _set_value(
 def _list_problems(
     schema: Schema,
     error: ValidationError,
-    values: Mapping[str, Any],
+    values: Mapping[str, object],
     places: Places,
 ) -> list[str]:
     """Return what is wrong with a config, each thing once."""
@@ -337,9 +352,9 @@ def _describe_problem(
     value_path = key_path
     if not key.description and len(known_path) > len(key_path):
         value_path = known_path
-    value: Any = values
+    value: object = values
     for step in value_path:
-        value = value[step]
+        value = _value_at(value, step)
     allowed = problem["msg"].split("'")[1::2]
     near = _suggest_nearest(str(value), {word: word for word in allowed})
     return f"{place}: expected {expects(key)}, found {_in_words(value)}{near}"

@@ -113,7 +113,7 @@ class CommandConfig(ConfigModel):
                 paths = group if isinstance(group, tuple) else [group]
                 yield from ((key, path) for path in paths if isinstance(path, Path))
 
-    def changed(self, **values: Any) -> Self:
+    def changed(self, **values: object) -> Self:
         """Return the config with other values of keys, which are not checked.
 
         For a section a mapping gives the values of some of its keys; the others stay.
@@ -121,6 +121,7 @@ class CommandConfig(ConfigModel):
         for key, value in values.items():
             old = getattr(self, key)
             if isinstance(old, ConfigModel):
+                assert isinstance(value, Mapping), "values of some keys of a section"
                 values[key] = old.model_copy(update=value)
         return self.model_copy(update=values)
 
@@ -134,9 +135,9 @@ class CommandConfig(ConfigModel):
             values, ensure_ascii=False, separators=(",", ":"), default=path_text
         )
 
-    def as_plain(self) -> dict[str, Any]:
+    def as_plain(self) -> dict[str, object]:
         """Return the config as dicts, lists, texts and numbers, with every default."""
-        values: dict[str, Any] = json.loads(self.as_json())
+        values: dict[str, object] = json.loads(self.as_json())
         return values
 
 

@@ -88,7 +88,7 @@ def find_presets(command: str) -> dict[str, Path]:
     return {file.parent.name: file for file in sorted(folder.glob(f"*/{command}.yaml"))}
 
 
-def fill_in(value: Any, data: str) -> Any:
+def fill_in(value: object, data: str) -> object:
     """Return a value of YAML with `{data}` in all its texts replaced by the folder."""
     if isinstance(value, list | tuple):
         return [fill_in(item, data) for item in value]

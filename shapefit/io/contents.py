@@ -10,8 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
-from types import MappingProxyType
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import h5py
 import numpy as np
@@ -22,20 +21,16 @@ from shapefit.io.layout import CONTENTS
 DIGEST_BLOCK_BYTES = 1 << 22
 """Of a dataset that are read at a time."""
 
-NOTHING_KNOWN: Mapping[str, str] = MappingProxyType({})
-
 DatasetRows = slice | tuple[()]
 
+Line = Sequence[object]
+"""What the digest takes of a link, a group, a dataset or an attribute."""
 
-def digest_contents(
-    file: h5py.File,
-    read: Callable[[str, DatasetRows], object],
-    known: Mapping[str, str] = NOTHING_KNOWN,
-) -> str:
+
+def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], object]) -> str:
     """Return the SHA-256, in hexadecimal, of all that an open HDF5 file holds.
 
-    `read` gives rows of a dataset by its name. Datasets whose values have a `known`
-    digest, a ValuesDigest, are not read. Raises what h5py and `read` raise.
+    `read` gives rows of a dataset by its name. Raises what h5py and `read` raise.
     """
     links: list[tuple[str, int]] = []
     file.id.links.visit(
@@ -48,56 +43,62 @@ def digest_contents(
             continue
         node = file[name]
         if isinstance(node, h5py.Dataset):
-            described = _describe_dataset(node, name, read, known)
-            lines.append(["dataset", name, *described])
+            lines.append(_describe_dataset(node, name, read))
         else:
             lines.append([type(node).__name__, name])
         lines += _describe_attributes(name, node)
+    return digest_of_lines(lines)
+
+
+def digest_of_lines(lines: Iterable[Line]) -> str:
+    """Return the digest of a file of which these are the lines, in any order."""
     text = "\n".join(sorted(map(json.dumps, lines)))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _describe_attributes(
-    name: str, node: h5py.Group | h5py.Dataset
-) -> Iterator[list[object]]:
+def _describe_attributes(name: str, node: h5py.Group | h5py.Dataset) -> Iterator[Line]:
     """Yield a line for each attribute of a node, but for the digest itself."""
     for key in node.attrs:
-        if name == "/" and key == CONTENTS:
-            continue
-        value = node.attrs[key]
-        if isinstance(value, h5py.Empty):
-            yield ["attribute", name, key, "empty"]
-            continue
-        if isinstance(value, str):
-            value = value.encode("utf-8", "surrogateescape")
-        values = np.asarray(value)
-        digest = ValuesDigest()
-        digest.add(values)
-        described = [_kind_of(values.dtype), list(values.shape), digest.hexdigest()]
-        yield ["attribute", name, key, *described]
+        if name != "/" or key != CONTENTS:
+            yield describe_attribute(name, key, node.attrs[key])
+
+
+def describe_attribute(name: str, key: str, value: object) -> Line:
+    """Return the line of an attribute of a node, as h5py gives it or takes it."""
+    if isinstance(value, h5py.Empty):
+        return ["attribute", name, key, "empty"]
+    if isinstance(value, str):
+        value = value.encode("utf-8", "surrogateescape")
+    values = np.asarray(value)
+    digest = ValuesDigest()
+    digest.add(values)
+    kind = kind_of_values(values.dtype)
+    return ["attribute", name, key, kind, list(values.shape), digest.hexdigest()]
 
 
 def _describe_dataset(
-    dataset: h5py.Dataset,
-    name: str,
-    read: Callable[[str, DatasetRows], object],
-    known: Mapping[str, str],
-) -> list[object]:
-    """Return what the digest takes of a dataset: kind, shape and digest of its values.
+    dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], object]
+) -> Line:
+    """Return the line of a dataset, which is read in blocks of rows.
 
-    Of one that is empty, or neither numbers nor texts, it is the kind, and the type.
+    Of one that is empty, or neither numbers nor texts, it says the kind and the type.
     """
     if dataset.shape is None:
-        return ["empty"]
-    kind = "text" if h5py.check_string_dtype(dataset.dtype) else _kind_of(dataset.dtype)
+        return ["dataset", name, "empty"]
+    kind = kind_of_values(dataset.dtype)
     if kind == OTHER:  # which no result holds
-        return [kind, str(dataset.dtype)]
-    if name in known:
-        return [kind, list(dataset.shape), known[name]]
+        return ["dataset", name, kind, str(dataset.dtype)]
     digest = ValuesDigest()
     for rows in _blocks_of(dataset):
         digest.add(np.asarray(read(name, rows)))
-    return [kind, list(dataset.shape), digest.hexdigest()]
+    return describe_values(name, kind, dataset.shape, digest)
+
+
+def describe_values(
+    name: str, kind: str, shape: Sequence[int], digest: ValuesDigest
+) -> Line:
+    """Return the line of a dataset of numbers or texts."""
+    return ["dataset", name, kind, list(shape), digest.hexdigest()]
 
 
 def _blocks_of(dataset: h5py.Dataset) -> Iterator[DatasetRows]:
@@ -116,7 +117,7 @@ OTHER = "other"
 """Kind of values that are neither numbers nor texts."""
 
 
-def _kind_of(dtype: np.dtype[np.generic]) -> str:
+def kind_of_values(dtype: np.dtype[np.generic]) -> str:
     """Return the kind of values: `text`, `f8` and so on for numbers, or OTHER."""
     if dtype.kind in "OSU":
         return "text"

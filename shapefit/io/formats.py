@@ -176,7 +176,7 @@ def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Out
     Only the module of that format is imported.
     """
     if name == "hdf5":
-        from shapefit.io.hdf5_file import hdf5_output
+        from shapefit.io.hdf5_output import hdf5_output
 
         return hdf5_output(target, form)
     if name == "csv":

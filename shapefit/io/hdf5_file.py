@@ -1,14 +1,7 @@
-"""HDF5: files of any tool, whose faults name file and dataset, and our own, read and
-written.
-
-In ours metadata have checksums by their version of HDF5 (`libver` v110), values by
-`fletcher32`; texts have a fixed length, since HDF5 has no checksums for texts of any
-length.
-"""
+"""HDF5, read: files of any tool, whose faults name file and dataset, and our own."""
 
 from __future__ import annotations
 
-import errno
 import math
 import os
 import re
@@ -16,18 +9,16 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import h5py
 import numpy as np
 
 from shapefit.arrays import Integers
-from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, input_error, listed, printable
-from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.checks import input_problems
 from shapefit.io.chunks import Chunks
-from shapefit.io.contents import ValuesDigest, digest_contents
+from shapefit.io.contents import digest_contents
 from shapefit.io.inputs import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.layout import (
     CONTENTS,
@@ -45,22 +36,15 @@ from shapefit.io.layout import (
     VERSION,
     Layout,
 )
-from shapefit.io.options import RecordWriter
 from shapefit.records.columns import (
     Array,
     Column,
     Texts,
     as_kind,
     fit_axes,
-    held_columns,
 )
 from shapefit.records.items import Attribute, Direction, Items
 from shapefit.records.names import all_composed
-
-CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
-
-SPARE = 1 << 21
-"""Bytes that are reserved on the disk beside what is written."""
 
 PLAIN_ATTRIBUTES = (
     "format",
@@ -331,9 +315,13 @@ def read_seal(path: Path) -> Seal:
 
 
 def stated_digest(path: Path) -> str:
-    """Return the digest of its contents that a result states, "" without one."""
-    with Hdf5File(path) as file:
-        return str(as_text(file.attribute(CONTENTS)) or "")
+    """Return the digest of its contents that a result of this run states.
+
+    It is opened without the checks of files that come from elsewhere. "" without a
+    digest.
+    """
+    with h5py.File(path, "r", locking=False) as file:
+        return str(file.attrs.get(CONTENTS, ""))
 
 
 class Hdf5Reader(Hdf5File):
@@ -586,202 +574,3 @@ def _stored_as(column: Column) -> tuple[str, str]:
     if column.is_text:
         return TEXT
     return INTEGERS if column.is_integer else NUMBER_KINDS
-
-
-@contextmanager
-def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
-    """Give a writer to a file that appears on a clean exit."""
-    options = {
-        "libver": ("v110", "v110"),
-        "rdcc_nbytes": 4 * CHUNK_BYTES,
-        "locking": False,
-    }
-    with (
-        atomic_path(target) as path,
-        storage_errors(target, None),
-        path.open("r+b") as space,
-    ):
-        _reserve(space, SPARE)  # before HDF5 has anything to write
-        try:
-            with h5py.File(path, "w", **options) as file:
-                writer = Hdf5Writer(file, form, space)
-                yield writer
-                writer.finish()
-                size = file.id.get_filesize()
-        except (OSError, RuntimeError) as error:
-            number = re.search(r"errno = (\d+)", str(error))
-            if number is None:
-                raise
-            raise OSError(int(number[1]), os.strerror(int(number[1]))) from error
-        space.truncate(min(size, path.stat().st_size))  # closing can make it shorter
-
-
-def _reserve(file: IO[bytes], size: int) -> None:
-    """Reserve `size` bytes on the disk for an open file, where the system can."""
-    try:
-        os.posix_fallocate(file.fileno(), 0, size)
-    except (AttributeError, OSError) as error:  # macOS has no such function
-        if getattr(error, "errno", None) not in (None, errno.EINVAL, errno.EOPNOTSUPP):
-            raise
-
-
-class Hdf5Writer(RecordWriter[Items | Dictionary]):
-    """Appends records of one layout to an HDF5 file.
-
-    What is not per item comes from the first record. `attributes`, those of records
-    too, become root attributes at the end. Texts per item are held until then, when
-    their length is known.
-    """
-
-    def __init__(self, file: h5py.File, form: Layout, space: IO[bytes]) -> None:
-        super().__init__()
-        self._file, self._form, self._space = file, form, space
-        self._needed = self._reserved = 0
-        self._first: Items | Dictionary | None = None
-        self._whole: dict[str, Array] = {}
-        self._shapes: dict[str, tuple[int, ...]] = {}
-        self._texts: dict[str, list[Array]] = {}
-        self._open: dict[str, h5py.Dataset] = {}
-        self._digests: dict[str, ValuesDigest] = {}
-        """Of the rows of each dataset that were written to a sealed file."""
-
-    def append(self, record: Items | Dictionary) -> None:
-        """Write the items of a record after those that are there.
-
-        Raises ValueError where its landmarks or datasets are not those of the first
-        record.
-        """
-        rows, whole = _as_stored(record)
-        shapes = {name: values.shape[1:] for name, values in rows.items()}
-        if self._first is None:
-            self.begun = True
-            self._first = record
-            self._whole = whole
-            self._shapes = shapes
-        same_names = record.landmark_names == self._first.landmark_names
-        if not same_names or shapes != self._shapes:
-            raise ValueError(
-                "the landmarks or datasets of this record are not those of the first"
-            )
-        for name, values in rows.items():
-            if values.dtype.kind in "OU":
-                self._texts.setdefault(name, []).append(_encoded(values))
-            else:
-                self._write_rows(name, values)
-        if isinstance(record, Items):
-            self.attributes.update(record.attributes)
-
-    def finish(self) -> None:
-        """Write the texts, what belongs to the file, and the attributes."""
-        self.check_begun()
-        for name, blocks in self._texts.items():
-            width = max(block.dtype.itemsize for block in blocks)
-            for block in blocks:
-                self._write_rows(name, block.astype(h5py.string_dtype("utf-8", width)))
-        for name, values in self._whole.items():
-            stored = _encoded(values) if values.dtype.kind in "OU" else values
-            self._need(2 * stored.nbytes)
-            checked = (
-                stored.size > 0 and stored.ndim > 0
-            )  # HDF5 has no checksum for one value
-            self._open[name] = self._file.create_dataset(
-                name, data=stored, fletcher32=checked
-            )
-        for name in self._shapes.keys() - self._form.unmarked:
-            self._open[name].attrs[PER_ITEM] = True
-        stated: dict[str, object] = {"format": self._form.name, "version": VERSION}
-        stated |= {
-            n: getattr(self._first, n, None) for n in ("unit", "y_axis", "frame_rate")
-        }
-        prefixes = dict.fromkeys(PLAIN_ATTRIBUTES, PREFIX)
-        stated |= {
-            prefixes.get(n, "") + n: value for n, value in self.attributes.items()
-        }
-        stated |= self.seal or {}
-        self._need(sum(len(str(value)) for value in stated.values()) * 4)
-        for name, value in stated.items():
-            if value is not None:
-                self._file.attrs[name] = value
-        self._file.flush()
-        self._open.clear()
-        if self.seal is not None:
-            written = {name: each.hexdigest() for name, each in self._digests.items()}
-            contents = digest_contents(
-                self._file, lambda name, rows: self._file[name][rows], written
-            )
-            self._file.attrs[CONTENTS] = contents
-            self._file.flush()
-
-    def _write_rows(self, name: str, values: Array) -> None:
-        """Write rows of a dataset behind those that are there, in chunks of a power of
-        two.
-        """
-        rest = values.shape[1:]
-        self._need(values.nbytes)
-        if name not in self._open:
-            row_bytes = max(values.itemsize * math.prod(rest), 1)
-            rows = max(
-                1, min(CHUNK_BYTES // row_bytes, max(len(values), MIN_CHUNK_ROWS))
-            )
-            rows = 1 << (rows.bit_length() - 1)
-            self._need(rows * row_bytes)
-            self._open[name] = self._file.create_dataset(
-                name,
-                shape=(0, *rest),
-                maxshape=(None, *(size or None for size in rest)),
-                chunks=(rows, *(max(size, 1) for size in rest)),
-                dtype=values.dtype,
-                fletcher32=True,
-            )
-        dataset = self._open[name]
-        start = len(dataset)
-        dataset.resize(start + len(values), axis=0)
-        dataset[start:] = values
-        if self.seal is not None:
-            self._digests.setdefault(name, ValuesDigest()).add(values)
-
-    def _need(self, size: int) -> None:
-        """Reserve space for bytes to come, as HDF5 crashes on a full disk."""
-        self._needed += size + size // 50  # for metadata
-        if self._needed > self._reserved:
-            self._reserved = self._needed + SPARE + min(self._needed, 7 * SPARE)
-            _reserve(self._space, self._reserved)
-
-
-def _as_stored(
-    record: Items | Dictionary,
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the datasets of a record or dictionary, those per item and the others."""
-    if not isinstance(record, Items):
-        return {}, _dictionary_as_stored(record)
-    rows = dict(record.extras)
-    whole = dict(record.file_extras)
-    for column, value in held_columns(record):
-        stored = np.asarray(value, object) if column.is_text else np.asarray(value)
-        if column.per_item:
-            rows[column.name] = stored
-        else:
-            whole[column.name] = stored
-    return rows, whole
-
-
-def _dictionary_as_stored(dictionary: Dictionary) -> dict[str, Array]:
-    """Return the datasets of a dictionary by their names, as they stand in a file."""
-    whole: dict[str, Array] = {}
-    for name, column in DICTIONARY.columns.items():
-        value = getattr(dictionary, column.field, None)
-        if value is None:
-            continue
-        stored = np.asarray(value, object) if column.is_text else np.asarray(value)
-        whole[name] = stored.swapaxes(-1, -2) if name in DICTIONARY_POINTS else stored
-    return whole
-
-
-def _encoded(texts: Array) -> Array:
-    """Return texts as an array of UTF-8 of one width, that of the longest."""
-    encoded = [
-        str(text).encode("utf-8", "backslashreplace")
-        for text in np.ravel(texts).tolist()
-    ]
-    kind = h5py.string_dtype("utf-8", max(map(len, encoded), default=0) or 1)
-    return np.array(encoded, kind).reshape(texts.shape)

@@ -1,0 +1,312 @@
+"""Our own HDF5 files, written: records and dictionaries of the known layouts.
+
+Metadata have checksums by their version of HDF5 (`libver` v110), values by
+`fletcher32`; texts have a fixed length, since HDF5 has no checksums for texts of any
+length.
+"""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import IO
+
+import h5py
+import numpy as np
+
+from shapefit.dictionary.model import Dictionary
+from shapefit.io.atomic import atomic_path, storage_errors
+from shapefit.io.contents import (
+    Line,
+    ValuesDigest,
+    describe_attribute,
+    describe_values,
+    digest_of_lines,
+    kind_of_values,
+)
+from shapefit.io.hdf5_file import PLAIN_ATTRIBUTES, PREFIX
+from shapefit.io.layout import (
+    CONTENTS,
+    DICTIONARY,
+    DICTIONARY_POINTS,
+    PER_ITEM,
+    VERSION,
+    Layout,
+)
+from shapefit.io.options import RecordWriter
+from shapefit.records.columns import Array, held_columns
+from shapefit.records.items import Items
+
+CHUNK_BYTES = 1 << 18
+"""Of the rows of a dataset that HDF5 stores as one piece."""
+
+SPARE = 1 << 21
+"""Bytes that are reserved on the disk beside what is written."""
+
+METADATA_SHARE = 50
+"""Of one byte of metadata for so many of values, when space is reserved."""
+
+
+@contextmanager
+def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
+    """Give a writer to a file that appears on a clean exit."""
+    options = {
+        "libver": ("v110", "v110"),
+        "rdcc_nbytes": 4 * CHUNK_BYTES,
+        "locking": False,
+    }
+    with (
+        atomic_path(target) as path,
+        storage_errors(target, None),
+        path.open("r+b") as space,
+    ):
+        _reserve(space, SPARE)  # before HDF5 has anything to write
+        try:
+            with h5py.File(path, "w", **options) as file:
+                writer = Hdf5Writer(file, form, space)
+                yield writer
+                writer.finish()
+                size = file.id.get_filesize()
+        except (OSError, RuntimeError) as error:
+            number = re.search(r"errno = (\d+)", str(error))
+            if number is None:
+                raise
+            raise OSError(int(number[1]), os.strerror(int(number[1]))) from error
+        space.truncate(min(size, path.stat().st_size))  # closing can make it shorter
+
+
+def _reserve(file: IO[bytes], size: int) -> None:
+    """Reserve `size` bytes on the disk for an open file, where the system can."""
+    try:
+        os.posix_fallocate(file.fileno(), 0, size)
+    except (AttributeError, OSError) as error:  # macOS has no such function
+        if getattr(error, "errno", None) not in (None, errno.EINVAL, errno.EOPNOTSUPP):
+            raise
+
+
+class Hdf5Writer(RecordWriter[Items | Dictionary]):
+    """Appends records of one layout to an HDF5 file.
+
+    What is not per item comes from the first record. `attributes`, those of records
+    too, become root attributes at the end. Rows are held until they fill a chunk, since
+    a call of HDF5 takes as long as many rows; texts per item are held to the end, when
+    their length is known.
+    """
+
+    def __init__(self, file: h5py.File, form: Layout, space: IO[bytes]) -> None:
+        super().__init__()
+        self._file, self._form, self._space = file, form, space
+        self._needed = self._reserved = 0
+        self._first: Items | Dictionary | None = None
+        self._whole: dict[str, Array] = {}
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        self._held: dict[str, list[Array]] = {}
+        self._held_bytes: dict[str, int] = {}
+        self._texts: dict[str, list[Array]] = {}
+        self._datasets: dict[str, h5py.Dataset] = {}
+        self._digests: dict[str, ValuesDigest] = {}
+
+    def append(self, record: Items | Dictionary) -> None:
+        """Write the items of a record after those that are there.
+
+        Raises ValueError where its landmarks or datasets are not those of the first
+        record.
+        """
+        rows, whole = _as_stored(record)
+        shapes = {name: values.shape[1:] for name, values in rows.items()}
+        if self._first is None:
+            self.begun = True
+            self._first = record
+            self._whole = whole
+            self._shapes = shapes
+        same_names = record.landmark_names == self._first.landmark_names
+        if not same_names or shapes != self._shapes:
+            raise ValueError(
+                "the landmarks or datasets of this record are not those of the first"
+            )
+        for name, values in rows.items():
+            if values.dtype.kind in "OU":
+                self._texts.setdefault(name, []).append(_encoded(values))
+            else:
+                self._hold_rows(name, values)
+        if isinstance(record, Items):
+            self.attributes.update(record.attributes)
+
+    def finish(self) -> None:
+        """Write what is held, what belongs to the file, and the attributes."""
+        self.check_begun()
+        for name in [*self._held]:
+            self._write_held_rows(name)
+        for name, blocks in self._texts.items():
+            width = max(block.dtype.itemsize for block in blocks)
+            kind = h5py.string_dtype("utf-8", width)
+            self._write_rows(name, _joined([block.astype(kind) for block in blocks]))
+        for name, values in self._whole.items():
+            self._write_whole(name, values)
+        for name in self._marked:
+            self._datasets[name].attrs[PER_ITEM] = True
+        self._write_attributes()
+        if self.seal is not None:
+            self._file.attrs[CONTENTS] = digest_of_lines(self._lines())
+        self._file.flush()
+        self._datasets.clear()
+
+    @property
+    def _marked(self) -> Collection[str]:
+        """Datasets that say by an attribute that they are per item."""
+        return self._shapes.keys() - self._form.unmarked
+
+    def _hold_rows(self, name: str, values: Array) -> None:
+        """Hold rows of a dataset until they fill a chunk."""
+        self._held.setdefault(name, []).append(values)
+        size = self._held_bytes.get(name, 0) + values.nbytes
+        self._held_bytes[name] = size
+        if size >= CHUNK_BYTES:
+            self._write_held_rows(name)
+
+    def _write_held_rows(self, name: str) -> None:
+        """Write the rows of a dataset that are held."""
+        del self._held_bytes[name]
+        self._write_rows(name, _joined(self._held.pop(name)))
+
+    def _write_rows(self, name: str, values: Array) -> None:
+        """Write rows of a dataset behind those that are there."""
+        self._need(values.nbytes)
+        self._digest(name, values)
+        if name not in self._datasets:
+            rest = values.shape[1:]
+            rows = _chunk_rows(values)
+            self._need(rows * values.itemsize * math.prod(rest))
+            self._datasets[name] = self._file.create_dataset(
+                name,
+                data=values,
+                maxshape=(None, *(size or None for size in rest)),
+                chunks=(rows, *(max(size, 1) for size in rest)),
+                fletcher32=True,
+            )
+            return
+        dataset = self._datasets[name]
+        start = len(dataset)
+        dataset.resize(start + len(values), axis=0)
+        dataset[start:] = values
+
+    def _write_whole(self, name: str, values: Array) -> None:
+        """Write a dataset that belongs to the file."""
+        stored = _encoded(values) if values.dtype.kind in "OU" else values
+        self._need(2 * stored.nbytes)
+        self._digest(name, stored)
+        checked = stored.size > 0 and stored.ndim > 0  # HDF5 has none for one value
+        self._datasets[name] = self._file.create_dataset(
+            name, data=stored, fletcher32=checked
+        )
+
+    def _write_attributes(self) -> None:
+        """Write the attributes of the file."""
+        stated = self._stated()
+        self._need(sum(len(str(value)) for value in stated.values()) * 4)
+        for name, value in stated.items():
+            self._file.attrs[name] = value
+
+    def _stated(self) -> Mapping[str, object]:
+        """Return the attributes of the layout, of the first record, and those given.
+
+        A given one has a prefix where the layout has one of its name.
+        """
+        stated: dict[str, object] = {"format": self._form.name, "version": VERSION}
+        for name in ("unit", "y_axis", "frame_rate"):
+            stated[name] = getattr(self._first, name, None)
+        for name, given in self.attributes.items():
+            prefix = PREFIX if name in PLAIN_ATTRIBUTES else ""
+            stated[prefix + name] = given
+        stated |= self.seal or {}
+        return {name: value for name, value in stated.items() if value is not None}
+
+    def _digest(self, name: str, values: Array) -> None:
+        """Take values that are written into the digest of their dataset."""
+        if self.seal is not None:
+            self._digests.setdefault(name, ValuesDigest()).add(values)
+
+    def _lines(self) -> Iterator[Line]:
+        """Yield what `digest_contents` would read from the file, from what was written.
+
+        Reading it takes longer than to write it.
+        """
+        for name, value in self._stated().items():
+            yield describe_attribute("/", name, value)
+        groups: set[str] = set()
+        for name, dataset in self._datasets.items():
+            kind = kind_of_values(dataset.dtype)
+            yield describe_values(name, kind, dataset.shape, self._digests[name])
+            groups.update(str(group) for group in PurePosixPath(name).parents)
+        for name in self._marked:
+            yield describe_attribute(name, PER_ITEM, True)
+        for group in groups - {"."}:
+            yield ["Group", group]
+
+    def _need(self, size: int) -> None:
+        """Reserve space for bytes to come, as HDF5 crashes on a full disk."""
+        self._needed += size + size // METADATA_SHARE
+        if self._needed > self._reserved:
+            self._reserved = self._needed + SPARE + min(self._needed, 7 * SPARE)
+            _reserve(self._space, self._reserved)
+
+
+def _joined(blocks: list[Array]) -> Array:
+    """Return blocks of rows as one."""
+    return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+
+
+def _chunk_rows(values: Array) -> int:
+    """Return how many rows a chunk has, by the first rows of its dataset.
+
+    All of them where they are less than CHUNK_BYTES, else a power of two.
+    """
+    row_bytes = max(values.itemsize * math.prod(values.shape[1:]), 1)
+    most = max(CHUNK_BYTES // row_bytes, 1)
+    if len(values) <= most:
+        return max(len(values), 1)
+    return 1 << (most.bit_length() - 1)
+
+
+def _as_stored(
+    record: Items | Dictionary,
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return the datasets of a record or dictionary, those per item and the others."""
+    if not isinstance(record, Items):
+        return {}, _dictionary_as_stored(record)
+    rows = dict(record.extras)
+    whole = dict(record.file_extras)
+    for column, value in held_columns(record):
+        stored = np.asarray(value, object) if column.is_text else np.asarray(value)
+        if column.per_item:
+            rows[column.name] = stored
+        else:
+            whole[column.name] = stored
+    return rows, whole
+
+
+def _dictionary_as_stored(dictionary: Dictionary) -> dict[str, Array]:
+    """Return the datasets of a dictionary by their names, as they stand in a file."""
+    whole: dict[str, Array] = {}
+    for name, column in DICTIONARY.columns.items():
+        value = getattr(dictionary, column.field, None)
+        if value is None:
+            continue
+        stored = np.asarray(value, object) if column.is_text else np.asarray(value)
+        whole[name] = stored.swapaxes(-1, -2) if name in DICTIONARY_POINTS else stored
+    return whole
+
+
+def _encoded(texts: Array) -> Array:
+    """Return texts as an array of UTF-8 of one width, that of the longest."""
+    encoded = [
+        str(text).encode("utf-8", "backslashreplace")
+        for text in np.ravel(texts).tolist()
+    ]
+    kind = h5py.string_dtype("utf-8", max(map(len, encoded), default=0) or 1)
+    return np.array(encoded, kind).reshape(texts.shape)
