@@ -226,7 +226,11 @@ class _NodeReader:
     """Reads nodes of YAML as plain values, and writes down where each stands."""
 
     def __init__(
-        self, constructor: BaseConstructor, name: str, places: Places | None, folder: Path
+        self,
+        constructor: BaseConstructor,
+        name: str,
+        places: Places | None,
+        folder: Path,
     ) -> None:
         self.constructor = constructor
         self.name = name
