@@ -12,7 +12,7 @@
 #   make fuzz         50,000 damaged files, configs and options, each in a separate process
 #   make mutants      300 small changes of the code, each with the tests that reach it; lists what survives
 #   make faults       every writing call fails with every error, and 200 kills; outputs stay whole
-#   make pictures     photograph the pages of the demo for README and docs (needs chromium)
+#   make pictures     every picture of README, docs and gallery (needs chromium; DATA=FOLDER as below)
 #   make docs         write the generated pages of docs/
 #   make site         the pages as a site with search, in build/site/html; every link is checked
 #   make recovery     the paper's figure of exact recovery on planted instances
@@ -72,6 +72,14 @@ demo: $(RUNS)
 	@echo "  $(CURDIR)/results/demo/people.html  people from all sides, beside their true shapes"
 	@echo "  $(CURDIR)/results/demo/cars.html    cars with their meshes, beside the true models"
 
+# $(call name_figures,FOLDER): the page of a report, and which of its figures are the paper's.
+define name_figures
+@echo
+@echo "Open this in a browser:"
+@echo "  $(CURDIR)/$(1)/report.html"
+@echo "It has the paper's bars of sequences (also sequences.svg beside it) and its box plots (errors.svg)."
+endef
+
 # $(call paper_fits,NAMES): a fit in which single items fail (exit code 1) lists them; the others are used.
 paper_fits = for fit in $(1); do \
     $(SHAPEFIT) fit -c configs/paper/fit-$$fit.yaml || [ $$? -eq 1 ] || exit; done
@@ -87,7 +95,7 @@ mocap-table: $(RUNS)
 	@echo
 	@$(BIN)/python -m experiments published mocap results/mocap/report
 	@echo
-	@echo "The report with tables and plots is $(CURDIR)/results/mocap/report/report.md."
+	$(call name_figures,results/mocap/report)
 
 recovery: $(RUNS)
 	$(BIN)/python -m experiments recovery results/recovery
@@ -104,6 +112,7 @@ paper: mocap-table
 	$(BIN)/python -m experiments recovery results/paper/recovery
 	$(BIN)/python -m experiments sensitivity results/paper $(if $(DATA),--data '$(DATA)')
 	$(BIN)/python -m experiments index results/paper
+	$(call name_figures,results/paper/mocap)
 
 people: $(RUNS)
 	$(SHAPEFIT) learn-dict -c configs/people/learn-box.yaml $(SET_DATA)
@@ -208,8 +217,10 @@ faults: $(ALL_READY)
 	$(BIN)/python -m tests.fuzz.faults
 	$(BIN)/python -m tests.fuzz.faults --kill 200
 
-pictures: demo $(ALL_READY)
-	$(BIN)/python tools/page_pictures.py
+# The figures of motion capture are drawn anew where its data are.
+MOCAP := $(or $(DATA),../shared/data/mocap)
+pictures: demo recovery $(if $(wildcard $(MOCAP)/subject13_24fps.h5),mocap-table) $(ALL_READY)
+	$(BIN)/python -m tools.page_pictures
 
 docs: $(READY)
 	$(BIN)/python tools/generate.py
@@ -230,7 +241,7 @@ $(SHAPEFIT) learn-dict -c configs/$(1)/learn-dict.yaml $(SET_DATA)
 $(SHAPEFIT) project -c configs/$(1)/project.yaml $(SET_DATA)
 $(SHAPEFIT) fit -c configs/$(1)/fit.yaml $(SET_DATA)
 $(SHAPEFIT) eval -c configs/$(1)/eval.yaml $(SET_DATA)
-@echo "The results are in results/$(1), the report with tables and plots in results/$(1)/report."
+@echo "The results are in results/$(1), the report with tables and figures is results/$(1)/report/report.html."
 endef
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt

@@ -141,7 +141,7 @@ def measure_bodies(
         ).errors
         for name, fit in fits.items()
     }
-    table = table_of_bodies(errors, models, bodies)
+    table = markdown_table(*rows_of_bodies(errors, models, bodies))
     cases = [
         case_of(body, f"{model}/{SHOWN_VIEW}", images, shapes, fits)
         for body, model in SHOWN.items()
@@ -161,12 +161,12 @@ def fit_with(
     return shapefit.fit(images, dictionary, config=path, **of_data)
 
 
-def table_of_bodies(
+def rows_of_bodies(
     errors: Mapping[str, Mapping[tuple[str, str], Floats]],
     models: Any,
     bodies: Bodies,
-) -> str:
-    """Return methods down, classes of body across; means of the images of each class.
+) -> tuple[list[str], list[list[str]]]:
+    """Return a header of classes of body, and rows of methods: means of their images.
 
     errors maps a method to its errors (n,) in each metric and unit; models (n,) are
     those that the images show. Classes without an image are left out.
@@ -183,7 +183,7 @@ def table_of_bodies(
             )
             row.append(f"{similarity:.3f} / {camera:.3f} / {rotation:.1f}")
         rows.append(row)
-    return markdown_table(header, rows)
+    return header, rows
 
 
 def case_of(

@@ -1,5 +1,6 @@
-"""Figures of the paper's experiments: shares as heat maps, errors as boxes, and against
-a setting.
+"""Figures of the paper's experiments: shares as heat maps, errors against a setting.
+
+Boxes and bars of errors are those of `eval`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shapefit.evaluation.plots import COLOURS
+from shapefit.evaluation.figures import COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,31 +56,6 @@ def draw_shares(panels: Mapping[str, Shares]) -> Figure:
         axis.set_xlabel("atoms in use z")
     axes[0].set_ylabel("landmarks p")
     figure.colorbar(image, ax=list(axes), fraction=0.03, pad=0.02)
-    return figure
-
-
-def draw_boxes(panels: Mapping[str, Mapping[str, Floats]]) -> Figure:
-    """Draw title -> method -> errors (n,): quartiles as boxes, whiskers from 5% to 95%.
-
-    The panels stand side by side on one axis of errors.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(3.4 * len(panels) + 0.8, 3.6), layout="constrained")
-    axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
-    for axis, (title, methods) in zip(axes, panels.items(), strict=True):
-        axis.boxplot(
-            list(methods.values()),
-            whis=(5, 95),
-            widths=0.6,
-            showfliers=False,
-            medianprops={"color": "black"},
-        )
-        axis.set_xticks(range(1, 1 + len(methods)), list(methods))
-        axis.set_title(title, loc="left", fontsize=10)
-        axis.set_ylim(bottom=0)
-    axes[0].set_ylabel("error (normalised)")
-    figure.supxlabel("median, quartiles, 5% and 95% of the images", fontsize=8)
     return figure
 
 

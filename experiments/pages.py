@@ -7,9 +7,9 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
+from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from ruamel.yaml import YAML
@@ -17,19 +17,19 @@ from ruamel.yaml import YAML
 import shapefit
 from benchmarks import optimality
 from benchmarks.lower_bounds import oracle_rows
-from experiments.car_bodies import ERRORS, table_of_bodies
+from experiments.car_bodies import ERRORS, rows_of_bodies
 from experiments.recovery import Shares
 from experiments.sensitivity import Point, read_points
 from shapefit.arrays import Floats
+from shapefit.evaluation.page import html_table, with_section
 from shapefit.evaluation.report import markdown_table
 
 PUBLISHED_MILLISECONDS = {"convex": 330, "alternate": 440, "pmp": 3020}
 """Time of a frame in the paper: MATLAB on an i7 with 3.4 GHz."""
 
-OF_THE_BOX_PLOT = ("Convex", "Alternate", "Alternate+")
-"""Methods of fig. boxplot-human."""
-
-BOX_PLOT = "![Errors of all images by the paper's methods](boxplot.png)"
+BOX_PLOT = "![Errors of all images by method, as boxes](errors.svg)"
+BARS = "![Mean errors of the sequences by method, as bars](sequences.svg)"
+"""Figures of a report of `eval`."""
 
 SENSITIVITIES = {
     "sensitivity-lambda": "lambda (the paper: 0.1)",
@@ -64,65 +64,68 @@ def quoted_shares() -> Shares:
     }
 
 
-def add_published(name: str, folder: Path) -> str:
-    """Add what was published (mocap), or oracles (cars), to report.md of an evaluation.
+class Table(NamedTuple):
+    """A table of texts, with a sentence above it, "" for none."""
 
-    Returns the new part in Markdown; done again, it takes the place of the former. The
-    box plot of mocap is written beside it.
+    introduction: str
+    header: list[str]
+    rows: list[list[str]]
+
+    def as_markdown(self) -> str:
+        """Return the sentence and the table as Markdown."""
+        blocks = [self.introduction, markdown_table(self.header, self.rows)]
+        return "\n\n".join(filter(None, blocks))
+
+    def as_html(self) -> str:
+        """Return the sentence and the table as HTML, without the marks of Markdown."""
+        rows = [[cell.strip("*") for cell in row] for row in self.rows]
+        header = [cell.strip("*") for cell in self.header]
+        sentence = f"<p>{escape(self.introduction)}</p>" if self.introduction else ""
+        return sentence + html_table(header, rows)
+
+
+def add_published(name: str, folder: Path) -> str:
+    """Add what was published (mocap), or oracles (cars), to report.html of `eval`.
+
+    Returns the new part in Markdown; done again, it takes the place of the former.
     """
     report = _read(folder / "report.json")
     if name == "mocap":
-        write_box_plot(folder, report)
-        parts = [
-            "## Published",
-            _errors_beside_the_paper(report),
-            _objectives_beside_the_paper(report),
-            BOX_PLOT,
-        ]
+        tables = [_errors_beside_the_paper(report)]
+        sentences = [_objectives_beside_the_paper(report)]
+        title = "Beside the paper"
     else:
         header = ["oracle", "similarity (normalised)", "similarity (unit of the truth)"]
-        parts = [
-            "## Published",
-            markdown_table(header, oracle_rows(report["config"])),
-            "By class of body, means, and in brackets how many images there are:",
+        tables = [
+            Table("What no fit can do without:", header, oracle_rows(report["config"])),
             _errors_by_body(folder, report),
         ]
-    parts.append("\n".join(f"- {caveat}" for caveat in quoted(name)["caveats"]))
-    page = "\n\n".join(parts) + "\n"
-    path = folder / "report.md"
-    before = path.read_text(encoding="utf-8").partition("\n## Published\n")[0]
-    path.write_text(f"{before.rstrip()}\n\n{page}", encoding="utf-8")
-    return page
+        sentences = []
+        title = "Oracles, and classes of body"
+    caveats = list(map(str, quoted(name)["caveats"]))
+    items = "".join(f"<li>{escape(caveat)}</li>" for caveat in caveats)
+    paragraphs = [f"<p>{escape(text.replace('*', ''))}</p>" for text in sentences]
+    html = "\n".join(
+        [
+            f"<h2>{title}</h2>",
+            *(table.as_html() for table in tables),
+            *paragraphs,
+            f"<ul>{items}</ul>\n",
+        ]
+    )
+    path = folder / "report.html"
+    page = path.read_text(encoding="utf-8")
+    path.write_text(with_section(page, "published", html), encoding="utf-8")
+    blocks = [
+        f"## {title}",
+        *(table.as_markdown() for table in tables),
+        *sentences,
+        "\n".join(f"- {caveat}" for caveat in caveats),
+    ]
+    return "\n\n".join(blocks) + "\n"
 
 
-def write_box_plot(folder: Path, report: Mapping[str, Any]) -> None:
-    """Write boxplot.png: errors of the images of each group, by the paper's methods."""
-    from experiments.figures import draw_boxes
-
-    globs: Mapping[str, str] = report["config"]["groups"]
-    errors: dict[str, dict[str, list[float]]] = {group: {} for group in globs}
-    with (folder / "per_image.csv").open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            is_wanted = (
-                row["method"] in OF_THE_BOX_PLOT
-                and (row["metric"], row["unit"]) == ("similarity", "normalised")
-                and row["error"]
-            )
-            if not is_wanted:
-                continue
-            for group, glob in globs.items():
-                if fnmatchcase(row["sequence"], glob):
-                    own = errors[group].setdefault(row["method"], [])
-                    own.append(float(row["error"]))
-    panels: dict[str, dict[str, Floats]] = {
-        group: {name: np.array(values) for name, values in methods.items()}
-        for group, methods in errors.items()
-        if methods
-    }
-    draw_boxes(panels).savefig(folder / "boxplot.png", dpi=150)
-
-
-def _errors_by_body(folder: Path, report: Mapping[str, Any]) -> str:
+def _errors_by_body(folder: Path, report: Mapping[str, Any]) -> Table:
     """Return the table of errors of the methods by class of body of the cars."""
     fit = shapefit.read_results(report["methods"][0]["files"][0])
     models = np.asarray(fit.extras["true_model"]).astype(str)
@@ -145,7 +148,9 @@ def _errors_by_body(folder: Path, report: Mapping[str, Any]) -> str:
         for method, of_method in errors.items()
     }
     bodies = quoted("cars")["bodies"]
-    return table_of_bodies(judged, models[is_judged], bodies)
+    header, rows = rows_of_bodies(judged, models[is_judged], bodies)
+    text = "By class of body, means, and in brackets how many images there are:"
+    return Table(text, header, rows)
 
 
 def _objectives_beside_the_paper(report: Mapping[str, Any]) -> str:
@@ -162,7 +167,7 @@ def _objectives_beside_the_paper(report: Mapping[str, Any]) -> str:
     )
 
 
-def _errors_beside_the_paper(report: Mapping[str, Any]) -> str:
+def _errors_beside_the_paper(report: Mapping[str, Any]) -> Table:
     """Return the table of mean normalised similarity errors, ours and the paper's."""
     ours: dict[str, dict[str, float]] = {}
     for row in report["summaries"]:
@@ -187,7 +192,8 @@ def _errors_beside_the_paper(report: Mapping[str, Any]) -> str:
             row.append(_number(ours.get(method, {}).get(group)))
             row.append("–" if published is None else f"*{_number(published)}*")
         rows.append(row)
-    return markdown_table(header, rows)
+    text = "Mean errors up to a similarity of normalised shapes, ours and the paper's:"
+    return Table(text, header, rows)
 
 
 def index(folder: Path) -> str:
@@ -218,17 +224,19 @@ def _mocap(report: Mapping[str, Any]) -> list[str]:
     )
     return [
         "## Motion capture (tab. human)",
-        _errors_beside_the_paper(report),
+        _errors_beside_the_paper(report).as_markdown(),
         (
             "Mean over sequences of the mean error up to a similarity, for shapes of"
             " unit standard deviation. All metrics, and the counts of images:"
-            " [mocap/report.md](mocap/report.md)."
+            " [mocap/report.html](mocap/report.html)."
         ),
         "\n".join(f"- {caveat}" for caveat in quoted("mocap")["caveats"]),
         "### Spread over images (fig. boxplot-human)",
-        BOX_PLOT.replace("(boxplot", "(mocap/boxplot"),
+        BOX_PLOT.replace("(errors", "(mocap/errors"),
         (f"The paper's box plot is of subject 15; medians read off it: *{medians}*."),
         _objectives_beside_the_paper(report),
+        "### Sequences (fig. mocap)",
+        BARS.replace("(sequences", "(mocap/sequences"),
     ]
 
 

@@ -17,10 +17,10 @@ from scipy.special import kolmogorov
 import shapefit
 from benchmarks.lower_bounds import best_combination, nearest_atom
 from benchmarks.optimality import sections
-from experiments import figures, pages, sensitivity
+from experiments import pages, sensitivity
 from experiments.__main__ import write_points, write_recovery
-from experiments.figures import draw_boxes
 from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.page import ORIGIN
 from shapefit.geometry.rotations import random_rotations
 
 
@@ -168,17 +168,8 @@ def reports(tmp_path_factory, points):
     }
     (folder / "mocap").mkdir()
     (folder / "mocap/report.json").write_text(json.dumps(report), encoding="utf-8")
-    (folder / "mocap/report.md").write_text("# Errors\n", encoding="utf-8")
-    errors = ["method,sequence,item,metric,error,unit"]
-    errors += [
-        f"{method},13_01,{image},similarity,{image / 10},{unit}"
-        for method in ("Convex", "Alternate", "Alternate+", "PMP")
-        for image in range(1, 4)
-        for unit in ("normalised", "m")
-    ]
-    errors.append("Convex,13_01,4,similarity,,normalised")
-    text = "\n".join(errors) + "\n"
-    (folder / "mocap/per_image.csv").write_text(text, encoding="utf-8")
+    page = f"<h1>Errors</h1>\n{ORIGIN}<dl></dl>\n"
+    (folder / "mocap/report.html").write_text(page, encoding="utf-8")
     for name, values in {
         "timing": ("convex", "mean-shape"),
         "timing-pmp": ("pmp",),
@@ -203,38 +194,28 @@ def test_the_index_sets_numbers_beside_those_of_the_paper(reports):
     assert rows["0.5"] == ["0.250"]
     assert "Mean objective: Alternate 0.805, Alternate+ –. The paper's" in page
     assert "*Alternate 0.24, Alternate+ 0.17*" in page
-    assert "(mocap/boxplot.png)" in page
+    assert "(mocap/errors.svg)" in page
+    assert "(mocap/sequences.svg)" in page
+    assert "(mocap/report.html)" in page
     linked = set(re.findall(r"\]\(([\w-]+/\w+\.md)\)", page))
     assert linked >= {f"{name}/sweep.md" for name in (*pages.SENSITIVITIES, "timing")}
 
 
 def test_published_rows_are_added_to_a_report_once(reports, tmp_path):
     folder = shutil.copytree(reports / "mocap", tmp_path / "mocap")
+    before = (folder / "report.html").read_text(encoding="utf-8")
     page = pages.add_published("mocap", folder)
     header = ["Subject 13", "*the paper*", "Subject 14", "*the paper*"]
     assert table(page)["method"] == header
     assert table(page)["PMP"] == ["–", "*0.390*", "–", "*0.393*"]
-    assert "(boxplot.png)" in page
-    assert (folder / "boxplot.png").read_bytes()[1:4] == b"PNG"
     assert "- Sequences 14_31 and 14_36 are one motion." in page
+    once = (folder / "report.html").read_text(encoding="utf-8")
+    assert "<td>PMP</td><td>–</td><td>0.390</td>" in once
+    assert "<li>Sequences 14_31 and 14_36 are one motion.</li>" in once
     assert pages.add_published("mocap", folder) == page
-    assert (folder / "report.md").read_text(encoding="utf-8") == f"# Errors\n\n{page}"
-
-
-def test_the_box_plot_is_of_the_paper_s_methods_and_their_images(reports, monkeypatch):
-    drawn = {}
-
-    def draw(panels):
-        drawn.update(panels)
-        return draw_boxes(panels)
-
-    monkeypatch.setattr(figures, "draw_boxes", draw)
-    report = json.loads((reports / "mocap/report.json").read_text(encoding="utf-8"))
-    pages.write_box_plot(reports / "mocap", report)
-    assert list(drawn) == ["Subject 13"]  # the other has no images
-    assert list(drawn["Subject 13"]) == ["Convex", "Alternate", "Alternate+"]
-    for errors in drawn["Subject 13"].values():
-        np.testing.assert_array_equal(errors, [0.1, 0.2, 0.3])
+    assert (folder / "report.html").read_text(encoding="utf-8") == once
+    start, end = once.index("<section"), once.index("</section>\n")
+    assert once[:start] + once[end + len("</section>\n") :] == before
 
 
 BEST = [1.0, 2.0, 4.0, np.nan]

@@ -64,7 +64,7 @@ def runner(project: Path, folder: Path, *settings: str) -> Run:
         ):
             line += [word for setting in settings for word in ("--set", setting)]
         if command == "eval":
-            line += ["--set", "plots=false"]
+            line += ["--set", "plots=none"]
         with contextlib.chdir(folder):
             assert run_command(line) in (0, 1), line
 

@@ -198,7 +198,7 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(samples, cars)
 
 WRITTEN = {
     "openpose_to_opensim.sh": ["walk_person_1.trc", "walk_person_2.mot", "page.html"],
-    "animal_from_deeplabcut.sh": ["walk.h5", "report/report.md", "page.html"],
+    "animal_from_deeplabcut.sh": ["walk.h5", "report/report.html", "page.html"],
     "mediapipe.py": ["walk.h5", "left_ankle.csv"],
     "cars_to_blender.sh": ["meshes/sedan_1/view_1.glb", "sheet.png", "page.html"],
     "python_arrays.py": ["ankles.png"],

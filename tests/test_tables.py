@@ -120,7 +120,7 @@ def test_a_method_is_a_file_and_an_entry(folder):
     Toy(folder, FLAT, FLAT_ENTRY).succeed(
         f"{fit} result.h5",
         f"{fit} truth.csv",
-        "eval result.h5 --truth truth.csv -o report --set plots=false",
+        "eval result.h5 --truth truth.csv -o report --set plots=none",
     )
     with (
         h5py.File(folder / "views.h5") as views,

@@ -49,6 +49,19 @@ class ErrorBars(NamedTuple):
         np.divide(inside, count, out=share, where=count > 0)
         return share
 
+    def held(self, levels: Floats) -> Floats:
+        """Return the share of all landmarks inside the ellipsoids of each level (l,).
+
+        levels are shares between 0 and 1; true error bars hold just these.
+        """
+        from scipy.special import gammaincinv
+
+        squares = np.sort(self.square[~np.isnan(self.square)])
+        # chi^2 with 3 degrees of freedom is twice a gamma variable of shape 3 / 2
+        radii = 2 * gammaincinv(1.5, levels)
+        inside = np.searchsorted(squares, radii, side="right")
+        return np.asarray(inside / len(squares))
+
 
 class Coverage(TypedDict):
     """How many true landmarks the error bars of a method hold in a group.

@@ -33,6 +33,14 @@ def similarity(estimate: Floats, truth: Floats) -> Floats:
     return similarity_errors(estimate, truth, MIN_COMMON_LANDMARKS)
 
 
+def mean_distance(distances: Floats) -> Floats:
+    """Return the mean (n,) of the distances of landmarks (n, p) from the truth.
+
+    nan where fewer than `MIN_COMMON_LANDMARKS` are known.
+    """
+    return _mean_over_visible(distances, ~np.isnan(distances), MIN_COMMON_LANDMARKS)
+
+
 def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
     """Return the mean distance (n,) of landmarks from the truth in the camera frame.
 
@@ -191,9 +199,10 @@ class Metric(NamedTuple):
     """A number for each image: how far its estimate is from the truth.
 
     function takes the datasets `needs` in their order (`estimate` and `truth` are the
-    shapes) and returns (n,), nan where an image cannot be measured; unit is LENGTH,
-    IMAGE_LENGTH, SHARE or deg; title is that of a plot. Where `optional`, an image may
-    have no such error and has not failed.
+    shapes, `aligned_distances` those of landmarks after the best similarity) and
+    returns (n,), nan where an image cannot be measured; unit is LENGTH, IMAGE_LENGTH,
+    SHARE or deg; title is that of a figure. Where `optional`, an image may have no such
+    error and has not failed.
     """
 
     function: Callable[..., Floats]
@@ -205,8 +214,8 @@ class Metric(NamedTuple):
 
 METRICS = {
     "similarity": Metric(
-        similarity,
-        needs=("estimate", "truth"),
+        mean_distance,
+        needs=("aligned_distances",),
         unit=LENGTH,
         title="3D error up to a similarity",
     ),

@@ -1,10 +1,9 @@
-"""Errors summed up over sequences and groups: as CSV, Markdown and in a few lines."""
+"""Errors summed up over sequences, groups, landmarks: as CSV, and in a few lines."""
 
 from __future__ import annotations
 
 import csv
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -14,9 +13,10 @@ from typing import NamedTuple, TypedDict
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import abbreviate, input_error, printable
+from shapefit.errors import abbreviate, counted, input_error
 from shapefit.evaluation.calibration import SQUARED_RADII, Coverage
 from shapefit.evaluation.metrics import SHARE
+from shapefit.evaluation.units import ShownUnit, shown_unit
 
 ALL = "all"
 """Name of the one group, and of the one sequence, where none are named."""
@@ -36,11 +36,11 @@ BARS_90 = (BARS[-1], "%")
 RATIO = ("expected / error", "")
 """Column of mean expected over mean measured errors."""
 
-MAX_FAILED_SHOWN = 10
-"""Failed images of a method that the page lists; report.json has all."""
-
 ABSENT = "–"
 """Cell of a number that does not exist."""
+
+ALIGNED = "similarity"
+"""Metric of which landmarks, sequences and examples are shown."""
 
 CSV_COLUMNS = (
     "method",
@@ -55,22 +55,15 @@ CSV_COLUMNS = (
 )
 """Of report.csv."""
 
-_ERRORS_EXPLAINED = (
-    "Each cell is mean / median over the images; of several sequences, the mean over "
-    "them. Normalised errors are shares of the standard deviation of the true shape; "
-    "those in boxes, of the diagonal of the box around the landmarks."
-)
-_BARS_EXPLAINED = (
-    "Bars: the share of landmarks whose truth, placed in the image by its x and y, is "
-    "in the ellipsoids. Wide bars hold anything: the width is the median of the 90% "
-    "ellipsoids' root mean squared semi-axes."
-)
-_SHORT_NAMES = {
+PART_CSV_COLUMNS = ("images", "mean", "median", "p90", "unit")
+"""Of per_landmark.csv and per_angle.csv, after the method and the part."""
+
+SHORT_NAMES = {
     "similarity": "error aligned",
     "camera": "camera frame",
     "rotation": "rotation",
 }
-"""Metrics of the few lines, and their names there."""
+"""Metrics of the few lines and of the page, and their names there."""
 
 Quantity = tuple[str, str]
 """A metric, or a column of error bars, and its unit."""
@@ -104,6 +97,22 @@ class ErrorSummary:
     p90: float
 
 
+@dataclass(frozen=True)
+class PartSummary:
+    """Errors of one landmark or joint angle by one method, over all images.
+
+    `images` counts the images in which it was measured.
+    """
+
+    method: str
+    part: str
+    unit: str
+    images: int
+    mean: float
+    median: float
+    p90: float
+
+
 class FailedImage(TypedDict):
     """An image without an error, and why."""
 
@@ -127,6 +136,8 @@ class Document(TypedDict):
 
     methods: list[MethodOutcome]
     summaries: list[ErrorSummary]
+    landmarks: list[PartSummary]
+    angles: list[PartSummary]
     calibration: list[Coverage]
     factors: dict[str, dict[str, float | None]]
     warnings: list[str]
@@ -189,6 +200,20 @@ def summarise_errors(
             of_group = _mean_over_sequences(list(inside.values()))
             for sequence, numbers in ((None, of_group), *inside.items()):
                 yield ErrorSummary(method, metric, unit, group, sequence, *numbers)
+
+
+def summarise_parts(
+    method: str, parts: Sequence[str], errors: Mapping[str, Floats]
+) -> Iterator[PartSummary]:
+    """Yield a summary of each landmark or angle, of errors (n, parts) by unit.
+
+    A part that no image has is left out.
+    """
+    for unit, values in errors.items():
+        for part, column in zip(parts, values.T, strict=True):
+            images, _, *numbers = _statistics(column)
+            if images:
+                yield PartSummary(method, part, unit, images, *numbers)
 
 
 class _Statistics(NamedTuple):
@@ -271,56 +296,27 @@ def _is_nan(value: str | float | None) -> bool:
     return isinstance(value, float) and math.isnan(value)
 
 
-def report_markdown(report: Document, plot: str = "") -> str:
-    """Return the page in Markdown: errors and error bars, failures, and the plot.
-
-    plot: the path of its file, "" for none.
-    """
-    blocks = ["# Errors against the truth", _ERRORS_EXPLAINED]
-    if report["calibration"]:
-        blocks.append(_BARS_EXPLAINED)
-    blocks.append(_table_of_errors(report))
-    failed = [
-        f"{method['name']}, {image['item']}: {image['reason']}"
-        for method in report["methods"]
-        for image in method["failures"][:MAX_FAILED_SHOWN]
-    ]
-    blocks += _list_of("Failed", failed) + _list_of("Warnings", report["warnings"])
-    if plot:
-        blocks += ["## Plot", f"![errors, sorted]({plot})"]
-    # No name is HTML, or moves the cursor of a terminal.
-    text = re.sub("<(?=[a-zA-Z/!?])", "&lt;", "\n\n".join(blocks))
-    return "\n".join(map(printable, text.split("\n"))) + "\n"
+def parts_csv(parts: Sequence[PartSummary], noun: str) -> str:
+    """Return the text of per_landmark.csv or per_angle.csv; noun heads the column."""
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(("method", noun, *PART_CSV_COLUMNS))
+    table.writerows(
+        [one.method, one.part, *(getattr(one, name) for name in PART_CSV_COLUMNS)]
+        for one in parts
+    )
+    return text.getvalue()
 
 
-def _table_of_errors(report: Document) -> str:
-    """Return the table of the page: a row for each group and method."""
-    counts, columns = table_of(report)
-    digits = {
-        quantity: decimals_of(value for row in column.values() for value in row)
-        for quantity, column in columns.items()
-    }
-    names = [f"{name} ({unit})" if unit else name for name, unit in columns]
-    header = ["group", "method", "images", "failed", *names]
-    groups = [*dict.fromkeys(group for group, _ in counts)]
-    rows = []
-    for row in sorted(counts, key=lambda row: groups.index(row[0])):
-        cells = [*row, *map(str, counts[row])]
-        for quantity, column in columns.items():
-            values = column.get(row, (None,))
-            texts = [number(value, digits[quantity]) for value in values]
-            cells.append(" / ".join(texts))
-        rows.append(cells)
-    if groups == [ALL]:  # which need not be named
-        return markdown_table(header[1:], [row[1:] for row in rows])
-    return markdown_table(header, rows)
-
-
-def _list_of(title: str, lines: Sequence[str]) -> list[str]:
-    """Return title and list as blocks of Markdown; nothing for an empty list."""
-    if not lines:
-        return []
-    return [f"## {title}", "\n".join(f"- {' '.join(line.split())}" for line in lines)]
+def shown_units(report: Document) -> dict[str, ShownUnit]:
+    """Return how the numbers of each unit of the report are shown to people."""
+    means: dict[str, list[float]] = {}
+    for summary in report["summaries"]:
+        means.setdefault(summary.unit, []).append(summary.mean)
+    for coverage in report["calibration"]:
+        for unit, width in coverage["median_width"].items():
+            means.setdefault(unit, []).append(width)
+    return {unit: shown_unit(unit, of_unit) for unit, of_unit in means.items()}
 
 
 def table_of(
@@ -328,10 +324,11 @@ def table_of(
 ) -> tuple[dict[GroupMethod, tuple[int, int]], dict[Quantity, QuantityColumn]]:
     """Return the counts and columns of the page's table, by group and method.
 
-    The counts are measured and failed images; the columns are numbers by quantity.
-    Those of a metric are mean and median; then come the error bars, and expected /
-    error.
+    The counts are measured and failed images; the columns are numbers by quantity, in
+    the units that people read. Those of a metric are mean and median; then come the
+    error bars, and expected / error.
     """
+    shown = shown_units(report)
     counts: dict[GroupMethod, tuple[int, int]] = {}
     columns: dict[Quantity, QuantityColumn] = {}
     for summary in report["summaries"]:
@@ -339,15 +336,17 @@ def table_of(
             continue
         row = (summary.group, summary.method)
         counts.setdefault(row, (summary.images, summary.failed))
-        column = columns.setdefault((summary.metric, summary.unit), {})
+        unit, factor = shown[summary.unit]
+        column = columns.setdefault((summary.metric, unit), {})
         if not math.isnan(summary.mean):
-            column[row] = (summary.mean, summary.median)
+            column[row] = (factor * summary.mean, factor * summary.median)
     for coverage in report["calibration"]:
         row = (coverage["group"], coverage["method"])
         for name, share in zip(BARS, coverage["inside"], strict=True):
             columns.setdefault((name, "%"), {})[row] = (100 * share,)
-        for unit, width in coverage["median_width"].items():
-            columns.setdefault(("width", unit), {})[row] = (width,)
+        for unit_of_file, width in coverage["median_width"].items():
+            unit, factor = shown[unit_of_file]
+            columns.setdefault(("width", unit), {})[row] = (factor * width,)
     measured = columns.get(("similarity", NORMALISED), {})
     for row, (expected, _) in columns.get(("expected", NORMALISED), {}).items():
         error, *_ = measured.get(row, (0.0,))
@@ -362,7 +361,7 @@ def short_lines(report: Document) -> list[str]:
     width = max(len(method) for _, method in counts)
     lines = []
     for row, (images, _) in counts.items():
-        texts = [*_short_errors(columns, row), f"{images} images"]
+        texts = [*_short_errors(columns, row), _say_images(report, row, images)]
         texts += _short_bars(columns, row)
         group, method = row
         cells = [method.ljust(width), "; ".join(texts)]
@@ -370,6 +369,12 @@ def short_lines(report: Document) -> list[str]:
             cells.insert(1, group)
         lines.append("  ".join(cells))
     for outcome in report["methods"]:
+        angles = [one for one in report["angles"] if one.method == outcome["name"]]
+        if angles:
+            worst = max(angles, key=lambda one: one.mean)
+            mean = sum(one.mean for one in angles) / len(angles)
+            text = f"joint angles {mean:.1f} mean (deg); {worst.part} {worst.mean:.1f}"
+            lines.append(f"{outcome['name'].ljust(width)}  {text}")
         if outcome["failed"]:
             text = f"failed: {outcome['failed']} of {outcome['images']}"
             lines.append(f"{outcome['name'].ljust(width)}  {text}")
@@ -383,21 +388,39 @@ def _short_errors(
     errors: dict[str, str] = {}
     for (metric, unit), column in columns.items():
         # The last unit is that of the truth.
-        if metric in _SHORT_NAMES and unit != UNSTATED_UNIT and row in column:
+        if metric in SHORT_NAMES and unit != UNSTATED_UNIT and row in column:
             errors[metric] = (
-                f"{_SHORT_NAMES[metric]} {_say_mean_and_median(column[row], unit)}"
+                f"{SHORT_NAMES[metric]} {_say_mean_and_median(column[row], unit)}"
             )
     return errors.values()
 
 
 def _say_mean_and_median(mean_and_median: Sequence[float], unit: str) -> str:
-    """Return a mean and a median in words; below a metre in millimetres."""
-    if unit == "m" and mean_and_median[0] < 1:
-        unit = "mm"
-        mean_and_median = [1000 * value for value in mean_and_median]
+    """Return a mean and a median in words."""
     decimals = decimals_of(mean_and_median)
     mean, median = (number(value, decimals) for value in mean_and_median)
     return f"{mean} mean, {median} median ({unit})"
+
+
+def sequences_of(report: Document, group: str, method: str) -> list[str]:
+    """Return the sequences over which the mean of a group is taken."""
+    return [
+        *dict.fromkeys(
+            one.sequence
+            for one in report["summaries"]
+            if (one.group, one.method) == (group, method)
+            and one.sequence is not None
+            and one.images
+        )
+    ]
+
+
+def _say_images(report: Document, row: GroupMethod, images: int) -> str:
+    """Return how many images a row has, and over how many sequences its means are."""
+    sequences = sequences_of(report, *row)
+    if len(sequences) < 2:
+        return counted(images, "image")
+    return f"{images} images, means over {len(sequences)} sequences"
 
 
 def _short_bars(

@@ -33,6 +33,11 @@ class JointAngle(NamedTuple):
     joints: tuple[str, ...]
     measure: Callable[[Floats, Floats], Floats]
 
+    @property
+    def is_to_vertical(self) -> bool:
+        """Whether it depends on the direction that is up, not on the body alone."""
+        return self.measure is _tilt
+
 
 def measure_angles(
     shapes: Floats,

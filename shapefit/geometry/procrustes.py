@@ -87,15 +87,27 @@ def similarity_errors(
     estimate e and truth x (n, 3, p). Landmarks that are not finite on one side do not
     count; nan where fewer than `min_landmarks` do.
     """
-    finite: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
+    distance = aligned_distances(estimate, truth)
+    finite = ~np.isnan(distance)
     count = finite.sum(axis=1)
+    total = np.where(finite, distance, 0.0).sum(axis=1)
+    return np.where(count >= min_landmarks, total / np.maximum(count, 1), np.nan)
+
+
+def aligned_distances(estimate: Floats, truth: Floats) -> Floats:
+    """Return how far each estimated point is from the true one (n, p), once aligned.
+
+    |s R e_j + t - x_j| with the similarity s, R, t that minimises the sum of their
+    squares. estimate e and truth x (n, 3, p); nan for landmarks that are not finite on
+    one side, which do not count.
+    """
+    finite: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
     e = _centred_unless_one(estimate, finite)
     x = _centred_unless_one(truth, finite)
     R, scale = _scaled_rotation(e, x)
     residual = scale[:, None, None] * (R @ e) - x
     distance = np.sqrt((residual**2).sum(axis=1))
-    mean = distance.sum(axis=1) / np.maximum(count, 1)
-    return np.where(count >= min_landmarks, mean, np.nan)
+    return np.where(finite, distance, np.nan)
 
 
 def _centred_unless_one(points: Floats, finite: Flags) -> Floats:

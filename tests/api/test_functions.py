@@ -284,7 +284,7 @@ def test_errors_and_sums_are_those_of_the_command(tmp_path, chain, sample):
         output=str(tmp_path / "report"),
         metrics=metrics,
         groups={"all": "*"},
-        plots=False,
+        plots="none",
     )
     truth = shapefit.read_shapes(sample / "people_test.h5")
     found = shapefit.evaluate(chain, truth, metrics=metrics, groups={"all": "*"})
@@ -328,7 +328,7 @@ def test_arrays_are_matched_by_their_order(chain, sample):
         ({"metrics": ["simlarity"]}, "did you mean 'similarity'"),
         ({"metrics": []}, "expected a list, each similarity, camera"),
         ({"match": "model"}, "there is no dataset 'model' with one name"),
-        ({"plots": True}, r"^evaluate\.plots: .* `plots`; it is for files"),
+        ({"plots": "svg"}, r"^evaluate\.plots: .* `plots`; it is for files"),
         ({"groups": {"a": "nobody*"}}, "no sequence matches any group"),
     ],
 )

@@ -219,14 +219,14 @@ def test_what_is_told_goes_to_standard_error(shapefit, fake_pipeline, case):
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
-    report = (Path.cwd() / "report/report.md",)
+    report = (Path.cwd() / "report/report.html",)
     fake_pipeline(
         PIPELINES["eval"],
         [Result(note="ours"), Result(note="| table |", written=report)],
     )
     done = shapefit(*EVAL.split(), *quiet)
     assert (done.code, done.out) == (0, "| table |\n")
-    assert done.err == ("" if quiet else "Wrote   report/report.md\n")
+    assert done.err == ("" if quiet else "Wrote   report/report.html\n")
 
 
 def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):

@@ -237,7 +237,7 @@ SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 
 FIT = "fit one_person.csv -d dictionary.h5 -o"
-EVAL = "eval result.h5 --truth people_test.h5 -o report --set plots=false"
+EVAL = "eval result.h5 --truth people_test.h5 -o report --set plots=none"
 
 
 @pytest.fixture(scope="module")

@@ -1,31 +1,23 @@
-"""Sums over sequences and groups by hand; the tables, the page, the few lines and the
-plot.
-"""
+"""Sums over sequences, groups and landmarks by hand; the tables and the few lines."""
 
 import csv
 import io
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from shapefit.evaluation.plots import (
-    AXES_HEIGHT,
-    AXES_LEFT,
-    AXES_TOP,
-    AXES_WIDTH,
-    draw_errors,
-)
 from shapefit.evaluation.report import (
     ABSENT,
     decimals_of,
     group_sequences,
     number,
+    parts_csv,
     report_csv,
-    report_markdown,
     short_lines,
     summarise_errors,
+    summarise_parts,
 )
+from shapefit.evaluation.units import shown_unit
 
 NAN, INF = float("nan"), float("inf")
 KIND = ("similarity", "m")
@@ -80,7 +72,7 @@ def test_groups_take_their_sequences_by_glob_in_order_of_appearance():
 SIZES = {
     "convex": {
         ("similarity", "normalised"): [0.1, 0.2, 0.6, NAN],
-        ("similarity", "m"): [0.01, 0.02, 0.06, NAN],
+        ("similarity", "m"): [0.1, 0.2, 0.6, NAN],
         ("expected", "normalised"): [0.2, 0.2, 0.2, NAN],
         ("rotation", "deg"): [1.0, 3.0, 50.0, NAN],
     },
@@ -111,64 +103,15 @@ def make_report(groups, failures=1):
         "summaries": summaries,
         "warnings": ["no true\nrotation"],
         "calibration": [bars],
+        "landmarks": [],
+        "angles": [],
     }
-
-
-def cells(text, heading):
-    """Rows of the first Markdown table below a heading."""
-    parts = text.split(f"# {heading}\n\n", maxsplit=1)[1].split("\n\n")
-    lines = next(part for part in parts if part.startswith("|")).splitlines()
-    rows = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
-    return [rows[0], *rows[2:]]
-
-
-def test_the_page_has_groups_and_methods_down_and_metrics_across():
-    text = report_markdown(make_report({"all": ("s",)}), "errors.svg")
-    assert cells(text, "Errors against the truth") == [
-        [
-            "method",
-            "images",
-            "failed",
-            "similarity (normalised)",
-            "similarity (m)",
-            "expected (normalised)",
-            "rotation (deg)",
-            "in 50% bars (%)",
-            "in 90% bars (%)",
-            "width (normalised)",
-            "expected / error",
-        ],
-        [
-            "convex",
-            "3",
-            "0",
-            "0.300 / 0.200",
-            "0.0300 / 0.0200",
-            "0.200 / 0.200",
-            "18.0 / 3.0",
-            "40.0",
-            "87.6",
-            "0.300",
-            "0.667",
-        ],
-        ["Ora\\|cle", "3", "0", "0.050 / 0.050", *["–"] * 7],
-    ]
-    assert "- convex, &lt;b>item0: no shape" in text  # names are no HTML
-    assert "- no true rotation\n" in text
-    assert text.endswith("![errors, sorted](errors.svg)\n")
-    grouped = report_markdown(make_report({"S": ("s",), "T": ("t",)}))
-    assert [row[:5] for row in cells(grouped, "Errors against the truth")[1:]] == [
-        ["S", "convex", "3", "0", "0.300 / 0.200"],
-        ["S", "Ora\\|cle", "3", "0", "0.050 / 0.050"],
-        ["T", "convex", "0", "1", "–"],
-        ["T", "Ora\\|cle", "1", "0", "0.050 / 0.050"],
-    ]
 
 
 def test_the_few_lines_say_errors_images_and_what_bars_hold():
     assert short_lines(make_report({"all": ("s",)})) == [
         (
-            "convex   error aligned 30.0 mean, 20.0 median (mm); rotation 18.0 mean,"
+            "convex   error aligned 300.0 mean, 200.0 median (mm); rotation 18.0 mean,"
             " 3.0 median (deg); 3 images; 50% bars hold 40%; 90% bars hold 88%;"
             " expected / error 0.67"
         ),
@@ -177,12 +120,49 @@ def test_the_few_lines_say_errors_images_and_what_bars_hold():
     ]
 
 
+def test_means_over_sequences_say_so_and_angles_have_a_line():
+    report = make_report({"all": ("s", "t")})
+    assert "; 3 images; 50%" in short_lines(report)[0]  # none of t was measured
+    assert "; 4 images, means over 2 sequences" in short_lines(report)[1]
+    errors = np.array([[1.0, 4.0], [3.0, NAN], [NAN, 8.0]])
+    report["angles"] = [*summarise_parts("convex", ("a", "b"), {"deg": errors})]
+    line = "convex   joint angles 4.0 mean (deg); b 6.0"
+    assert line in short_lines(report)
+
+
+def test_parts_that_no_image_has_are_left_out():
+    errors = np.array([[1.0, NAN, 4.0], [3.0, NAN, NAN]])
+    parts = [*summarise_parts("m", ("a", "b", "c"), {"m": errors})]
+    assert [(one.part, one.images, one.mean) for one in parts] == [
+        ("a", 2, 2.0),
+        ("c", 1, 4.0),
+    ]
+    assert parts_csv(parts, "landmark").splitlines() == [
+        "method,landmark,images,mean,median,p90,unit",
+        "m,a,2,2.0,2.0,2.8,m",
+        "m,c,1,4.0,4.0,4.0,m",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("unit", "errors", "shown"),
+    [
+        ("m", (0.04, NAN), ("mm", 1000)),
+        ("m", (0.04, 1.2), ("m", 1)),
+        ("cm", (0.04,), ("cm", 1)),
+        ("m", (), ("mm", 1000)),
+    ],
+)
+def test_metres_are_millimetres_where_all_errors_are_below_one(unit, errors, shown):
+    assert shown_unit(unit, errors) == shown
+
+
 def test_report_csv_has_all_digits_and_error_bars_as_metrics():
     rows = list(csv.DictReader(io.StringIO(report_csv(make_report({"G": ("s", "t")})))))
     means = {
         (r["method"], r["metric"], r["unit"], r["sequence"]): r["mean"] for r in rows
     }
-    assert float(means["convex", "similarity", "m", "s"]) == np.mean([0.01, 0.02, 0.06])
+    assert float(means["convex", "similarity", "m", "s"]) == np.mean([0.1, 0.2, 0.6])
     assert means["convex", "similarity", "m", "t"] == ""
     assert means["convex", "inside_90", "share", ""] == "0.876"
     (width,) = [row for row in rows if row["metric"] == "width"]
@@ -211,21 +191,3 @@ def test_the_largest_number_chooses_the_decimals_of_all(values, decimals):
         "0.01",
         "12.00",
     ]
-
-
-def test_the_plot_has_a_line_a_method_and_ends_early_where_images_failed():
-    values = np.array([3.0, 1.0, 6.0, 5.0, NAN])
-    errors = {"a<b": values, "b": values + 1, "none": np.full(5, NAN)}
-    text = draw_errors("3D error", "m", errors)
-    root = ElementTree.fromstring(text)
-    lines = [line.get("points").split() for line in root.findall(".//{*}polyline")]
-    assert [len(line) for line in lines] == [4, 4, 0]
-    first = np.array([point.split(",") for point in lines[0]], float)
-    np.testing.assert_allclose(
-        first[:, 0], AXES_LEFT + AXES_WIDTH * np.array([0.1, 0.3, 0.5, 0.7])
-    )
-    heights = AXES_TOP + AXES_HEIGHT * (1 - np.array([1, 3, 5, 6]) / 7)
-    np.testing.assert_allclose(first[:, 1], heights, atol=0.06)
-    texts = [each.text for each in root.findall(".//{*}text")]
-    assert {"3D error", "error (m)", "a<b", "b", "none", "0", "7", "100"} <= set(texts)
-    assert draw_errors("3D error", "m", {"none": np.full(5, NAN)}).endswith("</svg>\n")

@@ -47,7 +47,7 @@ LEARN = (
     "--set",
     "k=3",
 )
-EVAL = ("eval", "--truth", "shapes.h5", "-o", "out/report", "--set=plots=false")
+EVAL = ("eval", "--truth", "shapes.h5", "-o", "out/report", "--set=plots=none")
 PROJECT = ("project", "shapes.h5", "-o", "out/v.h5")
 
 COMMANDS = {

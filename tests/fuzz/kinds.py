@@ -58,7 +58,7 @@ ITEMS = 8
 
 FIT = ("fit", "views.h5", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
 LEARN = ("-o", "out.h5", "--set=k=3", "--set=iterations=2")
-NO_PLOTS = "--set=plots=false"
+NO_PLOTS = "--set=plots=none"
 
 
 def make_base_files(folder: Path) -> None:
@@ -266,7 +266,7 @@ COMMANDS = {
         "results": "result.h5",
         "truth": "shapes.h5",
         "output": "out",
-        "plots": "false",
+        "plots": "none",
     },
     "view": {"files": "result.h5", "truth": "shapes.h5", "output": "out.html"},
 }

@@ -140,7 +140,7 @@ def test_what_fit_writes_can_be_judged(walk, ending, capsys):
     convert(walk, output=walk.with_name(f"walk.{ending}"))
     capsys.readouterr()
     command = ["eval", f"walk.{ending}", "--truth", "truth.h5", "-o", "report"]
-    assert shapefit([*command, "--set", "plots=false"]) == 0
+    assert shapefit([*command, "--set", "plots=none"]) == 0
     told = capsys.readouterr()
     assert "80 images" in told.err + told.out
     (warning,) = [line for line in told.err.splitlines() if line.startswith("Warning")]

@@ -180,8 +180,10 @@ class EvalConfig(TruthConfig):
     """
     truth_frame: Literal["object", "camera"] = "object"
     """Frame of the true shapes; `object` is turned by the result's `true_rotation`."""
-    plots: bool = True
-    """Also draw the errors, sorted, by method (SVG)."""
+    plots: Literal["svg", "png", "pdf", "none"] = "svg"
+    """Format of the figures beside the page, which has them too; none leaves them out.
+    They need matplotlib.
+    """
 
 
 class ConvertConfig(MetresConfig):

@@ -22,10 +22,12 @@ from shapefit.evaluation.metrics import (
     similarity,
 )
 from shapefit.evaluation.report import ALL, NORMALISED, Quantity
-from shapefit.geometry.procrustes import similarity_transform
+from shapefit.geometry.joint_angles import measurable_angles, measure_angles
+from shapefit.geometry.procrustes import aligned_distances, similarity_transform
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
 from shapefit.io.names import check_numbering, match_landmarks, pairs_of_sides
+from shapefit.io.skeletons import joint_columns
 from shapefit.pipelines.items import (
     BY_FRAME,
     BY_ITEM,
@@ -58,6 +60,12 @@ and adults differ by less.
 OTHER_FRAME_DEGREES = 45.0
 """By which rotations of another frame are off, beyond twice as much as the shapes."""
 
+ANY_DIRECTION = np.array([0.0, 1.0, 0.0])
+"""Passed as up where no angle to the vertical is used."""
+
+LIMB_ENDS = {"lwrist", "rwrist", "lankle", "rankle"}
+"""Joints by which people are told from tracked animals, which have paws."""
+
 INSPECTED_IMAGES = 500
 """By which a mirrored truth, and one in another frame, are recognised."""
 
@@ -71,8 +79,9 @@ class Measured(NamedTuple):
     items and sequences (n), "" where the sequence is unknown; errors maps a metric and
     unit to (n,), nan where an image failed, infinite where it does not count, as in
     precision where nothing was labelled; failures maps the failed items to the reason;
-    bars says how the truth lies in the error bars, where the method has them; objective
-    (n) where the file has it.
+    landmarks and angles are the errors of each landmark, once the shape is aligned, and
+    of each joint angle; bars says how the truth lies in the error bars, where the
+    method has them; objective (n) where the file has it.
     """
 
     items: tuple[str, ...]
@@ -80,8 +89,20 @@ class Measured(NamedTuple):
     errors: Mapping[Quantity, Floats]
     failures: Mapping[str, str]
     warnings: tuple[str, ...]
+    landmarks: PartErrors
+    angles: PartErrors
     bars: ErrorBars | None
     objective: Floats | None
+
+
+class PartErrors(NamedTuple):
+    """Errors of each landmark or joint angle.
+
+    names (q); errors (n, q) by unit, nan where one side lacks the part.
+    """
+
+    names: tuple[str, ...]
+    errors: Mapping[str, Floats]
 
 
 def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Measured:
@@ -92,9 +113,30 @@ def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Meas
     with the least error is measured. Raises InputError where no image or too few
     landmarks match, and where no metric can be measured.
     """
+    return measure_matched(
+        file, match_results(file, results, truth, config), truth, config
+    )
+
+
+def match_results(
+    file: Path, results: Fit, truth: Shapes, config: EvalConfig
+) -> MatchedResults:
+    """Return the results that count, beside their truth.
+
+    Raises InputError where no image or too few landmarks match.
+    """
     results = _with_enough_visible(file, results, config.least_visible)
     _check_not_empty(file, results, truth, config.least_visible)
-    matched = _match(file, results, truth, config.match)
+    return _match(file, results, truth, config.match)
+
+
+def measure_matched(
+    file: Path, matched: MatchedResults, truth: Shapes, config: EvalConfig
+) -> Measured:
+    """Measure results beside their truth in the metrics that their datasets allow.
+
+    Raises InputError where no metric can be measured.
+    """
     results, estimate, true = matched.results, matched.estimate, matched.true
     data = _find_datasets(file, matched, config)
     with np.errstate(all="ignore"):  # overflow is not an error to report
@@ -108,6 +150,10 @@ def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Meas
         warnings += lacking
         bars, notes = _find_bars(matched, data, scale, truth.unit)
         warnings += notes
+        aligned = data["aligned_distances"]
+        by_unit = {NORMALISED: aligned / scale[:, None]}
+        by_unit.setdefault(truth.unit, aligned)
+        landmarks = PartErrors(matched.names, by_unit)
     common = in_blocks(m.visible_in_both, estimate, true)
     for values in errors.values():
         values[~common.any(axis=-1)] = np.nan
@@ -123,6 +169,8 @@ def measure(file: Path, results: Fit, truth: Shapes, config: EvalConfig) -> Meas
         errors=errors,
         failures=failures,
         warnings=tuple(f"{file}: {text}" for text in warnings),
+        landmarks=landmarks,
+        angles=_angle_errors(matched),
         bars=bars,
         objective=results.objective,
     )
@@ -214,8 +262,16 @@ def _say_left_out(
 def _find_datasets(
     file: Path, matched: MatchedResults, config: EvalConfig
 ) -> MetricData:
-    """Return the datasets that metrics need, and ALWAYS_TAKEN, None for absent ones."""
-    data: dict[str, Any] = {"estimate": matched.estimate, "truth": matched.true}
+    """Return what metrics take, and ALWAYS_TAKEN, by name; None for absent datasets."""
+    with np.errstate(all="ignore"):  # overflow is not an error to report
+        aligned = in_blocks(aligned_distances, matched.estimate, matched.true)
+    is_known = ~np.isnan(aligned)
+    aligned[is_known.sum(axis=1) < MIN_COMMON_LANDMARKS] = np.nan
+    data: dict[str, Any] = {
+        "estimate": matched.estimate,
+        "truth": matched.true,
+        "aligned_distances": aligned,
+    }
     of_metrics = chain(*(METRICS[metric].needs for metric in config.metrics))
     for name in {*ALWAYS_TAKEN, *of_metrics} - data.keys():
         data[name] = find_dataset(file, matched.results, name)
@@ -247,6 +303,30 @@ def _find_bars(
         correlation,
     )
     return ErrorBars(square, {NORMALISED: width / scale[:, None], unit: width}), []
+
+
+def _angle_errors(matched: MatchedResults) -> PartErrors:
+    """Return how far joint angles are from the true ones, in degrees.
+
+    Of people alone. Angles to the vertical are left out, which
+    the frames of the two sides do not share.
+    """
+    joints = joint_columns(matched.names)
+    if not LIMB_ENDS & joints.keys():
+        return PartErrors((), {})
+    angles = measurable_angles(joints)
+    is_within_body = [not angle.is_to_vertical for angle in angles]
+    names = tuple(angle.name for angle in angles if not angle.is_to_vertical)
+    if not names:
+        return PartErrors((), {})
+    with np.errstate(all="ignore"):  # overflow is not an error to report
+        estimated, true = (
+            measure_angles(shapes, ANY_DIRECTION, joints)[0][:, is_within_body]
+            for shapes in (matched.estimate, matched.true)
+        )
+        turn = np.abs(estimated - true)
+    shortest: Floats = np.minimum(turn, 360.0 - turn)
+    return PartErrors(names, {"deg": shortest})
 
 
 def _sequences(results: Fit, truth: Shapes, rows: Indices) -> tuple[str, ...]:

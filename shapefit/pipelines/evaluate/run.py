@@ -1,4 +1,4 @@
-"""`eval`: results against the truth, image by image, in tables and one plot."""
+"""`eval`: results against the truth, image by image, in tables, a page and figures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import csv
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 import orjson
 
 from shapefit import __version__
+from shapefit.arrays import evenly, finite_median
 from shapefit.config import EvalConfig
 from shapefit.errors import input_error, listed, parse_json, path_text, printable
 from shapefit.evaluation import report
@@ -22,7 +24,7 @@ from shapefit.evaluation.calibration import (
     summarise_coverage,
 )
 from shapefit.evaluation.metrics import METRICS, SHARE
-from shapefit.evaluation.plots import draw_errors
+from shapefit.evaluation.page import PageFacts, report_page
 from shapefit.geometry.normalisation import MAX_COORDINATE
 from shapefit.io import open_shapes
 from shapefit.io.atomic import check_folder, digests, staged_files, storage_errors
@@ -31,18 +33,37 @@ from shapefit.io.formats import check_holds
 from shapefit.io.layout import OF_FILE
 from shapefit.io.options import input_options
 from shapefit.io.source import OPTIONAL_DATASETS, open_results
-from shapefit.pipelines.evaluate.measure import Measured, measure, with_shapes_of
-from shapefit.pipelines.result import Failure, Result
-from shapefit.records import Fit
+from shapefit.pipelines.evaluate.drawing import Figures, draw_figures
+from shapefit.pipelines.evaluate.measure import (
+    MatchedResults,
+    Measured,
+    match_results,
+    measure_matched,
+    with_shapes_of,
+)
+from shapefit.pipelines.result import Failure, Note, Result
+from shapefit.records import Fit, Shapes
 
 ERROR_BARS_FILE = "error_bars.json"
 """File of the report that `prior.calibration` of fit takes."""
 
-PLOT_FILE = "errors.svg"
-"""File of the report with the plot."""
+PER_IMAGE_FILE = "per_image.csv"
+"""File of the report with the errors of all images."""
+
+PAGE_FILE = "report.html"
+"""The page of the report."""
+
+WITHOUT_MATPLOTLIB = (
+    "The report has no figures, which need matplotlib: pip install matplotlib (or leave"
+    " them out: plots: none)"
+)
+"""Note where figures are wanted and cannot be drawn."""
+
+SHAPES_FOR_EXTENT = 500
+"""By which the page says how large the objects are."""
 
 METRIC_COLUMNS = {dataset for metric in METRICS.values() for dataset in metric.needs}
-METRIC_COLUMNS |= {"status", "objective", "scale", "shape_sd"}
+METRIC_COLUMNS |= {"status", "objective", "scale", "shape_sd", "landmarks", "edges"}
 """Datasets of results that metrics and the report need."""
 
 SKIPPED_COLUMNS = (OPTIONAL_DATASETS - METRIC_COLUMNS) | OF_FILE.keys()
@@ -50,7 +71,7 @@ SKIPPED_COLUMNS = (OPTIONAL_DATASETS - METRIC_COLUMNS) | OF_FILE.keys()
 
 
 def evaluate_results(config: EvalConfig) -> Iterator[Result]:
-    """Measure the results of every method, then write the tables and the plot.
+    """Measure the results of every method, then write tables, page and figures.
 
     One result a method, with the images that failed, and a last one with the errors in
     a few lines as its note. The folder has nothing new before all is written. Raises
@@ -64,9 +85,14 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     inputs = digests(config.truth)
     warnings: list[str] = []
     methods: dict[str, Measured] = {}
+    draws = config.plots != "none" and find_spec("matplotlib") is not None
+    pictured: MatchedResults | None = None
     for name, files in config.results.items():
         results = with_shapes_of(read_files(files), truth.landmark_names)
-        measured = measure(files[0], results, truth, config)
+        matched = match_results(files[0], results, truth, config)
+        measured = measure_matched(files[0], matched, truth, config)
+        if draws and not methods:
+            pictured = matched
         methods[name] = measured
         new = [*used_in_training(name, results.attributes, inputs), *measured.warnings]
         warnings += new
@@ -82,32 +108,67 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
         )
     inputs |= digests(file for files in config.results.values() for file in files)
     document = make_document(config, methods, warnings, inputs)
-    texts = _report_texts(document, methods, plots=config.plots)
+    figures = Figures((), {})
+    if pictured is not None:
+        figures = draw_figures(document, methods, pictured, truth, config)
+    texts = _report_texts(document, methods, truth, figures, config)
     with staged_files(config.output) as folder, storage_errors(config.output, None):
-        write_per_image(folder / "per_image.csv", methods)
         for name, text in texts.items():
             (folder / name).write_bytes(text.encode("utf-8", "xmlcharrefreplace"))
+        write_per_image(folder / PER_IMAGE_FILE, methods)
+        for name, data in figures.files.items():
+            (folder / name).write_bytes(data)
+    names = (*texts, PER_IMAGE_FILE, *figures.files)
     yield Result(
         note="\n".join(report.short_lines(document)),
-        written=tuple(config.output / name for name in ("per_image.csv", *texts)),
+        warnings=(Note(WITHOUT_MATPLOTLIB),) if _lacks_matplotlib(config) else (),
+        written=tuple(config.output / name for name in names),
         data=lambda: json.loads(texts["report.json"]),
     )
 
 
+def _lacks_matplotlib(config: EvalConfig) -> bool:
+    """Whether figures are wanted and cannot be drawn."""
+    return config.plots != "none" and find_spec("matplotlib") is None
+
+
 def _report_texts(
-    document: report.Document, methods: Mapping[str, Measured], *, plots: bool
+    document: report.Document,
+    methods: Mapping[str, Measured],
+    truth: Shapes,
+    figures: Figures,
+    config: EvalConfig,
 ) -> dict[str, str]:
     """Return names -> texts of the files of the report, without per_image.csv."""
     options = orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE
-    texts = {"report.csv": report.report_csv(document)}
-    texts["report.json"] = orjson.dumps(document, option=options).decode()
+    texts = {
+        PAGE_FILE: "",
+        "report.csv": report.report_csv(document),
+        "report.json": orjson.dumps(document, option=options).decode(),
+        "per_landmark.csv": report.parts_csv(document["landmarks"], "landmark"),
+    }
+    if document["angles"]:
+        texts["per_angle.csv"] = report.parts_csv(document["angles"], "angle")
     if document["factors"]:
         texts[ERROR_BARS_FILE] = json.dumps(document["factors"])
-    plot = PLOT_FILE if plots else ""
-    texts["report.md"] = report.report_markdown(document, plot)
-    if plots:
-        texts[PLOT_FILE] = _plot(document, methods)
+    files = (*texts, PER_IMAGE_FILE, *figures.files)
+    facts = PageFacts(
+        extent=_usual_extent(truth),
+        note=WITHOUT_MATPLOTLIB if _lacks_matplotlib(config) else "",
+        files=[name for name in files if name != PAGE_FILE],
+    )
+    texts[PAGE_FILE] = report_page(document, figures.of_page, facts)
     return texts
+
+
+def _usual_extent(truth: Shapes) -> float | None:
+    """Return the median of the largest distances across true shapes along an axis."""
+    some = truth.shapes[evenly(len(truth), SHAPES_FOR_EXTENT)]
+    known = np.isfinite(some)
+    highest = np.where(known, some, -np.inf).max(axis=1)
+    lowest = np.where(known, some, np.inf).min(axis=1)
+    extent = finite_median((highest - lowest).max(axis=1))
+    return extent if extent > 0 else None
 
 
 def read_files(files: Sequence[Path]) -> Fit:
@@ -163,6 +224,8 @@ def make_document(
     document: report.Document = {
         "methods": [],
         "summaries": [],
+        "landmarks": [],
+        "angles": [],
         "calibration": [],
         "factors": {},
         "warnings": [printable(warning) for warning in warnings],
@@ -176,6 +239,8 @@ def make_document(
         document["summaries"] += report.summarise_errors(
             name, measured.sequences, measured.errors, grouping
         )
+        document["landmarks"] += report.summarise_parts(name, *measured.landmarks)
+        document["angles"] += report.summarise_parts(name, *measured.angles)
         if measured.bars is not None:
             document["calibration"] += summarise_coverage(
                 name, measured.bars, measured.sequences, grouping
@@ -230,19 +295,3 @@ def _rows_per_image(name: str, measured: Measured) -> Iterator[tuple[str | float
             if value != math.inf:
                 error = "" if math.isnan(value) else value
                 yield name, sequence, item, metric, error, unit
-
-
-def _plot(document: report.Document, methods: Mapping[str, Measured]) -> str:
-    """Return the SVG plot of the first metric that is an error, in its first unit.
-
-    For a length that unit is normalised.
-    """
-    quantities = [(one.metric, one.unit) for one in document["summaries"]]
-    errors = [quantity for quantity in quantities if quantity[1] != SHARE]
-    metric, unit = errors[0] if errors else quantities[0]
-    finite = {}
-    for name, measured in methods.items():
-        values = measured.errors.get((metric, unit))
-        if values is not None:
-            finite[name] = values[~np.isinf(values)]
-    return draw_errors(METRICS[metric].title, unit, finite)

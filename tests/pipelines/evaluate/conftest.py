@@ -110,6 +110,6 @@ def desk(tmp_path, truth, results):
         truth=[tmp_path / "truth.h5"],
         output=tmp_path / "report",
         groups={"Subject 13": "13_*", "Subject 14": "14_*"},
-        plots=False,
+        plots="none",
     )
     return Desk(tmp_path, config)

@@ -1,23 +1,34 @@
-"""What an evaluation writes: tables, page, plot, warnings; and what stops it."""
+"""What an evaluation writes: tables, page, figures, warnings; and what stops it."""
 
 import json
 from itertools import pairwise
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from shapefit.config import EvalConfig
 from shapefit.errors import InputError
-from shapefit.evaluation import metrics
+from shapefit.evaluation import figures, metrics
+from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io import write_shapes
 from shapefit.pipelines.evaluate import run as evaluate
+from shapefit.records import Fit
 from shapefit.records.columns import in_columns
 from tests.columns import put
 from tests.pipelines.fitted import texts
 
 from .conftest import N
 
-FILES = {"per_image.csv", "report.csv", "report.json", "report.md"}
+FILES = {
+    "per_image.csv",
+    "per_landmark.csv",
+    "report.csv",
+    "report.html",
+    "report.json",
+}
+FIGURES = {"errors", "sequences", "landmarks", "examples"}
 SIZES = {"metric": "similarity", "unit": "m"}
 
 
@@ -49,7 +60,7 @@ def test_the_report_has_errors_failures_and_where_they_come_from(desk, truth, re
     assert document["config"]["match"] == "item"
     files = {str(desk.config.truth[0]), str(*desk.config.results["convex"])}
     assert set(document["inputs"]) == files
-    assert "- convex, item6: " in desk.text("report.md")
+    assert "<li>convex, item6: " in desk.text("report.html")
 
 
 def test_groups_that_match_nothing_are_refused(desk):
@@ -120,13 +131,141 @@ def test_parts_and_many_files_of_the_truth_have_the_report_of_one_file(
     assert written(parts) == whole
 
 
-def test_one_plot_is_drawn(desk):
-    *_, last = desk.run(plots=True, metrics=["reprojection", "similarity"])
+@pytest.mark.parametrize("plots", ["svg", "png", "pdf"])
+def test_figures_lie_beside_the_page_which_has_them_too(desk, with_bars, plots):
+    desk.write("convex.h5", with_bars)
+    *_, last = desk.run(plots=plots)
+    drawn = {f"{name}.{plots}" for name in FIGURES | {"bars"}}
+    assert {path.name for path in last.written} == FILES | drawn | {"error_bars.json"}
+    assert last.written[0].name == "report.html"
+    starts = {"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}
+    for name in drawn:
+        data = (desk.config.output / name).read_bytes()
+        assert data.startswith(starts[plots])
+    page = desk.text("report.html")
+    assert page.count("<figure>") == 5
+    assert "<script" not in page
+    before = {name: (desk.config.output / name).read_bytes() for name in drawn}
+    desk.run(plots=plots)
+    assert page == desk.text("report.html")
+    for name, data in before.items():
+        assert (desk.config.output / name).read_bytes() == data
+
+
+def test_figures_need_no_alignment_and_no_sequences(desk, truth, results):
+    desk.write("convex.h5", results.replaced(sequences=None))
+    write_shapes(desk.folder / "truth.h5", truth.replaced(sequences=None))
+    keys = {"plots": "svg", "groups": {}}
+    *_, last = desk.run(metrics=["reprojection"], **keys)
     assert {path.name for path in last.written} == FILES | {"errors.svg"}
-    assert "RMS reprojection error" in desk.text("errors.svg")
-    assert "(errors.svg)" in desk.text("report.md")
-    desk.run(plots=True, metrics=["similarity"])
-    assert "(normalised)" in desk.text("errors.svg")
+    *_, last = desk.run(metrics=["similarity"], **keys)
+    drawn = {f"{name}.svg" for name in FIGURES - {"sequences"}}
+    assert {path.name for path in last.written} == FILES | drawn
+
+
+def test_without_matplotlib_there_are_tables_and_a_note(desk, monkeypatch):
+    monkeypatch.setattr(evaluate, "find_spec", lambda _: None)
+    *_, last = desk.run(plots="svg")
+    assert {path.name for path in last.written} == FILES
+    (note,) = last.warnings
+    assert "pip install matplotlib" in note
+    assert "pip install matplotlib" in desk.text("report.html")
+    *_, last = desk.run(plots="none")
+    assert last.warnings == ()
+
+
+def test_every_number_that_people_read_is_in_one_unit(desk, truth, results):
+    """Millimetres on the terminal, the page and the figures; metres in tables."""
+    desk.write("convex.h5", results.with_points(results.shapes * 0.1))
+    write_shapes(desk.folder / "truth.h5", truth.with_points(truth.shapes * 0.1))
+    *_, last = desk.run(plots="svg", groups={})
+    mean = 1000 * float(desk.row(**SIZES, sequence="")["mean"])
+    assert f"error aligned {mean:.1f} mean" in last.note
+    page = desk.text("report.html")
+    assert f"<td>{mean:.1f} / " in page
+    assert "error aligned (mm)" in page
+    for name in ("errors", "sequences", "landmarks", "examples"):
+        text = desk.text(f"{name}.svg")
+        assert "mm" in text
+        assert "(m)" not in text
+
+
+def test_errors_of_landmarks_are_those_after_the_best_similarity(desk, truth, results):
+    desk.run()
+    rows = desk.rows("per_landmark.csv", unit="m")
+    assert [row["landmark"] for row in rows] == [*truth.landmark_names]
+    onto = similarity_transform(results.as_columns(), truth.as_columns())
+    apart = onto.apply(results.as_columns()) - truth.as_columns()
+    expected = np.linalg.norm(apart, axis=1)
+    means = [float(row["mean"]) for row in rows]
+    np.testing.assert_allclose(means, expected.mean(axis=0))
+    medians = [float(row["median"]) for row in rows]
+    np.testing.assert_allclose(medians, np.median(expected, axis=0))
+    assert {row["images"] for row in rows} == {str(N)}
+
+
+def test_joint_angles_of_people_are_compared_in_degrees(desk, truth, rng):
+    """A knee that is straight in the estimate and bent by 30 degrees in the truth."""
+    names = ("rhip", "rknee", "rankle", "pelvis", "neck")
+    points = rng.standard_normal((N, 5, 3))
+    bend = np.deg2rad(30)
+    points[:, :3] = [[0, 2, 0], [0, 1, 0], [0, 0, 0]]
+    estimate = points.copy()
+    points[:, 2] = [0, 1 - np.cos(bend), np.sin(bend)]
+    true = truth.replaced(shapes=points, landmark_names=names)
+    write_shapes(desk.folder / "truth.h5", true)
+    fit = Fit(estimate, landmark_names=names, items=true.items, unit="m")
+    desk.write("convex.h5", fit)
+    *_, last = desk.run(metrics=["similarity"], groups={})
+    (row,) = desk.rows("per_angle.csv")
+    assert (row["angle"], row["unit"], row["images"]) == ("knee_angle_r", "deg", "7")
+    assert float(row["mean"]) == pytest.approx(30)
+    assert "joint angles 30.0 mean (deg); knee_angle_r 30.0" in last.note
+    assert "knee_angle_r</td><td>30.0 / 30.0</td>" in desk.text("report.html")
+
+
+NASTY = '<script>alert("x")</script>&$\\frac{$_\x1b[31m'
+"""A name that is a script, an entity, mathematics that fails, and a colour."""
+
+
+def test_names_are_escaped_in_page_and_figures(desk, with_bars, truth):
+    names = (NASTY, "_left", "right", "foot", "hand")
+    sequences = tuple(f"_{NASTY}{name}" for name in with_bars.sequences)
+    items = tuple(f"{NASTY}{n}" for n in range(N))
+    renamed = {"landmark_names": names, "items": items, "sequences": sequences}
+    desk.write("convex.h5", with_bars.replaced(**renamed))
+    write_shapes(desk.folder / "truth.h5", truth.replaced(**renamed))
+    files = {f"_{NASTY}": desk.folder / "convex.h5", "b": desk.folder / "convex.h5"}
+    desk.run(plots="svg", groups={f"_{NASTY}": "*"}, results=files)
+    page = desk.text("report.html")
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+    for name in FIGURES | {"bars"}:
+        text = desk.text(f"{name}.svg")
+        ElementTree.fromstring(text)
+        assert "<script" not in text
+        assert "\x1b" not in text + page
+    # a name that begins with _ is in the legends all the same
+    assert "_&lt;script" in desk.text("sequences.svg")
+
+
+def test_the_examples_are_the_best_and_the_worst(desk, truth, results, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        figures, "draw_examples", lambda rows, edges: drawn.append(rows) or Figure()
+    )
+    desk.run(plots="svg", groups={})
+    errors = desk.errors(**SIZES)
+    order = sorted(errors, key=errors.__getitem__)
+    (rows,) = drawn
+    first = [row[0].title.split(": ")[1].split(",")[0] for row in rows]
+    assert first == [order[0], order[N // 2], order[-1]]
+    for row in rows:
+        for one in row:
+            # the truth lies over the estimate as their distances say
+            error = np.linalg.norm(one.truth - one.estimate, axis=0).mean()
+            item = one.title.split(": ")[1].split(",")[0]
+            assert error == pytest.approx(errors[item])
 
 
 def test_a_landmark_of_the_truth_may_be_unknown(desk, truth, results):
@@ -149,14 +288,14 @@ def test_truth_that_the_dictionary_was_learned_from_is_a_warning(world, tmp_path
         ],
         truth=[truth],
         output=tmp_path / "report",
-        plots=False,
+        plots="none",
     )
     warnings = [
         text
         for text in texts(evaluate.evaluate_results(config))
         if "learned from the truth" in text
     ]
-    page = (tmp_path / "report/report.md").read_text(encoding="utf-8")
+    page = (tmp_path / "report/report.html").read_text(encoding="utf-8")
     assert [
         f"the dictionary was learned from the truth, {truth}" in w for w in warnings
     ] == ([True] if kind == "seen" else [])

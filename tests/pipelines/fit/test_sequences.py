@@ -184,7 +184,7 @@ def judged(people, project, tmp_path):
         config = EvalConfig(
             results={method: people / "result.h5"},
             output=tmp_path / "report",
-            plots=False,
+            plots="none",
             truth=(project / "sample_data/people_test.h5",),
             truth_frame="object",
         )
