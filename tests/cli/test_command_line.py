@@ -5,15 +5,12 @@ errors.
 import os
 import re
 import signal
-import subprocess
-import sys
 import webbrowser
 from itertools import count
 from pathlib import Path
 
 import pytest
 from shapefit.cli import main
-from shapefit.cli.commands import COMMANDS, make_options
 
 from shapefit.config import CONFIGS
 from shapefit.config.model import list_config_keys
@@ -22,7 +19,6 @@ from shapefit.errors import InputError, path_text, printable
 from shapefit.pipelines import verify
 from shapefit.pipelines.result import Counted, Failure, Result
 
-NAMES = [spec.name for spec in COMMANDS if spec.has_config]
 FIT = "fit -c fit.yaml"
 EVAL = "eval result.h5 --truth shapes.h5 -o report"
 PIPELINES = {
@@ -315,15 +311,7 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(
     assert lines[0].startswith("fit: ")
 
 
-def test_every_option_says_what_it_is_for():
-    assert all(
-        option.help
-        for spec in COMMANDS
-        for option in make_options(spec.options).values()
-    )
-
-
-@pytest.mark.parametrize("command", NAMES)
+@pytest.mark.parametrize("command", CONFIGS)
 def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
     told = shapefit("config", command)
     listed = {line.split(":")[0] for line in told.out.splitlines() if line[0] != " "}
@@ -334,23 +322,6 @@ def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
         line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"
     }
     assert printed == {way[0] for way in list_config_keys(CONFIGS[command])}
-
-
-def complete(words: str, kind: str = "bash_complete") -> list[str]:
-    """Return what a shell is offered for the last of the words."""
-    last = str(len(words.split()) - 1)
-    asked = {"_SHAPEFIT_COMPLETE": kind, "COMP_WORDS": words, "COMP_CWORD": last}
-    line = [sys.executable, "-m", "shapefit"]
-    done = subprocess.run(
-        line, env=os.environ | asked, capture_output=True, text=True, check=True
-    )
-    return [answer.split(",", 1)[-1] for answer in done.stdout.splitlines()]
-
-
-def test_the_shell_completes_commands_and_options():
-    assert complete("shapefit learn") == ["learn-dict"]
-    assert complete("shapefit fit --key") == ["--keypoints"]
-    assert "#compdef shapefit" in complete("shapefit", "zsh_source")
 
 
 def test_a_process_has_one_thread_of_blas_where_nobody_says_how_many(monkeypatch):
