@@ -125,8 +125,13 @@ class Call:
         )
         code = report.follow(results)
         for path in report.written if show else ():
-            import webbrowser
-
-            if not webbrowser.open(path.resolve().as_uri()):
-                tell(f"No browser was found; open {path} in one.")
+            open_in_browser(path)
         return code
+
+
+def open_in_browser(page: Path) -> None:
+    """Show a page in a browser, or say that there is none."""
+    import webbrowser
+
+    if not webbrowser.open(page.resolve().as_uri()):
+        tell(f"No browser was found; open {page} in one.")

@@ -17,6 +17,7 @@ from shapefit.errors import InputError
 
 from .call import TRACEBACK_VARIABLE
 from .commands import COMMANDS
+from .demo import demo
 from .report import tell
 from .signals import Stopped, catch_signals, end_reminders, get_signal, keep_signals
 
@@ -35,6 +36,10 @@ Exit codes:
   1  finished, but some items failed (they are listed), or none was there
   2  bad usage, config or input
   3  internal error (--traceback shows where)
+
+\b
+First of all, a page from sample data:
+  shapefit demo
 
 \b
 Examples, the whole chain:
@@ -57,7 +62,7 @@ def commands() -> None:
     """
 
 
-for command in COMMANDS:
+for command in (*COMMANDS, demo):
     commands.add_command(command)
 
 
