@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -10,14 +11,16 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from shapefit.errors import printable
 
 if TYPE_CHECKING:
-    from shapefit.pipelines.result import Counted, Failure, Result
+    from tqdm import tqdm
+
+    from shapefit.pipelines.result import Counted, Failure, Numbers, Result
 
 MAX_LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
@@ -31,8 +34,11 @@ LINE_LETTERS = 110
 LABEL_LETTERS = 8
 """Of the label before a line of the summary."""
 
-SECONDS_BETWEEN_LINES = 10.0
-"""Of the progress where standard error is no terminal."""
+SECONDS_BETWEEN_LINES = 60.0
+"""Of the progress where standard error is no terminal, such as a log."""
+
+IMAGES = "image"
+"""The unit of commands that count images."""
 
 
 def tell(text: str) -> None:
@@ -48,6 +54,19 @@ def printable_json(values: object) -> str:
     return "".join(
         letter if letter.isprintable() else json.dumps(letter)[1:-1] for letter in text
     )
+
+
+def has_columns() -> bool:
+    """Whether standard error is a terminal that a progress bar fits into.
+
+    Some terminals, as of tools that run others, have 0 columns.
+    """
+    if sys.stderr is None or not sys.stderr.isatty():
+        return False
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns > 0
+    except OSError:
+        return False
 
 
 @dataclass
@@ -75,7 +94,8 @@ class Report:
     note: str = ""
     rows: dict[str, str] = field(default_factory=dict)
     written: list[Path] = field(default_factory=list)
-    data: Callable[[], Any] | None = None
+    numbers: Numbers | None = None
+    data: Callable[[], object] | None = None
     _failures: list[Failure] = field(default_factory=list)
     _warnings: dict[str, str | Counted] = field(default_factory=dict)
     _untrusted: dict[str, Counted] = field(default_factory=dict)
@@ -88,8 +108,8 @@ class Report:
         """
         with ExitStack() as stack:
             stack.enter_context(closing(results))  # type: ignore[type-var]
-            bar: Any = None
-            if sys.stderr is not None and sys.stderr.isatty() and not self.quiet:
+            bar: tqdm | None = None
+            if not self.quiet and has_columns():
                 from tqdm import tqdm
 
                 bar = stack.enter_context(tqdm(desc=self.command, dynamic_ncols=True))
@@ -113,7 +133,7 @@ class Report:
             tell(line)
         return self.exit_code
 
-    def _move(self, bar: Any, result: Result) -> None:
+    def _move(self, bar: tqdm, result: Result) -> None:
         """Move the progress bar; it makes room for a line that is shown."""
         bar.total = self.total
         bar.unit = f" {self.unit}"
@@ -148,6 +168,7 @@ class Report:
         self.written += result.written
         self.note = result.note or self.note
         self.rows |= dict(result.rows)
+        self.numbers = result.numbers or self.numbers
         self.data = result.data or self.data
 
     @property
@@ -168,8 +189,8 @@ class Report:
         share = self.max_untrusted
         return share is not None and self.untrusted > share * self.done
 
-    def values(self) -> dict[str, Any]:
-        """Return the report as values of JSON."""
+    def values(self) -> dict[str, object]:
+        """Return the report as values of JSON; docs/shell.md describes them."""
         return {
             "command": self.command,
             "unit": self.unit,
@@ -183,10 +204,21 @@ class Report:
             "summary": {
                 label.lower(): text for label, text in self._rows().items() if text
             },
+            "numbers": self._numbers(),
             "written": [str(path) for path in self.written],
             "seconds": round(self._seconds, 3),
             "data": self.data() if self.data else None,
         }
+
+    def _numbers(self) -> dict[str, object]:
+        """Return what the command found, with the same keys for every command."""
+        from shapefit.pipelines.result import Numbers
+
+        numbers = self.numbers or Numbers()
+        if numbers.images is None and self.unit == IMAGES:
+            numbers = numbers._replace(images=self.done)
+        camera = numbers.camera and numbers.camera._asdict()
+        return {**numbers._asdict(), "failed": self.failed, "camera": camera}
 
     def lines(self) -> Iterator[str]:
         """Yield the report as lines of text: warnings, failures, then the summary."""

@@ -37,7 +37,7 @@ from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
 from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
 from shapefit.pipelines.joints import find_joints, named_as_joints
-from shapefit.pipelines.result import Failure, Result, unread
+from shapefit.pipelines.result import Failure, Numbers, Result, unread
 from shapefit.records import Fit, Landmarks
 from shapefit.records.columns import held_columns, in_columns
 from shapefit.threads import side_by_side
@@ -162,9 +162,14 @@ def verify_results(request: Request) -> Generator[Result, None, None]:
     tally.unread = max(listed - tally.images, tally.unread)
     methods = [*dict.fromkeys(fit.config["method"] for fit in fits)]
     data = {**vars(tally), "methods": methods, "landmarks": bool(request.landmarks)}
+    has_gap = any(fit.certified for fit in fits)
+    numbers = Numbers(
+        images=tally.images + tally.unread,
+        largest_gap=tally.largest_gap if has_gap else None,
+    )
     if tally.images + tally.unread:
         note = "\n".join(summary_lines(tally, fits[0], bool(request.landmarks)))
-        yield Result(note=note, data=lambda: data)
+        yield Result(note=note, numbers=numbers, data=lambda: data)
     else:
         none = (Failure(str(request.result), "holds no image"),)
         yield Result(failures=none, note="No image was checked.", data=lambda: data)

@@ -2,6 +2,7 @@
 errors.
 """
 
+import json
 import os
 import re
 import signal
@@ -11,13 +12,20 @@ from pathlib import Path
 
 import pytest
 from shapefit.cli import main
+from shapefit.cli.report import has_columns
 
 from shapefit.config import CONFIGS
 from shapefit.config.model import list_config_keys
 from shapefit.config.reference import rows
 from shapefit.errors import InputError, path_text, printable
 from shapefit.pipelines import verify
-from shapefit.pipelines.result import Counted, Failure, Result
+from shapefit.pipelines.result import (
+    CameraNumbers,
+    Counted,
+    Failure,
+    Numbers,
+    Result,
+)
 
 FIT = "fit -c fit.yaml"
 EVAL = "eval result.h5 --truth shapes.h5 -o report"
@@ -299,7 +307,7 @@ def test_a_page_is_opened_where_that_is_wished(
 def test_progress_is_a_line_now_and_then_without_a_terminal(
     shapefit, fake_pipeline, monkeypatch
 ):
-    clock = count(0, 4)  # seconds: a line after every third look at the clock
+    clock = count(0, 25)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
     fake_pipeline(PIPELINES["fit"], [Result(done=10, total=90, note="gap 1e-5")] * 9)
     lines = [
@@ -351,3 +359,42 @@ def test_what_a_terminal_would_obey_is_shown_as_an_escape():
         assert printable(text) == shown
     assert path_text(os.fsdecode(b"a/caf\xe9")) == "a/caf\\xe9"
     assert path_text("a/café") == "a/café"
+
+
+def test_the_numbers_of_a_command_are_those_of_the_page(shapefit, fake_pipeline):
+    camera = CameraNumbers(perspective=True, focal=1100.0)
+    found = Numbers(trusted=2, largest_gap=1e-7, camera=camera)
+    failed = (Failure("a", "hidden"),)
+    fake_pipeline(
+        PIPELINES["fit"], [Result(done=3, failures=failed), Result(numbers=found)]
+    )
+    told = json.loads(shapefit(*FIT.split(), "--json").out)
+    numbers = told["numbers"]
+    assert (numbers["images"], numbers["failed"], numbers["trusted"]) == (3, 1, 2)
+    assert numbers["largest_gap"] == 1e-7
+    assert numbers["camera"] == {
+        "perspective": True,
+        "focal": 1100.0,
+        "principal_point": None,
+    }
+    page = (Path(__file__).parents[2] / "docs/shell.md").read_text()
+    _, of_all, of_numbers, *_ = page.split("| key | value |")
+    for table, keys in ((of_all, told), (of_numbers, numbers)):
+        rows = [line.split("|")[1] for line in table.splitlines() if line[:3] == "| `"]
+        assert set(re.findall(r"`([a-z_]+)`", " ".join(rows))) == set(keys)
+
+
+def test_a_command_without_numbers_has_the_same_keys(shapefit, fake_pipeline):
+    fake_pipeline(PIPELINES["view"], [Result(done=3)])
+    numbers = json.loads(shapefit("view", "result.h5", "--json").out)["numbers"]
+    assert set(numbers) == {*Numbers._fields, "failed"}
+    assert (numbers["images"], numbers["failed"], numbers["trusted"]) == (None, 0, None)
+
+
+@pytest.mark.parametrize(("columns", "is_bar"), [(80, True), (0, False)])
+def test_a_bar_needs_columns(monkeypatch, columns, is_bar):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setattr("sys.stderr.fileno", lambda: 2)
+    size = os.terminal_size((columns, 24))
+    monkeypatch.setattr("os.get_terminal_size", lambda _stream: size)
+    assert has_columns() == is_bar

@@ -18,6 +18,7 @@ from shapefit.errors import input_error, listed, parse_json, path_text, printabl
 from shapefit.evaluation import report
 from shapefit.evaluation.calibration import (
     WIDTH_SHARE,
+    WIDTH_SQUARED_RADIUS,
     bar_scale_factors,
     summarise_coverage,
 )
@@ -32,7 +33,7 @@ from shapefit.io.layout import OF_FILE
 from shapefit.io.options import input_options
 from shapefit.io.source import OPTIONAL_DATASETS, open_results
 from shapefit.pipelines.evaluate.measure import Measured, measure, with_shapes_of
-from shapefit.pipelines.result import Failure, Result
+from shapefit.pipelines.result import Failure, Numbers, Result
 from shapefit.records import Fit
 
 ERROR_BARS_FILE = "error_bars.json"
@@ -90,8 +91,22 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     yield Result(
         note="\n".join(report.short_lines(document)),
         written=tuple(config.output / name for name in ("per_image.csv", *texts)),
+        numbers=numbers_of(methods),
         data=lambda: json.loads(texts["report.json"]),
     )
+
+
+def numbers_of(methods: Mapping[str, Measured]) -> Numbers:
+    """Return how many images were compared, and, of one method, the share of landmarks
+    inside their regions.
+    """
+    images = sum(len(measured.items) for measured in methods.values())
+    bars = [measured.bars for measured in methods.values()]
+    if len(bars) != 1 or bars[0] is None:
+        return Numbers(images=images)
+    shares = bars[0].square[~np.isnan(bars[0].square)] <= WIDTH_SQUARED_RADIUS
+    inside = float(shares.mean()) if len(shares) else None
+    return Numbers(images=images, share_inside_regions=inside)
 
 
 def _report_texts(
