@@ -94,6 +94,23 @@ class Call:
             )
         return config
 
+    def say(self, text: str) -> str:
+        """Return a message in the words of the command line; where a config file was
+        given, only the place of a problem is.
+        """
+        from .wording import in_options, options_of_keys, place_in_options
+
+        options = options_of_keys(click.get_current_context().command)
+        if self.config is not None or "`" not in text:
+            return place_in_options(text, options)
+        from shapefit.config import CONFIGS
+        from shapefit.config.model import list_config_keys
+
+        keys = []
+        if self.command in CONFIGS:
+            keys = [".".join(path) for path in list_config_keys(CONFIGS[self.command])]
+        return in_options(text, options, keys)
+
     def follow(
         self,
         results: Iterator[Result],
@@ -122,6 +139,7 @@ class Call:
             max_untrusted=max_untrusted,
             read=read,
             following=following,
+            say=self.say,
         )
         code = report.follow(results)
         for path in report.written if show else ():

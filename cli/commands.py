@@ -30,7 +30,15 @@ from .options import (
     reading,
     truth,
 )
-from .values import FILE, INPUT_FORMAT, NUMBER_OR_WORD, OUTPUT_FORMAT, SECTION, WORD
+from .values import (
+    FILE,
+    INPUT_FORMAT,
+    NUMBER_OR_WORD,
+    OUTPUT_FORMAT,
+    SECTION,
+    TEXT,
+    WORD,
+)
 
 if TYPE_CHECKING:
     from shapefit.config import CommandConfig, FitConfig
@@ -140,6 +148,13 @@ def project(call: Call, **keys: object) -> int:
     help="sequences, posterior, convex, ... (default: by dictionary).",
 )
 @reading
+@click.option(
+    "--frames",
+    type=TEXT,
+    metavar="FIRST:STOP",
+    help="Lift only these frames, such as 100:400 (400 is left out).",
+)
+@every
 @metres
 @click.option(
     "--focal",

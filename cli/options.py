@@ -10,6 +10,8 @@ from functools import wraps
 
 import click
 
+from shapefit.errors import InputError
+
 from .call import Call
 from .values import CONFIG, DICTIONARY, FILE, MATCH, SETTING, SIZE, SKELETON, TEXT, WORD
 
@@ -179,7 +181,10 @@ def command(
             common = {each: given.pop(each) for each in COMMON if each in given}
             call = Call(command=name, example=examples[0], needs=needs, **common)  # type: ignore[arg-type]
             call.check_given(given)
-            return function(call, **given)
+            try:
+                return function(call, **given)
+            except InputError as error:
+                raise InputError([*map(call.say, error.problems)]) from error
 
         summary = " ".join(str(function.__doc__).partition("\n\n")[0].split())
         epilog = end_of_help(examples)

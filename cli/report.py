@@ -226,7 +226,10 @@ class Report:
 
         if not self.quiet:
             for warning in self._warnings.values():
-                yield f"{'Note' if isinstance(warning, Note) else 'Warning'}: {warning}"
+                is_note = isinstance(warning, Note) or getattr(
+                    warning, "is_note", False
+                )
+                yield f"{'Note' if is_note else 'Warning'}: {warning}"
             if self._unlisted:
                 yield f"Warning: and {self._unlisted} more"
             for reason in self._untrusted.values():

@@ -22,7 +22,8 @@ class InputOptions:
     track joins detections without identity over frames: `nearest`; `motion`, which
     refuses images that follow no order; or `none`. min_confidence hides landmarks whose
     confidence is below. landmarks are those that are retained, in this order, by their
-    new names; None for all.
+    new names; None for all. Of frames only those in `frames`, first to before the last,
+    are read (None is open), and of these every n-th.
     """
 
     format: str = "auto"
@@ -34,6 +35,13 @@ class InputOptions:
     image_size: tuple[float, float] | None = None
     y_axis: Direction | None = None
     landmarks: tuple[str, ...] | None = None
+    frames: tuple[int | None, int | None] = (None, None)
+    every: int = 1
+
+    @property
+    def thins(self) -> bool:
+        """Whether some frames are left out."""
+        return self.every > 1 or self.frames != (None, None)
 
 
 AS_THEY_ARE = InputOptions()
@@ -45,6 +53,24 @@ def input_options(config: object, track: Track = "none") -> InputOptions:
     given = {key: getattr(config, key) for key in keys if hasattr(config, key)}
     least = getattr(config, "min_confidence", None) or 0.0
     return InputOptions(**given, track=track, min_confidence=least)
+
+
+def frames_of(text: str | None) -> tuple[int | None, int | None]:
+    """Return the ends of a range of frames, such as 100:400; one without is open.
+
+    Raises ValueError for other texts, and for a range without frames.
+    """
+    if text is None:
+        return None, None
+    ends = text.split(":")
+    if len(ends) != 2 or not all(end == "" or end.isdecimal() for end in ends):
+        raise ValueError(
+            f"{text!r} is no range of frames; give FIRST:STOP, such as 100:400"
+        )
+    first, stop = (int(end) if end else None for end in ends)
+    if stop is not None and (first or 0) >= stop:
+        raise ValueError(f"{text!r} has no frames; give a STOP after FIRST")
+    return first, stop
 
 
 class OutputOptions(NamedTuple):

@@ -26,6 +26,8 @@ class Counted:
     noun: str
     text: str
     items: tuple[str, ...] = ()
+    is_note: bool = False
+    """Whether it is good to know, with nothing wrong."""
 
     def __add__(self, other: Counted) -> Counted:
         return replace(

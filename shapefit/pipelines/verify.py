@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import repeat
 from pathlib import Path
@@ -32,7 +32,7 @@ from shapefit.io import (
 )
 from shapefit.io.arrange import arrange
 from shapefit.io.hdf5_file import Seal, read_seal
-from shapefit.io.options import input_options
+from shapefit.io.options import frames_of, input_options
 from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
 from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
@@ -480,11 +480,14 @@ def open_images(
         reading = LandmarksConfig(**{key: fit.config[key] for key in keys})
         camera = fit.config.get("camera") or {}
         is_calibrated = camera.get("calibration") is not None
+        frames = frames_of(fit.config.get("frames"))
+        every = int(fit.config.get("every", 1))
     except (ValueError, AttributeError):
         fault = "does not state how its landmarks were read"
         raise input_error(file, fault, RESULT_OF_FIT) from None
     # Without identity over frames detections are no motion.
     options = input_options(reading, "motion" if method.takes_sequences else "none")
+    options = replace(options, frames=frames, every=every)
     with open_landmarks(files, options, rows) as source:
         names = source.head.landmark_names
         joints = find_joints(names, head.landmark_names, in_place=method.needs_prior)

@@ -19,7 +19,7 @@ from shapefit.dictionary.model import Dictionary, describe_learning
 from shapefit.errors import InputError, input_error
 from shapefit.io import open_landmarks
 from shapefit.io.formats import find_target_format
-from shapefit.io.options import InputOptions, input_options
+from shapefit.io.options import InputOptions, frames_of, input_options
 from shapefit.lifting.methods import AUTO, METHODS
 from shapefit.pipelines.fit.family import Calibration, Family
 from shapefit.pipelines.joints import Matched, match_names
@@ -202,7 +202,8 @@ def reading_options(config: FitConfig) -> InputOptions:
     track = METHODS[config.method].takes_sequences
     if not isinstance(config.output, ResultFolder):
         track = track or find_target_format(config.output).in_metres
-    return input_options(config, "motion" if track else "none")
+    options = input_options(config, "motion" if track else "none")
+    return replace(options, frames=frames_of(config.frames), every=config.every)
 
 
 def save_for_output(config: FitConfig) -> FitConfig:

@@ -32,7 +32,7 @@ from shapefit.pipelines.result import (
 from shapefit.records import Fit, Landmarks
 
 if TYPE_CHECKING:
-    from shapefit.config.commands.fit import CameraConfig
+    from shapefit.config.commands.fit import CameraConfig, FitConfig
     from shapefit.pipelines.fit.fit import FitPlan
 
 ON_HEAD_COSINE = 0.5
@@ -218,6 +218,7 @@ def summarise_fit(
     warnings = [
         *calibration.warnings,
         *nothing_in(source.count, "images"),
+        *say_left_out(source.left_out, plan.config),
         *source.notes,
         *plan.match.warnings(),
         *warn_of_dictionary(plan.config, plan.match.dictionary),
@@ -232,6 +233,19 @@ def summarise_fit(
         numbers=result_numbers(plan, tally),
         written=written.written or (output_of(plan),),
     )
+
+
+def say_left_out(left_out: int, config: FitConfig) -> Iterator[Counted]:
+    """Yield a note of how many images the config leaves out, if any."""
+    if not left_out:
+        return
+    keys = []
+    if config.frames is not None:
+        keys.append(f"`frames: {config.frames}`")
+    if config.every > 1:
+        keys.append(f"`every: {config.every}`")
+    text = f"left out by {' and '.join(keys)}"
+    yield Counted(left_out, "image", text, is_note=True)
 
 
 def warn_of_all(
