@@ -75,7 +75,8 @@ class Report:
 
     `read` names the inputs, and `following` the next command, where the pipeline does
     not. With `to_stdout` the last note is the result of the command, for standard
-    output; with `as_json` everything goes there as one object. With more than the share
+    output; with `as_json` everything goes there as one object. `say` puts a message into
+    the words of the command line. With more than the share
     `max_untrusted` of items that are not trusted the exit code is 1.
     """
 
@@ -88,6 +89,7 @@ class Report:
     max_untrusted: float | None = None
     read: str = ""
     following: str = ""
+    say: Callable[[str], str] = str
     done: int = 0
     failed: int = 0
     total: int | None = None
@@ -120,7 +122,7 @@ class Report:
                 if bar is not None:
                     self._move(bar, result)
                 if result.line and not self.quiet:
-                    tell(result.line)
+                    tell(self.say(result.line))
                 elif is_silent and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
                     shown = time.monotonic()
                     tell(self._progress())
@@ -130,7 +132,7 @@ class Report:
         if self.to_stdout:
             click.echo("\n".join(map(printable, self.note.split("\n"))))
         for line in self.lines():
-            tell(line)
+            tell(self.say(line))
         return self.exit_code
 
     def _move(self, bar: tqdm, result: Result) -> None:
@@ -226,9 +228,7 @@ class Report:
 
         if not self.quiet:
             for warning in self._warnings.values():
-                is_note = isinstance(warning, Note) or getattr(
-                    warning, "is_note", False
-                )
+                is_note = getattr(warning, "is_note", isinstance(warning, Note))
                 yield f"{'Note' if is_note else 'Warning'}: {warning}"
             if self._unlisted:
                 yield f"Warning: and {self._unlisted} more"

@@ -27,7 +27,7 @@ def options_of_keys(command: click.Command) -> dict[str, str]:
     """
     options = {}
     for one in command.params:
-        if isinstance(one, click.Option) and not (one.is_flag or one.flag_value):
+        if isinstance(one, click.Option) and not one.is_flag:
             path = key_path(str(one.name))
             options[path[-1]] = options[".".join(path)] = one.opts[-1]
     return options
