@@ -15,6 +15,9 @@ from .values import key_path
 KEY_IN_TEXT = re.compile(r"`([a-z][a-z_.]*)(?:(?:: |=)([^`]+))?`")
 """`key`, `key: value` or `key=value`."""
 
+PAIR = re.compile(r"^\[(\d+), ?(\d+)\]$")
+"""A list of two numbers, which is a size such as 1920x1080 as an option."""
+
 KEY_AS_PLACE = re.compile(r"([a-z][a-z_.]*)(?=: )")
 """What a problem is of, at its beginning."""
 
@@ -39,7 +42,8 @@ def in_options(text: str, options: Mapping[str, str], keys: Collection[str]) -> 
     def name_option(found: re.Match[str]) -> str:
         key, value = found.groups()
         if key in options:
-            return f"`{options[key]}{f' {value}' if value else ''}`"
+            typed = PAIR.sub(r"\1x\2", value or "")
+            return f"`{f'{options[key]} {typed}'.rstrip()}`"
         if value and key in keys:
             setting = f"{key}={value}"
             quoted = f"'{setting}'" if re.search(r"[^\w.=+-]", setting) else setting
