@@ -322,7 +322,7 @@ def evaluate(call: Call, **keys: object) -> int:
     "--to",
     type=OUTPUT_FORMAT,
     metavar="FORMAT",
-    help="Format to write, such as csv or ply.",
+    help="Format to write, such as csv, trc, obj, ply or glb.",
 )
 @dictionary("Dictionary with the meshes.")
 @reading

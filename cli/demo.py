@@ -125,6 +125,8 @@ def lift_samples(call: Call, samples: Path, folder: Path) -> Iterator[Result]:
 def read_line(call: Call, of: click.Command, schema: type[Config], line: str) -> Config:
     """Return the config of a command line, as the command itself would read it."""
     _, name, *words = shlex.split(line)
-    given = of.make_context(name, words).params
+    # under the parent, or its names of --help would be lost to the command
+    parent = click.get_current_context().parent
+    given = of.make_context(name, words, parent=parent).params
     keys = {key: value for key, value in given.items() if value and key not in COMMON}
     return replace(call, command=name).read_config(schema, keys)
