@@ -55,24 +55,6 @@ def input_options(config: object, track: Track = "none") -> InputOptions:
     return InputOptions(**given, track=track, min_confidence=least)
 
 
-def frames_of(text: str | None) -> tuple[int | None, int | None]:
-    """Return the ends of a range of frames, such as 100:400; one without is open.
-
-    Raises ValueError for other texts, and for a range without frames.
-    """
-    if text is None:
-        return None, None
-    ends = text.split(":")
-    if len(ends) != 2 or not all(end == "" or end.isdecimal() for end in ends):
-        raise ValueError(
-            f"{text!r} is no range of frames; give FIRST:STOP, such as 100:400"
-        )
-    first, stop = (int(end) if end else None for end in ends)
-    if stop is not None and (first or 0) >= stop:
-        raise ValueError(f"{text!r} has no frames; give a STOP after FIRST")
-    return first, stop
-
-
 class OutputOptions(NamedTuple):
     """How shapes get into files in metres.
 

@@ -32,7 +32,7 @@ from shapefit.io import (
 )
 from shapefit.io.arrange import arrange
 from shapefit.io.hdf5_file import Seal, read_seal
-from shapefit.io.options import frames_of, input_options
+from shapefit.io.options import input_options
 from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
 from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
@@ -41,6 +41,7 @@ from shapefit.pipelines.result import Failure, Numbers, Result, unread
 from shapefit.records import Fit, Landmarks
 from shapefit.records.columns import held_columns, in_columns
 from shapefit.threads import side_by_side
+from shapefit.timeline import frames_of
 from shapefit.verification import certificate
 from shapefit.verification.certificate import CertifiedProgram, Claims
 

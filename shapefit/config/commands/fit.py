@@ -26,7 +26,6 @@ from shapefit.config.paths import (
     find_dictionaries,
 )
 from shapefit.errors import listed
-from shapefit.io.options import frames_of
 from shapefit.lifting.methods import (
     AUTO,
     METHODS,
@@ -35,6 +34,7 @@ from shapefit.lifting.methods import (
     Method,
     summarise,
 )
+from shapefit.timeline import frames_of
 
 if TYPE_CHECKING:
     MethodName = str

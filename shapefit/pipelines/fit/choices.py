@@ -19,10 +19,11 @@ from shapefit.dictionary.model import Dictionary, describe_learning
 from shapefit.errors import InputError, input_error
 from shapefit.io import open_landmarks
 from shapefit.io.formats import find_target_format
-from shapefit.io.options import InputOptions, frames_of, input_options
+from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.methods import AUTO, METHODS
 from shapefit.pipelines.fit.family import Calibration, Family
 from shapefit.pipelines.joints import Matched, match_names
+from shapefit.timeline import frames_of
 
 MIN_SEQUENCE_FRAMES = 10
 """Of a sequence whose motion says something of its shapes."""
