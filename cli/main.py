@@ -15,7 +15,9 @@ import click
 from shapefit import __version__, log
 from shapefit.errors import InputError
 
-from .commands import COMMANDS, TRACEBACK_VARIABLE, config_command, make_command
+from .call import TRACEBACK_VARIABLE
+from .commands import COMMANDS
+from .demo import demo
 from .report import tell
 from .signals import Stopped, catch_signals, end_reminders, get_signal, keep_signals
 
@@ -34,6 +36,10 @@ Exit codes:
   1  finished, but some items failed (they are listed), or none was there
   2  bad usage, config or input
   3  internal error (--traceback shows where)
+
+\b
+First of all, a page from sample data:
+  shapefit demo
 
 \b
 Examples, the whole chain:
@@ -56,7 +62,7 @@ def commands() -> None:
     """
 
 
-for command in (*map(make_command, COMMANDS), config_command):
+for command in (*COMMANDS, demo):
     commands.add_command(command)
 
 
@@ -87,6 +93,8 @@ def _run(arguments: Sequence[str]) -> int:
     instruction = os.environ.get(COMPLETION_VARIABLE)
     if instruction:
         from click.shell_completion import shell_complete
+
+        from . import completion  # noqa: F401
 
         return shell_complete(
             commands, {}, "shapefit", COMPLETION_VARIABLE, instruction
@@ -145,7 +153,7 @@ def main() -> NoReturn:
     # every package that is installed.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
     log.follow_environment()
-    gc.disable()  # `run_command` enables it: what is imported until then stays
+    gc.disable()  # `Call.follow` enables it: what is imported until then stays
     catch_signals()
     try:
         code = run(sys.argv[1:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -10,14 +11,16 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from shapefit.errors import printable
 
 if TYPE_CHECKING:
-    from shapefit.pipelines.result import Counted, Failure, Result
+    from tqdm import tqdm
+
+    from shapefit.pipelines.result import Counted, Failure, Numbers, Result
 
 MAX_LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
@@ -31,8 +34,11 @@ LINE_LETTERS = 110
 LABEL_LETTERS = 8
 """Of the label before a line of the summary."""
 
-SECONDS_BETWEEN_LINES = 10.0
-"""Of the progress where standard error is no terminal."""
+SECONDS_BETWEEN_LINES = 60.0
+"""Of the progress where standard error is no terminal, such as a log."""
+
+IMAGES = "image"
+"""The unit of commands that count images."""
 
 
 def tell(text: str) -> None:
@@ -50,13 +56,27 @@ def printable_json(values: object) -> str:
     )
 
 
+def has_columns() -> bool:
+    """Whether standard error is a terminal that a progress bar fits into.
+
+    Some terminals, as of tools that run others, have 0 columns.
+    """
+    if sys.stderr is None or not sys.stderr.isatty():
+        return False
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns > 0
+    except OSError:
+        return False
+
+
 @dataclass
 class Report:
     """The sum of a pipeline's results; memory does not grow with the number of items.
 
     `read` names the inputs, and `following` the next command, where the pipeline does
     not. With `to_stdout` the last note is the result of the command, for standard
-    output; with `as_json` everything goes there as one object. With more than the share
+    output; with `as_json` everything goes there as one object. `say` puts messages into
+    the words of the command line. With more than the share
     `max_untrusted` of items that are not trusted the exit code is 1.
     """
 
@@ -69,13 +89,15 @@ class Report:
     max_untrusted: float | None = None
     read: str = ""
     following: str = ""
+    say: Callable[[str], str] = str
     done: int = 0
     failed: int = 0
     total: int | None = None
     note: str = ""
     rows: dict[str, str] = field(default_factory=dict)
     written: list[Path] = field(default_factory=list)
-    data: Callable[[], Any] | None = None
+    numbers: Numbers | None = None
+    data: Callable[[], object] | None = None
     _failures: list[Failure] = field(default_factory=list)
     _warnings: dict[str, str | Counted] = field(default_factory=dict)
     _untrusted: dict[str, Counted] = field(default_factory=dict)
@@ -88,8 +110,8 @@ class Report:
         """
         with ExitStack() as stack:
             stack.enter_context(closing(results))  # type: ignore[type-var]
-            bar: Any = None
-            if sys.stderr is not None and sys.stderr.isatty() and not self.quiet:
+            bar: tqdm | None = None
+            if not self.quiet and has_columns():
                 from tqdm import tqdm
 
                 bar = stack.enter_context(tqdm(desc=self.command, dynamic_ncols=True))
@@ -100,7 +122,7 @@ class Report:
                 if bar is not None:
                     self._move(bar, result)
                 if result.line and not self.quiet:
-                    tell(result.line)
+                    tell(self.say(result.line))
                 elif is_silent and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
                     shown = time.monotonic()
                     tell(self._progress())
@@ -110,10 +132,10 @@ class Report:
         if self.to_stdout:
             click.echo("\n".join(map(printable, self.note.split("\n"))))
         for line in self.lines():
-            tell(line)
+            tell(self.say(line))
         return self.exit_code
 
-    def _move(self, bar: Any, result: Result) -> None:
+    def _move(self, bar: tqdm, result: Result) -> None:
         """Move the progress bar; it makes room for a line that is shown."""
         bar.total = self.total
         bar.unit = f" {self.unit}"
@@ -148,6 +170,7 @@ class Report:
         self.written += result.written
         self.note = result.note or self.note
         self.rows |= dict(result.rows)
+        self.numbers = result.numbers or self.numbers
         self.data = result.data or self.data
 
     @property
@@ -168,8 +191,8 @@ class Report:
         share = self.max_untrusted
         return share is not None and self.untrusted > share * self.done
 
-    def values(self) -> dict[str, Any]:
-        """Return the report as values of JSON."""
+    def values(self) -> dict[str, object]:
+        """Return the report as values of JSON; docs/shell.md describes them."""
         return {
             "command": self.command,
             "unit": self.unit,
@@ -183,10 +206,21 @@ class Report:
             "summary": {
                 label.lower(): text for label, text in self._rows().items() if text
             },
+            "numbers": self._numbers(),
             "written": [str(path) for path in self.written],
             "seconds": round(self._seconds, 3),
             "data": self.data() if self.data else None,
         }
+
+    def _numbers(self) -> dict[str, object]:
+        """Return what the command found, with the same keys for every command."""
+        from shapefit.pipelines.result import Numbers
+
+        numbers = self.numbers or Numbers()
+        if numbers.images is None and self.unit == IMAGES:
+            numbers = numbers._replace(images=self.done)
+        camera = numbers.camera and numbers.camera._asdict()
+        return {**numbers._asdict(), "failed": self.failed, "camera": camera}
 
     def lines(self) -> Iterator[str]:
         """Yield the report as lines of text: warnings, failures, then the summary."""
@@ -194,7 +228,8 @@ class Report:
 
         if not self.quiet:
             for warning in self._warnings.values():
-                yield f"{'Note' if isinstance(warning, Note) else 'Warning'}: {warning}"
+                is_note = getattr(warning, "is_note", isinstance(warning, Note))
+                yield f"{'Note' if is_note else 'Warning'}: {warning}"
             if self._unlisted:
                 yield f"Warning: and {self._unlisted} more"
             for reason in self._untrusted.values():

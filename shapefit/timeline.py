@@ -140,3 +140,21 @@ class Timeline:
         if longest is not None:
             steps = np.minimum(steps, longest + 1)
         return np.concatenate([[0], np.cumsum(steps)])[: len(self)].astype(np.int64)
+
+
+def frames_of(text: str | None) -> tuple[int | None, int | None]:
+    """Return the ends of a range of frames, such as 100:400; one without is open.
+
+    Raises ValueError for other texts, and for a range without frames.
+    """
+    if text is None:
+        return None, None
+    ends = text.split(":")
+    if len(ends) != 2 or not all(end == "" or end.isdecimal() for end in ends):
+        raise ValueError(
+            f"{text!r} is no range of frames; give FIRST:STOP, such as 100:400"
+        )
+    first, stop = (int(end) if end else None for end in ends)
+    if stop is not None and (first or 0) >= stop:
+        raise ValueError(f"{text!r} has no frames; give a STOP after FIRST")
+    return first, stop

@@ -255,6 +255,7 @@ PACKAGES = {
     "shapefit": "shapefit",
     "shapefit/configs": "configs",
     "shapefit/cli": "cli",
+    "shapefit/sample_data/openpose": "sample_data/openpose",
 }
 """Folder in the wheel -> folder here."""
 SOURCES = {".cpp", ".hpp"}
@@ -371,6 +372,20 @@ def test_names_stand_for_the_installed_configs(
         "out",
     ]
     assert (tmp_path / "out/shapes.csv").read_text(encoding="utf-8").count("\n") > 108
+
+
+@pytest.mark.slow
+def test_the_demo_needs_the_wheel_alone(wheel: Path, environment, tmp_path: Path):
+    run(["shapefit", "demo", "-q"], environment, tmp_path)
+    made = sorted(path.name for path in (tmp_path / "shapefit-demo").iterdir())
+    assert made == ["openpose", "walk.h5", "walk.html"]
+    samples = [
+        packed.compress_size
+        for packed in zipfile.ZipFile(wheel).infolist()
+        if "sample_data" in packed.filename
+    ]
+    assert len(samples) == 36
+    assert sum(samples) < 500_000
 
 
 @pytest.mark.slow

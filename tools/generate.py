@@ -14,6 +14,7 @@ import click
 from nanobind.stubgen import StubGen
 from pydantic import BaseModel
 from shapefit.cli.main import commands
+from shapefit.cli.options import COMMON
 
 from shapefit import core
 from shapefit.config import CONFIGS
@@ -53,21 +54,6 @@ SHARED: dict[str, type[BaseModel]] = {
     "Comparing with the truth": TruthConfig,
 }
 """Keys of several commands, which the page lists once."""
-
-COMMON = tuple(
-    f"option_{name}"
-    for name in [
-        "config",
-        "set",
-        "print_config",
-        "json",
-        "quiet",
-        "verbose",
-        "traceback",
-    ]
-)
-"""Options of every command, which the page lists once."""
-
 
 STUB = """\
 \"\"\"Signatures of the extension module, written by tools/generate.py.\"\"\"

@@ -153,12 +153,15 @@ def _read_config(
         fault = f"expected keys with values (key: value), found {_in_words(values)}"
         raise InputError(f"{places[()]}: {fault}")
     if preset is not None:
-        _leave_out_own_data(schema, values)
+        places[()] = f"the installed config {name}, which has settings and no files"
+        _leave_out_own_data(schema, values, places)
     return values
 
 
-def _leave_out_own_data(schema: Schema, values: dict[str, object]) -> None:
-    """Remove from values, in place, the keys that fit only an installed config's data.
+def _leave_out_own_data(
+    schema: Schema, values: dict[str, object], places: Places
+) -> None:
+    """Remove, in place, the keys that fit only an installed config's own data.
 
     They are paths, and those of OF_ONE_DATA_SET.
     """
@@ -170,6 +173,7 @@ def _leave_out_own_data(schema: Schema, values: dict[str, object]) -> None:
                 of_section = _value_at(of_section, section)
             if isinstance(of_section, dict):
                 of_section.pop(name, None)
+            places.pop(path, None)
 
 
 def _value_at(section: object, key: str | int) -> object:

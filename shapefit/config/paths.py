@@ -82,10 +82,15 @@ def find_presets(command: str) -> dict[str, Path]:
 
     `cars` of fit is cars/fit.yaml.
     """
+    files = sorted(find_installed("configs").glob(f"*/{command}.yaml"))
+    return {file.parent.name: file for file in files}
+
+
+def find_installed(folder: str) -> Path:
+    """Return a folder of the package, or of the clone that it runs in."""
     package = DICTIONARIES.parent
-    folders = (package / "configs", package.parent / "configs")
-    folder = next(folder for folder in folders if folder.is_dir())
-    return {file.parent.name: file for file in sorted(folder.glob(f"*/{command}.yaml"))}
+    inside, beside = package / folder, package.parent / folder
+    return inside if inside.is_dir() else beside
 
 
 def fill_in(value: object, data: str) -> object:

@@ -111,6 +111,21 @@ def _words(kind: Any) -> list[str]:
     return WORDS[kind].split(" or ")
 
 
+def words_of(key: ConfigKey) -> list[str]:
+    """Return the words that a key may have as its value, such as auto; [] for none."""
+    words = _literals(key.field.annotation)
+    return [*words, AUTO_TEXT] if AUTO_TEXT in key.field.metadata else words
+
+
+def _literals(kind: object) -> list[str]:
+    """Return the texts that a type names, each type of a union."""
+    if get_origin(kind) is Literal:
+        return list(get_args(kind))
+    if get_origin(kind) in (Union, UnionType, Annotated):
+        return [word for part in get_args(kind) for word in _literals(part)]
+    return []
+
+
 def meaning(key: ConfigKey) -> str:
     """Return what a key means: the text below its field, or that of its section."""
     text = key.field.description or _docstrings(key.owner).get(key.name)

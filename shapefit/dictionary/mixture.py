@@ -10,6 +10,7 @@ would. No round lowers the objective.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -108,7 +109,30 @@ def learn_mixture(
     max_rounds: int = 30,
     tolerance: float = 1e-4,
 ) -> LearnedMixture:
+    """Learn a mixture of Gaussians, as the last of `mixture_rounds` is."""
+    *_, learned = mixture_rounds(
+        shapes,
+        components,
+        shrinkage=shrinkage,
+        floor=floor,
+        max_rounds=max_rounds,
+        tolerance=tolerance,
+    )
+    return learned
+
+
+def mixture_rounds(
+    shapes: Floats,
+    components: int,
+    *,
+    shrinkage: float,
+    floor: float,
+    max_rounds: int = 30,
+    tolerance: float = 1e-4,
+) -> Iterator[LearnedMixture]:
     """Learn a mixture of Gaussians from shapes (n, 3, p), normalised and aligned.
+
+    Yields the mixture after each round, at least one.
 
     shrinkage in [0, 1): the share of G in the covariance of a component of average
     size; floor > 0: variance of every coordinate beyond that of the shapes. The start
@@ -132,10 +156,12 @@ def learn_mixture(
         top = density.max(axis=1, keepdims=True)
         log_sum = top[:, 0] + np.log(np.exp(density - top).sum(axis=1))
         trace.append(float(log_sum.sum()) + log_prior(mixture, G, kappa))
-        if len(trace) > 1 and trace[-1] - trace[-2] <= tolerance * n:
-            break
-        mixture = maximise(X, np.exp(density - log_sum[:, None]), G, kappa, floor)
-    return LearnedMixture(_alive(mixture, n), np.array(trace))
+        has_ended = len(trace) > 1 and trace[-1] - trace[-2] <= tolerance * n
+        if not has_ended:
+            mixture = maximise(X, np.exp(density - log_sum[:, None]), G, kappa, floor)
+        yield LearnedMixture(_alive(mixture, n), np.array(trace))
+        if has_ended:
+            return
 
 
 def _alive(mixture: Mixture, n: int) -> Mixture:

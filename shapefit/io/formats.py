@@ -372,7 +372,10 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
         raise input_error(path, "meshes go into a folder", fix)
     if path.suffix:
         fault = f"no format that is written ends in {path.suffix}"
-        raise input_error(path, fault, f"end the name in {listed(endings)}")
+        meshes = listed([name.upper() for name in MESH_FORMATS], "and")
+        fix = f"end the name in {listed(endings)}; {meshes} are written into a folder,"
+        fix += " by `shapefit convert --to`"
+        raise input_error(path, fault, fix)
     return HDF5
 
 

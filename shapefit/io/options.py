@@ -22,7 +22,8 @@ class InputOptions:
     track joins detections without identity over frames: `nearest`; `motion`, which
     refuses images that follow no order; or `none`. min_confidence hides landmarks whose
     confidence is below. landmarks are those that are retained, in this order, by their
-    new names; None for all.
+    new names; None for all. Of frames only those in `frames`, first to before the last,
+    are read (None is open), and of these every n-th.
     """
 
     format: str = "auto"
@@ -34,6 +35,13 @@ class InputOptions:
     image_size: tuple[float, float] | None = None
     y_axis: Direction | None = None
     landmarks: tuple[str, ...] | None = None
+    frames: tuple[int | None, int | None] = (None, None)
+    every: int = 1
+
+    @property
+    def thins(self) -> bool:
+        """Whether some frames are left out."""
+        return self.every > 1 or self.frames != (None, None)
 
 
 AS_THEY_ARE = InputOptions()

@@ -4,6 +4,7 @@ batches.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
@@ -194,7 +195,8 @@ class SourceFile(Generic[Record]):
     `read` returns the items of some rows, of none what all have in common; texts reads
     the dataset item or sequence of some rows; `place` names a row of a dataset in
     messages; y_axis is None where the file does not say it; estimate is the number of
-    items in the file, if only the first `count` were read.
+    items in the file, if only the first `count` were read; left_out, how many others
+    the options leave out.
     """
 
     name: str
@@ -206,6 +208,7 @@ class SourceFile(Generic[Record]):
     notes: tuple[str, ...] = ()
     y_axis: Direction | None = None
     estimate: int = 0
+    left_out: int = 0
 
     @classmethod
     def of(
@@ -276,7 +279,8 @@ class Source(Generic[Record]):
 
     `head` has all but the items: their landmarks, unit, columns; `count` is how many
     items there are, `estimate` how many the files have if only their first ones were
-    read; `notes` are warnings about what was left out of the files.
+    read, `left_out` how many were left out by the options; `notes` are warnings about
+    what was left out of the files.
     """
 
     def __init__(
@@ -301,6 +305,7 @@ class Source(Generic[Record]):
         self.head: Record = merge_heads(filled, y_axis)  # what is empty may differ
         self.count = sum(file.count for file in files)
         self.estimate = sum(file.estimate or file.count for file in files)
+        self.left_out = sum(file.left_out for file in files)
         self.states_y_axis = any(file.y_axis is not None for file in files)
 
     def batches(self, size: int, *, by_file: bool = False) -> Iterator[Record]:
@@ -384,16 +389,20 @@ def _open_files(
     files: list[SourceFile[Record]] = []
     for file_format, group in _group(list(dict.fromkeys(paths)), options):
         if file_format.read_poses is not None and kind is not Fit:
-            files.append(_of_poses(kind, file_format, group, options))
+            files.append(
+                _thinned(_of_poses(kind, file_format, group, options), options)
+            )
             continue
         check_holds(group[0], form.kind, file_format)
         if options.individual is not None:
             fix = "write that individual to a file by `shapefit convert`, and use this"
             raise input_error(group[0], "`individual` is for files of other tools", fix)
         if file_format is HDF5:
-            file = _of_hdf5(kind, group[0], readers, rows, without)
+            of_file = None if options.thins else rows
+            file = _of_hdf5(kind, group[0], readers, of_file, without)
+            file = _thinned(file, options, rows)
         else:
-            file = _of_csv(kind, group[0], head=head)
+            file = _thinned(_of_csv(kind, group[0], head=head), options)
         if kind is not Fit and options.keypoints is not None:
             file = _named_by_skeleton(file, options.keypoints)
         if kind is Landmarks and not head:
@@ -492,6 +501,69 @@ def _of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Record]
         texts=lambda dataset, rows: _column_texts(table.take(rows), dataset),
         place=place,
     )
+
+
+def _thinned(
+    file: SourceFile[Record], options: InputOptions, rows: slice | None = None
+) -> SourceFile[Record]:
+    """Return a file of the frames that the options ask for; of these only `rows`.
+
+    Frames keep their numbers and times. Without numbers, their places in the sequence
+    count, or those of single images in the file.
+    """
+    if not options.thins:
+        return file
+    numbers, are_places = _numbers_of_frames(file)
+    first, stop = options.frames
+    start = first or 0
+    is_chosen = (numbers >= start) & ((numbers - start) % options.every == 0)
+    if stop is not None:
+        is_chosen &= numbers < stop
+    chosen = np.flatnonzero(is_chosen)
+    left_out = 0 if rows is not None and rows.start else file.count - len(chosen)
+    chosen = chosen[rows or slice(None)]
+
+    def span(part: slice) -> tuple[slice, NDArray[np.intp]]:
+        wanted = chosen[part]
+        begin = int(wanted[0]) if len(wanted) else 0
+        end = int(wanted[-1]) + 1 if len(wanted) else 0
+        return slice(begin, end), wanted - begin
+
+    def read(part: slice) -> Record:
+        around, wanted = span(part)
+        records = file.read(around).take(wanted)
+        if are_places and records.sequences is not None:
+            return records.replaced(frames=numbers[chosen[part]])
+        return records
+
+    def texts(dataset: str, part: slice) -> Sequence[str]:
+        around, wanted = span(part)
+        every = file.texts(dataset, around)
+        return [every[row] for row in wanted]
+
+    return replace(
+        file,
+        count=len(chosen),
+        read=read,
+        texts=texts,
+        place=lambda dataset, row: file.place(dataset, int(chosen[row])),
+        left_out=left_out,
+    )
+
+
+def _numbers_of_frames(file: SourceFile[Record]) -> tuple[NDArray[np.int64], bool]:
+    """Return the number (n,) of the frame of each item, and whether they are places."""
+    numbers = []
+    places: Counter[str] = Counter()
+    for start in range(0, file.count, ITEMS_PER_BLOCK):
+        records = file.read(slice(start, min(start + ITEMS_PER_BLOCK, file.count)))
+        if records.frames is not None:
+            numbers += records.frames.tolist()
+            continue
+        for sequence in records.sequences or ("",) * len(records):
+            numbers.append(places[sequence])
+            places[sequence] += 1
+    return np.array(numbers, np.int64), file.head.frames is None
 
 
 def _with_doubts(file: SourceFile[Record]) -> SourceFile[Record]:

@@ -68,8 +68,8 @@ def match_names(
             f" {abbreviate(names, 10)}; dictionary: {abbreviate(listed, 10)})"
         )
         fix = (
-            "give a dictionary of such objects, or name landmarks alike: `rename:"
-            " {FILE: DICTIONARY}`"
+            "give a dictionary of such objects, which `shapefit learn-dict` learns, or"
+            " name landmarks alike: `rename: {FILE: DICTIONARY}`"
         )
         if numbers_of(names):
             fix += ", or numbered ones by `--keypoints`"

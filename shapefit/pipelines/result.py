@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from shapefit.errors import InputError, counted
 
@@ -26,6 +26,8 @@ class Counted:
     noun: str
     text: str
     items: tuple[str, ...] = ()
+    is_note: bool = False
+    """Whether it is good to know, with nothing wrong."""
 
     def __add__(self, other: Counted) -> Counted:
         return replace(
@@ -40,6 +42,35 @@ class Note(str):
     """Stands among the warnings for what is good to know, with nothing wrong."""
 
 
+class CameraNumbers(NamedTuple):
+    """The camera of a fit: focal length and principal point in pixels.
+
+    Both are None under weak perspective, and where each file or image has its own.
+    """
+
+    perspective: bool
+    focal: float | None = None
+    principal_point: tuple[float, float] | None = None
+
+
+class Numbers(NamedTuple):
+    """What a command found, in numbers; None for what it does not say.
+
+    images; how many of them are trusted, and the median of the errors expected of
+    these; share_inside_regions of the true landmarks that are in their 90% regions;
+    how many images are optimal to their tolerance or not, and their largest_gap.
+    """
+
+    images: int | None = None
+    trusted: int | None = None
+    expected_error_metres: float | None = None
+    share_inside_regions: float | None = None
+    optimal: int | None = None
+    not_optimal: int | None = None
+    largest_gap: float | None = None
+    camera: CameraNumbers | None = None
+
+
 class Result(NamedTuple):
     """The result of one part of the work.
 
@@ -47,7 +78,8 @@ class Result(NamedTuple):
     items whose result is not to be trusted; unit is what the items are, where that
     depends on the config; note is a short state for a progress bar, and line is shown
     at once. written are the files that now stand complete; rows, a summary for people,
-    label and text; data gives what the note says in values of JSON.
+    label and text; numbers, the same for programs; data gives what the note says in
+    values of JSON.
     """
 
     done: int = 0
@@ -60,7 +92,8 @@ class Result(NamedTuple):
     rows: tuple[tuple[str, str], ...] = ()
     line: str = ""
     written: tuple[Path, ...] = ()
-    data: Callable[[], Any] | None = None
+    numbers: Numbers | None = None
+    data: Callable[[], object] | None = None
 
 
 def unread(path: Path, error: InputError) -> Failure:

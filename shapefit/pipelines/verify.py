@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import repeat
 from pathlib import Path
@@ -37,10 +37,11 @@ from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
 from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
 from shapefit.pipelines.joints import find_joints, named_as_joints
-from shapefit.pipelines.result import Failure, Result, unread
+from shapefit.pipelines.result import Failure, Numbers, Result, unread
 from shapefit.records import Fit, Landmarks
 from shapefit.records.columns import held_columns, in_columns
 from shapefit.threads import side_by_side
+from shapefit.timeline import frames_of
 from shapefit.verification import certificate
 from shapefit.verification.certificate import CertifiedProgram, Claims
 
@@ -162,9 +163,14 @@ def verify_results(request: Request) -> Generator[Result, None, None]:
     tally.unread = max(listed - tally.images, tally.unread)
     methods = [*dict.fromkeys(fit.config["method"] for fit in fits)]
     data = {**vars(tally), "methods": methods, "landmarks": bool(request.landmarks)}
+    has_gap = any(fit.certified for fit in fits)
+    numbers = Numbers(
+        images=tally.images + tally.unread,
+        largest_gap=tally.largest_gap if has_gap else None,
+    )
     if tally.images + tally.unread:
         note = "\n".join(summary_lines(tally, fits[0], bool(request.landmarks)))
-        yield Result(note=note, data=lambda: data)
+        yield Result(note=note, numbers=numbers, data=lambda: data)
     else:
         none = (Failure(str(request.result), "holds no image"),)
         yield Result(failures=none, note="No image was checked.", data=lambda: data)
@@ -475,11 +481,14 @@ def open_images(
         reading = LandmarksConfig(**{key: fit.config[key] for key in keys})
         camera = fit.config.get("camera") or {}
         is_calibrated = camera.get("calibration") is not None
+        frames = frames_of(fit.config.get("frames"))
+        every = int(fit.config.get("every", 1))
     except (ValueError, AttributeError):
         fault = "does not state how its landmarks were read"
         raise input_error(file, fault, RESULT_OF_FIT) from None
     # Without identity over frames detections are no motion.
     options = input_options(reading, "motion" if method.takes_sequences else "none")
+    options = replace(options, frames=frames, every=every)
     with open_landmarks(files, options, rows) as source:
         names = source.head.landmark_names
         joints = find_joints(names, head.landmark_names, in_place=method.needs_prior)

@@ -7,15 +7,25 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from shapefit.cli.commands import run_pipeline
 
 import shapefit
 from shapefit.config import load_config
+from shapefit.pipelines.evaluate.run import evaluate_results
+from shapefit.pipelines.fit.fit import fit
+from shapefit.pipelines.learn_dict.run import learn_dictionary
+from shapefit.pipelines.projection import project_shapes
+
+PIPELINES = {
+    "learn-dict": learn_dictionary,
+    "project": project_shapes,
+    "fit": fit,
+    "eval": evaluate_results,
+}
 
 
 def run_command(command: str, **arguments) -> None:
     """Run a command to its end; keys of its config as keyword arguments."""
-    for _ in run_pipeline(command, load_config(command, arguments=arguments)):
+    for _ in PIPELINES[command](load_config(command, arguments=arguments)):
         pass
 
 

@@ -2,27 +2,31 @@
 errors.
 """
 
+import json
 import os
 import re
 import signal
-import subprocess
-import sys
 import webbrowser
 from itertools import count
 from pathlib import Path
 
 import pytest
 from shapefit.cli import main
-from shapefit.cli.commands import COMMANDS, make_options
+from shapefit.cli.report import has_columns
 
 from shapefit.config import CONFIGS
 from shapefit.config.model import list_config_keys
 from shapefit.config.reference import rows
 from shapefit.errors import InputError, path_text, printable
 from shapefit.pipelines import verify
-from shapefit.pipelines.result import Counted, Failure, Result
+from shapefit.pipelines.result import (
+    CameraNumbers,
+    Counted,
+    Failure,
+    Numbers,
+    Result,
+)
 
-NAMES = [spec.name for spec in COMMANDS if spec.has_config]
 FIT = "fit -c fit.yaml"
 EVAL = "eval result.h5 --truth shapes.h5 -o report"
 PIPELINES = {
@@ -303,7 +307,7 @@ def test_a_page_is_opened_where_that_is_wished(
 def test_progress_is_a_line_now_and_then_without_a_terminal(
     shapefit, fake_pipeline, monkeypatch
 ):
-    clock = count(0, 4)  # seconds: a line after every third look at the clock
+    clock = count(0, 25)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
     fake_pipeline(PIPELINES["fit"], [Result(done=10, total=90, note="gap 1e-5")] * 9)
     lines = [
@@ -315,15 +319,7 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(
     assert lines[0].startswith("fit: ")
 
 
-def test_every_option_says_what_it_is_for():
-    assert all(
-        option.help
-        for spec in COMMANDS
-        for option in make_options(spec.options).values()
-    )
-
-
-@pytest.mark.parametrize("command", NAMES)
+@pytest.mark.parametrize("command", CONFIGS)
 def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
     told = shapefit("config", command)
     listed = {line.split(":")[0] for line in told.out.splitlines() if line[0] != " "}
@@ -334,23 +330,6 @@ def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
         line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"
     }
     assert printed == {way[0] for way in list_config_keys(CONFIGS[command])}
-
-
-def complete(words: str, kind: str = "bash_complete") -> list[str]:
-    """Return what a shell is offered for the last of the words."""
-    last = str(len(words.split()) - 1)
-    asked = {"_SHAPEFIT_COMPLETE": kind, "COMP_WORDS": words, "COMP_CWORD": last}
-    line = [sys.executable, "-m", "shapefit"]
-    done = subprocess.run(
-        line, env=os.environ | asked, capture_output=True, text=True, check=True
-    )
-    return [answer.split(",", 1)[-1] for answer in done.stdout.splitlines()]
-
-
-def test_the_shell_completes_commands_and_options():
-    assert complete("shapefit learn") == ["learn-dict"]
-    assert complete("shapefit fit --key") == ["--keypoints"]
-    assert "#compdef shapefit" in complete("shapefit", "zsh_source")
 
 
 def test_a_process_has_one_thread_of_blas_where_nobody_says_how_many(monkeypatch):
@@ -380,3 +359,42 @@ def test_what_a_terminal_would_obey_is_shown_as_an_escape():
         assert printable(text) == shown
     assert path_text(os.fsdecode(b"a/caf\xe9")) == "a/caf\\xe9"
     assert path_text("a/café") == "a/café"
+
+
+def test_the_numbers_of_a_command_are_those_of_the_page(shapefit, fake_pipeline):
+    camera = CameraNumbers(perspective=True, focal=1100.0)
+    found = Numbers(trusted=2, largest_gap=1e-7, camera=camera)
+    failed = (Failure("a", "hidden"),)
+    fake_pipeline(
+        PIPELINES["fit"], [Result(done=3, failures=failed), Result(numbers=found)]
+    )
+    told = json.loads(shapefit(*FIT.split(), "--json").out)
+    numbers = told["numbers"]
+    assert (numbers["images"], numbers["failed"], numbers["trusted"]) == (3, 1, 2)
+    assert numbers["largest_gap"] == 1e-7
+    assert numbers["camera"] == {
+        "perspective": True,
+        "focal": 1100.0,
+        "principal_point": None,
+    }
+    page = (Path(__file__).parents[2] / "docs/shell.md").read_text()
+    _, of_all, of_numbers, *_ = page.split("| key | value |")
+    for table, keys in ((of_all, told), (of_numbers, numbers)):
+        rows = [line.split("|")[1] for line in table.splitlines() if line[:3] == "| `"]
+        assert set(re.findall(r"`([a-z_]+)`", " ".join(rows))) == set(keys)
+
+
+def test_a_command_without_numbers_has_the_same_keys(shapefit, fake_pipeline):
+    fake_pipeline(PIPELINES["view"], [Result(done=3)])
+    numbers = json.loads(shapefit("view", "result.h5", "--json").out)["numbers"]
+    assert set(numbers) == {*Numbers._fields, "failed"}
+    assert (numbers["images"], numbers["failed"], numbers["trusted"]) == (None, 0, None)
+
+
+@pytest.mark.parametrize(("columns", "is_bar"), [(80, True), (0, False)])
+def test_a_bar_needs_columns(monkeypatch, columns, is_bar):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setattr("sys.stderr.fileno", lambda: 2)
+    size = os.terminal_size((columns, 24))
+    monkeypatch.setattr("os.get_terminal_size", lambda _stream: size)
+    assert has_columns() == is_bar

@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from shapefit.config.commands.input import MetresConfig, NotNegative, Positive, Text
+from shapefit.config.commands.input import (
+    Count,
+    MetresConfig,
+    NotNegative,
+    Positive,
+    Text,
+)
 from shapefit.config.model import Auto, ConfigModel, Pair, section
 from shapefit.config.paths import (
     UNNAMED_OUTPUT,
@@ -28,6 +34,7 @@ from shapefit.lifting.methods import (
     Method,
     summarise,
 )
+from shapefit.timeline import frames_of
 
 if TYPE_CHECKING:
     MethodName = str
@@ -35,6 +42,12 @@ if TYPE_CHECKING:
 else:
     MethodName = Literal[(AUTO, *METHODS)]
     BodyMeasure = Literal["head", "hips", "shoulders"]
+
+
+def check_frames(text: str | None) -> str | None:
+    """Return a range of frames; ValueError for a text that is none."""
+    frames_of(text)
+    return text
 
 
 class CameraConfig(ConfigModel):
@@ -128,6 +141,15 @@ class FitConfig(MetresConfig):
     """Result file, by its ending (docs/export.md); - is stdout, FOLDER/ one file per
     part.
     """
+    frames: Annotated[
+        Text | None,
+        Description("a range of frames, such as 100:400"),
+        AfterValidator(check_frames),
+    ] = None
+    """Lift only these frames, the first up to before the last; 100: and :400 are open.
+    """
+    every: Count = 1
+    """Lift every n-th frame of these, the first one first; frames keep their times."""
     method: MethodName = Field(
         default=AUTO,
         description=(

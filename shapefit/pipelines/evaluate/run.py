@@ -20,6 +20,7 @@ from shapefit.errors import input_error, listed, parse_json, path_text, printabl
 from shapefit.evaluation import report
 from shapefit.evaluation.calibration import (
     WIDTH_SHARE,
+    WIDTH_SQUARED_RADIUS,
     bar_scale_factors,
     summarise_coverage,
 )
@@ -41,7 +42,7 @@ from shapefit.pipelines.evaluate.measure import (
     measure_matched,
     with_shapes_of,
 )
-from shapefit.pipelines.result import Failure, Note, Result
+from shapefit.pipelines.result import Failure, Note, Numbers, Result
 from shapefit.records import Fit, Shapes
 
 ERROR_BARS_FILE = "error_bars.json"
@@ -123,6 +124,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
         note="\n".join(report.short_lines(document)),
         warnings=(Note(WITHOUT_MATPLOTLIB),) if _lacks_matplotlib(config) else (),
         written=tuple(config.output / name for name in names),
+        numbers=numbers_of(methods),
         data=lambda: json.loads(texts["report.json"]),
     )
 
@@ -130,6 +132,19 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
 def _lacks_matplotlib(config: EvalConfig) -> bool:
     """Whether figures are wanted and cannot be drawn."""
     return config.plots != "none" and find_spec("matplotlib") is None
+
+
+def numbers_of(methods: Mapping[str, Measured]) -> Numbers:
+    """Return how many images were compared, and, of one method, the share of landmarks
+    inside their regions.
+    """
+    images = sum(len(measured.items) for measured in methods.values())
+    bars = [measured.bars for measured in methods.values()]
+    if len(bars) != 1 or bars[0] is None:
+        return Numbers(images=images)
+    shares = bars[0].square[~np.isnan(bars[0].square)] <= WIDTH_SQUARED_RADIUS
+    inside = float(shares.mean()) if len(shares) else None
+    return Numbers(images=images, share_inside_regions=inside)
 
 
 def _report_texts(

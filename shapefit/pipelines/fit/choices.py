@@ -23,6 +23,7 @@ from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.methods import AUTO, METHODS
 from shapefit.pipelines.fit.family import Calibration, Family
 from shapefit.pipelines.joints import Matched, match_names
+from shapefit.timeline import frames_of
 
 MIN_SEQUENCE_FRAMES = 10
 """Of a sequence whose motion says something of its shapes."""
@@ -202,7 +203,8 @@ def reading_options(config: FitConfig) -> InputOptions:
     track = METHODS[config.method].takes_sequences
     if not isinstance(config.output, ResultFolder):
         track = track or find_target_format(config.output).in_metres
-    return input_options(config, "motion" if track else "none")
+    options = input_options(config, "motion" if track else "none")
+    return replace(options, frames=frames_of(config.frames), every=config.every)
 
 
 def save_for_output(config: FitConfig) -> FitConfig:

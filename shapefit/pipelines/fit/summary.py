@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,10 +21,18 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.choices import warn_of_dictionary
 from shapefit.pipelines.joints import is_of_people
-from shapefit.pipelines.result import Counted, Failure, Result, nothing_in
+from shapefit.pipelines.result import (
+    CameraNumbers,
+    Counted,
+    Failure,
+    Numbers,
+    Result,
+    nothing_in,
+)
 from shapefit.records import Fit, Landmarks
 
 if TYPE_CHECKING:
+    from shapefit.config.commands.fit import CameraConfig, FitConfig
     from shapefit.pipelines.fit.fit import FitPlan
 
 ON_HEAD_COSINE = 0.5
@@ -211,6 +218,7 @@ def summarise_fit(
     warnings = [
         *calibration.warnings,
         *nothing_in(source.count, "images"),
+        *say_left_out(source.left_out, plan.config),
         *source.notes,
         *plan.match.warnings(),
         *warn_of_dictionary(plan.config, plan.match.dictionary),
@@ -222,9 +230,22 @@ def summarise_fit(
         warnings=tuple(warnings),
         note="; ".join([f"y {head.y_axis} in the images", *calibration.lines]),
         rows=tuple(summary_rows(source, plan, tally, chosen, written)),
-        data=partial(result_numbers, plan, tally),
+        numbers=result_numbers(plan, tally),
         written=written.written or (output_of(plan),),
     )
+
+
+def say_left_out(left_out: int, config: FitConfig) -> Iterator[Counted]:
+    """Yield a note of how many images the config leaves out, if any."""
+    if not left_out:
+        return
+    keys = []
+    if config.frames is not None:
+        keys.append(f"`frames: {config.frames}`")
+    if config.every > 1:
+        keys.append(f"`every: {config.every}`")
+    text = f"left out by {' and '.join(keys)}"
+    yield Counted(left_out, "image", text, is_note=True)
 
 
 def warn_of_all(
@@ -344,21 +365,30 @@ def describe_shown(plan: FitPlan) -> str:
     return f" of the {sum(shown)} landmarks that are seen"
 
 
-def result_numbers(plan: FitPlan, tally: Tally) -> dict[str, int | float | None]:
-    """Return what the line of the result says, as numbers; None for what the method
-    does not say. The error is the median of those expected of trusted images.
-    """
+def result_numbers(plan: FitPlan, tally: Tally) -> Numbers:
+    """Return what the line of the result says, as numbers."""
     error = float(median(np.array(tally.errors))) if tally.errors else None
     certifies = METHODS[plan.config.method].proves in ("optimum", "global")
     has_gaps = certifies and tally.largest_gap is not None
-    return {
-        "images": tally.images,
-        "trusted": tally.trusted if tally.judged else None,
-        "expected_error_metres": error,
-        "optimal": tally.optimal if has_gaps else None,
-        "not_optimal": tally.solved - tally.optimal if has_gaps else None,
-        "largest_gap": tally.largest_gap,
-    }
+    return Numbers(
+        images=tally.images,
+        trusted=tally.trusted if tally.judged else None,
+        expected_error_metres=error,
+        optimal=tally.optimal if has_gaps else None,
+        not_optimal=tally.solved - tally.optimal if has_gaps else None,
+        largest_gap=tally.largest_gap,
+        camera=camera_numbers(plan.config.camera),
+    )
+
+
+def camera_numbers(camera: CameraConfig) -> CameraNumbers:
+    """Return the camera of a config in which it is settled."""
+    focal = camera.focal
+    return CameraNumbers(
+        perspective=focal != "none",
+        focal=None if isinstance(focal, str) else focal,
+        principal_point=camera.principal_point,
+    )
 
 
 def find_viewed(written: Sequence[Path], output: Path) -> Sequence[Path]:

@@ -28,7 +28,7 @@ from shapefit.dictionary.learning import (
     principal_components,
     scale_of_atoms,
 )
-from shapefit.dictionary.mixture import Mixture, learn_mixture
+from shapefit.dictionary.mixture import Mixture, mixture_rounds
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import MIN_EXTENT, normalise
@@ -108,7 +108,9 @@ def learn_from_shapes(
         is_pca = config.method == "pca-bases"
         made = pca_bases(training) if is_pca else exemplars(training)
         yield Result(rows=(("Result", f"{counted(made.k, 'atom')} from {number}"),))
-    prior = learn_prior(training, config) if config.prior.components else None
+    prior = None
+    if config.prior.components:
+        prior = yield from learn_prior(training, config)
     provenance = {
         "method": config.method,
         "version": __version__,
@@ -331,17 +333,18 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
     """Learn atoms by sparse coding, without meshes."""
     shapes = training.alignment.shapes
     rounds = config.iterations
+    total = rounds + (MAX_MIXTURE_ROUNDS if config.prior.components else 0)
     k = number_of_atoms(len(shapes), config)
     for learned in learn_atoms(shapes, k, config.beta, iterations=rounds):
         note = f"objective {learned.trace[-1]:.6g}"
-        yield Result(done=1, total=rounds, unit="round", note=note)
+        yield Result(done=1, total=total, unit="round", note=note)
     atoms = learned.atoms
     C = learned.coefficients
     left = np.linalg.norm(shapes - np.tensordot(C, atoms, axes=1))
     error = left / np.linalg.norm(shapes)
     learned_from = f"learned {counted(k, 'atom')} from {counted(len(shapes), 'shape')}"
     result = f"{learned_from} (reconstruction error {error:.1%})"
-    yield Result(total=rounds, rows=(("Result", result),))
+    yield Result(total=total, rows=(("Result", result),))
     return replace(
         training.dictionary,
         atoms=atoms,
@@ -350,11 +353,13 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
     )
 
 
-def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
+def learn_prior(
+    training: TrainingShapes, config: LearnDictConfig
+) -> Generator[Result, None, Mixture]:
     """Learn the mixture over the aligned shapes, varied as the section `prior` says.
 
-    Raises InputError for more components than shapes, and bones that are no tree where
-    they are to vary.
+    Yields a result a round. Raises InputError for more components than shapes, and
+    bones that are no tree where they are to vary.
     """
     prior = config.prior
     shapes = training.alignment.shapes
@@ -367,13 +372,18 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
         raise input_error("prior.components", fault, "lower it, or give more shapes")
     if prior.bone_scale or prior.exchange:
         shapes = vary_shapes(training, config)
-    return learn_mixture(
+    rounds = mixture_rounds(
         shapes,
         components,
         shrinkage=prior.shrinkage,
         floor=prior.floor,
         max_rounds=MAX_MIXTURE_ROUNDS,
-    ).mixture
+    )
+    for number, learned in enumerate(rounds, start=1):
+        note = f"prior of {counted(components, 'component')}, round {number}"
+        yield Result(done=1, unit="round", note=note)
+        mixture = learned.mixture
+    return mixture
 
 
 def number_of_components(number: int, prior: PriorConfig) -> int:

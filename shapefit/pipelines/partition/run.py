@@ -74,7 +74,7 @@ from shapefit.pipelines.fit.choices import (
 )
 from shapefit.pipelines.fit.family import Calibration, whole_blocks
 from shapefit.pipelines.fit.fit import FitPart, fit
-from shapefit.pipelines.fit.summary import say_gap
+from shapefit.pipelines.fit.summary import camera_numbers, say_gap
 from shapefit.pipelines.partition.manifest import (
     Manifest,
     Part,
@@ -83,7 +83,7 @@ from shapefit.pipelines.partition.manifest import (
     read_manifest,
     refuse_strangers,
 )
-from shapefit.pipelines.result import Failure, Result, merge_warnings
+from shapefit.pipelines.result import Failure, Numbers, Result, merge_warnings
 from shapefit.records import Landmarks
 from shapefit.threads import make_pool
 
@@ -105,9 +105,6 @@ PartKey = tuple[tuple[str, ...], tuple[int, int] | None]
 
 BETWEEN_LOOKS = 0.5
 """Seconds in which a Dask worker learns that a part is not wanted any more."""
-
-GAP = ("optimal", "not_optimal", "largest_gap")
-"""What a fit says of its optimum, in the line of a part, too."""
 
 
 class Job(NamedTuple):
@@ -420,26 +417,19 @@ def do_parts(
             failed = f", {lost} failed" if lost else ""
             yield result._replace(note=f"{len(manifest.done)} of {total} done{failed}")
     done = tuple(manifest.done.values())
-    numbers = numbers_of_parts(done)
+    camera = camera_numbers(shared.camera)
+    numbers = numbers_of_parts(done)._replace(camera=camera)
     gap = say_gap(numbers.largest_gap, numbers.not_optimal)
     note = f"{len(done)} of {total} done{gap}"
-    yield Result(note=note, data=numbers._asdict, written=(manifest.path,))
+    yield Result(note=note, numbers=numbers, written=(manifest.path,))
 
 
-class PartNumbers(NamedTuple):
-    """Images of all parts, how many are solved to their tolerance or not, and their
-    largest gap; None where a part with images that were lifted does not state it.
+def numbers_of_parts(parts: Sequence[PartLine]) -> Numbers:
+    """Return the sums over parts, and their largest gap, as their lines state them.
+
+    They are None where a part with images that were lifted does not state them.
     """
-
-    images: int
-    optimal: int | None = None
-    not_optimal: int | None = None
-    largest_gap: float | None = None
-
-
-def numbers_of_parts(parts: Sequence[PartLine]) -> PartNumbers:
-    """Return the sums over parts, and their largest gap, as their lines state them."""
-    numbers = PartNumbers(images=sum(part.images for part in parts))
+    numbers = Numbers(images=sum(part.images for part in parts))
     lifted = [part for part in parts if part.images > part.failed]
     gaps = [part.largest_gap for part in lifted if part.largest_gap is not None]
     if gaps and len(gaps) == len(lifted):
@@ -649,7 +639,7 @@ def fit_part(job: Job) -> EndedPart:
     failures: list[Failure] = []
     warnings: dict[str, Any] = {}
     reasons: dict[str, Any] = {}
-    numbers: Mapping[str, Any] = {}
+    numbers = Numbers()
     known = FitPart(part.slice, job.calibration, dictionary, inputs, states)
     for result in fit(config, known):
         images += result.done
@@ -657,8 +647,7 @@ def fit_part(job: Job) -> EndedPart:
         merge_warnings(warnings, result.warnings, MAX_LISTED_OF_A_PART)
         without_items = (replace(reason, items=()) for reason in result.reasons)
         merge_warnings(reasons, without_items)
-        if result.data is not None:
-            numbers = result.data()
+        numbers = result.numbers or numbers
     total = Result(
         done=images,
         failures=tuple(failures[:MAX_LISTED_OF_A_PART]),
@@ -672,7 +661,9 @@ def fit_part(job: Job) -> EndedPart:
         bytes=target.stat().st_size,
         digest=stated_digest(target),
         seconds=round(time.perf_counter() - began, 3),
-        **{key: numbers.get(key) for key in GAP},
+        optimal=numbers.optimal,
+        not_optimal=numbers.not_optimal,
+        largest_gap=numbers.largest_gap,
     )
     log.debug(
         "parts",

@@ -209,7 +209,7 @@ class TestFailures:
     def test_the_gap_is_seen(self, fit, dictionary, images, method, text, optimal):
         result, outcomes = fit(dictionary, images, method=method)
         line = dict(outcomes[-1].rows)["Result"]
-        numbers = outcomes[-1].data()
+        numbers = outcomes[-1].numbers._asdict()
         assert numbers["images"] == 8
         assert numbers["optimal"] == optimal
         gap = None if result.relative_gap is None else result.relative_gap.max()
@@ -229,7 +229,7 @@ class TestFailures:
         assert dict(outcomes[-1].rows)["Result"].startswith(
             f"8 images, 7 not optimal, largest gap {np.nanmax(result.relative_gap):.1e}"
         )
-        numbers = outcomes[-1].data()
+        numbers = outcomes[-1].numbers._asdict()
         assert (numbers["optimal"], numbers["not_optimal"]) == (0, 7)
 
     @pytest.mark.parametrize(
@@ -295,4 +295,4 @@ def test_a_refined_view_says_the_gap_of_its_convex_program(
         largest = file["convex_relative_gap"][()].max()
     line = dict(outcomes[-1].rows)["Result"]
     assert line.startswith(f"8 images, convex programs within {largest:.1e} (")
-    assert outcomes[-1].data()["largest_gap"] is None
+    assert outcomes[-1].numbers.largest_gap is None

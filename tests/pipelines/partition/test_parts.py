@@ -83,8 +83,7 @@ def test_the_gap_of_all_parts_is_said():
     said = []
     for _ in range(2):  # the second time all parts are there already
         *_, last = fit("method=convex")
-        assert last.data is not None
-        said.append((last.note, last.data()))
+        said.append((last.note, last.numbers))
     assert said[0] == said[1]
     gaps = []
     for name in names():
@@ -92,12 +91,9 @@ def test_the_gap_of_all_parts_is_said():
             gaps.append(file["relative_gap"][:].max())
     note, numbers = said[0]
     assert note == f"5 of 5 parts done, all optimal, largest gap {max(gaps):.1e}"
-    assert numbers == {
-        "images": 500,
-        "optimal": 500,
-        "not_optimal": 0,
-        "largest_gap": max(gaps),
-    }
+    assert (numbers.images, numbers.optimal, numbers.not_optimal) == (500, 500, 0)
+    assert numbers.largest_gap == max(gaps)
+    assert not numbers.camera.perspective
 
 
 def test_parts_without_a_gap_say_none():
@@ -108,8 +104,7 @@ def test_parts_without_a_gap_say_none():
     assert last.note == "5 of 5 parts done"
     *_, last = fit("method=mean-shape", output="mean/")
     assert last.note == "5 of 5 parts done"
-    assert last.data is not None
-    assert last.data()["largest_gap"] is None
+    assert last.numbers.largest_gap is None
 
 
 class TestResuming:
