@@ -272,7 +272,7 @@ def _error_measures(
         fitted = content.points[:, :2]
     if observed is not None and fitted is not None:
         distance = metrics.reprojection(fitted, observed)
-        yield _measure("distance in the image", distance, unit)
+        yield _measure("reprojection", distance, unit)
 
 
 def _measure(

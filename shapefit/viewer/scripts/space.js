@@ -176,13 +176,20 @@ const space = (() => {
                 context.lineTo(frame[(i + 1) % 4][0], frame[(i + 1) % 4][1]);
             }));
         const far = away > NEAR * radius && data.space_unit === 'm' ?
-            `, ${away.toPrecision(2)} m away` :
+            `, ${data.about}${away.toPrecision(2)} m away` :
             '';
-        const right = Math.min(
-            context.canvas.clientWidth - 8, Math.max(...frame.map(([x]) => x)));
+        nameCamera(context, `camera${far}`, frame);
+    }
+
+    /** Write a name below the frame of a camera, whole wherever that is. */
+    function nameCamera(context, name, frame) {
+        const {clientWidth: width, clientHeight: height} = context.canvas;
+        const right = Math.max(...frame.map(([x]) => x));
+        const below = 14 + Math.max(...frame.map(([, y]) => y));
+        const wide = context.measureText(name).width;
         look.write(
-            context, `camera${far}`, right, 14 + Math.max(...frame.map(([, y]) => y)),
-            look.text('faint'), 'right');
+            context, name, Math.max(8 + wide, Math.min(width - 8, right)),
+            Math.max(12, Math.min(height - 12, below)), look.text('faint'), 'right');
     }
 
     /**
