@@ -44,7 +44,7 @@ def test_a_frame_shows_its_landmarks(page, sequence):
     )
     np.testing.assert_allclose(shown, sequence.landmarks[310], atol=0.01)
     assert "frame 311 of 400" in page.text("#told")
-    assert "distance in the image" in page.text("#told")
+    assert "reprojection" in page.text("#told")
     facts = page.text("#facts").split("\n")
     assert facts[:3] == ["2 sequences", "600 frames", "50 Hz"]
     assert facts[3].startswith("error against the truth")

@@ -33,6 +33,7 @@ from shapefit.pipelines.view.layers import (
     first_finite,
     has_camera,
     in_usual_units,
+    join_individuals,
     make_layers,
 )
 from shapefit.pipelines.view.photographs import embed_photographs, last_number
@@ -84,6 +85,9 @@ def make_scene(config: ViewConfig) -> Scene:
     layers, meshes, space_unit = make_layers(
         contents, truth, dictionary, observed, notes
     )
+    timing = _find_timing(config, inputs)
+    if _is_individual_each(contents, layers, timing):
+        layers = [join_individuals(layers, contents)]
     length = in_usual_units(layers)
     edges = _edges(contents, truth, dictionary, inputs.landmarks)
     has_meshes = any("blend" in layer for layer in layers)
@@ -91,7 +95,6 @@ def make_scene(config: ViewConfig) -> Scene:
     if not edges and not has_meshes:
         fix = "-d DICT.h5 or --truth may have them."
         notes.append(f"No edges are known, so landmarks are points; {fix}")
-    timing = _find_timing(config, inputs)
     y_down = any(
         one.role != "shapes" and one.records.y_axis != "up" for one in contents
     )
@@ -235,6 +238,22 @@ def _find_timing(config: ViewConfig, inputs: Inputs) -> Timing:
         rate=(rate or ASSUMED_RATE) / inputs.frames.step,
         rate_known=rate is not None,
         is_video=has_sequences or (rate is not None and len(times) > 1),
+    )
+
+
+def _is_individual_each(
+    contents: Sequence[Content], layers: Sequence[Layer], timing: Timing
+) -> bool:
+    """Whether each file is an individual of one recording, as motion is written."""
+    are_shapes = all(content.role == "shapes" for content in contents)
+    has_meshes = any("blend" in layer for layer in layers)
+    one_recording = [len(members) for members in timing.recordings]
+    return (
+        are_shapes
+        and not has_meshes
+        and len(layers) == len(contents) > 1
+        and one_recording == [len(contents)]
+        and np.sum([content.rows >= 0 for content in contents], axis=0).max() == 1
     )
 
 
@@ -399,7 +418,7 @@ def _embed_film(path: Path, timing: Timing, frames: Frames) -> tuple[Film, list[
     if not np.isfinite(places).all():
         places = np.array(list(map(last_number, frames.items)), np.float64)
     if (places < 0).any():
-        places = timing.times * float(frames.step)
+        places = (timing.times * frames.step).astype(np.float64)
     return embed_film(path, places)
 
 

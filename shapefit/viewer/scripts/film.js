@@ -122,13 +122,20 @@ const film = (() => {
         };
     }
 
-    /** The time of the frame that a film shows, null where the browser has no word. */
+    /**
+     * The time of the frame that a film shows, null where the browser has no word: it
+     * may not know the class, or be between two frames.
+     */
     function timeOf(video) {
         if (!window.VideoFrame) return null;
-        const frame = new VideoFrame(video);
-        const {timestamp} = frame;
-        frame.close();
-        return timestamp / 1e6;
+        try {
+            const frame = new VideoFrame(video);
+            const {timestamp} = frame;
+            frame.close();
+            return timestamp / 1e6;
+        } catch {
+            return null;
+        }
     }
 
     /** The frame that begins nearest to a time, but for the end of the last. */

@@ -115,7 +115,7 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
         "error against the truth": ("mm", error),
         "expected error": ("mm", in_mm),  # in px in the file: units never mix
         "p-value": ("", extras["p_value"]),
-        "distance in the image": (
+        "reprojection": (
             "px",
             metrics.reprojection(found.as_columns()[:, :2], landmarks),
         ),
@@ -297,7 +297,7 @@ def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
     np.testing.assert_array_equal(
         np.reshape(without["upright"], (3, 3)), np.diag([1, -1, -1])
     )
-    assert page["assumed"] == [f"Floor from resting feet: {floor}."]
+    assert page["assumed"][-1] == f"Floor from resting feet: {floor}."
     monkeypatch.setattr("shapefit.pipelines.view.scene.find_floors", lambda *_: {})
     page = desk.scene(result)
     assert "floor" not in page["grounds"][0]
