@@ -124,13 +124,13 @@ def image(box):
 
 def marks(axes):
     """The marks of a panel (2, m): rings, dots and crosses."""
-    names = {"X": "outlier", "o": "observed"}
-    return {
-        "hidden"
-        if line.get_markerfacecolor() == "white"
-        else names[line.get_marker()]: (line.get_xydata().T)
-        for line in axes.lines
-    }
+    found = {}
+    for line in axes.lines:
+        name = "outlier" if line.get_marker() == "X" else "observed"
+        if line.get_markerfacecolor() == "white":
+            name = "hidden"
+        found[name] = line.get_xydata().T
+    return found
 
 
 def legend(figure):

@@ -84,7 +84,7 @@ def embed_film(path: Path, places: Floats) -> tuple[Film, list[str]]:
     read_table = read_webm if suffix in WEBM_SUFFIXES else read_mp4
     try:
         table = read_table(data)
-    except (struct.error, ValueError, IndexError, OverflowError):
+    except (struct.error, ValueError, IndexError, ArithmeticError):
         _refuse(path, "is damaged: its tables of frames cannot be read")
     if table.fault:
         _refuse(path, table.fault)
