@@ -10,7 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
 
 import h5py
 import numpy as np
@@ -21,13 +22,20 @@ from shapefit.io.layout import CONTENTS
 DIGEST_BLOCK_BYTES = 1 << 22
 """Of a dataset that are read at a time."""
 
+NOTHING_KNOWN: Mapping[str, str] = MappingProxyType({})
+
 DatasetRows = slice | tuple[()]
 
 
-def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], object]) -> str:
+def digest_contents(
+    file: h5py.File,
+    read: Callable[[str, DatasetRows], object],
+    known: Mapping[str, str] = NOTHING_KNOWN,
+) -> str:
     """Return the SHA-256, in hexadecimal, of all that an open HDF5 file holds.
 
-    `read` gives rows of a dataset by its name. Raises what h5py and `read` raise.
+    `read` gives rows of a dataset by its name. Datasets whose values have a `known`
+    digest, a ValuesDigest, are not read. Raises what h5py and `read` raise.
     """
     links: list[tuple[str, int]] = []
     file.id.links.visit(
@@ -40,7 +48,8 @@ def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], object])
             continue
         node = file[name]
         if isinstance(node, h5py.Dataset):
-            lines.append(["dataset", name, *_describe_dataset(node, name, read)])
+            described = _describe_dataset(node, name, read, known)
+            lines.append(["dataset", name, *described])
         else:
             lines.append([type(node).__name__, name])
         lines += _describe_attributes(name, node)
@@ -62,41 +71,45 @@ def _describe_attributes(
         if isinstance(value, str):
             value = value.encode("utf-8", "surrogateescape")
         values = np.asarray(value)
-        hashed = hashlib.sha256(_dataset_bytes(values)).hexdigest()
-        yield [
-            "attribute",
-            name,
-            key,
-            _kind_of(values.dtype),
-            list(values.shape),
-            hashed,
-        ]
+        digest = ValuesDigest()
+        digest.add(values)
+        described = [_kind_of(values.dtype), list(values.shape), digest.hexdigest()]
+        yield ["attribute", name, key, *described]
 
 
 def _describe_dataset(
-    dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], object]
+    dataset: h5py.Dataset,
+    name: str,
+    read: Callable[[str, DatasetRows], object],
+    known: Mapping[str, str],
 ) -> list[object]:
     """Return what the digest takes of a dataset: kind, shape and digest of its values.
 
-    It is read in blocks of rows. Of one that is empty, or neither numbers nor texts, it
-    is the kind, and the type.
+    Of one that is empty, or neither numbers nor texts, it is the kind, and the type.
     """
     if dataset.shape is None:
         return ["empty"]
     kind = "text" if h5py.check_string_dtype(dataset.dtype) else _kind_of(dataset.dtype)
     if kind == OTHER:  # which no result holds
         return [kind, str(dataset.dtype)]
-    hashed = hashlib.sha256()
+    if name in known:
+        return [kind, list(dataset.shape), known[name]]
+    digest = ValuesDigest()
+    for rows in _blocks_of(dataset):
+        digest.add(np.asarray(read(name, rows)))
+    return [kind, list(dataset.shape), digest.hexdigest()]
+
+
+def _blocks_of(dataset: h5py.Dataset) -> Iterator[DatasetRows]:
+    """Yield the rows of a dataset in blocks of DIGEST_BLOCK_BYTES."""
     if not dataset.shape:
-        hashed.update(_dataset_bytes(np.asarray(read(name, ()))))
+        yield ()
     elif dataset.size:
         row_bytes = dataset.dtype.itemsize * math.prod(dataset.shape[1:])
         step = max(1, DIGEST_BLOCK_BYTES // row_bytes)
         count = len(dataset)
         for start in range(0, count, step):
-            rows = slice(start, min(start + step, count))
-            hashed.update(_dataset_bytes(np.asarray(read(name, rows))))
-    return [kind, list(dataset.shape), hashed.hexdigest()]
+            yield slice(start, min(start + step, count))
 
 
 OTHER = "other"
@@ -110,7 +123,22 @@ def _kind_of(dtype: np.dtype[np.generic]) -> str:
     return f"{dtype.kind}{dtype.itemsize}" if dtype.kind in "biufc" else OTHER
 
 
-def _dataset_bytes(values: NDArray[np.generic]) -> bytes | memoryview:
+class ValuesDigest:
+    """The SHA-256 of values that come in blocks of rows, however many."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def add(self, block: NDArray[np.generic]) -> None:
+        """Take the next rows."""
+        self._hash.update(_digested_bytes(block))
+
+    def hexdigest(self) -> str:
+        """Return the digest of all rows so far, in hexadecimal."""
+        return self._hash.hexdigest()
+
+
+def _digested_bytes(values: NDArray[np.generic]) -> bytes | memoryview:
     """Return numbers as little-endian bytes, texts in UTF-8 after their lengths."""
     if values.dtype.kind in "OSU":
         texts = [

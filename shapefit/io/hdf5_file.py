@@ -27,7 +27,7 @@ from shapefit.errors import InputError, input_error, listed, printable
 from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.checks import input_problems
 from shapefit.io.chunks import Chunks
-from shapefit.io.contents import digest_contents
+from shapefit.io.contents import ValuesDigest, digest_contents
 from shapefit.io.inputs import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.layout import (
     CONTENTS,
@@ -642,6 +642,8 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         self._shapes: dict[str, tuple[int, ...]] = {}
         self._texts: dict[str, list[Array]] = {}
         self._open: dict[str, h5py.Dataset] = {}
+        self._digests: dict[str, ValuesDigest] = {}
+        """Of the rows of each dataset that were written to a sealed file."""
 
     def append(self, record: Items | Dictionary) -> None:
         """Write the items of a record after those that are there.
@@ -703,8 +705,9 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         self._file.flush()
         self._open.clear()
         if self.seal is not None:
+            written = {name: each.hexdigest() for name, each in self._digests.items()}
             contents = digest_contents(
-                self._file, lambda name, rows: self._file[name][rows]
+                self._file, lambda name, rows: self._file[name][rows], written
             )
             self._file.attrs[CONTENTS] = contents
             self._file.flush()
@@ -734,6 +737,8 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         start = len(dataset)
         dataset.resize(start + len(values), axis=0)
         dataset[start:] = values
+        if self.seal is not None:
+            self._digests.setdefault(name, ValuesDigest()).add(values)
 
     def _need(self, size: int) -> None:
         """Reserve space for bytes to come, as HDF5 crashes on a full disk."""

@@ -83,8 +83,8 @@ class RecordWriter(Generic[Record]):
     exit.
 
     After that `summary` says what was written. `begun` is whether a record was
-    appended. Where `seal` is not None, HDF5 gets a digest of all that it holds, with
-    these attributes: it is the result of a fit, as it was made.
+    appended. Where `seal` is not None before the first record, HDF5 gets a digest of
+    all that it holds, with these attributes: it is the result of a fit, as it was made.
     """
 
     def __init__(self) -> None:

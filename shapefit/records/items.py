@@ -125,8 +125,11 @@ class Items:
 
     def with_whole_points(self) -> Self:
         """Return the same items; landmarks with one nan coordinate become nan."""
-        unknown = np.isnan(self.points).any(axis=2, keepdims=True)
-        return self.with_points(np.where(unknown, np.nan, self.points))
+        unknown = np.isnan(self.points)
+        if not unknown.any():
+            return self
+        partly = unknown.any(axis=2, keepdims=True)
+        return self.with_points(np.where(partly, np.nan, self.points))
 
     def named(self, landmark_names: Sequence[str] = ()) -> Self:
         """Return the record with names for landmarks and items that have none.

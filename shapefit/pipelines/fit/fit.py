@@ -106,6 +106,7 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
 
         tally = Tally()
         with open_writer(plan) as writer, closing(lift_all(source, plan)) as batches:
+            writer.seal = seal_of(part)
             for batch in batches:
                 files.take_digests()  # while the next batch is lifted
                 tally.add(batch.record)
@@ -113,7 +114,6 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
                 writer.append(batch.record)
             writer.attributes.update(provenance(plan, files.digests()))
             files.check_unchanged()
-            writer.seal = seal_of(part)
     yield summarise_fit(source, plan, tally, chosen, writer.summary)
     yield from export_meshes(plan.config)
 
