@@ -42,7 +42,9 @@ class Dictionary:
     drawing; mirror_index (p,) the landmark that a reflection makes of each;
     mesh_vertices (k, 3, q) and mesh_faces (f, 3) travel with the atoms where the
     training shapes had a mesh; atom_scale (k,): atom i measures atom_scale[i] * B_i in
-    `unit`; atom_items (k,): the training shape that each atom is, where the atoms are
+    `unit`; atom_origin (k, 3): where the origin of the frame of its training shape is
+    beside B_i, so that meshes leave the package where they were;
+    atom_items (k,): the training shape that each atom is, where the atoms are
     exemplars; prior is that over shapes, residual_variance (1,) the variance of a
     normalised coordinate that it cannot place, and p_value_table (t, 4) what p-values
     under it are found by, see `draw_table`; acceleration (p,): how much the training
@@ -62,6 +64,7 @@ class Dictionary:
     mesh_vertices: Floats | None = None
     mesh_faces: NDArray[np.int64] | None = None
     atom_scale: Floats | None = None
+    atom_origin: Floats | None = None
     unit: str = "unknown"
     atom_items: tuple[str, ...] | None = None
     prior: Mixture | None = None
@@ -107,12 +110,14 @@ class Dictionary:
         atoms = self.atoms[retained]
         vertices = self.mesh_vertices
         scale = self.atom_scale
+        origin = self.atom_origin
         return replace(
             self,
             atoms=atoms,
             mean_shape=normalise(atoms.mean(axis=0)).points,
             mesh_vertices=None if vertices is None else vertices[retained],
             atom_scale=None if scale is None else scale[retained],
+            atom_origin=None if origin is None else origin[retained],
             atom_items=tuple(name for name in self.atom_items or () if name != item),
         )
 

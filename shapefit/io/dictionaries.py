@@ -59,11 +59,15 @@ def atoms_of(dictionary: Dictionary) -> Shapes:
     """Return the atoms of a dictionary as shapes.
 
     They are in the unit of the training shapes where their sizes are known, else as
-    they are, about 1 in size.
+    they are, about 1 in size; in the frame of the training shapes where it is known.
     """
     k, sizes = dictionary.k, dictionary.atom_scale
     numbers = (f"atom {number:0{len(str(k - 1))}d}" for number in range(k))
     atoms, vertices = dictionary.atoms, dictionary.mesh_vertices
+    if dictionary.atom_origin is not None:
+        origin = dictionary.atom_origin[:, :, None]
+        atoms = atoms - origin
+        vertices = None if vertices is None else vertices - origin
     if sizes is not None:
         atoms = atoms * sizes[:, None, None]
         vertices = None if vertices is None else vertices * sizes[:, None, None]

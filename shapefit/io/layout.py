@@ -61,6 +61,9 @@ made so.
 METRES_FROM = "metres_from"
 """Root attribute: by what metres_per_unit was found, edges or spread."""
 
+FOCAL_ASSUMED = "assumed_focal"
+"""Root attribute: the focal length that a fit assumed, where nobody stated one."""
+
 
 class Layout(NamedTuple):
     """The datasets of one kind of file.
@@ -137,6 +140,7 @@ DICTIONARY_COLUMNS = (
     Column("mesh_vertices", "mesh_vertices", ("k", "q", 3), Floats),
     Column("mesh_faces", "mesh_faces", ("f", 3), Integers),
     Column("atom_scale", "atom_scale", ("k",), Floats),
+    Column("atom_origin", "atom_origin", ("k", 3), Floats),
     Column("atom_items", "atom_item", ("k",), Texts),
     Column("objective_trace", "objective_trace", ("t",), Floats),
     Column("acceleration", "acceleration", ("p",), Floats),

@@ -1,7 +1,7 @@
-"""Pictures of fitted images: landmarks over the model, and the model from beside it.
+"""Sheets of fitted images: landmarks on the photograph and the model, and its sides.
 
 Functions take arrays and give figures, which need no screen; `save` writes them as PNG
-or SVG.
+or SVG. The colours are those of the page.
 """
 
 from __future__ import annotations
@@ -17,69 +17,109 @@ import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error, printable
+from shapefit.geometry.rotations import rotation_about
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d import Axes3D
+    from matplotlib.lines import Line2D
+    from PIL.Image import Image
 
+VIEW_TILT = 12.0
+"""Degrees by which a view rises above the shape."""
 
-VIEW_TURN = 60
-"""Degrees by which the view of the shape walks around it."""
+BODY_TURNS = (-50.0,)
+"""Degrees by which the view walks around a body, as on the page."""
 
-VIEW_TILT = 15
-"""Degrees by which the view of the shape rises above it."""
+MESH_TURNS = (-50.0, -140.0)
+"""Degrees by which the views walk around a mesh: front and back are both seen."""
 
-# Okabe and Ito 2008: told apart with every common form of colour blindness.
+# Those of viewer/palette.css in the light: told apart with every common form of colour
+# blindness.
 
-VISIBLE_COLOUR = "#0072B2"
-HIDDEN_COLOUR = "#555555"
-OUTLIER_COLOUR = "#D55E00"
+BODY_COLOURS = ("#00785a", "#6b52ae", "#a8467f", "#7d6608", "#4a6a7a", "#96503c")
+"""Of individuals: the middle of their bodies."""
 
-LINE_COLOUR = "#333333"
-"""Of lines from landmarks to the model."""
+LEFT_COLOUR = "#0072b2"
+RIGHT_COLOUR = "#b86e00"
+MESH_COLOUR = "#8fb1e3"
+INK_COLOUR = "#1d2430"
 
-BODY_COLOUR = "#8FB1E3"
-"""Of the model."""
+DOUBT_COLOUR = "#c6281c"
+"""Of titles of shapes that are not trusted, and of outliers."""
 
-PALE_COLOUR = "#E3EBF7"
-"""Of a mesh below the landmarks."""
+RESIDUAL_COLOUR = "#a8006e"
+"""Of lines from landmarks to where the model has them."""
 
-PANEL_INCHES = 1.6
-"""Width of a panel."""
+LIGHT = np.array([-0.31, 0.51, 0.81])
+"""Direction from which meshes are lit: the viewer's upper left."""
 
-LEGEND_INCHES = 0.3
-"""Height of the legend below all panels."""
+SHADOW = 0.5
+"""Brightness of a face that the light does not reach."""
 
-MARK_POINTS = 2.4
+GLEAM = 0.8
+"""Brightness that full light adds to it."""
+
+PANEL_INCHES = 1.9
+TITLE_INCHES = 0.2
+LEGEND_LINE_INCHES = 0.18
+
+PANELS_IN_A_ROW = 6
+
+MIN_PANELS_WIDE = 3
+"""Width of a sheet of few images, into which its legend fits."""
+
+LEGEND_WORDS = 7
+"""Words of the legend in a line of a sheet of `PANELS_IN_A_ROW`."""
+
+LEGEND_ORDER = (
+    "left",
+    "right",
+    "observed",
+    "hidden, from the model",
+    "outlier",
+    "to its fitted position",
+)
+"""Of words of the legend, after the names of individuals."""
+
+FONT_POINTS = 7
+
+LETTER_INCHES = 0.058
+"""Mean width of a letter of a title."""
+
+MARK_POINTS = 3.0
 """Size of a landmark."""
+
+BONE_POINTS = 2.0
 
 DPI = 150
 
-PAIRS_IN_A_ROW = 4
-"""Images in a row, each with its shape."""
-
-TITLE_LETTERS = 40
-"""Last letters of a title, which fit above an image."""
-
-MARGIN = 0.06
+MARGIN = 0.12
 """Free border of a panel, as a share of what it shows."""
 
-IN_AXES = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-"""From x right, y up, z towards the viewer to the 3D axes: x right, y away, z up."""
+Looks = dict[str, "Line2D"]
+"""Words of the legend -> what they stand for."""
 
 
 class DrawnModel(NamedTuple):
-    """What all images of a picture share.
+    """What all images of a sheet share.
 
     Where y points, and what the model is drawn with: faces (f, 3) of the mesh; edges
-    (e, 2) of the landmarks, for shapes without a mesh.
+    (e, 2) of the landmarks, for shapes without a mesh; sides (p,) of the landmarks: 0
+    middle, 1 left, 2 right.
     """
 
     y_axis: Literal["up", "down"]
     faces: Integers | None = None
     edges: Integers | None = None
+    sides: Sequence[int] | None = None
+
+
+class PlacedPhotograph(NamedTuple):
+    """A photograph, and its width and height in the unit of the landmarks."""
+
+    pixels: Image
+    size: tuple[float, float]
 
 
 class FittedImage(NamedTuple):
@@ -88,7 +128,9 @@ class FittedImage(NamedTuple):
     landmarks (2, p), nan = hidden; shape (3, p) and mesh (3, q) in the camera frame and
     the unit of the landmarks, nan where the fit failed; projected (2, p) and
     projected_mesh (2, q): where the camera sees them. outliers (p,): the landmarks
-    judged to be wrong.
+    judged to be wrong. doubt: why the shape is not trusted, "" where it is. upright (3,
+    3) takes the camera frame to that of the object, in which y is up; None where up is
+    that of the image. individual, of several, is a name and the number of its colour.
     """
 
     title: str
@@ -98,11 +140,20 @@ class FittedImage(NamedTuple):
     mesh: Floats | None = None
     projected_mesh: Floats | None = None
     outliers: Flags | None = None
+    photograph: PlacedPhotograph | None = None
+    doubt: str = ""
+    upright: Floats | None = None
+    individual: tuple[str, int] = ("", 0)
 
     @property
-    def fitted(self) -> bool:
+    def is_fitted(self) -> bool:
         """Return whether there is a shape."""
         return bool(np.isfinite(self.shape).all())
+
+    @property
+    def colour(self) -> str:
+        """Return the colour of the middle of the body."""
+        return BODY_COLOURS[self.individual[1] % len(BODY_COLOURS)]
 
 
 def check_can_draw(key: str) -> None:
@@ -124,54 +175,98 @@ def save(figure: Figure, path: Path, file_format: str) -> None:
 
 
 def contact_sheet(images: Sequence[FittedImage], model: DrawnModel) -> Figure:
-    """Draw each image small, the landmarks over the model, and the model beside it."""
+    """Draw each image, landmarks over the model, and the model from other sides."""
     from matplotlib.figure import Figure
 
-    pairs = min(PAIRS_IN_A_ROW, len(images))
-    columns = 2 * pairs
-    rows = math.ceil(len(images) / pairs)
-    height = rows * PANEL_INCHES + LEGEND_INCHES
-    figure = Figure(figsize=(columns * PANEL_INCHES, height))
-    figure.subplots_adjust(
-        left=0.01,
-        bottom=LEGEND_INCHES / height,
-        right=0.99,
-        top=1 - 0.1 / rows,
-        wspace=0.02,
-        hspace=0.12,
-    )
-    handle_of: dict[str, Artist] = {}
+    turns = BODY_TURNS if model.faces is None else MESH_TURNS
+    panels = 1 + len(turns)
+    groups = min(PANELS_IN_A_ROW // panels, len(images))
+    across = max(panels * groups, MIN_PANELS_WIDE)
+    rows = math.ceil(len(images) / groups)
+    # What the legend names is known when all is drawn: it has room for two lines.
+    legend_height = 2 * LEGEND_LINE_INCHES
+    row_height = PANEL_INCHES + TITLE_INCHES
+    height = rows * row_height + legend_height
+    figure = Figure(figsize=(across * PANEL_INCHES, height))
+    looks: Looks = {}
     for number, image in enumerate(images):
-        flat = figure.add_subplot(rows, columns, 1 + 2 * number)
-        draw_image(flat, image, model)
-        title = printable(image.title)[-TITLE_LETTERS:]
-        flat.set_title(title, fontsize=7, loc="left", pad=2, parse_math=False)
-        handles, labels = flat.get_legend_handles_labels()
-        handle_of.update(zip(labels, handles, strict=True))
-        if image.fitted:
-            solid = figure.add_subplot(rows, columns, 2 + 2 * number, projection="3d")
-            draw_shape(solid, image, model)
-    figure.legend(
-        handle_of.values(),
-        handle_of.keys(),
-        loc="lower center",
-        ncols=5,
-        frameon=False,
-        fontsize=7,
-    )
+        row, column = divmod(number, groups)
+        bottom = (height - (row + 1) * row_height) / height
+        for panel in range(panels if image.is_fitted else 1):
+            left = (panels * column + panel + 0.01) / across
+            box = (left, bottom, 0.98 / across, PANEL_INCHES / height)
+            axes = figure.add_axes(box)
+            axes.set_axis_off()
+            axes.set_aspect("equal")
+            if panel == 0:
+                write_title(axes, image, panels * PANEL_INCHES)
+                looks |= draw_image(axes, image, model)
+            else:
+                draw_shape(axes, image, model, turns[panel - 1])
+    draw_legend(figure, looks, across)
     return figure
 
 
-def draw_image(axes: Axes, image: FittedImage, model: DrawnModel) -> None:
-    """Draw the landmarks over the fitted model, as the camera sees them."""
+def write_title(axes: Axes, image: FittedImage, inches: float) -> None:
+    """Write the end of a title, and in red why the shape is not trusted."""
+    letters = round(inches / LETTER_INCHES)
+    doubt = f"  {printable(image.doubt)}" if image.doubt else ""
+    title = printable(image.title)[-max(8, letters - len(doubt)) :]
+    axes.set_title(
+        (title + doubt)[:letters],
+        fontsize=FONT_POINTS,
+        loc="left",
+        pad=2,
+        parse_math=False,
+        color=DOUBT_COLOUR if image.doubt else INK_COLOUR,
+    )
+
+
+def draw_legend(figure: Figure, looks: Looks, across: int) -> None:
+    """Write below a sheet what its marks stand for."""
+    columns = max(1, LEGEND_WORDS * across // PANELS_IN_A_ROW)
+    of_all = [word for word in LEGEND_ORDER if word in looks]
+    words = [*(word for word in looks if word not in of_all), *of_all]
+    figure.legend(
+        [looks[word] for word in words],
+        [printable(word) for word in words],
+        loc="lower center",
+        ncols=columns,
+        frameon=False,
+        fontsize=FONT_POINTS,
+        borderaxespad=0.1,
+        columnspacing=1.2,
+        handletextpad=0.3,
+    )
+
+
+def draw_image(axes: Axes, image: FittedImage, model: DrawnModel) -> Looks:
+    """Draw the photograph, the model and the landmarks, as the camera sees them.
+
+    Returns the words of the legend.
+    """
+    looks: Looks = {}
     shown = [image.landmarks]
-    if image.fitted:
-        shown += draw_projection(axes, image, model)
-    draw_landmarks(axes, image)
-    if not image.fitted:
+    if image.photograph is not None:
+        draw_photograph(axes, image.photograph, model)
+    if image.is_fitted:
+        shown.append(image.projected)
+        if image.projected_mesh is not None and model.faces is not None:
+            shown.append(image.projected_mesh)
+            draw_silhouette(axes, image.projected_mesh, model)
+        elif model.edges is not None:
+            looks |= draw_bones(axes, image, image.projected, model)
+        looks |= draw_residuals(axes, image)
+    else:
         axes.text(
-            0.5, 0.5, "no shape", ha="center", fontsize=7, transform=axes.transAxes
+            0.5,
+            0.5,
+            "no shape",
+            ha="center",
+            fontsize=FONT_POINTS,
+            transform=axes.transAxes,
         )
+    looks |= draw_landmarks(axes, image)
     every = np.concatenate(shown, axis=1)
     low, high = _limits(every[:, np.isfinite(every).all(axis=0)])
     axes.set_xlim(low[0], high[0])
@@ -179,116 +274,214 @@ def draw_image(axes: Axes, image: FittedImage, model: DrawnModel) -> None:
         axes.set_ylim(high[1], low[1])
     else:
         axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    axes.set_axis_off()
+    return looks
 
 
-def draw_projection(axes: Axes, image: FittedImage, model: DrawnModel) -> list[Floats]:
-    """Draw where the camera sees the model, with lines to the landmarks.
+def draw_photograph(
+    axes: Axes, photograph: PlacedPhotograph, model: DrawnModel
+) -> None:
+    """Draw a photograph in the coordinates of the landmarks."""
+    width, height = photograph.size
+    lower, upper = (height, 0) if model.y_axis == "down" else (0, height)
+    axes.imshow(photograph.pixels, extent=(0, width, lower, upper))
 
-    Returns the points (2, ...) that the panel is to show.
+
+def draw_silhouette(axes: Axes, mesh: Floats, model: DrawnModel) -> None:
+    """Fill a mesh (2, q) as the camera sees it.
+
+    The faces that look at it are one path, so that neighbours leave no gaps and do not
+    add up.
     """
-    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
 
-    shown = [image.projected]
-    if image.projected_mesh is not None and model.faces is not None:
-        shown.append(image.projected_mesh)
-        triangles = list(image.projected_mesh.T[model.faces])
-        mesh = PolyCollection(
-            triangles, facecolors=PALE_COLOUR, edgecolors=PALE_COLOUR, linewidths=0.4
-        )
-        axes.add_collection(mesh).set_rasterized(True)
-    elif model.edges is not None:
-        bones = list(image.projected.T[model.edges])
-        axes.add_collection(LineCollection(bones, colors=BODY_COLOUR, linewidths=1.5))
+    corners = mesh.T[model.faces]
+    to_second = corners[:, 1] - corners[:, 0]
+    to_third = corners[:, 2] - corners[:, 0]
+    turn = to_second[:, 0] * to_third[:, 1] - to_second[:, 1] * to_third[:, 0]
+    is_front = turn > 0 if model.y_axis == "up" else turn < 0
+    points = corners[is_front][:, [0, 1, 2, 0]].reshape(-1, 2)
+    steps = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]
+    codes = np.tile(np.array(steps, np.uint8), np.count_nonzero(is_front))
+    patch = PathPatch(
+        Outline(points, codes), facecolor=MESH_COLOUR, linewidth=0, alpha=0.55
+    )
+    axes.add_patch(patch).set_rasterized(True)
+
+
+def draw_bones(
+    axes: Axes,
+    image: FittedImage,
+    points: Floats,
+    model: DrawnModel,
+    nearness: Floats | None = None,
+) -> Looks:
+    """Draw bones between points (2, p) in the colours of their sides.
+
+    nearness (p,): the bones of near landmarks are drawn last. Returns words of the
+    legend.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.lines import Line2D
+
+    edges = np.asarray(model.edges).reshape(-1, 2)
+    if nearness is not None:
+        edges = edges[np.argsort(nearness[edges].sum(axis=1), kind="stable")]
+    sides = np.zeros(points.shape[1], np.intp)
+    if model.sides is not None:
+        sides = np.asarray(model.sides, np.intp)
+    ends = sides[edges]
+    is_across = (ends > 0).all(axis=1) & (ends[:, 0] != ends[:, 1])
+    side_of_bone = np.where(is_across, 0, ends.max(axis=1, initial=0))
+    colours = (image.colour, LEFT_COLOUR, RIGHT_COLOUR)
+    bones = LineCollection(
+        list(points.T[edges]),
+        colors=[colours[side] for side in side_of_bone],
+        linewidths=BONE_POINTS,
+        capstyle="round",
+        zorder=2,
+    )
+    axes.add_collection(bones)
+    words = {0: image.individual[0], 1: "left", 2: "right"}
+    return {
+        word: Line2D([], [], color=colours[side], linewidth=BONE_POINTS)
+        for side, word in words.items()
+        if word and side in side_of_bone
+    }
+
+
+def draw_residuals(axes: Axes, image: FittedImage) -> Looks:
+    """Draw lines from landmarks to where the model has them; return their word."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.lines import Line2D
+
     lines = np.stack([image.landmarks.T, image.projected.T], axis=1)
     lines = lines[np.isfinite(lines).all(axis=(1, 2))]
-    if len(lines):
-        residuals = LineCollection(
-            list(lines), colors=LINE_COLOUR, linewidths=0.8, label="to the model"
-        )
-        axes.add_collection(residuals)
-    return shown
+    if not len(lines):
+        return {}
+    residuals = LineCollection(
+        list(lines), colors=RESIDUAL_COLOUR, linewidths=0.8, zorder=3
+    )
+    axes.add_collection(residuals)
+    return {"to its fitted position": Line2D([], [], color=RESIDUAL_COLOUR)}
 
 
-def draw_landmarks(axes: Axes, image: FittedImage) -> None:
-    """Draw landmarks: those seen, those judged wrong, and hidden ones of the model."""
+def draw_landmarks(axes: Axes, image: FittedImage) -> Looks:
+    """Draw landmarks: those observed, outliers, and hidden ones of the model.
+
+    Returns words of the legend.
+    """
     is_hidden = ~np.isfinite(image.landmarks).all(axis=0)
     is_wrong = np.zeros_like(is_hidden)
     if image.outliers is not None:
         is_wrong = image.outliers
-    if image.fitted and np.isfinite(image.projected[:, is_hidden]).any():
-        axes.plot(
-            *image.projected[:, is_hidden],
-            label="hidden, from the model",
+    from_model = np.empty((2, 0))
+    if image.is_fitted:
+        from_model = image.projected[:, is_hidden]
+    looks: Looks = {}
+    if np.isfinite(from_model).any():
+        (looks["hidden, from the model"],) = axes.plot(
+            *from_model,
             linestyle="",
             marker="o",
             markersize=MARK_POINTS,
-            color=HIDDEN_COLOUR,
             markerfacecolor="white",
-            markeredgewidth=0.25 * MARK_POINTS,
+            markeredgecolor=INK_COLOUR,
+            markeredgewidth=0.6,
+            zorder=4,
         )
     if np.isfinite(image.landmarks[:, ~is_wrong]).any():
-        axes.plot(
+        (looks["observed"],) = axes.plot(
             *image.landmarks[:, ~is_wrong],
-            label="seen",
             linestyle="",
             marker="o",
             markersize=MARK_POINTS,
-            color=VISIBLE_COLOUR,
-            markeredgewidth=0,
+            color=INK_COLOUR,
+            markeredgecolor="white",
+            markeredgewidth=0.4,
+            zorder=4,
         )
     if np.isfinite(image.landmarks[:, is_wrong]).any():
-        axes.plot(
+        (looks["outlier"],) = axes.plot(
             *image.landmarks[:, is_wrong],
-            label="judged outlier",
             linestyle="",
             marker="X",
             markersize=2 * MARK_POINTS,
-            color=OUTLIER_COLOUR,
+            color=DOUBT_COLOUR,
+            markeredgecolor="white",
             markeredgewidth=0.4,
+            zorder=4,
         )
+    return looks
 
 
-def draw_shape(axes: Axes3D, image: FittedImage, model: DrawnModel) -> None:
-    """Draw the mesh, else the edges, else the points of a shape, in 3D axes."""
-    from matplotlib.colors import LightSource
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+def draw_shape(axes: Axes, image: FittedImage, model: DrawnModel, turn: float) -> None:
+    """Draw the mesh, else the bones, else the points of a shape, as seen from a side.
 
-    y_up = np.diag([1.0, 1.0, 1.0] if model.y_axis == "up" else [1.0, -1.0, -1.0])
-    frame = IN_AXES @ y_up
-    points = frame @ image.shape
-    solid = points
+    The projection is orthographic: far ones first, and all of it inside the panel.
+    """
+    frame = viewer_frame(image, model, turn)
+    centre = image.shape.mean(axis=1, keepdims=True)
+    points = frame @ (image.shape - centre)
+    shown = points
     if image.mesh is not None and model.faces is not None:
-        solid = frame @ image.mesh
-        mesh = Poly3DCollection(
-            list(solid.T[model.faces]),
-            shade=True,
-            lightsource=LightSource(azdeg=-45 - VIEW_TURN, altdeg=45),
-            facecolors=BODY_COLOUR,
-            edgecolors=BODY_COLOUR,
-            linewidths=0.3,
-        )
-        axes.add_collection3d(mesh).set_rasterized(True)
-    elif model.edges is not None:
-        bones = Line3DCollection(
-            list(points.T[model.edges]), colors=VISIBLE_COLOUR, linewidths=1.5
-        )
-        axes.add_collection3d(bones)
+        shown = frame @ (image.mesh - centre)
+        draw_solid(axes, shown, model.faces)
     else:
+        if model.edges is not None:
+            draw_bones(axes, image, points[:2], model, nearness=points[2])
         axes.plot(
-            *points, linestyle="", marker="o", markersize=2.5, color=VISIBLE_COLOUR
+            *points[:2],
+            linestyle="",
+            marker="o",
+            markersize=MARK_POINTS - 0.5,
+            markeredgewidth=0,
+            color=INK_COLOUR,
+            zorder=3,
         )
-    low, high = _limits(solid)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect((1, 1, 1), zoom=1.75)
-    axes.set_proj_type("ortho")
-    axes.view_init(elev=VIEW_TILT, azim=-90 - VIEW_TURN)
-    axes.set_axis_off()
+    low, high = _limits(shown[:2])
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+
+
+def viewer_frame(image: FittedImage, model: DrawnModel, turn: float) -> Floats:
+    """Return the matrix (3, 3) from the camera frame to the viewer's.
+
+    In the viewer's x is right, y up and z towards the viewer, who walks around the
+    shape by `turn` degrees and rises by `VIEW_TILT`.
+    """
+    upright = np.diag([1.0, 1.0, 1.0] if model.y_axis == "up" else [1.0, -1.0, -1.0])
+    if image.upright is not None:
+        upright = image.upright
+    right, up, _ = np.eye(3)
+    (around,) = rotation_about(up, np.radians([turn]))
+    (above,) = rotation_about(right, np.radians([VIEW_TILT]))
+    return np.asarray(above @ around @ upright)
+
+
+def draw_solid(axes: Axes, vertices: Floats, faces: Integers) -> None:
+    """Draw the faces (f, 3) of a mesh (3, q) that look at the viewer, lit, as one."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
+
+    corners = vertices.T[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals / np.maximum(lengths, 1e-30)
+    far_first = np.argsort(corners[:, :, 2].sum(axis=1), kind="stable")
+    visible = far_first[normals[far_first, 2] > 0]
+    brightness = SHADOW + GLEAM * np.clip(normals[visible] @ LIGHT, 0, 1)
+    colours = np.clip(brightness[:, None] * to_rgb(MESH_COLOUR), 0, 1)
+    solid = PolyCollection(
+        list(corners[visible, :, :2]),
+        facecolors=colours,
+        edgecolors=colours,
+        linewidths=0.4,
+    )
+    axes.add_collection(solid).set_rasterized(True)
 
 
 def _limits(points: Floats) -> tuple[Floats, Floats]:
-    """Return lowest and highest corner (d,) of a square or cube around points (d, p).
+    """Return lowest and highest corner (2,) of a square around points (2, p).
 
     With a margin; the points must be finite.
     """

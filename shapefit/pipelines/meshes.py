@@ -9,12 +9,12 @@ import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import counted, input_error
+from shapefit.errors import input_error
 from shapefit.io import read_dictionary
 from shapefit.io.atomic import check_folder, file_stem, staged_files, storage_errors
 from shapefit.io.source import open_results
 from shapefit.meshes.dense import metric_scale
-from shapefit.pipelines.result import Result, nothing_in
+from shapefit.pipelines.result import Failure, Result, nothing_in
 from shapefit.records import Fit
 
 MESHES_AT_ONCE = 64
@@ -47,7 +47,8 @@ def write_meshes(
         check_has_meshes(dictionary, files[0], mixes_atoms=mixes)
         with staged_files(folder) as staging:
             for batch in source.batches(MESHES_AT_ONCE):
-                images = batch.take(np.flatnonzero(has_shape(batch)))
+                has_mesh = has_shape(batch)
+                images = batch.take(np.flatnonzero(has_mesh))
                 placed = in_object_frame(images, dictionary)
                 for item, vertices in zip(images.items, placed, strict=True):
                     stem = file_stem(item)
@@ -57,11 +58,17 @@ def write_meshes(
                     with storage_errors(folder, None):
                         file.write_bytes(mesh)
                 count += len(images)
-                yield Result(done=len(batch), total=source.count, unit="image")
+                failures = tuple(
+                    Failure(batch.items[row], "has no shape, and so no mesh")
+                    for row in np.flatnonzero(~has_mesh).tolist()
+                )
+                yield Result(
+                    done=len(batch),
+                    total=source.count,
+                    unit="image",
+                    failures=failures,
+                )
     warnings = nothing_in(source.count, "images")
-    missing = source.count - count
-    if missing:
-        warnings = (f"{counted(missing, 'image')} without a shape and a mesh",)
     yield Result(
         total=source.count,
         warnings=warnings,
@@ -90,21 +97,24 @@ def check_has_meshes(
 
 
 def in_object_frame(result: Fit, dictionary: Dictionary) -> Floats:
-    """Return the mesh vertices (n, 3, q) of each image: size * sum_i c_i V_i.
+    """Return the mesh vertices (n, 3, q) of each image: size * sum_i c_i (V_i - o_i).
 
-    The frame is that of the dictionary, in which objects stand upright. The size is
-    that of the dictionary's shapes (metres, for instance) where it knows the sizes of
-    its atoms, else that of the shape in the image.
+    The frame is that of the dictionary's training shapes, with their origins o_i, in
+    which objects stand upright, and on the ground if these did; a dictionary that does
+    not know it has the centroid of the landmarks there. The size is that of the
+    dictionary's shapes (metres, for instance) where it knows the sizes of its atoms,
+    else that of the shape in the image.
     """
     c, size = result.coefficients, result.scale
-    assert dictionary.mesh_vertices is not None
+    vertices = dictionary.mesh_vertices
+    assert vertices is not None
     assert c is not None, "`check_has_meshes` asks for them"
     assert size is not None, "every fit has it"
     if dictionary.atom_scale is not None:
         size = metric_scale(dictionary.atoms, c, dictionary.atom_scale)
-    return np.asarray(
-        size[:, None, None] * np.tensordot(c, dictionary.mesh_vertices, axes=1)
-    )
+    if dictionary.atom_origin is not None:
+        vertices = vertices - dictionary.atom_origin[:, :, None]
+    return np.asarray(size[:, None, None] * np.tensordot(c, vertices, axes=1))
 
 
 def has_shape(result: Fit) -> Flags:

@@ -20,7 +20,17 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 
-SCRIPTS = ("blocks", "geometry", "scene", "look", "plane", "space", "chart", "viewer")
+SCRIPTS = (
+    "blocks",
+    "geometry",
+    "scene",
+    "look",
+    "film",
+    "plane",
+    "space",
+    "chart",
+    "viewer",
+)
 """In this order: each file uses only those before it."""
 
 MAX_CODE = 32767
@@ -112,10 +122,26 @@ class Ground(TypedDict):
 
 
 class Picture(TypedDict):
-    """A picture as data URL, and its width and height before it was made smaller."""
+    """A picture as data URL, and its width and height in the unit of the landmarks."""
 
     data: str
-    size: tuple[int, int]
+    size: tuple[float, float]
+
+
+class Film(TypedDict):
+    """A film of m frames, which the page carries."""
+
+    kind: str
+    """Its media type."""
+
+    data: str
+    """Its bytes in base64."""
+
+    starts: Floats
+    """The seconds (m + 1,) at which its frames are shown, and at which it is over."""
+
+    places: Floats
+    """Which of its frames each frame (n,) of the page is, nan for none."""
 
 
 class Fact(TypedDict):
@@ -184,6 +210,8 @@ class Scene(TypedDict):
     pictures: Mapping[int, Picture]
     """By frame."""
 
+    film: Film | None
+
     image: list[float] | None
     """Width and height of the images."""
 
@@ -196,8 +224,11 @@ class Scene(TypedDict):
     facts: list[Fact]
     """Words of the header."""
 
+    about: str
+    """Before distances from the camera: "about " where they rest on a guess."""
+
     assumed: list[str]
-    """Sentences on what is taken for granted."""
+    """Sentences on what is taken for granted, and what sets it."""
 
     notes: list[str]
     """Sentences on what is missing."""
@@ -230,7 +261,9 @@ def viewer_page(scene: Scene) -> str:
     notes = [f"<li>{escape(sentence)}</li>" for sentence in sentences]
     data = json.dumps(as_json(scene), allow_nan=False, separators=(",", ":"))
     parts = {
-        "policy": content_security_policy(style, script),
+        "policy": content_security_policy(
+            style, script, has_film=scene["film"] is not None
+        ),
         "style": style,
         "script": script,
         "title": escape(scene["title"]),
@@ -253,11 +286,15 @@ def _without_markup(data: str) -> str:
     return data.replace("<", r"\u003c").replace(">", r"\u003e")
 
 
-def content_security_policy(style: str, script: str) -> str:
-    """Return the policy of a page with this style and script: it makes no requests."""
+def content_security_policy(style: str, script: str, *, has_film: bool) -> str:
+    """Return the policy of a page with this style and script: it makes no requests.
+
+    A film is played from the memory of the page.
+    """
+    media = " media-src blob:;" if has_film else ""
     return (
         f"default-src 'none'; script-src {_hash_of(script)}; style-src"
-        f" {_hash_of(style)}; img-src data:; base-uri 'none'; form-action 'none'"
+        f" {_hash_of(style)}; img-src data:;{media} base-uri 'none'; form-action 'none'"
     )
 
 

@@ -2,13 +2,14 @@
 matplotlib.
 """
 
+import re
 import warnings
 from collections.abc import Callable
 from io import BytesIO
 
 import numpy as np
 import pytest
-from mpl_toolkits.mplot3d import proj3d
+from matplotlib.colors import to_rgba
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
@@ -20,12 +21,23 @@ from shapefit.meshes.dense import (
     metric_scale,
 )
 from shapefit.meshes.pictures import (
-    IN_AXES,
+    BODY_COLOURS,
+    DOUBT_COLOUR,
+    INK_COLOUR,
+    LEFT_COLOUR,
+    MESH_COLOUR,
+    MESH_TURNS,
+    RESIDUAL_COLOUR,
+    RIGHT_COLOUR,
+    VIEW_TILT,
     DrawnModel,
     FittedImage,
+    PlacedPhotograph,
     contact_sheet,
     save,
+    viewer_frame,
 )
+from shapefit.viewer.page import resource
 
 
 @pytest.fixture
@@ -111,80 +123,167 @@ def image(box):
 
 
 def marks(axes):
-    """The marks of a panel by their word in the legend, (2, m)."""
-    return {line.get_label(): line.get_xydata().T for line in axes.lines}
+    """The marks of a panel (2, m): rings, dots and crosses."""
+    found = {}
+    for line in axes.lines:
+        name = "outlier" if line.get_marker() == "X" else "observed"
+        if line.get_markerfacecolor() == "white":
+            name = "hidden"
+        found[name] = line.get_xydata().T
+    return found
 
 
-def on_screen(axes, points):
-    """Where (2, p) a panel in 3D shows points (3, p) of its frame: right and up."""
-    x, y, _ = proj3d.proj_transform(*points, axes.get_proj())
-    return np.stack([x, y])
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def inside(axes, points):
+    """Where (m, 2) a panel shows points (2, m), from 0 to 1."""
+    return axes.transLimits.transform(points.T)
 
 
 @pytest.mark.parametrize("y_axis", ["up", "down"])
 def test_landmarks_stand_as_in_the_image(y_axis, image, box_faces):
-    axes = contact_sheet([image], DrawnModel(y_axis, box_faces)).axes[0]
+    figure = contact_sheet([image], DrawnModel(y_axis, box_faces))
+    axes = figure.axes[0]
     found = marks(axes)
-    np.testing.assert_array_equal(found["judged outlier"], image.landmarks[:, [5]])
-    np.testing.assert_array_equal(found["hidden, from the model"], image.shape[:2, [3]])
+    np.testing.assert_array_equal(found["outlier"], image.landmarks[:, [5]])
+    np.testing.assert_array_equal(found["hidden"], image.shape[:2, [3]])
     np.testing.assert_array_equal(
-        found["seen"], image.landmarks[:, [0, 1, 2, 3, 4, 6, 7]]
+        found["observed"], image.landmarks[:, [0, 1, 2, 3, 4, 6, 7]]
     )
     assert axes.yaxis_inverted() == (y_axis == "down")
     assert axes.get_aspect() == 1
-    assert axes.figure.legends[0].get_window_extent().y1 < axes.get_window_extent().y0
-    lines = next(
-        c for c in axes.collections if c.get_label() == "to the model"
-    ).get_segments()
-    assert len(lines) == 7
-    for line in lines:
+    (residuals,) = axes.collections
+    assert len(residuals.get_segments()) == 7
+    for line in residuals.get_segments():
         np.testing.assert_allclose(line[0] - line[1], 2.0)
+    words = ["observed", "hidden, from the model", "outlier", "to its fitted position"]
+    assert legend(figure) == words
 
 
 @pytest.mark.parametrize("y_axis", ["up", "down"])
-def test_novel_views_walk_around_the_model_which_stands_upright(
-    y_axis, image, box_faces
+@pytest.mark.parametrize("upright", [False, True])
+def test_views_walk_around_the_model_which_stands_upright(
+    y_axis, upright, image, box_faces
 ):
-    _, right = contact_sheet([image], DrawnModel(y_axis, box_faces)).axes
-    corner = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
-    flip = np.array([1.0, 1, 1] if y_axis == "up" else [1.0, -1, -1])[:, None]
-    viewer = flip * corner  # x right, y up, z towards the viewer
-    frame = IN_AXES @ np.diag(flip.ravel())
-    tilt, turn = (
-        rotation_about(np.eye(3)[a], np.radians([d]))[0] for a, d in ((0, 15), (1, 60))
-    )
-    expected = (tilt @ turn @ viewer)[:2]
-    middle = frame @ np.full((3, 1), 500.0)
-    shown = on_screen(right, middle + frame @ corner) - on_screen(right, middle)
-    inside = np.ptp(
-        right.transLimits.transform(on_screen(right, frame @ image.shape).T), axis=0
-    )
-    assert 0.6 < inside.max() < 1  # of the panel
-    shown *= np.linalg.norm(expected) / np.linalg.norm(shown)
-    np.testing.assert_allclose(shown, expected, atol=1e-9)
+    """A step along each axis of the model is drawn where a viewer beside it sees it."""
+    flip = np.diag([1.0, 1, 1] if y_axis == "up" else [1.0, -1, -1])
+    turned = rotation_about(np.array([0.3, 1, 0.2]), np.array([0.7]))[0]
+    if upright:  # in the frame of the object, however the camera sees it
+        image = image._replace(upright=turned.T)
+        flip = turned.T
+    for turn in MESH_TURNS:
+        tilt, around = (
+            rotation_about(np.eye(3)[axis], np.radians([angle]))[0]
+            for axis, angle in ((0, VIEW_TILT), (1, turn))
+        )
+        frame = viewer_frame(image, DrawnModel(y_axis, box_faces), turn)
+        np.testing.assert_allclose(frame @ flip.T, tilt @ around, atol=1e-12)
+    _, *sides = contact_sheet([image], DrawnModel(y_axis, box_faces)).axes
+    assert len(sides) == 2
+    for axes, turn in zip(sides, MESH_TURNS, strict=True):
+        (solid,) = axes.collections
+        drawn = np.concatenate([path.vertices for path in solid.get_paths()])
+        shape = image.shape - image.shape.mean(axis=1, keepdims=True)
+        frame = viewer_frame(image, DrawnModel(y_axis, box_faces), turn)
+        expected = (frame @ shape)[:2]
+        away = np.abs(drawn[:, :, None] - expected[None]).sum(axis=1).min(axis=1)
+        assert away.max() < 1e-9
+        places = inside(axes, expected)
+        assert 0 < places.min()
+        assert places.max() < 1
+        assert 0.6 < np.ptp(places, axis=0).max()  # of the panel
+
+
+def test_near_faces_are_drawn_over_far_ones(image, box_faces):
+    _, *sides = contact_sheet([image], DrawnModel("down", box_faces)).axes
+    for axes in sides:
+        (solid,) = axes.collections
+        # a box shows three of its six sides, two triangles each
+        assert len(solid.get_paths()) == 6
+        assert len(np.unique(solid.get_facecolors(), axis=0)) == 3  # three shades
 
 
 def test_edges_are_drawn_where_there_is_no_mesh(image):
-    edges = np.array([[0, 1], [1, 3]])
-    bare = image._replace(mesh=None, projected_mesh=None)
-    flat, right = contact_sheet([bare], DrawnModel("down", edges=edges)).axes
+    edges = np.array([[0, 1], [1, 3], [2, 4], [4, 5]])
+    bare = image._replace(mesh=None, projected_mesh=None, individual=("anna", 1))
+    sides = [0, 1, 0, 1, 2, 0, 0, 0]
+    model = DrawnModel("down", edges=edges, sides=sides)
+    figure = contact_sheet([bare], model)
+    flat, right = figure.axes
     drawn, residuals = flat.collections
     np.testing.assert_array_equal(drawn.get_segments(), image.shape[:2].T[edges])
+    names = [LEFT_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, RIGHT_COLOUR]
+    np.testing.assert_allclose(drawn.get_colors(), [to_rgba(name) for name in names])
     (bones,) = right.collections
-    in_axes = image.shape.T[:, [0, 2, 1]] * [1, 1, -1]  # right, away, up
-    np.testing.assert_array_equal(bones._segments3d, in_axes[edges])
+    assert len(bones.get_segments()) == 4
     widths = [lines.get_linewidths()[0] for lines in (residuals, drawn, bones)]
-    assert widths == [0.8, 1.5, 1.5]  # thin residuals on thick bones
+    assert widths == [0.8, 2, 2]  # thin residuals on thick bones
+    assert legend(figure)[:2] == ["left", "right"]
+    model = model._replace(sides=None)
+    figure = contact_sheet([bare], model)
+    assert legend(figure)[0] == "anna"
+    (bones,) = figure.axes[1].collections
+    np.testing.assert_allclose(bones.get_colors()[0], to_rgba(BODY_COLOURS[1]))
     flat, right = contact_sheet([bare], DrawnModel("down")).axes
-    ring = next(
-        line for line in flat.lines if line.get_label() == "hidden, from the model"
-    )
+    assert len(right.lines[0].get_xydata()) == 8
+
+
+def test_a_legend_of_one_image_is_whole(image):
+    edges = np.array([[0, 1], [2, 4]])
+    bare = image._replace(mesh=None, projected_mesh=None, individual=("a person", 0))
+    sides = [0, 0, 1, 0, 2, 0, 0, 0]
+    figure = contact_sheet([bare], DrawnModel("down", edges=edges, sides=sides))
+    figure.canvas.draw()
+    box = figure.legends[0].get_window_extent()
+    whole = figure.bbox
+    assert whole.x0 <= box.x0
+    assert box.x1 <= whole.x1
+    assert whole.y0 <= box.y0
+    assert box.y1 <= min(axes.get_window_extent().y0 for axes in figure.axes) + 1
+
+
+def test_a_photograph_lies_under_the_landmarks(image, box_faces):
+    from PIL import Image
+
+    pixels = Image.new("RGB", (20, 10), "red")
+    photographed = image._replace(photograph=PlacedPhotograph(pixels, (800.0, 400.0)))
+    for y_axis, extent in (("down", [0, 800, 400, 0]), ("up", [0, 800, 0, 400])):
+        axes = contact_sheet([photographed], DrawnModel(y_axis, box_faces)).axes[0]
+        (drawn,) = axes.images
+        assert drawn.get_extent() == extent
+        places = inside(axes, image.landmarks[:, np.arange(8) != 3])
+        assert 0 < places.min()  # the panel shows the landmarks, not the photograph
+        assert places.max() < 1
+        assert 0.6 < np.ptp(places, axis=0).max()
+
+
+def test_why_a_shape_is_not_trusted_stands_in_red(image, box_faces):
+    doubted = image._replace(doubt="large expected error")
+    trusted, red = contact_sheet([image, doubted], DrawnModel("down", box_faces)).axes[
+        ::3
+    ]
+    assert trusted._left_title.get_text() == "a"
+    assert red._left_title.get_text() == "a  large expected error"
     assert (
-        4 * ring.get_markeredgewidth()
-        == ring.get_markersize()
-        < right.lines[0].get_markersize()
+        red._left_title.get_color() == DOUBT_COLOUR != trusted._left_title.get_color()
     )
-    assert right.lines[0].get_markersize() < 4
+
+
+def test_the_colours_are_those_of_the_page():
+    light = resource("palette.css").partition("@media")[0]
+    page = dict(re.findall(r"--([\w-]+): (#\w{6})", light))
+    assert [page[f"body-{number}"] for number in range(6)] == list(BODY_COLOURS)
+    named = {
+        "left": LEFT_COLOUR,
+        "right": RIGHT_COLOUR,
+        "mesh": MESH_COLOUR,
+        "ink": INK_COLOUR,
+        "untrusted": DOUBT_COLOUR,
+        "residual": RESIDUAL_COLOUR,
+    }
+    assert {name: page[name] for name in named} == named
 
 
 def test_an_image_without_a_shape_says_so(image, box_faces):
@@ -193,7 +292,7 @@ def test_an_image_without_a_shape_says_so(image, box_faces):
     figure = contact_sheet([failed], DrawnModel("down", box_faces))
     (axes,) = figure.axes
     assert [text.get_text() for text in axes.texts] == ["no shape"]
-    assert set(marks(axes)) == {"seen"}
+    assert set(marks(axes)) == {"observed"}
     empty = failed._replace(landmarks=np.full((2, 8), np.nan))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -203,10 +302,11 @@ def test_an_image_without_a_shape_says_so(image, box_faces):
 
 
 def test_titles_are_taken_literally_and_of_long_ones_the_end(image, box_faces):
-    titled = image._replace(title="recording_of_monday/person 1/$x^2$\n\x1b" + "0" * 30)
-    titles = contact_sheet([titled], DrawnModel("down")).axes[0].get_title(loc="left")
-    assert titles == "x^2$\\n\\x1b" + "0" * 30
-    odd = image._replace(title="$\\frac{$ \u4f60")
+    titled = image._replace(title="recording_of_monday/person 1/$x^2$\n\x1b" + "0" * 50)
+    title = contact_sheet([titled], DrawnModel("down")).axes[0].get_title(loc="left")
+    assert title.endswith("x^2$\\n\\x1b" + "0" * 50)
+    assert len(title) == 66
+    odd = image._replace(title="$\\frac{$ \u4f60", doubt="$^")
     for file_format in ("png", "svg"):
         with warnings.catch_warnings():
             warnings.simplefilter("error")

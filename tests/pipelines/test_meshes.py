@@ -62,9 +62,8 @@ def test_the_mesh_is_that_of_the_coefficients(tmp_path, cars, to):
     assert len(list((tmp_path / "meshes").rglob(f"*.{to}"))) == 108
     for image in range(0, 108, 20):
         c = fit.coefficients[image]
-        vertices = metres(dictionary, c) * np.tensordot(
-            c, dictionary.mesh_vertices, axes=1
-        )
+        placed = dictionary.mesh_vertices - dictionary.atom_origin[:, :, None]
+        vertices = metres(dictionary, c) * np.tensordot(c, placed, axes=1)
         mesh = only_mesh(tmp_path / "meshes" / f"{fit.items[image]}.{to}")
         np.testing.assert_allclose(mesh.vertices.T, vertices, atol=PRECISION[to])
         np.testing.assert_array_equal(mesh.faces, dictionary.mesh_faces)
@@ -74,6 +73,7 @@ def test_the_mesh_is_that_of_the_coefficients(tmp_path, cars, to):
         assert 1.5 < width < 2.5
         assert 1.2 < height < 2.3
         assert 3.3 < length < 5.6
+        assert mesh.bounds[0, 1] == pytest.approx(0, abs=1e-6)  # on the ground
 
 
 def test_fit_writes_what_convert_writes(tmp_path, cars, world):
@@ -87,9 +87,11 @@ def test_fit_writes_what_convert_writes(tmp_path, cars, world):
     keys = {"method": "convex+refine", "export": {"folder": str(tmp_path / "of_fit")}}
     _, outcomes = fit_images(tmp_path, images, path, **keys)
     missing = "1 image without a shape and a mesh"
-    assert missing in [text for outcome in outcomes for text in outcome.warnings]
+    assert missing in [str(text) for outcome in outcomes for text in outcome.warnings]
+    assert len([each for outcome in outcomes for each in outcome.failures]) == 1
     outcomes = convert(tmp_path / "result.h5", path, tmp_path / "converted")
-    assert outcomes[-1].warnings == (missing,)
+    failures = [each for outcome in outcomes for each in outcome.failures]
+    assert failures == [("gone", "has no shape, and so no mesh")]
     files = sorted((tmp_path / "converted").rglob("*.ply"))
     assert [str(each.relative_to(tmp_path / "converted")) for each in files] == [
         "%2E%2E/up.ply",

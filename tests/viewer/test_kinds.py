@@ -64,7 +64,7 @@ KINDS = {
         learn=MODELS,
         view={"dictionary": "dictionary.h5"},
         plays=False,
-        chart="distance in the image",
+        chart="reprojection",
         facts=("108 images",),
     ),
     "beam": Kind(BEAM, ("--frame-rate", "60"), facts=("100 frames",)),

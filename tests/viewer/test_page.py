@@ -44,7 +44,7 @@ def test_a_frame_shows_its_landmarks(page, sequence):
     )
     np.testing.assert_allclose(shown, sequence.landmarks[310], atol=0.01)
     assert "frame 311 of 400" in page.text("#told")
-    assert "distance in the image" in page.text("#told")
+    assert "reprojection" in page.text("#told")
     facts = page.text("#facts").split("\n")
     assert facts[:3] == ["2 sequences", "600 frames", "50 Hz"]
     assert facts[3].startswith("error against the truth")
@@ -189,6 +189,58 @@ def test_nothing_is_cut_off_in_a_small_window(walkers, open_page, width, height)
         assert page.run("return document.documentElement.scrollWidth") == width
     finally:
         page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+BORDER = """
+  const {strokeRect} = CanvasRenderingContext2D.prototype;
+  CanvasRenderingContext2D.prototype.strokeRect = function(...box) {
+      window.border = box;
+      strokeRect.call(this, ...box);
+  };
+"""
+"""Makes the page note where it draws the border of the image."""
+
+
+def test_the_image_is_zoomed_to_the_landmarks_or_whole(walkers, open_page):
+    page = open_page(walkers.path)
+    page.run(BORDER + "shapefit.go(5)")
+    page.settle()
+    width, height = page.run(
+        "const {clientWidth, clientHeight} = document.getElementById('plane');"
+        "return [clientWidth, clientHeight]"
+    )
+    zoomed = page.run("return window.border")
+    page.click("#whole")
+    left, top, wide, tall = page.run("return window.border")
+    assert 0 <= left <= left + wide <= width
+    assert 0 <= top <= top + tall <= height
+    assert max(wide / width, tall / height) > 0.9
+    assert zoomed[2] > 1.3 * wide
+    page.run("shapefit.go(20)")
+    page.settle()
+    assert page.run("return window.border") == [left, top, wide, tall]
+
+
+def test_the_name_of_the_camera_is_whole(walkers, open_page):
+    page = open_page(walkers.path)
+    page.run("""
+      const {fillText} = CanvasRenderingContext2D.prototype;
+      CanvasRenderingContext2D.prototype.fillText = function(text, x, y) {
+          if (text.startsWith('camera'))
+              window.written = [text, x - this.measureText(text).width, x, y];
+          fillText.call(this, text, x, y);
+      };""")
+    for pan in ([0, 0], [-900, 0], [900, 0], [0, 900], [0, -900]):
+        page.run("shapefit.view.pan = arguments[0]; shapefit.go(3)", pan)
+        page.settle()
+        text, left, right, y = page.run("return window.written")
+        width, height = page.run(
+            "const {clientWidth, clientHeight} = document.getElementById('space');"
+            "return [clientWidth, clientHeight]"
+        )
+        assert re.fullmatch(r"camera, about [\d.]+ m away", text)
+        assert 0 < left < right < width
+        assert 8 < y < height - 8
 
 
 def test_named_views_zoom_and_reset(page):

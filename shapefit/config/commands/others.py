@@ -243,8 +243,8 @@ class ViewConfig(TruthConfig):
     dictionary: OptionalDictionaryPath = None
     """Dictionary with the edges and meshes to draw."""
     images: OptionalPath = None
-    """Folder of PNG or JPEG images under the landmarks, named after the items or
-    frames.
+    """What lies under the landmarks: a folder of PNG or JPEG images, named after the
+    items or frames, or on a page a film (MP4, WebM) of up to 14 MB.
     """
     items: ListOf[str] = ("*",)
     """Items to show: names or globs."""

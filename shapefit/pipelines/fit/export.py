@@ -10,7 +10,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io.formats import HDF5, find_target_format
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.result import Result
+from shapefit.pipelines.result import Counted, Result
 
 
 def check_export(config: FitConfig, dictionary: Dictionary) -> None:
@@ -41,4 +41,9 @@ def export_meshes(config: FitConfig) -> Iterator[Result]:
     result = (Path(str(config.output)),)
     folder = config.export.folder
     for part in write_meshes(result, config.dictionary, folder, config.export.format):
-        yield part._replace(done=0, total=None)  # its images are counted already
+        warnings = part.warnings
+        if part.failures:
+            without = Counted(len(part.failures), "image", "without a shape and a mesh")
+            warnings = (*warnings, without)
+        # Its images are counted already, and those that failed.
+        yield part._replace(done=0, total=None, failures=(), warnings=warnings)

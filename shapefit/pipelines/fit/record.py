@@ -17,7 +17,7 @@ from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
-from shapefit.io.layout import METRES_FROM, free_names
+from shapefit.io.layout import FOCAL_ASSUMED, METRES_FROM, free_names
 from shapefit.lifting.estimate import AtomEstimate, Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.columns import as_rows, blank
@@ -173,10 +173,20 @@ def provenance(
         "config_digest": hashlib.sha256(config.encode()).hexdigest(),
         "inputs": json.dumps(inputs),
         "estimated": "; ".join(calibration.lines),
+        **assumed_camera(calibration),
         **numbers,
         **shown_landmarks(calibration, dictionary),
         "training_inputs": dictionary.provenance.get("inputs", "{}"),
     }
+
+
+def assumed_camera(calibration: Calibration) -> dict[str, float]:
+    """Return the attribute with the focal length that was assumed, {} if none was.
+
+    Only an assumed camera is settled as a number.
+    """
+    focal = calibration.camera.get("focal")
+    return {FOCAL_ASSUMED: focal} if isinstance(focal, int | float) else {}
 
 
 def shown_landmarks(calibration: Calibration, dictionary: Dictionary) -> dict[str, str]:

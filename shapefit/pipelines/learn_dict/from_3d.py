@@ -76,14 +76,15 @@ class TrainingShapes(NamedTuple):
     """n training shapes, normalised and aligned.
 
     original: as in the files, after `every` and `mirror`; alignment: of the normalised
-    shapes (n, 3, p); scale (n,) that normalised them; mesh_vertices (n, 3, q), moved as
-    their landmarks, or None; dictionary: all but its atoms and prior; failures: shapes
-    that cannot be used.
+    shapes (n, 3, p); scale (n,) that normalised them; origin (n, 3) of their frame,
+    and mesh_vertices (n, 3, q) or None, moved as their landmarks; dictionary: all but
+    its atoms and prior; failures: shapes that cannot be used.
     """
 
     original: Shapes
     alignment: Alignment
     scale: Floats
+    origin: Floats
     mesh_vertices: Floats | None
     dictionary: Dictionary
     failures: tuple[Failure, ...]
@@ -142,6 +143,8 @@ def find_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShap
     if shapes.mesh_vertices is not None:
         vertices = in_columns(shapes.mesh_vertices)
         mesh = carry_mesh(vertices, normalised, alignment.rotations)
+    zero = np.zeros((len(shapes), 3, 1))
+    origin = carry_mesh(zero, normalised, alignment.rotations)[..., 0]
     dictionary = Dictionary(
         atoms=np.empty((0, *alignment.mean.shape)),
         landmark_names=tuple(shapes.landmark_names),
@@ -154,6 +157,7 @@ def find_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShap
         original=shapes,
         alignment=alignment,
         scale=normalised.scale,
+        origin=origin,
         mesh_vertices=mesh,
         dictionary=with_motion(dictionary, usable, shapes),
         failures=failures,
@@ -308,6 +312,7 @@ def exemplars(training: TrainingShapes) -> Dictionary:
         mesh_vertices=training.mesh_vertices,
         mesh_faces=training.original.mesh_faces,
         atom_scale=training.scale,
+        atom_origin=None if training.mesh_vertices is None else training.origin,
         atom_items=tuple(training.original.items),
     )
 

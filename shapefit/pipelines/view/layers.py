@@ -147,6 +147,31 @@ def _shapes_layer(content: Content, meshes: list[MeshSet]) -> Layer:
     return layer
 
 
+def join_individuals(layers: Sequence[Layer], contents: Sequence[Content]) -> Layer:
+    """Return the layers of files of shapes, one an individual, as one layer.
+
+    No frame is in two of the files.
+    """
+    points = np.full_like(layers[0]["points"], np.nan)
+    measures: dict[str, Measure] = {}
+    for layer, content in zip(layers, contents, strict=True):
+        is_here = content.rows >= 0
+        points[is_here] = layer["points"][is_here]
+        for measure in layer["measures"]:
+            empty = np.full(len(points), np.nan)
+            joined = _measure(measure["name"], empty, measure["unit"])
+            joined = measures.setdefault(measure["name"], joined)
+            joined["values"][is_here] = measure["values"][is_here]
+    return {
+        "name": ", ".join(content.name for content in contents),
+        "role": "shapes",
+        "points": points,
+        "measures": [*measures.values()],
+        "pose": None,
+        "perspective": False,
+    }
+
+
 def mesh_vertices(records: Items) -> Floats | None:
     """Return the vertices (n, 3, q) of the meshes of shapes, None without any."""
     if not isinstance(records, Shapes) or records.mesh_vertices is None:
@@ -272,7 +297,7 @@ def _error_measures(
         fitted = content.points[:, :2]
     if observed is not None and fitted is not None:
         distance = metrics.reprojection(fitted, observed)
-        yield _measure("distance in the image", distance, unit)
+        yield _measure("reprojection", distance, unit)
 
 
 def _measure(

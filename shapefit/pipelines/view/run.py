@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shlex
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,12 +18,19 @@ from shapefit.io.inputs import is_stream
 from shapefit.meshes.pictures import (
     DrawnModel,
     FittedImage,
+    PlacedPhotograph,
     check_can_draw,
     contact_sheet,
     save,
 )
 from shapefit.pipelines.items import subsample
 from shapefit.pipelines.result import Result
+from shapefit.pipelines.view.film import is_film
+from shapefit.pipelines.view.photographs import (
+    find_photographs,
+    notes_on_missing,
+    read_photographs,
+)
 from shapefit.pipelines.view.scene import make_scene
 from shapefit.viewer.page import Layer, Scene, viewer_page
 
@@ -61,21 +70,54 @@ def write_page(config: ViewConfig) -> Iterator[Result]:
     note = ""
     # Beyond 32-bit floats a value is not finite: missing.
     with np.errstate(over="ignore", invalid="ignore"), atomic_path(output) as temporary:
-        scene = make_scene(config)
-        count = len(scene["items"])
         if ending in SHEET_SUFFIXES:
-            count = min(MAX_SHEET_IMAGES, count)
-            save(draw_sheet(scene, output), temporary, ending[1:])
+            # Of photographs only those of the sheet are read.
+            scene = make_scene(config.changed(images=None))
+            rows = subsample(MAX_SHEET_IMAGES, len(scene["items"]))
+            notes = [*scene["notes"]]
+            photographs = read_sheet_photographs(config, scene, rows, notes)
+            sheet = draw_sheet(scene, rows, photographs, output)
+            save(sheet, temporary, ending[1:])
+            count = len(rows)
         else:
+            scene = make_scene(config)
+            notes = scene["notes"]
+            count = len(scene["items"])
             page = viewer_page(scene).encode("utf-8", "xmlcharrefreplace")
             temporary.write_bytes(page)
             note = f"{len(page) / 1e6:.1f} MB"
-    yield Result(
-        done=count, warnings=tuple(scene["notes"]), note=note, written=(output,)
-    )
+    yield Result(done=count, warnings=tuple(notes), note=note, written=(output,))
 
 
-def draw_sheet(scene: Scene, output: Path) -> Figure:
+def read_sheet_photographs(
+    config: ViewConfig, scene: Scene, rows: Sequence[int], notes: list[str]
+) -> dict[int, PlacedPhotograph]:
+    """Return the photographs of some rows of a scene; what is wrong goes to the notes.
+
+    Raises InputError for a film, whose frames nobody decodes here, and as
+    `read_photographs`.
+    """
+    if config.images is None:
+        return {}
+    if is_film(config.images):
+        film = shlex.quote(str(config.images))
+        fault = "is a film, and a sheet shows photographs"
+        line = f"mkdir frames; ffmpeg -i {film} -fps_mode passthrough frames/%06d.jpg"
+        fix = f"make them by `{line}`, and give `--images frames`"
+        raise input_error(config.images, fault, fix)
+    items = [scene["items"][row] for row in rows]
+    paths = find_photographs(config.images, items)
+    notes += notes_on_missing(config.images, len(items), len(paths))
+    of_rows = {rows[number]: path for number, path in paths.items()}
+    return dict(read_photographs(of_rows, scene["image"], notes))
+
+
+def draw_sheet(
+    scene: Scene,
+    rows: Sequence[int],
+    photographs: Mapping[int, PlacedPhotograph],
+    output: Path,
+) -> Figure:
     """Draw some images of one result with the meshes or edges of its dictionary.
 
     Raises InputError for a scene of anything else.
@@ -87,9 +129,13 @@ def draw_sheet(scene: Scene, output: Path) -> Figure:
         y_axis="down" if scene["y_down"] else "up",
         faces=scene["meshes"][0]["faces"] if scene["meshes"] else None,
         edges=np.asarray(scene["edges"], np.int64).reshape(-1, 2),
+        sides=scene["sides"],
     )
-    rows = subsample(MAX_SHEET_IMAGES, len(scene["items"]))
-    return contact_sheet([fitted_image(scene, row) for row in rows], model)
+    images = [
+        fitted_image(scene, row)._replace(photograph=photographs.get(row))
+        for row in rows
+    ]
+    return contact_sheet(images, model)
 
 
 def fitted_image(scene: Scene, row: int) -> FittedImage:
@@ -104,6 +150,12 @@ def fitted_image(scene: Scene, row: int) -> FittedImage:
         landmarks = scene["observed"][row]
     mesh = _mixed_mesh(scene, layer, row)
     outliers = scene["outliers"]
+    reasons = layer.get("reasons")
+    doubt = "" if reasons is None else reasons["words"][reasons["codes"][row]]
+    pose = layer["pose"]
+    upright = None
+    if scene["rigid"] and pose is not None and np.isfinite(pose[row]).all():
+        upright = pose[row, :9].reshape(3, 3).T
     return FittedImage(
         title=scene["items"][row],
         landmarks=landmarks,
@@ -112,7 +164,21 @@ def fitted_image(scene: Scene, row: int) -> FittedImage:
         mesh=mesh,
         projected_mesh=None if mesh is None else _seen_by_camera(mesh, layer, row),
         outliers=None if outliers is None else outliers[row],
+        doubt=doubt,
+        upright=upright,
+        individual=_individual(scene, row),
     )
+
+
+def _individual(scene: Scene, row: int) -> tuple[str, int]:
+    """Return the name and number of an individual of several, ("", 0) for one alone."""
+    starts = [start for _, start in scene["sequences"]]
+    sequence = bisect_right(starts, row) - 1
+    for members in scene["recordings"]:
+        if sequence in members and len(members) > 1:
+            name = scene["sequences"][sequence][0].rpartition("/")[2]
+            return name, members.index(sequence)
+    return "", 0
 
 
 def _mixed_mesh(scene: Scene, layer: Layer, row: int) -> Floats | None:

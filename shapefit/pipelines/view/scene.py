@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import re
-from base64 import b64encode
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from importlib.util import find_spec
-from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,19 +19,24 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
 from shapefit.io import read_dictionary
+from shapefit.io.layout import FOCAL_ASSUMED
 from shapefit.io.names import pairs_of_sides
 from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import edges_of
+from shapefit.io.writers.metres import find_stature
 from shapefit.io.writers.motion import MOST_MISSING, find_floors, video_of
 from shapefit.lifting.trust import REASONS
+from shapefit.pipelines.view.film import embed_film, is_film
 from shapefit.pipelines.view.layers import (
     AGAINST_TRUTH,
     EXPECTED,
     first_finite,
     has_camera,
     in_usual_units,
+    join_individuals,
     make_layers,
 )
+from shapefit.pipelines.view.photographs import embed_photographs, last_number
 from shapefit.pipelines.view.reading import (
     MAX_MEGABYTES,
     Content,
@@ -45,7 +47,7 @@ from shapefit.pipelines.view.reading import (
 )
 from shapefit.records import Fit
 from shapefit.timeline import ASSUMED_RATE
-from shapefit.viewer.page import Fact, Ground, Layer, Picture, Scene
+from shapefit.viewer.page import Fact, Film, Ground, Layer, Picture, Scene
 
 MIDDLE = 0
 LEFT_SIDE = 1
@@ -70,15 +72,6 @@ STATED_ERRORS = {
 }
 """Measures that the header states -> their names and definitions there."""
 
-MAX_PICTURE_BYTES = 14_000_000
-"""Of all pictures of a page; of more, every n-th is shown."""
-
-MAX_PICTURE_SIDE = 960
-"""Pixels of the longest side of a picture on the page."""
-
-PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
-LAST_NUMBER = re.compile(r"(\d{1,12})\D*$")
-
 
 def make_scene(config: ViewConfig) -> Scene:
     """Return the scene of the files of a config."""
@@ -92,6 +85,9 @@ def make_scene(config: ViewConfig) -> Scene:
     layers, meshes, space_unit = make_layers(
         contents, truth, dictionary, observed, notes
     )
+    timing = _find_timing(config, inputs)
+    if _is_individual_each(contents, layers, timing):
+        layers = [join_individuals(layers, contents)]
     length = in_usual_units(layers)
     edges = _edges(contents, truth, dictionary, inputs.landmarks)
     has_meshes = any("blend" in layer for layer in layers)
@@ -99,16 +95,25 @@ def make_scene(config: ViewConfig) -> Scene:
     if not edges and not has_meshes:
         fix = "-d DICT.h5 or --truth may have them."
         notes.append(f"No edges are known, so landmarks are points; {fix}")
-    timing = _find_timing(config, inputs)
     y_down = any(
         one.role != "shapes" and one.records.y_axis != "up" for one in contents
     )
     floors = _find_floors(contents, frames, timing.rate)
-    pictures = {}
-    if config.images is not None:
-        pictures = embed_images(config.images, frames.items)
+    image = _image_size(contents, y_down)
+    pictures: dict[int, Picture] = {}
+    film = None
+    if config.images is not None and is_film(config.images):
+        film, remarks = _embed_film(config.images, timing, frames)
+        notes += remarks
+    elif config.images is not None:
+        pictures, remarks = embed_photographs(config.images, frames.items, image)
+        notes += remarks
     sides = find_sides(inputs.landmarks)
     is_rigid = has_meshes and not timing.is_video
+    assumed: list[str] = []
+    if space_unit == "m":
+        sentences = chain.from_iterable(map(_assumptions, _results(contents)))
+        assumed = [*dict.fromkeys(sentences)]
     return {
         "title": ", ".join(config.files) + (" and the truth" if truth else ""),
         "items": frames.items,
@@ -133,11 +138,13 @@ def make_scene(config: ViewConfig) -> Scene:
         "times": timing.times,
         "meshes": meshes,
         "pictures": pictures,
-        "image": _image_size(contents, y_down),
+        "film": film,
+        "image": image,
         "video": timing.is_video,
         "rigid": is_rigid,
         "facts": [*_facts(timing, frames), *_quality(contents, layers)],
-        "assumed": [] if is_rigid else [_say_ground(floors)],
+        "about": "about " if any(map(_assumed_focal, _results(contents))) else "",
+        "assumed": [*assumed, *([] if is_rigid else [_say_ground(floors)])],
         "notes": notes,
     }
 
@@ -234,6 +241,22 @@ def _find_timing(config: ViewConfig, inputs: Inputs) -> Timing:
     )
 
 
+def _is_individual_each(
+    contents: Sequence[Content], layers: Sequence[Layer], timing: Timing
+) -> bool:
+    """Whether each file is an individual of one recording, as motion is written."""
+    are_shapes = all(content.role == "shapes" for content in contents)
+    has_meshes = any("blend" in layer for layer in layers)
+    one_recording = [len(members) for members in timing.recordings]
+    return (
+        are_shapes
+        and not has_meshes
+        and len(layers) == len(contents) > 1
+        and one_recording == [len(contents)]
+        and np.sum([content.rows >= 0 for content in contents], axis=0).max() == 1
+    )
+
+
 def _find_floors(
     contents: Sequence[Content], frames: Frames, rate: float
 ) -> Mapping[str, Floor]:
@@ -264,13 +287,16 @@ def find_recordings(
     rows_of = frames.by_sequence
     files = [content for content in contents if content.role == "shapes"]
     is_file_each = len(files) == len(rows_of) > 1
-    videos = defaultdict[object, list[int]](list)
+    videos = defaultdict[tuple[str, str | int], list[int]](list)
     for sequence, (name, _) in enumerate(frames.sequences):
-        video: object = name.rpartition("/")[0]
-        if not video:
-            video = bool(name) and is_file_each
-        is_numbered = np.isfinite(frames.numbers[rows_of[sequence]]).all()
-        videos[video if video and is_numbered else sequence].append(sequence)
+        video = name.rpartition("/")[0]
+        key: tuple[str, str | int] = ("alone", sequence)
+        if np.isfinite(frames.numbers[rows_of[sequence]]).all():
+            if video:
+                key = ("video", video)
+            elif name and is_file_each:
+                key = ("files", "")
+        videos[key].append(sequence)
     recordings: list[list[int]] = []
     times = np.concatenate([np.arange(len(rows)) for rows in rows_of])
     for members in videos.values():
@@ -376,6 +402,50 @@ def _floors_of(result: Content, frames: Frames, rate: float) -> Mapping[str, Flo
     return find_floors(records, BY_DEFAULT, result.name)
 
 
+def _embed_film(path: Path, timing: Timing, frames: Frames) -> tuple[Film, list[str]]:
+    """Return the film of the page's one recording, and notes.
+
+    Frames are those of the film that files state, else the last numbers of the items,
+    else they follow each other. Raises InputError for several recordings, and as
+    `embed_film`.
+    """
+    recordings = timing.recordings
+    if len(recordings) > 1 and timing.is_video:
+        fault = f"is one film, and the landmarks are of {len(recordings)} recordings"
+        name = frames.sequences[recordings[0][0]][0]
+        raise input_error(path, fault, f"choose one by `items`, such as '{name}/*'")
+    places = frames.numbers
+    if not np.isfinite(places).all():
+        places = np.array(list(map(last_number, frames.items)), np.float64)
+    if (places < 0).any():
+        places = (timing.times * frames.step).astype(np.float64)
+    return embed_film(path, places)
+
+
+def _assumed_focal(result: Content) -> float | None:
+    """Return the focal length that a fit assumed, None where it was stated."""
+    focal = result.records.attributes.get(FOCAL_ASSUMED)
+    return None if focal is None else float(focal)
+
+
+def _assumptions(result: Content) -> Iterator[str]:
+    """Yield what the metres of a result rest on and nobody measured, and what sets it.
+
+    Heights can be stated of people alone.
+    """
+    focal = _assumed_focal(result)
+    if focal is not None:
+        yield (
+            f"Focal length assumed ({focal:.0f} px), so distances from the camera are"
+            " rough: `fit --focal` or `--calibration` sets it."
+        )
+    if np.isfinite(result.values.get("stated_height", np.nan)).any():
+        return
+    sizes = "Sizes are those of the training shapes"
+    is_person = find_stature(result.points[:0], result.records.landmark_names)
+    yield f"{sizes}." if is_person is None else f"{sizes}: `fit --height` sets them."
+
+
 def _ground(floor: Floor | None, y_down: bool) -> Ground:
     """Return the rotation that turns y up, and the y of the floor there in metres.
 
@@ -429,85 +499,3 @@ def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None
             middle: Floats = np.nanmedian(centre, axis=0)
             return (2 * middle).tolist() if middle.all() else None
     return None
-
-
-def embed_images(folder: Path, items: Sequence[str]) -> dict[int, Picture]:
-    """Return the pictures of the frames that have one.
-
-    A file is called by the item, or by what follows its last slash; or else the files
-    are the frames of a video, in the order of the numbers in their names, from 0.
-    Raises InputError where there is no such folder, no image, no Pillow, and for what
-    is no image.
-    """
-    if find_spec("PIL") is None:
-        raise input_error(
-            "images", "Pillow is not installed", "run `pip install pillow`"
-        )
-    if not folder.is_dir():
-        raise input_error(
-            "images", f"there is no folder {folder}", "name a folder of pictures"
-        )
-    files = [
-        path for path in folder.rglob("*") if path.suffix.lower() in PICTURE_SUFFIXES
-    ]
-    paths = _files_by_name(folder, files, items) or _files_by_number(files, items)
-    if not paths:
-        fault = f"no item has an image, such as {folder / items[0]}.jpg"
-        raise input_error("images", fault, "correct the path")
-    first = _embed(next(iter(paths.values())))
-    step = 1 + int(len(paths) * len(first["data"]) / MAX_PICTURE_BYTES)
-    return {frame: _embed(paths[frame]) for frame in list(paths)[::step]}
-
-
-def _files_by_name(
-    folder: Path, files: Sequence[Path], items: Sequence[str]
-) -> dict[int, Path]:
-    """Return the file of each frame that is called by its item."""
-    by_name: dict[str, Path] = {}
-    for path in files:
-        by_name[str(path.relative_to(folder).with_suffix(""))] = path
-    for path in files:  # a whole name tells more than one without its ending
-        by_name[str(path.relative_to(folder))] = path
-    paths = {}
-    for frame, item in enumerate(items):
-        found = by_name.get(item) or by_name.get(item.rpartition("/")[2])
-        if found is not None:
-            paths[frame] = found
-    return paths
-
-
-def _files_by_number(files: Sequence[Path], items: Sequence[str]) -> dict[int, Path]:
-    """Return the file of each frame whose item ends in its place in the video."""
-    numbered = [(_number(path.stem), path) for path in files]
-    video = [path for number, path in sorted(numbered) if number >= 0]
-    places = {frame: _number(item) for frame, item in enumerate(items)}
-    return {
-        frame: video[place]
-        for frame, place in places.items()
-        if 0 <= place < len(video)
-    }
-
-
-def _number(text: str) -> int:
-    """Return the last number of a text, -1 for none."""
-    end = LAST_NUMBER.search(text)
-    return int(end[1]) if end else -1
-
-
-def _embed(path: Path) -> Picture:
-    """Return an image as data URL with its size; InputError for what is no image."""
-    from PIL import Image
-
-    data = BytesIO()
-    try:
-        with Image.open(path, formats=("JPEG", "PNG")) as image:
-            size = image.size
-            image.draft("RGB", (MAX_PICTURE_SIDE, MAX_PICTURE_SIDE))
-            small = image.convert("RGB")
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
-        fault = f"cannot be read as an image ({error})"
-        raise input_error(path, fault, "give PNG or JPEG, or leave it out") from error
-    small.thumbnail((MAX_PICTURE_SIDE, MAX_PICTURE_SIDE))
-    small.save(data, "JPEG", quality=75)
-    text = b64encode(data.getvalue()).decode()
-    return {"data": f"data:image/jpeg;base64,{text}", "size": size}

@@ -40,5 +40,11 @@ const blocks = (() => {
         };
     }
 
-    return {numbers, rows};
+    /** An address in the memory of the page of bytes {kind, data}. */
+    function address({kind, data}) {
+        const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
+        return URL.createObjectURL(new Blob([bytes], {type: kind}));
+    }
+
+    return {numbers, rows, address};
 })();

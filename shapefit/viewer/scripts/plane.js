@@ -3,7 +3,13 @@
  * what was fitted.
  */
 const plane = (() => {
-    const FILL = 0.46;  // share of the panel from its middle to the farthest point
+    // Shares of the panel from its middle to the farthest landmark, and to the end of
+    // the image.
+    const FILL = 0.37;
+    const FILL_OF_IMAGE = 0.46;
+    const STAYS = 1.6;  // sizes of the landmarks within which they stay in one place
+    const SAME_SIZE = 0.1;  // by which a film may differ from the image: a camera's
+                            // principal point is not quite in the middle
 
     /** Draw the moment of the view. */
     function draw(canvas, data, view) {
@@ -51,36 +57,66 @@ const plane = (() => {
     /**
      * {zoom (px a unit), middle (the point in the middle of the panel)}: a recording
      * in one scale.
+     *
+     * Of a recording whose landmarks stay in one place the panel stands still, else it
+     * follows them; or it shows the whole image.
      */
     function fit(data, view, points, width, height) {
-        const framed = data.image ? [[0, 0], data.image] : [];
-        const box =
-            geometry.box(
-                [...points, ...framed].flatMap((each) => Array.from(each)), 2) ??
-            {middle: [0, 0], extent: [1, 1]};
-        const whole =
-            data.image ? [0, 0] : data.size(data.recordingOf(view.frame)).flat;
-        const [wide, tall] = box.extent.map((own, axis) => Math.max(own, whole[axis]));
-        const zoom = FILL * view.planeZoom *
+        const {middle, extent, fill} = boxOf(data, view, points);
+        const [wide, tall] = extent;
+        const zoom = fill * view.planeZoom *
             Math.min(width / (wide || tall || 1), height / (tall || wide || 1));
         const [right, down] = view.planePan;
+        const up = data.y_down ? 1 : -1;
         return {
             zoom,
-            middle: [
-                box.middle[0] - right / zoom,
-                box.middle[1] - ((data.y_down ? 1 : -1) * down) / zoom
-            ]
+            middle: [middle[0] - right / zoom, middle[1] - (up * down) / zoom]
         };
+    }
+
+    /** {middle, extent, fill}: what the panel shows, and how far it fills it. */
+    function boxOf(data, view, points) {
+        const image = imageOf(data, view);
+        if (view.whole && image) {
+            const half = image.map((side) => side / 2);
+            return {middle: half, extent: half, fill: FILL_OF_IMAGE};
+        }
+        const {flat, path} = data.size(data.recordingOf(view.frame));
+        if (path?.extent.every((extent, axis) => extent <= STAYS * flat[axis]))
+            return {...path, fill: FILL};
+        const own = geometry.box(points.flatMap((each) => Array.from(each)), 2) ??
+            {middle: [0, 0], extent: [1, 1]};
+        const extent = own.extent.map((side, axis) => Math.max(side, flat[axis]));
+        return {middle: own.middle, extent, fill: FILL};
+    }
+
+    /** Width and height of what is under the landmarks, null where nothing is known. */
+    function imageOf(data, view) {
+        const picture = data.pictures[view.frame];
+        if (picture) return picture.size;
+        if (view.film?.ready) return sizeOf(view.film.still, data.image);
+        return data.image ?? null;
+    }
+
+    /**
+     * The size of a film in the unit of the landmarks: it may be a smaller copy of the
+     * image.
+     */
+    function sizeOf({width, height}, image) {
+        const factor = (image?.[0] ?? width) / width;
+        const isCopy = Math.abs(factor - 1) > SAME_SIZE;
+        return [width, height].map((side) => (isCopy ? factor * side : side));
     }
 
     /** The picture of the frame, where there is one, and the border of the image. */
     function drawImage(context, data, view, at, zoom) {
-        const picture = view.pictures[view.frame];
-        const [w, h] = data.pictures[view.frame]?.size ?? data.image ?? [0, 0];
+        const size = imageOf(data, view);
+        if (!size) return;
+        const picture = view.film?.ready ? view.film.still : view.pictures[view.frame];
+        const [w, h] = size;
         const [left, top] = at([0, data.y_down ? 0 : h], 0);
-        if (picture?.complete)
+        if (picture && picture.complete !== false)
             context.drawImage(picture, left, top, w * zoom, h * zoom);
-        if (!w) return;
         [context.strokeStyle, context.lineWidth] = [look.text('line'), 1.5];
         context.strokeRect(left, top, w * zoom, h * zoom);
     }

@@ -73,12 +73,12 @@ const scene = (() => {
     }
 
     /**
-     * {solid, flat}: extents that hold 95% of the frames of a recording, in space and
-     * in the image, so that all are shown in one scale; 0 for frames that are no
-     * sequence.
+     * {solid, flat, path}: extents that hold 95% of the frames of a recording, in space
+     * and in the image, so that all are shown in one scale; 0 for frames that are no
+     * sequence. path is the box of all its landmarks in the image, null for none.
      */
     function sizeOf(data, recording, {upright}) {
-        if (!data.video) return {solid: [0, 0], flat: [0, 0]};
+        if (!data.video) return {solid: [0, 0], flat: [0, 0], path: null};
         const [solid, flat] = [[], []];
         for (let time = 0; time < recording.length;
              time += Math.max(1, Math.floor(recording.length / LOOKED_AT))) {
@@ -96,7 +96,15 @@ const scene = (() => {
                               .sort((a, b) => a - b);
             return known[Math.floor(0.95 * known.length)] ?? 0;
         });
-        return {solid: most(solid), flat: most(flat)};
+        return {solid: most(solid), flat: most(flat), path: around(flat)};
+    }
+
+    /** The box around boxes, of which some may be null; null where all are. */
+    function around(boxes) {
+        const corners = boxes.filter(Boolean).flatMap(
+            ({middle, extent}) => [-1, 1].flatMap(
+                (side) => middle.map((at, axis) => at + side * extent[axis])));
+        return geometry.box(corners, 2);
     }
 
     function openLayer(layer, meshes) {

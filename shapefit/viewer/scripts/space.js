@@ -88,7 +88,7 @@ const space = (() => {
                                 (value, k) => (k % 3 === 1 ? height : value))));
             });
         }
-        drawCamera(
+        const nameCamera = drawCamera(
             context, data, bodies[0], {base, middle: box.middle, radius, project});
         const meshes = bodies.filter(({mesh}) => mesh);
         drawMeshes(
@@ -106,6 +106,7 @@ const space = (() => {
             if (body.frame === view.frame)
                 projected[body.layer.name] ??= places.map(([x, y]) => [x, y]);
         }
+        nameCamera?.();
         const [x, y] = Object.values(projected)[0]?.[view.joint] ?? [];
         if (Number.isFinite(x))
             look.write(context, data.landmarks[view.joint], x + 8, y - 9);
@@ -145,13 +146,14 @@ const space = (() => {
 
     /**
      * The camera as a frustum, whose far side is the frame of its image; one that is
-     * far away is drawn nearer, with its distance.
+     * far away is drawn nearer. Returns the function that writes its name and its
+     * distance, which are to lie over the bodies; null where no camera is drawn.
      */
     function drawCamera(context, data, body, {base, middle, radius, project}) {
         const camera = body?.layer.perspective && data.image ?
             body.layer.camera(body.frame) :
             null;
-        if (!camera || !Number.isFinite(camera[0])) return;
+        if (!camera || !Number.isFinite(camera[0])) return null;
         const away = Math.hypot(...middle);
         const moved =
             middle.map((value) => value * Math.max(0, 1 - (NEAR * radius) / away));
@@ -176,13 +178,20 @@ const space = (() => {
                 context.lineTo(frame[(i + 1) % 4][0], frame[(i + 1) % 4][1]);
             }));
         const far = away > NEAR * radius && data.space_unit === 'm' ?
-            `, ${away.toPrecision(2)} m away` :
+            `, ${data.about}${away.toPrecision(2)} m away` :
             '';
-        const right = Math.min(
-            context.canvas.clientWidth - 8, Math.max(...frame.map(([x]) => x)));
+        return () => writeBelow(context, `camera${far}`, frame);
+    }
+
+    /** Write a name below corners, whole wherever these are. */
+    function writeBelow(context, name, frame) {
+        const {clientWidth: width, clientHeight: height} = context.canvas;
+        const right = Math.max(...frame.map(([x]) => x));
+        const below = 14 + Math.max(...frame.map(([, y]) => y));
+        const wide = context.measureText(name).width;
         look.write(
-            context, `camera${far}`, right, 14 + Math.max(...frame.map(([, y]) => y)),
-            look.text('faint'), 'right');
+            context, name, Math.max(8 + wide, Math.min(width - 8, right)),
+            Math.max(12, Math.min(height - 12, below)), look.text('faint'), 'right');
     }
 
     /**

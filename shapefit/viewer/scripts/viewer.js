@@ -18,8 +18,10 @@
             new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)),
         hidden: new Set(),
         mesh: true,
+        whole: false,
         upright: data.rigid,
         pictures: {},
+        film: null,
         playing: null,
         drawn: 0,
         projected: {},
@@ -35,14 +37,16 @@
     /** Change the state and draw it: at most once a frame of the screen. */
     function change(state = {}) {
         Object.assign(view, state);
-        if (!due) requestAnimationFrame(draw);
+        if (!due) requestAnimationFrame(() => due && draw());
         due = true;
     }
 
     function draw() {
         due = false;
         if (data.layers.length) view.projected = space.draw($('space'), data, view);
-        if (data.flat) plane.draw($('plane'), data, view);
+        // until the film is there, the panel of the image stays as it is
+        if (data.flat && (!view.film || view.film.there))
+            plane.draw($('plane'), data, view);
         drawChart();
         view.drawn++;
     }
@@ -128,6 +132,7 @@
         if (picture)
             view.pictures[view.frame] ??=
                 Object.assign(new Image(), {onload: () => change(), src: picture.data});
+        if (!view.playing?.byFilm) view.film?.seek(view.frame);
         clearTimeout(go.telling);
         if (!view.playing) go.telling = setTimeout(tell, 80);
         change();
@@ -214,27 +219,74 @@
 
     /* Playing. */
     function play(on = !view.playing) {
-        view.playing = on && data.video && recording().length > 1 ?
-            {since: performance.now(), from: time()} :
-            null;
-        if (view.playing) requestAnimationFrame(advance);
-        else tell();
-        $('play').textContent = view.playing ? 'Pause' : 'Play';
-        $('play').setAttribute('aria-pressed', Boolean(view.playing));
+        const isOn = on && data.video && recording().length > 1;
+        view.playing = null;
+        if (isOn) begin();
+        else {
+            view.film?.stop();
+            go(view.frame);  // the film has gone on, and comes back
+            tell();
+        }
+        $('play').textContent = isOn ? 'Pause' : 'Play';
+        $('play').setAttribute('aria-pressed', Boolean(isOn));
+    }
+
+    /** Play on from the frame that is shown: by the film, where it has this frame. */
+    function begin() {
+        const byFilm = Boolean(view.film?.has(view.frame));
+        if (byFilm) view.film.seek(view.frame);
+        view.playing = {since: performance.now(), from: time(), byFilm};
+        view.film?.[byFilm ? 'play' : 'stop'](Number($('speed').value));
+        if (!byFilm) requestAnimationFrame(advance);
     }
 
     function advance(now) {
-        if (!view.playing) return;
+        if (!view.playing || view.playing.byFilm) return;
         const passed = (Math.max(0, now - view.playing.since) / 1000) *
             data.frame_rate * Number($('speed').value);
         const frame =
             frameAt((view.playing.from + Math.floor(passed)) % recording().length, -1);
+        const isRound = data.timeOf(frame) < time();
         if (frame !== view.frame) go(frame);
+        if (isRound && view.film?.has(frame)) return begin();
         requestAnimationFrame(advance);
     }
 
-    const restart = () =>
-        view.playing && (view.playing = {since: performance.now(), from: time()});
+    const restart = () => view.playing && begin();
+
+    /** The film shows one of its frames: so do the panels, in the same moment. */
+    function follow(place) {
+        if (!view.playing?.byFilm) return;
+        const {times, last} = placesOf(recording());
+        if (place > last) return goRound();
+        const at = times.get(place);
+        if (at === undefined)
+            return;  // nobody is seen, or the frame is not on the page
+        const frame = frameAt(at);
+        if (frame !== view.frame) go(frame);
+        draw();
+    }
+
+    /** The film is over: what it has not is played without it, or all begins anew. */
+    function goRound() {
+        if (!view.playing?.byFilm) return;
+        record.running?.stop();
+        const next = frameAt(time() + 1);
+        if (data.timeOf(next) > time() && !view.film.has(next)) jump(next);
+        else jump(frameAt(0));
+    }
+
+    /** {times, last}: the times of a recording by frames of the film, and the last. */
+    function placesOf(recording) {
+        if (recording.places) return recording.places;
+        const times = new Map();
+        for (let at = 0; at < recording.length; at++) {
+            const [frame] = scene.framesAt(recording, at);
+            if (frame !== undefined && view.film.has(frame))
+                times.set(view.film.placeOf(frame), at);
+        }
+        return (recording.places = {times, last: Math.max(...times.keys())});
+    }
 
     /** The user goes to a frame; playing goes on from there. */
     function jump(frame) {
@@ -325,8 +377,10 @@
     function paint(target) {
         const panels =
             [data.layers.length && $('space'), data.flat && $('plane')].filter(Boolean);
-        target.width = panels.reduce((sum, {width}) => sum + width, 0);
-        target.height = Math.max(...panels.map(({height}) => height));
+        // even, as films have to be
+        const even = (length) => 2 * Math.ceil(length / 2);
+        target.width = even(panels.reduce((sum, {width}) => sum + width, 0));
+        target.height = even(Math.max(...panels.map(({height}) => height)));
         const context = target.getContext('2d');
         context.fillStyle = look.text('background');
         context.fillRect(0, 0, target.width, target.height);
@@ -361,13 +415,14 @@
         play(true);
         const end = performance.now() +
             (1000 * recording().length) / (data.frame_rate * Number($('speed').value));
-        const follow = (now) => {
+        // a film says itself when it is over
+        const copy = (now) => {
             if (!record.running) return;
             paint(canvas);
-            if (now > end) recorder.stop();
-            else requestAnimationFrame(follow);
+            if (now > end && !view.playing?.byFilm) recorder.stop();
+            else requestAnimationFrame(copy);
         };
-        requestAnimationFrame(follow);
+        requestAnimationFrame(copy);
         return recorder;
     }
 
@@ -485,6 +540,8 @@
             'measure-label': measures.length,
             doubtful: results.some((layer) => layer.reason),
             flat: data.flat,
+            'whole-choice':
+                data.image || data.film || Object.keys(data.pictures).length,
             solid: data.layers.length,
             sides: data.sides && !data.layers[0]?.faces,
             'mesh-choice': results.some((layer) => layer.faces),
@@ -518,7 +575,7 @@
         scrub(event);
     });
     on('chart', 'pointermove', (event) => event.buttons && scrub(event));
-    for (const key of ['mesh', 'upright'])
+    for (const key of ['mesh', 'upright', 'whole'])
         on(key, 'change', () => change({[key]: $(key).checked}));
     for (const button of document.querySelectorAll('[data-key]'))
         button.addEventListener('click', () => KEYS[button.dataset.key]());
@@ -548,6 +605,23 @@
         paint: () => paint(document.createElement('canvas')),
     };
 
+    function openFilm() {
+        const noted = 'This browser does not play the film; all play H.264 in MP4.';
+        view.film = film.open(data.film, {
+            arrived: () => change(),
+            passed: follow,
+            ended: goRound,
+            failed: () => {
+                view.film = null;
+                $('notes').append(
+                    Object.assign(document.createElement('li'), {textContent: noted}));
+                restart();
+                change();
+            }
+        });
+    }
+
+    if (data.film) openFilm();
     hideTheRest();
     fillList();
     enterSequence();

@@ -115,7 +115,7 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
         "error against the truth": ("mm", error),
         "expected error": ("mm", in_mm),  # in px in the file: units never mix
         "p-value": ("", extras["p_value"]),
-        "distance in the image": (
+        "reprojection": (
             "px",
             metrics.reprojection(found.as_columns()[:, :2], landmarks),
         ),
@@ -297,7 +297,7 @@ def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
     np.testing.assert_array_equal(
         np.reshape(without["upright"], (3, 3)), np.diag([1, -1, -1])
     )
-    assert page["assumed"] == [f"Floor from resting feet: {floor}."]
+    assert page["assumed"][-1] == f"Floor from resting feet: {floor}."
     monkeypatch.setattr("shapefit.pipelines.view.scene.find_floors", lambda *_: {})
     page = desk.scene(result)
     assert "floor" not in page["grounds"][0]
@@ -378,6 +378,52 @@ def test_pictures_of_a_video_are_numbered(desk):
         "2": 100,
         "5": 90,
     }
+
+
+def test_what_is_wrong_with_photographs_is_said(desk, rng):
+    """The page is made with those that are right."""
+    from PIL import Image
+
+    images = desk.folder / "photos"
+    images.mkdir()
+    for name, size in (("i0", (640, 360)), ("i1", (1280, 720)), ("i2", (300, 400))):
+        Image.new("RGB", size).save(images / f"{name}.png")
+    (images / "i3.jpg").write_bytes(rng.bytes(300))
+    turned = Image.Exif()
+    turned[0x0112] = 6  # held upright: a quarter turn
+    Image.new("RGB", (720, 1280)).save(images / "i4.jpg", exif=turned)
+    size = {"image_size": np.tile([1280.0, 720.0], (6, 1))}
+    shapes = desk.shapes(6)
+    seen = {"landmarks": shapes[:, :2].swapaxes(1, 2)} | size
+    made = desk.view(desk.result(shapes=shapes, extras=seen), images=images)
+    assert {k: v["size"] for k, v in made.data["pictures"].items()} == {
+        "0": [1280, 720],  # a smaller copy
+        "1": [1280, 720],
+        "2": [300, 400],
+        "4": [1280, 720],
+    }
+    assert "1 frame of 6 without a photograph in photos." in made.notes
+    assert "1 photograph cannot be read, such as i3.jpg (" in made.notes
+    shape = "1 photograph not of the shape of the images, which are 1280 x 720: "
+    assert shape in made.notes
+    assert "such as on i2.png, 300 x 400." in made.notes
+
+
+def test_what_metres_rest_on_is_said(desk):
+    sides = ("hip", "knee", "ankle", "shoulder")
+    names = tuple(f"{side}{joint}" for joint in sides for side in "rl")
+    how = {"extras": camera(), "landmark_names": names, "shapes": desk.shapes(4, 8)}
+    for attributes, height, about, said in (
+        ({}, False, "", ["Sizes are those of the training shapes: `fit --height`"]),
+        ({}, True, "", []),
+        ({"assumed_focal": 900.0}, True, "about ", ["Focal length assumed (900 px)"]),
+    ):
+        stated = {"stated_height": np.full(4, 1.8)} if height else {}
+        page = desk.scene(desk.result(attributes=attributes, **how, **stated))
+        assert page["about"] == about
+        assert len(page["assumed"]) == len(said) + 1
+        for sentence, beginning in zip(page["assumed"], said, strict=False):
+            assert sentence.startswith(beginning)
 
 
 def test_frame_rates_come_from_the_config_the_result_or_the_truth(desk):

@@ -8,12 +8,13 @@ import pytest
 
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError
-from shapefit.io import write_dictionary
+from shapefit.io import read_shapes, write_dictionary
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.pipelines.view.reading import Frames
 from shapefit.pipelines.view.run import write_page as run
 from shapefit.pipelines.view.scene import find_recordings, find_sides, make_scene
 from tests.io.files import mirror_pairs
+from tests.pipelines.view.conftest import write_truth
 
 
 def test_names_of_other_files():
@@ -261,6 +262,40 @@ def test_what_cannot_be_shown_is_refused(desk, made_dictionary):
     assert "no item fits, or there are none" in refused(desk, desk.result(n=0))
 
 
+def shapes_file(desk, name, n, **fields):
+    items = tuple(f"{name}/{number}" for number in range(n))
+    path = desk.folder / f"{name}.h5"
+    return write_truth(
+        path, desk.shapes(n), items=items, sequences=(name,) * n, **fields
+    )
+
+
+def test_files_of_one_recording_are_individuals_of_one_layer(desk):
+    names = ("rhip", "rknee", "rankle", "lhip", "head")
+    how = {"landmark_names": names, "unit": "m", "frame_rate": 25.0}
+    anna = shapes_file(desk, "man_anna", 4, frames=np.arange(4), **how)
+    emil = shapes_file(desk, "man_emil", 3, frames=np.arange(3) + 1, **how)
+    page = desk.scene(anna, emil)
+    (layer,) = page["layers"]
+    assert page["recordings"] == [[0, 1]]
+    assert layer["name"] == "man_anna, man_emil"
+    expected = np.concatenate(
+        [read_shapes([path]).as_columns() for path in (anna, emil)]
+    )
+    np.testing.assert_allclose(layer["points"], expected)
+    (angle,) = [m for m in layer["measures"] if m["name"] == "knee angle r"]
+    assert np.isfinite(angle["values"]).all()
+    assert np.ptp(angle["values"]) > 0
+
+
+def test_files_with_and_without_frames_are_not_one_recording(desk):
+    """A file whose frames nobody numbered is alone, whatever its place."""
+    first = shapes_file(desk, "first", 3, frames=np.arange(3))
+    second = shapes_file(desk, "second", 3)
+    assert desk.scene(first, second)["recordings"] == [[0], [1]]
+    assert desk.scene(second, first)["recordings"] == [[0], [1]]
+
+
 def test_a_page_that_cannot_be_leaves_the_old_one(desk, rng):
     result, images = desk.result(), desk.folder / "images"
     desk.view(result)
@@ -274,7 +309,10 @@ def test_a_page_that_cannot_be_leaves_the_old_one(desk, rng):
         ({"output": desk.folder}, "it is a folder"),
         ({"images": desk.folder / "none"}, "there is no folder"),
         ({"images": images}, "no item has an image, such as"),
-        ({"images": desk.folder / "broken"}, "i0.png: cannot be read as an image"),
+        (
+            {"images": desk.folder / "broken"},
+            "no photograph can be read, such as i0.png",
+        ),
         ({"items": ("x*",)}, "no item fits"),
     ):
         with pytest.raises(InputError, match=found):

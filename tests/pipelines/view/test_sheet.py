@@ -76,3 +76,61 @@ def test_a_sheet_shows_one_result(tmp_path, world):
     with pytest.raises(InputError, match="no item fits"):
         sheet(tmp_path / "s.png", result, items=["lorry"])
     assert [path.name for path in tmp_path.iterdir()] == ["other.h5"]
+
+
+def test_photographs_of_the_rows_alone_are_read(tmp_path, world, monkeypatch):
+    """They lie under the landmarks; what is missing is told."""
+    from PIL import Image
+
+    result = world.fit("cars", method="convex+refine")
+    items = read_results(result).items
+    folder = tmp_path / "photos"
+    for item in items:
+        path = folder / f"{item}.jpg"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("RGB", (64, 48), "grey").save(path)
+    drawn, opened = [], []
+    draw = viewing.contact_sheet
+    monkeypatch.setattr(
+        viewing,
+        "contact_sheet",
+        lambda images, model: drawn.extend(images) or draw(images[:1], model),
+    )
+    whole = Image.open
+    monkeypatch.setattr(
+        Image, "open", lambda path, **keys: opened.append(path) or whole(path, **keys)
+    )
+    outcome = sheet(tmp_path / "s.png", result, images=str(folder))
+    assert len(opened) == len(drawn) == outcome.done == 24
+    for image, path in zip(drawn, opened, strict=True):
+        assert path == folder / f"{image.title}.jpg"
+        assert image.photograph.pixels.size == (64, 48)
+    (folder / f"{drawn[0].title}.jpg").unlink()
+    outcome = sheet(tmp_path / "s.png", result, images=str(folder))
+    assert "1 frame of 24 without a photograph in photos." in outcome.warnings
+    assert drawn[24].photograph is None
+
+
+def test_cars_stand_upright(world):
+    path = world.dictionary("cars")
+    result = world.fit("cars", method="convex+refine")
+    scene = make_scene(ViewConfig(files={"cars": (result,)}, dictionary=path))
+    dictionary, fit = read_dictionary(path), read_results(result)
+    image = fitted_image(scene, 7)
+    upright = image.upright @ image.mesh
+    mixed = np.tensordot(fit.coefficients[7], dictionary.mesh_vertices, axes=1)
+    upright -= upright.mean(axis=1, keepdims=True)
+    mixed -= mixed.mean(axis=1, keepdims=True)
+    scale = np.linalg.norm(upright) / np.linalg.norm(mixed)
+    np.testing.assert_allclose(upright, scale * mixed, atol=1e-6 * scale)
+    assert image.individual == ("", 0)
+
+
+def test_a_film_is_not_drawn_on_a_sheet(tmp_path, world):
+    result = world.fit("cars", method="convex+refine")
+    film = tmp_path / "my clip.mp4"
+    film.write_bytes(b"")
+    line = r"ffmpeg -i '.*my clip.mp4' -fps_mode passthrough frames/%06d.jpg"
+    with pytest.raises(InputError, match=line):
+        sheet(tmp_path / "s.png", result, images=str(film))
+    assert not (tmp_path / "s.png").exists()
