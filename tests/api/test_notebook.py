@@ -54,6 +54,7 @@ def test_heads_are_above_in_the_picture_and_the_plot(walk, y_axis):
     circles = [*picture.iter("circle")]
     assert float(circles[head].get("cy")) < float(circles[foot].get("cy")) - 20
     axes = one.plot()
+    assert axes.get_title() == "landmarks/0"
     _, depth, y = axes.collections[0]._offsets3d
     assert axes.zaxis_inverted() == (y_axis == "down")
     assert (y[foot] > y[head] + 20) == axes.zaxis_inverted()
@@ -61,7 +62,6 @@ def test_heads_are_above_in_the_picture_and_the_plot(walk, y_axis):
     assert walk.plot(1, one.plot(0, axes)).zaxis_inverted()
     bars = one.shape_sd.size
     assert len(axes.lines) >= bars
-    assert axes.get_title() == "landmarks/0"
 
 
 def test_what_has_no_shape_name_or_trust_is_shown(walk):
