@@ -96,7 +96,7 @@ def _drawing(fit: Fit, row: int, edges: list[tuple[int, int]]) -> str:
 
 
 def _fit_in_square(points: Floats, *, up: bool) -> Floats | None:
-    """Return points (p, 2) in a square of DRAWING_SIDE pixels; None where none is known."""
+    """Return points (p, 2) in a square of pixels; None where none is known."""
     if not np.isfinite(points).any():
         return None
     flat = points * (1, -1 if up else 1)
