@@ -361,12 +361,32 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
             "out.csv",
         ]
 
+    def copies(count: int) -> list[Path]:
+        """Make files of the same image, each of another name."""
+        folder = bench.folder / "copies"
+        folder.mkdir(exist_ok=True)
+        text = (PROJECT / "sample_data/one_person.csv").read_text()
+        files = [folder / f"{number:03}.csv" for number in range(count)]
+        for file in files:
+            file.write_text(text)
+        return files
+
     def demo(one: Environment) -> Path:
         return made(one, "demo.h5", "learn-dict", *config(one, "demo/learn-dict.yaml"))
 
     found: dict[str, Callable[[Environment], Command]] = {
         "one image": lambda one: [*one_image(one, demo(one)), "--set", "method=convex"],
         "one image, people": lambda one: one_image(one, "people"),
+        "200 files of one image": lambda one: [
+            "fit",
+            *copies(200),
+            "-d",
+            demo(one),
+            "-o",
+            "copies.h5",
+            "--set",
+            "method=convex",
+        ],
     }
     if cars := bench.cars:
         data = ["--set", f"data={cars}"]
@@ -488,6 +508,12 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
             one, table("images", 100_000)
         ),
         "info, CSV of 100,000 images": lambda one: ["info", table("images", 100_000)],
+        "CSV of 100,000 images to HDF5": lambda one: [
+            "convert",
+            table("images", 100_000),
+            "-o",
+            "images.h5",
+        ],
         "eval, 21,740 images": lambda one: [
             "eval",
             result(one),

@@ -1,43 +1,38 @@
-"""The tidy table as CSV, one row a landmark of an item: text to records, and records to
-text.
-
-Text is split at commas while it holds no quote; from the first quote on, and for lines
-that do not fit, the csv module reads it.
+"""The tidy table as CSV, one row a landmark of an item: cells to records, and records
+to text.
 """
 
 from __future__ import annotations
 
-import csv
 import pickle
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import lru_cache
-from io import SEEK_END, StringIO
-from itertools import chain, count, islice
+from io import SEEK_END
+from itertools import chain, count, pairwise
 from math import isnan
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, Any
 
 import numpy as np
-import orjson
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Flags, Floats, Integers
+from shapefit.arrays import Flags, Floats
 from shapefit.errors import input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
 from shapefit.io.checks import LIMIT, input_problems
+from shapefit.io.csv_cells import ROWS, Cells, open_table, read_numbers
 from shapefit.io.inputs import (
     check_fits,
     is_stream,
     read_head,
-    read_text_blocks,
     source_name,
 )
 from shapefit.io.layout import FRAME, TIME
@@ -46,21 +41,8 @@ from shapefit.records.fit import Fit
 from shapefit.records.frames import check_frames, order_by_frame
 from shapefit.records.items import Items, concatenate
 from shapefit.records.landmarks import Landmarks
-from shapefit.records.names import as_composed
 from shapefit.records.shapes import Shapes
 from shapefit.timeline import find_rate
-
-ROWS = 1 << 12
-"""Rows that are read and written at a time: more leave the processor's cache, and take
-longer.
-"""
-
-QUOTES = (
-    "put cells with commas or quotes in double quotes, and double the quotes in them"
-)
-
-RowBlock = tuple[Integers, dict[str, Sequence[str]]]
-"""The lines of some rows, and their cells by column."""
 
 OF_ITEMS = ("sequence", FRAME, TIME)
 """Columns that say the same in all rows of an item."""
@@ -83,11 +65,6 @@ FINITE_OR_EMPTY = "write a finite number, or leave the cell empty where it is un
 
 MISSED = -1.0
 """Both coordinates of a landmark without confidence that was not found."""
-
-MOST_EMPTY = 1 << 15
-"""Bytes of empty lines from which they are passed over: a file can be full of them, but
-no name is.
-"""
 
 MAX_IN_MEMORY = 1 << 19
 """Rows of a table that are held; more go to a temporary file, item by item, if the rows
@@ -130,8 +107,8 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     """
     table = _Table(path, kind)
     spool = Spool()
-    for lines, cells in table.blocks:
-        table.take(lines, cells)
+    for cells in table.blocks:
+        table.take(cells)
         if table.size <= MAX_IN_MEMORY:
             continue
         if kind == "landmarks" and table.in_order:
@@ -178,8 +155,8 @@ def _read_unordered(path: Path, kind: str) -> Items:
     not in order. Raises InputError where memory is too little.
     """
     table = _Table(path, kind)
-    for lines, cells in table.blocks:
-        table.take(lines, cells)
+    for cells in table.blocks:
+        table.take(cells)
         check_fits(table.name, table.size * ROW_BYTES)
     return _in_time(table.records(), table.numbered, table.name)
 
@@ -187,8 +164,8 @@ def _read_unordered(path: Path, kind: str) -> Items:
 def read_csv_head(path: Path, kind: str) -> tuple[Items, float]:
     """Read the first rows of a table, and return them with their share of all rows."""
     table, share = _Table(path, kind), 1.0
-    for lines, cells in table.blocks:
-        table.take(lines, cells)
+    for cells in table.blocks:
+        table.take(cells)
         if table.size > MAX_IN_MEMORY // 4 and path.is_file():
             text = read_head(path, 1 << 20)
             share = min(
@@ -236,28 +213,21 @@ class _Table:
         self.in_order = True
         self.numbered = False
 
-    def take(self, lines: Integers, cells: Mapping[str, Sequence[str]]) -> None:
-        """Add rows, given by their lines and their cells by column.
-
-        Raises InputError for wrong cells.
-        """
-        faults = _Faults(self.name, lines, cells)
-        for column in ("item", "landmark"):
-            if "" in cells[column]:
-                empty = np.array([text == "" for text in cells[column]])
-                faults.note(column, empty, f"name the {column}")
-        item = _numbers_of(cells["item"], self._items)
-        landmark = _numbers_of(cells["landmark"], self._landmarks)
+    def take(self, cells: Cells) -> None:
+        """Add rows, given by their cells; raises InputError for wrong ones."""
+        faults = _Faults(self.name, cells)
+        item = self._take_names("item", self._items, cells, faults)
+        landmark = self._take_names("landmark", self._landmarks, cells, faults)
         self._take_columns_of_items(cells, faults)
         points = []
         for axis in self._axes:
-            values, invalid = read_numbers(cells[axis])
+            values, invalid = cells.numbers(axis)
             faults.note(axis, invalid | np.isinf(values), FINITE_OR_EMPTY)
             points.append(values)
         missing = np.isnan(points).any(axis=0)
-        confidence = np.zeros(len(lines))
+        confidence = np.zeros(len(cells.lines))
         if self._scored:
-            confidence, _ = read_numbers(cells["confidence"])
+            confidence, _ = cells.numbers("confidence")
             wrong = ~(np.isfinite(confidence) & (confidence >= 0))
             fix = "write 0 (hidden) or a positive number"
             faults.note("confidence", wrong, fix)
@@ -269,31 +239,44 @@ class _Table:
         steps = np.diff(item, prepend=self._last)
         self.in_order = self.in_order and not (steps < 0).any()
         self._last = int(item[-1]) if len(item) else self._last
-        self.size += len(lines)
-        self._parts.append(
-            (lines.astype(np.int32), item, landmark, *points, confidence)
-        )
+        self.size += len(cells.lines)
+        lines = cells.lines.astype(np.int32)
+        self._parts.append((lines, item, landmark, *points, confidence))
 
-    def _take_columns_of_items(
-        self, cells: Mapping[str, Sequence[str]], faults: _Faults
-    ) -> None:
+    def _take_names(
+        self,
+        column: str,
+        numbering: defaultdict[str, int],
+        cells: Cells,
+        faults: _Faults,
+    ) -> NDArray[np.int32]:
+        """Return the number of each name in a column (n,); note those that are empty.
+
+        New names are numbered as they come.
+        """
+        texts_of_rows, texts = cells.texts(column)
+        if "" in texts:
+            empty = texts_of_rows == texts.index("")
+            faults.note(column, empty, f"name the {column}")
+        numbers = np.fromiter(map(numbering.__getitem__, texts), np.int32, len(texts))
+        return numbers[texts_of_rows]
+
+    def _take_columns_of_items(self, cells: Cells, faults: _Faults) -> None:
         """Store what rows of an item share: sequence, frame, time; note wrong cells."""
         for column, of_item in self._of_items.items():
-            first = [*map(of_item.setdefault, cells["item"], cells[column])]
-            if first != [*cells[column]]:
-                wrong = np.array(first, object) != np.array(cells[column], object)
-                faults.note(column, wrong, f"give all rows of an item one {column}")
+            fix = f"give all rows of an item one {column}"
+            faults.note(column, _differ_in_items(cells, column, of_item), fix)
         if FRAME in self._of_items:
-            numbers, invalid = read_numbers(cells[FRAME])
+            numbers, invalid = cells.numbers(FRAME)
             whole = (np.abs(numbers) < MOST_FRAME) & (numbers % 1 == 0)
-            self.numbered = self.numbered or any(cells[FRAME])
-            sequences = cells.get("sequence", ())
-            single = np.array([not sequence for sequence in sequences], bool)
-            if len(single):  # images of no sequence need no number
-                whole |= single & np.isnan(numbers)
+            self.numbered = self.numbered or any(cells.texts(FRAME)[1])
+            if "sequence" in self._of_items:  # images of no sequence need no number
+                texts_of_rows, texts = cells.texts("sequence")
+                single = np.array([not text for text in texts], bool)
+                whole |= single[texts_of_rows] & np.isnan(numbers)
             faults.note(FRAME, invalid | ~whole, "write a whole number")
         if TIME in self._of_items:
-            seconds, invalid = read_numbers(cells[TIME])
+            seconds, invalid = cells.numbers(TIME)
             wrong = invalid | np.isinf(seconds)
             faults.note(TIME, wrong, f"{FINITE_OR_EMPTY} (seconds)")
 
@@ -391,21 +374,18 @@ class _Table:
 class _Faults:
     """What is wrong with cells of some rows, by row."""
 
-    def __init__(
-        self, name: str, lines: Integers, cells: Mapping[str, Sequence[str]]
-    ) -> None:
-        """Take a file's name, and the lines and cells of rows; nothing is noted yet."""
+    def __init__(self, name: str, cells: Cells) -> None:
+        """Take a file's name, and the cells of rows; nothing is noted yet."""
         self._name = name
-        self._lines = lines
         self._cells = cells
         self._problems: list[tuple[int, str]] = []
 
     def note(self, column: str, wrong: Flags, fix: str) -> None:
         """Note the rows (n,) whose cell in a column is wrong, and what to write."""
         for row in np.flatnonzero(wrong).tolist():
-            cell = self._cells[column][row]
+            cell = self._cells.cell(column, row)
             fault = f"is '{cell}'" if cell else "is empty"
-            place = f"{self._name}:{self._lines[row]}"
+            place = f"{self._name}:{self._cells.lines[row]}"
             self._problems.append((row, f"{place}: {column} {fault}; {fix}"))
 
     def check(self) -> None:
@@ -423,11 +403,22 @@ def _numbering(*texts: str) -> defaultdict[str, int]:
     return defaultdict(count(len(texts)).__next__, zip(texts, count()))
 
 
-def _numbers_of(
-    texts: Sequence[str], numbering: defaultdict[str, int]
-) -> NDArray[np.int32]:
-    """Return the number of each text, new ones numbered as they come."""
-    return np.fromiter(map(numbering.__getitem__, texts), np.int32, len(texts))
+def _differ_in_items(cells: Cells, column: str, of_item: dict[str, str]) -> Flags:
+    """Return the rows (n,) whose cell is another than that of their item.
+
+    `of_item` has the cell of each item so far, and gets those of new ones.
+    """
+    items_of_rows, items = cells.texts("item")
+    texts_of_rows, texts = cells.texts(column)
+    count = len(items_of_rows)
+    differ = np.zeros(count, bool)
+    steps = (np.diff(items_of_rows) != 0) | (np.diff(texts_of_rows) != 0)
+    starts = [0, *(np.flatnonzero(steps) + 1).tolist(), count]
+    for start, stop in pairwise(starts if count else []):
+        text = texts[texts_of_rows[start]]
+        first = of_item.setdefault(items[items_of_rows[start]], text)
+        differ[start:stop] = first != text
+    return differ
 
 
 class Spool:
@@ -476,159 +467,6 @@ class Spool:
         self._file.seek(self._offsets[number])
         images: Items = pickle.load(self._file)
         return arrange(images, self._names)
-
-
-def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
-    """Return the numbers (n,) that cells hold, and which cells are no number at all.
-
-    They are decimal, inf or nan. Spaces around them do not count; an empty cell, and
-    what is no number, is NaN.
-    """
-    invalid = np.zeros(len(cells), bool)
-    filled = [cell or "null" for cell in cells] if "" in cells else cells
-    try:
-        values = orjson.loads(f"[{','.join(filled)}]")  # four times as fast as float()
-    except orjson.JSONDecodeError:
-        values = []
-    if len(values) == len(cells):
-        kinds = set(map(type, values))
-        if kinds <= {float, int}:
-            return np.fromiter(values, np.float64, len(values)), invalid
-        if kinds <= {float, int, type(None)} and values.count(None) == cells.count(""):
-            return np.array(values, np.float64), invalid
-    numbers = np.full(len(cells), np.nan)
-    for row, cell in enumerate(map(str.strip, cells)):
-        try:
-            invalid[row] = (
-                "_" in cell or not cell.isascii()
-            )  # which float() alone would take
-            numbers[row] = np.nan if invalid[row] else float(cell or "nan")
-        except ValueError:
-            invalid[row] = True
-    return numbers, invalid
-
-
-def open_table(path: Path) -> tuple[list[str], Iterator[RowBlock]]:
-    """Open a table, and return its columns, and blocks of its rows as an iterator.
-
-    It is a file, a pipe or standard input; empty rows are passed over. Where the header
-    has spaces around its names, they are taken from the cells, too. Raises InputError
-    for text that is no CSV in UTF-8 with commas, and for rows of another width.
-    """
-    name = source_name(path)
-    texts = _read_texts(path)
-    _, text = next(texts)
-    first, _, rest = text.partition("\n")
-    _, header = next(read_rows([first], 1, name), (1, [""]))
-    columns = [column.strip() for column in header]
-
-    def blocks() -> Iterator[RowBlock]:
-        for lines, cells in _divided(chain([(2, rest)], texts), len(columns), name):
-            if columns != header:
-                cells = [[cell.strip() for cell in column] for column in cells]
-            yield lines, dict(zip(columns, cells, strict=True))
-
-    return columns, blocks()
-
-
-def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield an input in texts of whole lines, each after the number of its first line.
-
-    Raises InputError for a cell without end, and for what is not UTF-8.
-    """
-    name, line, rest = source_name(path), 1, b""
-    old_ends = False
-    for number, block in enumerate(chain(read_text_blocks(path), [b""])):
-        old_ends = _ends_with_cr(block) if number == 0 else old_ends
-        data = rest + (block.replace(b"\r", b"\n") if old_ends else block)
-        end = (
-            data.rfind(b"\n") + 1 if block else len(data)
-        )  # the last line may have no end
-        rest = data[end:]
-        if len(rest) > csv.field_size_limit():
-            fix = "check the quotes around it, and the ends of lines"
-            raise input_error(f"{name}:{line}", "a bad cell (it has no end)", fix)
-        if end > MOST_EMPTY and line > 1 and not data[:end].strip():
-            line += data.count(b"\n", 0, end)
-        elif end:
-            try:
-                text = data[:end].decode("utf-8-sig" if line == 1 else "utf-8")
-            except UnicodeDecodeError as error:
-                line += data.count(b"\n", 0, error.start)
-                fix = "save it as CSV in UTF-8"
-                raise input_error(f"{name}:{line}", "is not UTF-8 text", fix) from error
-            yield line, as_composed(text)
-            line += data.count(b"\n", 0, end)
-
-
-def _ends_with_cr(block: bytes) -> bool:
-    r"""Whether the first line ends with \r alone, as Excel for the Mac ends lines."""
-    first = block.find(b"\r")
-    followed = block[first + 1 : first + 2] == b"\n"
-    quoted = block.count(b'"', 0, first) % 2 == 1
-    return first >= 0 and not followed and not quoted and b"\n" not in block[:first]
-
-
-def _divided(
-    texts: Iterator[tuple[int, str]], width: int, name: str
-) -> Iterator[tuple[Integers, Sequence[Sequence[str]]]]:
-    """Yield rows of texts, block by block: their line numbers, and their columns.
-
-    Raises InputError for rows that do not have `width` cells, and for wrong quotes.
-    """
-    for line, text in texts:
-        columns = split_columns(text, width)
-        if columns is not None:
-            yield np.arange(line, line + len(columns[0])), columns
-            continue
-        following = (text for _, text in texts) if '"' in text else ()
-        rows = read_rows(chain([text], following), line, name)
-        while part := [*islice(rows, ROWS)]:
-            if wrong := [(at, len(row)) for at, row in part if len(row) != width]:
-                end = f"cells for {width} columns; write one cell per column"
-                raise input_problems([f"{name}:{at}: has {n} {end}" for at, n in wrong])
-            yield (
-                np.array([at for at, _ in part]),
-                [*zip(*(row for _, row in part), strict=True)],
-            )
-
-
-def split_columns(text: str, width: int) -> list[list[str]] | None:
-    """Return the columns of lines with `width` unquoted cells each, None for others.
-
-    `read_rows` takes every text, and finds the same cells.
-    """
-    text = text.replace("\r\n", "\n") if "\r" in text else text
-    if '"' in text or "\r" in text:
-        return None
-    text = text.removesuffix("\n")
-    letters = np.frombuffer(text.encode() + b"\n", np.uint8)
-    marks = letters[(letters == ord(",")) | (letters == ord("\n"))]
-    ends = np.flatnonzero(marks == ord("\n"))
-    if not np.array_equal(ends, np.arange(width - 1, len(marks), width)):
-        return None
-    cells = text.replace("\n", ",").split(",")
-    columns = [cells[column::width] for column in range(width)]
-    return None if "" in columns[0] else columns  # there may be an empty row
-
-
-def read_rows(
-    texts: Iterable[str], line: int, name: str
-) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and cells of each row that is not empty.
-
-    The texts begin with `line`. Raises InputError for wrong quotes.
-    """
-    lines = chain.from_iterable(StringIO(text, newline="") for text in texts)
-    reader = csv.reader(lines, strict=True)
-    start = line
-    try:
-        for row in reader:
-            if any(row):
-                yield line, row
-            line = start + reader.line_num
-    except csv.Error as error:
-        raise input_error(f"{name}:{line}", f"a bad cell ({error})", QUOTES) from error
 
 
 @contextmanager

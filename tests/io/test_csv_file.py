@@ -23,7 +23,8 @@ from shapefit.io import (
     read_shapes,
     result_writer,
 )
-from shapefit.io.csv_file import read_csv, read_numbers, read_rows, split_columns
+from shapefit.io.csv_cells import read_numbers, read_rows, split_cells
+from shapefit.io.csv_file import read_csv
 from shapefit.io.options import InputOptions
 from shapefit.records import Landmarks, concatenate
 from tests.io.files import load, save
@@ -134,10 +135,12 @@ def test_a_landmark_with_half_a_position_is_unseen(csv, cells, read_views):
 @example("a,a,a\na")
 @settings(max_examples=300)
 def test_what_is_split_is_never_read_in_another_way(text):
-    columns = split_columns(text, 2)
-    if columns is not None:
+    cells = split_cells(text, ["left", "right"], 1)
+    if cells is not None:
         rows = [row for _, row in read_rows([text], 1, "name")]
-        assert [list(row) for row in zip(*columns, strict=True)] == rows
+        assert len(cells.lines) == len(rows)
+        for number, row in enumerate(rows):
+            assert [cells.cell(column, number) for column in ("left", "right")] == row
 
 
 @pytest.mark.parametrize(

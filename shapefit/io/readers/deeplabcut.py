@@ -14,7 +14,8 @@ from typing_extensions import TypedDict
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, printable
-from shapefit.io.csv_file import MOST_FRAME, read_numbers
+from shapefit.io.csv_cells import read_numbers
+from shapefit.io.csv_file import MOST_FRAME
 from shapefit.io.formats import Head
 from shapefit.io.readers.poses import (
     FormatError,

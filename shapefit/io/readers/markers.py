@@ -10,7 +10,7 @@ import numpy as np
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted
 from shapefit.geometry.normalisation import as_metres
-from shapefit.io.csv_file import read_numbers
+from shapefit.io.csv_cells import read_numbers
 from shapefit.io.formats import Head
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (

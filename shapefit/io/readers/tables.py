@@ -15,7 +15,7 @@ import numpy as np
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, input_error, printable
-from shapefit.io.csv_file import read_numbers
+from shapefit.io.csv_cells import read_numbers
 from shapefit.io.formats import Head
 from shapefit.io.readers.arrays import of_bodies
 from shapefit.io.readers.headers import OF_IMAGES, WEIGHTS, Body, Header, parse_header

@@ -18,7 +18,7 @@ import orjson
 
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
-from shapefit.io.csv_file import read_numbers
+from shapefit.io.csv_cells import read_numbers
 from shapefit.io.inputs import (
     BYTE_ORDER_MARK,
     UTF16_MARKS,
