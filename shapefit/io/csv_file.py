@@ -128,7 +128,7 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     not stand together, or frames are not in order, which cannot go to a file item by
     item.
     """
-    table = _Table(path, kind)
+    table = Table(path, kind)
     spool = Spool()
     for lines, cells in table.blocks:
         table.take(lines, cells)
@@ -177,7 +177,7 @@ def _read_unordered(path: Path, kind: str) -> Items:
     Rows of an item do not stand together, as pandas' `melt` leaves them, or frames are
     not in order. Raises InputError where memory is too little.
     """
-    table = _Table(path, kind)
+    table = Table(path, kind)
     for lines, cells in table.blocks:
         table.take(lines, cells)
         check_fits(table.name, table.size * ROW_BYTES)
@@ -186,7 +186,7 @@ def _read_unordered(path: Path, kind: str) -> Items:
 
 def read_csv_head(path: Path, kind: str) -> tuple[Items, float]:
     """Read the first rows of a table, and return them with their share of all rows."""
-    table, share = _Table(path, kind), 1.0
+    table, share = Table(path, kind), 1.0
     for lines, cells in table.blocks:
         table.take(lines, cells)
         if table.size > MAX_IN_MEMORY // 4 and path.is_file():
@@ -198,16 +198,19 @@ def read_csv_head(path: Path, kind: str) -> tuple[Items, float]:
     return _in_time(table.records(), table.numbered, table.name), share
 
 
-class _Table:
+class Table:
     """Collects the rows of a table, block by block, and makes records of them.
 
     It holds numbers of items and landmarks, and values.
     """
 
-    def __init__(self, path: Path, kind: str) -> None:
-        """Open a table; InputError for columns unknown, there twice, or missing."""
+    def __init__(self, path: Path, kind: str, *, live: bool = False) -> None:
+        """Open a table; InputError for columns unknown, there twice, or missing.
+
+        With `live` it is standard input, whose rows are taken as they come.
+        """
         self.name, self._kind = source_name(path), kind
-        columns, self.blocks = open_table(path)
+        columns, self.blocks = open_table(path, live=live)
         required = (
             "item",
             "landmark",
@@ -368,6 +371,16 @@ class _Table:
             plane[place] = column
         return planes
 
+    def pop_all(self) -> Items:
+        """Remove and return all items; their landmarks stay those of the table."""
+        images = self.records()
+        self._parts = []
+        self._items = _numbering()
+        self._of_items = {column: {} for column in self._of_items}
+        self.size = 0
+        self._last = 0
+        return images if self.numbered else replace(images, frames=None)
+
     def pop_complete(self) -> Items:
         """Remove and return all items but the last, of which more rows may come."""
         images = self.records()
@@ -508,22 +521,27 @@ def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
     return numbers, invalid
 
 
-def open_table(path: Path) -> tuple[list[str], Iterator[RowBlock]]:
+def open_table(
+    path: Path, *, live: bool = False
+) -> tuple[list[str], Iterator[RowBlock]]:
     """Open a table, and return its columns, and blocks of its rows as an iterator.
 
     It is a file, a pipe or standard input; empty rows are passed over. Where the header
-    has spaces around its names, they are taken from the cells, too. Raises InputError
-    for text that is no CSV in UTF-8 with commas, and for rows of another width.
+    has spaces around its names, they are taken from the cells, too. With `live` a block
+    of standard input has the rows that have come. Raises InputError for text that is no
+    CSV in UTF-8 with commas, and for rows of another width.
     """
     name = source_name(path)
-    texts = _read_texts(path)
+    texts = _read_texts(path, live)
+    at_once = 1 if live else ROWS
     _, text = next(texts)
     first, _, rest = text.partition("\n")
     _, header = next(read_rows([first], 1, name), (1, [""]))
     columns = [column.strip() for column in header]
 
     def blocks() -> Iterator[RowBlock]:
-        for lines, cells in _divided(chain([(2, rest)], texts), len(columns), name):
+        rows = chain([(2, rest)], texts)
+        for lines, cells in _divided(rows, len(columns), name, at_once):
             if columns != header:
                 cells = [[cell.strip() for cell in column] for column in cells]
             yield lines, dict(zip(columns, cells, strict=True))
@@ -531,14 +549,15 @@ def open_table(path: Path) -> tuple[list[str], Iterator[RowBlock]]:
     return columns, blocks()
 
 
-def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
+def _read_texts(path: Path, live: bool) -> Iterator[tuple[int, str]]:
     """Yield an input in texts of whole lines, each after the number of its first line.
 
     Raises InputError for a cell without end, and for what is not UTF-8.
     """
     name, line, rest = source_name(path), 1, b""
     old_ends = False
-    for number, block in enumerate(chain(read_text_blocks(path), [b""])):
+    blocks = read_text_blocks(path, live=live)
+    for number, block in enumerate(chain(blocks, [b""])):
         old_ends = _ends_with_cr(block) if number == 0 else old_ends
         data = rest + (block.replace(b"\r", b"\n") if old_ends else block)
         end = (
@@ -570,11 +589,12 @@ def _ends_with_cr(block: bytes) -> bool:
 
 
 def _divided(
-    texts: Iterator[tuple[int, str]], width: int, name: str
+    texts: Iterator[tuple[int, str]], width: int, name: str, at_once: int
 ) -> Iterator[tuple[Integers, Sequence[Sequence[str]]]]:
     """Yield rows of texts, block by block: their line numbers, and their columns.
 
-    Raises InputError for rows that do not have `width` cells, and for wrong quotes.
+    From the first quote on, a block has `at_once` rows. Raises InputError for rows that
+    do not have `width` cells, and for wrong quotes.
     """
     for line, text in texts:
         columns = split_columns(text, width)
@@ -583,7 +603,7 @@ def _divided(
             continue
         following = (text for _, text in texts) if '"' in text else ()
         rows = read_rows(chain([text], following), line, name)
-        while part := [*islice(rows, ROWS)]:
+        while part := [*islice(rows, at_once)]:
             if wrong := [(at, len(row)) for at, row in part if len(row) != width]:
                 end = f"cells for {width} columns; write one cell per column"
                 raise input_problems([f"{name}:{at}: has {n} {end}" for at, n in wrong])

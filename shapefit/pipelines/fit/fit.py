@@ -36,7 +36,12 @@ from shapefit.pipelines.fit.export import check_export, export_meshes
 from shapefit.pipelines.fit.family import Calibration, Family
 from shapefit.pipelines.fit.inputs import WatchedFiles
 from shapefit.pipelines.fit.record import provenance, to_record
-from shapefit.pipelines.fit.summary import Tally, describe_batch, summarise_fit
+from shapefit.pipelines.fit.summary import (
+    InputsRead,
+    Tally,
+    describe_batch,
+    summarise_fit,
+)
 from shapefit.pipelines.joints import Matched
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Landmarks
@@ -114,7 +119,8 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
                 writer.append(batch.record)
             writer.attributes.update(provenance(plan, files.digests()))
             files.check_unchanged()
-    yield summarise_fit(source, plan, tally, chosen, writer.summary)
+    read = InputsRead(source.head, source.count, source.left_out, source.notes)
+    yield summarise_fit(read, plan, tally, chosen, writer.summary)
     yield from export_meshes(plan.config)
 
 
