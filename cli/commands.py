@@ -387,7 +387,10 @@ def info(call: Call, **keys: object) -> int:
 @truth
 @dictionary("Dictionary with edges and meshes to draw.")
 @click.option(
-    "--images", type=FILE, metavar="FOLDER", help="Images under the landmarks."
+    "--images",
+    type=FILE,
+    metavar="FOLDER",
+    help="Folder of photographs, or a film, under the landmarks.",
 )
 @keypoints
 @frame_rate

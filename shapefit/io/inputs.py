@@ -13,8 +13,9 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext, suppress
 from functools import partial
-from io import BytesIO
+from io import BufferedReader, BytesIO
 from pathlib import Path
+from typing import cast
 
 from shapefit.errors import InputError, input_error
 
@@ -129,7 +130,8 @@ def read_text_blocks(path: Path, *, live: bool = False) -> Iterator[bytes]:
     name = source_name(path)
     if live:
         assert is_stream(path), "nothing else stays open"
-        blocks = iter(partial(sys.stdin.buffer.read1, BLOCK_BYTES), b"")
+        stdin = cast(BufferedReader, sys.stdin.buffer)
+        blocks = iter(partial(stdin.read1, BLOCK_BYTES), b"")
     else:
         blocks = _read_blocks(path, BLOCK_BYTES)
     first = next(blocks, b"")

@@ -67,6 +67,11 @@ def test_a_shell_completes_every_word_of_a_key(command):
             assert set(words) <= {"auto"}, f"{option.name} has words; give it WORD"
 
 
+def test_a_command_without_a_config_has_none():
+    assert "verify" not in CONFIGS
+    assert list(CONFIGS) == [one for one in CONFIGS if one in CONFIGS]
+
+
 @pytest.mark.parametrize("command", [*CONFIGS, "verify"])
 def test_every_option_says_what_it_is_for_and_is_listed_once(command):
     options = [
