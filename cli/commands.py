@@ -136,6 +136,7 @@ def project(call: Call, **keys: object) -> int:
     "shapefit fit views.h5 -d dict.h5 -o result.h5 --method convex --lambda 0.2",
     "shapefit fit 'day1/*.h5' -d dict.h5 -o results/ --workers 4",
     "shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv",
+    "tail -f landmarks.csv | shapefit fit -d dict.h5 -o - - --live",
     needs=["landmarks"],
 )
 @click.argument("landmarks", nargs=-1, type=FILE, metavar="LANDMARKS...")
@@ -224,10 +225,16 @@ def project(call: Call, **keys: object) -> int:
     metavar="SHARE",
     help="Exit with 1 if more of the images than this are not trusted.",
 )
+@click.option(
+    "--live",
+    is_flag=True,
+    help="Write the rows of an item as soon as it is complete; from - to -.",
+)
 @of_config
 @of_report
 def fit(
     call: Call,
+    live: bool,
     partition: int | None,
     workers: int | None,
     scheduler: str | None,
@@ -251,7 +258,9 @@ def fit(
         scheduler_file=scheduler_file,
         replace=replace_others,
     )
-    if hasattr(config.output, "manifest"):
+    if live:
+        from shapefit.pipelines.fit.live import fit_live as run
+    elif hasattr(config.output, "manifest"):
         from shapefit.pipelines.partition.run import fit_parts as run
     else:
         from shapefit.pipelines.fit.fit import fit as run
@@ -378,7 +387,10 @@ def info(call: Call, **keys: object) -> int:
 @truth
 @dictionary("Dictionary with edges and meshes to draw.")
 @click.option(
-    "--images", type=FILE, metavar="FOLDER", help="Images under the landmarks."
+    "--images",
+    type=FILE,
+    metavar="FOLDER",
+    help="Folder of photographs, or a film, under the landmarks.",
 )
 @keypoints
 @frame_rate

@@ -28,6 +28,9 @@ MAX_LISTED = 20
 MAX_FILES = 8
 """Files in one folder that are named; more are counted."""
 
+PAGE_SUFFIX = ".html"
+"""Of the file among several that people open."""
+
 LINE_LETTERS = 110
 """Of a line of the summary, its label among them."""
 
@@ -150,7 +153,8 @@ class Report:
         done = f"{self.done:,}"
         if self.total and self.done <= self.total:
             done += f"/{self.total:,}"
-        return f"{self.command}: {done} {self.unit}s, {self._seconds:.0f} s"
+        note = f"{self.note}, " if self.note and not self.to_stdout else ""
+        return f"{self.command}: {done} {self.unit}s, {note}{self._seconds:.0f} s"
 
     def add(self, result: Result) -> None:
         """Add what became of one more part of the work."""
@@ -293,9 +297,16 @@ class Report:
         if len(self.written) > 1 and len(folders) == 1 and Path.cwd() not in folders:
             folder = _shown(folders.pop())
             if len(self.written) > MAX_FILES and not self.verbose:
-                return f"{len(self.written)} files in {folder}/"
+                return self._few_files(folder)
             return f"{folder}/: {', '.join(path.name for path in self.written)}"
         return ", ".join(map(_shown, self.written))
+
+    def _few_files(self, folder: str) -> str:
+        """Return the page among the files of a folder by name, the others counted."""
+        pages = [path.name for path in self.written if path.suffix == PAGE_SUFFIX]
+        if len(pages) != 1:
+            return f"{len(self.written)} files in {folder}/"
+        return f"{folder}/{pages[0]} and {len(self.written) - 1} more files"
 
     @property
     def _seconds(self) -> float:

@@ -77,8 +77,9 @@ class PartLine(ManifestLine):
     """The line of a part: what it is made of, and what became of it.
 
     rows (start, stop) of the one input, None for all; states, the bytes and time of
-    change of each input; images, how many of them `failed`, and how many are solved to
-    their tolerance or not, with the largest gap, for methods that state one; `bytes`
+    change of each input; images, how many of them `failed`, how many are trusted, of
+    methods with a prior, and how many are solved to their tolerance or not, with the
+    largest gap, for methods that state one; `bytes`
     and digest of the contents of the result.
     """
 
@@ -89,6 +90,7 @@ class PartLine(ManifestLine):
     status: PartStatus
     images: PartCount = 0
     failed: PartCount = 0
+    trusted: PartCount | None = None
     optimal: PartCount | None = None
     not_optimal: PartCount | None = None
     largest_gap: Annotated[float, Field(ge=0)] | None = None

@@ -42,33 +42,51 @@ WORD_BYTES = 8
 """Texts go to the core as words of this size."""
 
 
-def open_table(path: Path) -> tuple[list[str], Iterator[Cells]]:
+def open_table(path: Path, *, live: bool = False) -> tuple[list[str], Iterator[Cells]]:
     """Open a table, and return its columns, and blocks of its rows as an iterator.
 
     It is a file, a pipe or standard input; empty rows are passed over. Where the header
-    has spaces around its names, they are taken from the cells, too. Raises InputError
-    for text that is no CSV in UTF-8 with commas, and for rows of another width.
+    has spaces around its names, they are taken from the cells, too. With `live` a block
+    of standard input has the rows that have come. Raises InputError for text that is no
+    CSV in UTF-8 with commas, and for rows of another width.
     """
     name = source_name(path)
-    texts = _read_texts(path)
+    texts = _read_texts(path, live)
+    at_once = 1 if live else ROWS
     _, text = next(texts)
     first, _, rest = text.partition("\n")
     _, header = next(read_rows([first], 1, name), (1, [""]))
     columns = [column.strip() for column in header]
 
     spaced = columns != header
-    return columns, _divided(chain([(2, rest)], texts), columns, name, spaced=spaced)
+    rows = chain([(2, rest)], texts)
+    return columns, _divided(rows, columns, name, at_once, spaced=spaced)
 
 
 class Cells:
     """The cells of some rows of a table, by column."""
 
-    def __init__(self, lines: Integers) -> None:
+    def __init__(self, lines: Integers, columns: Sequence[str]) -> None:
+        """Take the lines (n,) of the file in which rows begin, and the columns."""
         self.lines = lines
+        self.columns = columns
 
     def cell(self, column: str, row: int) -> str:
         """Return one cell."""
         raise NotImplementedError
+
+    def listed(self, column: str) -> list[str]:
+        """Return the cells (n,) of a column."""
+        return [self.cell(column, row) for row in range(len(self.lines))]
+
+    def part(self, rows: slice) -> ListedCells:
+        """Return the cells of some rows."""
+        numbers = range(len(self.lines))[rows]
+        columns = {
+            column: [self.cell(column, row) for row in numbers]
+            for column in self.columns
+        }
+        return ListedCells(self.lines[rows], columns)
 
     def numbers(self, column: str) -> tuple[Floats, Flags]:
         """Return the numbers (n,) of a column, and which of its cells are none.
@@ -89,7 +107,7 @@ class ListedCells(Cells):
     """Cells in lists of texts."""
 
     def __init__(self, lines: Integers, columns: Mapping[str, Sequence[str]]) -> None:
-        super().__init__(lines)
+        super().__init__(lines, [*columns])
         self._columns = columns
 
     def cell(self, column: str, row: int) -> str:
@@ -118,7 +136,7 @@ class SplitCells(Cells):
         places: Mapping[str, tuple[Integers, Integers]],
     ) -> None:
         """Take the text, and the first and last letters of the cells of each column."""
-        super().__init__(lines)
+        super().__init__(lines, [*places])
         self._data = data
         self._places = places
 
@@ -166,14 +184,15 @@ class SplitCells(Cells):
         return numbers, [self._data[start:end].decode() for start, end in places]
 
 
-def _read_texts(path: Path) -> Iterator[tuple[int, str]]:
+def _read_texts(path: Path, live: bool) -> Iterator[tuple[int, str]]:
     """Yield an input in texts of whole lines, each after the number of its first line.
 
     Raises InputError for a cell without end, and for what is not UTF-8.
     """
     name, line, rest = source_name(path), 1, b""
     old_ends = False
-    for number, block in enumerate(chain(read_text_blocks(path), [b""])):
+    blocks = read_text_blocks(path, live=live)
+    for number, block in enumerate(chain(blocks, [b""])):
         old_ends = _ends_with_cr(block) if number == 0 else old_ends
         data = rest + (block.replace(b"\r", b"\n") if old_ends else block)
         end = (
@@ -205,12 +224,17 @@ def _ends_with_cr(block: bytes) -> bool:
 
 
 def _divided(
-    texts: Iterator[tuple[int, str]], columns: Sequence[str], name: str, *, spaced: bool
+    texts: Iterator[tuple[int, str]],
+    columns: Sequence[str],
+    name: str,
+    at_once: int,
+    *,
+    spaced: bool,
 ) -> Iterator[Cells]:
     """Yield the cells of texts, block by block; where `spaced` without spaces around.
 
-    Raises InputError for rows that do not have a cell for each column, and for wrong
-    quotes.
+    From the first quote on, a block has `at_once` rows. Raises InputError for rows that
+    do not have a cell for each column, and for wrong quotes.
     """
     width = len(columns)
     for line, text in texts:
@@ -220,7 +244,7 @@ def _divided(
             continue
         following = (text for _, text in texts) if '"' in text else ()
         rows = read_rows(chain([text], following), line, name)
-        while part := [*islice(rows, ROWS)]:
+        while part := [*islice(rows, at_once)]:
             if wrong := [(at, len(row)) for at, row in part if len(row) != width]:
                 end = f"cells for {width} columns; write one cell per column"
                 raise input_problems([f"{name}:{at}: has {n} {end}" for at, n in wrong])

@@ -105,7 +105,7 @@ def read_csv(path: Path, kind: str) -> Items | Spool:
     not stand together, or frames are not in order, which cannot go to a file item by
     item.
     """
-    table = _Table(path, kind)
+    table = Table(path, kind)
     spool = Spool()
     for cells in table.blocks:
         table.take(cells)
@@ -154,7 +154,7 @@ def _read_unordered(path: Path, kind: str) -> Items:
     Rows of an item do not stand together, as pandas' `melt` leaves them, or frames are
     not in order. Raises InputError where memory is too little.
     """
-    table = _Table(path, kind)
+    table = Table(path, kind)
     for cells in table.blocks:
         table.take(cells)
         check_fits(table.name, table.size * ROW_BYTES)
@@ -163,7 +163,7 @@ def _read_unordered(path: Path, kind: str) -> Items:
 
 def read_csv_head(path: Path, kind: str) -> tuple[Items, float]:
     """Read the first rows of a table, and return them with their share of all rows."""
-    table, share = _Table(path, kind), 1.0
+    table, share = Table(path, kind), 1.0
     for cells in table.blocks:
         table.take(cells)
         if table.size > MAX_IN_MEMORY // 4 and path.is_file():
@@ -175,16 +175,19 @@ def read_csv_head(path: Path, kind: str) -> tuple[Items, float]:
     return _in_time(table.records(), table.numbered, table.name), share
 
 
-class _Table:
+class Table:
     """Collects the rows of a table, block by block, and makes records of them.
 
     It holds numbers of items and landmarks, and values.
     """
 
-    def __init__(self, path: Path, kind: str) -> None:
-        """Open a table; InputError for columns unknown, there twice, or missing."""
+    def __init__(self, path: Path, kind: str, *, live: bool = False) -> None:
+        """Open a table; InputError for columns unknown, there twice, or missing.
+
+        With `live` it is standard input, whose rows are taken as they come.
+        """
         self.name, self._kind = source_name(path), kind
-        columns, self.blocks = open_table(path)
+        columns, self.blocks = open_table(path, live=live)
         required = (
             "item",
             "landmark",
@@ -350,6 +353,16 @@ class _Table:
         for plane, column in zip(planes, values, strict=True):
             plane[place] = column
         return planes
+
+    def pop_all(self) -> Items:
+        """Remove and return all items; their landmarks stay those of the table."""
+        images = self.records()
+        self._parts = []
+        self._items = _numbering()
+        self._of_items = {column: {} for column in self._of_items}
+        self.size = 0
+        self._last = 0
+        return images if self.numbered else replace(images, frames=None)
 
     def pop_complete(self) -> Items:
         """Remove and return all items but the last, of which more rows may come."""

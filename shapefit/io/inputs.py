@@ -13,8 +13,9 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext, suppress
 from functools import partial
-from io import BytesIO
+from io import BufferedReader, BytesIO
 from pathlib import Path
+from typing import cast
 
 from shapefit.errors import InputError, input_error
 
@@ -120,13 +121,19 @@ def check_unchanged(states: Mapping[Path, State]) -> None:
         )
 
 
-def read_text_blocks(path: Path) -> Iterator[bytes]:
+def read_text_blocks(path: Path, *, live: bool = False) -> Iterator[bytes]:
     """Yield the bytes of standard input, a pipe or a file, block by block.
 
-    Raises InputError where there are none, and where they are HDF5.
+    With `live` a block of standard input is what has come. Raises InputError where
+    there are none, and where they are HDF5.
     """
     name = source_name(path)
-    blocks = _read_blocks(path, BLOCK_BYTES)
+    if live:
+        assert is_stream(path), "nothing else stays open"
+        stdin = cast(BufferedReader, sys.stdin.buffer)
+        blocks = iter(partial(stdin.read1, BLOCK_BYTES), b"")
+    else:
+        blocks = _read_blocks(path, BLOCK_BYTES)
     first = next(blocks, b"")
     if not first:
         raise input_error(name, "is empty (0 bytes)", "write a CSV with a header line")

@@ -165,6 +165,20 @@ def source_of(
     return Source(_prepared(type(record), files, options, gaps))
 
 
+def source_of_stream(
+    images: Landmarks, name: str, options: InputOptions
+) -> LandmarkSource:
+    """Return images of a stream as a source, checked and changed as those of a file.
+
+    Frames are as they come, and landmarks in pixels already.
+    """
+    file = SourceFile.of(name, images)
+    if options.keypoints is not None:
+        file = _named_by_skeleton(file, options.keypoints)
+    prepared = _prepared(Landmarks, [file], options, gaps=False)
+    return Source(prepared, options.y_axis)
+
+
 def read_shapes(
     paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, *, gaps: bool = False
 ) -> Shapes:
@@ -748,19 +762,36 @@ def _in_pixels(file: SourceFile[Record], options: InputOptions) -> SourceFile[Re
     if images.column("confidence") is None:
         zeros = [f"{file.name}: {text}" for text in warn_of_zeros(images.points)]
         file = replace(file, notes=(*file.notes, *zeros))
-    if images.unit not in ("px", UNKNOWN_UNIT) or not _are_fractions(images.points):
+    size = find_pixels(images, options, file.name)
+    if size is None:
         return file
+
+    def read(rows: slice) -> Record:
+        return as_pixels(file.read(rows), size)
+
+    return replace(file, read=read)
+
+
+def find_pixels(
+    images: Items, options: InputOptions, name: str
+) -> tuple[float, float] | None:
+    """Return the size of images by which landmarks that are fractions become pixels.
+
+    It is None where they are none. Raises InputError where they are, and there is no
+    `image_size`.
+    """
+    if images.unit not in ("px", UNKNOWN_UNIT) or not _are_fractions(images.points):
+        return None
     if options.image_size is None:
         from shapefit.io.readers.items import FRACTIONS, SIZE_FIX
 
-        raise input_error(file.name, FRACTIONS, SIZE_FIX)
-    size = np.array(options.image_size)
+        raise input_error(name, FRACTIONS, SIZE_FIX)
+    return options.image_size
 
-    def read(rows: slice) -> Record:
-        record = file.read(rows)
-        return replace(record.with_points(record.points * size), unit="px")
 
-    return replace(file, read=read)
+def as_pixels(record: Record, size: tuple[float, float]) -> Record:
+    """Return images whose landmarks are pixels in place of fractions of a size."""
+    return replace(record.with_points(record.points * np.array(size)), unit="px")
 
 
 MAX_FRACTION = 1.5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +38,9 @@ from shapefit.pipelines.partition.manifest import (
     Manifest,
     describe_parts,
     find_folders,
+    numbers_of_parts,
 )
-from shapefit.pipelines.result import Result, unread
+from shapefit.pipelines.result import Numbers, Result, unread
 from shapefit.records.items import Items
 
 INSPECTED_ITEMS = 1 << 14
@@ -49,6 +51,42 @@ CAMERA_COLUMNS = ("camera_matrix", "distortion", "image_size", "extrinsic_rotati
 
 InfoLine = tuple[str, str]
 """A label and a text."""
+
+OF_IMAGES = ("landmarks", "result")
+"""Kinds of files whose items are images."""
+
+
+AnySource = ResultSource | LandmarkSource | ShapeSource
+
+
+class FileNumbers(NamedTuple):
+    """What a file holds, in numbers; None for what it has not.
+
+    items are images or shapes, estimated where only the first were read; missing, the
+    share of landmarks; atoms, and components of the prior, of a dictionary.
+    """
+
+    items: int | None = None
+    estimated: bool = False
+    landmarks: int | None = None
+    sequences: int | None = None
+    frame_rate: float | None = None
+    missing: float | None = None
+    atoms: int | None = None
+    components: int | None = None
+
+
+class Description(NamedTuple):
+    """What an input holds: its kind, lines for people, and numbers for programs."""
+
+    kind: str
+    lines: list[InfoLine]
+    numbers: FileNumbers
+
+    def as_plain(self) -> dict[str, object]:
+        """Return the lines by their labels, and the numbers, as values of JSON."""
+        return {**dict(self.lines), "numbers": self.numbers._asdict()}
+
 
 HOW_TO_LEARN = (
     "`shapefit learn-dict SHAPES -o DICT.h5` learns one, from 3D shapes or from"
@@ -70,6 +108,7 @@ def describe_files(config: InfoConfig) -> Iterator[Result]:
     descriptions = [
         describe_folder(folder, manifest) for folder, manifest in folders.items()
     ]
+    of_folders = [numbers_of_parts(each.done.values()) for each in folders.values()]
     errors: dict[Path, InputError] = {}
     readable: list[Path] = []
     for path in config.files:
@@ -82,8 +121,8 @@ def describe_files(config: InfoConfig) -> Iterator[Result]:
     warnings: tuple[str, ...] = ()
     for file_format, paths in group_inputs(readable, options):
         try:
-            lines, notes = describe_input(file_format, paths, options)
-            descriptions.append(lines)
+            description, notes = describe_input(file_format, paths, options)
+            descriptions.append(description)
             warnings += notes
         except InputError as error:
             errors[paths[0]] = error
@@ -95,9 +134,19 @@ def describe_files(config: InfoConfig) -> Iterator[Result]:
         done=len(config.files),
         failures=tuple(unread(path, error) for path, error in errors.items()),
         warnings=warnings,
-        note="\n\n".join(map(as_printed, descriptions)),
-        data=lambda: [dict(lines) for lines in descriptions],
+        note="\n\n".join(as_printed(each.lines) for each in descriptions),
+        numbers=add_up(descriptions, of_folders),
+        data=lambda: [each.as_plain() for each in descriptions],
     )
+
+
+def add_up(descriptions: Sequence[Description], folders: Sequence[Numbers]) -> Numbers:
+    """Return the images of all inputs; of one folder of results, what it states."""
+    counts = [
+        each.numbers.items or 0 for each in descriptions if each.kind in OF_IMAGES
+    ]
+    numbers = folders[0] if len(descriptions) == len(folders) == 1 else Numbers()
+    return numbers._replace(images=sum(counts) if counts else None)
 
 
 def as_printed(lines: Sequence[InfoLine]) -> str:
@@ -125,25 +174,28 @@ def describe_installed() -> str:
     return "\n".join(lines)
 
 
-def describe_folder(folder: Path, manifest: Manifest) -> list[InfoLine]:
-    """Return labels and texts on a folder of results, as its manifest states them."""
+def describe_folder(folder: Path, manifest: Manifest) -> Description:
+    """Return the description of a folder of results, as its manifest states it."""
     following = f"shapefit eval {as_typed(folder)} --truth SHAPES -o report"
     title = [("name", source_name(folder)), ("kind", "folder of results")]
-    return [*title, *describe_parts(manifest.done), ("next", following)]
+    lines = [*title, *describe_parts(manifest.done), ("next", following)]
+    images = numbers_of_parts(manifest.done.values()).images
+    return Description("result", lines, FileNumbers(items=images))
 
 
 def describe_input(
     file_format: FileFormat, paths: tuple[Path, ...], options: InputOptions
-) -> tuple[list[InfoLine], tuple[str, ...]]:
-    """Return labels and texts on what one input holds, and warnings about it."""
+) -> tuple[Description, tuple[str, ...]]:
+    """Return the description of what one input holds, and warnings about it."""
     kind = find_kind(paths[0], options)
     name = source_name(paths[0])
     if len(paths) > 1:
         name = f"{paths[0].parent} ({len(paths):,} files)"
     title = [("name", name), ("format", file_format.title)]
     if kind == "dictionary":
-        return title + describe_dictionary(paths[0]), ()
-    source: ResultSource | LandmarkSource | ShapeSource
+        lines, numbers = describe_dictionary(paths[0])
+        return Description(kind, title + lines, numbers), ()
+    source: AnySource
     if kind == "result":
         source = open_results(paths, OPTIONAL_DATASETS, head=True, old=True)
     elif kind == "landmarks":
@@ -153,7 +205,9 @@ def describe_input(
     with source:
         head = source.head
         names = head.landmark_names
-        items = describe_items(source, "shape" if kind == "shapes" else "image")
+        sample = source.first(INSPECTED_ITEMS)
+        noun = "shape" if kind == "shapes" else "image"
+        items = describe_items(source, sample, noun)
         if kind == "result":
             title.append(("kind", f"result of {head.attributes.get('method', 'fit')}"))
             estimated = head.attributes.get("estimated")
@@ -167,14 +221,30 @@ def describe_input(
         if kind == "landmarks" and not is_of_people(names):
             items.append(("dictionary", HOW_TO_LEARN))
         following = next_command(kind, paths, names, options.keypoints)
-        return [*title, *items, ("next", following)], source.notes
+        lines = [*title, *items, ("next", following)]
+        return Description(kind, lines, count_items(source, sample)), source.notes
 
 
-def describe_items(
-    source: ResultSource | LandmarkSource | ShapeSource, noun: str
-) -> list[InfoLine]:
+def count_items(source: AnySource, sample: Items) -> FileNumbers:
+    """Return the numbers of a file; all but the items are those of a sample of it."""
+    is_missing = ~np.isfinite(sample.points).all(axis=2)
+    return FileNumbers(
+        items=source.estimate,
+        estimated=source.estimate > source.count,
+        landmarks=len(sample.landmark_names),
+        sequences=len(find_sequences(sample)),
+        frame_rate=sample.frame_rate,
+        missing=float(is_missing.mean()) if is_missing.size else None,
+    )
+
+
+def find_sequences(sample: Items) -> list[str]:
+    """Return the names of the sequences of a sample."""
+    return list(dict.fromkeys(filter(None, sample.sequences or ())))
+
+
+def describe_items(source: AnySource, sample: Items, noun: str) -> list[InfoLine]:
     """Return labels and texts on the number of items, and on the first of them."""
-    sample = source.first(INSPECTED_ITEMS)
     part = "" if len(sample) == source.estimate else f" (of the first {len(sample):,})"
     number = f"{source.count:,}"
     if source.estimate > source.count:
@@ -202,7 +272,7 @@ def describe_sequences(sample: Items, part: str) -> Iterator[InfoLine]:
 
     part is the end of texts that are true of the sample only.
     """
-    sequences = list(dict.fromkeys(filter(None, sample.sequences or ())))
+    sequences = find_sequences(sample)
     if not sequences:
         return
     yield "sequences", f"{len(sequences)}: {abbreviate(sequences)}{part}"
@@ -253,8 +323,10 @@ def describe_point(sample: Items, visible: Flags) -> str:
     return f"{printable(item)}, {printable(landmark)} at ({numbers})"
 
 
-def describe_dictionary(path: Path) -> list[InfoLine]:
-    """Return labels and texts: what a dictionary holds, its source, how to use it."""
+def describe_dictionary(path: Path) -> tuple[list[InfoLine], FileNumbers]:
+    """Return labels and texts: what a dictionary holds, its source, how to use it; and
+    its numbers.
+    """
     dictionary = read_dictionary(path, old=True)
     names = dictionary.landmark_names
     provenance = dictionary.provenance
@@ -276,7 +348,12 @@ def describe_dictionary(path: Path) -> list[InfoLine]:
         method = " --method posterior"
     installed = {file: name for name, file in find_dictionaries().items()}
     name = installed.get(path) or as_typed(path)
-    return [*lines, ("next", f"shapefit fit LANDMARKS -d {name} -o result.h5{method}")]
+    lines.append(("next", f"shapefit fit LANDMARKS -d {name} -o result.h5{method}"))
+    components = 0 if dictionary.prior is None else len(dictionary.prior)
+    numbers = FileNumbers(
+        landmarks=len(names), atoms=dictionary.k, components=components
+    )
+    return lines, numbers
 
 
 def next_command(

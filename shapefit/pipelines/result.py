@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -57,14 +57,15 @@ class Numbers(NamedTuple):
     """What a command found, in numbers; None for what it does not say.
 
     images; how many of them are trusted, and the median of the errors expected of
-    these; share_inside_regions of the true landmarks that are in their 90% regions;
-    how many images are optimal to their tolerance or not, and their largest_gap.
+    these; share_inside_regions, by result, of the true landmarks that are in their 90%
+    regions; how many images are optimal to their tolerance or not, and their
+    largest_gap.
     """
 
     images: int | None = None
     trusted: int | None = None
     expected_error_metres: float | None = None
-    share_inside_regions: float | None = None
+    share_inside_regions: Mapping[str, float | None] | None = None
     optimal: int | None = None
     not_optimal: int | None = None
     largest_gap: float | None = None

@@ -139,6 +139,12 @@ TOLD = {
         0,
         rf"{READ}Result.*\nWrote   9 files in /r/\n",
     ),
+    "a page among many files": (
+        FIT,
+        [Result(written=(Path("/r/p.html"), *(Path(f"/r/{n}") for n in range(9))))],
+        0,
+        rf"{READ}Result.*\nWrote   /r/p.html and 9 more files\n",
+    ),
     "all files": (
         f"{FIT} -v",
         [Result(written=tuple(Path(f"/r/{n}") for n in range(9)))],

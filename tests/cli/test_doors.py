@@ -1,6 +1,7 @@
 """Options, words that a shell completes, and keywords of Python follow the schema."""
 
 import inspect
+import types
 import typing
 
 import click
@@ -17,7 +18,7 @@ from shapefit.config.reference import words_of
 WITHOUT_KEY = {
     "fit": {
         *("partition", "workers", "scheduler", "scheduler_file", "replace_others"),
-        "fail_untrusted",
+        *("fail_untrusted", "live"),
     },
     "view": {"show"},
 }
@@ -66,6 +67,11 @@ def test_a_shell_completes_every_word_of_a_key(command):
             assert set(words) <= {"auto"}, f"{option.name} has words; give it WORD"
 
 
+def test_a_command_without_a_config_has_none():
+    assert "verify" not in CONFIGS
+    assert list(CONFIGS) == [one for one in CONFIGS if one in CONFIGS]
+
+
 @pytest.mark.parametrize("command", [*CONFIGS, "verify"])
 def test_every_option_says_what_it_is_for_and_is_listed_once(command):
     options = [
@@ -92,8 +98,11 @@ def test_every_keyword_of_python_is_a_key_with_the_same_words(command):
 
 
 def literals(kind):
-    """Yield the texts that a type names, each type of a union."""
+    """Yield the texts that a type names, each type of a union; not those in a list or a
+    mapping, which a shell does not complete.
+    """
     if typing.get_origin(kind) is typing.Literal:
         yield from typing.get_args(kind)
-    for part in typing.get_args(kind):
-        yield from literals(part)
+    elif typing.get_origin(kind) in (typing.Union, types.UnionType):
+        for part in typing.get_args(kind):
+            yield from literals(part)

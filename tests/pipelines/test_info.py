@@ -29,6 +29,20 @@ def lines(text: str) -> dict[str, str]:
     return {name.strip(): value.strip() for name, value in rows}
 
 
+def test_numbers():
+    found = info(SAMPLES / "people_test.h5", SAMPLES / "people_views.csv")
+    assert found.numbers.images == 12
+    shapes, images = (each["numbers"] for each in found.data())
+    assert (shapes["items"], shapes["sequences"]) == (640, 8)
+    assert (shapes["frame_rate"], shapes["missing"]) == (24, 0)
+    assert (images["items"], images["landmarks"]) == (12, 15)
+    assert 0 < images["missing"] < 0.5
+    (dictionary,) = info(SAMPLES.parent / "shapefit/data/people.h5").data()
+    assert dictionary["numbers"]["atoms"] == 64
+    assert dictionary["numbers"]["components"] > 1
+    assert dictionary["numbers"]["items"] is None
+
+
 def test_shapes():
     row = lines(info(SAMPLES / "people_test.h5").note)
     assert row["shapes"] == "640"

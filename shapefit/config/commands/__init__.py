@@ -14,6 +14,8 @@ class _Configs(Mapping[str, type[CommandConfig]]):
     """Command -> its config, such as LearnDictConfig of learn-dict."""
 
     def __getitem__(self, command: str) -> type[CommandConfig]:
+        if command not in CONFIGURED:
+            raise KeyError(command)
         if command == "fit":
             from shapefit.config.commands.fit import FitConfig
 

@@ -21,6 +21,7 @@ from shapefit.evaluation import report
 from shapefit.evaluation.calibration import (
     WIDTH_SHARE,
     WIDTH_SQUARED_RADIUS,
+    ErrorBars,
     bar_scale_factors,
     summarise_coverage,
 )
@@ -135,16 +136,20 @@ def _lacks_matplotlib(config: EvalConfig) -> bool:
 
 
 def numbers_of(methods: Mapping[str, Measured]) -> Numbers:
-    """Return how many images were compared, and, of one method, the share of landmarks
-    inside their regions.
+    """Return how many images were compared, and the share of landmarks inside their
+    regions by method.
     """
     images = sum(len(measured.items) for measured in methods.values())
-    bars = [measured.bars for measured in methods.values()]
-    if len(bars) != 1 or bars[0] is None:
-        return Numbers(images=images)
-    shares = bars[0].square[~np.isnan(bars[0].square)] <= WIDTH_SQUARED_RADIUS
-    inside = float(shares.mean()) if len(shares) else None
-    return Numbers(images=images, share_inside_regions=inside)
+    shares = {name: share_inside(measured.bars) for name, measured in methods.items()}
+    return Numbers(images=images, share_inside_regions=shares)
+
+
+def share_inside(bars: ErrorBars | None) -> float | None:
+    """Return the share of landmarks inside their regions, None where none has one."""
+    if bars is None:
+        return None
+    squares = bars.square[~np.isnan(bars.square)]
+    return float((squares <= WIDTH_SQUARED_RADIUS).mean()) if len(squares) else None
 
 
 def _report_texts(

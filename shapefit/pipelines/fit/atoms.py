@@ -26,7 +26,13 @@ from shapefit.lifting.lift import merge as merge_groups
 from shapefit.lifting.methods import METHODS, ROBUST, STARTS
 from shapefit.pipelines.fit.camera import camera_factory
 from shapefit.pipelines.fit.columns import blank, with_certificate
-from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, read_blocks
+from shapefit.pipelines.fit.family import (
+    Calibration,
+    Cost,
+    Lifted,
+    Pace,
+    read_blocks,
+)
 from shapefit.pipelines.fit.outliers import RANSAC_THRESHOLD, lift_inliers
 from shapefit.pipelines.items import named_items
 from shapefit.pipelines.joints import Matched
@@ -119,9 +125,9 @@ class AtomFamily:
         """Return an empty calibration: only the camera is left open."""
         return Calibration()
 
-    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
-        """Yield blocks of about `size` images, which are lifted one by one."""
-        return read_blocks(source, size)
+    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
+        """Yield blocks of images, which are lifted one by one."""
+        return read_blocks(source, pace)
 
     def lift(self, images: Landmarks) -> Lifted:
         """Lift images, without some of the atoms where these are to be left out."""

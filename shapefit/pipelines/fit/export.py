@@ -40,10 +40,15 @@ def export_meshes(config: FitConfig) -> Iterator[Result]:
 
     result = (Path(str(config.output)),)
     folder = config.export.folder
+    written = 0
     for part in write_meshes(result, config.dictionary, folder, config.export.format):
         warnings = part.warnings
         if part.failures:
             without = Counted(len(part.failures), "image", "without a shape and a mesh")
             warnings = (*warnings, without)
+        written += part.done
+        note = part.note or f"meshes of {written:,} of {part.total:,} images"
         # Its images are counted already, and those that failed.
-        yield part._replace(done=0, total=None, failures=(), warnings=warnings)
+        yield part._replace(
+            done=0, total=None, failures=(), warnings=warnings, note=note
+        )

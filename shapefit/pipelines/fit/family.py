@@ -9,7 +9,9 @@ where it is chosen.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -26,6 +28,12 @@ from shapefit.records import Fit, Landmarks
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
 
+
+SECONDS_PER_BATCH = 1.0
+"""Of a batch, after which the progress is shown."""
+
+GROWTH = 4
+"""Factor between the sizes of batches, while they grow or shrink to the pace."""
 
 CameraKey = float | str | tuple[float, float]
 """A value of the section `camera`."""
@@ -113,9 +121,9 @@ class Family(Protocol):
         """Settle what the options leave open, from some images of the files."""
         ...
 
-    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
-        """Yield the images of a source, about `size` at a time: what is lifted together
-        stays so.
+    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
+        """Yield the images of a source as many at a time as the pace says: what is
+        lifted together stays so.
         """
         ...
 
@@ -128,9 +136,40 @@ class Family(Protocol):
         ...
 
 
-def read_blocks(source: LandmarkSource, size: int) -> Iterator[Landmarks]:
-    """Yield about `size` images of one file at a time, in whole blocks."""
-    return source.batches(whole_blocks(size), by_file=True)
+@dataclass
+class Pace:
+    """How many images are lifted before the next are read and something is shown.
+
+    A batch takes a second or so, up to `most` images. It begins with as few as occupy
+    all threads.
+    """
+
+    most: int
+    images: int
+
+    @classmethod
+    def of(cls, most: int, threads: int) -> Pace:
+        """Return the pace of a fit on so many threads, 0 for one per core."""
+        return cls(most, min(most, IMAGES_PER_BLOCK * (threads or os.cpu_count() or 1)))
+
+    def follow(self, images: int, seconds: float) -> None:
+        """Go on as fast as a batch went."""
+        if seconds < SECONDS_PER_BATCH / GROWTH:
+            self.images = min(self.most, max(self.images, GROWTH * images))
+        elif seconds > SECONDS_PER_BATCH:
+            self.images = max(IMAGES_PER_BLOCK, self.images // GROWTH)
+
+
+def read_blocks(source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
+    """Yield images of one file at a time, in whole blocks."""
+    for batch in source.batches(whole_blocks(pace.most), by_file=True):
+        start = 0
+        while start < len(batch):
+            stop = start + whole_blocks(pace.images)
+            yield batch.take(slice(start, stop))
+            start = stop
+        if not len(batch):
+            yield batch
 
 
 def whole_blocks(images: int) -> int:

@@ -4,9 +4,9 @@ out, and a summary.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import AbstractContextManager, closing
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -33,10 +33,15 @@ from shapefit.pipelines.fit.choices import (
     save_for_output,
 )
 from shapefit.pipelines.fit.export import check_export, export_meshes
-from shapefit.pipelines.fit.family import Calibration, Family
+from shapefit.pipelines.fit.family import Calibration, Family, Pace
 from shapefit.pipelines.fit.inputs import WatchedFiles
 from shapefit.pipelines.fit.record import provenance, to_record
-from shapefit.pipelines.fit.summary import Tally, describe_batch, summarise_fit
+from shapefit.pipelines.fit.summary import (
+    InputsRead,
+    Tally,
+    describe_batch,
+    summarise_fit,
+)
 from shapefit.pipelines.joints import Matched
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Landmarks
@@ -46,8 +51,8 @@ if TYPE_CHECKING:
     from shapefit.io.readers.calibration import CalibratedCamera
 
 IMAGES_PER_BATCH = 4096
-"""Images that are lifted together, or read before the first whole sequences are lifted;
-no result depends on it.
+"""Images that are lifted together at most, or read before the first whole sequences are
+lifted; no result depends on it.
 """
 
 
@@ -114,7 +119,8 @@ def fit(config: FitConfig, part: FitPart = WHOLE_FIT) -> Iterator[Result]:
                 writer.append(batch.record)
             writer.attributes.update(provenance(plan, files.digests()))
             files.check_unchanged()
-    yield summarise_fit(source, plan, tally, chosen, writer.summary)
+    read = InputsRead(source.head, source.count, source.left_out, source.notes)
+    yield summarise_fit(read, plan, tally, chosen, writer.summary)
     yield from export_meshes(plan.config)
 
 
@@ -132,9 +138,17 @@ def lift_all(
 
     While one batch is lifted, the next is read and the last is stored.
     """
-    batches = plan.family.read_batches(source, IMAGES_PER_BATCH)
+    pace = Pace.of(IMAGES_PER_BATCH, plan.config.threads)
+
+    def lift_timed(images: Landmarks) -> LiftedBatch:
+        began = time.monotonic()
+        batch = lift_batch(images, plan)
+        pace.follow(len(images), time.monotonic() - began)
+        return batch
+
+    batches = plan.family.read_batches(source, pace)
     several = plan.config.threads != 1 and source.count > IMAGES_PER_BATCH
-    return side_by_side(partial(lift_batch, plan=plan), batches, workers=int(several))
+    return side_by_side(lift_timed, batches, workers=int(several))
 
 
 def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:

@@ -23,7 +23,13 @@ from shapefit.lifting.posterior.calibration import MAX_HIDDEN
 from shapefit.pipelines.fit.camera import camera_factory
 from shapefit.pipelines.fit.columns import as_rows, with_certificate
 from shapefit.pipelines.fit.evidence import FACTORS
-from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, read_blocks
+from shapefit.pipelines.fit.family import (
+    Calibration,
+    Cost,
+    Lifted,
+    Pace,
+    read_blocks,
+)
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
 from shapefit.pipelines.fit.outliers import RANSAC_THRESHOLD
 from shapefit.pipelines.fit.sample import (
@@ -160,9 +166,9 @@ class PosteriorFamily:
             self.skeleton,
         )
 
-    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
-        """Yield blocks of about `size` images, which are lifted one by one."""
-        return read_blocks(source, size)
+    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
+        """Yield blocks of images, which are lifted one by one."""
+        return read_blocks(source, pace)
 
     def lift(self, images: Landmarks) -> Lifted:
         """Lift the landmarks of the files, and say where the joints are."""

@@ -30,7 +30,7 @@ from shapefit.lifting.sequences.clips import (
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.pipelines.fit.family import Calibration, Cost, Lifted
+from shapefit.pipelines.fit.family import Calibration, Cost, Lifted, Pace
 from shapefit.pipelines.fit.posterior import PosteriorFamily, make_posterior_family
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.joints import Matched
@@ -92,9 +92,9 @@ class SequenceFamily:
         """Settle from single images what the options leave open."""
         return self.of_images.calibrate(sample)
 
-    def read_batches(self, source: LandmarkSource, size: int) -> Iterator[Landmarks]:
-        """Yield batches of about `size` images, in which sequences are whole."""
-        return whole_sequences(source.batches(size))
+    def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
+        """Yield batches of most images at once, in which sequences are whole."""
+        return whole_sequences(source.batches(pace.most))
 
     def lift(self, images: Landmarks) -> Lifted:
         """Lift images with their sides restored, and refine whole sequences of them."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from shapefit.arrays import Floats, Integers, median
 from shapefit.convex.solver import Status
 from shapefit.errors import abbreviate, as_typed, counted
-from shapefit.io import LandmarkSource
 from shapefit.io.options import Summary
 from shapefit.io.skeletons import joint_columns
 from shapefit.lifting import trust
@@ -55,6 +54,18 @@ VIEWED_ENDINGS = (".h5", ".hdf5", ".hdf", ".he5", ".csv", ".trc")
 
 MAX_NAMED_FILES = 4
 """Files of a fit that the command to go on with names one by one."""
+
+
+class InputsRead(NamedTuple):
+    """What was read of landmarks: their head, without images, and how many images.
+
+    left_out, how many others the options leave out; notes, warnings about the files.
+    """
+
+    head: Landmarks
+    images: int
+    left_out: int = 0
+    notes: tuple[str, ...] = ()
 
 
 def describe_batch(lifting: Lifting[Estimate], record: Fit) -> Result:
@@ -206,30 +217,30 @@ def middle_of(shapes: Floats, landmarks: Sequence[int]) -> Floats:
 
 
 def summarise_fit(
-    source: LandmarkSource, plan: FitPlan, tally: Tally, chosen: str, written: Summary
+    read: InputsRead, plan: FitPlan, tally: Tally, chosen: str, written: Summary
 ) -> Result:
     """Return the end of a fit: warnings about all images, a note, and the rows of the
     summary.
 
     chosen says what chose the method, "" where the config did.
     """
-    head = source.head
+    head = read.head
     calibration = plan.calibration
     warnings = [
         *calibration.warnings,
-        *nothing_in(source.count, "images"),
-        *say_left_out(source.left_out, plan.config),
-        *source.notes,
+        *nothing_in(read.images, "images"),
+        *say_left_out(read.left_out, plan.config),
+        *read.notes,
         *plan.match.warnings(),
         *warn_of_dictionary(plan.config, plan.match.dictionary),
         *warn_of_all(tally, plan, head),
         *written.warnings,
     ]
     return Result(
-        total=source.count,
+        total=read.images,
         warnings=tuple(warnings),
         note="; ".join([f"y {head.y_axis} in the images", *calibration.lines]),
-        rows=tuple(summary_rows(source, plan, tally, chosen, written)),
+        rows=tuple(summary_rows(read, plan, tally, chosen, written)),
         numbers=result_numbers(plan, tally),
         written=written.written or (output_of(plan),),
     )
@@ -289,10 +300,10 @@ def warn_of_names(tally: Tally, plan: FitPlan) -> Iterator[Counted]:
 
 
 def summary_rows(
-    source: LandmarkSource, plan: FitPlan, tally: Tally, chosen: str, written: Summary
+    read: InputsRead, plan: FitPlan, tally: Tally, chosen: str, written: Summary
 ) -> Iterator[tuple[str, str]]:
     """Yield the rows of the summary, label and text."""
-    yield "Read", describe_inputs(source, plan, tally)
+    yield "Read", describe_inputs(read, plan, tally)
     yield "Method", chosen or plan.config.method
     yield "Camera", plan.calibration.lines[0].removeprefix("camera: ")
     if written.note:
@@ -305,7 +316,7 @@ def summary_rows(
         yield "Next", f"shapefit view {' '.join(map(as_typed, files))}"
 
 
-def describe_inputs(source: LandmarkSource, plan: FitPlan, tally: Tally) -> str:
+def describe_inputs(read: InputsRead, plan: FitPlan, tally: Tally) -> str:
     """Return which files were read, how many images, and what was matched."""
     names = [path.name or str(path) for path in plan.config.landmarks]
     text = f"{abbreviate(names, 1)}: {counted(tally.images, 'image')}"
@@ -313,7 +324,7 @@ def describe_inputs(source: LandmarkSource, plan: FitPlan, tally: Tally) -> str:
         text += f" of {counted(len(tally.sequences), 'sequence')}"
     matched = sum(map(len, plan.match.joints.markers.values()))
     if matched:
-        keypoints = len(source.head.landmark_names)
+        keypoints = len(read.head.landmark_names)
         text += f"; matched {matched} of {keypoints} keypoints"
     return text
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +24,7 @@ from shapefit.config.manifest import (
 from shapefit.errors import abbreviate, input_error, path_text, printable
 from shapefit.io.atomic import atomic_path, check_folder, storage_errors
 from shapefit.io.inputs import State, in_words
+from shapefit.pipelines.result import Numbers
 
 LOCK_FILE = ".lock"
 """In a folder to which a run writes results."""
@@ -210,3 +211,23 @@ def describe_parts(parts: Mapping[str, PartLine]) -> list[tuple[str, str]]:
         ("parts", f"{len(parts):,}, {in_words(size)}"),
         ("images", f"{images:,}{without}"),
     ]
+
+
+def numbers_of_parts(parts: Collection[PartLine]) -> Numbers:
+    """Return the sums over parts, and their largest gap, as their lines state them.
+
+    They are None where a part with images that were lifted does not state them.
+    """
+    numbers = Numbers(images=sum(part.images for part in parts))
+    lifted = [part for part in parts if part.images > part.failed]
+    judged = [part.trusted for part in lifted if part.trusted is not None]
+    if judged and len(judged) == len(lifted):
+        numbers = numbers._replace(trusted=sum(judged))
+    gaps = [part.largest_gap for part in lifted if part.largest_gap is not None]
+    if gaps and len(gaps) == len(lifted):
+        numbers = numbers._replace(largest_gap=max(gaps))
+    solved = [part.optimal for part in lifted if part.optimal is not None]
+    missed = [part.not_optimal for part in lifted if part.not_optimal is not None]
+    if lifted and len(solved) == len(missed) == len(lifted):
+        numbers = numbers._replace(optimal=sum(solved), not_optimal=sum(missed))
+    return numbers

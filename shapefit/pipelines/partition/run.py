@@ -80,6 +80,7 @@ from shapefit.pipelines.partition.manifest import (
     Part,
     find_strangers,
     locked,
+    numbers_of_parts,
     read_manifest,
     refuse_strangers,
 )
@@ -424,23 +425,6 @@ def do_parts(
     yield Result(note=note, numbers=numbers, written=(manifest.path,))
 
 
-def numbers_of_parts(parts: Sequence[PartLine]) -> Numbers:
-    """Return the sums over parts, and their largest gap, as their lines state them.
-
-    They are None where a part with images that were lifted does not state them.
-    """
-    numbers = Numbers(images=sum(part.images for part in parts))
-    lifted = [part for part in parts if part.images > part.failed]
-    gaps = [part.largest_gap for part in lifted if part.largest_gap is not None]
-    if gaps and len(gaps) == len(lifted):
-        numbers = numbers._replace(largest_gap=max(gaps))
-    solved = [part.optimal for part in lifted if part.optimal is not None]
-    missed = [part.not_optimal for part in lifted if part.not_optimal is not None]
-    if lifted and len(solved) == len(missed) == len(lifted):
-        numbers = numbers._replace(optimal=sum(solved), not_optimal=sum(missed))
-    return numbers
-
-
 def is_shared_out(folder: ResultFolder) -> bool:
     """Whether other processes do the parts."""
     return bool(folder.workers or folder.scheduler or folder.scheduler_file)
@@ -661,6 +645,7 @@ def fit_part(job: Job) -> EndedPart:
         bytes=target.stat().st_size,
         digest=stated_digest(target),
         seconds=round(time.perf_counter() - began, 3),
+        trusted=numbers.trusted,
         optimal=numbers.optimal,
         not_optimal=numbers.not_optimal,
         largest_gap=numbers.largest_gap,

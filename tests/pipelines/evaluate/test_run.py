@@ -79,6 +79,9 @@ def test_error_bars_have_their_tables_and_the_factors_that_make_them_true(
     }
     *_, last = desk.run(results=files)
     shares = desk.errors(method="posterior", metric="inside_90")
+    stated = last.numbers.share_inside_regions
+    assert stated["convex"] is None
+    assert stated["posterior"] == pytest.approx(np.mean([*shares.values()]))
     row = desk.row(metric="inside_90", group="Subject 13")
     assert float(row["mean"]) == pytest.approx(np.mean([*shares.values()][:5]))
     assert row["images"] == "25"

@@ -96,6 +96,24 @@ def test_the_gap_of_all_parts_is_said():
     assert not numbers.camera.perspective
 
 
+def test_trusted_images_of_all_parts_are_counted(project):
+    samples = project / "sample_data"
+    arguments = {
+        "landmarks": [samples / "people_views.csv", samples / "one_person.csv"],
+        "dictionary": "people",
+        "output": ResultFolder(OUT.absolute(), partition=100),
+        "method": "posterior",
+    }
+    *_, last = run(load_config("fit", None, (), arguments))
+    count = 0
+    for name in names():
+        with h5py.File(OUT / name) as file:
+            count += int(file["trusted"][:].sum())
+    assert last.numbers.images == 13
+    assert last.numbers.trusted == count > 0
+    assert sum(entry["trusted"] for entry in entries()) == count
+
+
 def test_parts_without_a_gap_say_none():
     fit("method=convex")
     lines = MANIFEST.read_text().replace('"largest_gap"', '"of_another_version"')

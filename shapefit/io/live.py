@@ -1,0 +1,146 @@
+"""Landmarks from a pipe that stays open: each item as soon as it is complete."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby, pairwise
+from pathlib import Path
+
+from shapefit.arrays import Integers
+from shapefit.errors import abbreviate, counted, input_error
+from shapefit.io.arrange import arrange
+from shapefit.io.csv_file import Table
+from shapefit.io.options import InputOptions
+from shapefit.io.source import as_pixels, find_pixels, source_of_stream
+from shapefit.records.landmarks import Landmarks
+
+STANDARD_INPUT = Path("-")
+
+MAX_REMEMBERED = 1_000_000
+"""Items that are known again when they return, in 100 MB of memory: those that came
+last.
+"""
+
+TOGETHER = "write all rows of an item one after the other, or leave out --live"
+
+
+class LiveLandmarks:
+    """Items of a tidy table that comes through standard input, one after the other.
+
+    An item is complete when all `landmarks` of it have come, the next begins, or the
+    input ends. The landmarks of the first item are those of all; `head` is that item
+    without its rows, and `count` how many have been given out.
+    """
+
+    def __init__(self, options: InputOptions, landmarks: Sequence[str]) -> None:
+        """Read the header; `landmarks` are those of a dictionary, by their new names.
+
+        Raises InputError for a header that is none.
+        """
+        self._options = options
+        self._table = Table(STANDARD_INPUT, "landmarks", live=True)
+        of_files = {new: old for old, new in options.rename.items()}
+        self._wanted = frozenset(of_files.get(name, name) for name in landmarks)
+        self._names: tuple[str, ...] = ()
+        self._pixels: tuple[float, float] | None = None
+        self._written: dict[int, None] = {}
+        self._left_out: dict[str, None] = {}
+        self.head: Landmarks | None = None
+        self.count = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return a note of landmarks that were passed over, if there are any."""
+        if not self._left_out:
+            return ()
+        names = [*self._left_out]
+        text = f"{counted(len(names), 'landmark')} left out, which the first item lacks"
+        return (f"{self._table.name}: {text} ({abbreviate(names)})",)
+
+    def items(self) -> Iterator[Landmarks]:
+        """Yield each item when it is complete, and one empty set where there is none.
+
+        Raises InputError for wrong cells, an item that returns, and a landmark that the
+        first item lacks and the dictionary may have.
+        """
+        current = ""
+        present: set[str] = set()
+        for cells in self._table.blocks:
+            for rows in _runs(cells.listed("item")):
+                of_run = cells.part(rows)
+                item = of_run.cell("item", 0)
+                landmarks = of_run.listed("landmark")
+                if item != current and self._table.size:
+                    yield self._complete()
+                self._check_landmarks(of_run.lines, landmarks)
+                if hash(item) in self._written:
+                    if item == current and not self._are_known(landmarks):
+                        continue
+                    fault = f"item '{item}' returns after its shape was written"
+                    place = f"{self._table.name}:{of_run.lines[0]}"
+                    raise input_error(place, fault, TOGETHER)
+                if item != current:
+                    current, present = item, set()
+                self._table.take(of_run)
+                present.update(landmarks)
+                if present >= (set(self._names) or self._wanted):
+                    yield self._complete()
+        if self._table.size or not self.count:
+            yield self._complete()
+
+    def _are_known(self, landmarks: Sequence[str]) -> bool:
+        """Whether the first item has any of these."""
+        return not set(self._names).isdisjoint(landmarks)
+
+    def _check_landmarks(self, lines: Integers, landmarks: Sequence[str]) -> None:
+        """Note landmarks that the first item lacks.
+
+        Raises InputError where that lacks others of the dictionary, too.
+        """
+        if self.head is None or set(self._names).issuperset(landmarks):
+            return
+        others = [row for row, name in enumerate(landmarks) if name not in self._names]
+        if not self._wanted.issubset(self._names):
+            fault = f"the first item lacks the landmark '{landmarks[others[0]]}'"
+            fix = (
+                "list all landmarks in the first item, with empty x and y where they"
+                " are hidden"
+            )
+            raise input_error(f"{self._table.name}:{lines[others[0]]}", fault, fix)
+        self._left_out.update(dict.fromkeys(landmarks[row] for row in others))
+
+    def _complete(self) -> Landmarks:
+        """Return the item of the table, which is complete, as the options want it."""
+        images = self._table.pop_all()
+        assert isinstance(images, Landmarks), "as the table was opened"
+        name = self._table.name
+        if self.head is None:
+            self._names = tuple(images.landmark_names)
+            self._pixels = find_pixels(images, self._options, name)
+        images = arrange(images, self._names, name, omit=True)
+        if self._pixels is not None:
+            images = as_pixels(images, self._pixels)
+        images = source_of_stream(images, name, self._options).whole()
+        if self.head is None:
+            self.head = images.take(slice(0, 0))
+        if (images.frames is None) != (self.head.frames is None):
+            fault = f"item '{images.items[0]}' has a frame, and the first item none"
+            fix = "give all items a frame, or leave out the column"
+            raise input_error(name, fault, fix)
+        self.count += len(images)
+        self._remember(images.items)
+        return images
+
+    def _remember(self, items: Sequence[str]) -> None:
+        """Remember items as given out, and forget those of long ago."""
+        self._written.update(dict.fromkeys(map(hash, items)))
+        while len(self._written) > MAX_REMEMBERED:
+            del self._written[next(iter(self._written))]
+
+
+def _runs(items: Sequence[str]) -> Iterator[slice]:
+    """Yield the rows of each item that stand together."""
+    starts = [0]
+    for _, rows in groupby(items):
+        starts.append(starts[-1] + sum(1 for _ in rows))
+    yield from (slice(*ends) for ends in pairwise(starts))
