@@ -273,6 +273,7 @@ def _outcome(name: str, files: list[str], measured: Measured) -> report.MethodOu
             mean_objective = float(finite.mean())
     return {
         "name": name,
+        "method": measured.method,
         "files": files,
         "images": len(measured.items),
         "failures": [
