@@ -10,8 +10,8 @@ from io import BytesIO
 import numpy as np
 import pytest
 import trimesh
-
 from shapefit.cli.main import run as run_command
+
 from shapefit.config import CONFIGS
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_results, write_dictionary
