@@ -34,6 +34,12 @@ BODY_TURNS = (-50.0,)
 MESH_TURNS = (-50.0, -140.0)
 """Degrees by which the views walk around a mesh: front and back are both seen."""
 
+SIDES_SAID = {
+    1: "Each image as the camera sees it, and beside it the shape from another side",
+    2: "Each image as the camera sees it, and beside it the shape from two other sides",
+}
+"""Number of views -> what is said of the panels of an image."""
+
 # Those of viewer/palette.css in the light: told apart with every common form of colour
 # blindness.
 
@@ -183,8 +189,9 @@ def contact_sheet(images: Sequence[FittedImage], model: DrawnModel) -> Figure:
     groups = min(PANELS_IN_A_ROW // panels, len(images))
     across = max(panels * groups, MIN_PANELS_WIDE)
     rows = math.ceil(len(images) / groups)
-    # What the legend names is known when all is drawn: it has room for two lines.
-    legend_height = 2 * LEGEND_LINE_INCHES
+    # What the legend names is known when all is drawn: it has room for two lines,
+    # below the line that says what the panels are.
+    legend_height = 3 * LEGEND_LINE_INCHES
     row_height = PANEL_INCHES + TITLE_INCHES
     height = rows * row_height + legend_height
     figure = Figure(figsize=(across * PANEL_INCHES, height))
@@ -203,6 +210,15 @@ def contact_sheet(images: Sequence[FittedImage], model: DrawnModel) -> Figure:
                 looks |= draw_image(axes, image, model)
             else:
                 draw_shape(axes, image, model, turns[panel - 1])
+    figure.text(
+        0.5,
+        2.5 * LEGEND_LINE_INCHES / height,
+        SIDES_SAID[len(turns)],
+        ha="center",
+        va="center",
+        fontsize=FONT_POINTS,
+        color=INK_COLOUR,
+    )
     draw_legend(figure, looks, across)
     return figure
 
