@@ -319,3 +319,12 @@ def test_nothing_to_measure_is_an_error_and_leaves_no_folder(desk, results):
     ):
         desk.run(metrics=["recall"])
     assert not desk.config.output.exists()
+
+
+def test_the_page_names_the_method_of_a_result(desk, results):
+    named = results.replaced(attributes={**results.attributes, "method": "convex"})
+    desk.write("convex.h5", named)
+    desk.run(groups={})
+    (method,) = json.loads(desk.text("report.json"))["methods"]
+    assert method["method"] == "convex"
+    assert "convex.h5, by `fit --method convex`" in desk.text("report.html")
