@@ -147,6 +147,9 @@ VIEWS = ((0, 1), (2, 1))
 LEGEND_LINE_INCHES = 0.2
 """Height of a line of a legend above the axes."""
 
+LEGEND_LETTERS = 32
+"""Last letters of a method in a legend."""
+
 
 class Look(NamedTuple):
     """How the lines and dots of a method are drawn."""
@@ -418,7 +421,7 @@ def draw_landmarks(
     axes.tick_params(axis="y", length=0)
     worst = ""
     if len(shown) < len(names):
-        worst = f", the worst {len(shown)} of {len(names)}"
+        worst = f",\nthe worst {len(shown)} of {len(names)}"
     axes.set(xlabel=f"mean error of a landmark ({unit}){worst}", xlim=(0, None))
     _draw_legend(left, [*errors], legend)
     _draw_typical(right, typical, first, f"{_wrapped(next(iter(errors)))} ({unit})")
@@ -602,17 +605,25 @@ def _panels(name: str, height: float) -> tuple[Figure, Sequence[SubFigure]]:
 
 
 def _legend_lines(methods: Sequence[str], share: float = 1.0) -> int:
-    """Return how many lines the legend above a panel takes; none for one method."""
+    """Return how many lines the legend above a panel takes; none for one method.
+
+    share: of the width of the figure. As many columns as fit, each as wide as its
+    longest name.
+    """
     if len(methods) < 2:
         return 0
-    return -(-len(methods) // _legend_columns(methods, share))
+    letters = [len(_legend_name(method)) for method in methods]
+    for lines in range(1, len(methods)):
+        columns = np.array_split(letters, -(-len(letters) // lines))
+        inches = sum(_legend_column_inches(max(column)) for column in columns)
+        if inches <= share * FIGURE_INCHES:
+            return lines
+    return len(methods)
 
 
-def _legend_columns(methods: Sequence[str], share: float) -> int:
-    """Return how many methods stand side by side in the legend above a panel."""
-    letters = max(len(_legend_name(method)) for method in methods)
-    inches = 0.35 + 0.075 * letters
-    return max(1, min(len(methods), int(share * FIGURE_INCHES / inches)))
+def _legend_column_inches(letters: int) -> float:
+    """Return the width of a column of a legend whose names have so many letters."""
+    return 0.35 + 0.07 * letters
 
 
 def _draw_legend(panel: SubFigure, methods: Sequence[str], lines: int) -> None:
@@ -701,8 +712,7 @@ def _last_letters(name: str, most: int = SHORT_NAME_LETTERS) -> str:
 
 def _legend_name(name: str) -> str:
     """Return a name as legends show it: matplotlib omits those that begin with _."""
-    text = printable(name)
-    short = text if len(text) <= 2 * NAME_LETTERS else f"{text[: 2 * NAME_LETTERS]}…"
+    short = _last_letters(name, LEGEND_LETTERS)
     return f" {short}" if short.startswith("_") else short
 
 

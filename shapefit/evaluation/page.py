@@ -229,7 +229,7 @@ def _table_of_errors(report: Document) -> str:
     for group in groups:
         rows = [row for row in counts if row[0] == group]
         if group != ALL:
-            lines.append(_line("td", [group], 'class="group"'))
+            lines.append(_group_line(group, 3 + len(shown)))
         columns_of_group = [
             _column_cells(columns[quantity], rows, quantity) for quantity in shown
         ]
@@ -238,8 +238,14 @@ def _table_of_errors(report: Document) -> str:
             cells = [column[place] for column in columns_of_group]
             marks = [False] * 3 + [cell.is_best for cell in cells]
             texts = [row[1], *counted_images, *(cell.text for cell in cells)]
-            lines.append(_line("td", texts, marks=marks))
+            lines.append(_line("td", texts, marks))
     return _table(lines)
+
+
+def _group_line(group: str, columns: int) -> str:
+    """Return the row above the methods of a group, as wide as the table."""
+    name = escape(printable(group))
+    return f'<tr class="group"><td colspan="{columns}">{name}</td></tr>'
 
 
 class _Cell(NamedTuple):
@@ -404,9 +410,10 @@ def _list_of(title: str, lines: Sequence[str]) -> str:
 def _origin(report: Document, facts: PageFacts) -> str:
     """Return which files were compared, and what lies beside the page."""
     rows = [("truth", ", ".join(_truth_files(report)))]
-    rows += [
-        (method["name"], ", ".join(method["files"])) for method in report["methods"]
-    ]
+    for method in report["methods"]:
+        files = ", ".join(method["files"])
+        made = f", by `fit --method {method['method']}`" if method["method"] else ""
+        rows.append((method["name"], files + made))
     rows.append(("beside this page", ", ".join(facts.files)))
     rows.append(("shapefit", str(report["version"])))
     items = "".join(
@@ -445,14 +452,11 @@ def _paragraph(text: str, kind: str = "") -> str:
     return f"{opening}{escape(printable(text))}</p>"
 
 
-def _line(
-    tag: str, cells: Sequence[str], attributes: str = "", marks: Sequence[bool] = ()
-) -> str:
+def _line(tag: str, cells: Sequence[str], marks: Sequence[bool] = ()) -> str:
     """Return a row of a table; marks says which cells are the best."""
-    opening = f"<tr {attributes}>" if attributes else "<tr>"
     marks = [*marks, *[False] * (len(cells) - len(marks))]
     texts = []
     for cell, is_best in zip(cells, marks, strict=True):
         kind = ' class="best"' if is_best else ""
         texts.append(f"<{tag}{kind}>{escape(printable(cell))}</{tag}>")
-    return f"{opening}{''.join(texts)}</tr>"
+    return f"<tr>{''.join(texts)}</tr>"

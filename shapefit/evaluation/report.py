@@ -121,9 +121,13 @@ class FailedImage(TypedDict):
 
 
 class MethodOutcome(TypedDict):
-    """What became of the images of a method."""
+    """What became of the images of a method.
+
+    name is the user's; method is that of `fit`, None where the file has none.
+    """
 
     name: str
+    method: str | None
     files: list[str]
     images: int
     failures: list[FailedImage]

@@ -34,6 +34,12 @@ BODY_TURNS = (-50.0,)
 MESH_TURNS = (-50.0, -140.0)
 """Degrees by which the views walk around a mesh: front and back are both seen."""
 
+SIDES_SAID = {
+    1: "Each image as the camera sees it, and beside it the shape from another side",
+    2: "Each image as the camera sees it, and beside it the shape from two other sides",
+}
+"""Number of views -> what is said of the panels of an image."""
+
 # Those of viewer/palette.css in the light: told apart with every common form of colour
 # blindness.
 
@@ -183,8 +189,9 @@ def contact_sheet(images: Sequence[FittedImage], model: DrawnModel) -> Figure:
     groups = min(PANELS_IN_A_ROW // panels, len(images))
     across = max(panels * groups, MIN_PANELS_WIDE)
     rows = math.ceil(len(images) / groups)
-    # What the legend names is known when all is drawn: it has room for two lines.
-    legend_height = 2 * LEGEND_LINE_INCHES
+    # What the legend names is known when all is drawn: it has room for two lines,
+    # below the line that says what the panels are.
+    legend_height = 3 * LEGEND_LINE_INCHES
     row_height = PANEL_INCHES + TITLE_INCHES
     height = rows * row_height + legend_height
     figure = Figure(figsize=(across * PANEL_INCHES, height))
@@ -203,6 +210,15 @@ def contact_sheet(images: Sequence[FittedImage], model: DrawnModel) -> Figure:
                 looks |= draw_image(axes, image, model)
             else:
                 draw_shape(axes, image, model, turns[panel - 1])
+    figure.text(
+        0.5,
+        2.5 * LEGEND_LINE_INCHES / height,
+        SIDES_SAID[len(turns)],
+        ha="center",
+        va="center",
+        fontsize=FONT_POINTS,
+        color=INK_COLOUR,
+    )
     draw_legend(figure, looks, across)
     return figure
 
@@ -306,7 +322,8 @@ def draw_silhouette(axes: Axes, mesh: Floats, model: DrawnModel) -> None:
     patch = PathPatch(
         Outline(points, codes), facecolor=MESH_COLOUR, linewidth=0, alpha=0.55
     )
-    axes.add_patch(patch).set_rasterized(True)
+    # `add_patch` asks each edge for its extremes, though the limits are set here.
+    axes.add_artist(patch).set_rasterized(True)
 
 
 def draw_bones(
@@ -341,7 +358,7 @@ def draw_bones(
         capstyle="round",
         zorder=2,
     )
-    axes.add_collection(bones)
+    axes.add_collection(bones, autolim=False)
     words = {0: image.individual[0], 1: "left", 2: "right"}
     return {
         word: Line2D([], [], color=colours[side], linewidth=BONE_POINTS)
@@ -362,7 +379,7 @@ def draw_residuals(axes: Axes, image: FittedImage) -> Looks:
     residuals = LineCollection(
         list(lines), colors=RESIDUAL_COLOUR, linewidths=0.8, zorder=3
     )
-    axes.add_collection(residuals)
+    axes.add_collection(residuals, autolim=False)
     return {"to its fitted position": Line2D([], [], color=RESIDUAL_COLOUR)}
 
 
@@ -459,9 +476,13 @@ def viewer_frame(image: FittedImage, model: DrawnModel, turn: float) -> Floats:
 
 
 def draw_solid(axes: Axes, vertices: Floats, faces: Integers) -> None:
-    """Draw the faces (f, 3) of a mesh (3, q) that look at the viewer, lit, as one."""
-    from matplotlib.collections import PolyCollection
+    """Draw the faces (f, 3) of a mesh (3, q) that look at the viewer, lit, far first.
+
+    Each has corners of its own, which share its colour.
+    """
+    from matplotlib.collections import TriMesh
     from matplotlib.colors import to_rgb
+    from matplotlib.tri import Triangulation
 
     corners = vertices.T[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -471,13 +492,10 @@ def draw_solid(axes: Axes, vertices: Floats, faces: Integers) -> None:
     visible = far_first[normals[far_first, 2] > 0]
     brightness = SHADOW + GLEAM * np.clip(normals[visible] @ LIGHT, 0, 1)
     colours = np.clip(brightness[:, None] * to_rgb(MESH_COLOUR), 0, 1)
-    solid = PolyCollection(
-        list(corners[visible, :, :2]),
-        facecolors=colours,
-        edgecolors=colours,
-        linewidths=0.4,
-    )
-    axes.add_collection(solid).set_rasterized(True)
+    x, y = corners[visible, :, :2].reshape(-1, 2).T
+    triangles = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
+    solid = TriMesh(triangles, facecolors=np.repeat(colours, 3, axis=0))
+    axes.add_collection(solid, autolim=False).set_rasterized(True)
 
 
 def _limits(points: Floats) -> tuple[Floats, Floats]:

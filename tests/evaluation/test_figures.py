@@ -130,3 +130,12 @@ def test_a_section_takes_the_place_of_the_one_of_its_name():
     again = with_section(once, "x", "<p>second</p>")
     assert "first" not in again
     assert with_section(again, "x", "<p>first</p>") == once
+
+
+def test_the_legend_of_many_methods_has_columns_as_wide_as_their_names():
+    short = [f"method {number}" for number in range(11)]
+    assert f._legend_lines(short) < f._legend_lines(short, 0.6) <= 3
+    long = [f"the first of the longer names {number}" for number in range(5)]
+    assert f._legend_lines([*long, *short[:6]], 0.6) == 6
+    assert f._legend_lines(long, 0.3) == 5
+    assert f._legend_lines(["one"]) == 0

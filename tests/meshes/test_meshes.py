@@ -241,7 +241,11 @@ def test_a_legend_of_one_image_is_whole(image):
     assert whole.x0 <= box.x0
     assert box.x1 <= whole.x1
     assert whole.y0 <= box.y0
-    assert box.y1 <= min(axes.get_window_extent().y0 for axes in figure.axes) + 1
+    (said,) = figure.texts
+    assert said.get_text().endswith("the shape from another side")
+    words = said.get_window_extent()
+    assert box.y1 <= words.y0
+    assert words.y1 <= min(axes.get_window_extent().y0 for axes in figure.axes) + 1
 
 
 def test_a_photograph_lies_under_the_landmarks(image, box_faces):

@@ -10,6 +10,7 @@ from io import BytesIO
 import numpy as np
 import pytest
 import trimesh
+from shapefit.cli.main import run as run_command
 
 from shapefit.config import CONFIGS
 from shapefit.errors import InputError
@@ -100,6 +101,24 @@ def test_fit_writes_what_convert_writes(tmp_path, cars, world):
     for each in files:
         same = tmp_path / "of_fit" / each.relative_to(tmp_path / "converted")
         assert same.read_bytes() == each.read_bytes()
+
+
+def test_the_command_names_images_without_a_mesh_and_ends_with_1(
+    tmp_path, cars, world, capsys
+):
+    path, _ = cars
+    images = load(world.images("cars")).take(slice(0, 108, 40))
+    landmarks = images.as_columns().copy()
+    landmarks[1, :, 2:] = np.nan
+    images = images.replaced(
+        landmarks=landmarks.swapaxes(1, 2), items=("first", "gone", "last")
+    )
+    fit_images(tmp_path, images, path, method="convex+refine")
+    line = ["convert", tmp_path / "result.h5", "-d", path, "-o", tmp_path / "meshes"]
+    assert run_command([*map(str, line), "--to", "ply"]) == 1
+    assert "gone: has no shape, and so no mesh" in capsys.readouterr().err
+    written = {each.name for each in (tmp_path / "meshes").iterdir()}
+    assert written == {"first.ply", "last.ply"}
 
 
 @pytest.mark.parametrize(

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 CAPTIONS = {
     "errors": (
-        "Left: boxes hold half of the images, with the median as the thick line and the"
-        " mean over images as ◆; whiskers go from 5% to 95%. Right: the share of all"
-        " images whose error is smaller, in the same colours; a curve further left and"
+        "Boxes hold half of the images, with the median as the thick line and the mean"
+        " over images as ◆; whiskers go from 5% to 95%. Curves show the share of all"
+        " images whose error is smaller, in the same colours; one further left and"
         " higher is better, and one that ends below 100% has failed images."
     ),
     "sequences": (
@@ -35,8 +35,8 @@ CAPTIONS = {
     ),
     "landmarks": (
         "Mean over all images of the distance of each landmark from the truth, after"
-        " the shape as a whole was aligned. Right: the same error of {method} on a"
-        " true shape of usual form; dark is far off."
+        " the shape as a whole was aligned. The drawn shape is a true one of usual"
+        " form, with the errors of {method} as colours; dark is far off."
     ),
     "examples": (
         "Images of {method}. Each has three parts: the landmarks that were given;"

@@ -81,7 +81,7 @@ class Measured(NamedTuple):
     precision where nothing was labelled; failures maps the failed items to the reason;
     landmarks and angles are the errors of each landmark, once the shape is aligned, and
     of each joint angle; bars says how the truth lies in the error bars, where the
-    method has them; objective (n) where the file has it.
+    method has them; objective (n) and the name of the method, where the file has them.
     """
 
     items: tuple[str, ...]
@@ -93,6 +93,7 @@ class Measured(NamedTuple):
     angles: PartErrors
     bars: ErrorBars | None
     objective: Floats | None
+    method: str | None
 
 
 class PartErrors(NamedTuple):
@@ -163,6 +164,7 @@ def measure_matched(
     for (metric, _), values in errors.items():
         if METRICS[metric].optional:
             values[np.isnan(values) & is_fitted] = np.inf
+    method = results.attributes.get("method")
     return Measured(
         items=tuple(results.items),
         sequences=_sequences(results, truth, matched.rows),
@@ -173,6 +175,7 @@ def measure_matched(
         angles=_angle_errors(matched),
         bars=bars,
         objective=results.objective,
+        method=method if isinstance(method, str) else None,
     )
 
 

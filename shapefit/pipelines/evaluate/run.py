@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -278,6 +279,7 @@ def _outcome(name: str, files: list[str], measured: Measured) -> report.MethodOu
             mean_objective = float(finite.mean())
     return {
         "name": name,
+        "method": measured.method,
         "files": files,
         "images": len(measured.items),
         "failures": [
@@ -295,23 +297,37 @@ def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
     That of a failed image is empty; one that does not count, which is infinite, has no
     row.
     """
+    header = ("method", "sequence", "item", "metric", "error", "unit")
     with path.open("w", encoding="utf-8", errors="surrogateescape", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(("method", "sequence", "item", "metric", "error", "unit"))
+        file.write(f"{','.join(header)}\n")
         for name, measured in methods.items():
-            table.writerows(_rows_per_image(name, measured))
+            file.writelines(_lines_per_image(name, measured))
 
 
-def _rows_per_image(name: str, measured: Measured) -> Iterator[tuple[str | float, ...]]:
-    """Yield method, sequence, item, metric, error and unit of images of a method."""
+def _lines_per_image(name: str, measured: Measured) -> Iterator[str]:
+    """Yield lines of method, sequence, item, metric, error and unit.
+
+    They are many, a line for each image and metric: what several share is quoted once.
+    """
     errors = dict(measured.errors)
     if measured.bars is not None:
         shares = measured.bars.shares()
         inside = f"inside_{100 * WIDTH_SHARE:.0f}"
         errors[inside, SHARE] = np.where(np.isnan(shares), np.inf, shares)
+    images = zip(measured.sequences, measured.items, strict=True)
+    starts = _quoted((name, sequence, item) for sequence, item in images)
     for (metric, unit), values in errors.items():
-        images = zip(measured.sequences, measured.items, values.tolist(), strict=True)
-        for sequence, item, value in images:
+        (middle,) = _quoted([(metric,)])
+        (end,) = _quoted([("", unit)])
+        for start, value in zip(starts, values.tolist(), strict=True):
             if value != math.inf:
-                error = "" if math.isnan(value) else value
-                yield name, sequence, item, metric, error, unit
+                error = "" if math.isnan(value) else repr(value)
+                yield f"{start},{middle},{error}{end}\n"
+
+
+def _quoted(rows: Iterable[tuple[str, ...]]) -> list[str]:
+    """Return rows as CSV, quoted where need be, without the ends of lines."""
+    lines: list[str] = []
+    table = csv.writer(SimpleNamespace(write=lines.append), lineterminator="\n")
+    table.writerows(rows)
+    return [line[:-1] for line in lines]

@@ -238,7 +238,7 @@ def test_names_are_escaped_in_page_and_figures(desk, with_bars, truth):
     renamed = {"landmark_names": names, "items": items, "sequences": sequences}
     desk.write("convex.h5", with_bars.replaced(**renamed))
     write_shapes(desk.folder / "truth.h5", truth.replaced(**renamed))
-    files = {f"_{NASTY}": desk.folder / "convex.h5", "b": desk.folder / "convex.h5"}
+    files = {f"_{NASTY}": desk.folder / "convex.h5", "_b": desk.folder / "convex.h5"}
     desk.run(plots="svg", groups={f"_{NASTY}": "*"}, results=files)
     page = desk.text("report.html")
     assert "<script" not in page
@@ -249,7 +249,7 @@ def test_names_are_escaped_in_page_and_figures(desk, with_bars, truth):
         assert "<script" not in text
         assert "\x1b" not in text + page
     # a name that begins with _ is in the legends all the same
-    assert "_&lt;script" in desk.text("sequences.svg")
+    assert "> _b</text>" in desk.text("sequences.svg")
 
 
 def test_the_examples_are_the_best_and_the_worst(desk, truth, results, monkeypatch):
@@ -322,3 +322,12 @@ def test_nothing_to_measure_is_an_error_and_leaves_no_folder(desk, results):
     ):
         desk.run(metrics=["recall"])
     assert not desk.config.output.exists()
+
+
+def test_the_page_names_the_method_of_a_result(desk, results):
+    named = results.replaced(attributes={**results.attributes, "method": "convex"})
+    desk.write("convex.h5", named)
+    desk.run(groups={})
+    (method,) = json.loads(desk.text("report.json"))["methods"]
+    assert method["method"] == "convex"
+    assert "convex.h5, by `fit --method convex`" in desk.text("report.html")
