@@ -125,7 +125,7 @@ def written() -> frozenset[str]:
     patterns = (
         r"-o\s+(results/\S+)",
         r"-m experiments .*?(results/\S+)",
-        r"tools/\w+\.py .*?(results/\S+)",
+        r"-m experiments\.people\.\w+ .*?(results/\S+)",
     )
     found = {path for each in patterns for path in re.findall(each, makefile())}
     for config in (PROJECT / "configs").rglob("*.yaml"):
