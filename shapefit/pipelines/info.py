@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,14 @@ from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.readers.tables import understand
 from shapefit.io.skeletons import installed_skeletons
-from shapefit.io.source import OPTIONAL_DATASETS, Source, find_kind, open_results
+from shapefit.io.source import (
+    OPTIONAL_DATASETS,
+    LandmarkSource,
+    ResultSource,
+    ShapeSource,
+    find_kind,
+    open_results,
+)
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.partition.manifest import (
     Manifest,
@@ -137,7 +143,7 @@ def describe_input(
     title = [("name", name), ("format", file_format.title)]
     if kind == "dictionary":
         return title + describe_dictionary(paths[0]), ()
-    source: Source[Any]
+    source: ResultSource | LandmarkSource | ShapeSource
     if kind == "result":
         source = open_results(paths, OPTIONAL_DATASETS, head=True, old=True)
     elif kind == "landmarks":
@@ -164,7 +170,9 @@ def describe_input(
         return [*title, *items, ("next", following)], source.notes
 
 
-def describe_items(source: Source[Any], noun: str) -> list[InfoLine]:
+def describe_items(
+    source: ResultSource | LandmarkSource | ShapeSource, noun: str
+) -> list[InfoLine]:
     """Return labels and texts on the number of items, and on the first of them."""
     sample = source.first(INSPECTED_ITEMS)
     part = "" if len(sample) == source.estimate else f" (of the first {len(sample):,})"
@@ -177,7 +185,7 @@ def describe_items(source: Source[Any], noun: str) -> list[InfoLine]:
         ("landmarks", f"{len(names)}: {abbreviate(names)}"),
         *describe_sequences(sample, part),
     ]
-    visible = np.isfinite(sample.points).all(axis=2)
+    visible: Flags = np.asarray(np.isfinite(sample.points).all(axis=2))
     if visible.any():
         lines.append(("first", describe_point(sample, visible)))
     missing = 1 - visible.sum() / max(visible.size, 1)
