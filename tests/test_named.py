@@ -213,7 +213,7 @@ OTHERS = {
     *("--help", "--version"),
     # of this project's benchmarks
     *("--data", "--bodies", "--cells", "--clips", "--longest", "--floor", "--dropped"),
-    *("--only", "--quick"),
+    *("--only", "--quick", "--trials"),
     # of pip, docker, dask
     *("--editable", "--rm", "--nthreads", "--nworkers"),
 }
