@@ -116,9 +116,9 @@ paper: mocap-table
 
 people: $(RUNS)
 	$(SHAPEFIT) learn-dict -c configs/people/learn-box.yaml $(SET_DATA)
-	$(BIN)/python tools/further_joints.py results/people/box.h5 \
+	$(BIN)/python -m experiments.people.further_joints results/people/box.h5 \
 	    $(or $(DATA),../shared/data/mocap)/bodies31_24fps.h5 results/people/whole.h5 '13_*'
-	$(BIN)/python tools/ship_dictionary.py results/people/whole.h5 shapefit/data/people.h5
+	$(BIN)/python -m experiments.people.ship_dictionary results/people/whole.h5 shapefit/data/people.h5
 
 footage: $(RUNS)
 	$(BIN)/python -m benchmarks.footage $(if $(DATA),--data '$(DATA)')

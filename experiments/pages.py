@@ -207,7 +207,7 @@ def index(folder: Path) -> str:
         "![Share recovered exactly, ours and published](recovery/recovery.png)",
         (
             "The numbers, and the deviations from the published ones (themselves read"
-            " off a figure, within 0.02, from 100 trials per cell):"
+            " off a figure, within 0.02; the paper says 10 instances per cell):"
             " [recovery/recovery.md](recovery/recovery.md)."
         ),
         *_timing(

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from shapefit.errors import InputError
     from shapefit.records import Fit, Landmarks, Shapes
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 __all__ = [
     "Dictionary",

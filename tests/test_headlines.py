@@ -18,6 +18,7 @@ from ruamel.yaml import YAML
 from shapefit.cli.main import run as run_command
 
 import shapefit
+from benchmarks import turned_images
 from benchmarks.coverage import read_bodies
 from benchmarks.detected import THIRTEEN
 from benchmarks.footage import (
@@ -253,6 +254,24 @@ def test_a_slice_of_the_paper_s_table(project, real_data, tmp_path):
     check_order(found)
 
 
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_turned_images(project, real_data, tmp_path):
+    run = runner(project, tmp_path, f"data={real_data / 'mocap'}")
+    run("learn-dict", "mocap/learn-dict")
+    run("project", "mocap/project")
+    images = load(tmp_path / "results/mocap/landmarks.h5")
+    images = images.take(np.arange(0, len(images), turned_images.EVERY))
+    dictionary = str(tmp_path / "results/mocap/dictionary.h5")
+
+    stated = table(project / "docs/accuracy.md", "| median | most")
+    for method in ("convex", "convex+refine"):
+        change = turned_images.measure_change(images, dictionary, method)
+        median, most, _ = stated[f"`{method}`"]
+        assert within(float(np.median(change)), median), method
+        assert within(float(change.max()), most), method
+
+
 PAPER_TABLE = "method               | Subject 13"
 OF_OTHER_TESTS = {"Posterior", "Sequences"}
 
@@ -305,7 +324,7 @@ def test_the_readme_names_the_figures_of_the_documentation(project):
     [
         ("README.md", "The paper's table", "All figures"),
         ("docs/experiments.md", "| in the paper", "## Your own"),
-        ("docs/accuracy.md", "**Where alternation", "![Errors"),
+        ("docs/accuracy.md", "**Where alternation", "![Boxes"),
     ],
 )
 def test_texts_name_the_errors_of_the_table(project, page, begin, end):
@@ -388,7 +407,7 @@ def test_real_cars(project, real_data, tmp_path):
         "Perspective** (`configs/cars/fit.yaml`)": "Perspective",
         "Mean shape, posed": "Mean shape",
     }
-    oracles = {  # `python -m benchmarks.lower_bounds` measures them
+    oracles = {  # `python -m experiments published cars` measures them
         "Mean shape, placed by an oracle",
         "Nearest other model, by an oracle",
         "Best combination, fitted to the 3D truth",

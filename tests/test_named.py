@@ -125,7 +125,7 @@ def written() -> frozenset[str]:
     patterns = (
         r"-o\s+(results/\S+)",
         r"-m experiments .*?(results/\S+)",
-        r"tools/\w+\.py .*?(results/\S+)",
+        r"-m experiments\.people\.\w+ .*?(results/\S+)",
     )
     found = {path for each in patterns for path in re.findall(each, makefile())}
     for config in (PROJECT / "configs").rglob("*.yaml"):
@@ -213,7 +213,7 @@ OTHERS = {
     *("--help", "--version"),
     # of this project's benchmarks
     *("--data", "--bodies", "--cells", "--clips", "--longest", "--floor", "--dropped"),
-    *("--only", "--quick"),
+    *("--only", "--quick", "--trials"),
     # of pip, docker, dask
     *("--editable", "--rm", "--nthreads", "--nworkers"),
 }

@@ -23,6 +23,9 @@ from shapefit.io.inputs import is_stream, require_file
 OF_THE_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 OF_PERMISSION = frozenset({errno.EACCES, errno.EPERM, errno.EROFS})
 PARTIAL = ".partial"
+SYNCED_MODE = "rb+" if os.name == "nt" else "rb"
+"""Windows syncs only files that are open for writing."""
+
 OTHER_FOLDER = "choose another folder, or change its permissions"
 
 
@@ -44,7 +47,8 @@ def check_output(target: Path, instead: str = "give the name of a file in it") -
     around = next(folder for folder in resolved.parents if os.path.lexists(folder))
     if not os.path.isdir(around):
         raise input_error(target, f"{around} is not a folder", "choose another folder")
-    if not os.access(around, os.W_OK | os.X_OK, effective_ids=True):
+    effective = os.access in os.supports_effective_ids  # Windows has one user alone
+    if not os.access(around, os.W_OK | os.X_OK, effective_ids=effective):
         raise input_error(target, f"its folder {around} is not writable", OTHER_FOLDER)
     return resolved
 
@@ -99,7 +103,7 @@ def atomic_path(target: Path) -> Iterator[Path]:
                 shutil.copymode(resolved, temporary)
         yield temporary
         with storage_errors(target, None):
-            with temporary.open("rb") as written:
+            with temporary.open(SYNCED_MODE) as written:
                 os.fsync(written.fileno())
             temporary.replace(resolved)
 

@@ -207,8 +207,11 @@ def check_unpacked(place: str | Path, size: int, packed: int) -> None:
 def free_memory() -> int:
     """Return the bytes of memory that this process can still get.
 
-    Those of the machine, of its container, and below its own limit (`ulimit -v`).
+    Those of the machine, of its container, and below its own limit (`ulimit -v`). A
+    system that does not say it, as Windows, is taken to have what is asked for.
     """
+    if not hasattr(os, "sysconf"):
+        return sys.maxsize
     page = os.sysconf("SC_PAGE_SIZE")
     free = [os.sysconf("SC_PHYS_PAGES") * page]
     with suppress(OSError, ValueError, IndexError):  # other systems have no /proc

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from experiments.people.further_joints import extend_prior
 from shapefit.config.loader import load_config
 from shapefit.config.paths import DICTIONARIES
 from shapefit.dictionary.bodies import find_bone_tree
@@ -20,7 +21,6 @@ from shapefit.io.skeletons import (
     installed_skeletons,
     people_joints,
 )
-from tools.further_joints import extend_prior
 
 JOINTS = (*PEOPLE, *FURTHER)
 FILE = DICTIONARIES / "people.h5"

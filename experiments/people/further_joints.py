@@ -7,7 +7,8 @@ for the joints x of the dictionary, whose prior stays as it is to the last bit, 
 further ones y, which follow from them by a regression in each component. Atoms and mean
 shape get theirs by one regression for all: y = W x.
 
-Usage: python tools/further_joints.py DICTIONARY.h5 SHAPES.h5 RESULT.h5 [SEQUENCES ...]
+Usage: python -m experiments.people.further_joints DICTIONARY.h5 SHAPES.h5 RESULT.h5
+[SEQUENCES ...]
 
 SHAPES.h5 has all points of Acclaim skeletons. Sequences that one of the globs fits are
 left out.

@@ -1,7 +1,7 @@
 """Make a dictionary small enough for the package: single precision, compressed, without
 folders.
 
-Usage: python tools/ship_dictionary.py LEARNED.h5 shapefit/data/NAME.h5
+Usage: python -m experiments.people.ship_dictionary LEARNED.h5 shapefit/data/NAME.h5
 
 The shares of the prior stay as they are, since they must add up to 1. What the
 objective was in each round of learning is left out. Of every path in the attributes
