@@ -13,7 +13,7 @@ from shapefit.dictionary import model
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import counted, input_error
 from shapefit.io.layout import DICTIONARY_COLUMNS, DICTIONARY_POINTS
-from shapefit.records.columns import Array, Column, Texts, as_kind, fit_axes
+from shapefit.records.columns import Array, Column, Texts, as_kind, match_axes
 from shapefit.records.items import UNKNOWN_UNIT
 from shapefit.records.names import all_composed
 
@@ -68,7 +68,7 @@ class Dictionary:
         for column in _OWN_COLUMNS:
             value = getattr(self, column.field)
             if value is not None and not (column.is_text and not len(value)):
-                set_field(self, column.field, _checked(column, value, sizes))
+                set_field(self, column.field, _convert_field(column, value, sizes))
         if not self.landmark_names:
             names = tuple(map(str, range(self.atoms.shape[1])))
             set_field(self, "landmark_names", names)
@@ -149,10 +149,13 @@ def _turned(points: Floats | None) -> Floats | None:
     return np.ascontiguousarray(np.swapaxes(points, -1, -2))
 
 
-def _checked(column: Column, value: object, sizes: dict[str, int]) -> Array | Texts:
-    """Return a field in the type of its column, and add its axes to `sizes`.
+def _convert_field(
+    column: Column, value: object, sizes: dict[str, int]
+) -> Array | Texts:
+    """Convert a field to the type of its column, and check its axes against `sizes`.
 
-    Raises InputError for arrays that are no numbers or whose axes disagree.
+    The axes that are new are added to `sizes`. Raises InputError for arrays that are no
+    numbers or whose axes disagree.
     """
     place = f"dictionary.{column.field}"
     try:
@@ -161,7 +164,7 @@ def _checked(column: Column, value: object, sizes: dict[str, int]) -> Array | Te
         raise input_error(place, "is no array of numbers", "give numbers") from None
     shape = np.shape(converted)
     expected = tuple(sizes.get(str(axis), axis) for axis in column.axes)
-    if not fit_axes(column.axes, shape, sizes):
+    if not match_axes(column.axes, shape, sizes):
         row = ", one landmark per row" if column.name in DICTIONARY_POINTS else ""
         fix = f"it must be {expected}".replace("'", "") + row
         raise input_error(place, f"has the shape {shape}", fix)

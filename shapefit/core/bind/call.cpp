@@ -132,6 +132,7 @@ nb::object Call::result() {
     return count_ ? nb::int_(*count_) : nb::object(nb::none());
 }
 
+// Raise TypeError where arguments were given that nobody has taken.
 void Call::end() const {
     const size_t given = values_.size() + keywords_.size();
     if (taken_ == given) return;

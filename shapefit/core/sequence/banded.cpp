@@ -88,6 +88,7 @@ void Banded::finish_right_side(Index f) {
     add_product(1, transposed(F(f), E), F(f), products_, E, E, E, E, every(D));
 }
 
+// The factor's block of frames f and f + 1,
 // N_f = V_f (A_f,f+1 - N_(f-1)^T W_(f-1)).
 void Banded::tie_to_next(const SequenceData& data, Index f) {
     const Index D = D_;

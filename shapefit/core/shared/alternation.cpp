@@ -75,6 +75,7 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& work
     return {now, data.most_rounds, false};
 }
 
+// Alternate from each start of an image, and keep the end of the least objective.
 void alternate_starts(const AlternationData& data, Index image, Alternation& work) {
     double least = INFINITE;
     data.status[image] = Status::NUMERICAL_FAILURE;

@@ -306,8 +306,8 @@ def _measure(
     return {"name": name, "values": values, "unit": unit, "sd": sd}
 
 
-def in_usual_units(layers: Sequence[Layer]) -> tuple[str, float]:
-    """Change measures in m to cm or mm, in place; return unit and number of it per m.
+def change_metres_to_cm_or_mm(layers: Sequence[Layer]) -> tuple[str, float]:
+    """Change measures in m to cm or mm, in place; return the unit and its number per m.
 
     They are mm where the median of a measure is below 1 cm.
     """
