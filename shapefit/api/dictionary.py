@@ -89,11 +89,11 @@ class Dictionary:
     def of(cls, dictionary: model.Dictionary) -> Dictionary:
         """Return the internal `model.Dictionary` as one with a landmark per row."""
         return cls(
-            atoms=_turned(dictionary.atoms),
+            atoms=_transpose_points(dictionary.atoms),
             landmark_names=dictionary.landmark_names,
-            mean_shape=_turned(dictionary.mean_shape),
+            mean_shape=_transpose_points(dictionary.mean_shape),
             edges=dictionary.edges,
-            mesh_vertices=_turned(dictionary.mesh_vertices),
+            mesh_vertices=_transpose_points(dictionary.mesh_vertices),
             mesh_faces=dictionary.mesh_faces,
             atom_scale=dictionary.atom_scale,
             atom_items=dictionary.atom_items,
@@ -107,11 +107,11 @@ class Dictionary:
         """Return the internal `model.Dictionary`, with one landmark per column."""
         atom_items = self.atom_items
         return model.Dictionary(
-            atoms=_turned(self.atoms),
+            atoms=_transpose_points(self.atoms),
             landmark_names=all_composed(self.landmark_names),
-            mean_shape=_turned(self.mean_shape),
+            mean_shape=_transpose_points(self.mean_shape),
             edges=self.edges,
-            mesh_vertices=_turned(self.mesh_vertices),
+            mesh_vertices=_transpose_points(self.mesh_vertices),
             mesh_faces=self.mesh_faces,
             atom_scale=self.atom_scale,
             atom_items=None if atom_items is None else tuple(atom_items),
@@ -139,10 +139,10 @@ _OWN_COLUMNS = sorted(
 
 
 @overload
-def _turned(points: Floats) -> Floats: ...
+def _transpose_points(points: Floats) -> Floats: ...
 @overload
-def _turned(points: None) -> None: ...
-def _turned(points: Floats | None) -> Floats | None:
+def _transpose_points(points: None) -> None: ...
+def _transpose_points(points: Floats | None) -> Floats | None:
     """Return points with landmarks in rows instead of columns, or vice versa."""
     if points is None:
         return None

@@ -186,9 +186,9 @@ def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None
 
 
 def _make_floor(abg: Floats, covariance: Floats) -> Floor:
-    """Return the floor of the unknowns a, b and g (see above) and their covariance.
+    """Return the floor of a camera's tilt (a, b) and height g, and their covariance.
 
-    Its deviations are linearised.
+    abg are the unknowns of the equations above. The floor's deviations are linearised.
     """
     a, b, g = abg
     r = np.sqrt(1 + a**2 + b**2)

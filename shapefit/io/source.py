@@ -390,7 +390,9 @@ def _open_files(
     for file_format, group in _group(list(dict.fromkeys(paths)), options):
         if file_format.read_poses is not None and kind is not Fit:
             files.append(
-                _thinned(_file_of_poses(kind, file_format, group, options), options)
+                _with_chosen_frames(
+                    _file_of_poses(kind, file_format, group, options), options
+                )
             )
             continue
         check_holds(group[0], form.kind, file_format)
@@ -400,9 +402,9 @@ def _open_files(
         if file_format is HDF5:
             of_file = None if options.thins else rows
             file = _file_of_hdf5(kind, group[0], readers, of_file, without)
-            file = _thinned(file, options, rows)
+            file = _with_chosen_frames(file, options, rows)
         else:
-            file = _thinned(_file_of_csv(kind, group[0], head=head), options)
+            file = _with_chosen_frames(_file_of_csv(kind, group[0], head=head), options)
         if kind is not Fit and options.keypoints is not None:
             file = _named_by_skeleton(file, options.keypoints)
         if kind is Landmarks and not head:
@@ -503,7 +505,7 @@ def _file_of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Re
     )
 
 
-def _thinned(
+def _with_chosen_frames(
     file: SourceFile[Record], options: InputOptions, rows: slice | None = None
 ) -> SourceFile[Record]:
     """Return a file of the frames that the options ask for; of these only `rows`.

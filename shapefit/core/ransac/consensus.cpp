@@ -419,6 +419,7 @@ void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
 
 }  // namespace
 
+// Find the inliers of each image of the range by random triples of landmarks.
 void find_consensus(const ConsensusData& data, Range range) {
     const Index p = data.squares.size[1];
     Workspace workspace;

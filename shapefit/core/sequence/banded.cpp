@@ -174,6 +174,7 @@ void Banded::find_gains(const SequenceData& data, Index f, Covariances& Sigma) c
         add_product(1, transposed(V(f), D), N(f), Sigma.GN, D, D, D, D, every(D));
 }
 
+// The covariances of frame f with itself and the next two, from those of the next two.
 void Banded::find_covariances(Covariances& Sigma) const {
     const Index D = D_;
     const Factor GN = plain(Sigma.GN, D), GW = plain(Sigma.GW, D);

@@ -95,6 +95,7 @@ void alternate_starts(const AlternationData& data, Index image, Alternation& wor
 
 }  // namespace
 
+// Fit coefficients and rotation by turns to each image of the range.
 void alternate(const AlternationData& data, Range range) {
     Workspace workspace;
     Alternation work(workspace, data.atoms);

@@ -586,10 +586,12 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     with TrackerFile(paths[0]) as file:
         kind = file.text("ds_type")
         require(kind == "poses", f"{kind or 'data of no stated type'}, not poses")
-        points = _arranged(file, "position", AXES)
+        points = _read_in_axis_order(file, "position", AXES)
         times = file.numbers_if_any("time")
         scored = file.is_dataset("confidence")
-        confidence = _arranged(file, "confidence", AXES[:3]) if scored else None
+        confidence = (
+            _read_in_axis_order(file, "confidence", AXES[:3]) if scored else None
+        )
         individuals, landmarks, space = (
             file.texts(axis if file.is_dataset(axis) else f"{axis}s")
             for axis in AXES[1:]
@@ -618,7 +620,7 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     return replace(poses, unit=unit)
 
 
-def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
+def _read_in_axis_order(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
     """Return a dataset of numbers with its axes in the wanted order, by their names.
 
     Raises FormatError where it has other axes.

@@ -46,7 +46,7 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
 
     Raises InputError where no edge joins two landmarks that have a place.
     """
-    points = _bridged(motion.points)
+    points = _bridge_gaps(motion.points)
     placed = np.asarray(np.isfinite(points).all(axis=(0, 1)))
     edges = _edges_between(motion, placed)
     if not len(edges):
@@ -78,7 +78,7 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
     return _describe_joint_errors(motion, rig, points)
 
 
-def _bridged(points: Floats) -> Floats:
+def _bridge_gaps(points: Floats) -> Floats:
     """Return points (f, 3, p), unknown ones in straight lines; nan if never known.
 
     Before the first known one and after the last they stay where these are.

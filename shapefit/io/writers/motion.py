@@ -160,7 +160,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
         Raises InputError where landmarks of a detector are wanted (`markers`), and it
         has none.
         """
-        if self._options.markers == "input" and _detected(record) is None:
+        if self._options.markers == "input" and _detector_landmarks(record) is None:
             problem = (
                 "`--markers input`: there are no landmarks of a detector beside the"
                 " joints"
@@ -173,7 +173,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
         self.parts.append(record.without(record.column_names() - RETAINED))
 
 
-def _detected(record: Shapes3D) -> Floats | None:
+def _detector_landmarks(record: Shapes3D) -> Floats | None:
     """Return the landmarks of a detector in 3D, None where there are none."""
     return record.input_shapes if isinstance(record, Fit) else None
 
