@@ -208,7 +208,7 @@ def config_of(
     placeholders: Mapping[str, object],
     file: File | None = None,
 ) -> Config:
-    """Return the config that the arguments of a function make, over those of a file.
+    """Return the config of a file, if any, changed by the arguments of a function.
 
     `placeholders` stand for the files of the command in messages. Raises InputError for
     each problem, with the name of its argument.

@@ -13,7 +13,7 @@ from shapefit.dictionary import model
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import counted, input_error
 from shapefit.io.layout import DICTIONARY_COLUMNS, DICTIONARY_POINTS
-from shapefit.records.columns import Array, Column, Texts, as_kind, fit_axes
+from shapefit.records.columns import Array, Column, Texts, as_kind, match_axes
 from shapefit.records.items import UNKNOWN_UNIT
 from shapefit.records.names import all_composed
 
@@ -68,7 +68,7 @@ class Dictionary:
         for column in _OWN_COLUMNS:
             value = getattr(self, column.field)
             if value is not None and not (column.is_text and not len(value)):
-                set_field(self, column.field, _checked(column, value, sizes))
+                set_field(self, column.field, _convert_field(column, value, sizes))
         if not self.landmark_names:
             names = tuple(map(str, range(self.atoms.shape[1])))
             set_field(self, "landmark_names", names)
@@ -89,11 +89,11 @@ class Dictionary:
     def of(cls, dictionary: model.Dictionary) -> Dictionary:
         """Return the internal `model.Dictionary` as one with a landmark per row."""
         return cls(
-            atoms=_turned(dictionary.atoms),
+            atoms=_transpose_points(dictionary.atoms),
             landmark_names=dictionary.landmark_names,
-            mean_shape=_turned(dictionary.mean_shape),
+            mean_shape=_transpose_points(dictionary.mean_shape),
             edges=dictionary.edges,
-            mesh_vertices=_turned(dictionary.mesh_vertices),
+            mesh_vertices=_transpose_points(dictionary.mesh_vertices),
             mesh_faces=dictionary.mesh_faces,
             atom_scale=dictionary.atom_scale,
             atom_items=dictionary.atom_items,
@@ -107,11 +107,11 @@ class Dictionary:
         """Return the internal `model.Dictionary`, with one landmark per column."""
         atom_items = self.atom_items
         return model.Dictionary(
-            atoms=_turned(self.atoms),
+            atoms=_transpose_points(self.atoms),
             landmark_names=all_composed(self.landmark_names),
-            mean_shape=_turned(self.mean_shape),
+            mean_shape=_transpose_points(self.mean_shape),
             edges=self.edges,
-            mesh_vertices=_turned(self.mesh_vertices),
+            mesh_vertices=_transpose_points(self.mesh_vertices),
             mesh_faces=self.mesh_faces,
             atom_scale=self.atom_scale,
             atom_items=None if atom_items is None else tuple(atom_items),
@@ -139,20 +139,23 @@ _OWN_COLUMNS = sorted(
 
 
 @overload
-def _turned(points: Floats) -> Floats: ...
+def _transpose_points(points: Floats) -> Floats: ...
 @overload
-def _turned(points: None) -> None: ...
-def _turned(points: Floats | None) -> Floats | None:
+def _transpose_points(points: None) -> None: ...
+def _transpose_points(points: Floats | None) -> Floats | None:
     """Return points with landmarks in rows instead of columns, or vice versa."""
     if points is None:
         return None
     return np.ascontiguousarray(np.swapaxes(points, -1, -2))
 
 
-def _checked(column: Column, value: object, sizes: dict[str, int]) -> Array | Texts:
-    """Return a field in the type of its column, and add its axes to `sizes`.
+def _convert_field(
+    column: Column, value: object, sizes: dict[str, int]
+) -> Array | Texts:
+    """Convert a field to the type of its column, and check its axes against `sizes`.
 
-    Raises InputError for arrays that are no numbers or whose axes disagree.
+    The axes that are new are added to `sizes`. Raises InputError for arrays that are no
+    numbers or whose axes disagree.
     """
     place = f"dictionary.{column.field}"
     try:
@@ -161,7 +164,7 @@ def _checked(column: Column, value: object, sizes: dict[str, int]) -> Array | Te
         raise input_error(place, "is no array of numbers", "give numbers") from None
     shape = np.shape(converted)
     expected = tuple(sizes.get(str(axis), axis) for axis in column.axes)
-    if not fit_axes(column.axes, shape, sizes):
+    if not match_axes(column.axes, shape, sizes):
         row = ", one landmark per row" if column.name in DICTIONARY_POINTS else ""
         fix = f"it must be {expected}".replace("'", "") + row
         raise input_error(place, f"has the shape {shape}", fix)

@@ -76,7 +76,7 @@ def read_shapes(*paths: File, **options: Unpack[Reading]) -> Shapes:
         For files that cannot be read, and for unknown options.
 
     """
-    how = _input("read_shapes", options)
+    how = _reading_options("read_shapes", options)
     with io.open_shapes([Path(path) for path in paths], how) as source:
         warn(source.notes)
         return source.whole()
@@ -103,7 +103,7 @@ def read_landmarks(*paths: File, **options: Unpack[Reading]) -> Landmarks:
         For files that cannot be read, and for unknown options.
 
     """
-    how = _input("read_landmarks", options)
+    how = _reading_options("read_landmarks", options)
     with io.open_landmarks([Path(path) for path in paths], how) as source:
         warn(source.notes)
         return source.whole()
@@ -215,8 +215,8 @@ def write_results(path: File, result: Fit) -> None:
     warn(writer.summary.warnings)
 
 
-def _input(function: str, options: Reading) -> InputOptions:
-    """Return how files are read; raises InputError for other options."""
+def _reading_options(function: str, options: Reading) -> InputOptions:
+    """Return options to read files by; raises InputError for unknown ones."""
     known = vars(InputOptions())
     unknown = [key for key in options if key not in known]
     if unknown:

@@ -35,7 +35,7 @@ from shapefit.errors import input_error
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.options import input_options
-from shapefit.io.readers.arrays import of_array
+from shapefit.io.readers.arrays import poses_of_array
 from shapefit.io.readers.items import landmarks_of
 from shapefit.io.source import source_of, without_doubtful
 from shapefit.pipelines.fit.calibration import SAMPLE_POOL, calibrate
@@ -255,7 +255,7 @@ def _as_images(
     where landmarks without names are not as many as the names.
     """
     if not isinstance(landmarks, Landmarks):
-        return _of_array(landmarks, config, names)
+        return _landmarks_of_array(landmarks, config, names)
     if config.y_axis not in (None, landmarks.y_axis):
         fault = f"y points {config.y_axis}, and {landmarks.y_axis} in the landmarks"
         fix = f"say it of these: landmarks.replaced(y_axis={config.y_axis!r})"
@@ -265,7 +265,9 @@ def _as_images(
     return with_names(landmarks, names).with_whole_points()
 
 
-def _of_array(given: ArrayLike, config: FitConfig, names: Sequence[str]) -> Landmarks:
+def _landmarks_of_array(
+    given: ArrayLike, config: FitConfig, names: Sequence[str]
+) -> Landmarks:
     """Return an array as Landmarks, by `y_axis` and `image_size` of the config.
 
     Those with confidences, of a skeleton or of one image are read as a detector's file
@@ -287,9 +289,9 @@ def _of_array(given: ArrayLike, config: FitConfig, names: Sequence[str]) -> Land
         return with_names(plain, names).with_whole_points()
     place = Path("landmarks")
     if config.keypoints is None:
-        poses = of_array(place, points, landmark_names=tuple(names))
+        poses = poses_of_array(place, points, landmark_names=tuple(names))
     else:
-        poses = of_array(place, points)
+        poses = poses_of_array(place, points)
     images, _ = landmarks_of(poses, input_options(config))
     return images.replaced(y_axis=config.y_axis or images.y_axis)
 

@@ -118,7 +118,7 @@ def learn(
 
 
 def as_shapes(given: Shapes | Fit | ArrayLike) -> Shapes:
-    """Return arrays as Shapes, and a fit as Shapes without its further columns."""
+    """Return arrays as Shapes, and a fit as Shapes without its other columns."""
     if isinstance(given, Shapes):
         return given
     if not isinstance(given, Fit):

@@ -73,7 +73,7 @@ def learn_atoms(
         C = sparse_code(shapes, B, beta, start=C)
         return total(B, C), B, C
 
-    objective, B, C = recode(of_norm_one(chosen), None)
+    objective, B, C = recode(scaled_to_norm_one(chosen), None)
     trace = [objective]
     for _ in range(iterations):
         updated = update_atoms(shapes, C, B)
@@ -130,14 +130,14 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> F
     residual = shapes - np.tensordot(coefficients, atoms, axes=1)
     for i in dead:
         worst = np.linalg.norm(residual, axis=(1, 2)).argmax()
-        B[i] = of_norm_one(shapes[worst])
+        B[i] = scaled_to_norm_one(shapes[worst])
         part = np.maximum(np.tensordot(residual, B[i], axes=2), 0.0)
         residual -= part[:, None, None] * B[i]
     return B
 
 
-def of_norm_one(shapes: Floats) -> Floats:
-    """Return shapes (..., 3, p), none of them 0, scaled to the bound of atoms."""
+def scaled_to_norm_one(shapes: Floats) -> Floats:
+    """Return shapes (..., 3, p), none of them 0, scaled to the norm 1 of an atom."""
     norm = np.linalg.norm(shapes, axis=(-2, -1), keepdims=True)
     bounded: Floats = shapes * (MAX_ATOM_NORM / norm)
     return bounded

@@ -103,7 +103,9 @@ def find_squares(
     y = rotation @ np.where(visible[:, None], truth, 0.0)
     e = np.where(visible[:, None], estimate, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        weights = np.where(visible[:, None] & np.isfinite(sd), 1 / _floored(sd), 0.0)
+        weights = np.where(
+            visible[:, None] & np.isfinite(sd), 1 / _raise_to_floor(sd), 0.0
+        )
         weights = weights**2
         weights[:, 2] = visible  # depths: the centroid
         shares = weights / weights.sum(axis=2, keepdims=True)
@@ -123,7 +125,7 @@ def find_squares(
     return np.where(counts, square, np.nan), np.where(counts, width, np.nan)
 
 
-def _floored(sd: Floats) -> Floats:
+def _raise_to_floor(sd: Floats) -> Floats:
     """Return deviations (n, 3, p), raised to a tiny share of the image's largest."""
     largest = np.where(np.isfinite(sd), sd, 0.0).max(axis=(1, 2), keepdims=True)
     floored: Floats = np.maximum(sd, MIN_VARIANCE_SHARE * largest)

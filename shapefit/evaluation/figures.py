@@ -230,7 +230,7 @@ def _draw_boxes(
     line = 0.0
     for group, errors in groups.items():
         if len(groups) > 1:
-            heading = _wrapped(group)
+            heading = _in_two_lines(group)
             axes.text(0, line, f" {heading}", va="center", weight="bold", fontsize=8)
             line += 1
         for number, method in enumerate(methods):
@@ -238,7 +238,7 @@ def _draw_boxes(
             values = values[np.isfinite(values)]
             if len(values):
                 _draw_box(axes, values, line, look_of(number))
-            labels.append(_wrapped(method))
+            labels.append(_in_two_lines(method))
             places.append(line)
             line += 1
     axes.set_yticks(places, labels, fontsize=8)
@@ -321,7 +321,7 @@ def draw_sequences(
         _draw_group(axes, means, methods)
         axes.set_ylabel(f"mean error ({unit})")
         if len(groups) > 1:
-            axes.set_title(_wrapped(group), fontsize=9, weight="bold")
+            axes.set_title(_in_two_lines(group), fontsize=9, weight="bold")
     _draw_legend(whole, methods, legend)
     return figure
 
@@ -424,7 +424,9 @@ def draw_landmarks(
         worst = f",\nthe worst {len(shown)} of {len(names)}"
     axes.set(xlabel=f"mean error of a landmark ({unit}){worst}", xlim=(0, None))
     _draw_legend(left, [*errors], legend)
-    _draw_typical(right, typical, first, f"{_wrapped(next(iter(errors)))} ({unit})")
+    _draw_typical(
+        right, typical, first, f"{_in_two_lines(next(iter(errors)))} ({unit})"
+    )
     return figure
 
 
@@ -433,10 +435,12 @@ def _draw_typical(
 ) -> None:
     """Draw a typical shape, its landmarks coloured by their errors (p,)."""
     axes = panel.subplots()
-    flat = _turned(typical.shape)
+    flat = _project_from_side(typical.shape)
     _draw_lines(axes, flat, typical.edges, GRID, 2.5)
     if typical.mesh is not None:
-        _draw_mesh(axes, _turned(typical.mesh.transpose(2, 0, 1)).transpose(1, 2, 0))
+        _draw_mesh(
+            axes, _project_from_side(typical.mesh.transpose(2, 0, 1)).transpose(1, 2, 0)
+        )
     x, y = flat
     marks = axes.scatter(
         x,
@@ -685,7 +689,7 @@ def _draw_mesh(axes: Axes, triangles: Floats) -> None:
     axes.add_collection(mesh)
 
 
-def _turned(points: Floats) -> Floats:
+def _project_from_side(points: Floats) -> Floats:
     """Return points (3, ...) seen a little from the side: (2, ...)."""
     x, y, z = points
     return np.stack([np.cos(VIEW_TURN) * x + np.sin(VIEW_TURN) * z, y])
@@ -697,7 +701,7 @@ def _mean(values: Sequence[float | None]) -> float:
     return float(np.mean(known)) if known else float("nan")
 
 
-def _wrapped(name: str) -> str:
+def _in_two_lines(name: str) -> str:
     """Return a name in two lines at most."""
     text = printable(name)
     lines = textwrap.wrap(text, NAME_LETTERS, max_lines=2, placeholder="…")

@@ -260,7 +260,7 @@ def _column_cells(
     rows: Sequence[GroupMethod],
     quantity: Quantity,
 ) -> list[_Cell]:
-    """Return the cells of a column in the rows of a group."""
+    """Return the cells of a column in the rows of a group, the least errors marked."""
     decimals = decimals_of(value for values in column.values() for value in values)
     texts = [
         " / ".join(number(value, decimals) for value in column.get(row, (None,)))

@@ -186,9 +186,9 @@ def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None
 
 
 def _make_floor(abg: Floats, covariance: Floats) -> Floor:
-    """Return the floor of the unknowns a, b and g (see above) and their covariance.
+    """Return the floor of a camera's tilt (a, b) and height g, and their covariance.
 
-    Its deviations are linearised.
+    abg are the unknowns of the equations above. The floor's deviations are linearised.
     """
     a, b, g = abg
     r = np.sqrt(1 + a**2 + b**2)
@@ -302,8 +302,10 @@ def _bears(
 def _find_leaning(
     body: FilmedBody, rests: NDArray[np.bool_], under: Floats, centre: Floats
 ) -> tuple[list[Floats], list[Floats]]:
-    """Return how a body leans, a and b, at moments, and the variances of that.
+    """Return how a body leans at some moments, and the variances of that.
 
+    Leaning is d_x / d_y and d_z / d_y of the direction d from its feet to its centre of
+    mass.
     A moment lasts about a second of a time in which a foot rests.
     """
     ankles = [body.joints[f"{side}ankle"] for side in "lr"]
@@ -335,8 +337,9 @@ def _runs(rest: NDArray[np.bool_], min_frames: float) -> list[tuple[int, int]]:
 
 
 def _solve(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
-    """Return the unknowns a, b, g of the equations above, and their covariance.
+    """Return the tilt (a, b) and the height g of the camera, and their covariance.
 
+    They are the unknowns of the equations above.
     Least squares with weights anew in each step, of the leaning and then of the feet.
     foot_sd: deviation of a foot across the line of sight, in metres.
     """
@@ -360,9 +363,10 @@ def _solve(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
 
 
 def _usual_leaning(leaning: Floats, variances: Floats) -> tuple[Floats, Floats]:
-    """Return a and b (2,) as bodies lean in most moments, and their precisions (2,).
+    """Return how bodies lean in most moments (2,), and the precisions of that (2,).
 
-    leaning and its variances (k, 2), of k moments.
+    Leaning is a and b, the slopes of the direction up of a body to the right and to the
+    viewer; leaning and its variances (k, 2), of k moments.
     """
     usual = np.median(leaning, axis=0)
     weights = np.ones(len(leaning))

@@ -170,7 +170,9 @@ class FileFormat(NamedTuple):
     either: bool = False
 
 
-def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Output:
+def _open_output(
+    name: str, target: Path, form: Layout, options: OutputOptions
+) -> Output:
     """Return a context manager that gives a writer of the format of this name.
 
     Only the module of that format is imported.
@@ -203,7 +205,10 @@ def _write(name: str, target: Path, form: Layout, options: OutputOptions) -> Out
         "metres": tables.write_metres,
         "angles": tables.write_angles,
     }
-    judges = {"mot": tables.point_to_trc, "angles": tables.count_uncertain}
+    judges = {
+        "mot": tables.describe_angles_of_mot,
+        "angles": tables.describe_uncertain_angles,
+    }
     return motion.motion_output(
         target,
         options,
@@ -250,14 +255,14 @@ HDF5 = FileFormat(
     (".h5", ".hdf5", ".hdf", ".he5"),
     (*ITEMS, "dictionary"),
     lambda head: MARK in head.hdf5,
-    write=partial(_write, "hdf5"),
+    write=partial(_open_output, "hdf5"),
 )
 CSV = FileFormat(
     "a CSV file",
     (".csv",),
     ITEMS,
     lambda head: not head.is_utf16 and not head.named(*HDF5.suffixes) and _is_csv(head),
-    write=partial(_write, "csv"),
+    write=partial(_open_output, "csv"),
     states_y_axis=False,
 )
 OURS = {"hdf5": HDF5, "csv": CSV}
@@ -267,7 +272,7 @@ TARGETS = OURS | {
         title,
         (suffix,),
         ("shapes", "result"),
-        write=partial(_write, name),
+        write=partial(_open_output, name),
         in_metres=True,
         angles=name in ("trc", "mot", "angles"),
     )

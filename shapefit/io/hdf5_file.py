@@ -41,7 +41,7 @@ from shapefit.records.columns import (
     Column,
     Texts,
     as_kind,
-    fit_axes,
+    match_axes,
 )
 from shapefit.records.items import Attribute, Direction, Items
 from shapefit.records.names import all_composed
@@ -125,7 +125,7 @@ class Hdf5File:
         # h5py takes long to look up their types and shapes
         self._datasets: dict[str, h5py.Dataset] = {}
         self._chunks: dict[str, Chunks] = {}
-        with self.damage():
+        with self.damage_as_input_error():
             self.root = open_hdf5(path)
 
     def __enter__(self) -> Self:
@@ -150,7 +150,7 @@ class Hdf5File:
         return input_error(self.place(name) if name else self.path, fault, fix)
 
     @contextmanager
-    def damage(self, name: str = "") -> Iterator[None]:
+    def damage_as_input_error(self, name: str = "") -> Iterator[None]:
         """Turn what h5py raises for damage, or filters it lacks, into InputError."""
         try:
             yield
@@ -168,7 +168,7 @@ class Hdf5File:
 
     def attribute(self, name: str, node: str = "/") -> Any:
         """Return an attribute as a str, bytes, number or list of Python, else None."""
-        with self.damage(node.strip("/")):
+        with self.damage_as_input_error(node.strip("/")):
             attributes = self.root[node].attrs
             value = attributes[name] if name in attributes else None  # noqa: SIM401 hides damage
             if isinstance(value, str):
@@ -181,7 +181,7 @@ class Hdf5File:
 
     def is_dataset(self, name: str) -> bool:
         """Whether there is such a dataset."""
-        with self.damage(name):
+        with self.damage_as_input_error(name):
             return isinstance(self.root.get(name), h5py.Dataset)
 
     def rows(self, name: str, rows: slice | tuple[()] = ()) -> Any:
@@ -192,7 +192,7 @@ class Hdf5File:
         """
         if name not in self._datasets and not self.is_dataset(name):
             raise self.fault(name, "there is no such dataset")
-        with self.damage(name):
+        with self.damage_as_input_error(name):
             dataset = self._datasets.get(name) or self.root[name]
             shape: tuple[int, ...] = dataset.shape or ()
             width = dataset.dtype.itemsize
@@ -302,7 +302,7 @@ def read_seal(path: Path) -> Seal:
     with Hdf5File(path) as file:
         stated = str(as_text(file.attribute(CONTENTS)) or "")
         text = as_text(file.attribute(INPUT_ROWS))
-        with file.damage():
+        with file.damage_as_input_error():
             found = digest_contents(file.root, file.rows)
     rows = None
     if text is not None:
@@ -343,7 +343,7 @@ class Hdf5Reader(Hdf5File):
             self._open_datasets()
             if not self._has_edges():
                 self.columns.pop(EDGES, None)
-            if problems := list(self._problems()):
+            if problems := list(self._find_problems()):
                 raise input_problems(problems)
             self.count = self._sizes.get("n", 0)
             names = self.read("landmark_names")
@@ -383,7 +383,7 @@ class Hdf5Reader(Hdf5File):
             return "down"
         if y_axis is None:
             return None
-        raise self._misstated()
+        raise self._misstated_attribute()
 
     @property
     def frame_rate(self) -> float | None:
@@ -396,9 +396,9 @@ class Hdf5Reader(Hdf5File):
             return None
         if isinstance(rate, int | float) and 0 < rate < math.inf:
             return float(rate)
-        raise self._misstated()
+        raise self._misstated_attribute()
 
-    def _misstated(self) -> InputError:
+    def _misstated_attribute(self) -> InputError:
         """Return the error for a y_axis or frame_rate that cannot be."""
         y_axis = self._attributes.get("y_axis")
         rate = self._attributes.get("frame_rate")
@@ -433,7 +433,7 @@ class Hdf5Reader(Hdf5File):
         )
 
     def _free_name(self, name: str) -> str:
-        """Return a further dataset's name in memory, after `input_` if it is taken.
+        """Return the name of an extra in memory, after `input_` if it is taken.
 
         Those that the layout lists are taken.
         """
@@ -461,7 +461,8 @@ class Hdf5Reader(Hdf5File):
         column = self.columns.get(name)
         if column and column.axes[0] == "a":
             start, stop, _ = rows.indices(self.count)
-            rows = slice(int(self._ends[start]), int(self._ends[max(start, stop)]))
+            bounds = self._transform_bounds
+            rows = slice(int(bounds[start]), int(bounds[max(start, stop)]))
         per_item = self._is_per_item(name)
         values = np.asarray(self.rows(name, rows if per_item else ()))
         if column is None:
@@ -475,8 +476,8 @@ class Hdf5Reader(Hdf5File):
             raise self.fault(name, fault, f"store {column.noun}") from None
 
     @cached_property
-    def _ends(self) -> Integers:
-        """Where the transforms of each item begin, and the last ones end (n + 1,).
+    def _transform_bounds(self) -> Integers:
+        """The rows (n + 1,) where transforms of each item begin, and the last ones end.
 
         Raises InputError where their counts are not those of the rows.
         """
@@ -492,7 +493,7 @@ class Hdf5Reader(Hdf5File):
     def _read_attributes(self, old: bool) -> dict[str, Any]:
         """Return the attributes of the root, format and version checked."""
         _check_format(self, self.form.name)
-        with self.damage():
+        with self.damage_as_input_error():
             names = list(self.root.attrs)
         root = {name: as_text(self.attribute(name)) for name in names}
         version = root.get("version")
@@ -509,7 +510,7 @@ class Hdf5Reader(Hdf5File):
     def _open_datasets(self) -> None:
         """Open all datasets, under today's names where version 1 had others."""
         nodes: dict[str, h5py.Group | h5py.Dataset] = {}
-        with self.damage():
+        with self.damage_as_input_error():
             self.root.visititems(
                 lambda name, node: nodes.update({name: node})
             )  # no soft links
@@ -533,7 +534,7 @@ class Hdf5Reader(Hdf5File):
         edges = self._datasets[EDGES]
         return (edges.shape or ())[1:] == (2,) and edges.dtype.kind in "iu"
 
-    def _problems(self) -> Iterator[str]:
+    def _find_problems(self) -> Iterator[str]:
         """Yield what is wrong with the kind or shape of each dataset."""
         for name, column in self.columns.items():
             letters, values = _stored_as(column)
@@ -542,7 +543,7 @@ class Hdf5Reader(Hdf5File):
                 dataset = self._datasets[name]
                 text = h5py.check_string_dtype(dataset.dtype) is not None
                 kind = "O" if text else dataset.dtype.kind.replace("O", "?")
-                fits = fit_axes(column.axes, dataset.shape or (), self._sizes)
+                fits = match_axes(column.axes, dataset.shape or (), self._sizes)
                 what = f"{'text' if text else dataset.dtype} {dataset.shape}"
                 fault = "" if fits and kind in letters else f"holds {what}"
             if column.axes[0] == "a" and COUNTS not in self._datasets and not fault:
@@ -564,7 +565,7 @@ class Hdf5Reader(Hdf5File):
         if self._attributes["version"] == 1:
             per_item = self.form.is_per_item(name, dataset.ndim)
         else:
-            with self.damage(name):
+            with self.damage_as_input_error(name):
                 per_item = bool(dataset.attrs.get(PER_ITEM, False))
         return per_item and bool(dataset.shape[:1] == (self.count,))
 

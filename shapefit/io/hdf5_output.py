@@ -145,10 +145,10 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         for name, blocks in self._texts.items():
             width = max(block.dtype.itemsize for block in blocks)
             kind = h5py.string_dtype("utf-8", width)
-            self._write_rows(name, _joined([block.astype(kind) for block in blocks]))
+            self._write_rows(name, _join_rows([block.astype(kind) for block in blocks]))
         for name, values in self._whole.items():
             self._write_whole(name, values)
-        for name in self._marked:
+        for name in self._per_item_datasets:
             self._datasets[name].attrs[PER_ITEM] = True
         self._write_attributes()
         if self.seal is not None:
@@ -157,7 +157,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         self._datasets.clear()
 
     @property
-    def _marked(self) -> Collection[str]:
+    def _per_item_datasets(self) -> Collection[str]:
         """Datasets that say by an attribute that they are per item."""
         return self._shapes.keys() - self._form.unmarked
 
@@ -172,16 +172,16 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
     def _write_held_rows(self, name: str) -> None:
         """Write the rows of a dataset that are held."""
         del self._held_bytes[name]
-        self._write_rows(name, _joined(self._held.pop(name)))
+        self._write_rows(name, _join_rows(self._held.pop(name)))
 
     def _write_rows(self, name: str, values: Array) -> None:
         """Write rows of a dataset behind those that are there."""
-        self._need(values.nbytes)
+        self._reserve_for(values.nbytes)
         self._digest(name, values)
         if name not in self._datasets:
             rest = values.shape[1:]
             rows = _chunk_rows(values)
-            self._need(rows * values.itemsize * math.prod(rest))
+            self._reserve_for(rows * values.itemsize * math.prod(rest))
             self._datasets[name] = self._file.create_dataset(
                 name,
                 data=values,
@@ -198,7 +198,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
     def _write_whole(self, name: str, values: Array) -> None:
         """Write a dataset that belongs to the file."""
         stored = _encoded(values) if values.dtype.kind in "OU" else values
-        self._need(2 * stored.nbytes)
+        self._reserve_for(2 * stored.nbytes)
         self._digest(name, stored)
         checked = stored.size > 0 and stored.ndim > 0  # HDF5 has none for one value
         self._datasets[name] = self._file.create_dataset(
@@ -207,12 +207,12 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
 
     def _write_attributes(self) -> None:
         """Write the attributes of the file."""
-        stated = self._stated()
-        self._need(sum(len(str(value)) for value in stated.values()) * 4)
+        stated = self._all_attributes()
+        self._reserve_for(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in stated.items():
             self._file.attrs[name] = value
 
-    def _stated(self) -> Mapping[str, object]:
+    def _all_attributes(self) -> Mapping[str, object]:
         """Return the attributes of the layout, of the first record, and those given.
 
         A given one has a prefix where the layout has one of its name.
@@ -236,19 +236,19 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
 
         Reading it takes longer than to write it.
         """
-        for name, value in self._stated().items():
+        for name, value in self._all_attributes().items():
             yield describe_attribute("/", name, value)
         groups: set[str] = set()
         for name, dataset in self._datasets.items():
             kind = kind_of_values(dataset.dtype)
             yield describe_values(name, kind, dataset.shape, self._digests[name])
             groups.update(str(group) for group in PurePosixPath(name).parents)
-        for name in self._marked:
+        for name in self._per_item_datasets:
             yield describe_attribute(name, PER_ITEM, True)
         for group in groups - {"."}:
             yield ["Group", group]
 
-    def _need(self, size: int) -> None:
+    def _reserve_for(self, size: int) -> None:
         """Reserve space for bytes to come, as HDF5 crashes on a full disk."""
         self._needed += size + size // METADATA_SHARE
         if self._needed > self._reserved:
@@ -256,7 +256,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             _reserve(self._space, self._reserved)
 
 
-def _joined(blocks: list[Array]) -> Array:
+def _join_rows(blocks: list[Array]) -> Array:
     """Return blocks of rows as one."""
     return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 

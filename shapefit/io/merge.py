@@ -49,7 +49,7 @@ def merge_heads(
     differing: set[str] = set()
     if isinstance(first, Fit):
         lists = [", ".join(head.landmark_names) for head in heads]
-        _agreed("list of landmarks", places, lists)
+        _common_value("list of landmarks", places, lists)
     if isinstance(first, Shapes):
         for place, head in zip(places[1:], heads[1:], strict=True):
             _check_same_landmarks((places[0], names), (place, head.landmark_names))
@@ -61,20 +61,20 @@ def merge_heads(
         differing = {
             name
             for name in first.file_extras
-            if not all(_agree(first, head, name) for head in heads)
+            if not all(_have_same_column(first, head, name) for head in heads)
         }
     heads = [
-        arrange(_has_rows(head, differing), names, file.name)
+        arrange(_repeat_per_item(head, differing), names, file.name)
         for file, head in zip(files, heads, strict=True)
     ]
     _check_columns(places, heads)
     units = [None if head.unit == UNKNOWN_UNIT else head.unit for head in heads]
     stated = [*(file.y_axis for file in files), y_axis]
     changes = _join_columns(heads)
-    changes["unit"] = _agreed("unit", places, units) or UNKNOWN_UNIT
+    changes["unit"] = _common_value("unit", places, units) or UNKNOWN_UNIT
     rates = [head.frame_rate for head in heads]
-    changes["frame_rate"] = _agreed("frame_rate", places, rates)
-    direction = _agreed("y_axis", [*places, "y_axis"], stated)
+    changes["frame_rate"] = _common_value("frame_rate", places, rates)
+    direction = _common_value("y_axis", [*places, "y_axis"], stated)
     if not isinstance(first, Shapes):
         changes["y_axis"] = direction or "down"
     return heads[0].replaced(**changes)
@@ -91,7 +91,7 @@ def _check_columns(places: Sequence[str], heads: Sequence[Items]) -> None:
         optional.add(FRAME)
     for place, head in zip(places, heads, strict=True):
         for name in sorted((head.column_names() | heads[0].column_names()) - optional):
-            if not _agree(heads[0], head, name):
+            if not _have_same_column(heads[0], head, name):
                 fault = f"its dataset {name} is not that of {places[0]}"
                 raise input_error(place, fault, SEPARATELY)
 
@@ -139,7 +139,7 @@ def _check_same_landmarks(*files: tuple[str, Sequence[str]]) -> None:
 def align_to(part: Record, head: Record, file: str) -> Record:
     """Return a part of one file with the landmarks and columns of the whole source."""
     n = len(part)
-    part = _has_rows(part, head.extras)
+    part = _repeat_per_item(part, head.extras)
     changes: dict[str, object] = {}
     if _lacks_confidence(part, head):
         ones = np.ones(part.points.shape[:2])
@@ -171,8 +171,8 @@ def _lacks_confidence(part: Items, head: Items) -> bool:
     return wanted and part.column("confidence") is None
 
 
-def _has_rows(record: Record, names: Collection[str]) -> Record:
-    """Return a record in which these datasets of its file are repeated per item."""
+def _repeat_per_item(record: Record, names: Collection[str]) -> Record:
+    """Return a record with these datasets of its file repeated, a row for each item."""
     extras = {
         name: np.broadcast_to(value, (len(record), *value.shape))
         for name, value in record.file_extras.items()
@@ -181,7 +181,7 @@ def _has_rows(record: Record, names: Collection[str]) -> Record:
     return record.with_extras(extras) if extras else record
 
 
-def _agree(first: Items, head: Items, name: str) -> bool:
+def _have_same_column(first: Items, head: Items, name: str) -> bool:
     """Whether two heads have the same column; of items, rows of one shape."""
     one = first.column(name)
     other = head.column(name)
@@ -193,7 +193,7 @@ def _agree(first: Items, head: Items, name: str) -> bool:
     return np.array_equal(one, other, equal_nan=both_floats)
 
 
-def _agreed(
+def _common_value(
     what: str, places: Sequence[str], stated: Sequence[Stated | None]
 ) -> Stated | None:
     """Return what all places state, None if none does; InputError where two differ."""

@@ -151,8 +151,8 @@ def parts_of_the_body() -> Mapping[str, BodyPart]:
 
 
 @cache
-def _marked() -> Mapping[str, str]:
-    """Return landmark -> part of the body that it marks, for those of any detector."""
+def _part_of_each_mark() -> Mapping[str, str]:
+    """Return landmark of a detector -> the part of the body that it marks."""
     return {
         name: part
         for part, names in _data()["marked"].items()
@@ -162,16 +162,16 @@ def _marked() -> Mapping[str, str]:
 
 def part_names(names: Iterable[str]) -> dict[str, str]:
     """Return name -> part of the body, of names that are joints or mark a part."""
-    part_of = {**{joint: joint for joint in JOINTS}, **_marked()}
+    part_of = {**{joint: joint for joint in JOINTS}, **_part_of_each_mark()}
     return {name: part_of[name] for name in names if name in part_of}
 
 
 def people_parts(names: Iterable[str]) -> dict[str, BodyPart]:
     """Return name -> BodyPart, of those names that mark a part of the body."""
     return {
-        name: parts_of_the_body()[_marked()[name]]
+        name: parts_of_the_body()[_part_of_each_mark()[name]]
         for name in names
-        if name in _marked()
+        if name in _part_of_each_mark()
     }
 
 

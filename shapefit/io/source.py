@@ -162,7 +162,7 @@ def source_of(
     file: SourceFile[Record] = SourceFile.of(name, record, place, y_axis=record.y_axis)
     files = [_with_doubts(file)]
     options = InputOptions(rename=rename)
-    return Source(_prepared(type(record), files, options, gaps))
+    return Source(_with_options(type(record), files, options, gaps))
 
 
 def source_of_stream(
@@ -404,7 +404,9 @@ def _open_files(
     for file_format, group in _group(list(dict.fromkeys(paths)), options):
         if file_format.read_poses is not None and kind is not Fit:
             files.append(
-                _thinned(_of_poses(kind, file_format, group, options), options)
+                _with_chosen_frames(
+                    _file_of_poses(kind, file_format, group, options), options
+                )
             )
             continue
         check_holds(group[0], form.kind, file_format)
@@ -413,10 +415,10 @@ def _open_files(
             raise input_error(group[0], "`individual` is for files of other tools", fix)
         if file_format is HDF5:
             of_file = None if options.thins else rows
-            file = _of_hdf5(kind, group[0], readers, of_file, without)
-            file = _thinned(file, options, rows)
+            file = _file_of_hdf5(kind, group[0], readers, of_file, without)
+            file = _with_chosen_frames(file, options, rows)
         else:
-            file = _thinned(_of_csv(kind, group[0], head=head), options)
+            file = _with_chosen_frames(_file_of_csv(kind, group[0], head=head), options)
         if kind is not Fit and options.keypoints is not None:
             file = _named_by_skeleton(file, options.keypoints)
         if kind is Landmarks and not head:
@@ -424,7 +426,7 @@ def _open_files(
         files.append(file)
     if kind is not Fit:
         files = [*map(_with_doubts, files)]
-    prepared = _prepared(kind, files, options, gaps, check=not head)
+    prepared = _with_options(kind, files, options, gaps, check=not head)
     return Source(prepared, options.y_axis, check=not head)
 
 
@@ -471,7 +473,7 @@ def _as_kind(kind: type[Record], record: Items) -> Record:
     return record
 
 
-def _of_poses(
+def _file_of_poses(
     kind: type[Record],
     file_format: FileFormat,
     group: tuple[Path, ...],
@@ -490,7 +492,7 @@ def _of_poses(
     return SourceFile.of(name, _as_kind(kind, record), notes=notes, y_axis=stated)
 
 
-def _of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Record]:
+def _file_of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Record]:
     """Read a table of ours as a file of a source; with `head` its first rows only."""
     from shapefit.io.csv_file import Spool, read_csv, read_csv_head
 
@@ -517,7 +519,7 @@ def _of_csv(kind: type[Record], path: Path, *, head: bool) -> SourceFile[Record]
     )
 
 
-def _thinned(
+def _with_chosen_frames(
     file: SourceFile[Record], options: InputOptions, rows: slice | None = None
 ) -> SourceFile[Record]:
     """Return a file of the frames that the options ask for; of these only `rows`.
@@ -596,7 +598,7 @@ def _weights_of(record: Items) -> Floats | None:
     return None if confidence is None else np.asarray(confidence, np.float64)
 
 
-def _of_hdf5(
+def _file_of_hdf5(
     kind: type[Record],
     path: Path,
     readers: _Readers,
@@ -807,7 +809,7 @@ def _are_fractions(landmarks: Floats) -> bool:
     return bool(small and (values < 0).mean() <= CENTRED)
 
 
-def _prepared(
+def _with_options(
     kind: type[Record],
     files: Sequence[SourceFile[Record]],
     options: InputOptions,
@@ -815,7 +817,7 @@ def _prepared(
     *,
     check: bool = True,
 ) -> list[SourceFile[Record]]:
-    """Return files that check what they read, and change it by the options.
+    """Return files whose reading checks the records and applies the options to them.
 
     Points are whole, and hidden where their confidence is below the least; landmarks
     are renamed, and only some of them retained.
@@ -835,13 +837,17 @@ def _prepared(
         record = file.read(rows)
         if check:
             check_values(record, place, gaps=gaps)
-        return record if isinstance(record, Fit) else _changed(record, options, file)
+        return (
+            record if isinstance(record, Fit) else _apply_options(record, options, file)
+        )
 
     return [replace(file, read=partial(read, file)) for file in files]
 
 
-def _changed(record: Record, options: InputOptions, file: SourceFile[Record]) -> Record:
-    """Return landmarks or shapes of a file as the options want them."""
+def _apply_options(
+    record: Record, options: InputOptions, file: SourceFile[Record]
+) -> Record:
+    """Return landmarks or shapes with landmarks renamed, hidden and selected."""
     names = renamed(record.landmark_names, options.rename, file.name)
     record = replace(record.with_whole_points(), landmark_names=names)
     if isinstance(record, Landmarks) and options.min_confidence:

@@ -37,26 +37,26 @@ def describe_json(head: Head) -> str:
     return f"is JSON of no known kind, {printable(keys)}"
 
 
-def _has_keys(*keys: str) -> Callable[[Head], bool]:
-    """Return a test: has JSON all these keys, anywhere near its beginning?"""
+def _recognise_by_keys(*keys: str) -> Callable[[Head], bool]:
+    """Return what recognises JSON that has all these keys near its beginning."""
     return lambda head: head.json is not None and {*keys} <= head.inner_keys
 
 
-def _begins(*beginnings: bytes) -> Callable[[Head], bool]:
-    """Return a test: does a file begin with one of these, in any case?"""
+def _recognise_by_beginning(*beginnings: bytes) -> Callable[[Head], bool]:
+    """Return what recognises a file that begins with one of these, in any case."""
     lower = tuple(one.lower() for one in beginnings)
     return lambda head: head.text.lstrip().lower().startswith(lower)
 
 
-def _named_formats(
+def _recognise_by_suffix(
     *endings: str, begins: tuple[bytes, ...] = (b"",)
 ) -> Callable[[Head], bool]:
-    """Return a test: has a file such a name, and does it begin with one of these?"""
+    """Return what recognises a file by the suffix of its name, and how it begins."""
     return lambda head: head.named(*endings) and head.bytes.startswith(begins)
 
 
-def _has_lines(*patterns: str) -> Callable[[Head], bool]:
-    """Return a test: has a text a line of each pattern?"""
+def _recognise_by_lines(*patterns: str) -> Callable[[Head], bool]:
+    """Return what recognises a text that has a line of each pattern."""
     rows = [re.compile(one.encode(), re.MULTILINE | re.IGNORECASE) for one in patterns]
     return lambda head: all(row.search(head.text) for row in rows)
 
@@ -73,17 +73,17 @@ UNREAD = (
     Unread(
         "a motion of joint angles (MOT or STO)",
         "give its markers: TRC or C3D",
-        _has_lines(r"^\W*(?:n|data)Rows[ =]", r"^\W*(?:n|data)Columns[ =]"),
+        _recognise_by_lines(r"^\W*(?:n|data)Rows[ =]", r"^\W*(?:n|data)Columns[ =]"),
     ),
     Unread(
         "a CSV of OptiTrack Motive",
         "export the markers as TRC or C3D",
-        _has_lines(r"^\W*Format Version,.*Take Name"),
+        _recognise_by_lines(r"^\W*Format Version,.*Take Name"),
     ),
     Unread(
         "a TSV of Qualisys Track Manager",
         "export C3D or TRC",
-        _begins(b"NO_OF_FRAMES\t", b"NO_OF_FRAMES,"),
+        _recognise_by_beginning(b"NO_OF_FRAMES\t", b"NO_OF_FRAMES,"),
     ),
     Unread(
         "a MATLAB file",
@@ -93,61 +93,69 @@ UNREAD = (
     Unread(
         "a file of NTSYS (NTS)",
         AS_TABLE,
-        _has_lines(r"^ *[1-9] +\d+[LB]? +\d+[LB]? +[01].*\bDIM *= *\d"),
+        _recognise_by_lines(r"^ *[1-9] +\d+[LB]? +\d+[LB]? +[01].*\bDIM *= *\d"),
     ),
-    Unread("a file of Morphologika", AS_TABLE, _has_lines(r"^\[individuals\]")),
+    Unread(
+        "a file of Morphologika", AS_TABLE, _recognise_by_lines(r"^\[individuals\]")
+    ),
     Unread(
         "a file of markups of 3D Slicer",
         "save it as a table of label, x, y, z, and add a column item",
         lambda head: b"# Markups fiducial file" in head.text or "markups" in head.keys,
     ),
-    Unread("a file of LabelMe", AS_COCO, _has_keys("shapes", "imagePath")),
+    Unread("a file of LabelMe", AS_COCO, _recognise_by_keys("shapes", "imagePath")),
     Unread(
-        "a file of Label Studio", AS_COCO, _has_keys("from_name", "to_name", "value")
+        "a file of Label Studio",
+        AS_COCO,
+        _recognise_by_keys("from_name", "to_name", "value"),
     ),
-    Unread("a file of SLEAP", "save it as .slp", _has_keys("skeletons", "labels")),
+    Unread(
+        "a file of SLEAP", "save it as .slp", _recognise_by_keys("skeletons", "labels")
+    ),
     Unread(
         "a file of CMU Panoptic",
         "its points are 3D: write them as a table item,landmark,x,y,z",
-        _has_keys("bodies", "univTime"),
+        _recognise_by_keys("bodies", "univTime"),
     ),
     Unread(
         "a file of AlphaPose for CMU",
         "write it with --format coco or open",
-        _has_keys("bodies", "joints"),
+        _recognise_by_keys("bodies", "joints"),
     ),
     Unread(
         "a file of IDAV Landmark",
         AS_TABLE,
-        _named_formats(".pts", ".dta", begins=(b"Version ",)),
+        _recognise_by_suffix(".pts", ".dta", begins=(b"Version ",)),
     ),
-    Unread("a mesh (PLY)", SHAPES_OF_MESH, _begins(b"ply\n", b"ply\r")),
-    Unread("a mesh (glTF)", SHAPES_OF_MESH, _named_formats(".glb", ".gltf")),
-    Unread("a mesh (STL)", SHAPES_OF_MESH, _named_formats(".stl")),
+    Unread("a mesh (PLY)", SHAPES_OF_MESH, _recognise_by_beginning(b"ply\n", b"ply\r")),
+    Unread("a mesh (glTF)", SHAPES_OF_MESH, _recognise_by_suffix(".glb", ".gltf")),
+    Unread("a mesh (STL)", SHAPES_OF_MESH, _recognise_by_suffix(".stl")),
     Unread(
         "a mesh (OBJ)",
         SHAPES_OF_MESH,
         lambda head: head.named(".obj") and b"v " in head.text,
     ),
-    Unread("a mesh (OFF)", SHAPES_OF_MESH, _named_formats(".off")),
-    Unread("an FBX file", "export BVH", _named_formats(".fbx")),
-    Unread("a motion of Xsens (MVNX)", "export C3D or BVH", _has_lines(r"<mvnx\b")),
-    Unread("XML of CVAT", AS_COCO, _has_lines(r"<annotations>", r"<meta>")),
-    Unread("XML", AS_TABLE, _begins(b"<?xml", b"\xef\xbb\xbf<?xml")),
+    Unread("a mesh (OFF)", SHAPES_OF_MESH, _recognise_by_suffix(".off")),
+    Unread("an FBX file", "export BVH", _recognise_by_suffix(".fbx")),
+    Unread(
+        "a motion of Xsens (MVNX)", "export C3D or BVH", _recognise_by_lines(r"<mvnx\b")
+    ),
+    Unread("XML of CVAT", AS_COCO, _recognise_by_lines(r"<annotations>", r"<meta>")),
+    Unread("XML", AS_TABLE, _recognise_by_beginning(b"<?xml", b"\xef\xbb\xbf<?xml")),
     Unread(
         "a spreadsheet",
         AS_CSV,
-        _named_formats(".xlsx", ".xlsm", ".xls", ".ods", ".numbers"),
+        _recognise_by_suffix(".xlsx", ".xlsm", ".xls", ".ods", ".numbers"),
     ),
-    Unread("a Parquet file", AS_CSV, _begins(b"PAR1")),
+    Unread("a Parquet file", AS_CSV, _recognise_by_beginning(b"PAR1")),
     Unread(
         "a pickle, which could run programs",
         "save arrays with numpy.save, tables as CSV or HDF5",
-        _named_formats(".pkl", ".pickle"),
+        _recognise_by_suffix(".pkl", ".pickle"),
     ),
     Unread(
         "a file of R",
         "write a table with write.csv",
-        _named_formats(".rds", ".rdata", ".rda"),
+        _recognise_by_suffix(".rds", ".rdata", ".rda"),
     ),
 )

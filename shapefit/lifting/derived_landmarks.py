@@ -109,7 +109,7 @@ def _noise_of_differences(
 
 
 def _gain(C: Floats, R: Floats, dependent: Indices) -> Floats:
-    """Return K (n, 3a, 2a), by which residuals in x and y move x, y and z (see above).
+    """Return the gain K (n, 3a, 2a) by which residuals in x and y move x, y and z.
 
     C (n, 3p, 3p), R (n, 2a, 2a); dependent (3a,): rows of C of the a landmarks.
     """

@@ -273,10 +273,10 @@ def verify_file(
             for chunk in side_by_side(
                 lambda pair: check_chunk(*pair, program, fit.certified), pairs, 1
             ):
-                yield count_in(tally, chunk)._replace(total=results.count)
+                yield add_to_tally(tally, chunk)._replace(total=results.count)
 
 
-def count_in(tally: VerifyTally, chunk: Checked) -> Result:
+def add_to_tally(tally: VerifyTally, chunk: Checked) -> Result:
     """Add the images of a chunk to the tally, and return what became of them."""
     claims = chunk.claims
     items = chunk.result.items

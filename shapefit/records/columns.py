@@ -156,12 +156,12 @@ def column_by_name(cls: type) -> Mapping[str, Column]:
     return _BY_NAME[cls]
 
 
-def fit_axes(
+def match_axes(
     axes: Sequence[str | int], shape: Sequence[int], sizes: dict[str, int]
 ) -> bool:
-    """Whether an array's shape has these axes, where each letter has one size.
+    """Whether a shape matches axes; sizes of letters that are new are noted in `sizes`.
 
-    sizes: those of the letters so far, to which new ones are added.
+    An axis is a size, or a letter, which has one size in all arrays of a record.
     """
     if len(shape) != len(axes):
         return False
@@ -239,7 +239,7 @@ def complete(record: Items) -> None:
         if isinstance(converted, tuple):
             shape = (len(converted),)
         expected = tuple(sizes.get(str(axis), axis) for axis in column.axes)
-        if not fit_axes(column.axes, shape, sizes):
+        if not match_axes(column.axes, shape, sizes):
             row = ", one landmark per row" if column.axes[-2:-1] == ("p",) else ""
             fix = f"it must be {expected}".replace("'", "") + row
             raise input_error(place, f"has the shape {shape}", fix)

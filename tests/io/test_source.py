@@ -349,7 +349,7 @@ def test_one_individual_of_a_file(shapefit, tmp_path):
     refused = shapefit("fit l.h5 -d people -o no.h5 --set individual='person 7'")
     assert (
         refused.code,
-        "individual` is for files of other tools" in refused.text,
+        "`--individual` is for files of other tools" in refused.text,
     ) == (2, True)
 
 

@@ -73,7 +73,7 @@ class CameraConfig(ConfigModel):
     """
 
     @model_validator(mode="after")
-    def _agree(self) -> Self:
+    def _check_keys(self) -> Self:
         """Raise ValueError for keys that exclude or need each other."""
         if self.calibration is not None and isinstance(self.focal, float | int):
             raise ValueError(
@@ -199,7 +199,7 @@ class FitConfig(MetresConfig):
     """
 
     @model_validator(mode="after")
-    def _belong_together(self) -> Self:
+    def _check_keys(self) -> Self:
         """Raise ValueError for keys that need another one, or that the method lacks."""
         if self.lam == "auto" and self.noise is None:
             raise ValueError(

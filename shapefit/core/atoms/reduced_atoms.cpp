@@ -69,6 +69,7 @@ template <int count>
             store(N + e * B.padded_atoms + i + v * WIDTH, sums[e][v]);
 }
 
+// out_i = <B_i, X> for so many vectors of atoms from i on.
 template <int count>
 [[gnu::always_inline]] inline void find_some(const Planes& B, const double* X,
                                              double* out, Index i) {
@@ -139,6 +140,7 @@ void ReducedAtoms::resize(Index coordinates) {
     for (Index i = 0; i < k; ++i) laid_[i] = false;
 }
 
+// Copy atom i out of the planes into rows of its own, (3, row) with 0 at the end.
 const double* ReducedAtoms::lay(Index i) {
     double* B = rows_ + i * 3 * row;
     for (int b = 0; b < 3; ++b)

@@ -141,6 +141,7 @@ struct Inner {
 
 constexpr Index TILE_ROWS = 4;
 
+// C += sign A B for TILE_ROWS rows and so many vectors of columns.
 template <int vectors>
 [[gnu::always_inline]] inline void add_tile(double sign, Factor A, const double* B,
                                             double* C, Index stride, Inner k,

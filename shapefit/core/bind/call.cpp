@@ -93,6 +93,7 @@ void Call::take(const Argument& argument, AnyArray& array) {
     }
 }
 
+// The argument as a number. Raises TypeError for others.
 double Call::take_number(const Argument& argument) {
     const nb::handle given = find(argument);
     double value = 0;
@@ -100,6 +101,7 @@ double Call::take_number(const Argument& argument) {
     return value;
 }
 
+// The argument as a whole number. Raises TypeError for others.
 Index Call::take_count(const Argument& argument) {
     const nb::handle given = find(argument);
     Index value = 0;
@@ -107,6 +109,7 @@ Index Call::take_count(const Argument& argument) {
     return value;
 }
 
+// The argument as a flag. Raises TypeError for others.
 bool Call::take_flag(const Argument& argument) {
     const nb::handle given = find(argument);
     bool value = false;
@@ -132,6 +135,7 @@ nb::object Call::result() {
     return count_ ? nb::int_(*count_) : nb::object(nb::none());
 }
 
+// Raise TypeError where arguments were given that nobody has taken.
 void Call::end() const {
     const size_t given = values_.size() + keywords_.size();
     if (taken_ == given) return;
@@ -146,6 +150,7 @@ Index Call::size(std::string_view name) const {
     return 0;
 }
 
+// Whether an array has the axes of its argument; sizes that are new are noted.
 bool Call::has_shape(const Argument& argument, const AnyArray& array) {
     std::string_view shape = argument.shape;
     if (shape.back() == '?') {
@@ -185,6 +190,7 @@ bool Call::fits(std::string_view token, Index value) {
     return true;
 }
 
+// Raise TypeError that names the argument, what it must be and what was given.
 void Call::refuse(const Argument& argument, const std::string& wanted, nb::handle given,
                   bool is_array) {
     std::string found = text_of(given.type().attr("__name__"));

@@ -31,6 +31,7 @@ constexpr double LEAST_OF_PYTHON = 1e-4, LEAST_OF_JSON = 1e-5, MOST = 1e16;
 
 constexpr int ROOM = 25;  // for "-0.000012345678901234567"
 
+// Write a number without an exponent, "2.0" for 2; return the end of its text.
 char* put_plain(char* out, double number) {
     out = std::to_chars(out, out + ROOM, number, std::chars_format::fixed).ptr;
     if (number == std::trunc(number)) {
@@ -40,6 +41,7 @@ char* put_plain(char* out, double number) {
     return out;
 }
 
+// Write a number such as 1e-07 of Python, which is 1e-7 in JSON; return the end.
 char* put_with_exponent(char* out, double number, bool as_python) {
     out = std::to_chars(out, out + ROOM, number, std::chars_format::scientific).ptr;
     if (!as_python && out[-2] == '0' && out[-3] < '0') {  // a sign, then the 0 of e-07
@@ -49,6 +51,7 @@ char* put_with_exponent(char* out, double number, bool as_python) {
     return out;
 }
 
+// Write a number as Python's `repr` or as JSON has it, nothing for nan; return the end.
 char* put_number(char* out, double number, bool as_python) {
     if (std::isnan(number) || (std::isinf(number) && !as_python)) return out;
     const double size = std::abs(number),

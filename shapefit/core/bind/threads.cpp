@@ -59,6 +59,7 @@ void Team::hire(Index helpers) {
     }
 }
 
+// The work of the calling thread: ranges, until none is left and all helpers are done.
 void Team::lead() {
     const Watch watch(call_, true);
     Range range;
@@ -67,6 +68,7 @@ void Team::lead() {
     } while (await_helpers());
 }
 
+// The work of another thread; without memory it gives its range back.
 void Team::help() {
     const Watch watch(call_, false);
     begin();

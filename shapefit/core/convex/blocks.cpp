@@ -76,6 +76,7 @@ struct Vector3 {
 struct Turned {
     Vector3 first, second;
 };
+// X of a vector of blocks G, in the frames of their active blocks.
 [[gnu::always_inline]] inline Turned to_frame(const ActiveBlocks& a, const double* G,
                                               Index c) {
     const Index n = a.capacity;

@@ -17,6 +17,8 @@ struct Invariants {
     Number trace, product, discriminant;  // A + C, r, sqrt((A - C)^2 + 4 D^2)
 };
 
+// What singular values of a block (2, 3) are made of: sum of squares, product, and
+// difference of squares.
 template <class Number>
 [[gnu::always_inline]] inline Invariants<Number> invariants(const Number (&q)[6]) {
     const Number c0 = q[1] * q[5] - q[2] * q[4], c1 = q[2] * q[3] - q[0] * q[5];

@@ -96,6 +96,7 @@ Index SparseErrors::count_curved() {
     return count;
 }
 
+// Append the square root of the curvature of the errors to the rows of F, from `first`.
 void SparseErrors::append_rows(Index first, ShiftedGram& gram) const {
     const Index q = reduction_->coordinates();
     const double* h = reduction_->h.data;

@@ -104,6 +104,8 @@ template <int count>
     }
 }
 
+// Subtract from each row of a block those above it, and store the rows, also scaled by
+// their inverse pivots.
 template <int count>
 [[gnu::always_inline]] inline void eliminate_and_store(
     const GramSystem& s, Index i, Index j, const double (&share)[BLOCK][BLOCK],
@@ -117,6 +119,8 @@ template <int count>
         }
 }
 
+// Factorise a tile: rows i .. i + 3, so many vectors of columns from j on; the first
+// tile of a block of rows holds its diagonal.
 template <int count, bool first>
 void finish_tile(const GramSystem& s, Index i, Index j, Index above,
                  double (&share)[BLOCK][BLOCK]) {
@@ -184,6 +188,7 @@ void substitute_back(const GramSystem& s, double* x) {
     }
 }
 
+// Set the least pivot of each column, a share of its diagonal of C + F^T F.
 void find_least_pivots(const GramSystem& s) {
     for (Index i = 0; i < s.columns; ++i)
         s.least[i] = s.factor[i * s.factor_stride + i];
@@ -259,6 +264,7 @@ void factorise_by_panels(GramSystem s) {
     }
 }
 
+// Factorise C + F^T F, which the factor begins with, and solve for x.
 void solve_system(const GramSystem& s, double* x) {
     if (s.least) find_least_pivots(s);
     if (s.columns < LARGE) factorise(s);
@@ -277,6 +283,7 @@ void begin_with_shift(const GramSystem& s, double shift, const double* r, Index 
     }
 }
 
+// The factor begins as C (n, n), with r as its last column.
 void begin_with_matrix(const GramSystem& s, const double* C, const double* r, Index n) {
     begin_with_shift(s, 0, r, n);
     for (Index i = 0; i < n; ++i)

@@ -45,6 +45,7 @@ void RowSystem::sort_blocks(const ActiveBlocks& active) {
     for (int t = 1; t < 6; ++t) first_[t] = first_[t - 1] + blocks_with(t - 1);
 }
 
+// Copy the directions of the active blocks in the order of the system.
 void RowSystem::copy_directions(const ActiveBlocks& active) {
     for (int t = 0; t < 6; ++t)
         for (int e = 0; e < 7; ++e) {

@@ -162,6 +162,7 @@ double find_bound(const ConvexProgram& program, Vector<const double> omega, doub
     return bound.value;
 }
 
+// Write the objective of an image at its point, a dual bound below it, and their gap.
 void Certifier::certify(Index image, const ImageTransforms& M, const ConvexPoint& point,
                         const ConvexProof& proof) {
     const Vector<const double> omega = program.weights[image];
@@ -504,6 +505,7 @@ void solve_convex(const ConvexTask& task, Range range) {
     }
 }
 
+// Certify given transforms and errors of each image of the range.
 void certify_images(const CertificateTask& task, Range range) {
     Workspace workspace;
     Certifier certifier(task.program, workspace);

@@ -152,6 +152,7 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
     return vertex;
 }
 
+// Allocate the arrays of a vertex.
 void Vertices::lay(Vertex& vertex) {
     const Index k = objective_.atoms.k;
     const Index row = padded(objective_.problem.atoms.size[2]);
@@ -162,6 +163,7 @@ void Vertices::lay(Vertex& vertex) {
     vertex.x = workspace_.zeros<double>(k);
 }
 
+// The products of a vertex's Y with all atoms, and the largest norm of these.
 void Vertices::find_products(Vertex& vertex) {
     const ReducedAtoms& atoms = objective_.atoms;
     correlate(atoms.planes, vertex.Y, vertex.Y + atoms.row, vertex.products);
@@ -176,6 +178,7 @@ void Vertices::find_products(Vertex& vertex) {
     vertex.largest = root(largest(most));
 }
 
+// Double the hash table of the middles of edges, and place all known ones anew.
 void Vertices::grow_table() {
     const Index before = table_;
     const uint64_t* keys = keys_;
@@ -293,6 +296,7 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
     for (int t = 0; t < TRIPLES; ++t) most[t] = larger(left[t], most[t]);
 }
 
+// The largest left side of each inequality, one a triple of corners, over the atoms.
 void find_largest(const Vertex* const* corner, Index k, const Forms& forms,
                   double* out) {
     Doubles most[TRIPLES];
@@ -442,6 +446,7 @@ double CellSearch::prove_rest() {
     return proven;
 }
 
+// The longest edge of a cell, whose ends are rotations farthest apart.
 int CellSearch::longest_edge(const Cell& cell) {
     int longest = 0;
     for (int edge = 1; edge < EDGES; ++edge)

@@ -67,6 +67,7 @@ struct FactorData {
     Tensor<double> matrices = from("matrices", "n d d");
 };
 
+// Overwrite each positive definite matrix by U^-T of its Cholesky factor U^T U.
 void invert_factors(const FactorData& data, Range range) {
     const Index d = data.matrices.size[1], D = padded(d);
     Workspace workspace;

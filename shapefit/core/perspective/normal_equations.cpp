@@ -53,6 +53,7 @@ void NormalEquations::step(double damping, const Unknowns& at, Unknowns& next) {
     for (int a = 0; a < 3; ++a) next.t[a] = at.t[a] + pose[3 + a];
 }
 
+// The root of the weight that the robust loss gives each landmark, and 1 / its depth.
 void NormalEquations::find_depths_and_weights(const Observations& observations,
                                               const Position& here, double softness) {
     const double inverse = 1 / square(softness);
@@ -128,6 +129,7 @@ void NormalEquations::eliminate_pose(double damping) {
     }
 }
 
+// The matrix Q of the quadratic program in c, the pose eliminated.
 void NormalEquations::find_matrix(double damping) {
     const Index filled = shapes_.filled;
     const double* C[POSE];
@@ -146,6 +148,7 @@ void NormalEquations::find_matrix(double damping) {
     }
 }
 
+// The linear term h of the quadratic program in c, the pose eliminated.
 void NormalEquations::find_linear_term(const double* c) {
     const Index filled = shapes_.filled;
     for (Index i = 0; i < filled; ++i) {

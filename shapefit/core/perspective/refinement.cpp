@@ -101,6 +101,7 @@ class Refinement {
 
 }  // namespace
 
+// Refine the rotation, translation and coefficients of each image of the range.
 void refine_perspective(const PerspectiveData& data, Range range) {
     Workspace workspace;
     Refinement refinement(workspace, data);

@@ -15,6 +15,7 @@ struct PoseData {
     Vector<double> size = from("size", "n");  // s
 };
 
+// The best rotation and size of each image over local minima from all its starts.
 void find_pose(const PoseData& data, Range range) {
     for (Index image = range.first; image < range.last; ++image) {
         check_interrupt();

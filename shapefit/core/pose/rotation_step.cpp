@@ -35,6 +35,7 @@ struct InCamera {
     double X[3][3], E[2][3];
 };
 
+// The residual at R with its best size, gradient and Hessian by a turn of R.
 Model model_at(const ShapeMoments& moments, const Rotation& R) {
     const InCamera at(moments, R);
     const auto& X = at.X;

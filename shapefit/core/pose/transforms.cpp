@@ -159,6 +159,7 @@ void add_shape(const double* cR, Matrix<const double> B, Matrix<double> S) {
     }
 }
 
+// The shape, coefficients and rotation that the transforms of an image stand for.
 void reconstruct_image(const ReconstructionData& data, Index image) {
     const ImageTransforms M = data.transforms[image];
     double* sizes = data.sizes.data + data.transforms.first[image];

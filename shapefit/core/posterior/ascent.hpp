@@ -46,6 +46,7 @@ template <class One, class Other, class Set>
     for (int e = 0; e < VIEW * VIEW; ++e) set(one.curvature[e], other.curvature[e]);
     set(one.squared_mahalanobis, other.squared_mahalanobis);
 }
+// Call set(a, b) for each number of two ascents, to copy lanes of one into the other.
 template <class One, class Other, class Set>
 void each_pair(Ascent<One>& one, const Ascent<Other>& other, Index p, const Set& set) {
     for (int e = 0; e < 9; ++e) set(one.view.R[e], other.view.R[e]);

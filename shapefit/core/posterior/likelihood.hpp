@@ -178,6 +178,8 @@ template <class Lanes>
             observed.residual_variance[j] + V[2] * shrunk};
 }
 
+// A, y and the residuals y - A mu at a view, and the columns by which a translation
+// changes y.
 template <class Lanes>
 void centre(const Observed<Lanes>& observed, const LaneView<Lanes>& view, Lanes shrunk,
             const LikelihoodSpace<Lanes>& space) {
@@ -404,6 +406,7 @@ void linearise(const Observed<Lanes>& observed, const LikelihoodSpace<Lanes>& sp
     }
 }
 
+// The gradient of the log likelihood over theta and, where `curved`, its curvature.
 template <class Lanes>
 void differentiate(const Observed<Lanes>& observed, Lanes shrunk,
                    const Lanes* inlier_probability, const Translation<Lanes>& t,

@@ -164,6 +164,7 @@ struct Mixture {
     double *mean, *squares, *mixed, *whole;
 };
 
+// Set all that is stated of an image to nan: no posterior was found.
 void fail(const PosteriorData& data, Index image) {
     Mixture(data, image).set_all(NOT_A_NUMBER);
     fill(data.inlier_probability[image].data, data.landmarks.size[2], NOT_A_NUMBER);
@@ -173,6 +174,7 @@ void fail(const PosteriorData& data, Index image) {
     data.stationary[image] = false;
 }
 
+// Write a mode of an image as its mode of this rank.
 template <class Covariance>
 void store(const PosteriorData& data, const Group& group, const Mode& mode, Index rank,
            const Covariance& C) {

@@ -259,6 +259,7 @@ double value_of(const PosteriorData& data, const Ascents<Lanes>& ascents, Index 
            data.log_weights[ascents.origin[i].pair % data.means.size[0]];
 }
 
+// Raise the best value so far of each image to those of its ascents.
 template <class Lanes>
 void note_best(const PosteriorData& data, const Ascents<Lanes>& ascents, Group& group) {
     for (Index i = 0; i < ascents.count; ++i) {

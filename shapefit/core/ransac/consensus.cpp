@@ -136,6 +136,7 @@ struct TripleLanes {
     Doubles to_w[2][2], to_S[2][3];
 };
 
+// Lay the landmarks and shape points of WIDTH triples in lanes.
 [[gnu::noinline]] void gather(const VisibleLandmarks& visible, const Triple* triples,
                               TripleLanes& lanes) {
     const double* w[2] = {visible.x, visible.y};
@@ -158,6 +159,7 @@ struct Plane {
     Doubles base, along, height;  // to_S = base Q_0 and along Q_0 + height Q_1
 };
 
+// The plane of the three shape points of each triple, in an orthonormal basis.
 Plane span(const TripleLanes& triple) {
     Plane plane;
     plane.base = root(inner3(triple.to_S[0], triple.to_S[0]));
@@ -366,6 +368,7 @@ double share_of_triples(Index inliers, Index m) {
     return larger(share, 0);
 }
 
+// The pose in one lane.
 Pose<double> pose_of_lane(const Pose<Doubles>& poses, int lane) {
     Pose<double> pose;
     pose.size = poses.size[lane];
@@ -393,6 +396,7 @@ void compete(const VisibleLandmarks& visible, const Triple* triples, int count,
         }
 }
 
+// Find the inliers of an image: of the pose by three landmarks that most agree with.
 void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
                   uint64_t state, Inside& inside, Vector<bool> inliers) {
     const Tolerance tolerance{data.threshold, find_area(visible)};
@@ -415,6 +419,7 @@ void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
 
 }  // namespace
 
+// Find the inliers of each image of the range by random triples of landmarks.
 void find_consensus(const ConsensusData& data, Range range) {
     const Index p = data.squares.size[1];
     Workspace workspace;

@@ -88,6 +88,7 @@ void Banded::finish_right_side(Index f) {
     add_product(1, transposed(F(f), E), F(f), products_, E, E, E, E, every(D));
 }
 
+// The factor's block of frames f and f + 1,
 // N_f = V_f (A_f,f+1 - N_(f-1)^T W_(f-1)).
 void Banded::tie_to_next(const SequenceData& data, Index f) {
     const Index D = D_;
@@ -173,6 +174,7 @@ void Banded::find_gains(const SequenceData& data, Index f, Covariances& Sigma) c
         add_product(1, transposed(V(f), D), N(f), Sigma.GN, D, D, D, D, every(D));
 }
 
+// The covariances of frame f with itself and the next two, from those of the next two.
 void Banded::find_covariances(Covariances& Sigma) const {
     const Index D = D_;
     const Factor GN = plain(Sigma.GN, D), GW = plain(Sigma.GW, D);

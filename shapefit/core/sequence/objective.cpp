@@ -8,6 +8,7 @@ struct Bone {
     double along[3], length;
 };
 
+// The length and the direction of bone b of the points y.
 Bone bone_of(const SequenceData& data, const double* y, Index b) {
     const Index p = data.stiffness.size[0];
     Bone bone{data.bones[b].data[0], data.bones[b].data[1], {}, 0};

@@ -15,6 +15,7 @@ struct PrecisionData {
     Matrix<double> log_det = from("log_det", "n K");
 };
 
+// Overwrite covariances C by (factor C + more I)^-1, and give their log determinants.
 void find_precisions(const PrecisionData& data, Range range) {
     const Index K = data.there.size[1], d = data.matrices.size[2], D = padded(d);
     Workspace workspace;

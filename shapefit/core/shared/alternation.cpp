@@ -75,6 +75,7 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& work
     return {now, data.most_rounds, false};
 }
 
+// Alternate from each start of an image, and keep the end of the least objective.
 void alternate_starts(const AlternationData& data, Index image, Alternation& work) {
     double least = INFINITE;
     data.status[image] = Status::NUMERICAL_FAILURE;
@@ -94,6 +95,7 @@ void alternate_starts(const AlternationData& data, Index image, Alternation& wor
 
 }  // namespace
 
+// Fit coefficients and rotation by turns to each image of the range.
 void alternate(const AlternationData& data, Range range) {
     Workspace workspace;
     Alternation work(workspace, data.atoms);

@@ -171,9 +171,10 @@ def widest_turn(views: Views) -> float:
 
 
 def flat_evidence(images: Images) -> float:
-    """Return the log evidence of the images under the flat model (see above).
+    """Return the log evidence of the images if all show one flat shape.
 
-    Of images rolled in their plane or not, whichever is larger.
+    That is the flat model above. Of images rolled in their plane or not, whichever is
+    larger.
     """
     W, _ = complete_landmarks(images, COMPLETION_RANK)
     upright = flat_state(images, W, np.zeros(len(images)))

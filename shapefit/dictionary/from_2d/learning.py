@@ -141,7 +141,7 @@ def learn_class(images: Images) -> Iterator[ClassState]:
     trials = [run_trial(remaining, W[some], views[some]) for views in starts]
     best = int(np.argmax([trial.objective for trial in trials]))
     first = first_state(images, W, starts[best])
-    W, outliers = complete_landmarks(images, max(START_RANKS), doubting=True)
+    W, outliers = complete_landmarks(images, max(START_RANKS), seek_outliers=True)
     if outliers[some].any():
         (views,) = find_views(W, ranks[best : best + 1])
         without = replace(remaining, outliers=outliers[some] & ~hidden)
@@ -370,25 +370,25 @@ def sequence_means(values: Floats, sequence: Indices) -> Floats:
 
 
 def complete_landmarks(
-    images: Images, rank: int, *, doubting: bool = False
+    images: Images, rank: int, *, seek_outliers: bool = False
 ) -> tuple[Floats, Flags]:
     """Return landmarks (n, 2, p), centred and filled in, and which are outliers (n, p).
 
     Those that are hidden or outliers are where a matrix of `rank` leading factors has
-    them. Outliers are sought only with `doubting`, by turns with the factors.
+    them. Outliers are sought only with `seek_outliers`, by turns with the factors.
     """
     w = images.landmarks
     is_there = images.weights > 0
     visible = is_there
     placed = np.zeros_like(w)
-    rounds = COMPLETION_ROUNDS if doubting or not is_there.all() else 0
+    rounds = COMPLETION_ROUNDS if seek_outliers or not is_there.all() else 0
     for k in range(rounds):
         W, middle = filled(w, visible, placed)
         flat = W.reshape(-1, W.shape[2])
         axes = np.linalg.eigh(flat.T @ flat)[1]
         leading = axes[:, -min(3 + k // 3, rank) :]
         placed = (flat @ leading @ leading.T).reshape(W.shape)
-        if doubting:
+        if seek_outliers:
             residual = np.linalg.norm(w - middle - placed, axis=1)
             usual = max(float(np.median(residual[is_there])), MIN_MEDIAN_RESIDUAL)
             is_near = residual < OUTLIER_MEDIANS * usual

@@ -57,19 +57,19 @@ def read_array(paths: tuple[Path, ...], dimensions: int | None = None) -> Poses:
     """Return the poses of an array (n, p, 2 or 3) of a file of NumPy or JSON.
 
     In .npz confidences (n, p) may stand beside it. `dimensions` says what a third
-    number is, as in `of_array`. Raises FormatError where it cannot tell which array is
-    meant.
+    number is, as in `poses_of_array`. Raises FormatError where it cannot tell which
+    array is meant.
     """
     path = paths[0]
     if path.name.lower().endswith((".json", ".json.gz")):
         array = as_numbers(read_json(path), "the lists")
-        return of_array(path, array, dimensions=dimensions)
+        return poses_of_array(path, array, dimensions=dimensions)
     damage, saved_anew = "it is damaged, or holds objects", f"{WANTED}; {SAVED_ANEW}"
     with library_reads(damage, saved_anew):
         check_archive(path)
         arrays = np.load(path, mmap_mode="r", allow_pickle=False)
     if not isinstance(arrays, np.lib.npyio.NpzFile):
-        return of_array(path, arrays, dimensions=dimensions)
+        return poses_of_array(path, arrays, dimensions=dimensions)
     scores = [name for name in arrays if name.lower() in SCORES]
     points = [name for name in arrays if name.lower() in POINTS]
     points = points or [name for name in arrays if name not in scores]
@@ -78,7 +78,7 @@ def read_array(paths: tuple[Path, ...], dimensions: int | None = None) -> Poses:
     with library_reads(damage, saved_anew):
         landmarks = arrays[points[0]]
         confidence = arrays[scores[0]] if scores else None
-    return of_array(path, landmarks, confidence, dimensions=dimensions)
+    return poses_of_array(path, landmarks, confidence, dimensions=dimensions)
 
 
 def check_archive(path: Path) -> None:
@@ -94,7 +94,7 @@ def check_archive(path: Path) -> None:
     check_fits(str(path), COPIES * size)
 
 
-def of_array(
+def poses_of_array(
     path: Path,
     points: NDArray[np.generic],
     scores: NDArray[np.generic] | None = None,

@@ -278,7 +278,9 @@ def _fitting_layout(path: Path, file: C3d) -> DataLayout:
     announced = [file.whole_number("POINT", "FRAMES"), _actual_frames(file)]
     announced = [frames for frames in (*announced, file.header.frames) if frames]
     counts = [
-        one for one in (_of_parameters(file), file.header) if one.points and announced
+        one
+        for one in (_layout_of_parameters(file), file.header)
+        if one.points and announced
     ]
     for one in counts:
         for frames in announced:
@@ -286,7 +288,7 @@ def _fitting_layout(path: Path, file: C3d) -> DataLayout:
                 return one._replace(frames=frames)
     for one in counts:
         frames, spare = divmod(file.data, one.frame_bytes)
-        zeros = spare < BLOCK_SIZE and not _ends_in(path, spare).strip(b"\0")
+        zeros = spare < BLOCK_SIZE and not _last_bytes(path, spare).strip(b"\0")
         if 0 < frames < min(announced) and zeros:
             return one._replace(frames=frames)
     layout = (counts or [file.header])[0]
@@ -299,7 +301,7 @@ def _fitting_layout(path: Path, file: C3d) -> DataLayout:
     raise FormatError(problem, "export or copy it again")
 
 
-def _of_parameters(file: C3d) -> DataLayout:
+def _layout_of_parameters(file: C3d) -> DataLayout:
     """Return the layout that the parameters state, with 0 frames."""
     rate = file.number("POINT", "RATE")
     of_analog = file.number("ANALOG", "RATE")
@@ -329,7 +331,7 @@ def _actual_frames(file: C3d) -> int:
     return max(ends[1] - ends[0] + 1, 0)
 
 
-def _ends_in(path: Path, count: int) -> bytes:
+def _last_bytes(path: Path, count: int) -> bytes:
     """Return the last `count` bytes of a file."""
     with path.open("rb") as file:
         file.seek(-count, os.SEEK_END)
@@ -357,7 +359,7 @@ def _read_points(path: Path, file: C3d, layout: DataLayout) -> Floats:
 def _notes_of_counts(file: C3d, layout: DataLayout) -> list[str]:
     """Return notes where counts contradict each other, and where frames are missing."""
     notes = []
-    stated = _of_parameters(file)
+    stated = _layout_of_parameters(file)
     if stated[1:] != layout[1:]:
         why = "which its parameters contradict"
         why = why if stated.points else "as its parameters state no points"

@@ -105,7 +105,7 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     annotations = [entry for entry in content["annotations"] if entry.get("keypoints")]
     left_out: Counter[str] = Counter()
     for stated_keys in given["annotations"]:
-        left_out.update(_further_points(stated_keys))
+        left_out.update(_keys_of_other_points(stated_keys))
     names = _Landmarks()
     for category in content.get("categories") or ():
         names.add(category)
@@ -125,11 +125,11 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
         scored=scored,
         landmark_names=names.all,
         edges=names.edges,
-        notes=(*names.notes, *_notes_of_further(left_out)),
+        notes=(*names.notes, *_notes_of_left_out(left_out)),
     )
 
 
-def _further_points(annotation: Mapping[str, object]) -> list[str]:
+def _keys_of_other_points(annotation: Mapping[str, object]) -> list[str]:
     """Return the keys of an annotation beside `keypoints` that hold points."""
     return [
         key
@@ -250,7 +250,7 @@ def _with_confidences(points: Floats) -> Floats:
     return np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)])
 
 
-def _notes_of_further(left_out: Mapping[str, int]) -> list[str]:
+def _notes_of_left_out(left_out: Mapping[str, int]) -> list[str]:
     """Return notes on the points of annotations that are not read."""
     return [
         f"{printable(key)} of {counted(number, 'annotation')} left out"

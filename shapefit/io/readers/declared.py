@@ -50,7 +50,7 @@ def checked(kind: type[Kind], content: object) -> Kind:
         alike = [one for one in others if _existing_path(content, one["loc"]) == path]
         kinds = [one["type"].partition("_")[0] for one in (first, *alike)]
         expected = dict.fromkeys(NAMES_OF_KINDS.get(one, "another") for one in kinds)
-        found = _described(_value_at(content, path))
+        found = _describe_value(_value_at(content, path))
         problem = f"{place or 'it'} is {found}, not {listed(expected)}"
         raise FormatError(problem) from error
     return values
@@ -113,7 +113,7 @@ def _as_text(path: Path) -> str:
     return "".join(steps).removeprefix(".")
 
 
-def _described(value: object) -> str:
+def _describe_value(value: object) -> str:
     """Return what messages call a value: an object, a list, or else its JSON."""
     if isinstance(value, dict):
         return "an object"

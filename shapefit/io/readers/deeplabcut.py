@@ -90,11 +90,13 @@ def read_deeplabcut_csv(paths: tuple[Path, ...]) -> Poses:
     retained = [columns[number] for number in placed]
     if numbered:
         values = table.numbers([0, *placed])
-        return _of_columns(path, retained, values[:, 1:], _numbered(values[:, 0]))
+        return _poses_of_columns(
+            path, retained, values[:, 1:], _rows_of_numbers(values[:, 0])
+        )
     parts = table.texts(*range(min(placed, default=1)))
     images = ["/".join(filter(None, row)) for row in zip(*parts, strict=True)]
-    return _of_columns(
-        path, retained, table.numbers(placed), _named_columns(path, images)
+    return _poses_of_columns(
+        path, retained, table.numbers(placed), _rows_of_images(path, images)
     )
 
 
@@ -195,20 +197,20 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
             index = np.array(["/".join(filter(None, row)) for row in images], object)
             index = index if images else np.ravel(file.rows(f"{key}/axis1"))
     if index.dtype.kind in "iuf":
-        rows_are = _numbered(np.asarray(index, np.float64))
+        rows_are = _rows_of_numbers(np.asarray(index, np.float64))
     else:
-        rows_are = _named_columns(paths[0], [*map(str, index.tolist())])
+        rows_are = _rows_of_images(paths[0], [*map(str, index.tolist())])
     require(blocks, "no columns of coordinates")
     alike = all(block.ndim == 2 and len(block) == len(index) for block in blocks)
     numeric = alike and all(block.dtype.kind in "biuf" for block in blocks)
     require(numeric, "blocks of other lengths than the index, or not of numbers")
     values = np.concatenate(blocks, axis=1).astype(np.float64)
     require(values.shape == (len(index), len(columns)), f"{values.shape} values")
-    return _of_columns(paths[0], columns, values, rows_are)
+    return _poses_of_columns(paths[0], columns, values, rows_are)
 
 
-def _numbered(index: Floats) -> TableRows:
-    """Return the labels and frames of rows by an index (n,) that numbers the frames.
+def _rows_of_numbers(index: Floats) -> TableRows:
+    """Return the labels and frames of rows whose index (n,) is the number of a frame.
 
     Raises FormatError for no whole number.
     """
@@ -219,8 +221,8 @@ def _numbered(index: Floats) -> TableRows:
     return {"labels": labels, "frames": frames - frames.min(initial=MOST_FRAME)}
 
 
-def _named_columns(path: Path, images: Sequence[str]) -> TableRows:
-    """Return the labels, frames and videos of rows by the paths of their images.
+def _rows_of_images(path: Path, images: Sequence[str]) -> TableRows:
+    """Return the labels, frames and videos of rows whose index is an image's path.
 
     They are labelled frames of videos, in a folder each, whose names end in the number
     of the frame.
@@ -281,7 +283,7 @@ def _names_of_codes(file: TrackerFile, start: str) -> TableColumns:
 COORDINATES = ("x", "y", "z", "likelihood")
 
 
-def _of_columns(
+def _poses_of_columns(
     path: Path, columns: TableColumns, values: Floats, rows_are: TableRows
 ) -> Poses:
     """Return the poses of rows (n, columns), each individual a pose of the frame.

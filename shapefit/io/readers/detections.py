@@ -153,7 +153,7 @@ def _detections_of(
 
 def who_of(person: Mapping[str, object]) -> object:
     """Return what identity a file gives a person; None for nobody."""
-    return _first_score(person, WHO)
+    return _first_value(person, WHO)
 
 
 def person_points(person: Mapping[str, object], *, needed: bool = False) -> Floats:
@@ -164,7 +164,7 @@ def person_points(person: Mapping[str, object], *, needed: bool = False) -> Floa
     They are three numbers a landmark in one list, [x, y] beside a list of confidences,
     or lists of x and y and, if any, `visible`.
     """
-    given = _first_score(person, LISTS)
+    given = _first_value(person, LISTS)
     if given is None or (given == [] and not needed):
         require(not needed, "a person without a list of keypoints")
         return np.empty((0, 3))
@@ -180,7 +180,7 @@ def person_points(person: Mapping[str, object], *, needed: bool = False) -> Floa
         solid = values.ndim == 2 and values.shape[1] == 3
         what = "[x, y, z], so points in 3D" if solid else "no pairs [x, y]"
         raise FormatError(f"keypoints are {what}", "give landmarks in 2D")
-    given_scores = _first_score(person, SCORES)
+    given_scores = _first_value(person, SCORES)
     if given_scores is None:
         return np.column_stack([values, np.ones(len(values))])
     scores = as_numbers(given_scores, "confidences of a person")
@@ -200,8 +200,8 @@ def _points_of_lists(given: Mapping[str, object]) -> Floats:
     return np.column_stack([x, y, scores])
 
 
-def _first_score(content: Mapping[str, object], keys: Sequence[str]) -> object:
-    """Return the first value under these keys that is not None; None for nothing."""
+def _first_value(content: Mapping[str, object], keys: Sequence[str]) -> object:
+    """Return the value of the first of these keys that has one; None without any."""
     return next((content[key] for key in keys if content.get(key) is not None), None)
 
 

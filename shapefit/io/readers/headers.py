@@ -134,7 +134,7 @@ def parse_header(text: str) -> Header | None:
         with library_reads("the header has a cell without an end"):
             cells = next(csv.reader([first.rstrip("\r")], delimiter=delimiter), [])
         names = [cell.replace('"', "").strip() for cell in cells]
-        if header := _of_names(delimiter, line, names):
+        if header := _header_of_names(delimiter, line, names):
             return header
     return None
 
@@ -148,7 +148,7 @@ class _Place(NamedTuple):
     capital: bool
 
 
-def _of_names(delimiter: str, line: int, names: Sequence[str]) -> Header | None:
+def _header_of_names(delimiter: str, line: int, names: Sequence[str]) -> Header | None:
     """Return what columns of these names hold; None where they hold no landmarks."""
     roles: dict[str, int] = {}
     places: list[_Place] = []

@@ -285,7 +285,7 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     if wanted is not None and wanted not in people:
         fix = f"it names {abbreviate(people)}" if people else "leave `individual` out"
         raise input_error(poses.name, f"has no individual {wanted!r}", fix)
-    poses, rows = _hide(poses, options.min_confidence)
+    poses, rows = _hide_unusable(poses, options.min_confidence)
     items, sequences = _name_items(poses, named)
     if wanted is not None:
         rows = rows & np.array([who == wanted for who in poses.individual or ()])
@@ -302,7 +302,7 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     return poses, items, sequences
 
 
-def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
+def _hide_unusable(poses: Poses, least: float) -> tuple[Poses, Flags]:
     """Return poses without unusable landmarks, and which (N,) have any left.
 
     Unusable are infinite ones, and those of a confidence below `least`.

@@ -129,7 +129,7 @@ def understand(path: Path, dimensions: int | None = None) -> Understood:
     fields, rows, of_images = _table_images(path, grid, header)
     notes = [*grid.keys.guessed, *_notes_of_weights(grid, header)]
     if not header.is_long and len(header.bodies) > 1:
-        notes.append(_two_bodies(header, body))
+        notes.append(_note_on_bodies(header, body))
     if header.is_long and {*header.names} >= METRES_PER_NAMED_UNIT:
         fields |= {"unit": "m"}
     elif unused := header.unused(grid.used):
@@ -170,7 +170,7 @@ def _has_depth(body: Body) -> bool:
     return all("z" in axes and "confidence" not in axes for axes in body.values())
 
 
-def _two_bodies(header: Header, body: Body) -> str:
+def _note_on_bodies(header: Header, body: Body) -> str:
     """Return a note on which of several bodies is read, and which are not."""
 
     def named(one: Body) -> str:

@@ -40,7 +40,7 @@ class TrackerFile(Hdf5File):
 
     def names(self, group: str = "/") -> list[str]:
         """Return the names in a group; [] where it is absent."""
-        with self.damage(group.strip("/")):
+        with self.damage_as_input_error(group.strip("/")):
             node = self.root.get(group)
             names = [*node] if isinstance(node, h5py.Group) else []
         plain = all(isinstance(name, str) for name in names)  # else bytes
@@ -586,10 +586,12 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     with TrackerFile(paths[0]) as file:
         kind = file.text("ds_type")
         require(kind == "poses", f"{kind or 'data of no stated type'}, not poses")
-        points = _arranged(file, "position", AXES)
+        points = _read_in_axis_order(file, "position", AXES)
         times = file.numbers_if_any("time")
         scored = file.is_dataset("confidence")
-        confidence = _arranged(file, "confidence", AXES[:3]) if scored else None
+        confidence = (
+            _read_in_axis_order(file, "confidence", AXES[:3]) if scored else None
+        )
         individuals, landmarks, space = (
             file.texts(axis if file.is_dataset(axis) else f"{axis}s")
             for axis in AXES[1:]
@@ -618,13 +620,13 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     return replace(poses, unit=unit)
 
 
-def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
+def _read_in_axis_order(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
     """Return a dataset of numbers with its axes in the wanted order, by their names.
 
     Raises FormatError where it has other axes.
     """
     # h5py's own `dims` can abort the process on damaged files
-    with file.damage(name):
+    with file.damage_as_input_error(name):
         scales = file.root[name].attrs["DIMENSION_LIST"]
         paths = [h5py.h5r.get_name(scale[0], file.root.id) or b"" for scale in scales]
     texts = [path.decode("utf-8", "replace").strip("/") for path in paths]
@@ -707,7 +709,7 @@ def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
     """Yield the paths of the groups below a group, so many levels deep."""
     for name in file.names(group) if levels else ():
         inner = f"{group}/{name}"
-        with file.damage(inner):
+        with file.damage_as_input_error(inner):
             is_group = isinstance(file.root.get(inner), h5py.Group)
         if is_group:
             yield inner

@@ -117,7 +117,7 @@ def _number_tracks(poses: Poses, detections: _Detections, chosen: Integers) -> I
         tracks = open_tracks.get(video, rows[:0])
         tracks = tracks[frame - detections.frame[tracks] <= MAX_UNSEEN_FRAMES + 1]
         if len(tracks):
-            who, which = _follow(detections, tracks, rows)
+            who, which = _match_tracks(detections, tracks, rows)
             number[rows[which]] = number[tracks[who]]
             tracks[who] = rows[which]
         new = rows[number[rows] < 0]
@@ -127,8 +127,10 @@ def _number_tracks(poses: Poses, detections: _Detections, chosen: Integers) -> I
     return number
 
 
-def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Integers:
-    """Return pairs (2, m): which tracks (T,) go on in which detections (D,) of a frame.
+def _match_tracks(
+    detections: _Detections, tracks: Integers, rows: Integers
+) -> Integers:
+    """Match tracks (T,) to detections (D,) of a frame: pairs (2, m) of their numbers.
 
     It sets the motion of those detections. Landmarks that one lacks are taken from its
     track, and move as that does.
@@ -150,7 +152,7 @@ def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Intege
     pairs = assign(ratio + (1 - _overlaps(boxes, others)) / 2, ratio <= 1)
 
     who, which = np.array(pairs, np.intp).reshape(-1, 2).T
-    _go_on(detections, tracks[who], rows[which], passed[who], expected[who])
+    _update_motion(detections, tracks[who], rows[which], passed[who], expected[who])
     return np.array([who, which])
 
 
@@ -181,7 +183,7 @@ def _overlaps(boxes: Floats, others: Floats) -> Floats:
     return overlap
 
 
-def _go_on(
+def _update_motion(
     detections: _Detections,
     before: Integers,
     after: Integers,

@@ -46,7 +46,7 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
 
     Raises InputError where no edge joins two landmarks that have a place.
     """
-    points = _bridged(motion.points)
+    points = _bridge_gaps(motion.points)
     placed = np.asarray(np.isfinite(points).all(axis=(0, 1)))
     edges = _edges_between(motion, placed)
     if not len(edges):
@@ -75,10 +75,10 @@ def write_bvh(path: Path, motion: FileMotion) -> str:
     with path.open("wb") as file:
         file.write("\n".join(head).encode())
         file.write(motion_lines)
-    return _describe(motion, rig, points)
+    return _describe_joint_errors(motion, rig, points)
 
 
-def _bridged(points: Floats) -> Floats:
+def _bridge_gaps(points: Floats) -> Floats:
     """Return points (f, 3, p), unknown ones in straight lines; nan if never known.
 
     Before the first known one and after the last they stay where these are.
@@ -198,7 +198,7 @@ def _names(rig: Rig, landmarks: Floats, rows: list[PartRow]) -> list[str]:
     return names
 
 
-def _describe(motion: FileMotion, rig: Rig, points: Floats) -> str:
+def _describe_joint_errors(motion: FileMotion, rig: Rig, points: Floats) -> str:
     """Return a text on how far the joints of a rig are from landmarks (f, 3, p)."""
     truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
     far = 1000 * np.linalg.norm(place_nodes(rig) - truth, axis=2)
@@ -207,4 +207,4 @@ def _describe(motion: FileMotion, rig: Rig, points: Floats) -> str:
         f"{joints} {far.mean():.1f} mm from the landmarks on average,"
         f" {far.max():.1f} at most"
     )
-    return f"{said}; {motion.steady}" if motion.steady else said
+    return f"{said}; {motion.timing_note}" if motion.timing_note else said

@@ -131,8 +131,8 @@ def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
     return np.asarray(lengths.sum(axis=0) / 2 / ANKLE_TO_SHOULDER)
 
 
-def flip(records: Shapes3D) -> Floats:
-    """Return the signs (3,) that turn axes of results to x right, y down, z away."""
+def image_axis_signs(records: Shapes3D) -> Floats:
+    """Return the signs (3,) of axes that turn results to x right, y down, z away."""
     return np.array([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.ones(3)
 
 
@@ -149,12 +149,16 @@ def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats
     rotation = _per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
     if rotation is not None:
         up = up or nearest_axis_up(rotation)
-        turn = TO_Y_UP[up] @ rotation.swapaxes(1, 2) @ np.diag(flip(records))
+        turn = (
+            TO_Y_UP[up] @ rotation.swapaxes(1, 2) @ np.diag(image_axis_signs(records))
+        )
         return turn, f"y up, the axis {up} of the extrinsics"
     if up is not None:
         problem = "the result has no extrinsics, so its world has no axes"
         raise input_error("up", problem, "leave it out: y is then up as in the image")
-    return TO_Y_UP[IMAGE_UP] @ np.diag(flip(records)), "y up as in the image"
+    return TO_Y_UP[IMAGE_UP] @ np.diag(
+        image_axis_signs(records)
+    ), "y up as in the image"
 
 
 def _factor(
@@ -233,7 +237,7 @@ def _from_the_origin(records: Fit, points: Floats, place: str) -> tuple[Floats, 
     if world is None or records.column(EXTRINSIC_ROTATION) is None:
         return points, 0.0
     far = float(np.linalg.norm(world, axis=1).max(initial=0))
-    return points - (world * flip(records))[..., None], far
+    return points - (world * image_axis_signs(records))[..., None], far
 
 
 def _per_item(

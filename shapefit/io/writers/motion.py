@@ -29,7 +29,7 @@ from shapefit.io.writers.metres import (
     MetricShapes,
     Shapes3D,
     find_stature,
-    flip,
+    image_axis_signs,
     in_metres,
 )
 from shapefit.records import Fit, Record, concatenate
@@ -125,8 +125,8 @@ class FileMotion:
         return self.first + np.arange(len(self.points), dtype=np.int64)
 
     @property
-    def steady(self) -> str:
-        """The note on times that are off the steady rate of a format; "" for none."""
+    def timing_note(self) -> str:
+        """A note on how far times are off a steady frame rate, "" if they are not."""
         off = self.times - self.frames / self.rate
         away = float(np.ptp(off)) if len(off) else 0.0
         if away * self.rate <= JITTER:
@@ -160,7 +160,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
         Raises InputError where landmarks of a detector are wanted (`markers`), and it
         has none.
         """
-        if self._options.markers == "input" and _detected(record) is None:
+        if self._options.markers == "input" and _detector_landmarks(record) is None:
             problem = (
                 "`--markers input`: there are no landmarks of a detector beside the"
                 " joints"
@@ -173,7 +173,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
         self.parts.append(record.without(record.column_names() - RETAINED))
 
 
-def _detected(record: Shapes3D) -> Floats | None:
+def _detector_landmarks(record: Shapes3D) -> Floats | None:
     """Return the landmarks of a detector in 3D, None where there are none."""
     return record.input_shapes if isinstance(record, Fit) else None
 
@@ -382,7 +382,7 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
         if rotation is not None:
             turn = np.asarray(rotation, np.float64)
             upward = turn @ TO_Y_UP[up or nearest_axis_up(turn)][1]
-        upward = upward * flip(record)
+        upward = upward * image_axis_signs(record)
         covariance = _covariance(record)
     values, sd = measure_angles(record.as_columns(), upward, joints, covariance)
     return {ANGLES: values, ANGLE_SD: sd}
@@ -506,7 +506,7 @@ def _angles_on(floor: Floor | None, records: Shapes3D) -> Array:
         return np.empty((len(records), 0))
     if floor is None:
         return angles
-    up = floor.up * np.array([1.0, -1.0, -1.0]) * flip(records)
+    up = floor.up * np.array([1.0, -1.0, -1.0]) * image_axis_signs(records)
     joints = joint_columns(records.landmark_names)
     values, _ = measure_angles(records.as_columns(), up, joints)
     return values

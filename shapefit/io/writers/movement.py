@@ -62,7 +62,7 @@ def movement_output(target: Path, options: OutputOptions) -> Iterator[MotionWrit
     with atomic_path(target) as temporary:
         write_movement(temporary, motions)
     placed = [f"in m by {motion.size}, {motion.axes}" for motion in motions]
-    notes = [*placed, *(motion.steady for motion in motions)]
+    notes = [*placed, *(motion.timing_note for motion in motions)]
     warnings = [text for motion in motions for text in motion.warnings]
     writer.summary = Summary(
         note="; ".join(dict.fromkeys(filter(None, notes))),

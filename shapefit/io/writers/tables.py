@@ -160,12 +160,12 @@ def write_mot(path: Path, motion: FileMotion) -> None:
     names = _angle_names(path, motion)
     rows = np.isfinite(motion.angles).any(axis=1)
     times = motion.times[rows]
-    angles = _of_nearest_frames(motion.angles[rows], motion.frames[rows])
+    angles = _filled_from_nearest_frames(motion.angles[rows], motion.frames[rows])
     of = f" of {printable(motion.name)}" if motion.name else ""
     _write_storage(path, f"Coordinates{of}", names, times, angles)
     if np.isfinite(motion.angle_deviations).any():
         beside = path.with_name(f"{path.stem}_sd.sto")
-        deviations = _known_deviations(motion)[rows]
+        deviations = _capped_deviations(motion)[rows]
         _write_storage(beside, f"Standard deviations{of}", names, times, deviations)
 
 
@@ -173,7 +173,7 @@ UNKNOWN_TABLE_SD = 180.0
 """Standard deviation in degrees that stands for an unknown angle, and the largest."""
 
 
-def _of_nearest_frames(angles: Floats, frames: Integers) -> Floats:
+def _filled_from_nearest_frames(angles: Floats, frames: Integers) -> Floats:
     """Return angles (f, a), an unknown one as in the nearest frame; 0 if never known.
 
     frames (f,): their numbers.
@@ -187,10 +187,10 @@ def _of_nearest_frames(angles: Floats, frames: Integers) -> Floats:
     return filled
 
 
-def _known_deviations(motion: FileMotion) -> Floats:
-    """Return the standard deviations (f, a) of angles, UNKNOWN_TABLE_SD for unknown.
+def _capped_deviations(motion: FileMotion) -> Floats:
+    """Return the standard deviations (f, a) of angles, at most `UNKNOWN_TABLE_SD`.
 
-    None is larger.
+    That stands for unknown ones, too.
     """
     known = np.isfinite(motion.angle_deviations) & np.isfinite(motion.angles)
     sd = np.where(known, motion.angle_deviations, UNKNOWN_TABLE_SD)
@@ -220,7 +220,7 @@ MOST_NAMED = 4
 """Joint angles that are named among those that are uncertain."""
 
 
-def count_uncertain(motions: Sequence[FileMotion]) -> str:
+def describe_uncertain_angles(motions: Sequence[FileMotion]) -> str:
     """Return a text on how many angles are uncertain, and which; "" for no angles.
 
     Those of all motions with a standard deviation above `MAX_ANGLE_SD` are.
@@ -234,7 +234,7 @@ def count_uncertain(motions: Sequence[FileMotion]) -> str:
         return f"{counted(count, 'joint angle')} without standard deviations"
     wide = np.concatenate(
         [
-            _known_deviations(motion)[of_motion] > MAX_ANGLE_SD
+            _capped_deviations(motion)[of_motion] > MAX_ANGLE_SD
             for motion, of_motion in zip(motions, rows, strict=True)
         ]
     )
@@ -253,13 +253,13 @@ def count_uncertain(motions: Sequence[FileMotion]) -> str:
     )
 
 
-def point_to_trc(motions: Sequence[FileMotion]) -> str:
-    """Return a text for the summary of MOT: how certain angles are, and to write TRC.
+def describe_angles_of_mot(motions: Sequence[FileMotion]) -> str:
+    """Return a text on the angles of MOT: how many are uncertain, and to write TRC.
 
     Inverse kinematics takes TRC in place of the angles.
     """
     hint = "for inverse kinematics write TRC"
-    return "; ".join(filter(None, [count_uncertain(motions), hint]))
+    return "; ".join(filter(None, [describe_uncertain_angles(motions), hint]))
 
 
 def _angle_names(path: Path, motion: FileMotion) -> Sequence[str]:
@@ -320,7 +320,7 @@ def write_c3d(path: Path, motion: FileMotion) -> str:
         path.stat().st_size < 16 * visible.size
     ):  # of a full disk the library says nothing
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    return motion.steady
+    return motion.timing_note
 
 
 def load_ezc3d() -> Any:

@@ -51,7 +51,9 @@ class Exchanges(NamedTuple):
 def find_exchanges(
     landmarks: Floats, pairs: NDArray[np.integer], timeline: Timeline
 ) -> Exchanges:
-    """Find the frames in which left and right are other than in most within a second.
+    """Find the frames in which a detector has exchanged left and right.
+
+    Those are frames whose sides are other than in most frames within a second.
 
     A swap that lasts longer than a second is not found, but makes `continuous` False.
     landmarks (t, 2, p), nan where hidden; pairs (q, 2) of left and right.

@@ -233,7 +233,7 @@ def smooth(
     covariance = np.empty((t, 3 * p, 3 * p))
     core.smooth_sequence(
         landmarks=np.nan_to_num(visible.landmarks).reshape(t, 2 * p),
-        weight=further_weight(visible, noise),
+        weight=uncounted_weight(visible, noise),
         log_share=visible.log_share,
         means=visible.mean,
         precisions=visible.precision,
@@ -266,7 +266,7 @@ def smooth(
     )
 
 
-def further_weight(visible: Observations, noise: float) -> Floats:
+def uncounted_weight(visible: Observations, noise: float) -> Floats:
     """Return the weights (t, 2p) of coordinates that images have not yet counted.
 
     q (1/sigma^2 - 1/v), see above; noise is sigma. 0 where that is below 0.

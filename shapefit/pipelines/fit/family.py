@@ -132,7 +132,7 @@ class Family(Protocol):
         ...
 
     def columns(self, fit: Fit, lifting: Lifting[Any]) -> Fit:
-        """Return the fit with the further columns that this family has of images."""
+        """Return the fit with the columns that this family adds."""
         ...
 
 

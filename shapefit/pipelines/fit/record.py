@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
 
 def to_record(images: Landmarks, lifted: Lifted, plan: FitPlan) -> Fit:
-    """Return a lifted batch as it is stored, with further datasets of its landmarks."""
+    """Return a lifted batch as it is stored, with the extras of its landmarks."""
     lifting = lifted.lifting
     estimate = lifting.estimate
     dictionary = plan.match.dictionary
     failed = np.isnan(lifting.scale)
     visible = images.visible()[..., None]
-    extras, file_extras = carry(images)
+    extras, file_extras = extras_of_fit(images)
     fit = Fit(
         lifting.shapes.swapaxes(1, 2),
         landmark_names=images.landmark_names,
@@ -78,8 +78,8 @@ Carried = dict[str, Array]
 """Datasets that came with landmarks, by the names that they get."""
 
 
-def carry(images: Landmarks) -> tuple[Carried, Carried]:
-    """Return the further datasets of landmarks, of each image and of the file.
+def extras_of_fit(images: Landmarks) -> tuple[Carried, Carried]:
+    """Return the extras of landmarks that a fit keeps, of each image and of the file.
 
     One whose name a dataset of a result has gets another name.
     """

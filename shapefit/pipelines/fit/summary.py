@@ -336,8 +336,8 @@ def describe_result(plan: FitPlan, tally: Tally) -> str:
         text = f"{tally.trusted} of {images} trusted"
         if tally.errors:
             centimetres = 100 * median(np.array(tally.errors))
-            shown = describe_shown(plan)
-            text += f", expected error about {centimetres:.0f} cm{shown}"
+            of_seen = describe_seen_landmarks(plan)
+            text += f", expected error about {centimetres:.0f} cm{of_seen}"
         return text
     bars = "no error bars by this method"
     if plan.match.dictionary.prior is None:
@@ -367,8 +367,8 @@ def say_gap(largest_gap: float | None, missed: int | None) -> str:
     return f", {solved}, largest gap {largest_gap:.1e}"
 
 
-def describe_shown(plan: FitPlan) -> str:
-    """Return the end of a line: how many landmarks the error is of, "" for all."""
+def describe_seen_landmarks(plan: FitPlan) -> str:
+    """Return " of the 12 landmarks that are seen", to end a line; "" if all are."""
     shown = plan.calibration.shown
     independent = plan.match.dictionary.depends_on < 0
     if not shown or sum(shown) == independent.sum():

@@ -163,7 +163,9 @@ def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
     strangers = find_strangers(folder.path, manifest)
     if not folder.replace:
         refuse_strangers(folder.path, strangers)
-    dictionary = once(read_dictionary, config.dictionary, find_state(config.dictionary))
+    dictionary = cached_read(
+        read_dictionary, config.dictionary, find_state(config.dictionary)
+    )
     if config.method == AUTO and manifest is not None:
         config = config.changed(method=method_of(manifest))
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
@@ -616,8 +618,10 @@ def fit_part(job: Job) -> EndedPart:
     target = job.folder / part.file
     log.debug("parts", "%s begins: %s", part.file, part)
     config = job.config.changed(landmarks=part.inputs, output=target)
-    dictionary = once(read_dictionary, config.dictionary, find_state(config.dictionary))
-    inputs = once(digests, part.inputs, part.states)
+    dictionary = cached_read(
+        read_dictionary, config.dictionary, find_state(config.dictionary)
+    )
+    inputs = cached_read(digests, part.inputs, part.states)
     states = {**dict(zip(part.inputs, part.states, strict=True)), **job.states}
     images = 0
     failures: list[Failure] = []
@@ -662,6 +666,6 @@ def fit_part(job: Job) -> EndedPart:
 
 
 @lru_cache(maxsize=8)
-def once(read: Callable[[Any], Any], files: Any, _states: Any) -> Any:
-    """Return `read(files)`, kept from the last call unless states have changed."""
+def cached_read(read: Callable[[Any], Any], files: Any, _states: Any) -> Any:
+    """Return `read(files)`, done anew only where states of the files have changed."""
     return read(files)

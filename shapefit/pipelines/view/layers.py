@@ -114,7 +114,7 @@ def _in_one_space(
     target = first_finite([layer["points"] for layer, stay in both if stay])
     shown = []
     for layer, stay in both:
-        placed = layer if stay else _aligned(layer, target)
+        placed = layer if stay else _align_layer(layer, target)
         if stay or np.isfinite(placed["points"]).any():
             shown.append(placed)
         else:
@@ -245,13 +245,13 @@ def _result_layer(
         "pose": pose,
         "camera": camera,
         "perspective": space.in_camera,
-        "status": _unsolved(values.get("status")),
+        "status": _reasons_unsolved(values.get("status")),
         "reasons": encode_texts(values.get(REASONS)),
         "measures": [*_angles(content), *_error_measures(content, observed, truth)],
     }
 
 
-def _unsolved(status: NDArray[np.object_] | None) -> EncodedTexts | None:
+def _reasons_unsolved(status: NDArray[np.object_] | None) -> EncodedTexts | None:
     """Return how frames (n,) ended that were not solved; None where all were."""
     if status is None:
         return None
@@ -306,8 +306,8 @@ def _measure(
     return {"name": name, "values": values, "unit": unit, "sd": sd}
 
 
-def in_usual_units(layers: Sequence[Layer]) -> tuple[str, float]:
-    """Change measures in m to cm or mm, in place; return unit and number of it per m.
+def change_metres_to_cm_or_mm(layers: Sequence[Layer]) -> tuple[str, float]:
+    """Change measures in m to cm or mm, in place; return the unit and its number per m.
 
     They are mm where the median of a measure is below 1 cm.
     """
@@ -339,7 +339,7 @@ def _mixture(layer: Layer, content: Content, dictionary: Dictionary) -> Floats |
     return np.where(is_known[:, None], c, 0.0)
 
 
-def _aligned(layer: Layer, target: Floats) -> Layer:
+def _align_layer(layer: Layer, target: Floats) -> Layer:
     """Return a layer, moved frame by frame onto points (n, 3, p) by a similarity.
 
     It is the best one over the landmarks that both have; frames with fewer than three

@@ -30,9 +30,9 @@ from shapefit.pipelines.view.film import embed_film, is_film
 from shapefit.pipelines.view.layers import (
     AGAINST_TRUTH,
     EXPECTED,
+    change_metres_to_cm_or_mm,
     first_finite,
     has_camera,
-    in_usual_units,
     join_individuals,
     make_layers,
 )
@@ -88,7 +88,7 @@ def make_scene(config: ViewConfig) -> Scene:
     timing = _find_timing(config, inputs)
     if _is_individual_each(contents, layers, timing):
         layers = [join_individuals(layers, contents)]
-    length = in_usual_units(layers)
+    length = change_metres_to_cm_or_mm(layers)
     edges = _edges(contents, truth, dictionary, inputs.landmarks)
     has_meshes = any("blend" in layer for layer in layers)
     notes += _notes_on_landmarks(contents, observed)

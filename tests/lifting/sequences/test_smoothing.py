@@ -21,10 +21,10 @@ from shapefit.lifting.sequences.smoothing import (
     fill,
     find_precisions,
     fixed_lengths,
-    further_weight,
     mean_lengths,
     observe,
     smooth,
+    uncounted_weight,
 )
 from shapefit.timeline import Timeline
 from tests.lifting.sequences.conftest import BONES
@@ -394,7 +394,7 @@ class Objective:
 
     def __init__(self, visible, model, noise):
         self.visible, self.model = visible, model
-        self.weight = further_weight(visible, noise)
+        self.weight = uncounted_weight(visible, noise)
         self.w = np.nan_to_num(visible.landmarks).reshape(len(visible), -1)
         D = second_difference(model.timeline, len(visible))
         self.hold, self.known = fixed_lengths(

@@ -16,7 +16,7 @@ from shapefit.io import (
     write_dictionary,
     write_shapes,
 )
-from shapefit.pipelines.view.layers import in_usual_units
+from shapefit.pipelines.view.layers import change_metres_to_cm_or_mm
 from shapefit.pipelines.view.run import fitted_image
 from shapefit.records import Shapes
 from shapefit.viewer.page import as_json, block_of_points, viewer_page
@@ -149,7 +149,9 @@ def test_lengths_of_a_page_have_one_unit(lengths, shown, name):
         {"name": "error", "values": np.full(3, x), "unit": "m"} for x in lengths
     ]
     pixels = {"name": "p", "values": np.ones(3), "unit": "px"}
-    unit, many = in_usual_units([{"measures": [one, pixels]} for one in measures])
+    unit, many = change_metres_to_cm_or_mm(
+        [{"measures": [one, pixels]} for one in measures]
+    )
     assert [measure["values"][0] for measure in measures] == pytest.approx(shown)
     assert {measure["unit"] for measure in measures} == {unit} == {name}
     assert (pixels["unit"], many) == ("px", shown[0] / lengths[0])
