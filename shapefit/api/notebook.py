@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 MOST_DRAWN = 6
 """Images in the picture of a fit."""
 
-SIDE = 110
+DRAWING_SIDE = 110
 """Pixels of each of them."""
 
-MARGIN = 0.1
+DRAWING_MARGIN = 0.1
 """Share of the side that stays empty."""
 
 DOUBTFUL_OPACITY = 0.35
 """Of images that are not trusted."""
 
 
-def summarise(fit: Fit) -> str:
+def as_html(fit: Fit) -> str:
     """Return HTML of a fit: a line, a picture of some images, a table of its fields."""
     fit = fit.named()
     rows = "".join(
@@ -60,10 +60,10 @@ def _picture(fit: Fit) -> str:
     edges = edges_of_fit(fit)
     drawn = [_drawing(fit, int(row), edges) for row in rows]
     images = "".join(
-        f'<g transform="translate({place * SIDE})">{drawing}</g>'
+        f'<g transform="translate({place * DRAWING_SIDE})">{drawing}</g>'
         for place, drawing in enumerate(drawn)
     )
-    size = f'width="{SIDE * len(rows)}" height="{SIDE}"'
+    size = f'width="{DRAWING_SIDE * len(rows)}" height="{DRAWING_SIDE}"'
     return f'<svg {size} fill="currentColor" role="img">{images}</svg>'
 
 
@@ -77,7 +77,7 @@ def edges_of_fit(fit: Fit) -> list[tuple[int, int]]:
 def _drawing(fit: Fit, row: int, edges: list[tuple[int, int]]) -> str:
     """Return one shape as a group of SVG, pale where it is not trusted."""
     title = f"<title>{escape(fit.items[row])}</title>"
-    places = _places(fit.shapes[row, :, :2], up=fit.y_axis == "up")
+    places = _fit_in_square(fit.shapes[row, :, :2], up=fit.y_axis == "up")
     if places is None:
         return f"<g>{title}</g>"
     known: Flags = np.asarray(np.isfinite(places).all(axis=1))
@@ -95,16 +95,18 @@ def _drawing(fit: Fit, row: int, edges: list[tuple[int, int]]) -> str:
     return f"<g{opacity}>{path}{dots}{title}</g>"
 
 
-def _places(points: Floats, *, up: bool) -> Floats | None:
-    """Return points (p, 2) in a square of SIDE pixels; None where none is known."""
+def _fit_in_square(points: Floats, *, up: bool) -> Floats | None:
+    """Return points (p, 2) in a square of pixels; None where none is known."""
     if not np.isfinite(points).any():
         return None
     flat = points * (1, -1 if up else 1)
     low = np.nanmin(flat, axis=0)
     high = np.nanmax(flat, axis=0)
     extent = float((high - low).max()) or 1.0
-    scaled: Floats = (flat - (low + high) / 2) * ((1 - 2 * MARGIN) * SIDE / extent)
-    return scaled + SIDE / 2
+    scaled: Floats = (flat - (low + high) / 2) * (
+        (1 - 2 * DRAWING_MARGIN) * DRAWING_SIDE / extent
+    )
+    return scaled + DRAWING_SIDE / 2
 
 
 def plot(fit: Fit, image: int | str, ax: Axes3D | None) -> Axes3D:

@@ -170,13 +170,13 @@ def _leave_out_own_data(
         if isinstance(key.description, Paths) or name in OF_ONE_DATA_SET:
             of_section: object = values
             for section in sections:
-                of_section = _value_at(of_section, section)
+                of_section = _child_of(of_section, section)
             if isinstance(of_section, dict):
                 of_section.pop(name, None)
             places.pop(path, None)
 
 
-def _value_at(section: object, key: str | int) -> object:
+def _child_of(section: object, key: str | int) -> object:
     """Return a value of a section or list, None where there is none."""
     if isinstance(section, dict):
         return section.get(key)
@@ -362,7 +362,7 @@ def _describe_problem(
         value_path = known_path
     value: object = values
     for step in value_path:
-        value = _value_at(value, step)
+        value = _child_of(value, step)
     allowed = problem["msg"].split("'")[1::2]
     near = _suggest_nearest(str(value), {word: word for word in allowed})
     return f"{place}: expected {expects(key)}, found {_in_words(value)}{near}"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +51,7 @@ def arrange(
     position[rows] = np.arange(len(names))
 
     padded = np.pad(record.points, [(0, 0), (0, 1), (0, 0)], constant_values=np.nan)
-    changes: dict[str, Any] = {
+    changes: dict[str, object] = {
         "landmark_names": names,
         record.POINTS: padded[:, rows],
         "extras": {
@@ -67,7 +66,7 @@ def arrange(
     if isinstance(record, Shapes) and record.mirror_index is not None:
         partners = record.mirror_index[rows]
         changes["mirror_index"] = position.take(partners, mode="clip")
-    return replace(record, **changes)
+    return record.replaced(**changes)
 
 
 def _goes_with(record: Items, name: str, values: Array) -> bool:

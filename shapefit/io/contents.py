@@ -23,7 +23,7 @@ DIGEST_BLOCK_BYTES = 1 << 22
 
 DatasetRows = slice | tuple[()]
 
-Line = Sequence[object]
+DigestLine = Sequence[object]
 """What the digest takes of a link, a group, a dataset or an attribute."""
 
 
@@ -50,20 +50,22 @@ def digest_contents(file: h5py.File, read: Callable[[str, DatasetRows], object])
     return digest_of_lines(lines)
 
 
-def digest_of_lines(lines: Iterable[Line]) -> str:
+def digest_of_lines(lines: Iterable[DigestLine]) -> str:
     """Return the digest of a file of which these are the lines, in any order."""
     text = "\n".join(sorted(map(json.dumps, lines)))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _describe_attributes(name: str, node: h5py.Group | h5py.Dataset) -> Iterator[Line]:
+def _describe_attributes(
+    name: str, node: h5py.Group | h5py.Dataset
+) -> Iterator[DigestLine]:
     """Yield a line for each attribute of a node, but for the digest itself."""
     for key in node.attrs:
         if name != "/" or key != CONTENTS:
             yield describe_attribute(name, key, node.attrs[key])
 
 
-def describe_attribute(name: str, key: str, value: object) -> Line:
+def describe_attribute(name: str, key: str, value: object) -> DigestLine:
     """Return the line of an attribute of a node, as h5py gives it or takes it."""
     if isinstance(value, h5py.Empty):
         return ["attribute", name, key, "empty"]
@@ -78,7 +80,7 @@ def describe_attribute(name: str, key: str, value: object) -> Line:
 
 def _describe_dataset(
     dataset: h5py.Dataset, name: str, read: Callable[[str, DatasetRows], object]
-) -> Line:
+) -> DigestLine:
     """Return the line of a dataset, which is read in blocks of rows.
 
     Of one that is empty, or neither numbers nor texts, it says the kind and the type.
@@ -96,7 +98,7 @@ def _describe_dataset(
 
 def describe_values(
     name: str, kind: str, shape: Sequence[int], digest: ValuesDigest
-) -> Line:
+) -> DigestLine:
     """Return the line of a dataset of numbers or texts."""
     return ["dataset", name, kind, list(shape), digest.hexdigest()]
 

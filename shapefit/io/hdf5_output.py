@@ -22,7 +22,7 @@ import numpy as np
 from shapefit.dictionary.model import Dictionary
 from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.contents import (
-    Line,
+    DigestLine,
     ValuesDigest,
     describe_attribute,
     describe_values,
@@ -231,7 +231,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         if self.seal is not None:
             self._digests.setdefault(name, ValuesDigest()).add(values)
 
-    def _lines(self) -> Iterator[Line]:
+    def _lines(self) -> Iterator[DigestLine]:
         """Yield what `digest_contents` would read from the file, from what was written.
 
         Reading it takes longer than to write it.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Hashable, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -77,7 +77,7 @@ def merge_heads(
     direction = _agreed("y_axis", [*places, "y_axis"], stated)
     if not isinstance(first, Shapes):
         changes["y_axis"] = direction or "down"
-    return replace(heads[0], **changes)
+    return heads[0].replaced(**changes)
 
 
 def _check_columns(places: Sequence[str], heads: Sequence[Items]) -> None:
@@ -96,12 +96,12 @@ def _check_columns(places: Sequence[str], heads: Sequence[Items]) -> None:
                 raise input_error(place, fault, SEPARATELY)
 
 
-def _join_columns(heads: Sequence[Items]) -> dict[str, Any]:
+def _join_columns(heads: Sequence[Items]) -> dict[str, object]:
     """Return the fields and extras that any head has.
 
     What is of the file is that of the first that has it.
     """
-    changes: dict[str, Any] = {}
+    changes: dict[str, object] = {}
     extras: dict[str, Array] = {}
     file_extras: dict[str, Array] = {}
     for head in reversed(heads):
@@ -140,7 +140,7 @@ def align_to(part: Record, head: Record, file: str) -> Record:
     """Return a part of one file with the landmarks and columns of the whole source."""
     n = len(part)
     part = _has_rows(part, head.extras)
-    changes: dict[str, Any] = {}
+    changes: dict[str, object] = {}
     if _lacks_confidence(part, head):
         ones = np.ones(part.points.shape[:2])
         if isinstance(part, Landmarks):
@@ -155,8 +155,7 @@ def align_to(part: Record, head: Record, file: str) -> Record:
         changes["sequences"] = ("",) * n
     if head.y_axis is not None:
         changes["y_axis"] = head.y_axis
-    part = replace(
-        part,
+    part = part.replaced(
         unit=head.unit,
         frame_rate=head.frame_rate,
         attributes=head.attributes,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,14 @@ from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.readers.tables import understand
 from shapefit.io.skeletons import installed_skeletons
-from shapefit.io.source import OPTIONAL_DATASETS, Source, find_kind, open_results
+from shapefit.io.source import (
+    OPTIONAL_DATASETS,
+    LandmarkSource,
+    ResultSource,
+    ShapeSource,
+    find_kind,
+    open_results,
+)
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.partition.manifest import (
     Manifest,
@@ -185,7 +192,7 @@ def describe_input(
     if kind == "dictionary":
         lines, numbers = describe_dictionary(paths[0])
         return Description(kind, title + lines, numbers), ()
-    source: Source[Any]
+    source: ResultSource | LandmarkSource | ShapeSource
     if kind == "result":
         source = open_results(paths, OPTIONAL_DATASETS, head=True, old=True)
     elif kind == "landmarks":
@@ -215,7 +222,9 @@ def describe_input(
         return Description(kind, lines, count_items(source, sample)), source.notes
 
 
-def count_items(source: Source[Any], sample: Items) -> FileNumbers:
+def count_items(
+    source: ResultSource | LandmarkSource | ShapeSource, sample: Items
+) -> FileNumbers:
     """Return the numbers of a file; all but the items are those of a sample of it."""
     is_missing = ~np.isfinite(sample.points).all(axis=2)
     return FileNumbers(
@@ -233,7 +242,9 @@ def find_sequences(sample: Items) -> list[str]:
     return list(dict.fromkeys(filter(None, sample.sequences or ())))
 
 
-def describe_items(source: Source[Any], sample: Items, noun: str) -> list[InfoLine]:
+def describe_items(
+    source: ResultSource | LandmarkSource | ShapeSource, sample: Items, noun: str
+) -> list[InfoLine]:
     """Return labels and texts on the number of items, and on the first of them."""
     part = "" if len(sample) == source.estimate else f" (of the first {len(sample):,})"
     number = f"{source.count:,}"

@@ -43,7 +43,7 @@ from shapefit.records.columns import held_columns, in_columns
 from shapefit.threads import side_by_side
 from shapefit.timeline import frames_of
 from shapefit.verification import certificate
-from shapefit.verification.certificate import CertifiedProgram, Claims
+from shapefit.verification.certificate import CertifiedProgram, Claims, Numeric
 
 if TYPE_CHECKING:  # pydantic takes long to import, and only folders need it
     from shapefit.config.manifest import PartLine
@@ -292,7 +292,7 @@ def count_in(tally: VerifyTally, chunk: Checked) -> Result:
     return Result(done=len(items), failures=tuple(failures))
 
 
-def check_config(attributes: Mapping[str, Any]) -> Iterator[Failure]:
+def check_config(attributes: Mapping[str, object]) -> Iterator[Failure]:
     """Yield a failure where the stored config does not have its stored digest."""
     config = str(attributes["config"]).encode()
     if hashlib.sha256(config).hexdigest() != attributes.get("config_digest"):
@@ -334,7 +334,7 @@ def result_rows(part: ResultFile, seal: Seal) -> slice | None:
     return None if rows is None else slice(*rows)
 
 
-def statement_of(attributes: Mapping[str, Any], file: Path) -> Statement:
+def statement_of(attributes: Mapping[str, object], file: Path) -> Statement:
     """Return what the attributes `config` and `inputs` of a result say.
 
     Raises InputError where they are not those of a fit.
@@ -533,16 +533,16 @@ def check_chunk(
     return Checked(result, claims, is_certified, largest_gap)
 
 
-def claimed_columns(result: Fit) -> dict[str, Any]:
+def claimed_columns(result: Fit) -> dict[str, Numeric]:
     """Return the columns of a result by their names, points one a column."""
-    columns: dict[str, Any] = dict(result.extras)
+    columns: dict[str, Numeric] = dict(result.extras)
     for column, value in held_columns(result):
         values = np.asarray(value)
         columns[column.name] = in_columns(values) if column.has_points else values
     return columns
 
 
-def check_confidence(columns: dict[str, Any], claims: Claims) -> None:
+def check_confidence(columns: dict[str, Numeric], claims: Claims) -> None:
     """Check that stored confidences are one number per landmark, into `claims`.
 
     Others are taken out of `columns`, and every image then has a false claim.
@@ -558,7 +558,7 @@ def check_confidence(columns: dict[str, Any], claims: Claims) -> None:
 
 
 def check_landmarks(
-    columns: Mapping[str, Any], result: Fit, given: Landmarks, claims: Claims
+    columns: Mapping[str, Numeric], result: Fit, given: Landmarks, claims: Claims
 ) -> None:
     """Check that results have the landmarks, confidences and items of a file.
 

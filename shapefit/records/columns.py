@@ -190,7 +190,7 @@ def as_kind(column: Column, value: object) -> Array | Texts:
     return _as_whole_numbers(np.asarray(value), np.int64 if column.is_integer else bool)
 
 
-def _as_whole_numbers(values: NDArray[Any], dtype: type) -> Array:
+def _as_whole_numbers(values: Array, dtype: type) -> Array:
     """Return values as whole numbers or flags (dtype), unchanged in value.
 
     Raises ValueError where that cannot be: fractions are no indices, and 2 is no flag.

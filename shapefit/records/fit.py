@@ -303,5 +303,5 @@ class Fit(Items):
         return page
 
     def _repr_html_(self) -> str:
-        html: str = import_module("shapefit.api.notebook").summarise(self)
+        html: str = import_module("shapefit.api.notebook").as_html(self)
         return html

@@ -36,7 +36,10 @@ SUM_ROUNDING = 64 * 2.0**-53
 """Share of the magnitudes of its terms by which a sum may be off, in the fit and here.
 """
 
-ImageColumns = Mapping[str, NDArray[Any]]
+Numeric = NDArray[Any]
+"""Values as a file has them, numbers of any type."""
+
+ImageColumns = Mapping[str, Numeric]
 """Datasets of n images by name; points one a column, (n, 3, p) or (n, 2, p)."""
 
 STATUS_WITHOUT_SHAPE = ("degenerate input", "numerical failure")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import shapefit
-from shapefit.api.notebook import MOST_DRAWN, summarise
+from shapefit.api.notebook import MOST_DRAWN, as_html
 from shapefit.io.skeletons import installed_skeletons
 
 
@@ -50,7 +50,7 @@ def test_heads_are_above_in_the_picture_and_the_plot(walk, y_axis):
     turned = walk.shapes * (1 if y_axis == "down" else np.array([1, -1, -1]))
     one = walk.replaced(shapes=turned, y_axis=y_axis)[:1]
     head, foot = (one.landmark_names.index(name) for name in ("head", "rankle"))
-    picture = ET.fromstring(re.search("<svg.*</svg>", summarise(one))[0])
+    picture = ET.fromstring(re.search("<svg.*</svg>", as_html(one))[0])
     circles = [*picture.iter("circle")]
     assert float(circles[head].get("cy")) < float(circles[foot].get("cy")) - 20
     axes = one.plot()

@@ -38,7 +38,7 @@ WHOLE_LENS = 8
 """Coefficients of distortion that OpenCV's rational model has."""
 
 
-class Pose(NamedTuple):
+class CameraPose(NamedTuple):
     """Where a camera stands: X_camera = rotation X_world + translation, in metres.
 
     rotation (3, 3), translation (3,); axes says what the world is.
@@ -59,7 +59,7 @@ class WorldCamera(NamedTuple):
     focal: Floats
     centre: Floats
     distortion: Floats
-    pose: Pose
+    pose: CameraPose
 
 
 @contextmanager
@@ -123,13 +123,13 @@ def find_cameras(
     for name in dict.fromkeys(videos.tolist()):
         of_video = records.take(np.flatnonzero(videos == name))
         pose = _pose(of_video, floors.get(name), options, place)
-        cameras.append(_camera(name, of_video, pose, attributes, place))
+        cameras.append(_camera_of(name, of_video, pose, attributes, place))
     return cameras
 
 
 def _pose(
     records: Fit, floor: Floor | None, options: OutputOptions, place: str
-) -> Pose:
+) -> CameraPose:
     """Return where the camera of a video stands in the world of its files in metres."""
     rotation = _at_rest(records, EXTRINSIC_ROTATION, 2, place)
     if rotation is not None:
@@ -137,20 +137,20 @@ def _pose(
         translation = _at_rest(records, EXTRINSIC_TRANSLATION, 1, place)
         axes = f"y up, the axis {up} of the extrinsics"
         still = np.zeros(3) if translation is None else translation
-        return Pose(rotation @ TO_Y_UP[up].T, still, axes)
+        return CameraPose(rotation @ TO_Y_UP[up].T, still, axes)
     level = TO_Y_UP[IMAGE_UP]
     if floor is None:
-        return Pose(level.T, np.zeros(3), "y up as in the image, from the camera")
+        return CameraPose(level.T, np.zeros(3), "y up as in the image, from the camera")
     turn = floor._replace(height=0.0).stand(np.eye(3))
     to_camera = (turn @ level).T
     below = np.array([0.0, floor.height, 0.0])
-    return Pose(to_camera, -to_camera @ below, f"y up from the floor; {floor}")
+    return CameraPose(to_camera, -to_camera @ below, f"y up from the floor; {floor}")
 
 
-def _camera(
+def _camera_of(
     name: str,
     records: Fit,
-    pose: Pose,
+    pose: CameraPose,
     attributes: Mapping[str, Attribute],
     place: str,
 ) -> WorldCamera:
@@ -225,16 +225,16 @@ def _section(key: str, camera: WorldCamera) -> str:
         *([f"# Beware: {ASSUMED}."] if is_assumed(camera) else []),
         f"[{key}]",
         f"name = {json.dumps(printable(camera.name) or key)}",
-        f"size = {_numbers(camera.size)}",
-        f"matrix = [{', '.join(map(_numbers, rows))}]",
-        f"distortions = {_numbers(lens)}",
-        f"rotation = {_numbers(turn)}",
-        f"translation = {_numbers(camera.pose.translation)}",
+        f"size = {_toml_numbers(camera.size)}",
+        f"matrix = [{', '.join(map(_toml_numbers, rows))}]",
+        f"distortions = {_toml_numbers(lens)}",
+        f"rotation = {_toml_numbers(turn)}",
+        f"translation = {_toml_numbers(camera.pose.translation)}",
         "fisheye = false",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _numbers(values: Sequence[float] | Floats) -> str:
+def _toml_numbers(values: Sequence[float] | Floats) -> str:
     """Return numbers as a list of TOML, each with a point: it keeps the kinds apart."""
     return f"[{', '.join(repr(float(value)) for value in values)}]"

@@ -22,7 +22,7 @@ from shapefit.io.writers.metres import Shapes3D
 from shapefit.io.writers.motion import FileMotion, MotionWriter, find_motions
 from shapefit.records import concatenate
 
-AXES = ("time", "space", "keypoints", "individuals")
+MOVEMENT_AXES = ("time", "space", "keypoints", "individuals")
 """Axes of positions; confidences and deviations have no space.
 
 Every version of movement reads these names; from 0.17 on it renames the last two to
@@ -33,7 +33,7 @@ TRUST = {"true": 1.0, "false": 0.0}
 """Confidence of a frame by whether it is trusted; NaN where that is not known."""
 
 
-class Poses(NamedTuple):
+class MovementPoses(NamedTuple):
     """What the file holds, of f frames, p keypoints and i individuals.
 
     position (f, 3, p, i) in metres, shape_sd (f, p, i) the standard deviation of the
@@ -101,7 +101,7 @@ def write_movement(path: Path, motions: Sequence[FileMotion]) -> None:
         if motion.rate_known:
             file.attrs["fps"] = motion.rate
         file.attrs["axes"] = "; ".join(dict.fromkeys(one.axes for one in motions))
-        for axis, values in zip(AXES, labels, strict=True):
+        for axis, values in zip(MOVEMENT_AXES, labels, strict=True):
             kind = np.float64 if axis == "time" else h5py.string_dtype()
             scale = file.create_dataset(axis, data=np.asarray(values, kind))
             scale.make_scale(axis)
@@ -109,17 +109,21 @@ def write_movement(path: Path, motions: Sequence[FileMotion]) -> None:
             dataset = file.create_dataset(
                 name, data=array, compression="gzip", shuffle=True
             )
-            axes = AXES if array.ndim == len(AXES) else (AXES[0], *AXES[2:])
+            axes = (
+                MOVEMENT_AXES
+                if array.ndim == len(MOVEMENT_AXES)
+                else (MOVEMENT_AXES[0], *MOVEMENT_AXES[2:])
+            )
             for number, axis in enumerate(axes):
                 dataset.dims[number].attach_scale(file[axis])
             if name != "confidence":
                 dataset.attrs["units"] = "m"
 
 
-def gather_poses(motions: Sequence[FileMotion], first: int, f: int) -> Poses:
+def gather_poses(motions: Sequence[FileMotion], first: int, f: int) -> MovementPoses:
     """Return the poses of all sequences over f frames, from the number `first` on."""
     p = len(motions[0].landmark_names)
-    poses = Poses(
+    poses = MovementPoses(
         np.full((f, 3, p, len(motions)), np.nan),
         np.full((f, p, len(motions)), np.nan),
         np.full((f, p, len(motions)), np.nan),
