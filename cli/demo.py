@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -124,7 +123,9 @@ def lift_samples(call: Call, samples: Path, folder: Path) -> Iterator[Result]:
 
 def read_line(call: Call, of: click.Command, schema: type[Config], line: str) -> Config:
     """Return the config of a command line, as the command itself would read it."""
-    _, name, *words = shlex.split(line)
+    from shlex import split
+
+    _, name, *words = split(line)
     # under the parent, or its names of --help would be lost to the command
     parent = click.get_current_context().parent
     given = of.make_context(name, words, parent=parent).params
