@@ -175,7 +175,7 @@ def source_of_stream(
     file = SourceFile.of(name, images)
     if options.keypoints is not None:
         file = _named_by_skeleton(file, options.keypoints)
-    prepared = _prepared(Landmarks, [file], options, gaps=False)
+    prepared = _with_options(Landmarks, [file], options, gaps=False)
     return Source(prepared, options.y_axis)
 
 
