@@ -40,6 +40,10 @@ class Reading(TypedDict, total=False):
         Direction of y in the images.
     landmarks : tuple of str
         Landmarks to keep, in this order, by their new names.
+    frames : (first, before the last)
+        Frames to read; None is open.
+    every : int
+        Take every n-th of these frames.
 
     """
 
@@ -52,6 +56,8 @@ class Reading(TypedDict, total=False):
     image_size: tuple[float, float] | None
     y_axis: Direction | None
     landmarks: tuple[str, ...] | None
+    frames: tuple[int | None, int | None]
+    every: int
 
 
 def read_shapes(*paths: File, **options: Unpack[Reading]) -> Shapes:

@@ -26,7 +26,7 @@ SCRIPT = Path(__file__).with_name("typed_script.py")
 OF_FILES = {
     "fit": {
         *("landmarks", "dictionary", "format", "individual", "markers", "export"),
-        "output",
+        *("output", "frames", "every"),
     },
     "learn": {
         *("shapes", "output", "format", "keypoints", "individual", "y_axis"),
