@@ -76,11 +76,11 @@ SKIPPED_COLUMNS = (OPTIONAL_DATASETS - METRIC_COLUMNS) | OF_FILE.keys()
 def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     """Measure the results of every method, then write tables, page and figures.
 
-    One result a method, with the images that failed, and a last one with the errors in
-    a few lines as its note. The folder has nothing new before all is written. Raises
-    InputError for files that cannot be read or compared, images that leave every metric
-    undefined, groups that no sequence belongs to, and an output folder that cannot be
-    written.
+    At first how many images there are, then one result a method, with the images that
+    failed, and a last one with the errors in a few lines as its note. The folder has
+    nothing new before all is written. Raises InputError for files that cannot be read
+    or compared, images that leave every metric undefined, groups that no sequence
+    belongs to, and an output folder that cannot be written.
     """
     check_folder(config.output)
     with open_shapes(config.truth, input_options(config), gaps=True) as source:
@@ -90,6 +90,7 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     methods: dict[str, Measured] = {}
     draws = config.plots != "none" and find_spec("matplotlib") is not None
     pictured: MatchedResults | None = None
+    yield Result(total=sum(map(count_images, config.results.values())))
     for name, files in config.results.items():
         results = with_shapes_of(read_files(files), truth.landmark_names)
         matched = match_results(files[0], results, truth, config)
@@ -190,6 +191,16 @@ def _usual_extent(truth: Shapes) -> float | None:
     lowest = np.where(known, some, np.inf).min(axis=1)
     extent = finite_median((highest - lowest).max(axis=1))
     return extent if extent > 0 else None
+
+
+def count_images(files: Sequence[Path]) -> int:
+    """Return how many images files of one method have, about, without reading them."""
+    file_format = detect_format(files[0])
+    if file_format.read_poses is not None:
+        return len(read_files(files))
+    check_holds(files[0], "result", file_format)
+    with open_results(files, SKIPPED_COLUMNS, head=True) as results:
+        return results.estimate
 
 
 def read_files(files: Sequence[Path]) -> Fit:

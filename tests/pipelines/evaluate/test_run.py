@@ -36,7 +36,8 @@ def test_the_report_has_errors_failures_and_where_they_come_from(desk, truth, re
     shapes = results.shapes.copy()
     shapes[6] = np.nan
     desk.write("convex.h5", results.replaced(shapes=shapes, objective=np.arange(7.0)))
-    outcome, last = desk.run()
+    counted, outcome, last = desk.run()
+    assert counted.total == outcome.done
     assert {path.name for path in last.written} == FILES
     assert {path.name for path in desk.config.output.iterdir()} == FILES
     assert [(f.item, f.reason[:8]) for f in outcome.failures] == [("item6", "convex: ")]
