@@ -70,6 +70,7 @@ class Cells:
         """Take the lines (n,) of the file in which rows begin, and the columns."""
         self.lines = lines
         self.columns = columns
+        self._texts: dict[str, tuple[Integers, Sequence[str]]] = {}
 
     def cell(self, column: str, row: int) -> str:
         """Return one cell."""
@@ -98,8 +99,14 @@ class Cells:
     def texts(self, column: str) -> tuple[Integers, Sequence[str]]:
         """Return the number of the text of each cell (n,), and the texts.
 
-        They are numbered as they come, from 0.
+        They are numbered as they come, from 0; once, as several ask for them.
         """
+        if column not in self._texts:
+            self._texts[column] = self._number_texts(column)
+        return self._texts[column]
+
+    def _number_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
+        """Return what `texts` does."""
         raise NotImplementedError
 
 
@@ -118,7 +125,7 @@ class ListedCells(Cells):
         """Return the numbers of a column, see Cells."""
         return read_numbers(self._columns[column])
 
-    def texts(self, column: str) -> tuple[Integers, Sequence[str]]:
+    def _number_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
         """Return the texts of a column, see Cells."""
         cells = self._columns[column]
         number_of = {text: number for number, text in enumerate(dict.fromkeys(cells))}
@@ -171,7 +178,7 @@ class SplitCells(Cells):
         numbers[starts == ends] = np.nan
         return numbers, invalid
 
-    def texts(self, column: str) -> tuple[Integers, Sequence[str]]:
+    def _number_texts(self, column: str) -> tuple[Integers, Sequence[str]]:
         """Return the texts of a column, see Cells."""
         starts, ends = self._places[column]
         numbers = np.empty(len(starts), np.int64)
