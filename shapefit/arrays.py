@@ -1,9 +1,11 @@
-"""Arrays by the names that signatures use, their median, and indices that lie evenly.
+"""Arrays by the names that signatures use, their median, and rows that go together.
 
 Docstrings give the axes of an array.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +33,19 @@ def finite_median(values: Numbers, default: float = float("nan")) -> float:
     """Median of the finite ones among numbers (n,), the default where there is none."""
     finite = values[np.isfinite(values)]
     return median(finite) if len(finite) else default
+
+
+def runs(is_new: Flags, count: int) -> list[slice]:
+    """Return the slices of `count` rows that stand together, [] for no row.
+
+    is_new (count - 1,): whether a row, from the second on, begins another run.
+    """
+    if not count:
+        return []
+    starts = np.flatnonzero(is_new) + 1
+    return [
+        slice(start, stop) for start, stop in pairwise([0, *starts.tolist(), count])
+    ]
 
 
 def evenly(n: int, most: int) -> NDArray[np.intp]:

@@ -6,12 +6,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Floats, Integers, runs
 
 ASSUMED_RATE = 24.0
 """Frames a second where no file states it: that of film."""
@@ -105,8 +104,7 @@ class Timeline:
     def stretches(self) -> list[slice]:
         """Slices of images, cut where frames are missing for over `LONGEST_GAP`."""
         longest = 1.0 + max(LONGEST_GAP * self.rate, JITTER)
-        ends = np.flatnonzero(self.steps > longest) + 1
-        return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(self)])]
+        return runs(self.steps > longest, len(self))
 
     def second_differences(self) -> Floats:
         """Return weights (t, 3) of the second difference that begins at each image.

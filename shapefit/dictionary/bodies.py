@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats, Integers
+from shapefit.arrays import Flags, Floats, Integers, runs
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import metres_in, normalise, std
 from shapefit.timeline import ASSUMED_RATE, Timeline
@@ -95,11 +94,10 @@ def weigh_differences(
     names = np.array(sequences, dtype=object)
     is_other = names[1:] != names[:-1]
     is_back = np.diff(numbers) <= 0
-    ends = np.flatnonzero(is_other | is_back) + 1
     weights = np.zeros((n, 3))
-    for start, stop in pairwise([0, *ends.tolist(), n]):
-        position = np.asarray(numbers[start:stop], np.float64)
-        weights[start:stop] = Timeline(position, rate).second_differences()
+    for rows in runs(is_other | is_back, n):
+        position = np.asarray(numbers[rows], np.float64)
+        weights[rows] = Timeline(position, rate).second_differences()
     return weights
 
 

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from io import SEEK_END
-from itertools import chain, count, pairwise
+from itertools import chain, count
 from math import isnan
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags, Floats, runs
 from shapefit.errors import input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
@@ -423,14 +423,12 @@ def _differ_in_items(cells: Cells, column: str, of_item: dict[str, str]) -> Flag
     """
     items_of_rows, items = cells.texts("item")
     texts_of_rows, texts = cells.texts(column)
-    count = len(items_of_rows)
-    differ = np.zeros(count, bool)
-    steps = (np.diff(items_of_rows) != 0) | (np.diff(texts_of_rows) != 0)
-    starts = [0, *(np.flatnonzero(steps) + 1).tolist(), count]
-    for start, stop in pairwise(starts if count else []):
-        text = texts[texts_of_rows[start]]
-        first = of_item.setdefault(items[items_of_rows[start]], text)
-        differ[start:stop] = first != text
+    differ = np.zeros(len(items_of_rows), bool)
+    is_new = (np.diff(items_of_rows) != 0) | (np.diff(texts_of_rows) != 0)
+    for rows in runs(is_new, len(items_of_rows)):
+        text = texts[texts_of_rows[rows.start]]
+        first = of_item.setdefault(items[items_of_rows[rows.start]], text)
+        differ[rows] = first != text
     return differ
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby, pairwise
 from pathlib import Path
 
-from shapefit.arrays import Integers
+import numpy as np
+
+from shapefit.arrays import Integers, runs
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.csv_file import Table
@@ -66,7 +67,8 @@ class LiveLandmarks:
         current = ""
         present: set[str] = set()
         for cells in self._table.blocks:
-            for rows in _runs(cells.listed("item")):
+            items, _ = cells.texts("item")
+            for rows in runs(np.diff(items) != 0, len(items)):
                 of_run = cells.part(rows)
                 item = of_run.cell("item", 0)
                 landmarks = of_run.listed("landmark")
@@ -136,11 +138,3 @@ class LiveLandmarks:
         self._written.update(dict.fromkeys(map(hash, items)))
         while len(self._written) > MAX_REMEMBERED:
             del self._written[next(iter(self._written))]
-
-
-def _runs(items: Sequence[str]) -> Iterator[slice]:
-    """Yield the rows of each item that stand together."""
-    starts = [0]
-    for _, rows in groupby(items):
-        starts.append(starts[-1] + sum(1 for _ in rows))
-    yield from (slice(*ends) for ends in pairwise(starts))

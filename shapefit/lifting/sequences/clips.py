@@ -23,13 +23,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from math import ceil
 from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats, Indices, Integers, finite_median, median
+from shapefit.arrays import (
+    Flags,
+    Floats,
+    Indices,
+    Integers,
+    finite_median,
+    median,
+    runs,
+)
 from shapefit.convex.solver import Status
 from shapefit.lifting.estimate import PAIRS, PosteriorEstimate
 from shapefit.lifting.lift import Lifting
@@ -307,14 +314,13 @@ def split_into_clips(sequences: Sequence[str]) -> list[slice]:
     MAX_CLIP_FRAMES.
     """
     values = np.array(sequences, dtype=object)
-    changes = np.flatnonzero(values[1:] != values[:-1]) + 1
     slices = []
-    for start, stop in pairwise([0, *changes.tolist(), len(values)]):
-        frames = stop - start
+    for sequence in runs(values[1:] != values[:-1], len(values)):
+        frames = sequence.stop - sequence.start
         pieces = ceil(frames / MAX_CLIP_FRAMES)
         for piece in range(pieces):
-            begin = start + frames * piece // pieces
-            end = start + frames * (piece + 1) // pieces
+            begin = sequence.start + frames * piece // pieces
+            end = sequence.start + frames * (piece + 1) // pieces
             slices.append(slice(begin, end))
     return slices
 
