@@ -76,11 +76,11 @@ SKIPPED_COLUMNS = (OPTIONAL_DATASETS - METRIC_COLUMNS) | OF_FILE.keys()
 def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     """Measure the results of every method, then write tables, page and figures.
 
-    At first how many images there are, then one result a method, with the images that
-    failed, and a last one with the errors in a few lines as its note. The folder has
-    nothing new before all is written. Raises InputError for files that cannot be read
-    or compared, images that leave every metric undefined, groups that no sequence
-    belongs to, and an output folder that cannot be written.
+    At first how many images there are, where that is known, then one result a method,
+    with the images that failed, and a last one with the errors in a few lines as its
+    note. The folder has nothing new before all is written. Raises InputError for files
+    that cannot be read or compared, images that leave every metric undefined, groups
+    that no sequence belongs to, and an output folder that cannot be written.
     """
     check_folder(config.output)
     with open_shapes(config.truth, input_options(config), gaps=True) as source:
@@ -88,9 +88,9 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     inputs = digests(config.truth)
     warnings: list[str] = []
     methods: dict[str, Measured] = {}
-    draws = config.plots != "none" and find_spec("matplotlib") is not None
+    draws = config.plots != "none" and not _lacks_matplotlib(config)
     pictured: MatchedResults | None = None
-    yield Result(total=sum(map(count_images, config.results.values())))
+    yield Result(total=count_images(config.results.values()))
     for name, files in config.results.items():
         results = with_shapes_of(read_files(files), truth.landmark_names)
         matched = match_results(files[0], results, truth, config)
@@ -193,14 +193,20 @@ def _usual_extent(truth: Shapes) -> float | None:
     return extent if extent > 0 else None
 
 
-def count_images(files: Sequence[Path]) -> int:
-    """Return how many images files of one method have, about, without reading them."""
-    file_format = detect_format(files[0])
-    if file_format.read_poses is not None:
-        return len(read_files(files))
-    check_holds(files[0], "result", file_format)
-    with open_results(files, SKIPPED_COLUMNS, head=True) as results:
-        return results.estimate
+def count_images(methods: Iterable[Sequence[Path]]) -> int | None:
+    """Return how many images the files of all methods have, about.
+
+    It is None where some would have to be read for that: those of other tools.
+    """
+    count = 0
+    for files in methods:
+        file_format = detect_format(files[0])
+        if file_format.read_poses is not None:
+            return None
+        check_holds(files[0], "result", file_format)
+        with open_results(files, SKIPPED_COLUMNS, head=True) as results:
+            count += results.estimate
+    return count
 
 
 def read_files(files: Sequence[Path]) -> Fit:
