@@ -10,7 +10,7 @@ import numpy as np
 from shapefit.api.messages import warn
 from shapefit.arrays import Floats
 from shapefit.io.options import OutputOptions
-from shapefit.io.writers.motion import find_motions
+from shapefit.io.writers.motion import find_motions, warnings_of
 from shapefit.io.writers.tables import metres_columns
 from shapefit.records import Fit
 from shapefit.records.columns import Array, Singles, held_columns
@@ -29,7 +29,7 @@ def to_metres(
     """Return the joints of a fit in metres, a row for each joint of each image."""
     options = OutputOptions(height=height, unit=unit, up=up)
     motions = find_motions(fit.named(), options, "Fit.to_metres")
-    warn(dict.fromkeys(text for motion in motions for text in motion.warnings))
+    warn(warnings_of(motions))
     parts: list[Mapping[str, Array]] = []
     for motion in motions:
         columns = metres_columns(motion)

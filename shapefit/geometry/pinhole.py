@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
@@ -164,3 +164,11 @@ def distort(
     along = gain + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x
     skew = 2 * slope * x * y + 2 * p1 * x + 2 * p2 * y
     return np.stack([moved_x, moved_y], axis=-2), across, along, skew
+
+
+def is_assumed_focal(focal: ArrayLike, size: ArrayLike) -> bool:
+    """Whether focal lengths are the one that is assumed for images of this size.
+
+    Both in pixels, of any shape; the largest of each counts.
+    """
+    return bool(np.isclose(np.max(focal), ASSUMED_FOCAL * np.max(size)))

@@ -19,7 +19,7 @@ from shapefit.arrays import Floats, finite_median
 from shapefit.errors import counted, input_error, printable
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
 from shapefit.geometry.floor import Floor
-from shapefit.geometry.pinhole import ASSUMED_FOCAL
+from shapefit.geometry.pinhole import is_assumed_focal
 from shapefit.io.atomic import atomic_path, check_output
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.writers.metres import (
@@ -28,7 +28,7 @@ from shapefit.io.writers.metres import (
     Shapes3D,
 )
 from shapefit.io.writers.motion import MotionWriter, find_floors, video_of
-from shapefit.records import Fit, concatenate
+from shapefit.records import Fit
 from shapefit.records.items import Attribute
 
 MAX_CHANGE = 1e-6
@@ -72,9 +72,7 @@ def calibration_output(target: Path, options: OutputOptions) -> Iterator[MotionW
     check_output(target)
     writer = MotionWriter(options, angles=False)
     yield writer
-    writer.check_begun()
-    records: Shapes3D = concatenate(writer.parts)
-    writer.parts.clear()
+    records = writer.take_all()
     stated = {**records.attributes, **writer.attributes}
     cameras = find_cameras(records, options, stated, str(target))
     with atomic_path(target) as temporary:
@@ -96,7 +94,7 @@ ASSUMED = (
 
 def is_assumed(camera: WorldCamera) -> bool:
     """Whether the focal length is the one that is assumed where none is known."""
-    return bool(np.isclose(camera.focal.max(), ASSUMED_FOCAL * camera.size.max()))
+    return is_assumed_focal(camera.focal, camera.size)
 
 
 def find_cameras(

@@ -18,7 +18,7 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, Up, nearest_axis_up
 from shapefit.geometry.floor import FilmedBody, Floor, find_floor
 from shapefit.geometry.joint_angles import measurable_angles, measure_angles
-from shapefit.geometry.pinhole import ASSUMED_FOCAL
+from shapefit.geometry.pinhole import is_assumed_focal
 from shapefit.io.atomic import check_output, file_stem, staged_files
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
 from shapefit.io.readers.poses import number_repeats
@@ -151,7 +151,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
     def __init__(self, options: OutputOptions, *, angles: bool) -> None:
         """Take records for files in metres; with `angles` their joint angles, too."""
         super().__init__()
-        self.parts: list[Shapes3D] = []
+        self._parts: list[Shapes3D] = []
         self._options, self._angles = options, angles
 
     def append(self, record: Shapes3D) -> None:
@@ -170,7 +170,17 @@ class MotionWriter(RecordWriter[Shapes3D]):
         self.begun = True
         if self._angles:
             record = record.with_extras(angle_columns(record, self._options.up))
-        self.parts.append(record.without(record.column_names() - RETAINED))
+        self._parts.append(record.without(record.column_names() - RETAINED))
+
+    def take_all(self) -> Shapes3D:
+        """Return all that was appended as one record, and hold it no longer.
+
+        Raises ValueError where nothing was.
+        """
+        self.check_begun()
+        records: Shapes3D = concatenate(self._parts)
+        self._parts.clear()
+        return records
 
 
 def _detector_landmarks(record: Shapes3D) -> Floats | None:
@@ -200,10 +210,7 @@ def motion_output(
     check_output(target)
     writer = MotionWriter(options, angles=angles)
     yield writer
-    writer.check_begun()
-    records: Shapes3D = concatenate(writer.parts)
-    writer.parts.clear()
-    motions = find_motions(records, options, str(target))
+    motions = find_motions(writer.take_all(), options, str(target))
     resolved = Path(os.path.realpath(target))
     ending = _ending(resolved, suffix)
     whole = resolved.name.removesuffix(ending)
@@ -217,9 +224,7 @@ def motion_output(
     placed = [f"in {unit} by {motion.size}, {motion.axes}" for motion in motions]
     writer.summary = Summary(
         note="; ".join(dict.fromkeys(filter(None, (*placed, *notes)))),
-        warnings=tuple(
-            dict.fromkeys(text for motion in motions for text in motion.warnings)
-        ),
+        warnings=warnings_of(motions),
         written=(
             tuple(target.parent / name for name in names)
             if len(names) > 1
@@ -227,6 +232,11 @@ def motion_output(
         ),
         angles=judge_angles(motions) if judge_angles else "",
     )
+
+
+def warnings_of(motions: Sequence[FileMotion]) -> tuple[str, ...]:
+    """Return the warnings of all motions, each once."""
+    return tuple(dict.fromkeys(text for motion in motions for text in motion.warnings))
 
 
 def _ending(target: Path, suffix: str) -> str:
@@ -291,15 +301,14 @@ def find_floors(
         return {}
     centre = 0.0 if records.principal_point is None else records.principal_point
     focal = 0.0 if records.focal is None else records.focal
-    size = 2 * np.max(centre)
-    assumed = np.isclose(np.max(focal), ASSUMED_FOCAL * size)
+    is_assumed = is_assumed_focal(focal, 2 * np.asarray(centre))
     bodies: dict[str, list[FilmedBody]] = {}
     for name, track, frames in _tracks(records, place):
         body = _filmed_body(track, frames, in_metres(track, options, place))
         if body is not None:
             bodies.setdefault(video_of(name), []).append(body)
     floors = {
-        name: find_floor(of, ASSUMED_DISTANCE_SD if assumed else KNOWN_DISTANCE_SD)
+        name: find_floor(of, ASSUMED_DISTANCE_SD if is_assumed else KNOWN_DISTANCE_SD)
         for name, of in bodies.items()
     }
     return {name: floor for name, floor in floors.items() if floor is not None}

@@ -18,12 +18,15 @@ from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, check_output
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.readers.poses import number_repeats
-from shapefit.io.writers.metres import Shapes3D
-from shapefit.io.writers.motion import FileMotion, MotionWriter, find_motions
-from shapefit.records import concatenate
+from shapefit.io.writers.motion import (
+    FileMotion,
+    MotionWriter,
+    find_motions,
+    warnings_of,
+)
 
 MOVEMENT_AXES = ("time", "space", "keypoints", "individuals")
-"""Axes of positions; confidences and deviations have no space.
+"""Axes of positions.
 
 Every version of movement reads these names; from 0.17 on it renames the last two to
 `keypoint` and `individual` where it loads a file.
@@ -31,6 +34,10 @@ Every version of movement reads these names; from 0.17 on it renames the last tw
 
 TRUST = {"true": 1.0, "false": 0.0}
 """Confidence of a frame by whether it is trusted; NaN where that is not known."""
+
+
+AXES_WITHOUT_SPACE = ("time", "keypoints", "individuals")
+"""Axes of what a keypoint has one number of."""
 
 
 class MovementPoses(NamedTuple):
@@ -54,19 +61,15 @@ def movement_output(target: Path, options: OutputOptions) -> Iterator[MotionWrit
     check_output(target)
     writer = MotionWriter(options, angles=False)
     yield writer
-    writer.check_begun()
-    records: Shapes3D = concatenate(writer.parts)
-    writer.parts.clear()
-    motions = find_motions(records, options, str(target))
+    motions = find_motions(writer.take_all(), options, str(target))
     check_one_rate(motions, target)
     with atomic_path(target) as temporary:
         write_movement(temporary, motions)
     placed = [f"in m by {motion.size}, {motion.axes}" for motion in motions]
     notes = [*placed, *(motion.timing_note for motion in motions)]
-    warnings = [text for motion in motions for text in motion.warnings]
     writer.summary = Summary(
         note="; ".join(dict.fromkeys(filter(None, notes))),
-        warnings=tuple(dict.fromkeys(warnings)),
+        warnings=warnings_of(motions),
         written=(target,),
     )
 
@@ -109,11 +112,7 @@ def write_movement(path: Path, motions: Sequence[FileMotion]) -> None:
             dataset = file.create_dataset(
                 name, data=array, compression="gzip", shuffle=True
             )
-            axes = (
-                MOVEMENT_AXES
-                if array.ndim == len(MOVEMENT_AXES)
-                else (MOVEMENT_AXES[0], *MOVEMENT_AXES[2:])
-            )
+            axes = MOVEMENT_AXES if name == "position" else AXES_WITHOUT_SPACE
             for number, axis in enumerate(axes):
                 dataset.dims[number].attach_scale(file[axis])
             if name != "confidence":
