@@ -454,9 +454,9 @@ def _paragraph(text: str, kind: str = "") -> str:
 
 def _line(tag: str, cells: Sequence[str], marks: Sequence[bool] = ()) -> str:
     """Return a row of a table; marks says which cells are the best."""
-    marks = [*marks, *[False] * (len(cells) - len(marks))]
     texts = []
-    for cell, is_best in zip(cells, marks, strict=True):
+    for place, cell in enumerate(cells):
+        is_best = place < len(marks) and marks[place]
         kind = ' class="best"' if is_best else ""
         texts.append(f"<{tag}{kind}>{escape(printable(cell))}</{tag}>")
     return f"<tr>{''.join(texts)}</tr>"

@@ -145,10 +145,6 @@ def _example(matched: MatchedResults, truth: Shapes, row: int, title: str) -> Ex
     turn = similarity_transform(x, e).rotation
     scale = similarity_transform(e, x).scale
     middle = x.mean(axis=1, keepdims=True)
-    mesh = None
-    if truth.mesh_vertices is not None and truth.mesh_faces is not None:
-        vertices = truth.mesh_vertices[matched.rows[row]].T
-        mesh = (to_viewer @ turn @ (vertices - middle)).T[truth.mesh_faces]
     observed = find_dataset(Path(), matched.results, "landmarks")
     seen = None
     if observed is not None:
@@ -160,8 +156,22 @@ def _example(matched: MatchedResults, truth: Shapes, row: int, title: str) -> Ex
         seen,
         to_viewer @ turn @ (true - middle),
         to_viewer @ (scale * (estimate - e.mean(axis=1, keepdims=True))),
-        mesh,
+        _true_mesh(matched, truth, row, to_viewer @ turn, middle),
     )
+
+
+def _true_mesh(
+    matched: MatchedResults, truth: Shapes, row: int, turn: Floats, middle: Floats
+) -> Floats | None:
+    """Return the true mesh of an image as triangles (f, 3, 3), turned about a point.
+
+    turn (3, 3), middle (3, 1); None where the truth has no meshes.
+    """
+    if truth.mesh_vertices is None or truth.mesh_faces is None:
+        return None
+    vertices = truth.mesh_vertices[matched.rows[row]].T
+    triangles: Floats = (turn @ (vertices - middle)).T[truth.mesh_faces]
+    return triangles
 
 
 def _to_viewer(matched: MatchedResults) -> Floats:
@@ -185,12 +195,9 @@ def _typical_shape(
     row = _most_usual(matched.true, complete)
     shape = matched.true[row]
     middle = np.nanmean(shape, axis=1, keepdims=True)
-    turn = _broad_side(_upright(matched, complete) @ (shape - middle))
-    turn = turn @ _upright(matched, complete)
-    mesh = None
-    if truth.mesh_vertices is not None and truth.mesh_faces is not None:
-        vertices = truth.mesh_vertices[matched.rows[row]].T
-        mesh = (turn @ (vertices - middle)).T[truth.mesh_faces]
+    upright = _upright(matched, complete)
+    turn = _broad_side(upright @ (shape - middle)) @ upright
+    mesh = _true_mesh(matched, truth, row, turn, middle)
     return TypicalShape(turn @ (shape - middle), edges, mesh)
 
 
