@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from .report import Report, tell
-from .values import key_path
+from .values import key_path, keys_of
 
 if TYPE_CHECKING:
     from shapefit.config import CommandConfig
@@ -47,9 +47,6 @@ class Call:
             os.environ[TRACEBACK_VARIABLE] = "1"
         if self.quiet and self.verbose:
             raise click.UsageError("-q and -v exclude each other; give one of them")
-        # No plug-in changes the schema, and looking for them in all installed packages
-        # takes long.
-        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
     def check_given(self, keys: Mapping[str, object]) -> None:
         """Raise click's error, with an example, where a parameter that is needed is
@@ -103,12 +100,7 @@ class Call:
         options = options_of_keys(click.get_current_context().command)
         if self.config is not None or "`" not in text:
             return place_in_options(text, options)
-        from shapefit.config import CONFIGS
-        from shapefit.config.model import list_config_keys
-
-        keys = []
-        if self.command in CONFIGS:
-            keys = [".".join(path) for path in list_config_keys(CONFIGS[self.command])]
+        keys = [".".join(path) for path in keys_of(self.command)]
         return in_options(text, options, keys)
 
     def follow(

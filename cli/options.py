@@ -132,17 +132,16 @@ of_config = together(
     ),
 )
 
-as_json = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object to stdout."
-)
+
+def json_option(text: str) -> Decorator:
+    """Return the option --json."""
+    return click.option("--json", "as_json", is_flag=True, help=text)
+
+
+as_json = json_option("Print one JSON object to stdout.")
 
 of_report = together(
-    click.option(
-        "--json",
-        "as_json",
-        is_flag=True,
-        help="Print one JSON object to stdout at the end.",
-    ),
+    json_option("Print one JSON object to stdout at the end."),
     click.option(
         "-q", "--quiet", is_flag=True, help="Print only errors and failed items."
     ),

@@ -79,8 +79,8 @@ class Report:
     `read` names the inputs, and `following` the next command, where the pipeline does
     not. With `to_stdout` the last note is the result of the command, for standard
     output; with `as_json` everything goes there as one object. `say` puts messages into
-    the words of the command line. With more than the share
-    `max_untrusted` of items that are not trusted the exit code is 1.
+    the words of the command line. With more than the share `max_untrusted` of items
+    that are not trusted the exit code is 1.
     """
 
     command: str

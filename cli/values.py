@@ -5,13 +5,15 @@ Which values are right is for the schema to say, of all keys at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import click
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
+
+    from shapefit.config.model import ConfigKey
 
 Words = Callable[[click.Context, click.Parameter], Iterable[str]]
 """What finds the words to complete; called in a shell alone, as it may import much."""
@@ -89,12 +91,17 @@ class Size(click.ParamType):  # type: ignore[type-arg]
 
 def words_of_key(ctx: click.Context, param: click.Parameter) -> Iterable[str]:
     """Return the words that the schema of the command has for the option's key."""
-    from shapefit.config import CONFIGS
-    from shapefit.config.model import list_config_keys
     from shapefit.config.reference import words_of
 
-    keys = list_config_keys(CONFIGS[str(ctx.info_name)])
-    return words_of(keys[key_path(str(param.name))])
+    return words_of(keys_of(str(ctx.info_name))[key_path(str(param.name))])
+
+
+def keys_of(command: str) -> Mapping[tuple[str, ...], ConfigKey]:
+    """Return the keys of a command's config by their paths, {} without a config."""
+    from shapefit.config import CONFIGS
+    from shapefit.config.model import list_config_keys
+
+    return list_config_keys(CONFIGS[command]) if command in CONFIGS else {}
 
 
 def key_path(parameter: str) -> tuple[str, ...]:
@@ -112,23 +119,15 @@ def keys(ctx: click.Context, _key: str) -> Iterable[str]:
 
 def words_of_setting(ctx: click.Context, key: str) -> Iterable[str]:
     """Return the settings `key=word` of a key of the command's config."""
-    from shapefit.config import CONFIGS
-    from shapefit.config.model import list_config_keys
     from shapefit.config.reference import words_of
 
-    found = list_config_keys(CONFIGS[str(ctx.info_name)]).get(tuple(key.split(".")))
+    found = keys_of(str(ctx.info_name)).get(tuple(key.split(".")))
     return [f"{key}={word}" for word in words_of(found)] if found else []
 
 
 def sections(ctx: click.Context, _param: click.Parameter) -> Iterable[str]:
     """Return the keys and sections of the command that `shapefit config` is asked."""
-    from shapefit.config import CONFIGS
-    from shapefit.config.model import list_config_keys
-
-    command = str(ctx.params.get("command"))
-    if command not in CONFIGS:
-        return []
-    return [".".join(path) for path in list_config_keys(CONFIGS[command])]
+    return [".".join(path) for path in keys_of(str(ctx.params.get("command")))]
 
 
 def dictionaries(_ctx: click.Context, _param: click.Parameter) -> Iterable[str]:
