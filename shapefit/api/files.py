@@ -14,7 +14,8 @@ from shapefit.api.messages import warn
 from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error
 from shapefit.io.options import InputOptions
-from shapefit.records import Fit, Landmarks, Shapes
+from shapefit.io.source import Source
+from shapefit.records import Fit, Landmarks, Record, Shapes
 
 
 class Reading(TypedDict, total=False):
@@ -83,9 +84,7 @@ def read_shapes(*paths: File, **options: Unpack[Reading]) -> Shapes:
 
     """
     how = _reading_options("read_shapes", options)
-    with io.open_shapes([Path(path) for path in paths], how) as source:
-        warn(source.notes)
-        return source.whole()
+    return _read_whole(io.open_shapes([Path(path) for path in paths], how))
 
 
 def read_landmarks(*paths: File, **options: Unpack[Reading]) -> Landmarks:
@@ -110,9 +109,7 @@ def read_landmarks(*paths: File, **options: Unpack[Reading]) -> Landmarks:
 
     """
     how = _reading_options("read_landmarks", options)
-    with io.open_landmarks([Path(path) for path in paths], how) as source:
-        warn(source.notes)
-        return source.whole()
+    return _read_whole(io.open_landmarks([Path(path) for path in paths], how))
 
 
 def read_dictionary(path: File) -> Dictionary:
@@ -219,6 +216,13 @@ def write_results(path: File, result: Fit) -> None:
     with io.result_writer(Path(path)) as writer:
         writer.append(result.named())
     warn(writer.summary.warnings)
+
+
+def _read_whole(opened: Source[Record]) -> Record:
+    """Return all items of an open source, and warn of what was left out."""
+    with opened as source:
+        warn(source.notes)
+        return source.whole()
 
 
 def _reading_options(function: str, options: Reading) -> InputOptions:

@@ -103,9 +103,8 @@ def _fit_in_square(points: Floats, *, up: bool) -> Floats | None:
     low = np.nanmin(flat, axis=0)
     high = np.nanmax(flat, axis=0)
     extent = float((high - low).max()) or 1.0
-    scaled: Floats = (flat - (low + high) / 2) * (
-        (1 - 2 * DRAWING_MARGIN) * DRAWING_SIDE / extent
-    )
+    pixels_per_unit = (1 - 2 * DRAWING_MARGIN) * DRAWING_SIDE / extent
+    scaled: Floats = (flat - (low + high) / 2) * pixels_per_unit
     return scaled + DRAWING_SIDE / 2
 
 

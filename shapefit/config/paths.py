@@ -89,8 +89,8 @@ def find_presets(command: str) -> dict[str, Path]:
 def find_installed(folder: str) -> Path:
     """Return a folder of the package, or of the clone that it runs in."""
     package = DICTIONARIES.parent
-    inside, beside = package / folder, package.parent / folder
-    return inside if inside.is_dir() else beside
+    inside = package / folder
+    return inside if inside.is_dir() else package.parent / folder
 
 
 def fill_in(value: object, data: str) -> object:

@@ -269,9 +269,12 @@ def read_webm(data: bytes) -> FilmTable:
     """
     scale = 1e6  # nanoseconds of a tick, unless the file has others
     duration = 0.0
-    number, kind, film = 0, 0, 0
     codec = ""
-    cluster = 0
+    # of the track that is read; film is the number of the first that holds one
+    number = 0
+    kind = 0
+    film = 0
+    cluster = 0  # its time
     ticks: list[int] = []
     for element, content in _elements(data):
         if element == TIMESTAMP_SCALE:
@@ -279,7 +282,8 @@ def read_webm(data: bytes) -> FilmTable:
         elif element == DURATION:
             (duration,) = struct.unpack(">d" if len(content) == 8 else ">f", content)
         elif element == TRACK:
-            number, kind = 0, 0
+            number = 0
+            kind = 0
         elif element == TRACK_NUMBER:
             number = int.from_bytes(content)
         elif element == TRACK_TYPE:
