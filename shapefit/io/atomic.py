@@ -64,7 +64,7 @@ def check_folder(folder: Path) -> None:
 def storage_errors(
     target: Path, numbers: Container[int | None] | None = OF_THE_DISK
 ) -> Iterator[None]:
-    """Turn OSErrors of these numbers, by default of the disk, into InputErrors.
+    """Turn OSErrors of these values of errno into InputErrors, by default the disk's.
 
     They are at `target`. `numbers` = None stands for all of them; those of permission
     always count of a temporary.

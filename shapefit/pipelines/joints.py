@@ -138,7 +138,7 @@ class Matched(NamedTuple):
         if not (self.moves or self.has_dependents):
             return self.dictionary
         return mapped(
-            self.dictionary, self.joints.matrix(theta), self.joints.deviations()
+            self.dictionary, self.joints.to_landmarks(theta), self.joints.deviations()
         )
 
     def to_joints(
@@ -159,7 +159,7 @@ class Matched(NamedTuple):
             )
         elif not self.moves:
             return lifting, None
-        A = self.joints.matrix(theta)
+        A = self.joints.to_landmarks(theta)
         joints = as_joints(lifting, A)
         names = tuple(self.joints.parts)
         if not names:
@@ -213,7 +213,7 @@ class Joints(NamedTuple):
                 weights[row, self.joint_names.index(joint)] = weight
         return weights
 
-    def matrix(self, theta: Mapping[str, float]) -> Floats:
+    def to_landmarks(self, theta: Mapping[str, float]) -> Floats:
         """Return A (p, p) in y = A x: landmarks y from joints x, at proportions theta.
 
         Its row is that of the identity where no landmark stands for a joint.

@@ -79,7 +79,7 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     people = match_names(skeleton.landmark_names, people, "here").dictionary
     names, p = people.landmark_names, len(people.landmark_names)
     joints = find_joints(skeleton.landmark_names, names)
-    A = joints.matrix(MEANS)
+    A = joints.to_landmarks(MEANS)
     found, last = lift(as_detected(images, skeleton), skeleton=MEANS)
     visible = named_as_joints(as_detected(images, skeleton), joints, "here")
     visible = arrange(visible, names, "here", omit=True)
@@ -187,7 +187,7 @@ def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
 @pytest.mark.parametrize("theta", [MEANS, {"head": 1.8, "hips": 0.9}])
 def test_a_map_moves_with_the_body(theta):
     """Weights add up to 1, and the map can be undone."""
-    A = find_joints(BODY.landmark_names, PEOPLE).matrix(theta)
+    A = find_joints(BODY.landmark_names, PEOPLE).to_landmarks(theta)
     np.testing.assert_allclose(A.sum(axis=1), 1)
     assert np.linalg.cond(A) < 10
 
