@@ -10,7 +10,7 @@ show in points and have no angle.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -44,6 +44,7 @@ def measure_angles(
     up: Floats,
     joints: Mapping[str, int],
     covariance: Floats | None = None,
+    angles: Sequence[JointAngle] | None = None,
 ) -> tuple[Floats, Floats]:
     """Return the known angles (n, a) and their standard deviations (n, a), in degrees.
 
@@ -52,16 +53,19 @@ def measure_angles(
     shapes (n, 3, p) in a right-handed frame, up (3,) or (n, 3) in that frame; joints:
     the column of each joint; covariance (n, 3p, 3p) of x, y, z of one landmark after
     the other, or (n, p, 3, 3) of independent landmarks; without one deviations are nan.
-    Unknown points have nan angles.
+    Unknown points have nan angles. Angles are all that the joints determine, or those
+    given.
     """
-    angles = measurable_angles(joints)
+    if angles is None:
+        angles = measurable_angles(joints)
     n, _, p = shapes.shape
     upward = np.broadcast_to(np.asarray(up, np.float64), (n, 3)).T
     values, deviations = np.full((2, n, len(angles)), np.nan)
+    # Images last, so that an equation runs through memory in order.
+    points_of_all = np.ascontiguousarray(shapes.transpose(2, 1, 0), np.float64)
     for number, angle in enumerate(angles):
         columns = [joints[joint] for joint in angle.joints]
-        points_first = shapes[:, :, columns].transpose(2, 1, 0)
-        points = np.ascontiguousarray(points_first, np.float64)
+        points = points_of_all[columns]
         with np.errstate(invalid="ignore", divide="ignore"):
             values[:, number] = angle.measure(points, upward)
             if covariance is None:

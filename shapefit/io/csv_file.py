@@ -5,7 +5,6 @@ to text.
 from __future__ import annotations
 
 import pickle
-import re
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -22,13 +21,13 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
 from shapefit.arrays import Flags, Floats, runs
 from shapefit.errors import input_error
 from shapefit.io.arrange import arrange
 from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
 from shapefit.io.checks import LIMIT, input_problems
 from shapefit.io.csv_cells import ROWS, Cells, open_table, read_numbers
+from shapefit.io.csv_rows import csv_cell, csv_rows
 from shapefit.io.inputs import (
     check_fits,
     is_stream,
@@ -73,12 +72,6 @@ of items stand together.
 
 ROW_BYTES = 100
 """Memory that a row takes in which items do not stand together, while it is read."""
-
-QUOTED = re.compile('[",\r\n]')
-"""What a cell has in quotes."""
-
-NUMBER_CHARACTERS = 26
-"""Bytes of a number with the comma behind it, at most."""
 
 Y_UP = "y points up, which CSV cannot say: read the file with `y_axis=up`"
 
@@ -576,35 +569,7 @@ def _lines(record: Items) -> memoryview:
         landmark + n,
         *(item + n * k + p for k in range(1, len(texts) + 1)),
     ]
-    cells = [
-        *map(
-            _encoded_texts, chain(record.items, record.landmark_names, *texts.values())
-        )
-    ]
-    starts = np.cumsum([0, *map(len, cells)])
-    rows_of = np.column_stack(numbers_of)
     values = np.stack([*numbers.values()], axis=-1).reshape(n * p, len(numbers))
-    letters = b"".join(cells)
-    capacity = (
-        int(np.diff(starts)[rows_of].sum())
-        + rows_of.size
-        + NUMBER_CHARACTERS * values.size
-    )
-    rows = np.empty(capacity // 8 + 1, np.uint64)
-    size = core.write_csv_rows(
-        letters=np.frombuffer(letters.ljust(len(letters) // 8 * 8 + 8), np.uint64),
-        starts=starts,
-        texts=rows_of,
-        numbers=values,
-        leading=2,
-        as_python=False,
-        rows=rows,
-    )
-    return rows.view(np.uint8)[:size].data
-
-
-def _encoded_texts(text: str) -> bytes:
-    """Return a text as a cell of CSV in UTF-8, in quotes where it needs them."""
-    if not text or QUOTED.search(text):
-        text = '"{}"'.format(text.replace('"', '""'))
-    return text.encode()
+    shown = chain(record.items, record.landmark_names, *texts.values())
+    cells = np.column_stack(numbers_of)
+    return csv_rows([*map(csv_cell, shown)], cells, values, leading=2)

@@ -373,6 +373,10 @@ class Source(Generic[Record]):
         return self
 
     def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close all files."""
         for file in self._files:
             file.close()
 

@@ -317,19 +317,20 @@ def _angle_errors(matched: MatchedResults) -> PartErrors:
     joints = joint_columns(matched.names)
     if not LIMB_ENDS & joints.keys():
         return PartErrors((), {})
-    angles = measurable_angles(joints)
-    is_within_body = [not angle.is_to_vertical for angle in angles]
-    names = tuple(angle.name for angle in angles if not angle.is_to_vertical)
-    if not names:
+    angles = [angle for angle in measurable_angles(joints) if not angle.is_to_vertical]
+    if not angles:
         return PartErrors((), {})
+
+    def turns(estimate: Floats, true: Floats) -> Floats:
+        """Return by how many degrees (n, a) angles differ, the shorter way round."""
+        estimated, _ = measure_angles(estimate, ANY_DIRECTION, joints, angles=angles)
+        expected, _ = measure_angles(true, ANY_DIRECTION, joints, angles=angles)
+        turn = np.abs(estimated - expected)
+        return np.minimum(turn, 360.0 - turn)
+
     with np.errstate(all="ignore"):  # overflow is not an error to report
-        estimated, true = (
-            measure_angles(shapes, ANY_DIRECTION, joints)[0][:, is_within_body]
-            for shapes in (matched.estimate, matched.true)
-        )
-        turn = np.abs(estimated - true)
-    shortest: Floats = np.minimum(turn, 360.0 - turn)
-    return PartErrors(names, {"deg": shortest})
+        errors = in_blocks(turns, matched.estimate, matched.true)
+    return PartErrors(tuple(angle.name for angle in angles), {"deg": errors})
 
 
 def _sequences(results: Fit, truth: Shapes, rows: Indices) -> tuple[str, ...]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,11 +31,17 @@ from shapefit.evaluation.page import PageFacts, report_page
 from shapefit.geometry.normalisation import MAX_COORDINATE
 from shapefit.io import open_shapes
 from shapefit.io.atomic import check_folder, digests, staged_files, storage_errors
+from shapefit.io.csv_rows import csv_rows
 from shapefit.io.detect import detect_format
 from shapefit.io.formats import check_holds
 from shapefit.io.layout import OF_FILE
 from shapefit.io.options import input_options
-from shapefit.io.source import OPTIONAL_DATASETS, open_results
+from shapefit.io.source import (
+    OPTIONAL_DATASETS,
+    ResultSource,
+    ShapeSource,
+    open_results,
+)
 from shapefit.pipelines.evaluate.drawing import Figures, draw_figures
 from shapefit.pipelines.evaluate.measure import (
     MatchedResults,
@@ -76,11 +82,11 @@ SKIPPED_COLUMNS = (OPTIONAL_DATASETS - METRIC_COLUMNS) | OF_FILE.keys()
 def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     """Measure the results of every method, then write tables, page and figures.
 
-    At first how many images there are, where that is known, then one result a method,
-    with the images that failed, and a last one with the errors in a few lines as its
-    note. The folder has nothing new before all is written. Raises InputError for files
-    that cannot be read or compared, images that leave every metric undefined, groups
-    that no sequence belongs to, and an output folder that cannot be written.
+    At first how many images there are, then one result a method, with the images that
+    failed, and a last one with the errors in a few lines as its note. The folder has
+    nothing new before all is written. Raises InputError for files that cannot be read
+    or compared, images that leave every metric undefined, groups that no sequence
+    belongs to, and an output folder that cannot be written.
     """
     check_folder(config.output)
     with open_shapes(config.truth, input_options(config), gaps=True) as source:
@@ -90,26 +96,33 @@ def evaluate_results(config: EvalConfig) -> Iterator[Result]:
     methods: dict[str, Measured] = {}
     draws = config.plots != "none" and not _lacks_matplotlib(config)
     pictured: MatchedResults | None = None
-    yield Result(total=count_images(config.results.values()))
-    for name, files in config.results.items():
-        results = with_shapes_of(read_files(files), truth.landmark_names)
-        matched = match_results(files[0], results, truth, config)
-        measured = measure_matched(files[0], matched, truth, config)
-        if draws and not methods:
-            pictured = matched
-        methods[name] = measured
-        new = [*used_in_training(name, results.attributes, inputs), *measured.warnings]
-        warnings += new
-        failures = [
-            Failure(item, f"{name}: {reason}")
-            for item, reason in measured.failures.items()
-        ]
-        yield Result(
-            done=len(measured.items),
-            failures=tuple(failures),
-            warnings=tuple(new),
-            note=name,
-        )
+    with ExitStack() as open_files:
+        sources: dict[str, ResultSource | ShapeSource] = {}
+        for name, files in config.results.items():
+            sources[name] = open_method(files)
+            open_files.callback(sources[name].close)
+        yield Result(total=sum(source.count for source in sources.values()))
+        for name, opened in sources.items():
+            file = config.results[name][0]
+            results = with_shapes_of(read_results(opened), truth.landmark_names)
+            matched = match_results(file, results, truth, config)
+            measured = measure_matched(file, matched, truth, config)
+            if draws and not methods:
+                pictured = matched
+            methods[name] = measured
+            doubts = used_in_training(name, results.attributes, inputs)
+            new = [*doubts, *measured.warnings]
+            warnings += new
+            failures = [
+                Failure(item, f"{name}: {reason}")
+                for item, reason in measured.failures.items()
+            ]
+            yield Result(
+                done=len(measured.items),
+                failures=tuple(failures),
+                warnings=tuple(new),
+                note=name,
+            )
     inputs |= digests(file for files in config.results.values() for file in files)
     document = make_document(config, methods, warnings, inputs)
     figures = Figures((), {})
@@ -193,32 +206,19 @@ def _usual_extent(truth: Shapes) -> float | None:
     return extent if extent > 0 else None
 
 
-def count_images(methods: Iterable[Sequence[Path]]) -> int | None:
-    """Return how many images the files of all methods have, about.
-
-    It is None where some would have to be read for that: those of other tools.
-    """
-    count = 0
-    for files in methods:
-        file_format = detect_format(files[0])
-        if file_format.read_poses is not None:
-            return None
-        check_holds(files[0], "result", file_format)
-        with open_results(files, SKIPPED_COLUMNS, head=True) as results:
-            count += results.estimate
-    return count
-
-
-def read_files(files: Sequence[Path]) -> Fit:
-    """Read results as a Fit, or shapes in any format, such as TRC, as one."""
+def open_method(files: Sequence[Path]) -> ResultSource | ShapeSource:
+    """Open the files of a method: results, or shapes in any format, such as TRC."""
     file_format = detect_format(files[0])
-    if file_format.read_poses is None:
-        check_holds(files[0], "result", file_format)
-        with open_results(files, SKIPPED_COLUMNS) as results:
-            return results.whole()
-    with open_shapes(files, gaps=True) as source:
-        shapes = source.whole()
-    return Fit.of_shapes(shapes)
+    if file_format.read_poses is not None:
+        return open_shapes(files, gaps=True)
+    check_holds(files[0], "result", file_format)
+    return open_results(files, SKIPPED_COLUMNS)
+
+
+def read_results(source: ResultSource | ShapeSource) -> Fit:
+    """Read all of a source, shapes as results that say nothing else."""
+    record = source.whole()
+    return record if isinstance(record, Fit) else Fit.of_shapes(record)
 
 
 def used_in_training(
@@ -315,16 +315,17 @@ def write_per_image(path: Path, methods: Mapping[str, Measured]) -> None:
     row.
     """
     header = ("method", "sequence", "item", "metric", "error", "unit")
-    with path.open("w", encoding="utf-8", errors="surrogateescape", newline="") as file:
-        file.write(f"{','.join(header)}\n")
+    with path.open("wb") as file:
+        file.write(f"{','.join(header)}\n".encode())
         for name, measured in methods.items():
-            file.writelines(_lines_per_image(name, measured))
+            for rows in _rows_per_image(name, measured):
+                file.write(rows)
 
 
-def _lines_per_image(name: str, measured: Measured) -> Iterator[str]:
-    """Yield lines of method, sequence, item, metric, error and unit.
+def _rows_per_image(name: str, measured: Measured) -> Iterator[memoryview]:
+    """Yield rows of method, sequence, item, metric, error and unit, metric by metric.
 
-    They are many, a line for each image and metric: what several share is quoted once.
+    They are many, one for each image and metric: what several share is quoted once.
     """
     errors = dict(measured.errors)
     if measured.bars is not None:
@@ -332,19 +333,20 @@ def _lines_per_image(name: str, measured: Measured) -> Iterator[str]:
         inside = f"inside_{100 * WIDTH_SHARE:.0f}"
         errors[inside, SHARE] = np.where(np.isnan(shares), np.inf, shares)
     images = zip(measured.sequences, measured.items, strict=True)
-    starts = _quoted((name, sequence, item) for sequence, item in images)
+    of_images = _quoted((name, sequence, item) for sequence, item in images)
+    n = len(of_images)
     for (metric, unit), values in errors.items():
-        (middle,) = _quoted([(metric,)])
-        (end,) = _quoted([("", unit)])
-        for start, value in zip(starts, values.tolist(), strict=True):
-            if value != math.inf:
-                error = "" if math.isnan(value) else repr(value)
-                yield f"{start},{middle},{error}{end}\n"
+        counted = np.flatnonzero(values != np.inf)
+        texts = [*of_images, *_quoted([(metric,), (unit,)])]
+        cells = np.column_stack(
+            [counted, np.full_like(counted, n), np.full_like(counted, n + 1)]
+        )
+        yield csv_rows(texts, cells, values[counted, None], leading=2, as_python=True)
 
 
-def _quoted(rows: Iterable[tuple[str, ...]]) -> list[str]:
+def _quoted(rows: Iterable[tuple[str, ...]]) -> list[bytes]:
     """Return rows as CSV, quoted where need be, without the ends of lines."""
     lines: list[str] = []
     table = csv.writer(SimpleNamespace(write=lines.append), lineterminator="\n")
     table.writerows(rows)
-    return [line[:-1] for line in lines]
+    return [line[:-1].encode("utf-8", "surrogateescape") for line in lines]

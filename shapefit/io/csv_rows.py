@@ -1,0 +1,59 @@
+"""Rows of CSV, of texts and numbers, which the core writes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from shapefit import core
+from shapefit.arrays import Floats, Indices
+
+NUMBER_CHARACTERS = 26
+"""Bytes of a number with the comma behind it, at most."""
+
+WORD_BYTES = 8
+"""Texts go to the core as words of this size."""
+
+QUOTED = re.compile(r'[,"\r\n]')
+"""What a cell has in quotes alone."""
+
+
+def csv_rows(
+    texts: Sequence[bytes],
+    cells: Indices,
+    numbers: Floats,
+    leading: int,
+    *,
+    as_python: bool = False,
+) -> memoryview:
+    """Return n rows of CSV in bytes: texts, then numbers, then texts.
+
+    cells (n, c) says which text stands in each cell, as it stands there; the first
+    `leading` of a row are before its numbers (n, d), which have the fewest digits that
+    read back to the same float, as JSON or as Python writes them. nan is an empty cell.
+    """
+    lengths = np.array([*map(len, texts)], np.int64)
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    letters = b"".join(texts)
+    whole_words = len(letters) // WORD_BYTES * WORD_BYTES + WORD_BYTES
+    capacity = int(lengths[cells].sum()) + cells.size + NUMBER_CHARACTERS * numbers.size
+    rows = np.empty(capacity // WORD_BYTES + 1, np.uint64)
+    size = core.write_csv_rows(
+        letters=np.frombuffer(letters.ljust(whole_words), np.uint64),
+        starts=starts,
+        texts=cells,
+        numbers=numbers,
+        leading=leading,
+        as_python=as_python,
+        rows=rows,
+    )
+    return rows.view(np.uint8)[:size].data
+
+
+def csv_cell(text: str) -> bytes:
+    """Return a text as a cell of CSV in UTF-8, in quotes where it needs them."""
+    if not text or QUOTED.search(text):
+        text = '"{}"'.format(text.replace('"', '""'))
+    return text.encode()

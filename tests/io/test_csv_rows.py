@@ -1,0 +1,45 @@
+"""Rows of CSV that the core writes, held to the csv module and to `repr`."""
+
+import csv
+import math
+from io import StringIO
+
+import numpy as np
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from shapefit.io.csv_rows import csv_cell, csv_rows
+
+TEXTS = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
+EXTREMES = [0.0, -0.0, 1e16, 1e-4, 9.999e-5, 5e-324, 1.7976931348623157e308, 1 / 3]
+
+
+@given(
+    first=TEXTS,
+    last=TEXTS,
+    numbers=st.lists(st.floats(allow_nan=True), min_size=1, max_size=9),
+)
+@example(first="a,b", last='say "so"', numbers=EXTREMES)
+@example(first="a\nb", last="é", numbers=[math.nan, math.inf, -math.inf])
+def test_rows_are_those_of_the_csv_module(first, last, numbers):
+    buffer = StringIO()
+    table = csv.writer(buffer, lineterminator="\n")
+    for number in numbers:
+        table.writerow([first, "" if math.isnan(number) else repr(number), last])
+
+    texts = [csv_cell(first), csv_cell(last)]
+    cells = np.tile([0, 1], (len(numbers), 1))
+    column = np.array(numbers)[:, None]
+    rows = csv_rows(texts, cells, column, leading=1, as_python=True)
+
+    assert bytes(rows).decode() == buffer.getvalue()
+
+
+@given(st.lists(st.floats(allow_nan=False), min_size=1, max_size=9))
+def test_numbers_of_json_read_back_to_the_same_float(numbers):
+    texts = [csv_cell("a")]
+    cells = np.zeros((1, 1), np.int64)
+    rows = csv_rows(texts, cells, np.array([numbers]), leading=1)
+    (row,) = csv.reader(StringIO(bytes(rows).decode()))
+    finite = [number for number in numbers if math.isfinite(number)]
+    assert [float(cell) for cell in row[1:] if cell] == finite
