@@ -15,6 +15,11 @@ from shapefit.arrays import Floats, Integers, runs
 ASSUMED_RATE = 24.0
 """Frames a second where no file states it: that of film."""
 
+UNKNOWN_RATE = 1.0
+"""Frames a second in files of formats that must state a rate, where none is known:
+their times are numbers of frames.
+"""
+
 LONGEST_GAP = 0.25
 """Seconds over which missing frames leave a sequence in one; beyond them motion does
 not say where a body has gone.

@@ -17,6 +17,7 @@ from shapefit.io.readers.poses import (
     Poses,
     frames_of_labels,
     frames_of_times,
+    is_known_rate,
     number_repeats,
     of_frames,
     require,
@@ -235,6 +236,7 @@ def of_markers(
     """
     names = number_repeats(markers)
     factor, unit = as_metres(unit)
+    is_known, doubts = is_known_rate(rate)
     subjects = {name.rpartition(":")[0] for name in names if not name.startswith("*")}
     individuals = [*subjects] if len(subjects) == 1 and any(subjects) else None
     if individuals:
@@ -245,11 +247,11 @@ def of_markers(
         video=path.stem,
         landmark_names=names,
         individuals=individuals,
-        frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
+        frame_rate=rate if is_known else None,
         unit=unit or UNKNOWN_UNIT,
         y_axis="up",
         labels=labels,
         frames=frames,
-        times=times,
-        notes=notes,
+        times=times if is_known else None,
+        notes=(*notes, *doubts),
     )

@@ -17,6 +17,7 @@ from shapefit.io.readers.poses import (
     Poses,
     check_names,
     frames_of_labels,
+    is_known_rate,
     number_repeats,
     of_frames,
     parsing,
@@ -119,8 +120,12 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     text = read_text(path)
     joints, lines, announced, seconds = _read_hierarchy(path, text)
     motion = _read_channels(path, text, joints, lines)
+    rate = _rate_of(seconds)
+    is_known, notes = is_known_rate(rate)
     lost = announced - len(motion)
-    note = f"{lost} frames are announced in the header, but not there"
+    if lost > 0:
+        missing = f"{lost} frames are announced in the header, but not there"
+        notes = (missing, *notes)
     order = sorted(range(len(joints)), key=lambda number: not joints[number].channels)
     place = {old: number for number, old in enumerate(order)}
     return of_frames(
@@ -128,8 +133,8 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
         place_bones(joints, motion)[:, order],
         video=path.stem,
         landmark_names=number_repeats([joints[number].name for number in order]),
-        frame_rate=_rate_of(seconds),
-        notes=(note,) if lost > 0 else (),
+        frame_rate=rate if is_known else None,
+        notes=notes,
         edges=tuple(
             (place[j.parent], place[i]) for i, j in enumerate(joints) if j.parent >= 0
         ),

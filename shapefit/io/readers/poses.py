@@ -19,6 +19,7 @@ from shapefit.arrays import Flags, Floats, Indices, Integers, Numbers
 from shapefit.errors import InputError, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import Direction
+from shapefit.timeline import UNKNOWN_RATE
 
 FRACTION = "fraction of the image"
 """Unit of coordinates that are divided by the width and the height of the image."""
@@ -467,6 +468,24 @@ OFF_STEP = 0.2
 
 RATES = (0.5, 2000.0)
 """Frame rates, in Hz, that times can state: others are no seconds, or no video."""
+
+
+RATE_UNKNOWN = (
+    "1 Hz stands for an unknown frame rate, and its times for frames: set `frame_rate`"
+)
+"""Note on a file that states this rate, as programs do that know none."""
+
+
+def is_known_rate(rate: float | None) -> tuple[bool, tuple[str, ...]]:
+    """Return whether a rate that a format demands is one, and a note where it is not.
+
+    shapefit, as other programs, writes UNKNOWN_RATE where it knows none.
+    """
+    if rate is None or not 0 < rate < np.inf:
+        return False, ()
+    if rate == UNKNOWN_RATE:
+        return False, (RATE_UNKNOWN,)
+    return True, ()
 
 
 def frames_of_times(times: Floats, rate: float | None) -> list[int] | None:

@@ -34,7 +34,13 @@ from shapefit.io.writers.metres import (
 )
 from shapefit.records import Fit, Record, concatenate
 from shapefit.records.columns import Array, in_columns
-from shapefit.timeline import ASSUMED_RATE, JITTER, LONGEST_GAP, find_rate
+from shapefit.timeline import (
+    ASSUMED_RATE,
+    JITTER,
+    LONGEST_GAP,
+    UNKNOWN_RATE,
+    find_rate,
+)
 
 ANGLES = "joint_angles"
 """Column (n, a) of records on their way to a file of motion, in degrees."""
@@ -94,8 +100,9 @@ class FileMotion:
     """Every frame of a sequence, from the number `first` on, missing ones too.
 
     points (f, 3, p) and deviations (f, p) in metres, angles and deviations (f, a) in
-    degrees, nan where unknown; rate in Hz, 1 where unknown; times (f,) in seconds, of
-    the rate or as they are stated; edges (e, 2); trusted (f,): true, false, or "".
+    degrees, nan where unknown; rate in Hz, UNKNOWN_RATE where none is known; times (f,)
+    in seconds, of the rate or as they are stated; edges (e, 2); trusted (f,): true,
+    false, or "".
     """
 
     name: str
@@ -482,7 +489,7 @@ def _motion(
     known_rate = records.frame_rate or find_rate(frames, records.times)
     if not known_rate:
         warnings.append(NO_RATE)
-    rate = known_rate or 1.0
+    rate = known_rate or UNKNOWN_RATE
     stated = records.lines
     edges = edges_of(records.landmark_names) if stated is None else stated
     distance_sd = metric.factor[:, None] * _distance_sd(records)
