@@ -551,7 +551,7 @@ def main() -> None:
     """Film, lift and judge all bodies in all cells, and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA / "mocap")
-    parser.add_argument("--bodies", nargs="*", default=[*SCORED, *CHOSEN_ON])
+    parser.add_argument("--bodies", nargs="+", help="of these bodies alone")
     parser.add_argument("--cells", nargs="*", help="names of cells; all by default")
     parser.add_argument(
         "--clips", type=int, default=6, help="of bodies 13 and 14; half of others"
@@ -568,7 +568,9 @@ def main() -> None:
     if given.dropped:
         for share in DROPPED:
             lost = []
-            for body, shapes in read_bodies(given.data, FILES, CHOSEN_ON).items():
+            for body, shapes in read_bodies(
+                given.data, FILES, given.bodies or CHOSEN_ON
+            ).items():
                 known = learn(body, given.data)
                 count = -(-given.clips // 2)
                 lost.append(measure_dropped(share, shapes, known, count, given.longest))
@@ -578,7 +580,9 @@ def main() -> None:
     if given.floor:
         for cell in (BASE, replace(BASE, name="focal length right", focal=(1.1, 1.1))):
             parts = []
-            for body, shapes in read_bodies(given.data, FILES[2:], ON_A_FLOOR).items():
+            for body, shapes in read_bodies(
+                given.data, FILES[2:], given.bodies or ON_A_FLOOR
+            ).items():
                 known = learn(body, given.data)
                 parts.append(
                     measure_floor(cell, shapes, known, given.clips, given.longest)
@@ -591,7 +595,8 @@ def main() -> None:
             )
         return
     rows = []
-    for body, shapes in read_bodies(given.data, FILES, given.bodies).items():
+    bodies = given.bodies or [*SCORED, *CHOSEN_ON]
+    for body, shapes in read_bodies(given.data, FILES, bodies).items():
         dictionary = learn(body, given.data)
         clips = given.clips if body in SCORED else -(-given.clips // 2)
         for cell in CELLS:

@@ -25,6 +25,8 @@ COMPLETION_VARIABLE = "_SHAPEFIT_COMPLETE"
 
 INPUT_ERROR = 2
 INTERNAL_ERROR = 3
+CLOSED_PIPE = 128 + 13
+"""When who reads the output has ended: that of SIGPIPE, which Windows lacks."""
 
 
 @click.group(
@@ -81,7 +83,7 @@ def run(arguments: Sequence[str]) -> int:
         # What the stream still holds would be written once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if error.errno == errno.EPIPE:
-            return 128 + signal.SIGPIPE
+            return CLOSED_PIPE
         tell("Error: standard output: cannot be written: no space is left; free some")
         return INPUT_ERROR
     except Exception as error:

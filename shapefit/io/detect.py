@@ -85,6 +85,9 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if CALIBRATION.search(head.text):
         fault = "is a calibration of cameras, not landmarks"
         raise input_error(path, fault, "give it as --calibration")
+    if head.named(".yaml", ".yml"):
+        fix = "give the landmarks; a config is given as -c"
+        raise input_error(path, "is a YAML file, not landmarks", fix)
     if CONTROL & {*head.bytes} and not head.bytes.startswith(
         (b"\xff\xfe", b"\xfe\xff")
     ):

@@ -140,6 +140,11 @@ UNREAD = (
     Unread(
         "a motion of Xsens (MVNX)", "export C3D or BVH", _recognise_by_lines(r"<mvnx\b")
     ),
+    Unread(
+        "the description of a dataset of Ultralytics",
+        "give the folder of its labels",
+        _recognise_by_lines(r"^kpt_shape *:"),
+    ),
     Unread("XML of CVAT", AS_COCO, _recognise_by_lines(r"<annotations>", r"<meta>")),
     Unread("XML", AS_TABLE, _recognise_by_beginning(b"<?xml", b"\xef\xbb\xbf<?xml")),
     Unread(

@@ -15,6 +15,7 @@ NTS = "' skulls\n1 12L 10 1 9999 DIM=2\na b c\n"
 MORPHOLOGIKA = "[individuals]\n2\n[landmarks]\n5\n[dimensions]\n3\n[rawpoints]\n"
 SLICER = "# Markups fiducial file version = 4.11\n# CoordinateSystem = LPS\n"
 MARKUPS = '{"@schema": "https://x/markups-schema.json", "markups": [{"type": "F"}]}'
+ULTRALYTICS = "path: coco\ntrain: images\nkpt_shape: [17, 3]\nnames:\n  0: person\n"
 OBJ = "o car\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 PLY = "ply\nformat ascii 1.0\nelement vertex 3\nend_header\n"
 
@@ -48,6 +49,8 @@ UNREAD = [
     ("s.pts", "Version 1.0\n3\nS000 1 2 3\n", "IDAV Landmark", "docs/formats.md"),
     ("a.fbx", b"Kaydara FBX Binary  \0", "an FBX file", "export BVH"),
     ("a.mvnx", '<?xml version="1.0"?>\n<mvnx version="4">', "Xsens", "C3D or BVH"),
+    ("data.yaml", ULTRALYTICS, "dataset of Ultralytics", "folder of its labels"),
+    ("data.yml", "names:\n  0: cat\n" + ULTRALYTICS, "Ultralytics", "its labels"),
     ("a.xml", "<?xml?>\n<annotations>\n  <meta>", "of CVAT", "as COCO keypoints"),
     ("a.xml", '<?xml version="1.0"?>\n<dataset>', "XML", "write a table"),
 ]
@@ -66,4 +69,11 @@ def test_matlab(tmp_path, version):
     path = tmp_path / "model.mat"
     scipy.io.savemat(path, {"W": np.ones((2, 5))}, format=version)
     with pytest.raises(InputError, match=r"model\.mat: is a MATLAB file.*matlab"):
+        detect_format(path)
+
+
+def test_a_config_is_no_landmarks(tmp_path):
+    path = tmp_path / "fit.yaml"
+    path.write_text("landmarks: views.csv\nmethod: convex\n")
+    with pytest.raises(InputError, match=r"is a YAML file, not landmarks; .* as -c"):
         detect_format(path)
