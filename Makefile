@@ -5,6 +5,7 @@
 #   make test-all     these and the slow ones: the paper, fuzz, wheel, cluster, store, browser
 #   make interop      OpenSim, movement, ezc3d, bvhio and trimesh read what is written for them (installs 1.7 GB)
 #   make check        format, lint, types, quick tests
+#   make coverage     the quick tests, and which lines they do not run; fails below the share in pyproject.toml
 #   make wheel        a wheel of the compiled package in dist
 #   make test-levels  the solvers' tests with every instruction set of this processor, and with none
 #   make sanitize     the solvers' tests under the address and undefined-behaviour sanitizers (GCC)
@@ -51,7 +52,7 @@ $(shell rm -f $(RUNS) $(READY) $(ALL_READY) $(SITE_READY))
 endif
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-all interop fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people footage detected from-2d cars bench clean
+.PHONY: demo test test-all coverage interop fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people footage detected from-2d cars bench clean
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose --frame-rate 25 --image-size 1280x720 --focal 1100 \
@@ -153,6 +154,12 @@ test-all: test $(ALL_READY)
 	    || echo "No browser: its tests are skipped. To run them: apt-get install $(BROWSER_PACKAGES)"
 	$(BIN)/python -m pytest -m slow $(PYTEST_OPTIONS)
 
+coverage: $(READY)
+	$(BIN)/coverage erase
+	$(BIN)/coverage run -m pytest -m 'not slow' $(PYTEST_OPTIONS)
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report
+
 interop: $(READY) $(INTEROP)/ready
 	SHAPEFIT_REQUIRE_INTEROP=1 $(BIN)/python -m pytest -m interop $(PYTEST_OPTIONS) tests/interop
 
@@ -211,7 +218,7 @@ fuzz: $(READY)
 	$(BIN)/python -m tests.fuzz --cases 50000
 
 mutants: $(READY)
-	$(BIN)/python tools/mutants.py
+	$(BIN)/python tools/mutants.py $(MUTANTS_OPTIONS)
 
 faults: $(ALL_READY)
 	$(BIN)/python -m tests.fuzz.faults
