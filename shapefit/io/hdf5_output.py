@@ -13,6 +13,7 @@ import os
 import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache, lru_cache
 from pathlib import Path, PurePosixPath
 from typing import IO
 
@@ -141,18 +142,19 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         """Write what is held, what belongs to the file, and the attributes."""
         self.check_begun()
         for name in [*self._held]:
-            self._write_held_rows(name)
+            self._write_held_rows(name, are_last=True)
         for name, blocks in self._texts.items():
             width = max(block.dtype.itemsize for block in blocks)
             kind = h5py.string_dtype("utf-8", width)
-            self._write_rows(name, _join_rows([block.astype(kind) for block in blocks]))
+            rows = _join_rows([block.astype(kind) for block in blocks])
+            self._write_rows(name, rows, are_last=True)
         for name, values in self._whole.items():
             self._write_whole(name, values)
         for name in self._per_item_datasets:
-            self._datasets[name].attrs[PER_ITEM] = True
+            _set_attribute(self._datasets[name], PER_ITEM, True)
         self._write_attributes()
         if self.seal is not None:
-            self._file.attrs[CONTENTS] = digest_of_lines(self._lines())
+            _set_attribute(self._file, CONTENTS, digest_of_lines(self._lines()))
         self._file.flush()
         self._datasets.clear()
 
@@ -169,25 +171,29 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         if size >= CHUNK_BYTES:
             self._write_held_rows(name)
 
-    def _write_held_rows(self, name: str) -> None:
+    def _write_held_rows(self, name: str, *, are_last: bool = False) -> None:
         """Write the rows of a dataset that are held."""
         del self._held_bytes[name]
-        self._write_rows(name, _join_rows(self._held.pop(name)))
+        self._write_rows(name, _join_rows(self._held.pop(name)), are_last=are_last)
 
-    def _write_rows(self, name: str, values: Array) -> None:
-        """Write rows of a dataset behind those that are there."""
+    def _write_rows(self, name: str, values: Array, *, are_last: bool = False) -> None:
+        """Write rows of a dataset behind those that are there.
+
+        A dataset whose first rows are its last ones cannot grow: HDF5 then needs no
+        index of its chunks.
+        """
         self._reserve_for(values.nbytes)
         self._digest(name, values)
         if name not in self._datasets:
             rest = values.shape[1:]
             rows = _chunk_rows(values)
             self._reserve_for(rows * values.itemsize * math.prod(rest))
-            self._datasets[name] = self._file.create_dataset(
+            self._datasets[name] = _create_dataset(
+                self._file,
                 name,
-                data=values,
-                maxshape=(None, *(size or None for size in rest)),
+                values,
                 chunks=(rows, *(max(size, 1) for size in rest)),
-                fletcher32=True,
+                grows=not are_last,
             )
             return
         dataset = self._datasets[name]
@@ -200,9 +206,10 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         stored = _encoded(values) if values.dtype.kind in "OU" else values
         self._reserve_for(2 * stored.nbytes)
         self._digest(name, stored)
-        checked = stored.size > 0 and stored.ndim > 0  # HDF5 has none for one value
-        self._datasets[name] = self._file.create_dataset(
-            name, data=stored, fletcher32=checked
+        # HDF5 has no checksum for one value.
+        checked = stored.size > 0 and stored.ndim > 0
+        self._datasets[name] = _create_dataset(
+            self._file, name, stored, chunks=stored.shape if checked else None
         )
 
     def _write_attributes(self) -> None:
@@ -210,7 +217,7 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         stated = self._all_attributes()
         self._reserve_for(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in stated.items():
-            self._file.attrs[name] = value
+            _set_attribute(self._file, name, value)
 
     def _all_attributes(self) -> Mapping[str, object]:
         """Return the attributes of the layout, of the first record, and those given.
@@ -254,6 +261,74 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
         if self._needed > self._reserved:
             self._reserved = self._needed + SPARE + min(self._needed, 7 * SPARE)
             _reserve(self._space, self._reserved)
+
+
+def _create_dataset(
+    file: h5py.File,
+    name: str,
+    values: Array,
+    chunks: tuple[int, ...] | None,
+    *,
+    grows: bool = False,
+) -> h5py.Dataset:
+    """Return a new dataset that holds these values, with checksums where it has chunks.
+
+    By the calls of HDF5 itself: `create_dataset` takes three times as long, which is
+    most of the time of a small file.
+    """
+    limits = values.shape
+    if grows:
+        rest = (size or h5py.h5s.UNLIMITED for size in values.shape[1:])
+        limits = (h5py.h5s.UNLIMITED, *rest)
+    made = h5py.h5d.create(
+        file.id,
+        name.encode(),
+        h5py.h5t.py_create(values.dtype, logical=True),
+        _space(values.shape, limits),
+        _storage(chunks),
+        _path(),
+    )
+    if values.size:
+        made.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(values))
+    return h5py.Dataset(made)
+
+
+@lru_cache(maxsize=64)
+def _storage(chunks: tuple[int, ...] | None) -> h5py.h5p.PropDCID:
+    """Return how a dataset is stored: in chunks with checksums, or as it is."""
+    storage = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    storage.set_obj_track_times(False)
+    if chunks is not None:
+        storage.set_chunk(chunks)
+        storage.set_fletcher32()
+    return storage
+
+
+@cache
+def _path() -> h5py.h5p.PropLCID:
+    """Return how the path of a dataset is stored: in UTF-8, its groups are made."""
+    path = h5py.h5p.create(h5py.h5p.LINK_CREATE)
+    path.set_create_intermediate_group(True)
+    path.set_char_encoding(h5py.h5t.CSET_UTF8)
+    return path
+
+
+def _set_attribute(node: h5py.HLObject, name: str, value: object) -> None:
+    """Set a new attribute of a file or dataset, mostly by HDF5's own calls."""
+    if not isinstance(value, str | bool | int | float):
+        node.attrs[name] = value
+        return
+    stored = np.asarray(value, h5py.string_dtype() if isinstance(value, str) else None)
+    kind = h5py.h5t.py_create(stored.dtype, logical=True)
+    space = _space(stored.shape, stored.shape)
+    h5py.h5a.create(node.id, name.encode(), kind, space).write(stored)
+
+
+def _space(shape: tuple[int, ...], limits: tuple[int, ...]) -> h5py.h5s.SpaceID:
+    """Return HDF5's description of a shape, and of how far it can grow."""
+    if not shape:
+        return h5py.h5s.create(h5py.h5s.SCALAR)
+    return h5py.h5s.create_simple(shape, limits)
 
 
 def _join_rows(blocks: list[Array]) -> Array:
