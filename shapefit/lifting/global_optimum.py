@@ -152,7 +152,7 @@ def find_optimum(
         **problem.arrays,
         starts=np.ascontiguousarray(starts, float),
         tolerance=tolerance,
-        most_cells=max_cells,
+        max_cells=max_cells,
         coefficients=coefficients,
         rotation=rotation,
         objective=objective,

@@ -49,6 +49,7 @@ struct ObeyData {
     Vector<const bool> stop = from("stop", "1");
 };
 
+// See ObeyData.
 void obey(const ObeyData& data) { obeyed = data.stop.data; }
 
 const Exported<obey> obey_exported{"obey"};

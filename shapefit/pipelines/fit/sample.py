@@ -17,7 +17,7 @@ from shapefit.io.skeletons import installed_skeletons
 from shapefit.lifting import trust
 from shapefit.lifting.lift import PosteriorLifting
 from shapefit.lifting.posterior.calibration import hide_in_turn
-from shapefit.lifting.posterior.method import grow_covariance, scale_of_bars
+from shapefit.lifting.posterior.method import scale_covariance, scale_of_bars
 from shapefit.pipelines.fit.aspect import describe_stretch, find_stretch, narrow
 from shapefit.pipelines.fit.evidence import (
     FACTORS,
@@ -461,7 +461,7 @@ def judge_shares(
     """
     estimate = lifting.estimate
     factors = scale_of_bars(1.0, growth, estimate.shapes.shape[2])
-    covariance = grow_covariance(estimate.covariance, factors)
+    covariance = scale_covariance(estimate.covariance, factors)
     assert covariance is not None, "the sample was lifted with it"
     assert estimate.p_value is not None, "likewise"
     assert estimate.start_distance is not None, "likewise"
