@@ -31,12 +31,12 @@ def together(*options: Decorator) -> Decorator:
 
 
 def output(metavar: str, text: str) -> Decorator:
-    """Return the option -o."""
+    """Return the decorator of the option -o; `text` is its help."""
     return click.option("-o", "--output", type=FILE, metavar=metavar, help=text)
 
 
 def dictionary(text: str) -> Decorator:
-    """Return the option -d."""
+    """Return the decorator of the option -d; `text` is its help."""
     return click.option(
         "-d", "--dictionary", type=DICTIONARY, metavar="DICT", help=text
     )

@@ -166,7 +166,10 @@ def _bars(fit: Fit, row: int) -> Iterator[Floats]:
 
 
 def view(fit: Fit, output: File | None, *, open: bool) -> Page:
-    """Return the page of a fit, saved and shown in a browser where that is wanted."""
+    """Return the page of a fit; save it as `output` if given, show it if `open`.
+
+    It is shown in a browser. Raises InputError for `open` without an `output`.
+    """
     from shapefit.pipelines.view.run import write_page
 
     with TemporaryDirectory() as folder:

@@ -249,7 +249,10 @@ class _NodeReader:
         return f"{self.name}:{mark.line + 1}:{mark.column + 1}"
 
     def read(self, node: Node, location: Location) -> object:
-        """Return the value of a node, which is at a location."""
+        """Return the value of a node; `location` is the path of keys that leads to it.
+
+        Raises InputError for tags and repeated keys, ValueError for too many values.
+        """
         if len(self.places) > MAX_VALUES:
             raise ValueError(
                 f"more than {MAX_VALUES} values, aliases written out; write fewer"

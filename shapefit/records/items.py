@@ -97,6 +97,7 @@ class Items:
         return len(self.points)
 
     def __getitem__(self, rows: int | Rows) -> Self:
+        """Return some items as a record; an integer gives a record of one item."""
         return self.take(np.atleast_1d(np.arange(len(self))[rows]))
 
     def __repr__(self) -> str:
@@ -111,7 +112,7 @@ class Items:
         return replace(self, **take_rows(self, rows))  # type: ignore[arg-type]
 
     def replaced(self, **changes: object) -> Self:
-        """Return the record with these fields changed; None leaves one out."""
+        """Return the record with these fields changed; None takes a field out."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def as_columns(self) -> Floats:

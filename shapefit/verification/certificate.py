@@ -108,11 +108,11 @@ class ProgramImages(NamedTuple):
 def check_certificate(
     columns: ImageColumns, program: CertifiedProgram, claims: Claims
 ) -> Flags:
-    """Compute the certificate of n images again, and claim that it is as stated.
+    """Recompute the certificates of n images; return which images (n,) have one.
 
-    Dual, objective, gap and shapes; claims that are false are noted in `claims`.
-    Returns the images (n,) that state a gap: without one nothing is certified of an
-    image.
+    A certificate is the dual point, the objective, its gap, and the shape that these
+    belong to; an image whose gap is nan has none. Where a recomputed number differs
+    from what the file states, that is noted in `claims`.
     """
     images = normalise_images(columns, program)
     k, _, p = program.atoms.shape

@@ -403,8 +403,10 @@ def camera_numbers(camera: CameraConfig) -> CameraNumbers:
 
 
 def find_viewed(written: Sequence[Path], output: Path) -> Sequence[Path]:
-    """Return which of the files that an output became `shapefit view` shows, as a glob
-    where there are many.
+    """Return the written files that `shapefit view` can show, for the next command.
+
+    Many are named by one glob. `output` is the name that was asked for, of which
+    several files may have been made.
     """
     files = [path for path in written if is_viewed(path)]
     if len(files) <= MAX_NAMED_FILES:
