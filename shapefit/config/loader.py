@@ -351,7 +351,7 @@ def _describe_problem(
     known_path = next(path for path in paths if path in places)
     place = places[known_path]
     if kind == "extra_forbidden":
-        return f"{place}: {_say_unknown(location, list(list_config_keys(schema)))}"
+        return f"{place}: {_describe_unknown(location, list(list_config_keys(schema)))}"
     if kind == "value_error":
         message = str(problem["ctx"]["error"])
         return f"{_place_of_named(message, location, places) or place}: {message}"
@@ -371,7 +371,7 @@ def _describe_problem(
     return f"{place}: expected {expects(key)}, found {_in_words(value)}{near}"
 
 
-def _say_unknown(location: Location, keys: Sequence[tuple[str, ...]]) -> str:
+def _describe_unknown(location: Location, keys: Sequence[tuple[str, ...]]) -> str:
     """Return a fault: no key is at a location, with the nearest or all that are."""
     siblings = [path for path in keys if path[:-1] == location[:-1]]
     choices = {path[-1]: ".".join(path) for path in [*keys, *siblings]}

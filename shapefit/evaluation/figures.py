@@ -573,7 +573,7 @@ def draw_bars(held: Mapping[str, Floats]) -> Figure:
             markersize=3,
             linestyle=look.dash,
             color=look.colour,
-            label=f"{_legend_name(method)}\n{_say_held(shares)}",
+            label=f"{_legend_name(method)}\n{_describe_held(shares)}",
         )
     axes.set(
         xlabel="what the error bars state (%)",
@@ -589,7 +589,7 @@ def draw_bars(held: Mapping[str, Floats]) -> Figure:
     return figure
 
 
-def _say_held(shares: Floats) -> str:
+def _describe_held(shares: Floats) -> str:
     """Return in words what the bars of two levels hold, of shares at `LEVELS`."""
     texts = []
     for level in SAID_LEVELS:
@@ -715,10 +715,10 @@ def _in_two_lines(name: str) -> str:
     return "\n".join(lines)
 
 
-def _last_letters(name: str, most: int = SHORT_NAME_LETTERS) -> str:
+def _last_letters(name: str, max_letters: int = SHORT_NAME_LETTERS) -> str:
     """Return the last letters of a name, which tell it from others."""
     text = printable(name)
-    return text if len(text) <= most else f"…{text[1 - most :]}"
+    return text if len(text) <= max_letters else f"…{text[1 - max_letters :]}"
 
 
 def _legend_name(name: str) -> str:

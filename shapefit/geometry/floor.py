@@ -128,7 +128,7 @@ class Floor(NamedTuple):
     pitch_sd: float
     roll_sd: float
 
-    def stand(self, points: Floats) -> Floats:
+    def in_floor_frame(self, points: Floats) -> Floats:
         """Return points (..., 3, p) of the camera in the frame of the floor.
 
         There y is up, and 0 on the floor: R x + (0, height, 0) with the shortest

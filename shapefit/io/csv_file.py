@@ -58,7 +58,7 @@ back.
 ROW_NUMBERS = ""
 """Name of a first column that is passed over: pandas numbers the rows in it."""
 
-MOST_FRAME = 2.0**53
+MAX_FRAME = 2.0**53
 """Beyond it whole numbers are not told apart."""
 
 FINITE_OR_EMPTY = "write a finite number, or leave the cell empty where it is unknown"
@@ -271,7 +271,7 @@ class Table:
             faults.note(column, _differ_in_items(cells, column, of_item), fix)
         if FRAME in self._of_items:
             numbers, invalid = cells.numbers(FRAME)
-            whole = (np.abs(numbers) < MOST_FRAME) & (numbers % 1 == 0)
+            whole = (np.abs(numbers) < MAX_FRAME) & (numbers % 1 == 0)
             self.numbered = self.numbered or any(cells.texts(FRAME)[1])
             if "sequence" in self._of_items:  # images of no sequence need no number
                 texts_of_rows, texts = cells.texts("sequence")

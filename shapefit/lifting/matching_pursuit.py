@@ -223,12 +223,12 @@ class Search:
             going, chosen = self.add_atom(going[is_unsolved], chosen[is_unsolved])
             if not len(going):
                 return
-            self.go_round(going, chosen, change, max_rounds)
+            self.fit_alternately(going, chosen, change, max_rounds)
 
-    def go_round(
+    def fit_alternately(
         self, going: Indices, chosen: Indices, change: float, max_rounds: int
     ) -> None:
-        """Fit coefficients and camera by turns, until errors stand still, in place.
+        """Fit coefficients and camera in turn, until errors stand still, in place.
 
         going: the images; chosen (r, m): the shapes that each mixes; change and
         max_rounds as in `pursue`.

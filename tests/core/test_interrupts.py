@@ -213,7 +213,7 @@ def test_a_signal_ends_kernels_on_threads_of_a_pool(name, rng, ends_soon):
     work = [KERNELS[name](rng) for _ in range(3)]
     ends_soon(lambda: threads.on_threads(lambda each: each(), work, 2))
     work = [KERNELS[name](rng)]
-    ends_soon(lambda: list(threads.side_by_side(lambda each: each(), work, 1)))
+    ends_soon(lambda: list(threads.map_ahead(lambda each: each(), work, 1)))
 
 
 def test_a_signal_ends_kernels_of_a_pool_within_a_pool(rng, ends_soon):
@@ -222,7 +222,7 @@ def test_a_signal_ends_kernels_of_a_pool_within_a_pool(rng, ends_soon):
     def inner(_item):
         return threads.on_threads(lambda each: each(), kernels, 2)
 
-    ends_soon(lambda: list(threads.side_by_side(inner, [1], 1)))
+    ends_soon(lambda: list(threads.map_ahead(inner, [1], 1)))
 
 
 def test_a_fault_beside_it_ends_a_kernel(rng):

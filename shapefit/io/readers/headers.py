@@ -68,8 +68,8 @@ _OF_LANDMARK = (
 UNNAMED = re.compile(r"(?:Unnamed: \d+)?")
 """What a column without a name is called, as pandas reads it, too."""
 
-NEAR = 0.85
-"""How alike a name must be to a known one that it is taken for a slip."""
+MIN_NAME_SIMILARITY = 0.85
+"""Similarity of a name to a known one, difflib's ratio, from which on it is a slip."""
 
 SEPARATOR = re.compile(r"sep=([,;\t])\r?", re.I)
 """The first line by which Excel knows the delimiter."""
@@ -113,7 +113,9 @@ class Header(NamedTuple):
         names = []
         for column, name in enumerate(self.names):
             if column not in used:
-                near = get_close_matches(name.lower(), ROLES, n=1, cutoff=NEAR)
+                near = get_close_matches(
+                    name.lower(), ROLES, n=1, cutoff=MIN_NAME_SIMILARITY
+                )
                 meant = f" ({near[0]}?)" if near and name.lower() not in ROLES else ""
                 names.append(name + meant or f"column {column + 1} without a name")
         return names

@@ -279,7 +279,7 @@ def find_start_distance(
 
 
 def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
-    """Return mean distances (n,) of landmarks after alignment, in sizes of the shapes.
+    """Return mean distances (n,) of landmarks after a similarity, in sizes of shapes.
 
     Mean over j of ||s R e_j + t - x_j|| for the least-squares s, R, t, over the size of
     x. Estimates e, shapes x (n, 3, p), nan where a landmark of e does not count; the

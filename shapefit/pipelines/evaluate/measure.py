@@ -52,7 +52,7 @@ OTHER_SIDE_BELOW = 0.75
 that these are right.
 """
 
-FAR_SIZE_RATIO = 30.0
+MAX_SIZE_RATIO = 30.0
 """Factor between the sizes of shapes in one unit from which on it is in doubt: children
 and adults differ by less.
 """
@@ -240,8 +240,8 @@ def _match(file: Path, results: Fit, truth: Shapes, match: str) -> MatchedResult
         *check_numbering(
             results.landmark_names, truth.landmark_names, str(file), "the truth"
         ),
-        *_say_left_out("results", results.landmark_names, names),
-        *_say_left_out("truth", truth.landmark_names, names),
+        *_describe_left_out("results", results.landmark_names, names),
+        *_describe_left_out("truth", truth.landmark_names, names),
     ]
     if is_by_frame and results.sequences is not None:
         retained, left_out = _one_individual(results.sequences, rows, estimate, true)
@@ -253,7 +253,7 @@ def _match(file: Path, results: Fit, truth: Shapes, match: str) -> MatchedResult
     return MatchedResults(results, rows, names, estimate, true, notes)
 
 
-def _say_left_out(
+def _describe_left_out(
     side: str, names: Sequence[str], common: Sequence[str]
 ) -> Iterator[str]:
     """Yield a note on landmarks that only one side has: `results` or `truth`."""
@@ -491,7 +491,7 @@ def _find_units(
         return np.asarray(spread.mean(axis=1))
 
     ratio = float(np.nanmedian(size(true) / size(estimate)))
-    if not (ratio > FAR_SIZE_RATIO or 0 < ratio < 1 / FAR_SIZE_RATIO):
+    if not (ratio > MAX_SIZE_RATIO or 0 < ratio < 1 / MAX_SIZE_RATIO):
         return []
     times = f"{ratio:,.0f} times" if ratio > 1 else f"1 / {1 / ratio:,.0f} of"
     text = f"the truth is {times} the size of the results, and both state {unit}"

@@ -45,7 +45,7 @@ from shapefit.pipelines.fit.summary import (
 from shapefit.pipelines.joints import Matched
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Landmarks
-from shapefit.threads import side_by_side
+from shapefit.threads import map_ahead
 
 if TYPE_CHECKING:
     from shapefit.io.readers.calibration import CalibratedCamera
@@ -148,7 +148,7 @@ def lift_all(
 
     batches = plan.family.read_batches(source, pace)
     several = plan.config.threads != 1 and source.count > IMAGES_PER_BATCH
-    return side_by_side(lift_timed, batches, workers=int(several))
+    return map_ahead(lift_timed, batches, workers=int(several))
 
 
 def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:

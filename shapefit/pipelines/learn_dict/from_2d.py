@@ -71,7 +71,7 @@ MAX_MIXTURES = 4
 ROUNDS_FOR_VIEWS = 3
 """Rounds of learning atoms that only have to find views."""
 
-CLOSE_TO_GAUSSIAN = 1.1
+MAX_ERROR_RATIO = 1.1
 """Factor of the Gaussian's error of hidden landmarks up to which a mixture is kept in
 its place: they say little of depth, of which a mixture that is as good in the image
 knows more.
@@ -246,7 +246,7 @@ def learn_mixtures(
         is_gaussian = best.residual_variance is not None
         allowed = least_error
         if is_gaussian and number > 1:
-            allowed = CLOSE_TO_GAUSSIAN * least_error
+            allowed = MAX_ERROR_RATIO * least_error
         if error >= allowed:
             # no mixture after such a one was ever better, and some were read wrongly
             break
