@@ -66,7 +66,7 @@ def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
 def on_threads(
     work: Callable[[Item], Outcome], items: Iterable[Item], threads: int
 ) -> list[Outcome]:
-    """Return what `work` makes of each item, in their order.
+    """Return work(item) of each item, in their order, computed on threads.
 
     `threads` = 0 means one per core. Work gains from threads where it waits for a disk,
     or releases the GIL.

@@ -76,6 +76,7 @@ class Mixture:
         density = np.empty((x.shape[1], len(self)))
 
         def fill(k: int) -> None:
+            """Compute the column of component k."""
             L = np.linalg.cholesky(self.covariances[k])
             whiten = np.linalg.inv(L)
             z = whiten @ x

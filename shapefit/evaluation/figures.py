@@ -533,7 +533,10 @@ def _draw_example(
 
 
 def _half_width(points: Floats, aspect: float) -> float:
-    """Return half the width that shows points (2, m) in a panel of that aspect."""
+    """Return half the width of axes that show all points (2, m) with a margin.
+
+    aspect: height by width of the panel.
+    """
     size = np.nanmax(points, axis=1) - np.nanmin(points, axis=1)
     widest = max(float(size[0]), float(size[1]) / aspect, 1e-9)
     return (0.5 + EXAMPLE_MARGIN) * widest
@@ -542,7 +545,11 @@ def _half_width(points: Floats, aspect: float) -> float:
 def _frame(
     axes: Axes, points: Floats, aspect: float, half: float | None = None
 ) -> None:
-    """Show all points (2, m) in a panel of that aspect, with nothing clipped."""
+    """Set the limits of axes so that all points (2, m) are shown, on one scale.
+
+    aspect: height by width of the panel; half: half the width, by default that of the
+    points.
+    """
     if half is None:
         half = _half_width(points, aspect)
     x, y = (np.nanmax(points, axis=1) + np.nanmin(points, axis=1)) / 2
@@ -599,7 +606,7 @@ def _describe_held(shares: Floats) -> str:
 
 
 def _panels(name: str, height: float) -> tuple[Figure, Sequence[SubFigure]]:
-    """Return a figure so many inches high, and its panels."""
+    """Return an empty figure, `height` inches high, and its panels as in `PANELS`."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(FIGURE_INCHES, height), layout="constrained")
@@ -626,7 +633,7 @@ def _legend_lines(methods: Sequence[str], share: float = 1.0) -> int:
 
 
 def _legend_column_inches(letters: int) -> float:
-    """Return the width of a column of a legend whose names have so many letters."""
+    """Return the width of a legend's column; letters: how many its names have."""
     return 0.35 + 0.07 * letters
 
 

@@ -313,7 +313,7 @@ def parts_csv(parts: Sequence[PartSummary], noun: str) -> str:
 
 
 def shown_units(report: Document) -> dict[str, ShownUnit]:
-    """Return how the numbers of each unit of the report are shown to people."""
+    """Return the units in which a page shows numbers, by the units of the report."""
     means: dict[str, list[float]] = {}
     for summary in report["summaries"]:
         means.setdefault(summary.unit, []).append(summary.mean)
@@ -461,7 +461,7 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float | None, decimals: int) -> str:
-    """Return a number as text with so many decimals; `ABSENT` for None and nan."""
+    """Return a number as text with `decimals` decimals; `ABSENT` for None and nan."""
     return ABSENT if value is None or math.isnan(value) else f"{value:.{decimals}f}"
 
 

@@ -143,7 +143,10 @@ def _filters_of(dataset: h5py.Dataset) -> dict[int, Filter]:
 
 
 def _fault_of_filters(filters: dict[int, Filter], values: int) -> str:
-    """Return what is wrong with filters of chunks of so many values, "" for nothing."""
+    """Return what is wrong with the filters of chunks, "" for nothing.
+
+    values: how many a chunk holds.
+    """
     if sum(filters[n].times for n in {DEFLATE, LZF, SZIP} & filters.keys()) > 1:
         return "is compressed more than once"
     for number in {NBIT, SCALEOFFSET} & filters.keys():

@@ -89,7 +89,7 @@ def without_row_numbers(columns: Sequence[str]) -> Sequence[str]:
 
 
 def csv_kind(path: Path) -> str:
-    """Return what a table holds: landmarks, or shapes where it has the column z."""
+    """Return the kind of a table: landmarks, or shapes where it has a column z."""
     columns, _ = open_table(path)
     return "shapes" if "z" in columns else "landmarks"
 
@@ -543,7 +543,10 @@ class CsvWriter(RecordWriter[Items]):
 
 
 def _columns(record: Items) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
-    """Return the columns beside item and landmark: numbers (n, p), and texts (n,)."""
+    """Return the columns of a CSV beside item and landmark, by name, in their order.
+
+    Those of numbers (n, p), of each landmark, and those of texts (n,), of each item.
+    """
     d = record.points.shape[2]
     numbers = {"xyz"[axis]: record.points[..., axis] for axis in range(d)}
     texts: dict[str, Sequence[str]] = {}

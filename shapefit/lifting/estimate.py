@@ -38,7 +38,7 @@ class ConvexProof:
 
     @classmethod
     def of(cls, solution: Solution) -> ConvexProof:
-        """Return those fields of a solution that prove its optimum."""
+        """Return the fields of a solution of the convex program that certify it."""
         return cls(
             **{field.name: getattr(solution, field.name) for field in fields(cls)}
         )

@@ -335,7 +335,7 @@ def result_rows(part: ResultFile, seal: Seal) -> slice | None:
 
 
 def statement_of(attributes: Mapping[str, object], file: Path) -> Statement:
-    """Return what the attributes `config` and `inputs` of a result say.
+    """Return the attributes `config` and `inputs` of a result, parsed.
 
     Raises InputError where they are not those of a fit.
     """
@@ -497,6 +497,7 @@ def open_images(
             raise input_error(files[0], fault, f"give the landmarks of {file}")
 
         def as_fitted(images: Landmarks) -> Landmarks:
+            """Return images as `fit` had them: without distortion, and as joints."""
             matrix = head.column(CAMERA_MATRIX)
             removed = head.column(REMOVED)
             if is_calibrated and matrix is not None and removed is not None:

@@ -120,12 +120,12 @@ class Items:
         return in_columns(self.points)
 
     def with_points(self, points: Floats) -> Self:
-        """Return the same items at other points (n, p, d)."""
+        """Return the record with other points (n, p, d)."""
         changes = {self.POINTS: points}
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def with_whole_points(self) -> Self:
-        """Return the same items; landmarks with one nan coordinate become nan."""
+        """Return the record; landmarks with one nan coordinate become nan."""
         unknown = np.isnan(self.points)
         if not unknown.any():
             return self

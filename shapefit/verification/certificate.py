@@ -246,6 +246,7 @@ def objective(
     beta = program.beta
 
     def loss(r: Floats) -> Floats:
+        """Return f(Omega o r) (n,) of residuals r (n, 2, p)."""
         size = np.abs(images.weights[:, None] * r)
         f = size**2 / 2
         if program.loss == "sparse-error":

@@ -219,7 +219,7 @@ def rigid_state(images: Images) -> ClassState:
 
 
 def halves_distance(images: Images, learned: ClassState) -> float:
-    """Return how far shapes are from those that half of the images gives by itself.
+    """Return the distance of learned shapes from those of half of the images alone.
 
     mean ||X - X'|| / ||X|| of shapes X, as learned from all, and X', learned from the
     first or the second half of the images. The error of what was learned is less where

@@ -161,13 +161,12 @@ OfImages = TypeVar("OfImages", Views, Expected)
 def posterior_mean(
     images: Images, views: Views, model: Gaussian, *, slopes: bool = False
 ) -> Expected:
-    """Return what the model expects of images in given views: the shapes, and more.
+    """Return the expectation step: posterior moments of the shapes in given views.
 
-    The expectation step. With `slopes`, the gradient and the information of the log
-    density by the views are among it. With U U^T = M^-1 all that is needed of it
-    follows from V U, by landmark. The gradient is that of the expected log density of
-    image and shape together (Fisher's identity); the information is that of the mean
-    shape, the covariance held.
+    With `slopes` also the gradient and the information of the log density by the views.
+    With U U^T = M^-1 all that is needed follows from V U, by landmark. The gradient is
+    that of the expected log density of image and shape together (Fisher's identity);
+    the information is that of the mean shape, the covariance held.
     """
     n, _, p = images.landmarks.shape
     q = model.modes.shape[2]
@@ -430,7 +429,10 @@ def split_ppca(
 
 
 def choose_rows(mask: Flags, yes: OfImages, no: OfImages) -> OfImages:
-    """Return the rows of `yes` where the mask (n,) is True, else those of `no`."""
+    """Return the rows of `yes` where the mask (n,) is True, else those of `no`.
+
+    Of each field, None where one of the two has none.
+    """
     chosen: dict[str, Any] = {}
     for column in fields(yes):
         a = getattr(yes, column.name)

@@ -122,10 +122,10 @@ class Header(NamedTuple):
 
 
 def parse_header(text: str) -> Header | None:
-    """Return what the columns of a table hold, by its first line; None for others.
+    """Parse the first line of a table as the names of its columns; None for no header.
 
-    After `sep=;` by its second. The columns must be landmark, x and y, or x and y of
-    two landmarks at least.
+    After `sep=;` it is the second line. The columns must be landmark, x and y, or x and
+    y of two landmarks at least.
     """
     first, _, rest = text.partition("\n")
     line, delimiters = 1, sorted((",", ";", "\t"), key=first.count, reverse=True)
@@ -151,7 +151,10 @@ class _Place(NamedTuple):
 
 
 def _header_of_names(delimiter: str, line: int, names: Sequence[str]) -> Header | None:
-    """Return what columns of these names hold; None where they hold no landmarks."""
+    """Return the header of columns of these names; None where none is a landmark's.
+
+    line: the number of the line of names.
+    """
     roles: dict[str, int] = {}
     places: list[_Place] = []
     for column, name in enumerate(names):

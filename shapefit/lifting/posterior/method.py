@@ -237,9 +237,9 @@ def with_p_value(
 def find_start_distance(
     estimate: PosteriorEstimate, problem: Problem, *, solve: Solve, threads: int = 0
 ) -> Floats:
-    """Return how far posteriors are (n,) from the convex shapes they started from.
+    """Return the distances (n,) of posteriors from the convex shapes they started from.
 
-    The mean distance of inliers after alignment, in sizes of the posterior's; nan where
+    Mean distances of inliers after a similarity, in sizes of the posterior's; nan where
     either does not exist. The convex program knows neither outliers nor perspective. So
     images beyond the limit are solved again without the outliers, and with the
     landmarks that weak perspective would have of the shapes found, c + (w - c) (t_z +

@@ -179,15 +179,15 @@ def measure_matched(
     )
 
 
-def _with_enough_visible(file: Path, results: Fit, least: int) -> Fit:
-    """Return the images of which at least so many landmarks were observed."""
-    if not least:
+def _with_enough_visible(file: Path, results: Fit, min_visible: int) -> Fit:
+    """Return the images in which at least `min_visible` landmarks were observed."""
+    if not min_visible:
         return results
     observed = find_dataset(file, results, "landmarks")
     count = np.zeros(len(results))
     if observed is not None:
         count = m.visible_in_both(observed, observed).sum(axis=-1)
-    return results.take(count >= least)
+    return results.take(count >= min_visible)
 
 
 def _check_not_empty(
@@ -220,7 +220,7 @@ class MatchedResults(NamedTuple):
 
     @property
     def columns(self) -> Indices:
-        """Where the common landmarks (p,) are among those of the results."""
+        """Return the columns (p,) of the common landmarks among those of results."""
         return match_landmarks(self.results.landmark_names, self.names)
 
 
@@ -265,7 +265,10 @@ def _describe_left_out(
 def _find_datasets(
     file: Path, matched: MatchedResults, config: EvalConfig
 ) -> MetricData:
-    """Return what metrics take, and ALWAYS_TAKEN, by name; None for absent datasets."""
+    """Return the datasets that metrics need, and ALWAYS_TAKEN, by name.
+
+    None for absent ones.
+    """
     with np.errstate(all="ignore"):  # overflow is not an error to report
         aligned = in_blocks(aligned_distances, matched.estimate, matched.true)
     is_known = ~np.isnan(aligned)
@@ -286,7 +289,10 @@ def _find_datasets(
 def _find_bars(
     matched: MatchedResults, data: MetricData, scale: Floats, unit: str
 ) -> tuple[ErrorBars | None, list[str]]:
-    """Return how the truth lies in the error bars, where there are any; and notes."""
+    """Return distances of the truth in error bars, None without bars; and notes.
+
+    scale (n,): the size of the true shapes, in their unit.
+    """
     deviation = matched.results.shape_sd
     if deviation is None:
         return None, []
@@ -309,10 +315,9 @@ def _find_bars(
 
 
 def _angle_errors(matched: MatchedResults) -> PartErrors:
-    """Return how far joint angles are from the true ones, in degrees.
+    """Return the errors of joint angles in degrees; none but for people.
 
-    Of people alone. Angles to the vertical are left out, which
-    the frames of the two sides do not share.
+    Angles to the vertical are left out, which the frames of the two sides do not share.
     """
     joints = joint_columns(matched.names)
     if not LIMB_ENDS & joints.keys():

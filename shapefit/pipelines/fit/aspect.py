@@ -63,7 +63,7 @@ def find_stretch(sample: Landmarks, posterior: ImagePosterior) -> float:
 
 
 def describe_stretch(factor: float) -> str:
-    """Return what is wrong with a file whose x is so many times too wide."""
+    """Return what is wrong with a file whose x is too wide by a factor."""
     how = f"{factor:.2g} times as wide" if factor > 1 else f"{factor:.2g} of the width"
     return (
         f"people in it have about {how} that a camera shows: x and y have different"

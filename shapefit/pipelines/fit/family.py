@@ -154,7 +154,7 @@ class Pace:
         return cls(max_images, min(max_images, IMAGES_PER_BLOCK * all_threads))
 
     def follow(self, images: int, seconds: float) -> None:
-        """Go on as fast as a batch went."""
+        """Adapt the size of the next batches to the seconds that a batch took."""
         if seconds < SECONDS_PER_BATCH / GROWTH:
             self.images = min(self.max_images, max(self.images, GROWTH * images))
         elif seconds > SECONDS_PER_BATCH:

@@ -141,6 +141,7 @@ def lift_all(
     pace = Pace.of(IMAGES_PER_BATCH, plan.config.threads)
 
     def lift_timed(images: Landmarks) -> LiftedBatch:
+        """Lift a batch, and let the size of the next ones follow its time."""
         began = time.monotonic()
         batch = lift_batch(images, plan)
         pace.follow(len(images), time.monotonic() - began)
@@ -173,7 +174,10 @@ def open_writer(plan: FitPlan) -> AbstractContextManager[RecordWriter[Fit]]:
 
 
 def seal_of(part: FitPart) -> dict[str, str]:
-    """Return the attribute of the rows of the file that a part holds, {} for all."""
+    """Return the attribute by which a file states its part, {} if it has all images.
+
+    The digest of the file (its seal) covers this attribute.
+    """
     if part.rows is None:
         return {}
     return {INPUT_ROWS: f"{part.rows.start}:{part.rows.stop}"}

@@ -320,7 +320,7 @@ def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks
 def calibrate_bars(
     lifting: PosteriorLifting, posterior: ImagePosterior, bar_scale: float
 ) -> BarGrowth:
-    """Return how error bars must grow so that landmarks hidden in turn lie in them.
+    """Return factors on error bars by which landmarks hidden in turn lie in them.
 
     It is empty for too few images. bar_scale, of all covariances without the factors of
     a report, which come on top.

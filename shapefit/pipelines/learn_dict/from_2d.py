@@ -216,6 +216,7 @@ def learn_mixtures(
     def learn(
         shapes: Shapes, components: int, rounds: int, *, vary: bool = False
     ) -> Learning:
+        """Learn a dictionary from shapes, with a prior of `components`; 0 for none."""
         prior: dict[str, float] = {"components": components}
         if not vary:
             prior |= {"bone_scale": 0.0, "exchange": 0.0}
