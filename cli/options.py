@@ -31,12 +31,12 @@ def together(*options: Decorator) -> Decorator:
 
 
 def output(metavar: str, text: str) -> Decorator:
-    """Return the option -o."""
+    """Return the decorator of the option -o; `text` is its help."""
     return click.option("-o", "--output", type=FILE, metavar=metavar, help=text)
 
 
 def dictionary(text: str) -> Decorator:
-    """Return the option -d."""
+    """Return the decorator of the option -d; `text` is its help."""
     return click.option(
         "-d", "--dictionary", type=DICTIONARY, metavar="DICT", help=text
     )
@@ -168,7 +168,7 @@ COMMON = (
 def command(
     name: str, *examples: str, needs: Sequence[str] = ()
 ) -> Callable[[Callback], click.Command]:
-    """Return what makes a function the command of this name.
+    """Return the decorator that makes a function the command of this name.
 
     The function gets a Call, and its own parameters by name, among which are `needs`.
     Its docstring is the help, and `examples` stand at the end of that.
@@ -176,7 +176,8 @@ def command(
 
     def decorate(function: Callback) -> click.Command:
         @wraps(function)
-        def callback(**given: object) -> int:
+        def callback(**given: object) -> int:  # its docstring is that of `function`
+            # problems are told in words of the command line
             common = {each: given.pop(each) for each in COMMON if each in given}
             call = Call(command=name, example=examples[0], needs=needs, **common)  # type: ignore[arg-type]
             call.check_given(given)

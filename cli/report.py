@@ -217,7 +217,7 @@ class Report:
         }
 
     def _numbers(self) -> dict[str, object]:
-        """Return what the command found, with the same keys for every command."""
+        """Return the numbers of --json, with the same keys for every command."""
         from shapefit.pipelines.result import Numbers
 
         numbers = self.numbers or Numbers()

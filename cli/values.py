@@ -90,7 +90,10 @@ class Size(click.ParamType):  # type: ignore[type-arg]
 
 
 def words_of_key(ctx: click.Context, param: click.Parameter) -> Iterable[str]:
-    """Return the words that the schema of the command has for the option's key."""
+    """Return the values that the schema allows for the key of an option, to complete.
+
+    () for a key whose values are no words.
+    """
     from shapefit.config.reference import words_of
 
     return words_of(keys_of(str(ctx.info_name))[key_path(str(param.name))])
@@ -110,7 +113,7 @@ def key_path(parameter: str) -> tuple[str, ...]:
 
 
 def keys(ctx: click.Context, _key: str) -> Iterable[str]:
-    """Return the keys of the command's config, each with the sign that follows."""
+    """Return what completes the option --set: `key=` for each key of the command."""
     from shapefit.config import CONFIGS
     from shapefit.config.reference import rows
 
@@ -118,7 +121,7 @@ def keys(ctx: click.Context, _key: str) -> Iterable[str]:
 
 
 def words_of_setting(ctx: click.Context, key: str) -> Iterable[str]:
-    """Return the settings `key=word` of a key of the command's config."""
+    """Return what completes `key=` of the option --set: `key=word` for each word."""
     from shapefit.config.reference import words_of
 
     found = keys_of(str(ctx.info_name)).get(tuple(key.split(".")))
@@ -126,7 +129,7 @@ def words_of_setting(ctx: click.Context, key: str) -> Iterable[str]:
 
 
 def sections(ctx: click.Context, _param: click.Parameter) -> Iterable[str]:
-    """Return the keys and sections of the command that `shapefit config` is asked."""
+    """Return the keys and sections, a.b, of the command given to `shapefit config`."""
     return [".".join(path) for path in keys_of(str(ctx.params.get("command")))]
 
 
@@ -166,7 +169,10 @@ def output_formats(_ctx: click.Context, _param: click.Parameter) -> Iterable[str
 
 
 def words_of_match(_ctx: click.Context, _param: click.Parameter) -> Iterable[str]:
-    """Return what can identify a true shape, beside datasets."""
+    """Return the words for --match, which may also be the name of a dataset.
+
+    It says by what an estimated shape finds its true one.
+    """
     return ("item", "frame")
 
 

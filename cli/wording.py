@@ -40,6 +40,7 @@ def in_options(text: str, options: Mapping[str, str], keys: Collection[str]) -> 
     """Return a message with options in the place of keys, else `--set key=value`."""
 
     def name_option(found: re.Match[str]) -> str:
+        """Return the option for a key, with its value if the text has one."""
         key, value = found.groups()
         if key in options:
             typed = PAIR.sub(r"\1x\2", value or "")

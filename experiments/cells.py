@@ -58,7 +58,7 @@ def draw_cells() -> Figure:
     from matplotlib.figure import Figure
 
     problem = _made_problem()
-    dropped = DroppedCells.room(1, MAX_CELLS)
+    dropped = DroppedCells.allocate(1, MAX_CELLS)
     best = find_optimum(problem, tolerance=GAP, dropped=dropped)
     corners = dropped.corners[0, : dropped.number[0]]
     signs = np.sign(np.einsum("le,lae->la", corners[:, 0], corners))

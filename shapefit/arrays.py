@@ -48,9 +48,9 @@ def runs(is_new: Flags, count: int) -> list[slice]:
     ]
 
 
-def evenly(n: int, most: int) -> NDArray[np.intp]:
-    """Return at most so many indices, spread evenly over 0 to n - 1."""
-    rows = np.linspace(0, n - 1, min(n, most)).astype(np.intp)
+def evenly(n: int, max_count: int) -> NDArray[np.intp]:
+    """Return up to `max_count` indices, spread evenly over 0 to n - 1."""
+    rows = np.linspace(0, n - 1, min(n, max_count)).astype(np.intp)
     # np.unique imports masked arrays too
     is_new = np.diff(rows, prepend=-1) > 0
     return rows[is_new]

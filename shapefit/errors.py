@@ -78,10 +78,10 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def abbreviate(names: Sequence[str], most: int = 5) -> str:
+def abbreviate(names: Sequence[str], max_count: int = 5) -> str:
     """Return `a, b, c and 4 more`: the first names, by default five, and a count."""
-    more = len(names) - most
-    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - max_count
+    return ", ".join(names[:max_count]) + (f" and {more} more" if more > 0 else "")
 
 
 def _escape(letter: str) -> str:

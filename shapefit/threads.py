@@ -20,13 +20,13 @@ Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
 
 
-class _Obeyed(threading.local):
+class _StopFlag(threading.local):
     """The flag (1,) that ends the kernels of this thread, once it is set."""
 
     stop: NDArray[np.bool_] | None = None
 
 
-_obeyed = _Obeyed()
+_stop_flag = _StopFlag()
 
 
 @contextmanager
@@ -42,15 +42,16 @@ def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
 
     from shapefit import core
 
-    outer = _obeyed.stop
+    outer = _stop_flag.stop
     stop = np.zeros(1, bool) if outer is None else outer
 
     def begin() -> None:
+        """Let a new thread leave signals to the first, and obey the flag `stop`."""
         if hasattr(signal, "pthread_sigmask"):
             # The first thread waits here, and only it wakes for a signal.
             signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
-        _obeyed.stop = stop
-        core.obey(stop=stop)
+        _stop_flag.stop = stop
+        core.set_stop_flag(stop=stop)
 
     with ThreadPoolExecutor(workers, initializer=begin) as pool:
         try:
@@ -65,7 +66,7 @@ def make_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
 def on_threads(
     work: Callable[[Item], Outcome], items: Iterable[Item], threads: int
 ) -> list[Outcome]:
-    """Return what `work` makes of each item, in their order.
+    """Return work(item) of each item, in their order, computed on threads.
 
     `threads` = 0 means one per core. Work gains from threads where it waits for a disk,
     or releases the GIL.
@@ -78,12 +79,12 @@ def on_threads(
         return list(pool.map(work, tasks))
 
 
-def side_by_side(
+def map_ahead(
     work: Callable[[Item], Outcome], items: Iterable[Item], workers: int
 ) -> Generator[Outcome, None, None]:
-    """Yield what `work` makes of each item, in order, with up to `workers` threads.
+    """Yield work(item) of each item, in order; up to `workers` threads work ahead.
 
-    They work ahead while the next item is read; with 0 all is done on this thread.
+    They do so while the next item is read; with 0 all is done on this thread.
     """
     if not workers:
         yield from map(work, items)

@@ -20,7 +20,7 @@ UNKNOWN_RATE = 1.0
 their times are numbers of frames.
 """
 
-LONGEST_GAP = 0.25
+MAX_GAP_SECONDS = 0.25
 """Seconds over which missing frames leave a sequence in one; beyond them motion does
 not say where a body has gone.
 """
@@ -107,8 +107,8 @@ class Timeline:
 
     @cached_property
     def stretches(self) -> list[slice]:
-        """Slices of images, cut where frames are missing for over `LONGEST_GAP`."""
-        longest = 1.0 + max(LONGEST_GAP * self.rate, JITTER)
+        """Slices of images, cut where frames are missing for over `MAX_GAP_SECONDS`."""
+        longest = 1.0 + max(MAX_GAP_SECONDS * self.rate, JITTER)
         return runs(self.steps > longest, len(self))
 
     def second_differences(self) -> Floats:

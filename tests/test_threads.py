@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from shapefit.threads import side_by_side
+from shapefit.threads import map_ahead
 
 
 @pytest.mark.parametrize("workers", [0, 1, 2, 3])
@@ -23,7 +23,7 @@ def test_results_come_in_order_few_ahead(workers):
         return 10 * number
 
     found = []
-    for result in side_by_side(work, items(), workers):
+    for result in map_ahead(work, items(), workers):
         assert len(read) <= result // 10 + workers + 1
         found.append(result)
     assert found == [10 * number for number in range(20)]
@@ -38,7 +38,7 @@ def test_an_error_of_the_work_comes_after_what_was_done(workers):
             raise OSError("the disk is gone")
         return number
 
-    numbers = side_by_side(work, range(9), workers)
+    numbers = map_ahead(work, range(9), workers)
     assert [next(numbers), next(numbers)] == [0, 1]
     with pytest.raises(OSError, match="disk is gone"):
         next(numbers)

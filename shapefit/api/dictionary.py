@@ -122,7 +122,7 @@ class Dictionary:
         )
 
     def replaced(self, **changes: object) -> Dictionary:
-        """Return the same with other fields."""
+        """Return the dictionary with these fields changed."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
 

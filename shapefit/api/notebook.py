@@ -23,8 +23,8 @@ from shapefit.records.page import Page
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-MOST_DRAWN = 6
-"""Images in the picture of a fit."""
+MAX_DRAWN_IMAGES = 6
+"""Images in the picture of a fit, at most."""
 
 DRAWING_SIDE = 110
 """Pixels of each of them."""
@@ -54,7 +54,7 @@ def as_html(fit: Fit) -> str:
 
 def _picture(fit: Fit) -> str:
     """Return some shapes as the camera sees them, as SVG; "" for a fit of no image."""
-    rows = evenly(len(fit), MOST_DRAWN)
+    rows = evenly(len(fit), MAX_DRAWN_IMAGES)
     if not len(rows):
         return ""
     edges = edges_of_fit(fit)
@@ -126,13 +126,13 @@ def plot(fit: Fit, image: int | str, ax: Axes3D | None) -> Axes3D:
     if (fit.y_axis == "down") != ax.zaxis_inverted():
         ax.invert_zaxis()
     ax.set(title=fit.items[row], xlabel="x", ylabel="depth", zlabel="y")
-    ax.locator_params(nbins=MOST_TICKS)
+    ax.locator_params(nbins=MAX_TICKS)
     ax.set_aspect("equal")
     return ax
 
 
-MOST_TICKS = 4
-"""Of an axis of a plot."""
+MAX_TICKS = 4
+"""Ticks on an axis of a plot, at most."""
 
 
 def _row_of(fit: Fit, image: int | str) -> int:
@@ -166,7 +166,10 @@ def _bars(fit: Fit, row: int) -> Iterator[Floats]:
 
 
 def view(fit: Fit, output: File | None, *, open: bool) -> Page:
-    """Return the page of a fit, saved and shown in a browser where that is wanted."""
+    """Return the page of a fit; save it as `output` if given, show it if `open`.
+
+    It is shown in a browser. Raises InputError for `open` without an `output`.
+    """
     from shapefit.pipelines.view.run import write_page
 
     with TemporaryDirectory() as folder:

@@ -90,7 +90,7 @@ def _times_of(fit: Fit) -> Floats | None:
 
 
 def _attributes(fit: Fit) -> dict[str, str | float]:
-    """Return what columns cannot say: the unit, where y points, and the frame rate."""
+    """Return the attributes of a table: unit, direction of y, and frame rate."""
     attributes: dict[str, str | float] = {"unit": fit.unit, "y_axis": fit.y_axis}
     if fit.frame_rate is not None:
         attributes["frame_rate"] = fit.frame_rate

@@ -249,7 +249,10 @@ class _NodeReader:
         return f"{self.name}:{mark.line + 1}:{mark.column + 1}"
 
     def read(self, node: Node, location: Location) -> object:
-        """Return the value of a node, which is at a location."""
+        """Return the value of a node; `location` is the path of keys that leads to it.
+
+        Raises InputError for tags and repeated keys, ValueError for too many values.
+        """
         if len(self.places) > MAX_VALUES:
             raise ValueError(
                 f"more than {MAX_VALUES} values, aliases written out; write fewer"
@@ -348,7 +351,7 @@ def _describe_problem(
     known_path = next(path for path in paths if path in places)
     place = places[known_path]
     if kind == "extra_forbidden":
-        return f"{place}: {_say_unknown(location, list(list_config_keys(schema)))}"
+        return f"{place}: {_describe_unknown(location, list(list_config_keys(schema)))}"
     if kind == "value_error":
         message = str(problem["ctx"]["error"])
         return f"{_place_of_named(message, location, places) or place}: {message}"
@@ -368,7 +371,7 @@ def _describe_problem(
     return f"{place}: expected {expects(key)}, found {_in_words(value)}{near}"
 
 
-def _say_unknown(location: Location, keys: Sequence[tuple[str, ...]]) -> str:
+def _describe_unknown(location: Location, keys: Sequence[tuple[str, ...]]) -> str:
     """Return a fault: no key is at a location, with the nearest or all that are."""
     siblings = [path for path in keys if path[:-1] == location[:-1]]
     choices = {path[-1]: ".".join(path) for path in [*keys, *siblings]}

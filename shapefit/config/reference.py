@@ -67,7 +67,7 @@ def _default(key: ConfigKey) -> str:
 
 
 def expects(key: ConfigKey) -> str:
-    """Return what a key expects, such as `a whole number >= 1`."""
+    """Return the values of a key in words, such as `a whole number >= 1`."""
     if key.section is not None:
         names = [path[0] for path in list_config_keys(key.section)]
         return f"a mapping with the keys {', '.join(names)}"

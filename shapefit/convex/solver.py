@@ -149,7 +149,7 @@ def solve_directly(
         delta=float(problem.loss.has_quadratic),
         bound=problem.bound,
         tolerance=tolerance,
-        most_steps=max_iterations,
+        max_steps=max_iterations,
         threads=threads,
         first=first,
         count=count,

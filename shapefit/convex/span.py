@@ -130,6 +130,7 @@ def reduce_images(problem: Problem, span: Floats) -> Iterator[Reduced]:
     basis_of = lru_cache(maxsize=8)(lambda key: find_basis(span, np.frombuffer(key)))
 
     def reduce_part(rows: NDArray[np.intp]) -> Reduced:
+        """Return the images `rows`, all of the weights of the first, reduced."""
         weights = problem.weights[rows]
         basis = basis_of(weights[0].tobytes())
         w = weighted(problem.landmarks[rows], weights)

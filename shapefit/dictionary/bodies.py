@@ -118,9 +118,10 @@ def find_bone_tolerance(
 def find_lengths(
     shapes: Floats, edges: Integers, sequences: Sequence[str]
 ) -> tuple[Floats, Floats, Integers]:
-    """Return the lengths (n, e) of the edges and their means (s, e) in s sequences.
+    """Return the lengths (n, e) of edges, their means (s, e), and sequences (n,).
 
-    And which of these, sorted by name, each shape (n,) is of.
+    The means are those of the s sequences, sorted by name; the last array has the place
+    among them of the sequence of each shape.
     """
     i, j = edges.T
     lengths = np.linalg.norm(shapes[:, :, i] - shapes[:, :, j], axis=1)

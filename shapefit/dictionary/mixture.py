@@ -76,6 +76,7 @@ class Mixture:
         density = np.empty((x.shape[1], len(self)))
 
         def fill(k: int) -> None:
+            """Compute the column of component k."""
             L = np.linalg.cholesky(self.covariances[k])
             whiten = np.linalg.inv(L)
             z = whiten @ x
@@ -159,13 +160,13 @@ def mixture_rounds(
         has_ended = len(trace) > 1 and trace[-1] - trace[-2] <= tolerance * n
         if not has_ended:
             mixture = maximise(X, np.exp(density - log_sum[:, None]), G, kappa, floor)
-        yield LearnedMixture(_alive(mixture, n), np.array(trace))
+        yield LearnedMixture(_without_empty_components(mixture, n), np.array(trace))
         if has_ended:
             return
 
 
-def _alive(mixture: Mixture, n: int) -> Mixture:
-    """Return the mixture without components that next to no shape of n belongs to."""
+def _without_empty_components(mixture: Mixture, n: int) -> Mixture:
+    """Return the mixture without components to which hardly one of n shapes belongs."""
     retained = mixture.weights * n > MIN_SHAPES
     weights = mixture.weights[retained]
     means = mixture.means[retained]
@@ -194,9 +195,9 @@ def maximise(
 
 
 def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
-    """Return log pi_k + E log N(x_n + e; mu_k, C_k) (n, K) of shapes X (n, d).
+    """Return log pi_k + E log N(x_n + e; mu_k, C_k) (n, K), e ~ N(0, floor I).
 
-    The expectation is over e ~ N(0, floor I).
+    The log densities of shapes X (n, d) that have an error of the variance `floor`.
     """
     density = mixture.log_density(X.reshape(len(X), 3, -1))
     traces = np.linalg.inv(mixture.covariances).trace(axis1=1, axis2=2)

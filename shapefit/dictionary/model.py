@@ -140,7 +140,7 @@ class Dictionary:
 
     @property
     def groups(self) -> dict[str, tuple[str, tuple[str, ...]]]:
-        """Return what each group of `WHERE_MARKED` depends on, and its landmarks.
+        """Return the groups of `WHERE_MARKED`: what each depends on, and its landmarks.
 
         Groups go by their text, such as `rankle:rheel,rball,rtoe`.
         """

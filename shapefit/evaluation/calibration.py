@@ -84,9 +84,9 @@ def find_squares(
     deviation: Floats,
     correlation: Floats | None,
 ) -> tuple[Floats, Floats]:
-    """Return how far the truth is from estimates in error bars, and how wide these are.
+    """Return squared Mahalanobis distances of the truth, and widths of error bars.
 
-    Squared Mahalanobis distances d^T C^-1 d, d = e_j - y_j, of the truth y = a R x + t.
+    d^T C^-1 d (n, p), d = e_j - y_j, of the truth y = a R x + t.
     It is placed in the image: a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2,
     t on z takes the centroid of the depths to that of the estimate (why:
     docs/metrics.md). What this takes off the variance of x_j, its leverage h_j with the

@@ -533,7 +533,10 @@ def _draw_example(
 
 
 def _half_width(points: Floats, aspect: float) -> float:
-    """Return half the width that shows points (2, m) in a panel of that aspect."""
+    """Return half the width of axes that show all points (2, m) with a margin.
+
+    aspect: height by width of the panel.
+    """
     size = np.nanmax(points, axis=1) - np.nanmin(points, axis=1)
     widest = max(float(size[0]), float(size[1]) / aspect, 1e-9)
     return (0.5 + EXAMPLE_MARGIN) * widest
@@ -542,7 +545,11 @@ def _half_width(points: Floats, aspect: float) -> float:
 def _frame(
     axes: Axes, points: Floats, aspect: float, half: float | None = None
 ) -> None:
-    """Show all points (2, m) in a panel of that aspect, with nothing clipped."""
+    """Set the limits of axes so that all points (2, m) are shown, on one scale.
+
+    aspect: height by width of the panel; half: half the width, by default that of the
+    points.
+    """
     if half is None:
         half = _half_width(points, aspect)
     x, y = (np.nanmax(points, axis=1) + np.nanmin(points, axis=1)) / 2
@@ -573,7 +580,7 @@ def draw_bars(held: Mapping[str, Floats]) -> Figure:
             markersize=3,
             linestyle=look.dash,
             color=look.colour,
-            label=f"{_legend_name(method)}\n{_say_held(shares)}",
+            label=f"{_legend_name(method)}\n{_describe_held(shares)}",
         )
     axes.set(
         xlabel="what the error bars state (%)",
@@ -589,7 +596,7 @@ def draw_bars(held: Mapping[str, Floats]) -> Figure:
     return figure
 
 
-def _say_held(shares: Floats) -> str:
+def _describe_held(shares: Floats) -> str:
     """Return in words what the bars of two levels hold, of shares at `LEVELS`."""
     texts = []
     for level in SAID_LEVELS:
@@ -599,7 +606,7 @@ def _say_held(shares: Floats) -> str:
 
 
 def _panels(name: str, height: float) -> tuple[Figure, Sequence[SubFigure]]:
-    """Return a figure so many inches high, and its panels."""
+    """Return an empty figure, `height` inches high, and its panels as in `PANELS`."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(FIGURE_INCHES, height), layout="constrained")
@@ -626,7 +633,7 @@ def _legend_lines(methods: Sequence[str], share: float = 1.0) -> int:
 
 
 def _legend_column_inches(letters: int) -> float:
-    """Return the width of a column of a legend whose names have so many letters."""
+    """Return the width of a legend's column; letters: how many its names have."""
     return 0.35 + 0.07 * letters
 
 
@@ -715,10 +722,10 @@ def _in_two_lines(name: str) -> str:
     return "\n".join(lines)
 
 
-def _last_letters(name: str, most: int = SHORT_NAME_LETTERS) -> str:
+def _last_letters(name: str, max_letters: int = SHORT_NAME_LETTERS) -> str:
     """Return the last letters of a name, which tell it from others."""
     text = printable(name)
-    return text if len(text) <= most else f"…{text[1 - most :]}"
+    return text if len(text) <= max_letters else f"…{text[1 - max_letters :]}"
 
 
 def _legend_name(name: str) -> str:

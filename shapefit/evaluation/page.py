@@ -260,7 +260,12 @@ def _column_cells(
     rows: Sequence[GroupMethod],
     quantity: Quantity,
 ) -> list[_Cell]:
-    """Return the cells of a column in the rows of a group, the least errors marked."""
+    """Return the cells of one column of the table, the best of a group marked.
+
+    column: (group, method) -> mean and median, or the one number of a count or share.
+    rows: the (group, method) of the cells, all of one group. The method of the smallest
+    mean error is the best, where the quantity of the column is an error.
+    """
     decimals = decimals_of(value for values in column.values() for value in values)
     texts = [
         " / ".join(number(value, decimals) for value in column.get(row, (None,)))

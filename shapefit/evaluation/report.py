@@ -313,7 +313,7 @@ def parts_csv(parts: Sequence[PartSummary], noun: str) -> str:
 
 
 def shown_units(report: Document) -> dict[str, ShownUnit]:
-    """Return how the numbers of each unit of the report are shown to people."""
+    """Return the units in which a page shows numbers, by the units of the report."""
     means: dict[str, list[float]] = {}
     for summary in report["summaries"]:
         means.setdefault(summary.unit, []).append(summary.mean)
@@ -365,7 +365,7 @@ def short_lines(report: Document) -> list[str]:
     width = max(len(method) for _, method in counts)
     lines = []
     for row, (images, _) in counts.items():
-        texts = [*_short_errors(columns, row), _say_images(report, row, images)]
+        texts = [*_short_errors(columns, row), _describe_images(report, row, images)]
         texts += _short_bars(columns, row)
         group, method = row
         cells = [method.ljust(width), "; ".join(texts)]
@@ -394,12 +394,12 @@ def _short_errors(
         # The last unit is that of the truth.
         if metric in SHORT_NAMES and unit != UNSTATED_UNIT and row in column:
             errors[metric] = (
-                f"{SHORT_NAMES[metric]} {_say_mean_and_median(column[row], unit)}"
+                f"{SHORT_NAMES[metric]} {_describe_mean_and_median(column[row], unit)}"
             )
     return errors.values()
 
 
-def _say_mean_and_median(mean_and_median: Sequence[float], unit: str) -> str:
+def _describe_mean_and_median(mean_and_median: Sequence[float], unit: str) -> str:
     """Return a mean and a median in words."""
     decimals = decimals_of(mean_and_median)
     mean, median = (number(value, decimals) for value in mean_and_median)
@@ -419,7 +419,7 @@ def sequences_of(report: Document, group: str, method: str) -> list[str]:
     ]
 
 
-def _say_images(report: Document, row: GroupMethod, images: int) -> str:
+def _describe_images(report: Document, row: GroupMethod, images: int) -> str:
     """Return how many images a row has, and over how many sequences its means are."""
     sequences = sequences_of(report, *row)
     if len(sequences) < 2:
@@ -461,7 +461,7 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float | None, decimals: int) -> str:
-    """Return a number as text with so many decimals; `ABSENT` for None and nan."""
+    """Return a number as text with `decimals` decimals; `ABSENT` for None and nan."""
     return ABSENT if value is None or math.isnan(value) else f"{value:.{decimals}f}"
 
 

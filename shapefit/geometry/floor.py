@@ -128,7 +128,7 @@ class Floor(NamedTuple):
     pitch_sd: float
     roll_sd: float
 
-    def stand(self, points: Floats) -> Floats:
+    def in_floor_frame(self, points: Floats) -> Floats:
         """Return points (..., 3, p) of the camera in the frame of the floor.
 
         There y is up, and 0 on the floor: R x + (0, height, 0) with the shortest
@@ -186,9 +186,10 @@ def find_floor(bodies: Sequence[FilmedBody], distance_sd: float) -> Floor | None
 
 
 def _make_floor(abg: Floats, covariance: Floats) -> Floor:
-    """Return the floor of a camera's tilt (a, b) and height g, and their covariance.
+    """Return the floor from the unknowns a, b and g of the equations above.
 
-    abg are the unknowns of the equations above. The floor's deviations are linearised.
+    abg (3,) and their covariance (3, 3), as `_solve` gives them. Standard deviations
+    are linearised.
     """
     a, b, g = abg
     r = np.sqrt(1 + a**2 + b**2)
@@ -247,7 +248,7 @@ def _centre_of_mass(X: Mapping[str, Floats]) -> Floats:
 def _bearing_offset(X: Mapping[str, Floats], stature: float) -> Floats:
     """Return the vector (n, 3) from an ankle to where the foot bears the body.
 
-    It points ahead of the trunk.
+    It points the way that the trunk faces.
     """
     trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
     ahead = np.cross(X["lhip"] - X["rhip"], trunk)
@@ -262,7 +263,7 @@ def _find_rests(
     under: Floats,
     centre: Floats,
 ) -> NDArray[np.bool_]:
-    """Return in which frames the left and the right foot bear the body at rest (2, n).
+    """Return whether left and right foot bear the body at rest, frame by frame (2, n).
 
     feet (2, n, 3), where they bear the body `under` (2, n, 3), and its centre of mass
     (n, 3).
@@ -278,7 +279,7 @@ def _find_rests(
 def _bears(
     body: FilmedBody, X: Mapping[str, Floats], side: str, foot: Floats
 ) -> NDArray[np.bool_]:
-    """Return in which frames (n,) a foot is slow and below a leg that is straight.
+    """Return whether a foot is slow and its leg straight, frame by frame (n,).
 
     side, "l" or "r"; foot (n, 3) in metres.
     """
@@ -302,11 +303,10 @@ def _bears(
 def _find_leaning(
     body: FilmedBody, rests: NDArray[np.bool_], under: Floats, centre: Floats
 ) -> tuple[list[Floats], list[Floats]]:
-    """Return how a body leans at some moments, and the variances of that.
+    """Return how a body leans at some moments, (2,) each, and its variances.
 
-    Leaning is d_x / d_y and d_z / d_y of the direction d from its feet to its centre of
-    mass.
-    A moment lasts about a second of a time in which a foot rests.
+    Leaning is (d_x, d_z) / d_y of the direction d from its feet to its centre of mass.
+    A moment is about a second in which a foot rests.
     """
     ankles = [body.joints[f"{side}ankle"] for side in "lr"]
     leaning, variances = [], []
@@ -325,23 +325,22 @@ def _find_leaning(
 
 
 def _min_rest_frames(body: FilmedBody) -> float:
-    """Return how many frames a foot must stay where it is to rest."""
+    """Return for how many frames a foot must stay where it is to count as at rest."""
     return max(MIN_REST_SECONDS * body.rate, 2)
 
 
 def _runs(rest: NDArray[np.bool_], min_frames: float) -> list[tuple[int, int]]:
-    """Return begin and end of each run of at least so many frames."""
+    """Return begin and end of each run of at least `min_frames` frames at rest."""
     turns = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]])))
     runs = turns.reshape(-1, 2).tolist()
     return [(begin, end) for begin, end in runs if end - begin >= min_frames]
 
 
 def _solve(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
-    """Return the tilt (a, b) and the height g of the camera, and their covariance.
+    """Return the unknowns a, b and g (3,) of the equations above, and their covariance.
 
-    They are the unknowns of the equations above.
-    Least squares with weights anew in each step, of the leaning and then of the feet.
-    foot_sd: deviation of a foot across the line of sight, in metres.
+    By iteratively reweighted least squares, of the leaning and then of the feet.
+    foot_sd: standard deviation of a foot across the line of sight, in metres.
     """
     usual, lean_precision = _usual_leaning(evidence.leaning, evidence.variances)
     prior = np.diag([*(lean_precision + CAMERA_TILT_SD**-2), 0.0])
@@ -363,7 +362,7 @@ def _solve(foot_sd: float, evidence: Evidence) -> tuple[Floats, Floats]:
 
 
 def _usual_leaning(leaning: Floats, variances: Floats) -> tuple[Floats, Floats]:
-    """Return how bodies lean in most moments (2,), and the precisions of that (2,).
+    """Return the robust mean (2,) of how bodies lean, and its precisions (2,).
 
     Leaning is a and b, the slopes of the direction up of a body to the right and to the
     viewer; leaning and its variances (k, 2), of k moments.

@@ -46,9 +46,10 @@ def measure_angles(
     covariance: Floats | None = None,
     angles: Sequence[JointAngle] | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return the known angles (n, a) and their standard deviations (n, a), in degrees.
+    """Return joint angles (n, a) and their standard deviations (n, a), in degrees.
 
-    The deviation of an angle g is linearised: sigma^2 = dg^T C dg.
+    They are those of `measurable_angles(joints)`, in that order. The deviation of an
+    angle g is linearised: sigma^2 = dg^T C dg.
 
     shapes (n, 3, p) in a right-handed frame, up (3,) or (n, 3) in that frame; joints:
     the column of each joint; covariance (n, 3p, 3p) of x, y, z of one landmark after

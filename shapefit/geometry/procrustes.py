@@ -95,7 +95,7 @@ def similarity_errors(
 
 
 def aligned_distances(estimate: Floats, truth: Floats) -> Floats:
-    """Return how far each estimated point is from the true one (n, p), once aligned.
+    """Return distances (n, p) of estimated points from true ones, after a similarity.
 
     |s R e_j + t - x_j| with the similarity s, R, t that minimises the sum of their
     squares. estimate e and truth x (n, 3, p); nan for landmarks that are not finite on

@@ -55,12 +55,14 @@ def arrange(
         "landmark_names": names,
         record.POINTS: padded[:, rows],
         "extras": {
-            name: _move(values, rows) if _goes_with(record, name, values) else values
+            name: _take_padded(values, rows)
+            if _goes_with(record, name, values)
+            else values
             for name, values in record.extras.items()
         },
     }
     if isinstance(record, Landmarks) and record.confidence is not None:
-        changes["confidence"] = _move(record.confidence, rows)
+        changes["confidence"] = _take_padded(record.confidence, rows)
     if record.lines is not None:
         changes["edges"] = _move_edges(record.lines, position)
     if isinstance(record, Shapes) and record.mirror_index is not None:
@@ -75,9 +77,9 @@ def _goes_with(record: Items, name: str, values: Array) -> bool:
     return name in OF_LANDMARKS and values.shape[:2] == shape
 
 
-def _move(values: NDArray[Scalar], rows: NDArray[np.intp]) -> NDArray[Scalar]:
-    """Return columns `rows` of values (n, p); p, one beyond the last, gives 0."""
-    return np.pad(values, [(0, 0), (0, 1)])[:, rows]
+def _take_padded(values: NDArray[Scalar], columns: NDArray[np.intp]) -> NDArray[Scalar]:
+    """Return some columns of values (n, p); p, one beyond the last, gives zeros."""
+    return np.pad(values, [(0, 0), (0, 1)])[:, columns]
 
 
 def _move_edges(lines: Integers, position: NDArray[np.intp]) -> Integers:

@@ -175,7 +175,7 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-LONGEST_NAME = 200
+MAX_NAME_BYTES = 200
 """Bytes of a part of a path: systems allow 255, of which a suffix takes some."""
 
 
@@ -200,9 +200,9 @@ def _as_name(part: str) -> str:
     )
     text = re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", text) or "%"
     encoded = text.encode()
-    if len(encoded) <= LONGEST_NAME:
+    if len(encoded) <= MAX_NAME_BYTES:
         return text
     number = int.from_bytes(hashlib.sha256(encoded).digest()[:8])
     suffix = f"%{number:020}"
-    start = encoded[: LONGEST_NAME - len(suffix)].decode("utf-8", "ignore")
+    start = encoded[: MAX_NAME_BYTES - len(suffix)].decode("utf-8", "ignore")
     return start + suffix

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import h5py
 
-from shapefit.io.inputs import ALWAYS_FITS, MOST_INFLATED, in_words
+from shapefit.io.inputs import ALWAYS_FITS, MAX_INFLATION, in_words
 
 DEFLATE = 1
 """Number of the filter of zlib."""
@@ -63,7 +63,7 @@ class Chunks:
             return
         present = dataset.id.get_storage_size()
         self.bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize
-        if self.bytes > max(ALWAYS_FITS, MOST_INFLATED * present):
+        if self.bytes > max(ALWAYS_FITS, MAX_INFLATION * present):
             holds = f"the file holds {in_words(present)} of them"
             self.fault = f"has chunks of {in_words(self.bytes)}, and {holds}"
             return
@@ -73,11 +73,11 @@ class Chunks:
 
     def _note(self, chunk: h5py.h5d.StoreInfo) -> None:
         """Note a chunk as a suspect where it may inflate to far more than declared."""
-        most = 0
+        max_bytes = 0
         if DEFLATE in self._filters:
-            most = chunk.size * DEFLATE_GROWTH
+            max_bytes = chunk.size * DEFLATE_GROWTH
         longer = chunk.size > SLACK * self.bytes + PIECE
-        grows = most > max(ALWAYS_FITS, self.bytes)
+        grows = max_bytes > max(ALWAYS_FITS, self.bytes)
         if longer or grows or SZIP in self._filters:
             self._suspects[chunk.chunk_offset] = chunk.size
 
@@ -103,21 +103,21 @@ class Chunks:
         _, data = self._dataset.id.read_direct_chunk(chunk)
         if FLETCHER32 in self._filters and [*self._filters][-1] == FLETCHER32:
             data = data[:-CHECKSUM_BYTES]
-        most = self.bytes + CHECKSUM_BYTES
+        max_bytes = self.bytes + CHECKSUM_BYTES
         if SZIP in self._filters:
-            return int.from_bytes(data[:4], "little") > most
-        return inflates_beyond(data, most)
+            return int.from_bytes(data[:4], "little") > max_bytes
+        return inflates_beyond(data, max_bytes)
 
 
-def inflates_beyond(data: bytes, most: int) -> bool:
-    """Whether a deflated stream holds more than `most` bytes; False if damaged."""
+def inflates_beyond(data: bytes, max_bytes: int) -> bool:
+    """Whether a deflated stream holds more than `max_bytes` bytes; False if damaged."""
     stream = zlib.decompressobj()
     size = 0
     try:
         while data and not stream.eof:
             size += len(stream.decompress(data, PIECE))
             data = stream.unconsumed_tail
-            if size > most:
+            if size > max_bytes:
                 return True
     except zlib.error:  # which HDF5 reports, or the chunk is stored as it is
         return False
@@ -143,7 +143,10 @@ def _filters_of(dataset: h5py.Dataset) -> dict[int, Filter]:
 
 
 def _fault_of_filters(filters: dict[int, Filter], values: int) -> str:
-    """Return what is wrong with filters of chunks of so many values, "" for nothing."""
+    """Return what is wrong with the filters of chunks, "" for nothing.
+
+    values: how many a chunk holds.
+    """
     if sum(filters[n].times for n in {DEFLATE, LZF, SZIP} & filters.keys()) > 1:
         return "is compressed more than once"
     for number in {NBIT, SCALEOFFSET} & filters.keys():

@@ -33,7 +33,7 @@ QUOTES = (
     "put cells with commas or quotes in double quotes, and double the quotes in them"
 )
 
-MOST_EMPTY = 1 << 15
+MIN_SKIPPED_BYTES = 1 << 15
 """Bytes of empty lines from which they are passed over: a file can be full of them, but
 no name is.
 """
@@ -209,7 +209,7 @@ def _read_texts(path: Path, live: bool) -> Iterator[tuple[int, str]]:
         if len(rest) > csv.field_size_limit():
             fix = "check the quotes around it, and the ends of lines"
             raise input_error(f"{name}:{line}", "a bad cell (it has no end)", fix)
-        if end > MOST_EMPTY and line > 1 and not data[:end].strip():
+        if end > MIN_SKIPPED_BYTES and line > 1 and not data[:end].strip():
             line += data.count(b"\n", 0, end)
         elif end:
             try:

@@ -57,7 +57,7 @@ back.
 ROW_NUMBERS = ""
 """Name of a first column that is passed over: pandas numbers the rows in it."""
 
-MOST_FRAME = 2.0**53
+MAX_FRAME = 2.0**53
 """Beyond it whole numbers are not told apart."""
 
 FINITE_OR_EMPTY = "write a finite number, or leave the cell empty where it is unknown"
@@ -82,7 +82,7 @@ def without_row_numbers(columns: Sequence[str]) -> Sequence[str]:
 
 
 def csv_kind(path: Path) -> str:
-    """Return what a table holds: landmarks, or shapes where it has the column z."""
+    """Return the kind of a table: landmarks, or shapes where it has a column z."""
     columns, _ = open_table(path)
     return "shapes" if "z" in columns else "landmarks"
 
@@ -264,7 +264,7 @@ class Table:
             faults.note(column, _differ_in_items(cells, column, of_item), fix)
         if FRAME in self._of_items:
             numbers, invalid = cells.numbers(FRAME)
-            whole = (np.abs(numbers) < MOST_FRAME) & (numbers % 1 == 0)
+            whole = (np.abs(numbers) < MAX_FRAME) & (numbers % 1 == 0)
             self.numbered = self.numbered or any(cells.texts(FRAME)[1])
             if "sequence" in self._of_items:  # images of no sequence need no number
                 texts_of_rows, texts = cells.texts("sequence")
@@ -536,7 +536,10 @@ class CsvWriter(RecordWriter[Items]):
 
 
 def _columns(record: Items) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
-    """Return the columns beside item and landmark: numbers (n, p), and texts (n,)."""
+    """Return the columns of a CSV beside item and landmark, by name, in their order.
+
+    Those of numbers (n, p), of each landmark, and those of texts (n,), of each item.
+    """
     d = record.points.shape[2]
     numbers = {"xyz"[axis]: record.points[..., axis] for axis in range(d)}
     texts: dict[str, Sequence[str]] = {}

@@ -20,7 +20,7 @@ from shapefit.records.shapes import Shapes
 
 AGAIN = "make the dictionary again"
 TINY = np.nextafter(0, 1)
-LEAST = {
+MIN_VALUES = {
     **dict.fromkeys(("acceleration", "bone_tolerance", "edge_length"), 0.0),
     "atom_scale": TINY,
     "p_value_table": np.array([TINY, TINY, np.finfo(float).min, TINY]),
@@ -101,7 +101,7 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
         raise input_error(
             place("mean_shape", None), "all its landmarks are at one point", AGAIN
         )
-    for name, least in LEAST.items():
+    for name, least in MIN_VALUES.items():
         values = fields.get(name)
         if values is not None and not ((values >= least) & (values < np.inf)).all():
             raise input_error(place(name, None), "holds numbers that cannot be", AGAIN)

@@ -80,7 +80,7 @@ CACHE_BYTES = 1 << 20
 read once.
 """
 
-MOST_COMPRESSED = 2000
+MAX_COMPRESSION = 2000
 """No filter of HDF5 makes data smaller by more: beyond that they were never written."""
 
 
@@ -206,7 +206,7 @@ class Hdf5File:
             check_fits(self.place(name), count * math.prod(shape[1:]) * value_bytes)
             size = math.prod(shape) * width
             present = dataset.id.get_storage_size()
-            if size > max(ALWAYS_FITS, MOST_COMPRESSED * present):
+            if size > max(ALWAYS_FITS, MAX_COMPRESSION * present):
                 fault = f"of its {in_words(size)} the file holds {in_words(present)}"
                 raise self.fault(name, fault, "write its values, or make it smaller")
             if size and dataset.chunks and not present and not text:

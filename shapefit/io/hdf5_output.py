@@ -239,9 +239,9 @@ class Hdf5Writer(RecordWriter[Items | Dictionary]):
             self._digests.setdefault(name, ValuesDigest()).add(values)
 
     def _lines(self) -> Iterator[DigestLine]:
-        """Yield what `digest_contents` would read from the file, from what was written.
+        """Yield the lines of the file's digest, from what was written.
 
-        Reading it takes longer than to write it.
+        `digest_contents` reads the same from the file, which takes longer.
         """
         for name, value in self._all_attributes().items():
             yield describe_attribute("/", name, value)
@@ -337,7 +337,7 @@ def _join_rows(blocks: list[Array]) -> Array:
 
 
 def _chunk_rows(values: Array) -> int:
-    """Return how many rows a chunk has, by the first rows of its dataset.
+    """Return the number of rows of a chunk, by the first rows of its dataset.
 
     All of them where they are less than CHUNK_BYTES, else a power of two.
     """

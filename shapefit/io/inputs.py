@@ -32,13 +32,13 @@ longer.
 WHOLE_BLOCK_BYTES = 1 << 20
 """Of a file that is read whole: memory is asked for at each."""
 
-LARGEST_BYTES = 1 << 30
-"""Of a file that is read whole."""
+MAX_READ_BYTES = 1 << 30
+"""Bytes of a file that is read whole, at most."""
 
 ALWAYS_FITS = 1 << 26
 """Bytes that nobody needs to ask for."""
 
-MOST_INFLATED = 200
+MAX_INFLATION = 200
 """Times its size that a compressed file, or a chunk of HDF5, may hold: landmarks become
 10 times smaller, where most are absent 100 times.
 """
@@ -150,8 +150,8 @@ def read_whole(path: Path) -> bytes:
     for block in _read_blocks(path, WHOLE_BLOCK_BYTES):
         text.write(block)
         check_fits(str(path), text.tell())
-        if text.tell() > LARGEST_BYTES:
-            largest = in_words(LARGEST_BYTES)
+        if text.tell() > MAX_READ_BYTES:
+            largest = in_words(MAX_READ_BYTES)
             fault = f"holds more than {largest} of text, and it is read whole"
             raise input_error(path, fault, "divide it into smaller files")
     return text.getvalue()
@@ -199,7 +199,7 @@ def check_fits(place: str, size: int, what: str = "it") -> None:
 
 def check_unpacked(place: str | Path, size: int, packed: int) -> None:
     """Raise InputError at `place` where `size` bytes are too many for `packed` ones."""
-    if size > max(ALWAYS_FITS, MOST_INFLATED * packed):
+    if size > max(ALWAYS_FITS, MAX_INFLATION * packed):
         fault = f"{in_words(packed)} of it become {in_words(size)} or more"
         raise input_error(place, fault, "unpack it, and name what was in it")
 

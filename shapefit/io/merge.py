@@ -33,14 +33,14 @@ IN_SOME_FILES = ("confidence", TIME, EDGES)
 def merge_heads(
     files: Sequence[SourceFile[Record]], y_axis: Direction | None
 ) -> Record:
-    """Return what all items of files have in common: one head for all.
+    """Return one head (a record without rows) for all files, which have it in common.
 
     The landmarks of images are those of all files in order of appearance, those of
     shapes and of results are the same in all. What differs between files of images, as
-    cameras do, is of items. Confidence, times and edges may be in some files alone, and
-    frames where the others have no sequences; the edges are those of the first that has
-    any. Raises InputError where files do not go
-    together, or state another direction than `y_axis`.
+    cameras do, becomes a column of items. Confidence, times and edges may be in some
+    files alone, and frames where the others have no sequences; the edges are those of
+    the first that has any. Raises InputError where files do not go together, or state
+    another direction than `y_axis`.
     """
     heads = [file.head for file in files]
     first = heads[0]
@@ -182,7 +182,10 @@ def _repeat_per_item(record: Record, names: Collection[str]) -> Record:
 
 
 def _have_same_column(first: Items, head: Items, name: str) -> bool:
-    """Whether two heads have the same column; of items, rows of one shape."""
+    """Whether two heads (records without rows) have an equal column of this name.
+
+    Of columns with a row for each item, that is the shape of rows.
+    """
     one = first.column(name)
     other = head.column(name)
     if one is None or other is None:

@@ -48,7 +48,7 @@ AS_THEY_ARE = InputOptions()
 
 
 def input_options(config: object, track: Track = "none") -> InputOptions:
-    """Return how a command reads its files, by the keys of its config."""
+    """Return the options with which files are read, from the keys of a config."""
     keys = ("format", "individual", "rename", "keypoints", "y_axis", "image_size")
     given = {key: getattr(config, key) for key in keys if hasattr(config, key)}
     least = getattr(config, "min_confidence", None) or 0.0

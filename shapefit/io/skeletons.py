@@ -114,12 +114,12 @@ def installed_skeletons() -> Mapping[str, Skeleton]:
 
 
 def _bones(text: str) -> tuple[tuple[str, str], ...]:
-    """Return the bones, pairs of names, of chains `a-b-c` that spaces separate."""
+    """Return the bones, pairs of names, that `a-b-c d-e` writes as chains."""
     return tuple(pair for chain in text.split() for pair in pairwise(chain.split("-")))
 
 
 def skeletons_of_size(count: int) -> tuple[str, ...]:
-    """Return the names of the skeletons of so many landmarks, the usual one first."""
+    """Return the names of the skeletons of `count` landmarks, the usual one first."""
     skeletons = installed_skeletons().values()
     return tuple(one.name for one in skeletons if len(one.landmark_names) == count)
 

@@ -116,7 +116,7 @@ def open_results(
 
 
 def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> FileKind:
-    """Return what a file holds. A table with the column z holds shapes.
+    """Return the kind of record that a file holds; a table with a column z has shapes.
 
     Raises InputError for what is wrong with the file, and for standard input, which
     could not be read again.
@@ -472,7 +472,7 @@ def _group(
 
 
 def _as_kind(kind: type[Record], record: Items) -> Record:
-    """Return a record as it is; it must be of this kind."""
+    """Return a record unchanged, for the type checker: it must be of this kind."""
     assert isinstance(record, kind), f"{type(record).__name__} for {kind.__name__}"
     return record
 
@@ -544,12 +544,14 @@ def _with_chosen_frames(
     chosen = chosen[rows or slice(None)]
 
     def span(part: slice) -> tuple[slice, NDArray[np.intp]]:
+        """Return the rows of the file that hold a part of the chosen, and which."""
         wanted = chosen[part]
         begin = int(wanted[0]) if len(wanted) else 0
         end = int(wanted[-1]) + 1 if len(wanted) else 0
         return slice(begin, end), wanted - begin
 
     def read(part: slice) -> Record:
+        """Read a part of the chosen frames."""
         around, wanted = span(part)
         records = file.read(around).take(wanted)
         if are_places and records.sequences is not None:
@@ -682,11 +684,13 @@ def _without_unknown(file: SourceFile[Record]) -> SourceFile[Record]:
     whole = np.flatnonzero(known[:, often].all(axis=1))
 
     def within(rows: slice) -> tuple[slice, NDArray[np.intp]]:
+        """Return the rows of the file that hold some of the whole shapes, and which."""
         taken = whole[rows]
         first, end = (taken[0], taken[-1] + 1) if len(taken) else (0, 0)
         return slice(int(first), int(end)), taken - first
 
     def read(rows: slice) -> Record:
+        """Read some of the whole shapes, with the landmarks that are mostly known."""
         around, taken = within(rows)
         record = file.read(around).take(taken)
         if often.all() or not isinstance(record, Shapes):
@@ -835,6 +839,8 @@ def _with_options(
         match_landmarks(tuple(names), tuple(options.rename), "rename")
 
     def read(file: SourceFile[Record], rows: slice) -> Record:
+        """Read some rows of a file, checked, and changed as the options say."""
+
         def place(dataset: str, row: int) -> str:
             return file.place(dataset, rows.start + row)
 

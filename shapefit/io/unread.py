@@ -38,12 +38,12 @@ def describe_json(head: Head) -> str:
 
 
 def _recognise_by_keys(*keys: str) -> Callable[[Head], bool]:
-    """Return what recognises JSON that has all these keys near its beginning."""
+    """Return a recogniser of JSON that has all these keys near its beginning."""
     return lambda head: head.json is not None and {*keys} <= head.inner_keys
 
 
 def _recognise_by_beginning(*beginnings: bytes) -> Callable[[Head], bool]:
-    """Return what recognises a file that begins with one of these, in any case."""
+    """Return a recogniser of files that begin with one of these, in any case."""
     lower = tuple(one.lower() for one in beginnings)
     return lambda head: head.text.lstrip().lower().startswith(lower)
 
@@ -51,12 +51,12 @@ def _recognise_by_beginning(*beginnings: bytes) -> Callable[[Head], bool]:
 def _recognise_by_suffix(
     *endings: str, begins: tuple[bytes, ...] = (b"",)
 ) -> Callable[[Head], bool]:
-    """Return what recognises a file by the suffix of its name, and how it begins."""
+    """Return a recogniser of files by the suffix of their name, and how they begin."""
     return lambda head: head.named(*endings) and head.bytes.startswith(begins)
 
 
 def _recognise_by_lines(*patterns: str) -> Callable[[Head], bool]:
-    """Return what recognises a text that has a line of each pattern."""
+    """Return a recogniser of texts that have a line of each pattern."""
     rows = [re.compile(one.encode(), re.MULTILINE | re.IGNORECASE) for one in patterns]
     return lambda head: all(row.search(head.text) for row in rows)
 

@@ -25,14 +25,16 @@ line.
 
 # Most images are far from degenerate by three quick rules; the others are looked at.
 
-FAR_FROM_A_LINE = 1e-3
-"""Product of the singular values, as a share of the sum of their squares."""
+MIN_SINGULAR_PRODUCT = 1e-3
+"""Product of the singular values of centred landmarks, as a share of the sum of their
+squares, from which on they do not lie on a line.
+"""
 
-FAR_FROM_TOO_SMALL = 1e-100
-"""Scale of landmarks."""
+MIN_SCALE = 1e-100
+"""Scale of landmarks above which nothing underflows."""
 
-FAR_FROM_TOO_LARGE = 1e100
-"""Scale, and distance from the origin, of landmarks."""
+MAX_SCALE = 1e100
+"""Scale of landmarks, and distance from the origin, below which nothing overflows."""
 
 
 def normalise_visible(
@@ -66,10 +68,10 @@ def _far_from_degenerate(norm: Normalised) -> Flags:
     xy = np.einsum("np,np->n", x, y)
     # the product of the singular values of two rows is the root of their Gram
     # determinant
-    is_fine = xx * yy - xy**2 > (FAR_FROM_A_LINE * (xx + yy)) ** 2
-    is_fine &= np.abs(norm.centroid).max(axis=1) < FAR_FROM_TOO_LARGE
-    is_fine &= norm.scale > FAR_FROM_TOO_SMALL
-    is_fine &= norm.scale < FAR_FROM_TOO_LARGE
+    is_fine = xx * yy - xy**2 > (MIN_SINGULAR_PRODUCT * (xx + yy)) ** 2
+    is_fine &= np.abs(norm.centroid).max(axis=1) < MAX_SCALE
+    is_fine &= norm.scale > MIN_SCALE
+    is_fine &= norm.scale < MAX_SCALE
     return np.asarray(is_fine)
 
 

@@ -38,7 +38,7 @@ class ConvexProof:
 
     @classmethod
     def of(cls, solution: Solution) -> ConvexProof:
-        """Return those fields of a solution that prove its optimum."""
+        """Return the fields of a solution of the convex program that certify it."""
         return cls(
             **{field.name: getattr(solution, field.name) for field in fields(cls)}
         )
@@ -130,17 +130,17 @@ class PosteriorEstimate(Estimate):
     sides_exchanged: Floats | None = None
 
     def in_unit(
-        self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0
+        self, factor: Floats | float = 1.0, divisor: Floats | float = 1.0
     ) -> PosteriorEstimate:
         """Return the estimate with its error bars, and these alone, in another unit.
 
-        The unit is smaller by `grow`, or larger by `shrink`, each (n, 1, 1) or one
-        number: deviations times grow / shrink, variances by the squares.
+        Standard deviations times factor / divisor, variances times its square; each is
+        (n, 1, 1) or one number.
         """
         covariance = self.covariance
         if covariance is not None:
-            covariance = grow**2 * covariance / shrink**2
-        deviation = grow * self.deviation / shrink
+            covariance = factor**2 * covariance / divisor**2
+        deviation = factor * self.deviation / divisor
         return replace(self, deviation=deviation, covariance=covariance)
 
 

@@ -102,7 +102,7 @@ class DroppedCells(NamedTuple):
     cuts: Floats
 
     @classmethod
-    def room(cls, n: int, d: int) -> DroppedCells:
+    def allocate(cls, n: int, d: int) -> DroppedCells:
         """Return arrays of zeros, into which a search writes d cells of n images."""
         return cls(np.zeros(n, np.int64), np.zeros((n, d, 4, 4)), np.zeros((n, d)))
 
@@ -143,7 +143,7 @@ def find_optimum(
     if max_cells is None:
         max_cells = limit_cells(k, p)
     if dropped is None:
-        dropped = DroppedCells.room(n, 0)
+        dropped = DroppedCells.allocate(n, 0)
     coefficients = np.zeros((n, k))
     rotation = np.full((n, 3, 3), np.nan)
     objective, bound = np.full((2, n), np.nan)
@@ -152,7 +152,7 @@ def find_optimum(
         **problem.arrays,
         starts=np.ascontiguousarray(starts, float),
         tolerance=tolerance,
-        most_cells=max_cells,
+        max_cells=max_cells,
         coefficients=coefficients,
         rotation=rotation,
         objective=objective,

@@ -291,7 +291,8 @@ def _pad(group: Group, k: int) -> Lifting[AtomEstimate]:
     estimate = group.lifting.estimate
     c, M, proof = estimate.coefficients, estimate.transforms, estimate.convex_proof
 
-    def among_all(transforms: Transforms) -> Transforms:
+    def of_all_atoms(transforms: Transforms) -> Transforms:
+        """Number the atoms of the group as in the whole dictionary."""
         return replace(transforms, atom=group.atoms[transforms.atom], k=k)
 
     if c is not None:
@@ -299,8 +300,8 @@ def _pad(group: Group, k: int) -> Lifting[AtomEstimate]:
         full[:, group.atoms] = c
         estimate = replace(estimate, coefficients=full)
     if M is not None:
-        estimate = replace(estimate, transforms=among_all(M))
+        estimate = replace(estimate, transforms=of_all_atoms(M))
     if proof is not None:
-        whole = replace(proof, transforms=among_all(proof.transforms))
+        whole = replace(proof, transforms=of_all_atoms(proof.transforms))
         estimate = replace(estimate, convex_proof=whole)
     return replace(group.lifting, estimate=estimate, failures={})

@@ -107,8 +107,8 @@ def pursue(
     *,
     goal: float = GOAL_ERROR,
     change: float = MIN_ERROR_CHANGE,
-    most_atoms: int = MAX_PURSUED_ATOMS,
-    most_rounds: int = MAX_PURSUIT_ROUNDS,
+    max_atoms: int = MAX_PURSUED_ATOMS,
+    max_rounds: int = MAX_PURSUIT_ROUNDS,
 ) -> Pursuit:
     """Fit the mean shape and a few atoms to landmarks greedily, at a fixed limb size.
 
@@ -148,7 +148,7 @@ def pursue(
             continue
         B = weighted(shapes, np.broadcast_to(mask, (1 + k, len(mask))))
         search = Search(w[is_finite], B, limbs)
-        search.run(goal, change, most_atoms, most_rounds)
+        search.run(goal, change, max_atoms, max_rounds)
         coefficients[rows] = search.coefficients
         rotation[rows] = complete_rotation(search.R)
         scale[rows] = search.scale
@@ -211,29 +211,27 @@ class Search:
         Z, N = self.moments(w, mean_alone)
         self.fit_camera(np.arange(n), np.ones((n, 1)), Z, N)
 
-    def run(
-        self, goal: float, change: float, most_atoms: int, most_rounds: int
-    ) -> None:
+    def run(self, goal: float, change: float, max_atoms: int, max_rounds: int) -> None:
         """Add atoms one by one, refitting each time, until errors are at the goal.
 
         goal, change and limits as in `pursue`.
         """
         going = np.arange(len(self.w))
         chosen = np.zeros((len(going), 1), np.intp)
-        for _ in range(most_atoms):
+        for _ in range(max_atoms):
             is_unsolved = self.error[going] > goal
             going, chosen = self.add_atom(going[is_unsolved], chosen[is_unsolved])
             if not len(going):
                 return
-            self.go_round(going, chosen, change, most_rounds)
+            self.fit_alternately(going, chosen, change, max_rounds)
 
-    def go_round(
-        self, going: Indices, chosen: Indices, change: float, most_rounds: int
+    def fit_alternately(
+        self, going: Indices, chosen: Indices, change: float, max_rounds: int
     ) -> None:
-        """Fit coefficients and camera by turns, until errors stand still, in place.
+        """Fit coefficients and camera in turn, until errors stand still, in place.
 
         going: the images; chosen (r, m): the shapes that each mixes; change and
-        most_rounds as in `pursue`.
+        max_rounds as in `pursue`.
         """
         L = np.linalg.cholesky(self.limb_gram[chosen[:, :, None], chosen[:, None]])
         flat = self.B[chosen].reshape(*chosen.shape, -1)
@@ -242,7 +240,7 @@ class Search:
         start = np.take_along_axis(self.coefficients[going], chosen, axis=1)
         y = np.einsum("nij,ni->nj", L, start)
         rows = np.arange(len(going))
-        for _ in range(most_rounds):
+        for _ in range(max_rounds):
             images = going[rows]
             before = self.error[images]
             M = self.cameras(images)

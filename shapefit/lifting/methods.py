@@ -163,5 +163,5 @@ METHODS: dict[str, Method] = {
 
 
 def summarise() -> str:
-    """Return what each method does, for the help: `name`, summary; and so on."""
+    """Return one text for the help: the name of each method, and its summary."""
     return "; ".join(f"`{name}`, {method.summary}" for name, method in METHODS.items())

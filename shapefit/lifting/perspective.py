@@ -103,8 +103,8 @@ def refine_view(
     shapes[:, :2] += origin[..., None]
     fitted = norm.scale[:, None, None] * projected + norm.centroid[..., None]
 
-    def among_all(values: Floats, rest: float = np.nan) -> Floats:
-        """Put values of the refined images in their rows."""
+    def at_all_images(values: Floats, rest: float = np.nan) -> Floats:
+        """Return values of all images: those of the refined ones, else `rest`."""
         every = np.full((len(landmarks), *values.shape[1:]), rest)
         every[rows] = values
         return every
@@ -117,15 +117,15 @@ def refine_view(
         status[row] = ending
         if ending in REFINEMENT_FAILURES:
             failures[row] = REFINEMENT_FAILURES[ending]
-    coefficients = among_all(refined.coefficients, 0.0)
-    rotation = among_all(refined.rotation)
+    coefficients = at_all_images(refined.coefficients, 0.0)
+    rotation = at_all_images(refined.rotation)
     estimate = replace(
         old,
-        shapes=among_all(S),
-        translation=among_all((origin - norm.centroid) / norm.scale[:, None]),
+        shapes=at_all_images(S),
+        translation=at_all_images((origin - norm.centroid) / norm.scale[:, None]),
         rotation=rotation,
-        objective=among_all(refined.objective),
-        residual=among_all(residual),
+        objective=at_all_images(refined.objective),
+        residual=at_all_images(residual),
         iterations=iterations,
         status=tuple(status),
         coefficients=coefficients,
@@ -135,14 +135,14 @@ def refine_view(
         tight=None,
     )
     return Lifting(
-        shapes=among_all(shapes),
-        landmarks_fitted=among_all(fitted),
-        translation=among_all(origin),
-        scale=among_all(scale),
+        shapes=at_all_images(shapes),
+        landmarks_fitted=at_all_images(fitted),
+        translation=at_all_images(origin),
+        scale=at_all_images(scale),
         problem=whole,
         estimate=estimate,
         failures=failures,
-        perspective=PerspectiveView(among_all(t), camera),
+        perspective=PerspectiveView(at_all_images(t), camera),
     )
 
 

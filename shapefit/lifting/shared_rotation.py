@@ -353,7 +353,7 @@ def alternate(
         starts=np.ascontiguousarray(starts, dtype=np.float64),
         is_signed=signed,
         tolerance=tolerance,
-        most_rounds=max_rounds,
+        max_rounds=max_rounds,
         coefficients=coefficients,
         rotation=rotation,
         rounds=rounds,

@@ -1,4 +1,4 @@
-"""The dense vertices of a shape: they go wherever the landmarks go."""
+"""Dense vertices of shapes, which are transformed as the landmarks are."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
 
 
-def carry_mesh(
+def transform_mesh(
     mesh_vertices: Floats, normalised: Normalised, rotations: Floats
 ) -> Floats:
-    """Return mesh vertices (n, 3, q), normalised and turned as their landmarks were.
+    """Return mesh vertices (n, 3, q), normalised and rotated as their landmarks were.
 
     R_j (V_j - centroid_j 1^T) / scale_j. mesh_vertices V (n, 3, q) in the frame and
     unit of the landmarks that gave `normalised`; rotations R (n, 3, 3), those of their
@@ -22,7 +22,7 @@ def carry_mesh(
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
-    """Return how long the unit of mixed shapes is (n,), by the sizes of their atoms.
+    """Return the length (n,) of the unit of mixed shapes, by the sizes of their atoms.
 
     (sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i
     = 1, so that the shape of an image is as large as its atoms are on average: an image

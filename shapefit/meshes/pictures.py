@@ -368,7 +368,10 @@ def draw_bones(
 
 
 def draw_residuals(axes: Axes, image: FittedImage) -> Looks:
-    """Draw lines from landmarks to where the model has them; return their word."""
+    """Draw lines from landmarks to where the model projects them.
+
+    Returns their entry of the legend, {} where no line is drawn.
+    """
     from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
 
@@ -386,7 +389,7 @@ def draw_residuals(axes: Axes, image: FittedImage) -> Looks:
 def draw_landmarks(axes: Axes, image: FittedImage) -> Looks:
     """Draw landmarks: those observed, outliers, and hidden ones of the model.
 
-    Returns words of the legend.
+    Returns entries of the legend for those that there are.
     """
     is_hidden = ~np.isfinite(image.landmarks).all(axis=0)
     is_wrong = np.zeros_like(is_hidden)

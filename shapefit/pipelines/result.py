@@ -106,17 +106,17 @@ def unread(path: Path, error: InputError) -> Failure:
 def merge_warnings(
     total: dict[str, str | Counted],
     warnings: Iterable[str | Counted],
-    most: int = sys.maxsize,
+    max_warnings: int = sys.maxsize,
 ) -> int:
     """Add warnings to those of a run, equal texts as one.
 
-    Returns how many are not added, which are beyond `most`.
+    Returns how many are not added, which are beyond `max_warnings`.
     """
     omitted = 0
     for warning in warnings:
         text = warning if isinstance(warning, str) else f"{warning.noun} {warning.text}"
         before = total.get(text)
-        if before is None and len(total) >= most:
+        if before is None and len(total) >= max_warnings:
             omitted += 1
         elif isinstance(before, Counted) and isinstance(warning, Counted):
             total[text] = before + warning

@@ -40,7 +40,7 @@ from shapefit.pipelines.joints import find_joints, named_as_joints
 from shapefit.pipelines.result import Failure, Numbers, Result, unread
 from shapefit.records import Fit, Landmarks
 from shapefit.records.columns import held_columns, in_columns
-from shapefit.threads import side_by_side
+from shapefit.threads import map_ahead
 from shapefit.timeline import frames_of
 from shapefit.verification import certificate
 from shapefit.verification.certificate import CertifiedProgram, Claims, Numeric
@@ -270,7 +270,7 @@ def verify_file(
             if results.count:
                 batches = results.batches(IMAGES_CHECKED_AT_ONCE)
             pairs = zip(batches, images, strict=False)
-            for chunk in side_by_side(
+            for chunk in map_ahead(
                 lambda pair: check_chunk(*pair, program, fit.certified), pairs, 1
             ):
                 yield add_to_tally(tally, chunk)._replace(total=results.count)
@@ -335,7 +335,7 @@ def result_rows(part: ResultFile, seal: Seal) -> slice | None:
 
 
 def statement_of(attributes: Mapping[str, object], file: Path) -> Statement:
-    """Return what the attributes `config` and `inputs` of a result say.
+    """Return the attributes `config` and `inputs` of a result, parsed.
 
     Raises InputError where they are not those of a fit.
     """
@@ -497,6 +497,7 @@ def open_images(
             raise input_error(files[0], fault, f"give the landmarks of {file}")
 
         def as_fitted(images: Landmarks) -> Landmarks:
+            """Return images as `fit` had them: without distortion, and as joints."""
             matrix = head.column(CAMERA_MATRIX)
             removed = head.column(REMOVED)
             if is_calibrated and matrix is not None and removed is not None:
@@ -554,7 +555,7 @@ def check_confidence(columns: dict[str, Numeric], claims: Claims) -> None:
     if confidence.shape != (n, p) or confidence.dtype.kind not in "biuf":
         del columns["confidence"]
         none = np.zeros(n, bool)
-        claims.hold("each landmark has a confidence", none, of=~none)
+        claims.hold("each landmark has a confidence", none, where=~none)
 
 
 def check_landmarks(
@@ -573,12 +574,12 @@ def check_landmarks(
     allowed = 0.0
     if given.column(REMOVED) is not None:
         allowed = UNDISTORTED_WITHIN * np.nanmax(np.abs(in_file), initial=1.0)
-    claims.near("landmarks are those of the file", off, allowed, of=everyone)
+    claims.near("landmarks are those of the file", off, allowed, where=everyone)
     confidence = given.weights() if given.confidence is None else given.confidence
     same = np.equal(columns.get("confidence", 1.0), confidence) | ~visible
-    claims.hold("confidences are those of the file", same, of=everyone)
+    claims.hold("confidences are those of the file", same, where=everyone)
     same = np.array(result.items, object) == np.array(given.items, object)
-    claims.hold("items are those of the file", same, of=everyone)
+    claims.hold("items are those of the file", same, where=everyone)
 
 
 def summary_lines(
@@ -588,8 +589,8 @@ def summary_lines(
     method = fit.config["method"]
     total = f"of {counted(tally.images + tally.unread, 'image')}"
     yield f"Method     {method}"
-    yield f"Certified  {tally.certified} {total}: {_say_certified(tally, fit)}"
-    yield f"Sealed     {tally.sealed} {total}: {_say_sealed(tally)}"
+    yield f"Certified  {tally.certified} {total}: {_describe_certified(tally, fit)}"
+    yield f"Sealed     {tally.sealed} {total}: {_describe_sealed(tally)}"
     if tally.empty:
         yield f"No shape   {tally.empty} {total}"
     recomputed = "nothing"
@@ -613,7 +614,7 @@ def summary_lines(
     yield f"False      {tally.false + tally.unread} {total}{wrong}"
 
 
-def _say_certified(tally: VerifyTally, fit: Statement) -> str:
+def _describe_certified(tally: VerifyTally, fit: Statement) -> str:
     """Return a text on what the certificates of a fit prove, or why it has none."""
     if fit.certified:
         return (
@@ -630,7 +631,7 @@ def _say_certified(tally: VerifyTally, fit: Statement) -> str:
     return "has no certificate"
 
 
-def _say_sealed(tally: VerifyTally) -> str:
+def _describe_sealed(tally: VerifyTally) -> str:
     """Return a text on whether files are as `fit` wrote them, by their digests."""
     if tally.not_sealed:
         return "not sealed: the file has no digest of what it holds"

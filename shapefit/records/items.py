@@ -97,6 +97,7 @@ class Items:
         return len(self.points)
 
     def __getitem__(self, rows: int | Rows) -> Self:
+        """Return some items as a record; an integer gives a record of one item."""
         return self.take(np.atleast_1d(np.arange(len(self))[rows]))
 
     def __repr__(self) -> str:
@@ -111,7 +112,7 @@ class Items:
         return replace(self, **take_rows(self, rows))  # type: ignore[arg-type]
 
     def replaced(self, **changes: object) -> Self:
-        """Return the record with these fields changed; None leaves one out."""
+        """Return the record with these fields changed; None takes a field out."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def as_columns(self) -> Floats:
@@ -119,12 +120,12 @@ class Items:
         return in_columns(self.points)
 
     def with_points(self, points: Floats) -> Self:
-        """Return the same items at other points (n, p, d)."""
+        """Return the record with other points (n, p, d)."""
         changes = {self.POINTS: points}
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def with_whole_points(self) -> Self:
-        """Return the same items; landmarks with one nan coordinate become nan."""
+        """Return the record; landmarks with one nan coordinate become nan."""
         unknown = np.isnan(self.points)
         if not unknown.any():
             return self

@@ -108,11 +108,11 @@ class ProgramImages(NamedTuple):
 def check_certificate(
     columns: ImageColumns, program: CertifiedProgram, claims: Claims
 ) -> Flags:
-    """Compute the certificate of n images again, and claim that it is as stated.
+    """Recompute the certificates of n images; return which images (n,) have one.
 
-    Dual, objective, gap and shapes; claims that are false are noted in `claims`.
-    Returns the images (n,) that state a gap: without one nothing is certified of an
-    image.
+    A certificate is the dual point, the objective, its gap, and the shape that these
+    belong to; an image whose gap is nan has none. Where a recomputed number differs
+    from what the file states, that is noted in `claims`.
     """
     images = normalise_images(columns, program)
     k, _, p = program.atoms.shape
@@ -137,7 +137,7 @@ def check_certificate(
             "the gap of an optimal image is within the tolerance",
             np.abs(gap),
             program.tolerance + CLAIM_TOLERANCE,
-            of=claims.fitted & is_optimal,
+            where=claims.fitted & is_optimal,
         )
         third = np.nan_to_num(np.cross(M[:, :, 0], M[:, :, 1]) / c[..., None])
         turned = np.concatenate([M, third[:, :, None]], axis=2)
@@ -154,12 +154,12 @@ def check_refined(
     program: CertifiedProgram,
     D: Floats,
     claims: Claims,
-    of: Flags,
+    where: Flags,
 ) -> None:
     """Check shapes with one rotation, their objective and its gap to the bound D (n,).
 
-    By claims that they are what coefficients and rotations give, the gaps of the images
-    `of` (n,).
+    By claims that they are what coefficients and rotations give; gaps are claimed of
+    the images `where` (n,).
     """
     k, _, p = program.atoms.shape
     c = columns["coefficients"]
@@ -170,7 +170,7 @@ def check_refined(
     T = total / square.sum(1)[:, None]
     P = objective(images, S[:, :2], T, np.abs(c).sum(axis=1), program)
     stated = (columns["objective"], columns["relative_gap"])
-    check_gap(P, D, stated, "", claims, of)
+    check_gap(P, D, stated, "", claims, where)
     check_shapes(columns, images, c, S, T, claims)
 
 
@@ -191,7 +191,7 @@ def build_transforms(
     M[image, atom] = np.where(is_finite[:, None, None], transforms, 0.0)
     are_finite = np.ones(n, bool)
     are_finite[image[~is_finite]] = False
-    claims.hold("transforms are finite", are_finite, of=np.ones(n, bool))
+    claims.hold("transforms are finite", are_finite, where=np.ones(n, bool))
     c = np.zeros((n, k))
     c[image, atom] = np.linalg.norm(M[image, atom], 2, axis=(1, 2))
     return M, c
@@ -246,6 +246,7 @@ def objective(
     beta = program.beta
 
     def loss(r: Floats) -> Floats:
+        """Return f(Omega o r) (n,) of residuals r (n, 2, p)."""
         size = np.abs(images.weights[:, None] * r)
         f = size**2 / 2
         if program.loss == "sparse-error":
@@ -263,11 +264,11 @@ def check_dual(
     Y: Floats,
     program: CertifiedProgram,
     claims: Claims,
-    of: Flags,
+    where: Flags,
 ) -> Floats:
     """Return the bound D (n,) of dual points Y (n, 2, p), and claim they are feasible.
 
-    Of the images `of` (n,).
+    That is claimed of the images `where` (n,).
     """
     n, _, p = Y.shape
     k = len(program.atoms)
@@ -281,18 +282,20 @@ def check_dual(
     farthest = np.sqrt((program.atoms**2).sum(axis=1)).max()
     lengths = np.sqrt((weighted**2).sum(axis=1))
     terms = lengths.sum(axis=1) * farthest / images.lam
-    allowed = CLAIM_TOLERANCE + SUM_ROUNDING * terms
-    claims.near("the dual point is feasible", most / images.lam - 1, allowed, of)
+    tolerance = CLAIM_TOLERANCE + SUM_ROUNDING * terms
+    claims.near("the dual point is feasible", most / images.lam - 1, tolerance, where)
     sums = np.abs(weighted.sum(axis=2))
     sizes = np.abs(weighted).sum(axis=2).max(axis=1)
-    claims.near("the dual point is balanced", sums, CLAIM_TOLERANCE * sizes, of)
+    claims.near("the dual point is balanced", sums, CLAIM_TOLERANCE * sizes, where)
     bound = np.inf
     if program.loss == "l1":
         bound = 1.0
     elif program.loss == "sparse-error":
         bound = program.beta
-    off = np.abs(Y).max(axis=(1, 2)) / bound - 1
-    claims.near("the dual point is within the bound of the loss", off, of=of)
+    difference = np.abs(Y).max(axis=(1, 2)) / bound - 1
+    claims.near(
+        "the dual point is within the bound of the loss", difference, where=where
+    )
     along = np.einsum("nap,nap->n", weighted, images.points)
     delta = 0.0 if program.loss == "l1" else 1.0
     return np.asarray(along - delta / 2 * (Y**2).sum(axis=(1, 2)))
@@ -304,23 +307,23 @@ def check_gap(
     stated: tuple[Floats, Floats],
     prefix: str,
     claims: Claims,
-    of: Flags,
+    where: Flags,
 ) -> None:
     """Claim that stated objectives and gaps are P and (P - D) / P, computed again.
 
     objective: P and the size of its terms; D, the bound; stated: objective and gap as
-    the result has them, (n,) each; prefix of their names; of: images with a gap. 0 / 0
-    is 0.
+    the result has them, (n,) each; prefix of their names; where: images with a gap.
+    0 / 0 is 0.
     """
     P, size = objective
     stated_objective, stated_gap = stated
     text = f"{prefix}objective is that of the shape"
-    claims.near(text, np.abs(stated_objective - P), CLAIM_TOLERANCE * size, of)
+    claims.near(text, np.abs(stated_objective - P), CLAIM_TOLERANCE * size, where)
     is_nothing = (P == 0) & (D == 0)
     gap = np.where(is_nothing, 0.0, (P - D) / P)
     gap_size = np.where(is_nothing, 1.0, 1 + np.abs(gap) + size / P)
     text = f"{prefix}relative_gap is that between objective and dual point"
-    claims.near(text, np.abs(stated_gap - gap), CLAIM_TOLERANCE * gap_size, of)
+    claims.near(text, np.abs(stated_gap - gap), CLAIM_TOLERANCE * gap_size, where)
 
 
 def check_shapes(
@@ -394,27 +397,28 @@ class Claims:
     def near(
         self,
         text: str,
-        off: Floats,
-        allowed: ArrayLike = CLAIM_TOLERANCE,
-        of: Flags | None = None,
+        difference: Floats,
+        tolerance: ArrayLike = CLAIM_TOLERANCE,
+        where: Flags | None = None,
     ) -> None:
-        """Claim that differences (n, ...) are at most `allowed` (n,), and not nan.
+        """Claim that differences (n, ...) are at most `tolerance` (n,), and not nan.
 
-        Images for which it is false join `missed`. text: the claim in words; of (n,):
-        the images of which it is claimed, by default those with a shape.
+        Images for which it is false join `missed`. text: the claim in words; where
+        (n,): the images of which it is claimed, by default those with a shape.
         """
-        if of is None:
-            of = self.fitted
-        off = largest_of_images(np.asarray(off, dtype=np.float64))
-        is_near = off <= np.asarray(allowed)  # nan is not
-        false = of & ~is_near
+        if where is None:
+            where = self.fitted
+        difference = largest_of_images(np.asarray(difference, dtype=np.float64))
+        is_near = difference <= np.asarray(tolerance)  # nan is not
+        false = where & ~is_near
         for image in np.flatnonzero(false & ~self.missed).tolist():
-            self.reasons[image] = f"not true: {text}; off by {off[image]:.2g}"
+            off = f"off by {difference[image]:.2g}"
+            self.reasons[image] = f"not true: {text}; {off}"
         self.missed |= false
 
-    def hold(self, text: str, holds: ArrayLike, of: Flags | None = None) -> None:
+    def hold(self, text: str, holds: ArrayLike, where: Flags | None = None) -> None:
         """Claim that `holds` (n, ...) is true throughout; text and of as in `near`."""
-        self.near(text, np.where(holds, 0.0, np.inf), 0.0, of)
+        self.near(text, np.where(holds, 0.0, np.inf), 0.0, where)
 
 
 def largest_of_images(values: Floats) -> Floats:
@@ -438,16 +442,21 @@ def check_ranges(columns: ImageColumns, claims: Claims) -> None:
             claims.hold(f"{name} is in its range", is_inside | np.isnan(values))
     everyone = np.ones_like(claims.fitted)
     is_absent = np.isnan(columns["shapes"]).all(axis=(1, 2))
-    claims.hold("a shape is whole or absent", is_absent | claims.fitted, of=everyone)
+    claims.hold("a shape is whole or absent", is_absent | claims.fitted, where=everyone)
     status = columns["status"].astype(str)
     is_right = np.where(
         claims.fitted,
         np.isin(status, STATUS_WITH_SHAPE),
         np.isin(status, STATUS_WITHOUT_SHAPE),
     )
-    claims.hold("the status says whether there is a shape", is_right, of=everyone)
+    claims.hold("the status says whether there is a shape", is_right, where=everyone)
     R = columns["rotation"]
     has_rotation = np.asarray(~np.isnan(R).all(axis=(1, 2)))
-    off = np.abs(R.swapaxes(1, 2) @ R - np.eye(3))
-    claims.near("the rotation is orthonormal", off, ORTHONORMAL_WITHIN, of=has_rotation)
-    claims.hold("the rotation is proper", np.linalg.det(R) > 0, of=has_rotation)
+    difference = np.abs(R.swapaxes(1, 2) @ R - np.eye(3))
+    claims.near(
+        "the rotation is orthonormal",
+        difference,
+        ORTHONORMAL_WITHIN,
+        where=has_rotation,
+    )
+    claims.hold("the rotation is proper", np.linalg.det(R) > 0, where=has_rotation)

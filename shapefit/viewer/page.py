@@ -313,7 +313,7 @@ def encode_texts(texts: NDArray[np.object_] | None) -> EncodedTexts | None:
 
 
 def blend_meshes(mesh_set: int, weights: Floats) -> Blend:
-    """Return how weights (n, k), most of which are 0, mix the meshes of one set."""
+    """Return weights (n, k) of the meshes of one set as a sparse matrix, row by row."""
     frame, atom = np.nonzero(weights)
     start = np.searchsorted(frame, np.arange(len(weights) + 1))
     return {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import shapefit
-from shapefit.api.notebook import MOST_DRAWN, as_html
+from shapefit.api.notebook import MAX_DRAWN_IMAGES, as_html
 from shapefit.io.skeletons import installed_skeletons
 
 
@@ -36,7 +36,7 @@ def test_a_fit_has_a_picture_and_a_table_of_about_10_kb(walk):
     places = picture.findall("g")
     titles = [place.findtext(".//title") for place in places]
     assert titles == [f"landmarks/{row}" for row in (0, 7, 14, 21, 28, 35)]
-    assert len(titles) == MOST_DRAWN
+    assert len(titles) == MAX_DRAWN_IMAGES
     faint = [place.find("g").get("opacity") is not None for place in places]
     assert faint == [True, *[False] * 5]
     for circle in picture.iter("circle"):

@@ -24,7 +24,7 @@ from shapefit.io.layout import SHAPES
 from shapefit.records import Landmarks, Shapes
 
 MEGABYTE = 1 << 20
-MOST_MEMORY = 300 * MEGABYTE
+MAX_MEMORY = 300 * MEGABYTE
 """Of a run that refuses a file of a few megabytes."""
 
 NASTY = "\x1b]0;title\x07\x9b31m\u202eevil\n"
@@ -76,7 +76,7 @@ def check_refused(name: str, text: str) -> None:
     code, said, memory = info(name)
     assert code == 2, said
     assert text in said
-    assert memory < MOST_MEMORY
+    assert memory < MAX_MEMORY
 
 
 def open_images(name: str) -> h5py.File:
@@ -215,7 +215,7 @@ class TestMemory:
             file.write(end.encode() * ((60 << 20) // len(end)))
         code, said, memory = info(name)
         assert code in (0, 2), said
-        assert memory < MOST_MEMORY
+        assert memory < MAX_MEMORY
 
     @pytest.mark.parametrize(
         ("name", "begin", "piece"),

@@ -125,9 +125,9 @@ def sequence(rng, t=1000, p=15, components=2, bones=14):
         differences=np.tile([1.0, -2.0, 1.0], (t, 1)),
         bones=np.stack([np.arange(bones), np.arange(bones) + 1], axis=1),
         rigidity=np.full(bones, 10.0),
-        hold=np.eye(bones),
-        known=np.ones(bones),
-        most_rounds=10_000,
+        length_precision=np.eye(bones),
+        usual_lengths=np.ones(bones),
+        max_rounds=10_000,
         tolerance=0.0,
         points=start.copy(),
         lengths=np.ones(bones),
@@ -213,7 +213,7 @@ def test_a_signal_ends_kernels_on_threads_of_a_pool(name, rng, ends_soon):
     work = [KERNELS[name](rng) for _ in range(3)]
     ends_soon(lambda: threads.on_threads(lambda each: each(), work, 2))
     work = [KERNELS[name](rng)]
-    ends_soon(lambda: list(threads.side_by_side(lambda each: each(), work, 1)))
+    ends_soon(lambda: list(threads.map_ahead(lambda each: each(), work, 1)))
 
 
 def test_a_signal_ends_kernels_of_a_pool_within_a_pool(rng, ends_soon):
@@ -222,7 +222,7 @@ def test_a_signal_ends_kernels_of_a_pool_within_a_pool(rng, ends_soon):
     def inner(_item):
         return threads.on_threads(lambda each: each(), kernels, 2)
 
-    ends_soon(lambda: list(threads.side_by_side(inner, [1], 1)))
+    ends_soon(lambda: list(threads.map_ahead(inner, [1], 1)))
 
 
 def test_a_fault_beside_it_ends_a_kernel(rng):

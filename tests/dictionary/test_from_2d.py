@@ -192,7 +192,7 @@ def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(r
     centred = np.kron(np.eye(3), np.linalg.svd(np.ones((1, p)))[2][1:].T)  # (12, 9)
     axes = centred @ np.linalg.qr(rng.standard_normal((9, 9)))[0]
     covariance = (axes * np.arange(1.0, 10)) @ axes.T
-    found = split_ppca(np.zeros((3, p)), covariance, most=4)
+    found = split_ppca(np.zeros((3, p)), covariance, max_modes=4)
     assert found.rest == pytest.approx(np.mean([1, 2, 3, 4, 5]))
     V = found.modes.reshape(3 * p, 4)
     expected = (axes[:, 5:] * (np.arange(6.0, 10) - 3)) @ axes[:, 5:].T

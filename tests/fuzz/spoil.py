@@ -173,7 +173,7 @@ TYPES = (
     "V4",
 )
 
-MOST_VALUES = 10**6
+MAX_VALUES = 10**6
 """Of a dataset that is changed: one made sparse before it would take all memory."""
 
 Rows = list[list[str]]
@@ -349,7 +349,7 @@ def _dataset(rng: Random, file: Any) -> Any:
     """Choose a dataset that can be read."""
     nodes = [file.get(name) for name in file]
     datasets = [node for node in nodes if isinstance(node, h5py.Dataset)]
-    return rng.choice([one for one in datasets if (one.size or 0) <= MOST_VALUES])
+    return rng.choice([one for one in datasets if (one.size or 0) <= MAX_VALUES])
 
 
 def _numbers(rng: Random, file: Any) -> None:

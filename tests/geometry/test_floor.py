@@ -97,7 +97,7 @@ def test_a_walk_shows_height_and_tilt(heading, camera):
     np.testing.assert_allclose(floor.up, up, atol=0.02)
     assert floor.height == pytest.approx(height, abs=0.12)
     assert (floor.pitch, floor.roll) == pytest.approx((pitch, roll), abs=1.2)
-    rest = floor.stand(points)[:, 1]
+    rest = floor.in_floor_frame(points)[:, 1]
     ankles = rest[:, [JOINTS["lankle"], JOINTS["rankle"]]].min(axis=1)
     np.testing.assert_allclose(ankles, ABOVE_FLOOR["ankle"] * TALL, atol=0.05)
 

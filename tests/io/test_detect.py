@@ -180,7 +180,7 @@ def test_text_that_gzip_made_smaller(tmp_path, monkeypatch, name, content):
     assert "cannot be unpacked" in refusal(packed)
     packed.write_bytes(gzip.compress(content + b" " * 5_000_000))
     assert packed.stat().st_size < 10_000
-    monkeypatch.setattr(inputs, "LARGEST_BYTES", 1_000_000)
+    monkeypatch.setattr(inputs, "MAX_READ_BYTES", 1_000_000)
     if content != TIDY:  # which is read block by block
         assert "more than 1 MB of text, and it is read whole" in refusal(packed)
 

@@ -116,7 +116,7 @@ def test_every_cell_that_is_dropped_may_be_and_all_rotations_are_in_one(
     """The theorem of docs/global.md, cell by cell, with multipliers of scipy's nnls."""
     scene = make_scene(n=2, k=12, noise=0.4, weighted=bool(hidden), hidden=hidden)
     problem = scene.problem(0.2)
-    dropped = DroppedCells.room(2, 20_000)
+    dropped = DroppedCells.allocate(2, 20_000)
     found = find_optimum(problem, tolerance=0.05, threads=1, dropped=dropped)
     assert set(found.status) == {Status.OPTIMAL}
     for image in range(2):

@@ -104,7 +104,7 @@ class TestPursuit:
         """c is stationary on its constraint, whose multiplier is 0; the scales are the
         least squares ones, and the rotation fits as well as the nearest to the best M.
         """
-        found = noisy.pursue(goal=0.0, change=1e-16, most_atoms=4, most_rounds=20_000)
+        found = noisy.pursue(goal=0.0, change=1e-16, max_atoms=4, max_rounds=20_000)
         assert (np.count_nonzero(found.coefficients, axis=1) == 4).all()
         limbs = noisy.mean[:, noisy.edges[:, 0]] - noisy.mean[:, noisy.edges[:, 1]]
         for image, S in enumerate(noisy.mix(found)):
@@ -129,10 +129,10 @@ class TestPursuit:
             lengths = S[:, noisy.edges[:, 0]] - S[:, noisy.edges[:, 1]]
             assert (lengths**2).sum() == pytest.approx((limbs**2).sum(), rel=1e-10)
 
-    @pytest.mark.parametrize("most_rounds", [1, 30])
-    def test_no_atom_raises_the_error(self, noisy, most_rounds):
+    @pytest.mark.parametrize("max_rounds", [1, 30])
+    def test_no_atom_raises_the_error(self, noisy, max_rounds):
         errors = [
-            noisy.pursue(goal=0.0, most_atoms=most, most_rounds=most_rounds).error
+            noisy.pursue(goal=0.0, max_atoms=most, max_rounds=max_rounds).error
             for most in range(7)
         ]
         assert (np.diff(errors, axis=0) <= 1e-12).all()
@@ -141,7 +141,7 @@ class TestPursuit:
     @pytest.mark.parametrize("keys", [{}, {"hidden": 0.15, "weighted": True}])
     def test_mixtures_of_the_mean_and_few_bases_are_recovered(self, make_scene, keys):
         scene = make_scene(n=6, k=6, active=2, **keys)
-        found = scene.pursue(goal=1e-22, change=1e-24, most_rounds=20_000)
+        found = scene.pursue(goal=1e-22, change=1e-24, max_rounds=20_000)
         S = scene.mix(found)
         moved = similarity_transform(S, scene.shapes).apply(S)
         np.testing.assert_allclose(moved, scene.shapes, atol=1e-6)
@@ -160,7 +160,7 @@ class TestPursuit:
         """As it is stated, not any 2x3 matrix, which would fit a sheared image."""
         scene = make_scene(active=0)
         shear = np.array([[1.0, 0.5], [0.0, 1.0]])
-        found = replace(scene, landmarks=shear @ scene.landmarks).pursue(most_atoms=0)
+        found = replace(scene, landmarks=shear @ scene.landmarks).pursue(max_atoms=0)
         assert (found.error > 0.1).all()
         R = found.rotation
         np.testing.assert_allclose(
@@ -170,8 +170,8 @@ class TestPursuit:
         assert (found.scale > 0).all()
 
     def test_an_image_converges_at_the_goal(self, noisy):
-        goal = float(np.median(noisy.pursue(goal=0.0, most_atoms=2).error))
-        found = noisy.pursue(goal=goal, most_atoms=2)
+        goal = float(np.median(noisy.pursue(goal=0.0, max_atoms=2).error))
+        found = noisy.pursue(goal=goal, max_atoms=2)
         met = found.error <= goal
         assert 0 < met.sum() < 5
         wanted = [Status.CONVERGED if done else Status.ITERATION_LIMIT for done in met]
@@ -180,20 +180,20 @@ class TestPursuit:
 
     def test_a_loop_ends_where_the_error_rests(self, noisy):
         rounds = [
-            noisy.pursue(goal=0.0, change=change, most_atoms=1, most_rounds=500).rounds
+            noisy.pursue(goal=0.0, change=change, max_atoms=1, max_rounds=500).rounds
             for change in (1e3, 1e-3, 1e-9)
         ]
         np.testing.assert_array_equal(rounds[0], 1)
         assert (rounds[0] < rounds[1]).all()
         assert (rounds[1] < rounds[2]).all()
         np.testing.assert_array_equal(
-            noisy.pursue(goal=0.0, change=0.0, most_atoms=2).rounds, 60
+            noisy.pursue(goal=0.0, change=0.0, max_atoms=2).rounds, 60
         )
 
     def test_atoms_that_depend_on_the_chosen_ones_are_passed_over(self, noisy):
         bases = np.concatenate([noisy.bases, -noisy.bases, noisy.mean[None]])
-        expected = noisy.pursue(goal=0.0, most_atoms=9)
-        found = replace(noisy, bases=bases).pursue(goal=0.0, most_atoms=15)
+        expected = noisy.pursue(goal=0.0, max_atoms=9)
+        found = replace(noisy, bases=bases).pursue(goal=0.0, max_atoms=15)
         np.testing.assert_allclose(
             found.coefficients[:, :9], expected.coefficients, atol=1e-8
         )
@@ -214,9 +214,9 @@ class TestPursuit:
         self, make_scene, monkeypatch
     ):
         scene = make_scene(n=40, noise=0.3)
-        together = scene.pursue(most_atoms=4)
+        together = scene.pursue(max_atoms=4)
         monkeypatch.setattr(matching_pursuit, "IMAGES_PURSUED_AT_ONCE", 7)
-        apart = scene.pursue(most_atoms=4)
+        apart = scene.pursue(max_atoms=4)
         for one, other in zip(together, apart, strict=True):
             np.testing.assert_array_equal(one, other)
 

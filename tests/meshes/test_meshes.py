@@ -17,8 +17,8 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import rotation_about
 from shapefit.meshes.dense import (
-    carry_mesh,
     metric_scale,
+    transform_mesh,
 )
 from shapefit.meshes.pictures import (
     BODY_COLOURS,
@@ -87,7 +87,7 @@ def residual_variance(source, target):
 def test_a_mesh_is_carried_as_its_landmarks_are(rng):
     shapes = 40 + 7 * rng.normal(size=(6, 3, 9))
     normalised, alignment = normalised_models(shapes)
-    carried = carry_mesh(shapes, normalised, alignment.rotations)
+    carried = transform_mesh(shapes, normalised, alignment.rotations)
     np.testing.assert_allclose(carried, alignment.shapes, atol=1e-13)
 
 

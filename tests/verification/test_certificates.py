@@ -37,7 +37,9 @@ def test_the_worst_of_an_image_counts_and_nan_misses():
     claims.near("c", off, 2.0)
     assert claims.missed.tolist() == [True, False, True, False]
     assert [*claims.reasons] == [0, 2]
-    claims.near("d", off, np.full(4, np.nan), of=np.array([False, False, False, True]))
+    claims.near(
+        "d", off, np.full(4, np.nan), where=np.array([False, False, False, True])
+    )
     assert claims.missed[3]
     none = Claims(np.zeros(0, dtype=bool))
     none.near("c", np.zeros((0, 3)), 1.0)

@@ -5,7 +5,7 @@
 namespace shapefit {
 namespace {
 
-constexpr Index MOST_PLACES = 256;  // of 19 KB each
+constexpr Index MAX_PLACES = 256;  // of 19 KB each
 
 // B C^T (3, 3) of rows with a stride of `row`, which zeros fill up.
 void multiply(const double* B, const double* C, Index row, double (&out)[3][3]) {
@@ -21,7 +21,7 @@ void multiply(const double* B, const double* C, Index row, double (&out)[3][3]) 
 }  // namespace
 
 AtomProducts::AtomProducts(Workspace& workspace, Index k)
-    : places_(k < MOST_PLACES ? padded(k) : MOST_PLACES),
+    : places_(k < MAX_PLACES ? padded(k) : MAX_PLACES),
       place_(workspace.zeros<Index>(k)),
       made_for_(workspace.zeros<Index>(k)),
       atom_(workspace.zeros<Index>(places_)),

@@ -1,12 +1,12 @@
-// Products of the atoms of one image after another.
+// The products B_i B_j^T (3, 3) of pairs of atoms, of one image after another.
 #pragma once
 
 #include "reduced_atoms.hpp"
 
 namespace shapefit {
 
-// B_i B_j^T (3, 3) for pairs of the atoms that are used; each is made once for a set of
-// weights. An atom has a place here: where all places are taken, all are given up.
+// Each product of atoms in use is made once for a set of weights. An atom has a place
+// here: where all places are taken, all are given up.
 class AtomProducts {
   public:
     AtomProducts(Workspace& workspace, Index k);

@@ -84,6 +84,7 @@ void CoefficientStep::project(Index i) {
     along_[i] = dot_padded(V, w_, 2 * row);
 }
 
+// residual = w - sum_i c_i V_i.
 void CoefficientStep::find_residual() {
     const Index size = 2 * atoms_.row;
     for (Index j = 0; j < size; ++j) residual_[j] = w_[j];

@@ -1,4 +1,10 @@
-// The coefficient step: the lasso over the projected atoms Rbar B_i, solved exactly.
+// The coefficient step: the lasso over the projected atoms Rbar B_i, solved exactly,
+//
+//     argmin_c 1/2 ||w - sum_i c_i Rbar B_i||_F^2 + lam ||c||_1
+//     over all c, or over c >= 0.
+//
+// At the minimum <Rbar B_i, residual> = sign(c_i) lam where c_i is not 0; elsewhere it
+// is at most lam, in magnitude where c may be negative.
 #pragma once
 
 #include "../base/active_set.hpp"
@@ -7,13 +13,10 @@
 namespace shapefit {
 
 // Below this lambda the squares of atoms of which a coefficient is not 0 underflow.
-constexpr double LEAST_LAMBDA = 1e-140;
+constexpr double MIN_LAMBDA = 1e-140;
 
-// argmin_c 1/2 ||w - sum_i c_i Rbar B_i||_F^2 + lam ||c||_1, over c >= 0 unless signed.
-//
-// At the end used atoms have correlation sign(c_i) lam with the residual, others at
-// most lam (1 + SLACK). Also the `Terms` of the active-set method: V_i = Rbar B_i, h_i
-// = <V_i, w>.
+// The step, and the `Terms` of the active-set method: V_i = Rbar B_i, h_i = <V_i, w>.
+// An atom counts as optimal up to lam (1 + SLACK).
 class CoefficientStep {
   public:
     static constexpr bool scaled = false;

@@ -124,6 +124,7 @@ double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
     return root(most);
 }
 
+// B_i <- factor B_i.
 void ReducedAtoms::scale(double factor) {
     for (Index e = 0; e < planes.size(); e += WIDTH)
         store(planes.data + e, factor * load(planes.data + e));
@@ -134,6 +135,7 @@ void ReducedAtoms::copy() {
     memcpy(planes.data, all_.data, sizeof(double) * all_.size());
 }
 
+// The number of coordinates has changed: rows of atoms are to be laid again.
 void ReducedAtoms::resize(Index coordinates) {
     planes.columns = coordinates;
     row = padded(coordinates);

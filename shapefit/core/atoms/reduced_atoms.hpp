@@ -1,10 +1,14 @@
 // Atoms and landmarks of an image without the translation: p weighted landmarks -> q =
 // p_visible - 1 coordinates.
 //
+//     min_T ||Omega o (W - sum_i M_i B_i - T 1^T)||_F = ||w - sum_i M_i b_i||_F,
+//     w = the first q columns of (W o omega)(I - h h^T), b_i of (B_i o omega)(I - h
+//     h^T)
+//
 // The optimal T makes the weighted residual orthogonal to omega, so nothing is lost by
 // turning the space of landmarks until omega is the last axis (a Householder reflection
-// I - h h^T) and dropping that axis: w = (W o omega)(I - h h^T), B_i likewise. For the
-// quadratic losses this is the same as centring with weights omega^2.
+// I - h h^T) and dropping that axis. For the quadratic losses this is the same as
+// centring with weights omega^2. Code and comments elsewhere write B_i for b_i.
 #pragma once
 
 #include "../base/memory.hpp"

@@ -46,11 +46,13 @@ struct ActiveSet {
           column(workspace.zeros<double>(padded(capacity + 1))),
           factor(workspace, capacity + 1) {}
 
+    // Use no coefficient.
     void clear() {
         count = 0;
         factor.clear();
     }
 
+    // Add coefficient i to those in use; the factor takes it up later.
     void use(Index i, double value, double its_sign) {
         index[count] = i;
         x[count] = value;
@@ -63,6 +65,7 @@ struct ActiveSet {
         for (Index e = 0; e < count; ++e) c[index[e]] = x[e];
     }
 
+    // Take the coefficient at a place of the list out of use, and out of the factor.
     void drop(Index at) {
         if (at < factor.size()) factor.remove(at);
         --count;
@@ -201,10 +204,10 @@ constexpr Index ROUNDS_BETWEEN_LOOKS = 16;  // most minimisations take fewer
 // is the share of a vector's square outside the span of the others at which it depends
 // on them.
 template <class Terms>
-Ending minimise(Terms& terms, ActiveSet& set, double dependent, Index most_rounds) {
+Ending minimise(Terms& terms, ActiveSet& set, double dependent, Index max_rounds) {
     set.factor.clear();
     bool newest = false;
-    for (Index round = 1; round <= most_rounds; ++round) {
+    for (Index round = 1; round <= max_rounds; ++round) {
         if (round % ROUNDS_BETWEEN_LOOKS == 0) check_interrupt();
         const bool rejected = minimise_used(terms, set, dependent, newest);
         Index next = -1;

@@ -1,4 +1,5 @@
-// The factor of a Gram matrix whose vectors come and go.
+// W = U^-1 of the Cholesky factor U of a Gram matrix Q = U^T U whose vectors come and
+// go: Q^-1 = W W^T.
 #pragma once
 
 #include "memory.hpp"

@@ -1,5 +1,6 @@
-// Lower triangles of lanes, in tiles of 4 rows and columns whose sums of products stay
-// in registers.
+// Cholesky factors S = L L^T of many matrices side by side, one a lane, their inverses
+// L^-1 and products with these. Lower triangles in tiles of 4 rows and columns, whose
+// sums of products stay in registers.
 #pragma once
 
 #include "lanes.hpp"
@@ -7,7 +8,8 @@
 namespace shapefit {
 
 constexpr Index TILE = 4;
-constexpr double LEAST_PIVOT = 1e-12;
+constexpr double MIN_PIVOT = 1e-12;  // smaller ones are lifted to it
+// n, up to the next multiple of TILE.
 constexpr Index tiled(Index n) { return (n + TILE - 1) / TILE * TILE; }
 
 // Of n rows, a multiple of TILE; the tiles on the diagonal are whole.
@@ -67,7 +69,7 @@ template <class Lanes>
     Lanes product = all<Lanes>(1.0);
 #pragma GCC unroll 4
     for (int c = 0; c < TILE; ++c) {
-        const Lanes pivot = larger(x[c][c] - sums[c][c], all<Lanes>(LEAST_PIVOT));
+        const Lanes pivot = larger(x[c][c] - sums[c][c], all<Lanes>(MIN_PIVOT));
         reciprocal[c] = 1.0 / root(pivot);
         product *= pivot;
         x[c][c] = pivot * reciprocal[c];

@@ -16,6 +16,7 @@ constexpr double INFINITE = __builtin_huge_val();
 constexpr double NOT_A_NUMBER = __builtin_nan("");
 constexpr double TINY = 1e-300;  // in place of a zero divisor
 
+// sqrt, abs, max, min and so on; sign_of(0) is 0.
 inline double root(double x) { return __builtin_sqrt(x); }
 inline double magnitude(double x) { return __builtin_fabs(x); }
 inline double exp(double x) { return __builtin_exp(x); }
@@ -48,8 +49,10 @@ typedef double LooseDoubles __attribute__((vector_size(WIDTH * sizeof(double)),
 
 // Rows are padded with zeros to this many numbers, whatever the width.
 constexpr Index PADDING = 8;
+// n, up to the next multiple of PADDING.
 constexpr Index padded(Index n) { return (n + PADDING - 1) / PADDING * PADDING; }
 
+// WIDTH numbers from memory, at any address, and back.
 inline Doubles load(const double* x) {
     return *reinterpret_cast<const LooseDoubles*>(x);
 }
@@ -83,6 +86,7 @@ inline Singles root(Singles x) {
     return x;
 #endif
 }
+// The functions of numbers, lane by lane.
 inline Doubles larger(Doubles a, Doubles b) { return a > b ? a : b; }
 inline Doubles smaller(Doubles a, Doubles b) { return a < b ? a : b; }
 inline Singles larger(Singles a, Singles b) { return a > b ? a : b; }
@@ -100,6 +104,7 @@ template <class Lanes>
 inline Lanes all(double x) {
     return Lanes{} + static_cast<Number<Lanes>>(x);
 }
+// max and sum over the lanes.
 template <class Lanes>
 inline double largest(Lanes x) {
     double result = x[0];
@@ -166,6 +171,7 @@ inline double log_of_one_plus(double x) {
     return e * 0x1.62e42fefa39efp-1 + 2.0 * (s + s * z * series);
 }
 
+// exp, lane by lane.
 template <class Lanes>
 inline Lanes exponential(Lanes x) {
     for (int lane = 0; lane < width<Lanes>; ++lane) x[lane] = power_of_e(x[lane]);

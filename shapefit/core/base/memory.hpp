@@ -107,6 +107,7 @@ class Workspace {
         return reinterpret_cast<T*>(block + 1);
     }
 
+    // Arrays of zeros.
     template <class T>
     Vector<T> vector(Index n) {
         return {zeros<T>(n), {n}};

@@ -78,9 +78,10 @@ void mirror(double* C, Index n, Index stride) {
 
 namespace {
 
-constexpr int MOST_SWEEPS = 30;
+constexpr int MAX_SWEEPS = 30;
 constexpr double ROUNDING = 0x1p-56;  // of an entry beside the norm of the matrix
 
+// ||A||_F
 double norm(Matrix<const double> A) {
     double total = 0;
     for (Index e = 0; e < A.size[0] * A.size[1]; ++e) total += square(A.data[e]);
@@ -142,7 +143,7 @@ void symmetric_eigen(Matrix<double> A, Vector<double> values, Matrix<double> V) 
     for (Index i = 0; i < m; ++i)
         for (Index j = 0; j < m; ++j) V[i][j] = i == j;
     const double negligible = ROUNDING * norm({A.data, {m, m}});
-    for (int sweep = 0; sweep < MOST_SWEEPS; ++sweep) {
+    for (int sweep = 0; sweep < MAX_SWEEPS; ++sweep) {
         bool converged = true;
         for (Index p = 0; p < m; ++p)
             for (Index q = p + 1; q < m; ++q)

@@ -6,12 +6,14 @@
 
 namespace shapefit {
 
+// sum_i a_i b_i
 [[gnu::always_inline]] inline double dot(const double* a, const double* b, Index n) {
     double total = 0;
     for (Index i = 0; i < n; ++i) total += a[i] * b[i];
     return total;
 }
 
+// Whether n numbers are the same; nan differs from itself.
 inline bool are_equal(const double* x, const double* y, Index n) {
     for (Index i = 0; i < n; ++i)
         if (x[i] != y[i]) return false;
@@ -71,11 +73,12 @@ template <int most>
 // out = sum_r x_r row_r for m padded rows of n numbers.
 inline void mix_rows(const double* x, Index m, const double* rows, Index stride,
                      Index n, double* out) {
-    constexpr int MOST = 8;  // as many sums as hide the latency
+    constexpr int MAX_SUMS = 8;  // as many sums as hide the latency
     Index column = 0;
-    for (; column + MOST * WIDTH <= n; column += MOST * WIDTH)
-        mix_columns<MOST>(x, m, rows, stride, column, out);
-    mix_last_columns<MOST - 1>((n - column) / WIDTH, x, m, rows, stride, column, out);
+    for (; column + MAX_SUMS * WIDTH <= n; column += MAX_SUMS * WIDTH)
+        mix_columns<MAX_SUMS>(x, m, rows, stride, column, out);
+    mix_last_columns<MAX_SUMS - 1>((n - column) / WIDTH, x, m, rows, stride, column,
+                                   out);
 }
 
 // y -= sum_e x_e row_(index_e) for m rows of n numbers.
@@ -161,8 +164,8 @@ template <int vectors>
         }
 }
 
-// C (rows, columns) += sign A^T B; inner(i, j, width) the k of the tile from row i and
-// column j on, where first > last leaves it out.
+// C_ij += sign sum_k A_ki B_kj; inner(i, j, width) gives the k of the tile from row i
+// and column j on, none for a tile that is left out.
 template <class Inside>
 inline void add_product(double sign, Factor A, const double* B, double* C, Index rows,
                         Index columns, Index stride_of_B, Index stride,

@@ -15,11 +15,13 @@ constexpr Type TYPES[] = {{"Floats", "float64"},
                           {"Indices", "int64"},
                           {"States", "uint64"}};
 
+// The names of an element type.
 const Type& type_of(Element element) { return TYPES[static_cast<int>(element)]; }
 
 constexpr int NO_ARRAY = -1;
 
-// The array behind an object, or behind a copy of it; returns its rank.
+// Point `array` at the elements of an object, of a copy of it where they are only read;
+// returns its rank, NO_ARRAY where it is none of this element type.
 template <class T>
 int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& retained) {
     const auto look = [&](auto found) {
@@ -39,11 +41,12 @@ int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& retained
     return nb::try_cast(given, found) ? look(found) : NO_ARRAY;
 }
 
+// str(value).
 std::string text_of(const nb::object& value) {
     return nb::str(nb::handle(value)).c_str();
 }
 
-// The parts of a text between spaces.
+// Call visit(part) for the parts of a text between spaces.
 template <class Visit>
 void each_token(std::string_view text, const Visit& visit) {
     while (!text.empty()) {
@@ -58,6 +61,7 @@ void each_token(std::string_view text, const Visit& visit) {
 Call::Call(const char* function, nb::args values, nb::kwargs keywords)
     : function_(function), values_(std::move(values)), keywords_(std::move(keywords)) {}
 
+// The argument of a name. Raises TypeError where it was not given.
 nb::handle Call::find(const Argument& argument) {
     if (!keywords_.contains(argument.name))
         throw nb::type_error(
@@ -66,6 +70,8 @@ nb::handle Call::find(const Argument& argument) {
     return nb::handle(PyDict_GetItemString(keywords_.ptr(), argument.name));
 }
 
+// The argument as an array. Raises TypeError for another type, ValueError for another
+// shape.
 void Call::take(const Argument& argument, AnyArray& array) {
     const nb::handle given = find(argument);
     int rank = NO_ARRAY;
@@ -117,12 +123,15 @@ bool Call::take_flag(const Argument& argument) {
     return value;
 }
 
+// All arguments are taken: release Python's lock for a function that is called once.
+// Returns true, as the function is to run; raises TypeError where arguments are left.
 bool Call::begin() {
     end();
     running_.emplace();
     return true;
 }
 
+// Take the argument `threads`, and run a kernel on n images without Python's lock.
 void Call::run(void (*kernel)(const void* data, Range), const void* data) {
     const int threads = static_cast<int>(take_count({*this, "threads", ""}));
     end();
@@ -130,6 +139,7 @@ void Call::run(void (*kernel)(const void* data, Range), const void* data) {
     run_blocks({kernel, data}, size("n"), threads);
 }
 
+// The count that the function returned, or None; takes Python's lock back.
 nb::object Call::result() {
     running_.reset();
     return count_ ? nb::int_(*count_) : nb::object(nb::none());
@@ -144,6 +154,7 @@ void Call::end() const {
     throw nb::type_error((std::string(function_) + ": " + text + " are known").c_str());
 }
 
+// The size that a name in the shapes stands for, 0 where it does not occur.
 Index Call::size(std::string_view name) const {
     for (const Size& size : sizes_)
         if (size.name == name) return size.value;
@@ -167,7 +178,8 @@ bool Call::has_shape(const Argument& argument, const AnyArray& array) {
     return fit && d == array.rank;
 }
 
-// "3", "p", "3p" or "1+k": a name stands for the size that it met first.
+// Whether a size fits one axis of a shape, "3", "p", "3p" or "1+k": a name stands for
+// the size that it met first.
 bool Call::fits(std::string_view token, Index value) {
     Index number = 0;
     bool leads = false;
@@ -206,10 +218,12 @@ void Call::refuse(const Argument& argument, const std::string& wanted, nb::handl
     throw nb::type_error(text.c_str());
 }
 
+// Note an array argument, and read nothing.
 void Signature::take(const Argument& argument, AnyArray& array) {
     add(argument, type_of(array.element).in_python);
 }
 
+// Append "name: type".
 void Signature::add(const Argument& argument, const char* type) {
     text += std::string(text.empty() ? "" : ", ") + argument.name + ": " + type;
 }

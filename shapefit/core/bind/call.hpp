@@ -48,8 +48,7 @@ class Call : public Arguments {
     };
 
     void end() const;  // after the last argument
-    Index size(std::string_view name)
-        const;  // of a name in the shapes, 0 where it does not occur
+    Index size(std::string_view name) const;
     nb::handle find(const Argument& argument);
     bool fits(std::string_view token, Index value);
     bool has_shape(const Argument& argument, const AnyArray& array);
@@ -66,7 +65,8 @@ class Call : public Arguments {
     std::optional<Running> running_;  // while the function runs
 };
 
-// The list of arguments as Python writes it.
+// The list of arguments as the signature of a Python function: nothing is taken and no
+// function runs.
 class Signature : public Arguments {
   public:
     void take(const Argument& argument, AnyArray& array) override;

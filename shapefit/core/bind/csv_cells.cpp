@@ -30,6 +30,7 @@ struct CsvTextsData {
 
 namespace {
 
+// The text of a cell between two places in the file.
 std::string_view cell_of(const char* letters, int64_t start, int64_t end) {
     return {letters + start, static_cast<size_t>(end - start)};
 }
@@ -55,6 +56,7 @@ bool read_number(std::string_view cell, double& number) {
 
 }  // namespace
 
+// The numbers of cells, and whether each was read; the others are left to Python.
 void read_csv_numbers(const CsvNumbersData& data) {
     const char* letters = reinterpret_cast<const char*>(data.letters.data);
     for (Index n = 0; n < data.starts.size[0]; ++n) {

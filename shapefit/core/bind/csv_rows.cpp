@@ -26,8 +26,8 @@ struct CsvRowsData {
 
 namespace {
 
-// Numbers from here to there are written without an exponent.
-constexpr double LEAST_OF_PYTHON = 1e-4, LEAST_OF_JSON = 1e-5, MOST = 1e16;
+// Magnitudes between which a number is written without an exponent.
+constexpr double MIN_PLAIN_IN_PYTHON = 1e-4, MIN_PLAIN_IN_JSON = 1e-5, MAX_PLAIN = 1e16;
 
 constexpr int ROOM = 25;  // for "-0.000012345678901234567"
 
@@ -55,8 +55,8 @@ char* put_with_exponent(char* out, double number, bool as_python) {
 char* put_number(char* out, double number, bool as_python) {
     if (std::isnan(number) || (std::isinf(number) && !as_python)) return out;
     const double size = std::abs(number),
-                 least = as_python ? LEAST_OF_PYTHON : LEAST_OF_JSON;
-    if (size == 0 || (size >= least && size < MOST)) return put_plain(out, number);
+                 least = as_python ? MIN_PLAIN_IN_PYTHON : MIN_PLAIN_IN_JSON;
+    if (size == 0 || (size >= least && size < MAX_PLAIN)) return put_plain(out, number);
     return put_with_exponent(out, number, as_python);
 }
 

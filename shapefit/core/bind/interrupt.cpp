@@ -7,12 +7,12 @@
 namespace shapefit {
 namespace {
 
-thread_local const bool* obeyed = nullptr;
+thread_local const bool* stop_flag = nullptr;
 thread_local const Watch* watch = nullptr;
 
 }  // namespace
 
-KernelCall::KernelCall() : stop_(obeyed) {}
+KernelCall::KernelCall() : stop_(stop_flag) {}
 
 void KernelCall::check_ended() const {
     if (ended_.load(std::memory_order_relaxed)) throw Interrupted();
@@ -44,13 +44,14 @@ void check_interrupt() {
 
 // A flag that the calling thread obeys from now on: kernels that it calls end early
 // once the flag is set. The flag outlives the thread.
-struct ObeyData {
+struct StopFlagData {
     Arguments& from;
     Vector<const bool> stop = from("stop", "1");
 };
 
-void obey(const ObeyData& data) { obeyed = data.stop.data; }
+// Let the calling thread obey a flag, see StopFlagData.
+void set_stop_flag(const StopFlagData& data) { stop_flag = data.stop.data; }
 
-const Exported<obey> obey_exported{"obey"};
+const Exported<set_stop_flag> set_stop_flag_exported{"set_stop_flag"};
 
 }  // namespace shapefit

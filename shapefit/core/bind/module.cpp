@@ -13,6 +13,7 @@ void raise_out_of_memory(Index) { throw std::bad_alloc(); }
 
 namespace {
 
+// Call a function of the registry with Python's arguments; returns its count, or None.
 nb::object call_function(const Function& function, nb::args values,
                          nb::kwargs keywords) {
     Call call(function.name, std::move(values), std::move(keywords));
@@ -20,6 +21,7 @@ nb::object call_function(const Function& function, nb::args values,
     return call.result();
 }
 
+// Add a function of the registry to the Python module, with its signature.
 void bind_function(nb::module_& module, const Function& function) {
     static std::deque<std::string> signatures;  // Python keeps the pointers
     Signature list;

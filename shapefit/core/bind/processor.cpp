@@ -12,6 +12,8 @@
 
 namespace shapefit {
 
+// Whether processor and system run the instructions of a level of x86-64: v3 has AVX2,
+// v4 AVX-512.
 #ifdef _WIN32
 inline bool runs_x86_64_v3() {
     return IsProcessorFeaturePresent(PF_AVX2_INSTRUCTIONS_AVAILABLE);

@@ -14,6 +14,7 @@ constexpr Index MAX_BLOCKS = 8;
 // thread finds no memory for its thread-local data, libc ends the process.
 constexpr size_t MEMORY_OF_A_THREAD = 64 << 20;
 
+// Whether MEMORY_OF_A_THREAD is free.
 bool has_memory_for_a_thread() {
     void* memory = ::operator new(MEMORY_OF_A_THREAD, std::nothrow);
     ::operator delete(memory);
@@ -83,6 +84,7 @@ void Team::help() {
     leave();
 }
 
+// A helper has begun, with all memory that it needs.
 void Team::begin() {
     std::uncaught_exceptions();  // has memory of its own in each thread, taken here
     const std::lock_guard<std::mutex> lock(guard_);
@@ -117,6 +119,7 @@ bool Team::await_helpers() {
     return !returned_.empty() && !failure_;
 }
 
+// Let another thread do a range.
 void Team::give_back(Range range) {
     const std::lock_guard<std::mutex> lock(guard_);
     returned_.push_back(range);
@@ -129,6 +132,7 @@ void Team::fail() {
     call_.end();
 }
 
+// A helper has ended.
 void Team::leave() {
     const std::lock_guard<std::mutex> lock(guard_);
     --helpers_;

@@ -52,6 +52,7 @@ struct Vector3 {
     Doubles x[3];
 };
 
+// Vectors of three, WIDTH of them at columns c, c + 1, ... of three rows.
 [[gnu::always_inline]] inline Vector3 load3(const double* rows, Index stride, Index c) {
     return {{load(rows + c), load(rows + stride + c), load(rows + 2 * stride + c)}};
 }
@@ -62,6 +63,7 @@ struct Vector3 {
 [[gnu::always_inline]] inline Doubles dot(const Vector3& u, const Vector3& v) {
     return u.x[0] * v.x[0] + u.x[1] * v.x[1] + u.x[2] * v.x[2];
 }
+// a u + b v
 [[gnu::always_inline]] inline Vector3 combine(Doubles a, const Vector3& u, Doubles b,
                                               const Vector3& v) {
     return {
@@ -165,7 +167,7 @@ void ActiveBlocks::svd_and_prox(Index c, double t) {
 void ActiveBlocks::weigh(double t, Weighing weighing) {
     const Index n = capacity;
     const bool resolvent = weighing == Weighing::resolvent;
-    const double whole = resolvent ? MOST_WEIGHT : 1;
+    const double whole = resolvent ? MAX_WEIGHT : 1;
     const Doubles none = {}, most = all(whole);
     // The eigenvalue is part / (part + rest).
     const auto weigh_one = [&](Doubles part, Doubles rest) {

@@ -92,10 +92,10 @@ double largest_nuclear_norm(const double* N, Index k);
 // only.
 
 // What a direction with the eigenvalue d of D weighs: d itself, as in the Newton system
-// of the augmented dual, or d / (1 - d), at most MOST_WEIGHT, as in that of the
+// of the augmented dual, or d / (1 - d), at most MAX_WEIGHT, as in that of the
 // optimality conditions.
 enum class Weighing { derivative, resolvent };
-constexpr double MOST_WEIGHT = 1e3;
+constexpr double MAX_WEIGHT = 1e3;
 
 struct ActiveBlocks {
     Index count = 0;

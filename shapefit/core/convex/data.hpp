@@ -1,16 +1,18 @@
-// What the kernels of the convex program read and write, as Python lays it out.
+// The convex program of an image, its dual, and what its kernels read and write.
+//
+//     min_{M,T}  f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2
+//     max_Y      <Y, Omega o W> - delta/2 ||Y||_F^2
+//                over ||(Omega o Y) B_i^T||_* <= lambda, |Y| <= bound and Y omega = 0
+//
+// The losses f differ in delta and the bound alone: squared 1 and infinity, exact 0 and
+// infinity, l1 0 and 1, sparse errors 1 and beta. Arrays are those of Python.
 #pragma once
 
 #include "../base/registry.hpp"
 
 namespace shapefit {
 
-// min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2 for n
-// images.
-//
-// The dual is max_Y <Y, Omega o W> - delta/2 ||Y||_F^2 over ||(Omega o Y) B_i^T||_* <=
-// lambda, |Y| <= bound and Y omega = 0. The losses differ in delta and the bound alone:
-// squared 1 and infinity, exact 0 and infinity, l1 0 and 1, sparse errors 1 and beta.
+// The programs of n images, which have their atoms and their loss in common.
 struct ConvexProgram {
     Arguments& from;
     // W; what it holds where the weight is 0 is ignored
@@ -71,7 +73,7 @@ struct ConvexProof {
 struct ConvexOptions {
     Arguments& from;
     double tolerance = from("tolerance");
-    Index most_steps = from("most_steps");
+    Index max_steps = from("max_steps");
 };
 
 struct ConvexEnd {

@@ -83,6 +83,7 @@ void SparseErrors::step(double length) {
     for (Index e = 0; e < 2 * p_; ++e) Y_[e] += length * D_[e];
 }
 
+// E <- fresh E
 void SparseErrors::accept() { memcpy(E_, fresh_, sizeof(double) * 2 * p_); }
 
 Index SparseErrors::count_curved() {

@@ -1,10 +1,8 @@
 // The sparse errors E of the robust losses, as a part of the augmented Lagrangian.
 //
-//     |Y| <= bound
-//
-// becomes
-//
-//     sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j Y_j)||^2
+//     |Y| <= bound   becomes the term
+//     sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j Y_j)||^2,
+//     soft_t(x) = sign(x) max(|x| - t, 0)
 //
 // for columns E_j and Y_j. rho_j bound_j is the same for all j, so that the steps of E
 // and M fit the sizes of both, whatever the bounds and lambda. NoErrors is the same

@@ -13,10 +13,11 @@ constexpr int TILE = WIDTH == 8 ? 4 : 2;
 // nobody reads what is left of it.
 constexpr int DIAGONAL = WIDTH >= BLOCK ? 1 : BLOCK / WIDTH;
 constexpr Index GRID = WIDTH >= BLOCK ? WIDTH : BLOCK;
+// Where the vector of columns that holds column i begins.
 constexpr Index grid_at(Index i) { return i / GRID * GRID; }
 // Pivots that rounding has made tiny or negative are lifted to this share of their
 // diagonal: the step stays a descent direction.
-constexpr double LEAST_PIVOT = 1e-14;
+constexpr double MIN_PIVOT = 1e-14;
 
 // Columns from which on a factorisation takes long: then it goes by panels, and looks
 // at the clock.
@@ -24,6 +25,7 @@ constexpr Index LARGE = 256;
 // Rows of a panel, which stay in the cache; a multiple of BLOCK.
 constexpr Index PANEL = 64;
 
+// n, up to the next multiple of BLOCK.
 constexpr Index blocks_of(Index n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
 
 // sums += sign * share^T row for one row of F or of the factor.
@@ -45,6 +47,7 @@ struct Tile {
 
     Doubles parts[TURNS][BLOCK][count];
 
+    // = rows i .. i + 3 of the factor, from column j on.
     [[gnu::always_inline]] void load_factor(const GramSystem& s, Index i, Index j) {
         for (int r = 0; r < BLOCK; ++r)
             for (int v = 0; v < count; ++v) {
@@ -74,6 +77,7 @@ struct Tile {
                                s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
     }
 
+    // The sum of the parts.
     [[gnu::always_inline]] void sum(Doubles (&sums)[BLOCK][count]) const {
         for (int r = 0; r < BLOCK; ++r)
             for (int v = 0; v < count; ++v) {
@@ -196,7 +200,7 @@ void find_least_pivots(const GramSystem& s) {
         for (Index i = 0; i < s.columns; ++i)
             s.least[i] += square(s.F[f * s.stride + i]);
     for (Index i = 0; i < s.columns; ++i)
-        s.least[i] = larger(LEAST_PIVOT * s.least[i], TINY);
+        s.least[i] = larger(MIN_PIVOT * s.least[i], TINY);
 }
 
 // Change up to `most` vectors of columns of `factor` from j on, in rows i .. i + 3;
@@ -319,6 +323,7 @@ void ShiftedGram::set_unknowns(Index n) {
     stride_ = stride_for(tiled_);
 }
 
+// The system of F (rows, columns) in this room; `lift`: small pivots are lifted.
 GramSystem ShiftedGram::system(const double* F, Index rows, Index columns,
                                bool lift) const {
     return {F,       rows,    stride_,  columns,

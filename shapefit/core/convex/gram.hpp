@@ -1,4 +1,11 @@
-// The Newton system: (C + F^T F) x = r + F^T f, with F of few or of many rows.
+// The Newton system
+//
+//     (C + F^T F) x = r + F^T f
+//
+// by L D L^T = C + F^T F or, for C = shift I and an F of few rows, in the space of the
+// rows (Woodbury):
+//
+//     x = (r - F^T s) / shift,    (shift I + F F^T) s = F r - shift f.
 #pragma once
 
 #include "../base/lanes.hpp"

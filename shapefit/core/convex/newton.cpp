@@ -37,24 +37,23 @@ void solve_system(const ReducedProgram& program, double shift, NewtonWorkspace& 
     work.gram.solve(rows, shift, true, work.gradient, work.direction);
 }
 
-// sigma starts at START / lambda, the step on which M can move by its own size where
-// ||w|| = 1 and
-// ||B_i|| = 1, and grows by GROWTH per outer iteration.
-constexpr double START = 20, GROWTH = 4;
-// rho_j bound_j = PART sigma lambda: an entry of E has the size of one residual, M that
-// of all of w. The count of steps is flat from 0.03 to 0.1, with 12 landmarks as with
-// 256.
-constexpr double PART = 0.05;
-// An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| /
-// (sigma lambda).
-constexpr double LOOSENESS = 2;
+// sigma starts at FIRST_SIGMA / lambda, the step on which M can move by its own size
+// where ||w|| = 1 and ||B_i|| = 1, and grows by SIGMA_GROWTH per outer iteration.
+constexpr double FIRST_SIGMA = 20, SIGMA_GROWTH = 4;
+// rho_j bound_j = ERRORS_SHARE sigma lambda: an entry of E has the size of one
+// residual, M that of all of w. The count of steps is flat from 0.03 to 0.1, with 12
+// landmarks as with 256.
+constexpr double ERRORS_SHARE = 0.05;
+// An inner problem is solved until ||gradient|| <= INNER_TOLERANCE ||change of (M, E)||
+// / (sigma lambda).
+constexpr double INNER_TOLERANCE = 2;
 // Rounding of the gradient, whose terms M + sigma y B^T and E + rho Y cancel, as a
 // share of sigma lambda. No inner problem is solved beyond it, nor in more than
-// PATIENCE steps; where one of these comes first sigma falls: the noise grows with it,
-// and so do the kinks of phi that a step crosses.
+// MAX_INNER_STEPS steps; where one of these comes first sigma falls: the noise grows
+// with it, and so do the kinks of phi that a step crosses.
 constexpr double ROUNDING = 1e-15;
-constexpr Index PATIENCE = 40;
-constexpr double ARMIJO = 1e-4, SHORTEST = 1e-10;
+constexpr Index MAX_INNER_STEPS = 40;
+constexpr double ARMIJO = 1e-4, MIN_STEP = 1e-10;
 
 // A proximal point: prox in the active blocks, fresh errors, and what they say of the
 // optimum.
@@ -64,6 +63,7 @@ struct ProximalPoint {
     double gap;
 };
 
+// The proximal-point method of newton.hpp, on one image.
 template <class Errors>
 class Lagrangian {
   public:
@@ -76,8 +76,10 @@ class Lagrangian {
           q_(program.q()),
           n_(program.unknowns()),
           k_(program.padded_atoms()),
-          sigma_(START / program.lam) {}
+          sigma_(FIRST_SIGMA / program.lam) {}
 
+    // Outer iterations until the gap is within the tolerance, or the steps are used up;
+    // returns Newton steps, beside those taken before.
     Index solve(Index taken) {
         steps_ = taken;
         for (Inner inner = Inner::SOLVED; inner != Inner::DONE;) {
@@ -85,7 +87,7 @@ class Lagrangian {
             begin_outer();
             inner = minimise();
             accept();
-            sigma_ *= inner == Inner::SOLVED ? GROWTH : 1 / GROWTH;
+            sigma_ *= inner == Inner::SOLVED ? SIGMA_GROWTH : 1 / SIGMA_GROWTH;
             if (inner == Inner::DONE || Errors::robust || !(program_.delta > 0))
                 continue;
             // the proximal point may be a good start
@@ -101,27 +103,31 @@ class Lagrangian {
     // up, phi is minimised as far as asked, or rounding stops it.
     enum class Inner { DONE, SOLVED, STUCK };
 
+    // Minimise phi over y by damped Newton steps, at one sigma.
     Inner minimise() {
         for (Index inner = 0;; ++inner, ++steps_) {
             check_interrupt();
             const ProximalPoint point = find_proximal_point();
-            if (point.gap <= program_.tolerance || steps_ >= program_.most_steps ||
+            if (point.gap <= program_.tolerance || steps_ >= program_.max_steps ||
                 !is_finite(point.gap))
                 return Inner::DONE;
             const double t = threshold(), noise = ROUNDING * t;
-            if (inner > 0 &&
-                point.gradient * t * t <= LOOSENESS * LOOSENESS * point.moved)
+            if (inner > 0 && point.gradient * t * t <=
+                                 INNER_TOLERANCE * INNER_TOLERANCE * point.moved)
                 return Inner::SOLVED;
-            if (inner > 0 && (point.gradient <= noise * noise || inner >= PATIENCE))
+            if (inner > 0 &&
+                (point.gradient <= noise * noise || inner >= MAX_INNER_STEPS))
                 return Inner::STUCK;
             take_newton_step(root(point.gradient));
         }
     }
 
+    // sigma lambda, that of the prox.
     double threshold() const { return sigma_ * program_.lam; }
 
+    // phi and its terms at y, for this sigma and M.
     void begin_outer() {
-        errors_.begin(PART * threshold(), iterate_.y, q_);
+        errors_.begin(ERRORS_SHARE * threshold(), iterate_.y, q_);
         yy_ = dot(iterate_.y, iterate_.y, n_);
         yw_ = dot(iterate_.y, program_.w, n_);
         phi_ = value_along(0);
@@ -154,6 +160,7 @@ class Lagrangian {
         return point;
     }
 
+    // sum_i ||prox_i - M_i||^2.
     double moved_transforms() const {
         const ActiveBlocks& active = work_.active;
         double moved = 0;
@@ -182,6 +189,8 @@ class Lagrangian {
         return !quadratic && !Errors::robust ? larger(gap, root(gradient)) : gap;
     }
 
+    // y += step d along Newton's direction, step halved until phi falls (Armijo);
+    // gradient: its norm.
     void take_newton_step(double gradient) {
         find_direction(gradient);
         double* d = work_.direction;
@@ -193,7 +202,7 @@ class Lagrangian {
             return value <= phi_ + ARMIJO * step * slope + 1e-13 * magnitude(phi_);
         };
         double step = 1, value = value_along(step);
-        while (!falls(step, value) && !(step < SHORTEST))
+        while (!falls(step, value) && !(step < MIN_STEP))
             value = value_along(step *= 0.5);
         phi_ = value;
         for (Index j = 0; j < n_; ++j) iterate_.y[j] += step * d[j];
@@ -215,7 +224,7 @@ class Lagrangian {
             quadratic ? program_.delta : sigma_ * (1e-13 + 1e-7 * smaller(1, gradient));
         if (quadratic && !Errors::robust) {
             solve_system(program_, shift, work_);
-            return turn_round();
+            return negate_direction();
         }
         const Index rows = active.write_rows(program_.atoms, gram);
         const Index curved = errors_.count_curved();
@@ -227,13 +236,15 @@ class Lagrangian {
             gram.solve(rows + curved, shift, quadratic, work_.gradient,
                        work_.direction);
         }
-        turn_round();
+        negate_direction();
     }
 
-    void turn_round() {
+    // d <- -d
+    void negate_direction() {
         for (Index j = 0; j < n_; ++j) work_.direction[j] = -work_.direction[j];
     }
 
+    // M and E become the proximal point.
     void accept() {
         const ActiveBlocks& active = work_.active;
         memset(iterate_.M, 0, sizeof(double) * 6 * k_);
@@ -269,13 +280,13 @@ Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate,
 namespace {
 
 // sigma lambda: the count of steps is flat from 0.3 to 4.
-constexpr double STEP = 1;
-constexpr Index MOST_ROUNDS = 8;
+constexpr double SIGMA_LAMBDA = 1;
+constexpr Index MAX_ROUNDS = 8;
 // The gap of a start from which the steps diverge: soon nearly all atoms are active,
 // and each step costs many times what the augmented Lagrangian asks. Attempts that
 // converge stay below 0.9. This and the start that is put back in the end are for
 // speed: the certificate judges either solver.
-constexpr double HOPELESS = 0.95;
+constexpr double MAX_START_GAP = 0.95;
 
 // The right-hand side w - y - sum P_i B_i, and the rest of it in the directions.
 void build_system(const ReducedProgram& program, const Iterate& iterate, double sigma,
@@ -327,11 +338,11 @@ double move_transforms(const ReducedProgram& program, double sigma,
 PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
                                 NewtonWorkspace& work) {
     const Index k = program.padded_atoms(), q = program.q(), n = program.unknowns();
-    const double sigma = STEP / program.lam;
+    const double sigma = SIGMA_LAMBDA / program.lam;
     memcpy(work.start_M, iterate.M, sizeof(double) * 6 * k);
     memcpy(work.start_y, iterate.y, sizeof(double) * n);
     Index steps = 0;
-    while (steps < MOST_ROUNDS && steps < program.most_steps) {
+    while (steps < MAX_ROUNDS && steps < program.max_steps) {
         check_interrupt();
         build_system(program, iterate, sigma, work);
         solve_system(program, 1, work);
@@ -349,7 +360,7 @@ PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
                               yw);
         const double gap = bound.relative_gap(0.5 * yy + program.lam * norms);
         if (gap <= program.tolerance) return {steps, true};
-        if (!(gap < HOPELESS)) break;
+        if (!(gap < MAX_START_GAP)) break;
     }
     memcpy(iterate.M, work.start_M, sizeof(double) * 6 * k);
     memcpy(iterate.y, work.start_y, sizeof(double) * n);

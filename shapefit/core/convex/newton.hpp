@@ -30,7 +30,7 @@
 //     M_i <- P_i + W_i (sigma dy B_i^T + P_i - M_i),
 //
 // the system of the augmented dual with other weights. D_i has eigenvalues of 1, for a
-// transform may grow freely along itself: their weights are capped (MOST_WEIGHT). Full
+// transform may grow freely along itself: their weights are capped (MAX_WEIGHT). Full
 // steps, no line search: it converges from the solution of a neighbouring image or not
 // at all.
 #pragma once
@@ -46,7 +46,7 @@ struct ReducedProgram {
     double lam;
     double delta;
     double tolerance;
-    Index most_steps;
+    Index max_steps;
 
     Index q() const { return atoms.q(); }
     Index unknowns() const { return 2 * atoms.q(); }
@@ -77,7 +77,7 @@ struct NewtonWorkspace {
     void begin_atoms(Index q);
 };
 
-// Solve from the iterate, which is overwritten, within most_steps - taken; returns
+// Solve from the iterate, which is overwritten, within max_steps - taken; returns
 // Newton steps.
 Index solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors,
                        NewtonWorkspace& work, Index taken);

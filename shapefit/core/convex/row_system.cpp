@@ -4,7 +4,7 @@ namespace shapefit {
 namespace {
 
 // Below so many unknowns it is quicker to write the rows.
-constexpr Index FEWEST_UNKNOWNS = 150;
+constexpr Index MIN_UNKNOWNS = 150;
 
 }  // namespace
 
@@ -20,7 +20,7 @@ RowSystem::RowSystem(Workspace& workspace, Index padded_atoms)
 
 bool RowSystem::solve(const ActiveBlocks& active, double shift, const double* r,
                       double* x, ReducedAtoms& atoms, ShiftedGram& gram) {
-    if (gram.unknowns() < FEWEST_UNKNOWNS) return false;
+    if (gram.unknowns() < MIN_UNKNOWNS) return false;
     sort_blocks(active);
     if (rows() >= gram.unknowns() || !products_.make(atoms, atom_, blocks_))
         return false;

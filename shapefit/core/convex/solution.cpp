@@ -1,4 +1,6 @@
-// A block of images, each solved from its neighbour's solution where that explains it.
+// The convex programs of data.hpp for a block of images, each solved from its
+// neighbour's solution where that fits_landmarks it, and their certificates (P - D) /
+// P.
 #include <string.h>
 
 #include "../base/registry.hpp"
@@ -12,24 +14,24 @@ namespace {
 // The solver aims a little below the tolerance, so that the certificate in the units of
 // the data, which rounds differently, agrees with it. This saves a second round, and
 // decides nothing else.
-constexpr double CLOSER = 0.99;
+constexpr double TOLERANCE_SHARE = 0.99;
 // Where it does not, as with weights over six orders at a gap of 1e-10, the solver goes
 // on once, to this share of the tolerance.
-constexpr double STILL_CLOSER = 0.1;
+constexpr double SECOND_TOLERANCE_SHARE = 0.1;
 // A neighbour's transforms are a start where they leave less than this share of
 // ||w||^2.
-constexpr double EXPLAINED = 0.1;
+constexpr double MAX_UNEXPLAINED_SHARE = 0.1;
 // The start goes on from the last two solutions by this share of their difference.
-constexpr double AHEAD = 0.5;
+constexpr double EXTRAPOLATION = 0.5;
 
 // Nuclear norms are roots of products of four entries of Y B^T, which are of the size
 // of lambda where they count. Below this lambda they underflow, and what is not
 // feasible would pass.
-constexpr double LEAST_LAMBDA = 1e-72;
+constexpr double MIN_LAMBDA = 1e-72;
 
 // (P - D) / P, 0 where both are 0, and nan where D is no bound.
 double relative_gap(double primal, double dual, double lam) {
-    if (lam < LEAST_LAMBDA) return NOT_A_NUMBER;
+    if (lam < MIN_LAMBDA) return NOT_A_NUMBER;
     return primal == 0 ? 0 : (primal - dual) / primal;
 }
 
@@ -191,6 +193,7 @@ void Certifier::certify(Index image, const ImageTransforms& M, const ConvexPoint
 // Sizes of the reduced units: ||w||, max ||B_i|| and the unit of the dual.
 struct Units {
     double landmarks = 1, atoms = 1, dual = 1;
+    // The unit of M.
     double transforms() const { return landmarks / atoms; }
 };
 
@@ -208,6 +211,7 @@ struct Memory {
     bool known = false;
 };
 
+// Solves the images of a block one after another, and certifies each.
 class BlockSolver {
   public:
     explicit BlockSolver(const ConvexTask& task)
@@ -238,36 +242,38 @@ class BlockSolver {
     // Solve as if nothing came before.
     void begin() { last_.known = before_.known = false; }
 
+    // Solve and certify an image, and write what the task asks for.
     void solve(Index image) {
         const bool same_mask = take_weights(image);
-        if (reduction_.visible_count < 2) return give_up(image);
+        if (reduction_.visible_count < 2) return set_degenerate(image);
         take_landmarks(image);
         ReducedProgram reduced{atoms_,
                                w_,
                                program_.lam[image] / (units_.dual * units_.atoms),
                                program_.delta,
-                               CLOSER * task_.options.tolerance,
-                               task_.options.most_steps};
+                               TOLERANCE_SHARE * task_.options.tolerance,
+                               task_.options.max_steps};
         const bool near = start(same_mask, reduced.lam);
         Index steps = solve_reduced(image, reduced, near, 0);
-        remember(same_mask);
+        shift_solutions(same_mask);
         write(image);
         set_status(image);
         if (task_.end.status[image] == Status::ITERATION_LIMIT &&
-            steps < reduced.most_steps) {
-            reduced.tolerance *= STILL_CLOSER;
-            take_errors_back(image);
+            steps < reduced.max_steps) {
+            reduced.tolerance *= SECOND_TOLERANCE_SHARE;
+            scale_errors_to_solver(image);
             steps += solve_reduced(image, reduced, false, steps);
-            keep();
+            store_last();
             write(image);
             set_status(image);
         }
         task_.end.steps[image] = steps;
-        give_errors_their_unit(image);
-        hand_over(image);
+        scale_errors_to_landmarks(image);
+        append_transforms(image);
     }
 
   private:
+    // Whether the loss has sparse errors E, and whether its dual has 1/2 ||Y||^2.
     bool robust() const { return program_.bound < INFINITE; }
     bool quadratic() const { return program_.delta > 0; }
     Index q() const { return reduction_.coordinates(); }
@@ -293,6 +299,7 @@ class BlockSolver {
         return false;
     }
 
+    // Reduce the landmarks to ||w|| = 1, and set units and bounds.
     void take_landmarks(Index image) {
         const Matrix<const double> W = program_.landmarks[image];
         double total = 0;
@@ -316,25 +323,29 @@ class BlockSolver {
         return known && same_mask;
     }
 
+    // Start from the last solution, or with the same weights beyond it, along the last
+    // two; false where it does not fit the landmarks.
     bool start_from_last(bool same_mask) {
         const bool ahead = same_mask && before_.known;
         for (Index e = 0; e < 6 * padded_; ++e)
-            iterate_.M[e] = (ahead ? last_.M[e] + AHEAD * (last_.M[e] - before_.M[e])
-                                   : last_.M[e]) /
-                            units_.transforms();
-        if (!explains()) return false;
+            iterate_.M[e] =
+                (ahead ? last_.M[e] + EXTRAPOLATION * (last_.M[e] - before_.M[e])
+                       : last_.M[e]) /
+                units_.transforms();
+        if (!fits_landmarks()) return false;
         if (!same_mask)
             for (int a = 0; a < 2; ++a)
                 reduction_.reduce(Y_ + a * p_, ones_, last_.y + a * q());
         for (Index j = 0; j < 2 * q(); ++j)
-            iterate_.y[j] = (ahead ? last_.y[j] + AHEAD * (last_.y[j] - before_.y[j])
-                                   : last_.y[j]) /
-                            units_.dual;
+            iterate_.y[j] =
+                (ahead ? last_.y[j] + EXTRAPOLATION * (last_.y[j] - before_.y[j])
+                       : last_.y[j]) /
+                units_.dual;
         return true;
     }
 
     // Whether ||w - sum M_i B_i||^2 is a small share of ||w||^2.
-    bool explains() {
+    bool fits_landmarks() {
         double* left = work_.gradient;
         const Index n = 2 * q();
         memcpy(left, w_, sizeof(double) * n);
@@ -342,7 +353,7 @@ class BlockSolver {
         for (Index c = 0; c < active_.count; ++c)
             subtract_shape(active_.blocks + 6 * c, atoms_[active_.atom[c]], atoms_.row,
                            left, q());
-        return dot(left, left, n) < EXPLAINED * dot(w_, w_, n);
+        return dot(left, left, n) < MAX_UNEXPLAINED_SHARE * dot(w_, w_, n);
     }
 
     // Those of the transforms M (6, padded) that are not 0; beyond the atoms nothing
@@ -389,16 +400,17 @@ class BlockSolver {
                solve_lagrangian(reduced, iterate_, NoErrors{}, work_, taken + steps);
     }
 
-    void remember(bool same_mask) {
+    // The last solution becomes the one before, and the iterate the last.
+    void shift_solutions(bool same_mask) {
         const Memory oldest = before_;
         before_ = last_;
         before_.known &= same_mask;
         last_ = oldest;
-        keep();
+        store_last();
     }
 
     // The iterate as the last solution.
-    void keep() {
+    void store_last() {
         const double scale = units_.transforms();
         for (Index e = 0; e < 6 * padded_; ++e) last_.M[e] = iterate_.M[e] * scale;
         for (Index j = 0; j < 2 * q(); ++j) last_.y[j] = iterate_.y[j] * units_.dual;
@@ -422,6 +434,8 @@ class BlockSolver {
         }
     }
 
+    // Certify the image; its gap, and the residual under the exact loss, give the
+    // status.
     void set_status(Index image) {
         certifier_.certify(image, active_, task_.point, task_.proof);
         const double gap = magnitude(task_.proof.relative_gap[image]);
@@ -437,16 +451,17 @@ class BlockSolver {
                                       : Status::ITERATION_LIMIT;
     }
 
-    // E, in the units of the residual after `set_status`, in those of the solver, and
-    // in the landmarks'.
-    void take_errors_back(Index image) {
+    // E is in the unit of the weighted residual, as certificates have it: back to that
+    // of the solver, and on to that of the landmarks.
+    void scale_errors_to_solver(Index image) {
         scale_errors(image, [&](Index j) {
             return rho_[j] / last_weights_[j] / units_.landmarks;
         });
     }
-    void give_errors_their_unit(Index image) {
+    void scale_errors_to_landmarks(Index image) {
         scale_errors(image, [&](Index j) { return 1 / last_weights_[j]; });
     }
+    // E_j *= scale(j) of the visible landmarks.
     template <class Scale>
     void scale_errors(Index image, const Scale& scale) {
         if (!robust()) return;
@@ -458,7 +473,7 @@ class BlockSolver {
     }
 
     // Take as many places of the common list as there are transforms, and fill them.
-    void hand_over(Index image) {
+    void append_transforms(Index image) {
         const Index count = active_.count;
         const Index at =
             __atomic_fetch_add(task_.transforms.used.data, count, __ATOMIC_RELAXED);
@@ -469,7 +484,8 @@ class BlockSolver {
                sizeof(double) * 6 * count);
     }
 
-    void give_up(Index image) {
+    // Too few landmarks are seen: nothing is solved.
+    void set_degenerate(Index image) {
         task_.end.status[image] = Status::DEGENERATE;
         task_.proof.objective[image] = NOT_A_NUMBER;
         task_.proof.relative_gap[image] = NOT_A_NUMBER;

@@ -82,11 +82,12 @@ void RotationObjective::derivatives(double* gradient, double* curvature) {
 
 namespace {
 
-constexpr int MOST_STEPS = 100, MOST_TRIALS = 20;
-constexpr double LONGEST = 0.5;   // radians in one step
-constexpr double ENOUGH = 1e-4;   // share of the promised fall (Armijo)
+constexpr int MAX_STEPS = 100, MAX_TRIALS = 20;
+constexpr double MAX_TURN = 0.5;  // radians in one step
+constexpr double ARMIJO = 1e-4;   // share of the promised fall (Armijo)
 constexpr double DAMPING = 1e-3;  // of the first curvature, beside its trace
-constexpr double CURVED = 1e-10;  // share of |s| |y| from which s.y counts as positive
+constexpr double MIN_CURVATURE =
+    1e-10;  // share of |s| |y| from which s.y counts as positive
 
 struct Point {
     Rotation R;
@@ -107,7 +108,7 @@ void invert_curvature(const double* curvature, double* H) {
 // H <- (I - s y^T / s.y) H (I - y s^T / s.y) + s s^T / s.y, where s.y is positive.
 void update(const double* s, const double* y, double* H) {
     const double sy = inner3(s, y);
-    if (!(sy > CURVED * root(inner3(s, s) * inner3(y, y)))) return;
+    if (!(sy > MIN_CURVATURE * root(inner3(s, s) * inner3(y, y)))) return;
     double Hy[3];
     for (int a = 0; a < 3; ++a) Hy[a] = inner3(H + 3 * a, y);
     const double more = (1 + inner3(y, Hy) / sy) / sy;
@@ -119,10 +120,10 @@ void update(const double* s, const double* y, double* H) {
 // A step that keeps Armijo's rule; false where none does.
 bool search_line(RotationObjective& objective, const Point& from, double* step,
                  double slope, Point& to) {
-    for (int trial = 0; trial < MOST_TRIALS; ++trial) {
+    for (int trial = 0; trial < MAX_TRIALS; ++trial) {
         to.R = from.R.turned(step);
         to.value = objective.value(to.R);
-        if (to.value <= from.value + ENOUGH * slope) return true;
+        if (to.value <= from.value + ARMIJO * slope) return true;
         // the minimum of the parabola through both values with the slope
         const double bend = 2 * (to.value - from.value - slope);
         const double share = smaller(larger(-slope / bend, 0.1), 0.5);
@@ -141,12 +142,12 @@ double descend(RotationObjective& objective, double* q, double share) {
     now.value = objective.value(now.R);
     objective.derivatives(now.gradient, curvature);
     invert_curvature(curvature, H);
-    for (int count = 0; count < MOST_STEPS; ++count) {
+    for (int count = 0; count < MAX_STEPS; ++count) {
         double step[3];
         for (int a = 0; a < 3; ++a) step[a] = -inner3(H + 3 * a, now.gradient);
         const double length = root(inner3(step, step));
-        if (length > LONGEST)
-            for (double& s : step) s *= LONGEST / length;
+        if (length > MAX_TURN)
+            for (double& s : step) s *= MAX_TURN / length;
         const double slope = inner3(step, now.gradient);
         if (!(-slope > share * now.value)) break;
         if (!search_line(objective, now, step, slope, next)) break;

@@ -1,4 +1,11 @@
 // The model with one rotation as a function of that rotation, and descents on it.
+//
+//     v(R) = min_{c >= 0, T} 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2
+//                            + lambda ||c||_1
+//
+// With the residual Y, S = sum_i c_i B_i and the turn R <- exp([theta]_x) R, T and c
+// are the best at each R, so that dv/dtheta_a = -<Y, rows 1 and 2 of G_a R S>, G_a the
+// generator of turns about axis a.
 #pragma once
 
 #include "../atoms/coefficient_step.hpp"
@@ -7,8 +14,7 @@
 
 namespace shapefit {
 
-// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all
-// rotations and c >= 0.
+// The problems min v(R) over all rotations R, of n images.
 struct SearchProblem {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
@@ -23,8 +29,8 @@ struct GlobalData {
     SearchProblem problem{from};
     // proper rotations; nan where there is none
     Blocks<const double> starts = from("starts", "n s 3 3");
-    double tolerance = from("tolerance");   // relative gap at which the search ends
-    Index most_cells = from("most_cells");  // tests after which a search gives up
+    double tolerance = from("tolerance");  // relative gap at which the search ends
+    Index max_cells = from("max_cells");   // tests after which a search gives up
     Matrix<double> coefficients = from("coefficients", "n k");
     Tensor<double> rotation = from("rotation", "n 3 3");
     Vector<double> objective = from("objective", "n");  // U
@@ -44,10 +50,12 @@ struct GlobalData {
 
 // Quaternions (w, x, y, z) and the two rows of a rotation that the camera sees.
 
+// p.q
 inline double inner4(const double* p, const double* q) {
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3];
 }
 
+// q <- q / |q|
 inline void make_unit(double* q) {
     const double length = 1 / root(inner4(q, q));
     for (int e = 0; e < 4; ++e) q[e] *= length;
@@ -74,12 +82,10 @@ Rotation rotation_of(const double* q);
 // The unit quaternion of R (3, 3), one of the two.
 void quaternion_of(const double* R, double* q);
 
-// v(R) = min_{c, T} 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda
-// ||c||_1, at one rotation of one image after another.
-
 // What rounding may add to an objective or take off D(s Y), beside ||w||^2.
 constexpr double ROUNDING = 64 * 0x1p-52;
 
+// v(R) at one rotation of one image after another.
 class RotationObjective {
   public:
     RotationObjective(Workspace& workspace, const SearchProblem& problem);
@@ -116,7 +122,8 @@ class RotationObjective {
 // Descent of v(R) from a rotation to a local minimum: BFGS in the turns of the camera
 // frame.
 
-constexpr double FINE = 1e-13;  // share of v that a step of a last descent must promise
+// Share of v that each step of the last descent must promise to take off.
+constexpr double LAST_PROMISED_FALL = 1e-13;
 
 // Take the unit quaternion q downhill until a step promises a fall of at most `share`
 // of v, or none is found; returns v there. The coefficients of the objective are the

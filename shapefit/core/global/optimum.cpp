@@ -1,4 +1,4 @@
-// The global optimum of each image by branch and bound.
+// The global optimum min v(R) of each image (objective.hpp), by branch and bound.
 #include "../base/registry.hpp"
 #include "objective.hpp"
 #include "search.hpp"
@@ -9,16 +9,17 @@ namespace {
 
 // Descents from the best of the root vertices.
 constexpr int DESCENTS = 8;
-// Share of v that a step must promise while descents compete.
-constexpr double ROUGH = 1e-5;
-// Each gap to the one before, where the limit is reached.
-constexpr double LOOSER = 3;
+// Share of v that each step must promise to take off while descents compete.
+constexpr double FIRST_PROMISED_FALL = 1e-5;
+// Factor from one gap to the next, where the limit of cells is reached.
+constexpr double GAP_GROWTH = 3;
 
 // The best rotation so far.
 struct Best {
     double q[4];
     double objective = INFINITE;
 
+    // Replace the best rotation by another quaternion where its objective is smaller.
     void offer(const double* other, double value) {
         if (!(value < objective)) return;
         objective = value;
@@ -47,7 +48,7 @@ void find_upper_bound(const GlobalData& data, Index image, RotationObjective& ob
         used[least] = true;
         for (int e = 0; e < 4; ++e) q[d][e] = vertices[least].q[e];
         start_from(vertices[least]);
-        value[d] = descend(objective, q[d], ROUGH);
+        value[d] = descend(objective, q[d], FIRST_PROMISED_FALL);
         best.offer(q[d], value[d]);
     }
     for (Index s = 0; s < given; ++s) {
@@ -57,9 +58,9 @@ void find_upper_bound(const GlobalData& data, Index image, RotationObjective& ob
         if (!known) continue;
         double start[4];
         quaternion_of(R, start);
-        best.offer(start, descend(objective, start, ROUGH));
+        best.offer(start, descend(objective, start, FIRST_PROMISED_FALL));
     }
-    best.offer(best.q, descend(objective, best.q, FINE));
+    best.offer(best.q, descend(objective, best.q, LAST_PROMISED_FALL));
 }
 
 // Where a search ended: the bound, and whether all cells were dropped.
@@ -93,7 +94,7 @@ class DroppedCells {
 };
 
 // Search with the cut (1 - gap) U until all cells are dropped, or so many were tested.
-Ended search(double gap, Index most_cells, RotationObjective& objective,
+Ended search(double gap, Index max_cells, RotationObjective& objective,
              CellSearch& cells, Best& best, DroppedCells& dropped) {
     const auto lower = [&] { cells.vertices.set_cut((1 - gap) * best.objective); };
     Cell cell;
@@ -102,7 +103,7 @@ Ended search(double gap, Index most_cells, RotationObjective& objective,
     cells.begin();
     dropped.clear();
     while (cells.take(cell)) {
-        const bool may_go_on = cells.tested < most_cells;
+        const bool may_go_on = cells.tested < max_cells;
         const int before = cells.vertices.count();
         if (may_go_on && cells.is_dropped(cell, edge)) {
             dropped.add(cell, cells.vertices);
@@ -116,7 +117,7 @@ Ended search(double gap, Index most_cells, RotationObjective& objective,
         const Vertex& added = cells.vertices[middle];
         if (added.objective < best.objective) {
             best.offer(added.q, added.objective);
-            best.offer(best.q, descend(objective, best.q, FINE));
+            best.offer(best.q, descend(objective, best.q, LAST_PROMISED_FALL));
             lower();
         }
     }
@@ -128,11 +129,11 @@ Ended search(double gap, Index most_cells, RotationObjective& objective,
 Ended search_within_limits(const GlobalData& data, RotationObjective& objective,
                            CellSearch& cells, Best& best, DroppedCells& dropped) {
     const Ended first =
-        search(data.tolerance, data.most_cells, objective, cells, best, dropped);
+        search(data.tolerance, data.max_cells, objective, cells, best, dropped);
     if (first.complete) return first;
     double bound = first.bound;
-    Index remaining = data.most_cells;
-    for (double gap = LOOSER * data.tolerance; gap < 1; gap *= LOOSER) {
+    Index remaining = data.max_cells;
+    for (double gap = GAP_GROWTH * data.tolerance; gap < 1; gap *= GAP_GROWTH) {
         const Index before = cells.tested;
         const Ended ended =
             search(gap, before + remaining / 2, objective, cells, best, dropped);
@@ -150,14 +151,14 @@ void find_optimum(const GlobalData& data, Range range) {
     Workspace workspace;
     const RootCells roots;
     RotationObjective objective(workspace, data.problem);
-    CellSearch cells(workspace, objective, roots, 2 * data.most_cells);
+    CellSearch cells(workspace, objective, roots, 2 * data.max_cells);
     for (Index image = range.first; image < range.last; ++image) {
         if (!objective.aim(image)) {
             data.status[image] = Status::DEGENERATE;
             continue;
         }
         Best best;
-        const bool is_solvable = data.problem.lam[image] >= LEAST_LAMBDA;
+        const bool is_solvable = data.problem.lam[image] >= MIN_LAMBDA;
         if (is_solvable) {
             cells.begin_image();
             find_upper_bound(data, image, objective, cells.vertices, best);

@@ -346,22 +346,22 @@ Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corn
 
 namespace {
 
-constexpr Index DEEPEST = 700;  // cells that wait, beside those of the 600-cell
-// Of the longest edge's 1 - q_a.q_b; shorter ones stay whole.
-constexpr double SHORTEST_SHARE = 0.25;
-constexpr int MOST_PASSED = 6;  // splits in a row that may spare the longest edge
+constexpr Index MAX_WAITING_CELLS = 700;  // beside those of the 600-cell
+// Share of the longest edge's 1 - q_a.q_b below which an edge is not split.
+constexpr double MIN_EDGE_SHARE = 0.25;
+constexpr int MAX_PASSED = 6;  // splits in a row that may spare the longest edge
 constexpr int HALVINGS = 40;
 
 }  // namespace
 
 // A cell adds a vertex at most.
 CellSearch::CellSearch(Workspace& workspace, RotationObjective& objective,
-                       const RootCells& roots, Index most_cells)
-    : vertices(workspace, objective, ROOT_VERTICES + most_cells),
+                       const RootCells& roots, Index max_cells)
+    : vertices(workspace, objective, ROOT_VERTICES + max_cells),
       roots_(roots),
       objective_(objective),
-      stack_(workspace.zeros<Cell>(ROOT_CELLS + DEEPEST)),
-      capacity_(ROOT_CELLS + DEEPEST) {}
+      stack_(workspace.zeros<Cell>(ROOT_CELLS + MAX_WAITING_CELLS)),
+      capacity_(ROOT_CELLS + MAX_WAITING_CELLS) {}
 
 void CellSearch::begin_image() {
     vertices.begin(roots_);
@@ -398,14 +398,14 @@ bool CellSearch::is_dropped(const Cell& cell, int& edge) {
 int CellSearch::choose_edge(const Cell& cell, const Verdict& verdict) {
     double length[EDGES], longest = 0, most = 0;
     int chosen = longest_edge(cell);
-    if (cell.passed >= MOST_PASSED) return chosen;
+    if (cell.passed >= MAX_PASSED) return chosen;
     for (int edge = 0; edge < EDGES; ++edge) {
         length[edge] = 1 - inner_along(cell, edge);
         longest = larger(length[edge], longest);
     }
     for (int edge = 0; edge < EDGES; ++edge) {
         const double gain = verdict.excess[edge] * length[edge];
-        if (length[edge] < SHORTEST_SHARE * longest || !(gain > most)) continue;
+        if (length[edge] < MIN_EDGE_SHARE * longest || !(gain > most)) continue;
         most = gain;
         chosen = edge;
     }

@@ -1,5 +1,12 @@
-// Depth-first search of all cells with one cut: which of them cannot be dropped, and is
-// there a rotation below it.
+// Branch and bound over all rotations: cells of unit quaternions, depth first, with one
+// cut. A cell is dropped where the dual proves
+//
+//     v(R(q)) >= cut   for all q = sum_a mu_a q_a / |sum_a mu_a q_a|, mu >= 0,
+//
+// over its vertices q_1 .. q_4; another one is split at the middle of an edge. What is
+// proven by a multiplier Y at a rotation R: for every s with s <Y, Rbar B_i> <= lambda
+//
+//     v(R) >= D(s Y) = s <Y, w> - s^2/2 ||Y||^2.
 #pragma once
 
 #include "objective.hpp"
@@ -31,11 +38,8 @@ struct RootCells {
 };
 
 // The vertices of an image's cells: at each rotation the best coefficients, and their
-// multiplier.
-//
-// The multiplier Y = w - Rbar sum_i c_i B_i is feasible at its own rotation; scaled by
-// s it has the value D(s Y) = s <Y, w> - s^2 ||Y||^2 / 2, and s is the least one at
-// which that reaches the cut.
+// multiplier Y = w - Rbar sum_i c_i B_i, which is feasible there. s is the least factor
+// at which D(s Y) reaches the cut.
 
 struct Vertex {
     double q[4];
@@ -121,7 +125,7 @@ Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corn
 class CellSearch {
   public:
     CellSearch(Workspace& workspace, RotationObjective& objective,
-               const RootCells& roots, Index most_cells);
+               const RootCells& roots, Index max_cells);
 
     // Start over with the cells of the 600-cell; the vertices keep what is known of
     // them.
@@ -141,6 +145,7 @@ class CellSearch {
     // room.
     bool split(const Cell& cell, int edge, int& middle);
 
+    // Let a cell wait again.
     void put_back(const Cell& cell) { stack_[waiting_++] = cell; }
 
     // The largest cut, at most the present one, at which all cells that wait can be

@@ -1,4 +1,8 @@
-// Codes of shapes for given atoms, and factors of many small precisions.
+// Sparse codes of shapes S (3 p,) for atoms B,
+//
+//     min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0,
+//
+// and factors of many small precision matrices.
 #include <string.h>
 
 #include "../base/registry.hpp"
@@ -21,7 +25,7 @@ struct CodingData {
     Vector<bool> unsettled = from("unsettled", "n");
 };
 
-constexpr Index MOST_ROUNDS = 10000;
+constexpr Index MAX_ROUNDS = 10000;
 // Share of an atom's square outside the span of the others.
 constexpr double DEPENDENT = 1e-12;
 
@@ -53,7 +57,7 @@ void code(const CodingData& data, Range range) {
                                 .least = data.smallest_moves[shape],
                                 .score = score,
                                 .k = k};
-        const Ending ending = minimise(terms, set, DEPENDENT, MOST_ROUNDS);
+        const Ending ending = minimise(terms, set, DEPENDENT, MAX_ROUNDS);
         data.unsettled[shape] = ending != Ending::OPTIMAL;
         set.write(c);
     }

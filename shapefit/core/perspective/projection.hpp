@@ -25,7 +25,7 @@ struct PerspectiveData {
     double sign = from("sign");
     double ridge = from("ridge");
     double softness = from("softness");  // s at the end
-    Index most_rounds = from("max_rounds");
+    Index max_rounds = from("max_rounds");
     Tensor<double> rotation = from("rotation", "n 3 3");  // R, the start, overwritten
     Matrix<double> translation = from("translation", "n 3");    // t, likewise
     Matrix<double> coefficients = from("coefficients", "n k");  // c, likewise

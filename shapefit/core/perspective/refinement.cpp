@@ -6,13 +6,13 @@
 namespace shapefit {
 namespace {
 
-constexpr double FIRST_DAMPING = 1e-3, LEAST_DAMPING = 1e-9, MOST_DAMPING = 1e8;
-// Of the damping after a step that was kept, and after one that was not.
-constexpr double EASE = 0.2, HARDEN = 5;
-// Relative fall of the objective that ends the last softness.
-constexpr double SETTLED = 1e-10;
+constexpr double FIRST_DAMPING = 1e-3, MIN_DAMPING = 1e-9, MAX_DAMPING = 1e8;
+// Factors on the damping after a step that was kept, and after one that was not.
+constexpr double DAMPING_DECREASE = 0.2, DAMPING_INCREASE = 5;
+// Relative fall of the objective in a round that ends the last softness.
+constexpr double MIN_LAST_FALL = 1e-10;
 // And the softer ones before it.
-constexpr double FLEETING = 1e-2;
+constexpr double MIN_EARLY_FALL = 1e-2;
 
 struct Refined {
     double objective;
@@ -49,26 +49,29 @@ class Refinement {
     }
 
   private:
+    // The position that was accepted last.
     Position& here() { return positions_[current_]; }
+    // F there, for a softness s.
     double value(double soft) { return evaluate(shapes_, observations_, here(), soft); }
 
+    // Levenberg-Marquardt steps from the start; see `refine`.
     Refined descend() {
         double soft = larger(1, data_.softness), damping = FIRST_DAMPING;
         project(shapes_, observations_, here());
         double F = value(soft);
         if (!here().in_front) return {NOT_A_NUMBER, 0, Status::DEGENERATE};
         if (!is_finite(F)) return {NOT_A_NUMBER, 0, Status::NUMERICAL_FAILURE};
-        for (Index round = 1; round <= data_.most_rounds; ++round) {
+        for (Index round = 1; round <= data_.max_rounds; ++round) {
             const double fall = improve(soft, damping, F);
-            if (soft <= data_.softness && fall <= SETTLED)
+            if (soft <= data_.softness && fall <= MIN_LAST_FALL)
                 return {F, round, Status::CONVERGED};
-            if (soft > data_.softness && fall <= FLEETING) {
+            if (soft > data_.softness && fall <= MIN_EARLY_FALL) {
                 soft = larger(0.5 * soft, data_.softness);
                 damping = FIRST_DAMPING;
                 F = value(soft);
             }
         }
-        return {value(data_.softness), data_.most_rounds, Status::ITERATION_LIMIT};
+        return {value(data_.softness), data_.max_rounds, Status::ITERATION_LIMIT};
     }
 
     // Take the first damped step that lowers F; returns by what share it fell, 0 for
@@ -76,7 +79,7 @@ class Refinement {
     double improve(double soft, double& damping, double& F) {
         Position& there = positions_[1 - current_];
         equations_.linearise(observations_, here(), soft);
-        for (; damping <= MOST_DAMPING; damping *= HARDEN) {
+        for (; damping <= MAX_DAMPING; damping *= DAMPING_INCREASE) {
             check_interrupt();
             equations_.step(damping, here().at, there.at);
             project(shapes_, observations_, there);
@@ -85,7 +88,7 @@ class Refinement {
             const double fall = (F - trial) / F;
             F = trial;
             current_ = 1 - current_;
-            damping = larger(damping * EASE, LEAST_DAMPING);
+            damping = larger(damping * DAMPING_DECREASE, MIN_DAMPING);
             return fall;
         }
         return 0;

@@ -1,4 +1,4 @@
-// The pose of a known shape, from several starts.
+// The pose of a known shape, argmin 1/2 ||w - s Rbar S||_F^2, from several starts.
 #include "../base/registry.hpp"
 #include "rotation_step.hpp"
 

@@ -1,4 +1,8 @@
-// Rotations as values: three rows of three numbers, each a double or a vector of them.
+// Rotations R (3, 3) as values, and turns of the camera frame
+//
+//     R <- exp([omega]_x) R,    [omega]_x r = omega x r.
+//
+// Entries are doubles or vectors of doubles, one rotation a lane.
 #pragma once
 
 #include "../base/lanes.hpp"
@@ -6,6 +10,7 @@
 
 namespace shapefit {
 
+// u.v for vectors of three.
 template <class Number>
 inline Number inner3(const Number* u, const Number* v) {
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];

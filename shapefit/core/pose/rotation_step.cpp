@@ -4,7 +4,7 @@ namespace shapefit {
 namespace {
 
 // Radians.
-constexpr double FIRST_RADIUS = 0.25, LARGEST_RADIUS = 1.0;
+constexpr double FIRST_RADIUS = 0.25, MAX_RADIUS = 1.0;
 // The share of the promised fall from which on a step is taken, below which the region
 // shrinks, and above which it grows.
 constexpr double ACCEPT = 0.1, SHRINK = 0.25, GROW = 0.75;
@@ -13,7 +13,7 @@ constexpr double ACCEPT = 0.1, SHRINK = 0.25, GROW = 0.75;
 constexpr double ROUNDING = 1e3 * 0x1p-52;
 // And the norm of the gradient at the end.
 constexpr double STATIONARY = 1e-11;
-constexpr int MOST_STEPS = 200;
+constexpr int MAX_STEPS = 200;
 
 struct Model {
     SquaredResidual residual;
@@ -110,7 +110,7 @@ Step find_step(const Model& model, double radius) {
     const double norm = root(inner3(D, D) + inner3(D + 3, D + 3));
     double radius = FIRST_RADIUS;
     Model model = model_at(moments, R);
-    for (int count = 0; count < MOST_STEPS; ++count) {
+    for (int count = 0; count < MAX_STEPS; ++count) {
         const double s = model.residual.scale, size = s * (s * trace + norm);
         if (!(inner3(model.g, model.g) > square(STATIONARY * size))) break;
         const Step step = find_step(model, radius);
@@ -120,8 +120,7 @@ Step find_step(const Model& model, double radius) {
         const double fall = model.residual.value - reached.residual.value;
         const double ratio = (fall + slack) / (step.fall + slack);
         if (!(ratio >= SHRINK)) radius *= 0.25;
-        else if (ratio > GROW && step.limited)
-            radius = smaller(2 * radius, LARGEST_RADIUS);
+        else if (ratio > GROW && step.limited) radius = smaller(2 * radius, MAX_RADIUS);
         if (!(ratio > ACCEPT)) continue;
         model = reached;
         R = trial;

@@ -36,7 +36,7 @@ constexpr int STARTS = 4;        // the sum of all transforms, and the largest o
 constexpr double STILL = 1e-13;  // largest entry of the last change of Rbar
 // And of the difference to a maximum that another start has found.
 constexpr double SAME = 1e-6;
-constexpr int MOST_ROUNDS = 2000;
+constexpr int MAX_ROUNDS = 2000;
 // S1 s2 / (s1^2 + s2^2) below which rounding hides the second.
 constexpr double RANK_ONE = 1e-8;
 // An atom is active where its coefficient is more than this share of the largest one.
@@ -44,12 +44,14 @@ constexpr double ACTIVE = 1e-6;
 // A transform is orthogonal where ||M M^T / c^2 - I||_F is at most this.
 constexpr double ORTHOGONAL = 1e-3;
 
+// ||M||_F^2 of M (2, 3).
 double squared_norm(const double* M) {
     double total = 0;
     for (int e = 0; e < 6; ++e) total += square(M[e]);
     return total;
 }
 
+// Whether no entry of two rotations differs by more than `most`.
 bool is_near(const double* R, const double* other, double most) {
     double change = 0;
     for (int e = 0; e < 9; ++e) change = larger(change, magnitude(R[e] - other[e]));
@@ -63,7 +65,7 @@ bool is_near(const double* R, const double* other, double most) {
 // factor of sum_i max(0, <M_i, Rbar>) M_i, never lowers it.
 double ascent(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
     double value = 0;
-    for (int round = 0; round < MOST_ROUNDS; ++round) {
+    for (int round = 0; round < MAX_ROUNDS; ++round) {
         double total[6] = {};
         value = 0;
         for (Index i = 0; i < blocks.size[0]; ++i) {
@@ -129,6 +131,7 @@ void polar_of_rank_one(const double* A, double xx, double yy, double xy, Rotatio
     }
 }
 
+// Sum of squares and product of the singular values of M (2, 3), see convex/blocks.hpp.
 Invariants<double> invariants_of(const double* M) {
     return invariants<double>({M[0], M[1], M[2], M[3], M[4], M[5]});
 }

@@ -1,4 +1,7 @@
-// From the transforms of the convex program to rotations and shapes.
+// From the transforms M_i = c_i Rbar_i of the convex program to rotations:
+//
+//     R = argmin ||R - A||_F over proper rotations, for A (3, 3),
+//     Rbar = (A A^T)^(-1/2) A, the nearest two orthonormal rows, for A (2, 3).
 #pragma once
 
 #include "../convex/data.hpp"

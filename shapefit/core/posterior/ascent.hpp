@@ -1,22 +1,33 @@
-// The way up to a maximum of the likelihood over the view, one start and component a
-// lane.
+// Ascent to a maximum of the log likelihood L(theta) over the view, a start and a
+// component of the mixture a lane. Damped Newton steps with a quasi-Newton curvature:
+//
+//     theta = (B + mu diag(B) + 1e-6 mu I)^-1 dL,    |theta| <= MAX_STEP,
+//     R <- exp([theta_1..3]_x) R,    s <- exp(theta_4) s.
+//
+// B is the Gauss-Newton curvature of -L, updated after each step by BFGS; a step that
+// raises L is accepted and mu falls, else mu rises.
 #pragma once
 
 #include "likelihood.hpp"
 
 namespace shapefit {
 
-constexpr double LONGEST = 0.5;  // step, in radians and log s
-constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
-// Times that inlier probabilities come from the other landmarks, at the start.
-constexpr Index EARLY = 3;
-// Of a value.
+constexpr double MAX_STEP = 0.5;  // length of a step, in radians and log s
+// mu at the start, its factors after a step was accepted or not, and where a lane
+// stops.
+constexpr double FIRST_DAMPING = 1e-3;
+constexpr double DAMPING_DECREASE = 0.1, DAMPING_INCREASE = 8;
+constexpr double MAX_DAMPING = 1e7;
+// Rounds at the start in which the inlier probability of a landmark comes from the
+// others alone.
+constexpr Index FIRST_INLIER_ROUNDS = 3;
+// By which rounding may lower the log likelihood.
 template <class Lanes>
 constexpr double ROUNDING = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-9;
 constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
-// Newton's last step: a longer one, or one that gains more, is no small one (the gain
-// is half the square of Newton's decrement).
-constexpr double LAST_LENGTH = 0.1, LAST_GAIN = 1e-2;
+// Length and gain of the largest last Newton step: only where it is smaller is it
+// taken, and has the lane converged. The gain is half the square of Newton's decrement.
+constexpr double MAX_LAST_LENGTH = 0.1, MAX_LAST_GAIN = 1e-2;
 
 // Where the lanes of a block stand.
 template <class Lanes>
@@ -76,10 +87,12 @@ struct AscentSpace {
     Lanes *inlier_probability, *next;  // (m,)
 };
 
+// `yes` where the mask is 1, `no` where it is 0.
 template <class Lanes>
 Lanes select(Lanes mask, Lanes yes, Lanes no) {
     return mask > 0.5 ? yes : no;
 }
+// 1 where a value is positive, else 0.
 template <class Lanes>
 Lanes indicate(Lanes value) {
     return value > 0.0 ? all<Lanes>(1.0) : Lanes{};
@@ -122,6 +135,7 @@ void update_curvature(Lanes* B, const Lanes* s, const Lanes* y) {
             B[VIEW * i + j] += y[i] * y[j] * up - Bs[i] * Bs[j] * down;
 }
 
+// to <- from in the lanes that accept it.
 template <class Lanes>
 void take(Lanes accepted, LaneView<Lanes>& to, const LaneView<Lanes>& from) {
     for (int e = 0; e < 9; ++e) to.R[e] = select(accepted, from.R[e], to.R[e]);
@@ -141,7 +155,7 @@ Lanes propose(const Ascent<Lanes>& at, Lanes* step) {
     for (int i = 0; i < VIEW; ++i) length += step[i] * step[i];
     const Lanes cut =
         at.moving *
-        smaller(all<Lanes>(1.0), LONGEST / larger(root(length), all<Lanes>(1e-30)));
+        smaller(all<Lanes>(1.0), MAX_STEP / larger(root(length), all<Lanes>(1e-30)));
     for (int i = 0; i < VIEW; ++i) slope += (step[i] *= cut) * down[i];
     return 0.5 * slope;
 }
@@ -156,8 +170,9 @@ Lanes take_last_step(Ascent<Lanes>& at) {
         gain += 0.5 * step[i] * down[i];
         length += step[i] * step[i];
     }
-    const Lanes small = indicate(all<Lanes>(LAST_LENGTH * LAST_LENGTH) - length) *
-                        indicate(all<Lanes>(LAST_GAIN) - gain);
+    const Lanes small =
+        indicate(all<Lanes>(MAX_LAST_LENGTH * MAX_LAST_LENGTH) - length) *
+        indicate(all<Lanes>(MAX_LAST_GAIN) - gain);
     for (int i = 0; i < VIEW; ++i) step[i] *= small;
     move(at.view, step, at.view);
     at.moving = 1.0 - small;
@@ -171,7 +186,7 @@ void begin(const PosteriorData& data, const Observed<Lanes>& observed,
            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     const Index m = observed.m;
     for (Index j = 0; j < m; ++j) at.next[j] = all<Lanes>(1.0);
-    for (Index left = data.chance > 0 ? EARLY : 1; left--;) {
+    for (Index left = data.chance > 0 ? FIRST_INLIER_ROUNDS : 1; left--;) {
         for (Index j = 0; j < m; ++j) at.inlier_probability[j] = at.next[j];
         find_likelihood(data, observed, at.view, at.inlier_probability, true,
                         left ? Wanted::INLIERS : Wanted::CURVATURE, space.likelihood,
@@ -222,12 +237,13 @@ void ascent(const PosteriorData& data, const Observed<Lanes>& observed, Index ro
             at.next[j] = select(accepted, space.next[j], at.next[j]);
         }
         at.damping =
-            select(accepted, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)),
-                   at.damping * HARDEN);
+            select(accepted,
+                   larger(at.damping * all<Lanes>(DAMPING_DECREASE), all<Lanes>(1e-9)),
+                   at.damping * DAMPING_INCREASE);
         at.predicted_gain = select(at.moving, propose(at, step), at.predicted_gain);
         const Lanes converged =
             indicate(enough - at.predicted_gain) * indicate(enough - gain) * accepted;
-        at.moving *= (1.0 - converged) * indicate(MOST_DAMPING - at.damping);
+        at.moving *= (1.0 - converged) * indicate(MAX_DAMPING - at.damping);
     }
 }
 

@@ -43,6 +43,7 @@ struct Description {
     Doubles *change, *white;  // (4, n)
 };
 
+// sum_i a_i b_i, lane by lane.
 inline Doubles dot(const Doubles* a, const Doubles* b, Index n) {
     Doubles total = {};
     for (Index i = 0; i < n; ++i) total += a[i] * b[i];

@@ -170,6 +170,7 @@ struct Noise {
     Lanes xx, xy, yy;
 };
 
+// The noise of landmark j at the scale s, shrunk = 1 / s^2.
 template <class Lanes>
 [[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Lanes>& observed,
                                                     Index j, Lanes shrunk) {
@@ -469,13 +470,14 @@ Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
            all<Lanes>(LOG_TWO_PI);
 }
 
-// Add the terms of the inlier probabilities to the value; the next inlier
-// probabilities.
+// Find the next inlier probabilities q_j = 1 / (1 + exp(-log odds)), and add the terms
+// of the present ones to the value and to the gradient over log s.
 template <class Lanes>
-void believe(const PosteriorData& data, const Observed<Lanes>& observed,
-             const LaneView<Lanes>& view, Lanes shrunk, const Lanes* inlier_probability,
-             bool by_others, bool valued, const LikelihoodSpace<Lanes>& space,
-             Likelihood<Lanes>& found, Lanes* next) {
+void update_inliers(const PosteriorData& data, const Observed<Lanes>& observed,
+                    const LaneView<Lanes>& view, Lanes shrunk,
+                    const Lanes* inlier_probability, bool by_others, bool valued,
+                    const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found,
+                    Lanes* next) {
     if (!(data.chance > 0)) {
         for (Index j = 0; j < observed.m; ++j) next[j] = all<Lanes>(1.0);
         return;
@@ -536,8 +538,8 @@ void find_likelihood(const PosteriorData& data, const Observed<Lanes>& observed,
         differentiate(observed, shrink * shrink, inlier_probability, t, curved, space,
                       found);
     }
-    believe(data, observed, view, shrink * shrink, inlier_probability, by_others,
-            derived, space, found, next);
+    update_inliers(data, observed, view, shrink * shrink, inlier_probability, by_others,
+                   derived, space, found, next);
 }
 
 }  // namespace shapefit

@@ -6,7 +6,7 @@ namespace shapefit {
 namespace {
 
 constexpr int STEPS = 3;  // the fourth changes shapes by less than 1e-3 of their size
-constexpr double SHORTEST_SQUARE = 1e-300;  // of a limb that is a point
+constexpr double MIN_SQUARED_LENGTH = 1e-300;  // of a limb that is a point
 
 // X <- A^-1 X for A (n, n), which is overwritten, and X (n, columns), by elimination
 // with the largest pivot of each column. Returns log |det A|.
@@ -93,7 +93,7 @@ double LimbLengths::linearise(const double* y, const double* C) {
             u[axis] = y[axis * p_ + i] - y[axis * p_ + j];
             length_square += u[axis] * u[axis];
         }
-        length_square = larger(length_square, SHORTEST_SQUARE);
+        length_square = larger(length_square, MIN_SQUARED_LENGTH);
         excess_[a] = 0.5 * log(length_square) - log_length_[a];
         for (int axis = 0; axis < 3; ++axis) u[axis] /= length_square;
         double* row = JC_ + a * d_;

@@ -1,5 +1,10 @@
-// The posterior over shape and view of each image: one mode after another, and all of
-// them combined.
+// The posterior over shape and view of each image, by Laplace's method at each mode m:
+//
+//     p(w) ~ sum_m pi_m exp(L_m) |H_m + I|^-1/2,
+//     y | w ~ sum_m share_m N(mean_m, C_m),
+//
+// with L_m and H_m the log likelihood and the Hessian of -L there, mean_m and C_m of
+// description.hpp; and the mean and covariance of this mixture.
 #include "../base/small_matrices.hpp"
 #include "description.hpp"
 #include "limbs.hpp"
@@ -104,6 +109,7 @@ void rank(Modes& all, Index count, Index slot) {
     all.count += retained;
 }
 
+// x_e = value for n numbers.
 void fill(double* x, Index n, double value) {
     for (Index e = 0; e < n; ++e) x[e] = value;
 }
@@ -120,6 +126,7 @@ struct Mixture {
           mixed(data.correlation[image].data),
           whole(data.covariance.size[0] ? data.covariance[image].data : nullptr) {}
 
+    // Set mean, covariances and correlations to one value.
     void set_all(double value) {
         fill(mean, d, value);
         fill(squares, d, value);
@@ -157,6 +164,7 @@ struct Mixture {
             mixed[e] /= larger(squares[first(e)] * squares[second(e)], TINY);
     }
 
+    // The two coordinates whose correlation is number e of the MIXED ones.
     Index first(Index e) const { return MIXED[e / p][0] * p + e % p; }
     Index second(Index e) const { return MIXED[e / p][1] * p + e % p; }
 

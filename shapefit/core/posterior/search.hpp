@@ -1,22 +1,28 @@
-// The ascents of images side by side, one a lane. Those that have finished are dropped,
-// so that blocks of lanes stay full; no lane knows of its neighbours.
+// The modes of the posterior of images: the maxima of L(theta) + log pi_k from every
+// start R under every component k of the mixture, L the log likelihood of
+// likelihood.hpp.
+//
+// Ascents run side by side, one a lane. Those that have finished are dropped, so that
+// blocks of lanes stay full; no lane knows of its neighbours.
 #pragma once
 
 #include "ascent.hpp"
 
 namespace shapefit {
 
-constexpr Index MOST_ASCENTS = 512;  // of a group of more than one image
-constexpr Index ROUNDS = 2;          // after which finished ascents are dropped
+constexpr Index MAX_ASCENTS = 512;   // of a group of more than one image
+constexpr Index ROUNDS_AT_ONCE = 2;  // after which finished ascents are dropped
 // Rounds in single precision; what takes longer starts again in double.
-constexpr Index QUICK = 16;
-constexpr Index MOST_ROUNDS = 200;  // in double
-// Of single and double precision at the end, in log likelihood.
-constexpr double AGREEMENT = 1;
-constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
+constexpr Index MAX_SINGLE_ROUNDS = 16;
+constexpr Index MAX_ROUNDS = 200;  // in double
+// Difference of single and double precision at the end, in log likelihood, from which
+// on the former has failed.
+constexpr double MAX_DISAGREEMENT = 1;
+constexpr double MAX_GROWTH = 100;  // of the scale, over that of the start
 // An ascent may still gain this many times the predicted gain.
 constexpr double GAIN_FACTOR = 2;
 
+// Starts times components.
 constexpr Index ascents_per_image(const PosteriorData& data) {
     return data.starts.size[1] * data.means.size[0];
 }
@@ -30,8 +36,9 @@ struct Group {
           best(workspace.zeros<double>(capacity)),
           failed(workspace.zeros<bool>(capacity)) {}
 
+    // How many images are lifted together: as many as have MAX_ASCENTS ascents.
     static Index capacity_of(const PosteriorData& data) {
-        const Index images = MOST_ASCENTS / ascents_per_image(data);
+        const Index images = MAX_ASCENTS / ascents_per_image(data);
         return images < 1 ? 1 : images < IMAGES_PER_BLOCK ? images : IMAGES_PER_BLOCK;
     }
 
@@ -90,6 +97,7 @@ struct Ascents {
         }
     }
 
+    // The lanes of block b, those that hold ascent i, and the number of blocks.
     Ascent<Lanes>& block(Index b) const { return lanes[b]; }
     Ascent<Lanes>& operator[](Index i) const { return block(i / width<Lanes>); }
     Index blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
@@ -235,7 +243,7 @@ void add_ascent(const PosteriorData& data, const Group& group, Origin origin,
     for (int e = 0; e < 9; ++e) at.view.R[e][lane] = static_cast<Number<Lanes>>(R[e]);
     const double log_scale = log(first_scale(data, group, image, R, origin.pair % K));
     at.view.log_scale[lane] = static_cast<Number<Lanes>>(log_scale);
-    at.largest[lane] = static_cast<Number<Lanes>>(log_scale + log(MOST_GROWTH));
+    at.largest[lane] = static_cast<Number<Lanes>>(log_scale + log(MAX_GROWTH));
     ascents.origin[ascents.count++] = origin;
 }
 
@@ -253,6 +261,7 @@ void add_all(const PosteriorData& data, const Group& group, Ascents<Lanes>& asce
                     add_ascent(data, group, {slot, pair}, ascents);
 }
 
+// L + log pi_k of ascent i.
 template <class Lanes>
 double value_of(const PosteriorData& data, const Ascents<Lanes>& ascents, Index i) {
     return ascents[i].found.value[i % width<Lanes>] +
@@ -298,16 +307,16 @@ void run_ascents(const PosteriorData& data, Index rounds, double margin,
         fetch(data, search.group, ascents.origin + b * width<Lanes>, going);
         begin(data, going.observed, going.space, ascents.block(b));
     }
-    for (;; rounds -= ROUNDS) {
+    for (;; rounds -= ROUNDS_AT_ONCE) {
         note_best(data, ascents, search.group);
         drop_finished(data, margin, ascents, search);
         if (!ascents.count || rounds <= 0) return;
         for (Index b = 0; b < ascents.blocks(); ++b) {
             fetch(data, search.group, ascents.origin + b * width<Lanes>, going);
-            ascent(data, going.observed, ROUNDS, going.space, ascents.block(b));
+            ascent(data, going.observed, ROUNDS_AT_ONCE, going.space, ascents.block(b));
         }
         for (Index i = 0; i < ascents.count; ++i)
-            data.rounds[search.group.image[ascents.origin[i].slot]] += ROUNDS;
+            data.rounds[search.group.image[ascents.origin[i].slot]] += ROUNDS_AT_ONCE;
     }
 }
 
@@ -320,7 +329,7 @@ inline void finish_all(const PosteriorData& data, double margin, Search& search)
     Side<Doubles>& late = search.late;
     for (Index slot = 0; slot < group.count; ++slot) group.best[slot] = -INFINITE;
     note_best(data, arrived, group);
-    run_ascents(data, MOST_ROUNDS, margin, late, search);
+    run_ascents(data, MAX_ROUNDS, margin, late, search);
     for (Index i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
     const Index count = arrived.count;
     arrived.count = 0;
@@ -344,7 +353,7 @@ inline void finish_all(const PosteriorData& data, double margin, Search& search)
                 arrived[i].found.value[i % WIDTH] - arrived[i].before[i % WIDTH];
             if (arrived.origin[i].slot != slot) continue;
             stands = stands || !(arrived[i].moving[i % WIDTH] > 0);
-            agrees = agrees && magnitude(away) < AGREEMENT;
+            agrees = agrees && magnitude(away) < MAX_DISAGREEMENT;
         }
         group.failed[slot] = !(stands && agrees);
     }
@@ -364,7 +373,7 @@ inline void ascend_all(const PosteriorData& data, double margin, bool precise,
     for (Index slot = 0; slot < search.group.count; ++slot)
         search.group.best[slot] = -INFINITE;
     precise ? add_all(data, search.group, late) : add_all(data, search.group, going);
-    run_ascents(data, QUICK, margin, search.going, search);
+    run_ascents(data, MAX_SINGLE_ROUNDS, margin, search.going, search);
     for (Index i = 0; i < going.count; ++i)
         add_ascent(data, search.group, going.origin[i], late);
     finish_all(data, margin, search);

@@ -39,7 +39,7 @@ struct ConsensusData {
     // of a residual, in units of the size of the shape
     double threshold = from("threshold");
     Index draws = from("draws");
-    Index most_rounds = from("max_rounds");  // of fits of a pose to its inliers
+    Index max_rounds = from("max_rounds");  // of fits of a pose to its inliers
     Matrix<bool> inliers = from("inliers", "n p");
 };
 
@@ -53,7 +53,7 @@ constexpr double PI = 0x1.921fb54442d18p1;
 // are not the mean and whose landmarks are noisy, 20 find the pose in as many images as
 // 500 draws (to three digits, for 0 to 70% wrong landmarks) and 5 lose it in one of a
 // hundred with 60% wrong.
-constexpr double ENOUGH = 20;
+constexpr double ENOUGH_INLIER_TRIPLES = 20;
 // Draws from one check to the next, a multiple of every WIDTH.
 constexpr Index CHECKED = 8;
 
@@ -304,12 +304,14 @@ struct Inside {
     double *now, *before;
 };
 
+// How many of n numbers, each 0 or 1, differ.
 Index count_differences(const double* a, const double* b, Index n) {
     double total = 0;
     for (Index j = 0; j < n; ++j) total += magnitude(a[j] - b[j]);
     return static_cast<Index>(total);
 }
 
+// sum_j x_j
 double sum(const double* x, Index n) {
     double total = 0;
     for (Index j = 0; j < n; ++j) total += x[j];
@@ -407,12 +409,12 @@ void search_image(const VisibleLandmarks& visible, const ConsensusData& data,
         // Stop by the inlier ratio: triples of inliers have been drawn often enough.
         const double good =
             drawn % CHECKED ? 0 : share_of_triples(best.inliers, visible.count);
-        if (static_cast<double>(drawn) * good >= ENOUGH) break;
+        if (static_cast<double>(drawn) * good >= ENOUGH_INLIER_TRIPLES) break;
         const int count =
             static_cast<int>(data.draws - drawn < WIDTH ? data.draws - drawn : WIDTH);
         for (int lane = 0; lane < count; ++lane)
             triples[lane] = draw_triple(state, visible.count);
-        compete(visible, triples, count, data.most_rounds, tolerance, best, inside,
+        compete(visible, triples, count, data.max_rounds, tolerance, best, inside,
                 inliers);
     }
 }

@@ -21,7 +21,8 @@ void scale_columns(const double* C, const double* scale, Index n, double* out) {
         for (Index j = 0; j < n; ++j) out[i * n + j] = C[i * n + j] * scale[j];
 }
 
-// C -= A^T B, A B, and the same without tiles that reach the lower triangle only.
+// C (n, n) -= A^T B for A as `Factor` reads it; `subtract_upper` leaves out tiles that
+// lie in the lower triangle.
 void subtract(Factor A, const double* B, double* C, Index n) {
     add_product(-1, A, B, C, n, n, n, n, every(n));
 }

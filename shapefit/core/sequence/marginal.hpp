@@ -1,4 +1,9 @@
-// The covariance of one frame of a sequence.
+// The covariance of one frame of a sequence: of the product of its mixture of
+// Gaussians, of precisions P_k and means m_k, and the Gaussian of precision Lambda that
+// stands for all other frames,
+//
+//     covariance = sum_k weight_k (Q_k^-1 + (delta_k - delta)(delta_k - delta)^T),
+//     Q_k = P_k + Lambda,    delta = sum_k weight_k delta_k.
 #pragma once
 
 #include "objective.hpp"
@@ -14,10 +19,8 @@ namespace shapefit {
 // gradient at y cancels that of the mixture, and the mixture put in its place (the
 // marginal of expectation propagation, one step):
 //
-//   weight_k ~ share_k N(m_k; that Gaussian),   Q_k = P_k + Lambda,
+//   weight_k ~ share_k N(m_k; that Gaussian),
 //   delta_k = Q_k^-1 (P_k (m_k - y) + g),       g = sum_k share_k P_k (y - m_k) at y
-//
-//   covariance = sum_k weight_k (Q_k^-1 + (delta_k - delta)(delta_k - delta)^T)
 //
 // It is exact for a frame by itself. Which mode its neighbours stand in is taken as it
 // is at the minimum.

@@ -63,10 +63,10 @@ double multiply_symmetric(const double* P, const double* x, Index d,
     return dot(x, out, d);
 }
 
-double held_back(const SequenceData& data, const Place& at, Index b) {
+double length_gradient(const SequenceData& data, const Place& at, Index b) {
     double total = 0;
     for (Index c = 0; c < data.lengths.size[0]; ++c)
-        total += data.hold[b][c] * (at.lengths[c] - data.known[c]);
+        total += data.length_precision[b][c] * (at.lengths[c] - data.usual_lengths[c]);
     return total;
 }
 
@@ -110,7 +110,8 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
         at.energies[f] = energy - before;
     }
     for (Index b = 0; b < data.lengths.size[0]; ++b)
-        energy += 0.5 * (at.lengths[b] - data.known[b]) * held_back(data, at, b);
+        energy += 0.5 * (at.lengths[b] - data.usual_lengths[b]) *
+                  length_gradient(data, at, b);
     at.energy = energy;
 }
 

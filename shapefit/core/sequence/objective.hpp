@@ -4,7 +4,7 @@
 //     + 1/2 sum_(f,j) weight_fj ||w_fj - y_fj||^2
 //     + 1/2 sum_(f,j) ||c_f0 y_fj + c_f1 y_(f+1)j + c_f2 y_(f+2)j||^2 / a_j^2
 //     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2
-//     + 1/2 (l - known)^T H (l - known)
+//     + 1/2 (l - k)^T H (l - k)
 //
 // over frames and lengths l together.
 #pragma once
@@ -31,10 +31,10 @@ struct SequenceData {
     Matrix<const double> differences = from("differences", "t 3");
     Matrix<const int64_t> bones = from("bones", "e 2");
     Vector<const double> rigidity = from("rigidity", "e");  // 1/b^2
-    // H of (l - known)^T H (l - known)
-    Matrix<const double> hold = from("hold", "e e");
-    Vector<const double> known = from("known", "e");
-    Index most_rounds = from("most_rounds");
+    // H, and the usual lengths k
+    Matrix<const double> length_precision = from("length_precision", "e e");
+    Vector<const double> usual_lengths = from("usual_lengths", "e");
+    Index max_rounds = from("max_rounds");
     // rounds end when the energy per frame falls by less
     double tolerance = from("tolerance");
     // y: the start, and then the minimum
@@ -71,11 +71,12 @@ struct Place {
     double energy = 0;
 };
 
-// Energy, pull and shares at y and lengths.
+// The value of the objective at y and l: its energies, the gradient of the mixtures,
+// and the shares of the modes, to `at`.
 void measure(const SequenceData& data, Place& at, double* scratch);
 
-// What stands for the second derivatives of the bones: those of their squares with the
-// directions held (Gauss and Newton's, never negative), or all of them.
+// The Hessian of the term of the bones: Gauss and Newton's, with their directions held,
+// which is never negative, or all of it.
 enum class Bones { HELD, WHOLE };
 
 // Of frame f: the upper triangle of S (D, D) = its block of the Hessian without the
@@ -90,8 +91,8 @@ void derive(const SequenceData& data, const Place& at, Index f, Bones bones, dou
 void add_precision(const SequenceData& data, const Place& at, Index f, double sign,
                    double* S);
 
-// Element b of H (l - known): how lengths are held to those that are known.
-double held_back(const SequenceData& data, const Place& at, Index b);
+// Element b of H (l - k), the gradient of the term of the usual lengths.
+double length_gradient(const SequenceData& data, const Place& at, Index b);
 
 // out = P x of a symmetric P (d, d), read above the diagonal; returns <x, P x>.
 double multiply_symmetric(const double* P, const double* x, Index d,

@@ -1,36 +1,37 @@
-// The shapes of a whole sequence at once.
+// The shapes of a whole sequence at once: the minimum of the objective of objective.hpp
+// over the frames y and the lengths l, by the method of Levenberg and Marquardt.
 #include "../base/small_matrices.hpp"
 #include "banded.hpp"
 
 namespace shapefit {
 
-// Precisions (factor C + more I)^-1 in the place of covariances C, and log det, where
-// `there` is set.
+// Precisions (factor C + ridge I)^-1 in the place of covariances C, and log det of the
+// covariances, for those that are `wanted`.
 struct PrecisionData {
     Arguments& from;
     Blocks<double> matrices = from("matrices", "n K d d");
     Matrix<const double> factor = from("factor", "n K");  // 0 where C is not known
-    Matrix<const double> more = from("more", "n K");
-    Matrix<const bool> there = from("there", "n K");
+    Matrix<const double> ridge = from("ridge", "n K");
+    Matrix<const bool> wanted = from("wanted", "n K");
     Matrix<double> log_det = from("log_det", "n K");
 };
 
-// Overwrite covariances C by (factor C + more I)^-1, and give their log determinants.
+// Overwrite covariances C by (factor C + ridge I)^-1, and give their log determinants.
 void find_precisions(const PrecisionData& data, Range range) {
-    const Index K = data.there.size[1], d = data.matrices.size[2], D = padded(d);
+    const Index K = data.wanted.size[1], d = data.matrices.size[2], D = padded(d);
     Workspace workspace;
     double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
     for (Index image = range.first; image < range.last; ++image)
         for (Index k = 0; k < K; ++k) {
             check_interrupt();
-            if (!data.there[image][k]) continue;
+            if (!data.wanted[image][k]) continue;
             double *C = data.matrices[image][k].data, factor = data.factor[image][k];
             for (Index i = 0; i < D; ++i)
                 for (Index j = 0; j < D; ++j)
                     S[i * D + j] = i >= d || j >= d ? (i == j ? 1.0 : 0.0)
                                    : factor > 0     ? factor * C[i * d + j]
                                                     : 0.0;
-            for (Index i = 0; i < d; ++i) S[i * D + i] += data.more[image][k];
+            for (Index i = 0; i < d; ++i) S[i * D + i] += data.ridge[image][k];
             data.log_det[image][k] = cholesky_inverse(S, V, D, D);
             multiply_out(V, S, D, D);
             mirror(S, D, D);
@@ -44,9 +45,9 @@ const Exported<find_precisions> find_precisions_exported{"find_precisions"};
 namespace {
 
 // Of a coordinate, in units of the size of the landmarks.
-constexpr double LONGEST_STEP = 0.5;
-constexpr double FIRST_DAMPING = 1e-1, LEAST_DAMPING = 1e-2, MOST_DAMPING = 1e8;
-constexpr double DAMPED_MORE = 6, DAMPED_LESS = 5;
+constexpr double MAX_STEP = 0.5;
+constexpr double FIRST_DAMPING = 1e-1, MIN_DAMPING = 1e-2, MAX_DAMPING = 1e8;
+constexpr double DAMPING_INCREASE = 6, DAMPING_DECREASE = 5;
 
 struct Step {
     Step(Workspace& workspace, const SequenceData& data)
@@ -57,6 +58,7 @@ struct Step {
           inverse(workspace.zeros<double>(square_of(data))),
           side(workspace.zeros<double>(padded(data.lengths.size[0]))) {}
 
+    // Numbers of a matrix over the lengths, padded.
     static Index square_of(const SequenceData& data) {
         const Index e = padded(data.lengths.size[0]);
         return e * e;
@@ -77,12 +79,13 @@ bool find_step(const SequenceData& data, const Place& at, const Banded& factor,
     for (Index a = 0; a < n; ++a) {
         for (Index b = 0; b < n; ++b)
             step.schur[a * n + b] =
-                a < e && b < e ? data.hold[a][b] - G[(1 + a) * E + 1 + b] : 0.0;
+                a < e && b < e ? data.length_precision[a][b] - G[(1 + a) * E + 1 + b]
+                               : 0.0;
         step.schur[a * n + a] += a < e ? t * data.rigidity[a] + 1e-9 : 1.0;
         step.side[a] = 0;
         if (a < e)
-            step.side[a] = held_back(data, at, a) - data.rigidity[a] * at.too_long[a] -
-                           G[(1 + a) * E];
+            step.side[a] = length_gradient(data, at, a) -
+                           data.rigidity[a] * at.too_long[a] - G[(1 + a) * E];
     }
     if (!is_finite(cholesky_inverse(step.schur, step.inverse, n, n))) return false;
     multiply_out(step.inverse, step.schur, n, n);
@@ -100,13 +103,14 @@ void move(const Place& from, const Step& step, Place& to) {
     double farthest = 0;
     for (Index i = 0; i < count; ++i)
         farthest = larger(magnitude(step.frames.data[i]), farthest);
-    const double shrink = smaller(1.0, LONGEST_STEP / larger(farthest, TINY));
+    const double shrink = smaller(1.0, MAX_STEP / larger(farthest, TINY));
     for (Index i = 0; i < count; ++i)
         to.y.data[i] = from.y.data[i] - shrink * step.frames.data[i];
     for (Index a = 0; a < from.lengths.size[0]; ++a)
         to.lengths[a] = from.lengths[a] + shrink * step.lengths[a];
 }
 
+// The first `width` numbers of each row.
 void copy_rows(Matrix<const double> from, Matrix<double> to, Index width) {
     for (Index f = 0; f < from.size[0]; ++f)
         for (Index e = 0; e < width; ++e) to[f][e] = from[f][e];
@@ -130,9 +134,9 @@ void smooth_sequence(const SequenceData& data) {
     measure(data, *at, scratch);
     double damping = FIRST_DAMPING;
     Index rounds = 0;
-    while (rounds < data.most_rounds) {
+    while (rounds < data.max_rounds) {
         bool lower = false;
-        for (; damping < MOST_DAMPING; damping *= DAMPED_MORE) {
+        for (; damping < MAX_DAMPING; damping *= DAMPING_INCREASE) {
             if (!factor.factorise(data, *at, Bones::HELD, damping) ||
                 !find_step(data, *at, factor, step))
                 continue;
@@ -147,7 +151,7 @@ void smooth_sequence(const SequenceData& data) {
         Place* before = at;
         at = tried;
         tried = before;
-        damping = larger(damping / DAMPED_LESS, LEAST_DAMPING);
+        damping = larger(damping / DAMPING_DECREASE, MIN_DAMPING);
         if (gain < data.tolerance * static_cast<double>(t)) break;
     }
     copy_rows(at->y, data.points, d);

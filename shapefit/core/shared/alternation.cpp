@@ -22,7 +22,7 @@ struct AlternationData {
     bool is_signed = from("is_signed");  // c of either sign, or c >= 0
     // relative fall of the objective in a round at which it ends
     double tolerance = from("tolerance");
-    Index most_rounds = from("most_rounds");
+    Index max_rounds = from("max_rounds");
     // of the best start; so are rotation and status
     Matrix<double> coefficients = from("coefficients", "n k");
     Tensor<double> rotation = from("rotation", "n 3 3");
@@ -58,7 +58,7 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& work
     double P[9], D[6], before = INFINITE, now = INFINITE;
     work.step.set.clear();
     work.step.aim(w, lam, data.is_signed);
-    for (Index round = 0; round < data.most_rounds; ++round) {
+    for (Index round = 0; round < data.max_rounds; ++round) {
         check_interrupt();
         now = work.step.minimise_at(R);
         const double penalty = work.step.mix(work.shape);
@@ -72,14 +72,14 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& work
             return {now, round + 1, true};
         before = now;
     }
-    return {now, data.most_rounds, false};
+    return {now, data.max_rounds, false};
 }
 
 // Alternate from each start of an image, and keep the end of the least objective.
 void alternate_starts(const AlternationData& data, Index image, Alternation& work) {
     double least = INFINITE;
     data.status[image] = Status::NUMERICAL_FAILURE;
-    if (data.lam[image] < LEAST_LAMBDA) return;
+    if (data.lam[image] < MIN_LAMBDA) return;
     for (Index start = 0; start < data.starts.size[1]; ++start) {
         Rotation R = Rotation::from(data.starts[image][start].data);
         const Ended ended = alternate_image(data, data.lam[image], work, R);

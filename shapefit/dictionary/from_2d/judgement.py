@@ -114,7 +114,7 @@ def evaluate_class(images: Images, state: ClassState) -> Judgement:
     remaining = some.hiding(hidden)
     n, p = remaining.weights.shape
     *_, learned = improve(remaining, rigid_state(remaining), JUDGED_ROUNDS)
-    price = price_of_views(remaining, learned, ALL_AXES)
+    price = penalty_of_views(remaining, learned, ALL_AXES)
     gain = (learned.objective - price - flat_evidence(remaining)) / (n * p)
     half_distance = halves_distance(remaining, learned)
     residual = predict(remaining, learned) - some.landmarks
@@ -182,7 +182,7 @@ def flat_evidence(images: Images) -> float:
     if np.abs(angle).max() <= MIN_ROLL:
         return upright.objective
     rolled = flat_state(images, W, angle)
-    price = price_of_views(images, rolled, CAMERA_AXIS)
+    price = penalty_of_views(images, rolled, CAMERA_AXIS)
     return max(rolled.objective - price, upright.objective)
 
 
@@ -219,7 +219,7 @@ def rigid_state(images: Images) -> ClassState:
 
 
 def halves_distance(images: Images, learned: ClassState) -> float:
-    """Return how far shapes are from those that half of the images gives by itself.
+    """Return the distance of learned shapes from those of half of the images alone.
 
     mean ||X - X'|| / ||X|| of shapes X, as learned from all, and X', learned from the
     first or the second half of the images. The error of what was learned is less where
@@ -244,8 +244,8 @@ def _mean_distance(X: Floats, Y: Floats) -> float:
     return float((np.linalg.norm(X - Y, axis=(1, 2)) / size).mean())
 
 
-def price_of_views(images: Images, state: ClassState, axes: slice) -> float:
-    """Return the log evidence to take off, as the views were fitted to the images.
+def penalty_of_views(images: Images, state: ClassState, axes: slice) -> float:
+    """Return what to subtract from the log evidence at fitted views (Occam factor).
 
     sum_n log(S |H_n|^(1/2) / (2 pi)^(d/2)), by Laplace's method for a uniform prior
     over the d axes; H is the information of a rotation about them, S = 8 pi^2 the size
@@ -257,5 +257,5 @@ def price_of_views(images: Images, state: ClassState, axes: slice) -> float:
     d = H.shape[1]
     size = 8 * np.pi**2 if d > 1 else 2 * np.pi
     log_det = np.linalg.slogdet(H + 1e-9 * np.eye(d))[1]
-    price = np.log(size) - 0.5 * d * np.log(2 * np.pi) + 0.5 * log_det
-    return float(price.sum())
+    penalty = np.log(size) - 0.5 * d * np.log(2 * np.pi) + 0.5 * log_det
+    return float(penalty.sum())

@@ -355,7 +355,7 @@ def maximise_class(
     squares = (log_scale - size[images.sequence]) ** 2
     most = min(MAX_MODES, max(n // MIN_IMAGES_PER_MODE, 1))
     return replace(
-        split_ppca(mean, covariance, most=most),
+        split_ppca(mean, covariance, max_modes=most),
         noise=max(noise, MIN_NOISE_FACTOR * model.noise),
         log_size=size,
         size_variance=float((squares.mean() + PRIOR_SIZE_SD**2) / 2),

@@ -161,31 +161,30 @@ OfImages = TypeVar("OfImages", Views, Expected)
 def posterior_mean(
     images: Images, views: Views, model: Gaussian, *, slopes: bool = False
 ) -> Expected:
-    """Return what the model expects of images in given views: the shapes, and more.
+    """Return the expectation step: posterior moments of the shapes in given views.
 
-    The expectation step. With `slopes`, the gradient and the information of the log
-    density by the views are among it. With U U^T = M^-1 all that is needed of it
-    follows from V U, by landmark. The gradient is that of the expected log density of
-    image and shape together (Fisher's identity); the information is that of the mean
-    shape, the covariance held.
+    With `slopes` also the gradient and the information of the log density by the views.
+    With U U^T = M^-1 all that is needed follows from V U, by landmark. The gradient is
+    that of the expected log density of image and shape together (Fisher's identity);
+    the information is that of the mean shape, the covariance held.
     """
     n, _, p = images.landmarks.shape
     q = model.modes.shape[2]
-    seen = _see(images, views, model)
-    B, u = seen.B, seen.u
+    projected = _project(images, views, model)
+    B, u = projected.B, projected.u
     U = _root_of_covariance(B, u, q)
-    linear_term = (u[:, None] * seen.r).reshape(n, 1, 2 * p) @ B
+    linear_term = (u[:, None] * projected.r).reshape(n, 1, 2 * p) @ B
     z = (U @ (linear_term @ U)[:, 0, :, None])[..., 0]
-    left = seen.r - (B @ z[..., None]).reshape(n, 2, p)
+    left = projected.r - (B @ z[..., None]).reshape(n, 2, p)
     alpha = u[:, None] * left
-    gain = seen.rest * u
-    back = gain / seen.s[:, None]
-    RP = seen.PR.transpose(0, 2, 1)
+    gain = projected.rest * u
+    back = gain / projected.s[:, None]
+    RP = projected.PR.transpose(0, 2, 1)
     V = model.modes.reshape(3 * p, q)
     deformation = (z[:, :q] @ V.T).reshape(n, 3, p)
     shapes = model.mean + deformation + back[:, None] * (RP @ left)
     VU = (V @ U[:, :q]).reshape(n, 3, -1)
-    half = (seen.sPR @ VU).reshape(n, 2, p, q + 2)
+    half = (projected.sPR @ VU).reshape(n, 2, p, q + 2)
     half += U[:, q:, None]
     # H = B M^-1 B^T of each landmark with itself: what the others leave open of it
     H = np.einsum("ncpk,ndpk->npcd", half, half)
@@ -197,15 +196,15 @@ def posterior_mean(
         # blocks of each landmark with itself
         stays = back[..., None, None] * (np.eye(2) - u[..., None, None] * H)
         of_landmark = weighted @ VU.transpose(0, 2, 1)
-        of_landmark = of_landmark + stays.sum(axis=1) @ seen.PR
+        of_landmark = of_landmark + stays.sum(axis=1) @ projected.PR
         moved = alpha @ shapes.transpose(0, 2, 1) - of_landmark
-        gradient, information = _slopes(views, model, seen, U, moved)
+        gradient, information = _slopes(views, model, projected, U, moved)
         _add_slopes_of_size(gradient, information, images, views, model)
     root = VU
-    root -= (seen.s * model.rest)[:, None, None] * RP @ weighted
-    flip_gain = flip_gain_of(left, H, seen.v, images.visible)
+    root -= (projected.s * model.rest)[:, None, None] * RP @ weighted
+    flip_gain = flip_gain_of(left, H, projected.v, images.visible)
     return Expected(
-        log_density=_log_density(images, views, model, seen, U, alpha),
+        log_density=_log_density(images, views, model, projected, U, alpha),
         flip_gain=np.where(images.weights > 0, flip_gain, -np.inf),
         shapes=shapes,
         translation=z[:, q:],
@@ -213,12 +212,12 @@ def posterior_mean(
         gain=gain,
         gradient=gradient,
         information=information,
-        residual_variance=_residual_variance(images, seen, gain, left, H),
+        residual_variance=_residual_variance(images, projected, gain, left, H),
     )
 
 
-class _Seen(NamedTuple):
-    """What images see under their views.
+class _Projected(NamedTuple):
+    """A model projected into images by their views.
 
     s (n,); P R (n, 2, 3) and s P R; s^2 rho (n, 1); v and u = 1 / v of visible
     landmarks, else 0 (n, p); B (n, 2p, q + 2) and residuals r (n, 2, p).
@@ -234,8 +233,8 @@ class _Seen(NamedTuple):
     r: Floats
 
 
-def _see(images: Images, views: Views, model: Gaussian) -> _Seen:
-    """Return what the views make of the model: modes and residuals in the images."""
+def _project(images: Images, views: Views, model: Gaussian) -> _Projected:
+    """Project the mean and the modes of a model into images by their views."""
     n, _, p = images.landmarks.shape
     q = model.modes.shape[2]
     s = np.exp(views.log_scale)
@@ -251,7 +250,7 @@ def _see(images: Images, views: Views, model: Gaussian) -> _Seen:
     B[:, 0, :, q] = 1.0
     B[:, 1, :, q + 1] = 1.0
     r = np.where(is_there[:, None], images.landmarks - sPR @ model.mean, 0.0)
-    return _Seen(s, PR, sPR, rest, v, u, B.reshape(n, 2 * p, q + 2), r)
+    return _Projected(s, PR, sPR, rest, v, u, B.reshape(n, 2 * p, q + 2), r)
 
 
 def _root_of_covariance(B: Floats, u: Floats, q: int) -> Floats:
@@ -266,13 +265,18 @@ def _root_of_covariance(B: Floats, u: Floats, q: int) -> Floats:
 
 
 def _log_density(
-    images: Images, views: Views, model: Gaussian, seen: _Seen, U: Floats, alpha: Floats
+    images: Images,
+    views: Views,
+    model: Gaussian,
+    projected: _Projected,
+    U: Floats,
+    alpha: Floats,
 ) -> Floats:
     """Return the log density (n,) of the images and of the sizes of their views."""
     visible = images.visible
-    log_density = -0.5 * (seen.r * alpha).sum(axis=(1, 2))
+    log_density = -0.5 * (projected.r * alpha).sum(axis=(1, 2))
     log_density += np.log(np.einsum("nqq->nq", U)).sum(axis=1)
-    log_density -= np.where(visible, np.log(2 * np.pi * seen.v), 0.0).sum(axis=1)
+    log_density -= np.where(visible, np.log(2 * np.pi * projected.v), 0.0).sum(axis=1)
     outliers = ((images.weights > 0) & ~visible).sum(axis=1)
     log_density += OUTLIER_LOG_DENSITY * outliers
     deviation = views.log_scale - model.log_size[images.sequence]
@@ -282,27 +286,27 @@ def _log_density(
 
 
 def _residual_variance(
-    images: Images, seen: _Seen, gain: Floats, left: Floats, H: Floats
+    images: Images, projected: _Projected, gain: Floats, left: Floats, H: Floats
 ) -> Floats:
     """Return the sum over visible landmarks of omega^2 E |e|^2: (n,)."""
     omega = images.weights
     share = np.where(images.visible, 1 - gain, 0.0)
     squares = (left**2).sum(axis=1) + H[..., 0, 0] + H[..., 1, 1]
-    of_landmark = omega**2 * share**2 * squares + 2 * omega**2 * share * seen.rest
+    of_landmark = omega**2 * share**2 * squares + 2 * omega**2 * share * projected.rest
     return np.asarray(of_landmark.sum(axis=1))
 
 
 def _slopes(
-    views: Views, model: Gaussian, seen: _Seen, U: Floats, moved: Floats
+    views: Views, model: Gaussian, projected: _Projected, U: Floats, moved: Floats
 ) -> tuple[Floats, Floats]:
     """Return gradient (n, 4) and information (n, 4, 4) of the images by their views.
 
     moved (n, 2, 3): the derivative of the log density by s P R.
     """
-    n = len(seen.s)
-    B, u = seen.B, seen.u
+    n = len(projected.s)
+    B, u = projected.B, projected.u
     turned = np.einsum("oca,nai->noci", VIEW_MOTIONS, views.rotation)
-    D = seen.s[:, None, None, None] * turned
+    D = projected.s[:, None, None, None] * turned
     gradient = np.einsum("noci,nci->no", D, moved)
     J = (D.reshape(-1, 3) @ model.mean).reshape(n, VIEW_DIRECTIONS, B.shape[1])
     uJ = J * np.tile(u, 2)[:, None]
@@ -395,20 +399,20 @@ def ascent(views: Views, expected: Expected, damping: Floats) -> Views:
 
 
 def split_ppca(
-    mean: Floats, covariance: Floats, left: int = 1, most: int = MAX_MODES
+    mean: Floats, covariance: Floats, min_left: int = 1, max_modes: int = MAX_MODES
 ) -> Gaussian:
     """Split a covariance (3p, 3p) about the mean (3, p) into leading modes and a rest.
 
     The likeliest split: rho is the mean of the eigenvalues that are left (Tipping and
-    Bishop 1999). At least `left` eigenvalues are, or the rest is next to nothing; modes
-    are at `most` so many. Noise and views stay to be set.
+    Bishop 1999). At least `min_left` eigenvalues are, or the rest is next to nothing;
+    there are at most `max_modes` modes. Noise and views stay to be set.
     """
     p = mean.shape[1]
     centred = covariance.reshape(3, p, 3, p)
     centred = centred - centred.mean(axis=1, keepdims=True)
     centred = centred - centred.mean(axis=3, keepdims=True)
     size, axes = np.linalg.eigh(centred.reshape(3 * p, 3 * p))
-    q = min(most, 3 * p - 3 - left)
+    q = min(max_modes, 3 * p - 3 - min_left)
     others = size[3 : 3 * p - q]  # the first three are translations
     rest = MIN_REST
     if len(others):
@@ -425,7 +429,10 @@ def split_ppca(
 
 
 def choose_rows(mask: Flags, yes: OfImages, no: OfImages) -> OfImages:
-    """Return the rows of `yes` where the mask (n,) is True, else those of `no`."""
+    """Return the rows of `yes` where the mask (n,) is True, else those of `no`.
+
+    Of each field, None where one of the two has none.
+    """
     chosen: dict[str, Any] = {}
     for column in fields(yes):
         a = getattr(yes, column.name)

@@ -86,7 +86,7 @@ class C3d(NamedTuple):
     def whole_number(self, group: str, name: str) -> int:
         """Return a parameter that counts something; 0 where it has no such value."""
         value = self.number(group, name)
-        return int(value) if 0 <= value < LARGEST_COUNT else 0
+        return int(value) if 0 <= value < MAX_COUNT else 0
 
     def texts(self, name: str) -> list[str]:
         """Return the texts of a parameter of the group POINT; [] for none."""
@@ -94,8 +94,8 @@ class C3d(NamedTuple):
         return [value for value in values if isinstance(value, str)]
 
 
-LARGEST_COUNT = 1 << 32
-"""What no file counts up to."""
+MAX_COUNT = 1 << 32
+"""Bound on counts in a file; a larger one is taken for damage."""
 
 
 def is_c3d(head: Head) -> bool:
@@ -192,8 +192,8 @@ def _floats(data: bytes, is_dec: bool) -> Floats:
 TEXT_TYPE, BYTE, WHOLE_TYPE, FLOAT = -1, 1, 2, 4
 """Kinds of parameters, each the bytes of a value."""
 
-MOST_AXES = 7
-"""Of a parameter."""
+MAX_AXES = 7
+"""Axes of a parameter, at most."""
 
 
 def _parameters(section: bytes, is_dec: bool) -> Parameters:
@@ -245,7 +245,7 @@ def _place_of_values(section: bytes, body: int) -> tuple[int, int]:
     """
     kind, axes = struct.unpack_from("bB", section, body)
     start = body + 2 + axes
-    known = kind in (TEXT_TYPE, BYTE, WHOLE_TYPE, FLOAT) and axes <= MOST_AXES
+    known = kind in (TEXT_TYPE, BYTE, WHOLE_TYPE, FLOAT) and axes <= MAX_AXES
     require(known and start <= len(section), "a parameter of no known kind")
     return start, start + abs(kind) * math.prod(section[body + 2 : start])
 
@@ -306,7 +306,7 @@ def _layout_of_parameters(file: C3d) -> DataLayout:
     rate = file.number("POINT", "RATE")
     of_analog = file.number("ANALOG", "RATE")
     shares = of_analog / rate if rate > 0 and of_analog > 0 else 1.0
-    samples = round(shares) if shares < LARGEST_COUNT else 1
+    samples = round(shares) if shares < MAX_COUNT else 1
     return DataLayout(
         0,
         file.whole_number("POINT", "USED"),

@@ -214,7 +214,7 @@ def _points_of_parts(entry: _Annotation) -> Floats:
 
 
 def _identity(entry: _Annotation) -> object:
-    """Return who an annotation is, as PoseTrack or CVAT states it; None for nobody."""
+    """Return the identity of an annotation, as PoseTrack or CVAT states it, or None."""
     attributes = entry.get("attributes")
     stated: list[object] = [entry.get("track_id"), entry.get("person_id")]
     if isinstance(attributes, dict):

@@ -15,7 +15,7 @@ from typing_extensions import TypedDict
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, printable
 from shapefit.io.csv_cells import read_numbers
-from shapefit.io.csv_file import MOST_FRAME
+from shapefit.io.csv_file import MAX_FRAME
 from shapefit.io.formats import Head
 from shapefit.io.readers.poses import (
     FormatError,
@@ -116,9 +116,10 @@ def _read_levels(text: str, delimiter: str) -> dict[str, list[str]]:
 
 
 def _columns_of_levels(levels: Mapping[str, list[str]]) -> TableColumns:
-    """Return the names of each column, by the lines of names.
+    """Return the names (scorer, individual, landmark, coordinate) of each column.
 
-    The first column is that of the frames; scorers are left empty. Raises FormatError
+    levels: the lines of names at the beginning of the table, by what they name. The
+    first column is that of the frames; scorers are left empty. Raises FormatError
     where lines are lacking, or have different numbers of cells.
     """
     needed = [name for name in HEADER[1:] if name != "individuals"]
@@ -215,10 +216,10 @@ def _rows_of_numbers(index: Floats) -> TableRows:
     Raises FormatError for no whole number.
     """
     labels = number_labels(index)
-    whole = (index % 1 == 0).all() and (np.abs(index) < MOST_FRAME).all()
+    whole = (index % 1 == 0).all() and (np.abs(index) < MAX_FRAME).all()
     require(whole, "a frame that is no whole number", "number the frames")
     frames = index.astype(np.int64)
-    return {"labels": labels, "frames": frames - frames.min(initial=MOST_FRAME)}
+    return {"labels": labels, "frames": frames - frames.min(initial=MAX_FRAME)}
 
 
 def _rows_of_images(path: Path, images: Sequence[str]) -> TableRows:

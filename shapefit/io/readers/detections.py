@@ -152,7 +152,7 @@ def _detections_of(
 
 
 def who_of(person: Mapping[str, object]) -> object:
-    """Return what identity a file gives a person; None for nobody."""
+    """Return the identity that a file states of a person; None for none."""
     return _first_value(person, WHO)
 
 
@@ -303,7 +303,7 @@ def _read_labels(files: Sequence[Path]) -> list[Label]:
 
 
 def _shape_of_labels(data: _DataYaml, rows: Sequence[Label]) -> tuple[int, int]:
-    """Return how many landmarks a line has, and how many numbers each of them.
+    """Return the number of landmarks of a line, and of the values of each of them.
 
     As data.yaml says, else as many landmarks of three as the shortest line holds.
     Raises FormatError for another `kpt_shape`.

@@ -68,8 +68,8 @@ _OF_LANDMARK = (
 UNNAMED = re.compile(r"(?:Unnamed: \d+)?")
 """What a column without a name is called, as pandas reads it, too."""
 
-NEAR = 0.85
-"""How alike a name must be to a known one that it is taken for a slip."""
+MIN_NAME_SIMILARITY = 0.85
+"""Similarity of a name to a known one, difflib's ratio, from which on it is a slip."""
 
 SEPARATOR = re.compile(r"sep=([,;\t])\r?", re.I)
 """The first line by which Excel knows the delimiter."""
@@ -113,17 +113,19 @@ class Header(NamedTuple):
         names = []
         for column, name in enumerate(self.names):
             if column not in used:
-                near = get_close_matches(name.lower(), ROLES, n=1, cutoff=NEAR)
+                near = get_close_matches(
+                    name.lower(), ROLES, n=1, cutoff=MIN_NAME_SIMILARITY
+                )
                 meant = f" ({near[0]}?)" if near and name.lower() not in ROLES else ""
                 names.append(name + meant or f"column {column + 1} without a name")
         return names
 
 
 def parse_header(text: str) -> Header | None:
-    """Return what the columns of a table hold, by its first line; None for others.
+    """Parse the first line of a table as the names of its columns; None for no header.
 
-    After `sep=;` by its second. The columns must be landmark, x and y, or x and y of
-    two landmarks at least.
+    After `sep=;` it is the second line. The columns must be landmark, x and y, or x and
+    y of two landmarks at least.
     """
     first, _, rest = text.partition("\n")
     line, delimiters = 1, sorted((",", ";", "\t"), key=first.count, reverse=True)
@@ -149,7 +151,10 @@ class _Place(NamedTuple):
 
 
 def _header_of_names(delimiter: str, line: int, names: Sequence[str]) -> Header | None:
-    """Return what columns of these names hold; None where they hold no landmarks."""
+    """Return the header of columns of these names; None where none is a landmark's.
+
+    line: the number of the line of names.
+    """
     roles: dict[str, int] = {}
     places: list[_Place] = []
     for column, name in enumerate(names):

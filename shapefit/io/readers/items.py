@@ -161,7 +161,10 @@ def _with_direction(poses: Poses) -> Poses:
 
 
 def _fields(poses: Poses, options: InputOptions) -> tuple[Poses, dict[str, Any], Notes]:
-    """Return the selected poses, their fields of Landmarks and Shapes, and notes."""
+    """Return the poses that the options select, the fields of a record, and notes.
+
+    The fields are those that Landmarks and Shapes have in common, but for points.
+    """
     names, assumed = _landmark_names(poses, options)
     poses, items, sequences = select(poses, options)
     fields = {

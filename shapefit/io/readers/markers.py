@@ -77,7 +77,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
 
 
 def _read_trc_header(text: str, delimiter: str) -> tuple[dict[str, str], list[str]]:
-    """Return what the header of TRC states, by key, and the label of each marker.
+    """Return the values of the header of TRC by key, and the label of each marker.
 
     Keys are in small letters; a marker without a name is "". Raises FormatError for
     headers that are not whole.

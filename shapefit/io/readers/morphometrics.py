@@ -89,7 +89,11 @@ def _count(path: Path, line: int, value: str) -> int:
 def _specimen_points(
     path: Path, rows: Sequence[str], line: int, count: int, d: int
 ) -> list[list[float]]:
-    """Return the points of so many lines. Raises InputError where one is no point."""
+    """Return the points (count, d) in the first lines of `rows`.
+
+    line: the number of the line before them, for messages. Raises InputError where one
+    is no point.
+    """
     points = []
     for offset in range(count):
         words = rows[offset].split() if offset < len(rows) else []
@@ -103,7 +107,7 @@ def _specimen_points(
 
 
 def _specimen_labels(stated: Sequence[dict[str, str]]) -> list[str]:
-    """Return what specimens are called: by images, else their ID, else their number."""
+    """Return names of specimens: of their image, else their ID, else their number."""
     for key in ("IMAGE", "ID"):
         names = [keys.get(key, "") for keys in stated]
         if all(names) and len({*names}) == len(names):

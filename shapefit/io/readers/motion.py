@@ -107,7 +107,7 @@ def _channel(axis: str, kind: str) -> Channel:
 
 
 def is_bvh(head: Head) -> bool:
-    """Whether a text begins with the two words that BVH begins with."""
+    """Whether a text begins with HIERARCHY and ROOT, as files of BVH do."""
     return head.text.upper().split(maxsplit=2)[:2] == [b"HIERARCHY", b"ROOT"]
 
 

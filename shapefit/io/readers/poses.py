@@ -452,14 +452,14 @@ def frames_of_labels(labels: Sequence[str]) -> list[int] | None:
     """
     if not all(label.isascii() and label.isdecimal() for label in labels):
         return None
-    numbers = [int(label[:LONGEST_NUMBER]) for label in labels]
+    numbers = [int(label[:MAX_FRAME_DIGITS]) for label in labels]
     twice = next((n for n, times in Counter(numbers).items() if times > 1), None)
     require(twice is None, f"frame {twice} twice")
     first = min(numbers, default=0)
     return [number - first for number in numbers]
 
 
-LONGEST_NUMBER = 18
+MAX_FRAME_DIGITS = 18
 """Digits of a number of a frame, which fit in 64 bits."""
 
 OFF_STEP = 0.2
@@ -516,7 +516,7 @@ def _frames_at(times: Floats, rate: float) -> list[int] | None:
     """Return the frames at times (n,), of a rate; None where they lie between."""
     places = (times - times.min()) * rate
     whole = np.rint(places)
-    small = np.abs(places).max() < 10.0**LONGEST_NUMBER
+    small = np.abs(places).max() < 10.0**MAX_FRAME_DIGITS
     alone = len(np.unique(whole)) == len(whole)
     if not small or not alone or (np.abs(places - whole) > OFF_STEP).any():
         return None

@@ -307,7 +307,7 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
 
 
 def _open_slp(path: Path) -> SlpFile:
-    """Return what a .slp file holds, its tables with the columns that are used."""
+    """Read the tables of a .slp file, with the columns that are used."""
     with TrackerFile(path) as file:
         tracks = [
             parsed(list[object], text, "tracks_json")
@@ -406,7 +406,7 @@ def _instances_of(
 
 
 def _join_skeletons(skeletons: Sequence[SlpSkeleton]) -> tuple[tuple[str, ...], Edges]:
-    """Return the nodes of all skeletons, and their edges as pairs of these."""
+    """Return the nodes of all skeletons, and their edges as pairs of positions."""
     names = tuple(
         dict.fromkeys(node for skeleton in skeletons for node in skeleton.nodes)
     )
@@ -706,7 +706,7 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
 
 
 def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
-    """Yield the paths of the groups below a group, so many levels deep."""
+    """Yield the paths of the groups below a group, down to `levels` levels."""
     for name in file.names(group) if levels else ():
         inner = f"{group}/{name}"
         with file.damage_as_input_error(inner):

@@ -139,7 +139,7 @@ def _pose(
     level = TO_Y_UP[IMAGE_UP]
     if floor is None:
         return CameraPose(level.T, np.zeros(3), "y up as in the image, from the camera")
-    turn = floor._replace(height=0.0).stand(np.eye(3))
+    turn = floor._replace(height=0.0).in_floor_frame(np.eye(3))
     to_camera = (turn @ level).T
     below = np.array([0.0, floor.height, 0.0])
     return CameraPose(to_camera, -to_camera @ below, f"y up from the floor; {floor}")

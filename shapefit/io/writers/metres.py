@@ -79,7 +79,7 @@ def in_metres(
     points = turn @ points
     axes = f"{axes}; position from the camera"
     if floor is not None:
-        points, axes = floor.stand(points), f"y up from the floor; {floor}"
+        points, axes = floor.in_floor_frame(points), f"y up from the floor; {floor}"
     warning = (
         f"the camera is {far:.0f} m from the origin of its world: if its extrinsics"
         " are in "

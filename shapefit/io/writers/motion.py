@@ -37,7 +37,7 @@ from shapefit.records.columns import Array, in_columns
 from shapefit.timeline import (
     ASSUMED_RATE,
     JITTER,
-    LONGEST_GAP,
+    MAX_GAP_SECONDS,
     UNKNOWN_RATE,
     find_rate,
 )
@@ -89,7 +89,7 @@ KNOWN_DISTANCE_SD = 0.05
 UNKNOWN_SD = 0.1
 """Standard deviation of a coordinate in the unit of the shapes, where none is known."""
 
-MOST_MISSING = 1000
+MAX_MISSING_PER_FRAME = 1000
 """Missing frames for each that is there, up to which they become empty rows."""
 
 NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
@@ -355,7 +355,7 @@ def bridge_gaps(values: Floats, frames: Integers, rate: float) -> Floats:
     """Return values (n, ...) of frames (n,) at all frames from the first to the last.
 
     Those of missing frames lie in straight lines, or are nan where more are missing
-    than for `LONGEST_GAP` seconds.
+    than for `MAX_GAP_SECONDS` seconds.
     """
     every = np.arange(frames[0], frames[-1] + 1) if len(frames) else frames
     if len(every) == len(frames):
@@ -366,7 +366,7 @@ def bridge_gaps(values: Floats, frames: Integers, rate: float) -> Floats:
     share = ((every - frames[row]) / gap).reshape(-1, *(1,) * (values.ndim - 1))
     between = np.where(share > 0, share * (values[after] - values[row]), 0.0)
     bridged: Floats = values[row] + between
-    bridged[(gap - 1 > LONGEST_GAP * rate) & (share.ravel() > 0)] = np.nan
+    bridged[(gap - 1 > MAX_GAP_SECONDS * rate) & (share.ravel() > 0)] = np.nan
     return bridged
 
 
@@ -443,7 +443,7 @@ def _tracks(records: Record, place: str) -> list[tuple[str, Record, Integers]]:
             problem = f"'{one}' and '{other}' are of one frame of one sequence"
             fix = "give each individual a sequence of its own"
             raise input_error(place, problem, fix)
-        if len(rows) and frames[-1] - frames[0] > MOST_MISSING * len(rows):
+        if len(rows) and frames[-1] - frames[0] > MAX_MISSING_PER_FRAME * len(rows):
             one = int(frames[0])
             other = int(frames[-1])
             problem = f"{counted(len(rows), 'item')} are of the frames {one} to {other}"

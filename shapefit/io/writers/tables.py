@@ -216,8 +216,8 @@ def _write_storage(
             file.write("\t".join(f"{value:.10g}" for value in row) + "\n")
 
 
-MOST_NAMED = 4
-"""Joint angles that are named among those that are uncertain."""
+MAX_NAMED_ANGLES = 4
+"""Uncertain joint angles that a warning names, at most."""
 
 
 def describe_uncertain_angles(motions: Sequence[FileMotion]) -> str:
@@ -245,8 +245,8 @@ def describe_uncertain_angles(motions: Sequence[FileMotion]) -> str:
         )
     shares = wide.mean(axis=0)
     widest = [number for number in np.argsort(-shares, kind="stable") if shares[number]]
-    named = ", ".join(f"{names[k]} {shares[k]:.0%}" for k in widest[:MOST_NAMED])
-    more = ", ..." if len(widest) > MOST_NAMED else ""
+    named = ", ".join(f"{names[k]} {shares[k]:.0%}" for k in widest[:MAX_NAMED_ANGLES])
+    more = ", ..." if len(widest) > MAX_NAMED_ANGLES else ""
     return (
         f"{wide.sum():,} of {counted(count, 'joint angle')} have a standard deviation"
         f" above {MAX_ANGLE_SD:g} degrees ({named}{more})"

@@ -110,8 +110,10 @@ def describe_posterior(
     shapes = posterior.mean.copy()
     shapes[:, :2] -= translation[:, :, None]
     placement = fit_translation(problem, shapes[:, :2], translation)
-    grow = scale_of_bars(model.bar_scale, model.growth, problem.weights.shape[1])
-    covariance = grow_covariance(posterior.covariance, grow, out=posterior.covariance)
+    factors = scale_of_bars(model.bar_scale, model.growth, problem.weights.shape[1])
+    covariance = scale_covariance(
+        posterior.covariance, factors, out=posterior.covariance
+    )
     visible = problem.weights > 0
     return PosteriorEstimate(
         shapes=np.where(lost[:, None, None], 0.0, shapes),
@@ -122,7 +124,7 @@ def describe_posterior(
         iterations=solution.iterations + posterior.rounds,
         status=find_statuses(solution, posterior),
         convex_proof=ConvexProof.of(solution),
-        deviation=grow * posterior.deviation,
+        deviation=factors * posterior.deviation,
         correlation=posterior.correlation.astype(np.float32),
         covariance=covariance,
         log_evidence=posterior.log_evidence,
@@ -144,7 +146,8 @@ def find_statuses(solution: Solution, posterior: Posterior) -> tuple[Status, ...
 def scale_of_bars(bar_scale: float, growth: Sequence[float], landmarks: int) -> Floats:
     """Return factors (p,) on standard deviations: sqrt(bar_scale growth).
 
-    Both are factors on covariances; empty growth stands for 1 for each landmark.
+    bar_scale, of all landmarks, and growth (p,), of each, are factors on covariances;
+    an empty growth stands for 1 for each landmark.
     """
     factor: Floats = np.sqrt(
         bar_scale * (np.array(growth) if growth else np.ones(landmarks))
@@ -152,12 +155,13 @@ def scale_of_bars(bar_scale: float, growth: Sequence[float], landmarks: int) -> 
     return factor
 
 
-def grow_covariance(
+def scale_covariance(
     covariance: Floats | None, factor: Floats, out: Floats | None = None
 ) -> Floats | None:
-    """Return covariances (n, 3p, 3p) after deviations were multiplied by factors (p,).
+    """Return D C D (n, 3p, 3p) of covariances C, D with factors (p,) on its diagonal.
 
-    D C D with D the factors on the diagonal, for x, for y and for z; None for None.
+    Standard deviations of a landmark, in x, y and z, are multiplied by its factor.
+    `out` may be C; None for None.
     """
     if covariance is None:
         return None
@@ -233,9 +237,9 @@ def with_p_value(
 def find_start_distance(
     estimate: PosteriorEstimate, problem: Problem, *, solve: Solve, threads: int = 0
 ) -> Floats:
-    """Return how far posteriors are (n,) from the convex shapes they started from.
+    """Return the distances (n,) of posteriors from the convex shapes they started from.
 
-    The mean distance of inliers after alignment, in sizes of the posterior's; nan where
+    Mean distances of inliers after a similarity, in sizes of the posterior's; nan where
     either does not exist. The convex program knows neither outliers nor perspective. So
     images beyond the limit are solved again without the outliers, and with the
     landmarks that weak perspective would have of the shapes found, c + (w - c) (t_z +
@@ -275,7 +279,7 @@ def find_start_distance(
 
 
 def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
-    """Return mean distances (n,) of landmarks after alignment, in sizes of the shapes.
+    """Return mean distances (n,) of landmarks after a similarity, in sizes of shapes.
 
     Mean over j of ||s R e_j + t - x_j|| for the least-squares s, R, t, over the size of
     x. Estimates e, shapes x (n, 3, p), nan where a landmark of e does not count; the
@@ -331,7 +335,7 @@ def look_through(
     shown = np.where(problem.weights[:, None] > 0, projected, 0.0)
     origin = camera.centre + camera.focal * middle / focal[:, None]
     return replace(
-        estimate.in_unit(shrink=size),
+        estimate.in_unit(divisor=size),
         shapes=np.where(lost[:, None, None], 0.0, shapes),
         translation=np.where(lost[:, None], 0.0, origin),
         camera_translation=t,
@@ -388,8 +392,8 @@ def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
     f is off by e, a point at the depth z of the shape is seen e u z away. Depths have
     about the size of the shape, which is 1 for normalised landmarks.
     """
-    grow = np.sqrt(camera.focal.prod(axis=1))[:, None] / camera.focal
-    stretched = noise * grow[:, None, :, None] * grow[:, None, None, :]
+    to_one_focal = np.sqrt(camera.focal.prod(axis=1))[:, None] / camera.focal
+    stretched = noise * to_one_focal[:, None, :, None] * to_one_focal[:, None, None, :]
     off = camera.focal_sd * rays.slopes.swapaxes(1, 2)
     noisy: Floats = stretched + off[..., None] * off[..., None, :]
     return noisy

@@ -158,14 +158,14 @@ def refine_lifting(
     clips = _lay_out(lifting, landmarks, residual_variance, noise, bar_scale, position)
     refined = refine_clips(clips, sequences, motion, threads)
     is_single = np.isnan(refined.noise)
-    # (n, p), of what is in the unit of the landmarks
-    grow = bar_scale / lifting.scale[:, None]
+    # (n, p): from the unit of the landmarks to that of error bars, and widened
+    to_bars = bar_scale / lifting.scale[:, None]
     rows = nearest_informative(
         is_informative(clips), split_into_clips(sequences), clips.position
     )
-    constant = refined.noise[:, None] * grow
+    constant = refined.noise[:, None] * to_bars
     bars, correlation = add_common_error(
-        smoothed=(refined.deviation * grow[:, None], refined.correlation),
+        smoothed=(refined.deviation * to_bars[:, None], refined.correlation),
         images=(
             estimate.deviation[rows],
             estimate.correlation[rows].astype(np.float64),
@@ -174,7 +174,7 @@ def refine_lifting(
     )
     one_image = is_single[:, None, None]
     covariance = _add_common_covariance(
-        refined.covariance, grow, image_covariance, rows, constant
+        refined.covariance, to_bars, image_covariance, rows, constant
     )
     covariance[is_single] = image_covariance[is_single]
     error_of_images = expected_error(lifting.shapes, image_covariance, shown)
@@ -230,16 +230,17 @@ def _lay_out(
 
 
 def _add_common_covariance(
-    smoothed: Floats, grow: Floats, images: Floats, rows: Indices, constant: Floats
+    smoothed: Floats, to_bars: Floats, images: Floats, rows: Indices, constant: Floats
 ) -> Floats:
     """Return smoothed covariances with the errors added that frames have in common.
 
     C = S + r^2 P + sigma^2 I, all (n, 3p, 3p), sigma (n, p); see above. It is written
     over S, as these take most of the memory. S is in the unit of the landmarks, C in
-    that times grow (n, p); P of the image t is in row rows[t].
+    that of error bars, of to_bars (n, p) times the numbers; P of the image t is in row
+    rows[t].
     """
     covariance = smoothed
-    factor = np.tile(grow, 3)
+    factor = np.tile(to_bars, 3)
     covariance *= factor[:, :, None]
     covariance *= factor[:, None]
     for t in range(len(covariance)):
@@ -340,7 +341,7 @@ def refine_clip(
     """
     inference = Inference(clips, clip, informative, is_finite, motion, refined)
     stretches = inference.stretches
-    growth = find_growth(
+    growth = relative_scales(
         (clips.scale * clips.modes.scale[:, 0])[clip],
         informative,
         CONSTANTS.scale_time * motion.rate,
@@ -352,16 +353,16 @@ def refine_clip(
         # how far away it is after a gap, only its images say
         for stretch in stretches:
             steady[stretch] = np.exp(np.log(growth[stretch]).mean())
-        visible = visible.grown(steady)
+        visible = visible.in_larger_unit(steady)
         larger = inference.relative_sizes(visible)
-        visible = visible.grown(larger)
+        visible = visible.in_larger_unit(larger)
         steady = steady * larger
         growth = growth * larger
     smoothed = inference.infer(visible)
     inference.store(smoothed, steady, slice(0, len(informative)))
     energies = inference.energies_of(smoothed)
     del smoothed  # covariances take most of the memory
-    visible = visible.grown(growth / steady)
+    visible = visible.in_larger_unit(growth / steady)
     smoothed = inference.infer(visible)
     energies_grown = inference.energies_of(smoothed)
     for stretch, before, after in zip(stretches, energies, energies_grown, strict=True):
@@ -525,37 +526,40 @@ def judged_by(stretch: slice, informative: Flags) -> Indices:
     return own if len(own) >= MIN_CLIP_FRAMES else np.flatnonzero(informative)
 
 
-def find_growth(
-    scale: Floats, there: Flags, width: float, timeline: Timeline
+def relative_scales(
+    scale: Floats, informative: Flags, width: float, timeline: Timeline
 ) -> Floats:
-    """Return the smoothed scales (t,) of images, over their mean.
+    """Return the scales (t,) of images, smoothed over time and divided by their mean.
 
-    there (t,): the images whose scales count. width: standard deviation of the window,
-    in frames. The mean is the geometric one. Each stretch is smoothed by itself; one
-    where no image is there lies between others.
+    informative (t,): the images whose scales count. width: standard deviation of the
+    window, in frames. The mean is the geometric one. Each stretch is smoothed by
+    itself; one without an informative image is interpolated between others.
     """
     level = np.full(len(scale), np.nan)
     places = timeline.on_grid()
     for stretch in timeline.stretches:
-        if there[stretch].any():
+        if informative[stretch].any():
             place = places[stretch] - places[stretch.start]
-            level[stretch] = smooth_scale(scale[stretch], there[stretch], width, place)
+            level[stretch] = smooth_log_scale(
+                scale[stretch], informative[stretch], width, place
+            )
     known = np.isfinite(level)
     between = np.interp(timeline.position, timeline.position[known], level[known])
     level = np.where(known, level, between)
-    growth: Floats = np.exp(level - level[there].mean())
-    return growth
+    relative: Floats = np.exp(level - level[informative].mean())
+    return relative
 
 
-def smooth_scale(scale: Floats, there: Flags, width: float, place: Integers) -> Floats:
-    """Return smoothed logarithms (t,) of the scales of images.
+def smooth_log_scale(
+    scale: Floats, informative: Flags, width: float, place: Integers
+) -> Floats:
+    """Return the logarithms (t,) of the scales of images, smoothed over time.
 
-    there (t,): the images whose scales count. By lines through them within a Gaussian
-    window of `width` frames about each (local linear regression); place (t,) of the
-    images among the frames, from 0.
+    Local linear regression, with a Gaussian window of `width` frames. informative (t,):
+    the images whose scales count; place (t,) of the images among the frames, from 0.
     """
-    rows = place[there]
-    level = np.interp(np.arange(place[-1] + 1), rows, np.log(scale[there]))
+    rows = place[informative]
+    level = np.interp(np.arange(place[-1] + 1), rows, np.log(scale[informative]))
     if len(level) == 1:
         return level
     weight = np.full(len(level), GAP_WEIGHT)
@@ -616,14 +620,11 @@ def moments_of_modes(clips: Clips, clip: slice) -> tuple[Floats, Floats]:
 
 
 def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
-    """Return the observations of a clip, with lengths in the given unit.
-
-    unit: its size in that of the landmarks.
-    """
+    """Return the observations of a clip in a unit, given in that of the landmarks."""
     is_finite = np.isfinite(clips.scale[clip])
-    grow = np.where(is_finite, clips.scale[clip], unit) / unit
+    relative_scale = np.where(is_finite, clips.scale[clip], unit) / unit
     centre = np.where(is_finite[:, None], clips.centre[clip], 0.0) / unit
-    means = clips.modes.mean[clip] * grow[:, None, None, None]
+    means = clips.modes.mean[clip] * relative_scale[:, None, None, None]
     means[:, :, :2] += centre[:, None, :, None]
     log_evidence = clips.modes.log_evidence[clip]
     return observe(
@@ -634,7 +635,7 @@ def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
         means=means,
         covariances=clips.modes.covariance[clip],
         residual_variance=clips.residual_variance,
-        grow=grow,
+        covariance_unit=relative_scale,
         position=clips.position[clip],
     )
 

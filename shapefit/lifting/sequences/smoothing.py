@@ -13,7 +13,7 @@ landmarks with the variance v of what the prior cannot place. Where their noise 
 stated to be smaller the second term makes up for it. c are (1, -2, 1) where no frame
 lacks, see `Timeline.second_differences`. Bones are rigid but unknown; where their
 lengths k are known up to the scale g of the images, with the precision Q of their
-logarithms, d^T Q d / 2 of d = l / (g k) - 1 joins the objective. Levenberg and
+logarithms, 1/2 d^T Q d joins the objective, d = l / (g k) - 1. Levenberg and
 Marquardt's method over frames and lengths together: the lengths are few, and are
 eliminated from the banded system of the frames. No step raises the objective; the
 minimum is a local one, near the start.
@@ -174,12 +174,12 @@ class Observations:
             log_det=self.log_det[rows],
         )
 
-    def grown(self, growth: Floats) -> Observations:
-        """Return the observations in a larger unit of each frame, times growth (t,).
+    def in_larger_unit(self, factor: Floats) -> Observations:
+        """Return the observations with the unit of each frame larger by a factor (t,).
 
         The precisions are written over.
         """
-        g = growth[:, None, None]
+        g = factor[:, None, None]
         np.multiply(self.precision, g[..., None] ** 2, out=self.precision)
         d = self.mean.shape[2]
         return replace(
@@ -187,7 +187,7 @@ class Observations:
             landmarks=self.landmarks / g,
             start=self.start / g,
             mean=self.mean / g,
-            log_det=self.log_det - 2 * d * np.log(growth)[:, None],
+            log_det=self.log_det - 2 * d * np.log(factor)[:, None],
         )
 
 
@@ -225,7 +225,7 @@ def smooth(
     t, _, p = visible.start.shape
     points = visible.start.reshape(t, 3 * p).copy()
     lengths = mean_lengths(visible.start, model.bones)
-    hold, usual = fixed_lengths(model, lengths)
+    length_precision, usual_lengths = length_penalty(model, lengths)
     timeline = model.timeline or Timeline.of_frames(t)
     end = np.empty(2)
     energies = np.zeros(t)
@@ -233,7 +233,7 @@ def smooth(
     covariance = np.empty((t, 3 * p, 3 * p))
     core.smooth_sequence(
         landmarks=np.nan_to_num(visible.landmarks).reshape(t, 2 * p),
-        weight=uncounted_weight(visible, noise),
+        weight=remaining_precision(visible, noise),
         log_share=visible.log_share,
         means=visible.mean,
         precisions=visible.precision,
@@ -242,9 +242,9 @@ def smooth(
         differences=timeline.second_differences(),
         bones=np.ascontiguousarray(model.bones, np.int64).reshape(-1, 2),
         rigidity=model.bone_tolerance**-2.0,
-        hold=hold,
-        known=usual,
-        most_rounds=max_rounds,
+        length_precision=length_precision,
+        usual_lengths=usual_lengths,
+        max_rounds=max_rounds,
         tolerance=MIN_FRAME_GAIN,
         points=points,
         lengths=lengths,
@@ -266,31 +266,33 @@ def smooth(
     )
 
 
-def uncounted_weight(visible: Observations, noise: float) -> Floats:
-    """Return the weights (t, 2p) of coordinates that images have not yet counted.
+def remaining_precision(visible: Observations, noise: float) -> Floats:
+    """Return q (1/sigma^2 - 1/v) (t, 2p): precisions of landmarks that posteriors lack.
 
-    q (1/sigma^2 - 1/v), see above; noise is sigma. 0 where that is below 0.
+    The posterior of an image took its landmarks with the variance v; where their noise
+    sigma is smaller, this is the precision still to be added. noise is sigma; 0 where
+    it is above sqrt(v).
     """
-    more = max(1 / noise**2 - 1 / visible.residual_variance, 0.0)
-    weight: Floats = more * np.tile(visible.trust, (1, 2))
-    return weight
+    remaining = max(1 / noise**2 - 1 / visible.residual_variance, 0.0)
+    precision: Floats = remaining * np.tile(visible.trust, (1, 2))
+    return precision
 
 
-def fixed_lengths(model: SequenceModel, lengths: Floats) -> tuple[Floats, Floats]:
-    """Return the penalty on bone lengths: its weights (e, e) and usual lengths (e,).
+def length_penalty(model: SequenceModel, lengths: Floats) -> tuple[Floats, Floats]:
+    """Return H (e, e) and g k (e,) of the penalty 1/2 (l - g k)^T H (l - g k).
 
-    H = Q / (g k)(g k)^T and g k, with g the scale at which k agree with `lengths` (e,).
-    Both are 0 for bones without a usual length.
+    H = Q / (g k)(g k)^T, with k the usual lengths and g the scale at which these agree
+    with `lengths` (e,). Both are 0 for bones without a usual length.
     """
     e = len(model.bones)
-    fixed, inverse = np.zeros((2, e))
+    scaled, inverse = np.zeros((2, e))
     if model.usual is None:
-        return np.zeros((e, e)), fixed
+        return np.zeros((e, e)), scaled
     usual = model.usual.usual
     known = np.isfinite(usual)
-    fixed[known] = usual[known] * fit_scale(lengths, usual)
-    inverse[known] = 1 / fixed[known]
-    return model.usual.precision * np.outer(inverse, inverse), fixed
+    scaled[known] = usual[known] * fit_scale(lengths, usual)
+    inverse[known] = 1 / scaled[known]
+    return model.usual.precision * np.outer(inverse, inverse), scaled
 
 
 def mean_lengths(points: Floats, bones: Integers) -> Floats:
@@ -319,37 +321,39 @@ def observe(
     means: Floats,
     covariances: Floats,
     residual_variance: float,
-    grow: Floats | float = 1.0,
+    covariance_unit: Floats | float = 1.0,
     position: Floats | None = None,
 ) -> Observations:
-    """Return the Gaussian mixtures that the images of t frames give, all in one unit.
+    """Return the posteriors of the images of t frames as observations of a sequence.
 
-    log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p);
-    covariances (t, k, 3p, 3p), to be multiplied by grow^2 (t,), in whose memory the
-    precisions then stand. A frame without modes starts between its neighbours by their
-    position (t,) in time, one after the other without it. Raises ValueError where no
-    frame has any.
+    landmarks (t, 2, p), trust (t, p), start (t, 3, p) and residual_variance as in
+    `Observations`. The posteriors are mixtures of Gaussians: log_evidence (t, k) of
+    their modes, -inf where a frame has fewer; means (t, k, 3, p); covariances (t, k,
+    3p, 3p), which are overwritten. All are in one unit, but for the covariances, whose
+    unit is `covariance_unit` (t,) times that. A frame without modes starts between its
+    neighbours by their position (t,) in time, one after the other without it. Raises
+    ValueError where no frame has any.
     """
     t, modes = log_evidence.shape
     k = min(CONSTANTS.modes, modes)
     d = 3 * landmarks.shape[2]
-    is_there = np.isfinite(log_evidence[:, :k])
-    has_modes = is_there[:, 0]
+    has_mode = np.isfinite(log_evidence[:, :k])
+    has_modes = has_mode[:, 0]
     start = fill(start, has_modes, position)
     best = np.where(has_modes, log_evidence[:, 0], 0.0)[:, None]
-    log_share = np.where(is_there, log_evidence[:, :k], -np.inf) - best
+    log_share = np.where(has_mode, log_evidence[:, :k], -np.inf) - best
     # a frame without modes has one that says next to nothing
     log_share[~has_modes, 0] = 0.0
-    wanted = is_there.copy()
+    wanted = has_mode.copy()
     wanted[~has_modes, 0] = True
     mean = np.where(
-        is_there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d)
+        has_mode[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d)
     )
     precision, log_det = find_precisions(
         np.ascontiguousarray(covariances[:, :k]),
-        factor=np.where(is_there, np.reshape(grow, (-1, 1)) ** 2, 0.0),
-        more=np.where(is_there, CONSTANTS.least_noise, CONSTANTS.widest) ** 2,
-        there=wanted,
+        factor=np.where(has_mode, np.reshape(covariance_unit, (-1, 1)) ** 2, 0.0),
+        ridge=np.where(has_mode, CONSTANTS.least_noise, CONSTANTS.widest) ** 2,
+        wanted=wanted,
     )
     is_seen = np.isfinite(landmarks).all(axis=1) & has_modes[:, None]
     return Observations(
@@ -365,20 +369,20 @@ def observe(
 
 
 def find_precisions(
-    covariances: Floats, factor: Floats, more: Floats, there: NDArray[np.bool_]
+    covariances: Floats, factor: Floats, ridge: Floats, wanted: NDArray[np.bool_]
 ) -> tuple[Floats, Floats]:
-    """Return precisions (t, k, d, d) of modes, and log determinants of covariances.
+    """Return (factor C + ridge I)^-1 (t, k, d, d), and log det (factor C + ridge I).
 
-    Inverses of the covariances factor C + more I, and determinants of these: factor,
-    more (t, k); a factor of 0 takes C for 0. They are written over those C (t, k, d, d)
-    that are `there` (t, k): of long sequences these take most of the memory.
+    covariances C (t, k, d, d); factor and ridge (t, k); a factor of 0 takes C for 0.
+    Only those that are `wanted` (t, k) are inverted, and written over C: of long
+    sequences these take most of the memory.
     """
-    log_det = np.zeros(there.shape)
+    log_det = np.zeros(wanted.shape)
     core.find_precisions(
         matrices=covariances,
         factor=factor,
-        more=more,
-        there=there,
+        ridge=ridge,
+        wanted=wanted,
         log_det=log_det,
         threads=1,
     )

@@ -42,7 +42,8 @@ def refine_through_camera(
     rays = find_rays(landmarks, view.camera)
     size = rays.focal / find_rays(landmarks, near).focal
     size = np.where(np.isfinite(lifting.scale), size, np.nan)
-    grow = (lifting.scale / size)[:, None, None]
+    # from the unit of the shapes before the camera to that of the weak perspective
+    to_weak = (lifting.scale / size)[:, None, None]
     flat = np.zeros((len(size), 2))
     estimate = lifting.estimate
     t = view.translation
@@ -54,11 +55,11 @@ def refine_through_camera(
         shapes=points,
         translation=flat,
         scale=size,
-        estimate=replace(estimate, translation=flat).in_unit(grow),
+        estimate=replace(estimate, translation=flat).in_unit(to_weak),
     )
     depth = view.camera.sign * points[:, 2:] / rays.focal[:, None, None]
     refined = refine(weak, rays.landmarks * (1 + depth))
-    return place_before_camera(lifting, view, refined, rays.focal, grow)
+    return place_before_camera(lifting, view, refined, rays.focal, to_weak)
 
 
 def place_before_camera(
@@ -66,9 +67,13 @@ def place_before_camera(
     view: PerspectiveView,
     refined: PosteriorLifting,
     focal: Floats,
-    grow: Floats,
+    to_weak: Floats,
 ) -> PosteriorLifting:
-    """Put refined shapes (n, 3, p) before the camera, where the images have theirs."""
+    """Put refined shapes (n, 3, p) before the camera, where the images have theirs.
+
+    refined: by weak perspective, its error bars in a unit in which numbers are to_weak
+    (n, 1, 1) times those of `lifting`.
+    """
     camera = view.camera
     middle = refined.shapes[:, :2].mean(axis=2)
     shapes = refined.shapes.copy()
@@ -85,7 +90,7 @@ def place_before_camera(
         landmarks_fitted=fitted,
         translation=translation,
         estimate=replace(
-            refined.estimate.in_unit(1 / grow),
+            refined.estimate.in_unit(1 / to_weak),
             translation=lifting.estimate.translation,
             camera_translation=t,
         ),

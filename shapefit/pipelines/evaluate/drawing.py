@@ -120,7 +120,11 @@ def _draw(
     truth: Shapes,
     shown: _Shown,
 ) -> dict[str, Figure]:
-    """Return the figures by name, in their order."""
+    """Return the figures of a report by name, in their order.
+
+    matched are the results of the first method, of which examples are shown; shown: the
+    error that figures show.
+    """
     unit = shown.unit.name
     names = [*methods]
     drawn = {"errors": f.draw_errors(_errors_by_group(document, methods, shown), unit)}

@@ -28,8 +28,8 @@ INSPECTED_SHAPES = 200
 ITEM_LETTERS = 22
 """Last letters of an item that stand above it."""
 
-NEAR_SHARE = 0.05
-"""Share of all images within which two are near each other in the file."""
+MIN_DISTANCE_SHARE = 0.05
+"""Share of all images by which two examples are apart in the file, at least."""
 
 AXES_UP: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 AXES_DOWN: tuple[Literal["-x", "-y", "-z"], ...] = ("-x", "-y", "-z")
@@ -106,7 +106,7 @@ def _first_and_another(ranked: Indices) -> list[int]:
     Neighbours in a video look the same.
     """
     first = int(ranked[0])
-    is_apart = np.abs(ranked - first) > len(ranked) * NEAR_SHARE
+    is_apart = np.abs(ranked - first) > len(ranked) * MIN_DISTANCE_SHARE
     others = ranked[is_apart] if is_apart.any() else ranked[1:]
     return [first, int(others[0])] if len(others) else [first]
 

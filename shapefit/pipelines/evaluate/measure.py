@@ -52,7 +52,7 @@ OTHER_SIDE_BELOW = 0.75
 that these are right.
 """
 
-FAR_SIZE_RATIO = 30.0
+MAX_SIZE_RATIO = 30.0
 """Factor between the sizes of shapes in one unit from which on it is in doubt: children
 and adults differ by less.
 """
@@ -179,15 +179,15 @@ def measure_matched(
     )
 
 
-def _with_enough_visible(file: Path, results: Fit, least: int) -> Fit:
-    """Return the images of which at least so many landmarks were observed."""
-    if not least:
+def _with_enough_visible(file: Path, results: Fit, min_visible: int) -> Fit:
+    """Return the images in which at least `min_visible` landmarks were observed."""
+    if not min_visible:
         return results
     observed = find_dataset(file, results, "landmarks")
     count = np.zeros(len(results))
     if observed is not None:
         count = m.visible_in_both(observed, observed).sum(axis=-1)
-    return results.take(count >= least)
+    return results.take(count >= min_visible)
 
 
 def _check_not_empty(
@@ -220,7 +220,7 @@ class MatchedResults(NamedTuple):
 
     @property
     def columns(self) -> Indices:
-        """Where the common landmarks (p,) are among those of the results."""
+        """Return the columns (p,) of the common landmarks among those of results."""
         return match_landmarks(self.results.landmark_names, self.names)
 
 
@@ -240,8 +240,8 @@ def _match(file: Path, results: Fit, truth: Shapes, match: str) -> MatchedResult
         *check_numbering(
             results.landmark_names, truth.landmark_names, str(file), "the truth"
         ),
-        *_say_left_out("results", results.landmark_names, names),
-        *_say_left_out("truth", truth.landmark_names, names),
+        *_describe_left_out("results", results.landmark_names, names),
+        *_describe_left_out("truth", truth.landmark_names, names),
     ]
     if is_by_frame and results.sequences is not None:
         retained, left_out = _one_individual(results.sequences, rows, estimate, true)
@@ -253,7 +253,7 @@ def _match(file: Path, results: Fit, truth: Shapes, match: str) -> MatchedResult
     return MatchedResults(results, rows, names, estimate, true, notes)
 
 
-def _say_left_out(
+def _describe_left_out(
     side: str, names: Sequence[str], common: Sequence[str]
 ) -> Iterator[str]:
     """Yield a note on landmarks that only one side has: `results` or `truth`."""
@@ -265,7 +265,10 @@ def _say_left_out(
 def _find_datasets(
     file: Path, matched: MatchedResults, config: EvalConfig
 ) -> MetricData:
-    """Return what metrics take, and ALWAYS_TAKEN, by name; None for absent datasets."""
+    """Return the datasets that metrics need, and ALWAYS_TAKEN, by name.
+
+    None for absent ones.
+    """
     with np.errstate(all="ignore"):  # overflow is not an error to report
         aligned = in_blocks(aligned_distances, matched.estimate, matched.true)
     is_known = ~np.isnan(aligned)
@@ -286,7 +289,10 @@ def _find_datasets(
 def _find_bars(
     matched: MatchedResults, data: MetricData, scale: Floats, unit: str
 ) -> tuple[ErrorBars | None, list[str]]:
-    """Return how the truth lies in the error bars, where there are any; and notes."""
+    """Return distances of the truth in error bars, None without bars; and notes.
+
+    scale (n,): the size of the true shapes, in their unit.
+    """
     deviation = matched.results.shape_sd
     if deviation is None:
         return None, []
@@ -309,10 +315,9 @@ def _find_bars(
 
 
 def _angle_errors(matched: MatchedResults) -> PartErrors:
-    """Return how far joint angles are from the true ones, in degrees.
+    """Return the errors of joint angles in degrees; none but for people.
 
-    Of people alone. Angles to the vertical are left out, which
-    the frames of the two sides do not share.
+    Angles to the vertical are left out, which the frames of the two sides do not share.
     """
     joints = joint_columns(matched.names)
     if not LIMB_ENDS & joints.keys():
@@ -492,7 +497,7 @@ def _find_units(
         return np.asarray(spread.mean(axis=1))
 
     ratio = float(np.nanmedian(size(true) / size(estimate)))
-    if not (ratio > FAR_SIZE_RATIO or 0 < ratio < 1 / FAR_SIZE_RATIO):
+    if not (ratio > MAX_SIZE_RATIO or 0 < ratio < 1 / MAX_SIZE_RATIO):
         return []
     times = f"{ratio:,.0f} times" if ratio > 1 else f"1 / {1 / ratio:,.0f} of"
     text = f"the truth is {times} the size of the results, and both state {unit}"

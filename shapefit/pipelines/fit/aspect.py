@@ -55,7 +55,7 @@ def find_stretch(sample: Landmarks, posterior: ImagePosterior) -> float:
     before = log_density(sample, posterior)
     gains = {}
     for factor in STRETCH_FACTORS:
-        after = log_density(narrow(sample, factor), posterior)
+        after = log_density(divide_x(sample, factor), posterior)
         gain = after - before - (seen - 1) * np.log(factor)
         gains[factor] = lower_quartile(gain)
     best = max(gains, key=lambda factor: gains[factor])
@@ -63,7 +63,7 @@ def find_stretch(sample: Landmarks, posterior: ImagePosterior) -> float:
 
 
 def describe_stretch(factor: float) -> str:
-    """Return what is wrong with a file whose x is so many times too wide."""
+    """Return what is wrong with a file whose x is too wide by a factor."""
     how = f"{factor:.2g} times as wide" if factor > 1 else f"{factor:.2g} of the width"
     return (
         f"people in it have about {how} that a camera shows: x and y have different"
@@ -72,7 +72,7 @@ def describe_stretch(factor: float) -> str:
     )
 
 
-def narrow(images: Landmarks, factor: float) -> Landmarks:
+def divide_x(images: Landmarks, factor: float) -> Landmarks:
     """Return images whose x is divided by a factor."""
     scale = np.array([factor, 1.0])
     return replace(images, landmarks=images.landmarks / scale)

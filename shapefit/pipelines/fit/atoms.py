@@ -184,6 +184,7 @@ class AtomFamily:
         omitted = find_omitted(images, named, self.dictionary)
 
         def lift_group(item: str) -> Group:
+            """Lift the images of an item without its atoms; "" is no item."""
             without = self.dictionary.without(item) if item else self.dictionary
             family = replace(self, dictionary=without, threads=1)
             rows = np.flatnonzero(omitted == item)

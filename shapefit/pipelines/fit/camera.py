@@ -297,8 +297,9 @@ def checked_dataset(images: Landmarks, name: str, *shapes: tuple[int, ...]) -> F
 def undistorted(images: Landmarks, calibrated: CalibratedCamera | None) -> Landmarks:
     """Return the images with the distortion of the lens removed from their landmarks.
 
-    The lens is that of `calibrated`, whose datasets they then have, else of their own
-    datasets; without either they stay as they are. A landmark that no point of the
+    The lens is that of `calibrated`, whose matrix and so on they then have as datasets;
+    where that is None it is the one of their own datasets, and without these they stay
+    as they are. A landmark that no point of the
     scene can have in this lens is unseen.
     """
     if calibrated is not None:

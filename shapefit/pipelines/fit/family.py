@@ -140,29 +140,30 @@ class Family(Protocol):
 class Pace:
     """How many images are lifted before the next are read and something is shown.
 
-    A batch takes a second or so, up to `most` images. It begins with as few as occupy
-    all threads.
+    A batch takes a second or so, up to `max_images`. It begins with as few as
+    occupy all threads.
     """
 
-    most: int
+    max_images: int
     images: int
 
     @classmethod
-    def of(cls, most: int, threads: int) -> Pace:
+    def of(cls, max_images: int, threads: int) -> Pace:
         """Return the pace of a fit on so many threads, 0 for one per core."""
-        return cls(most, min(most, IMAGES_PER_BLOCK * (threads or os.cpu_count() or 1)))
+        all_threads = threads or os.cpu_count() or 1
+        return cls(max_images, min(max_images, IMAGES_PER_BLOCK * all_threads))
 
     def follow(self, images: int, seconds: float) -> None:
-        """Go on as fast as a batch went."""
+        """Adapt the size of the next batches to the seconds that a batch took."""
         if seconds < SECONDS_PER_BATCH / GROWTH:
-            self.images = min(self.most, max(self.images, GROWTH * images))
+            self.images = min(self.max_images, max(self.images, GROWTH * images))
         elif seconds > SECONDS_PER_BATCH:
             self.images = max(IMAGES_PER_BLOCK, self.images // GROWTH)
 
 
 def read_blocks(source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
     """Yield images of one file at a time, in whole blocks."""
-    for batch in source.batches(whole_blocks(pace.most), by_file=True):
+    for batch in source.batches(whole_blocks(pace.max_images), by_file=True):
         start = 0
         while start < len(batch):
             stop = start + whole_blocks(pace.images)

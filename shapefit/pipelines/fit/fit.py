@@ -45,7 +45,7 @@ from shapefit.pipelines.fit.summary import (
 from shapefit.pipelines.joints import Matched
 from shapefit.pipelines.result import Result
 from shapefit.records import Fit, Landmarks
-from shapefit.threads import side_by_side
+from shapefit.threads import map_ahead
 
 if TYPE_CHECKING:
     from shapefit.io.readers.calibration import CalibratedCamera
@@ -141,6 +141,7 @@ def lift_all(
     pace = Pace.of(IMAGES_PER_BATCH, plan.config.threads)
 
     def lift_timed(images: Landmarks) -> LiftedBatch:
+        """Lift a batch, and let the size of the next ones follow its time."""
         began = time.monotonic()
         batch = lift_batch(images, plan)
         pace.follow(len(images), time.monotonic() - began)
@@ -148,7 +149,7 @@ def lift_all(
 
     batches = plan.family.read_batches(source, pace)
     several = plan.config.threads != 1 and source.count > IMAGES_PER_BATCH
-    return side_by_side(lift_timed, batches, workers=int(several))
+    return map_ahead(lift_timed, batches, workers=int(several))
 
 
 def lift_batch(images: Landmarks, plan: FitPlan) -> LiftedBatch:
@@ -173,7 +174,10 @@ def open_writer(plan: FitPlan) -> AbstractContextManager[RecordWriter[Fit]]:
 
 
 def seal_of(part: FitPart) -> dict[str, str]:
-    """Return the attribute of the rows of the file that a part holds, {} for all."""
+    """Return the attribute by which a file states its part, {} if it has all images.
+
+    The digest of the file (its seal) covers this attribute.
+    """
     if part.rows is None:
         return {}
     return {INPUT_ROWS: f"{part.rows.start}:{part.rows.stop}"}

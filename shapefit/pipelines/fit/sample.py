@@ -17,8 +17,8 @@ from shapefit.io.skeletons import installed_skeletons
 from shapefit.lifting import trust
 from shapefit.lifting.lift import PosteriorLifting
 from shapefit.lifting.posterior.calibration import hide_in_turn
-from shapefit.lifting.posterior.method import grow_covariance, scale_of_bars
-from shapefit.pipelines.fit.aspect import describe_stretch, find_stretch, narrow
+from shapefit.lifting.posterior.method import scale_covariance, scale_of_bars
+from shapefit.pipelines.fit.aspect import describe_stretch, divide_x, find_stretch
 from shapefit.pipelines.fit.evidence import (
     FACTORS,
     FIRST_LOOK,
@@ -53,8 +53,10 @@ MIN_NAMED_LANDMARKS = 4
 OUTLIER_BELOW = 0.5
 """Inlier probability of an outlier."""
 
-MOST_IMAGES_SHARE = 0.5
-"""Share of images from which a landmark is an outlier, or is shown, in the file."""
+MAJORITY_SHARE = 0.5
+"""Share of the images of a sample above which a landmark counts as shown, or as an
+outlier, in the whole file.
+"""
 
 MAX_HIDDEN_SHARE = 1 / 3
 """Of the landmarks that may be outliers in most images: with more, the prior is wrong,
@@ -248,7 +250,7 @@ def find_shown(sample: Landmarks, posterior: ImagePosterior) -> Flags | None:
     """
     if not len(sample):
         return None
-    often = (posterior.weigh(sample) > 0).mean(axis=0) >= MOST_IMAGES_SHARE
+    often = (posterior.weigh(sample) > 0).mean(axis=0) >= MAJORITY_SHARE
     independent = posterior.dictionary.depends_on < 0
     shown: Flags = np.asarray(often & independent)
     return shown if shown.any() else None
@@ -308,9 +310,7 @@ def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks
     these are more than MAX_HIDDEN_SHARE, all stay.
     """
     visible = np.maximum(np.isfinite(inlier_probability).sum(axis=0), 1)
-    hidden = (inlier_probability < OUTLIER_BELOW).sum(
-        axis=0
-    ) > MOST_IMAGES_SHARE * visible
+    hidden = (inlier_probability < OUTLIER_BELOW).sum(axis=0) > MAJORITY_SHARE * visible
     if not 0 < hidden.sum() <= MAX_HIDDEN_SHARE * len(hidden):
         return sample
     shown = np.where(hidden[:, None], np.nan, sample.landmarks)
@@ -320,7 +320,7 @@ def without_outliers(sample: Landmarks, inlier_probability: Floats) -> Landmarks
 def calibrate_bars(
     lifting: PosteriorLifting, posterior: ImagePosterior, bar_scale: float
 ) -> BarGrowth:
-    """Return how error bars must grow so that landmarks hidden in turn lie in them.
+    """Return factors on error bars by which landmarks hidden in turn lie in them.
 
     It is empty for too few images. bar_scale, of all covariances without the factors of
     a report, which come on top.
@@ -415,7 +415,7 @@ def judge_stretch(sample: Landmarks, posterior: ImagePosterior) -> Verdict:
     if stretch == 1:
         return Verdict()
     without_camera = replace(posterior, camera=None)
-    lifting = lift_sample(narrow(sample, stretch), without_camera)
+    lifting = lift_sample(divide_x(sample, stretch), without_camera)
     if judge_shares(lifting, shown=posterior.shown).doubtful > DOUBTFUL_SHARE:
         return Verdict()
     return Verdict(trust.STRETCHED, NO_TRUST + describe_stretch(stretch))
@@ -461,7 +461,7 @@ def judge_shares(
     """
     estimate = lifting.estimate
     factors = scale_of_bars(1.0, growth, estimate.shapes.shape[2])
-    covariance = grow_covariance(estimate.covariance, factors)
+    covariance = scale_covariance(estimate.covariance, factors)
     assert covariance is not None, "the sample was lifted with it"
     assert estimate.p_value is not None, "likewise"
     assert estimate.start_distance is not None, "likewise"

@@ -93,8 +93,8 @@ class SequenceFamily:
         return self.of_images.calibrate(sample)
 
     def read_batches(self, source: LandmarkSource, pace: Pace) -> Iterator[Landmarks]:
-        """Yield batches of most images at once, in which sequences are whole."""
-        return whole_sequences(source.batches(pace.most))
+        """Yield batches as large as the pace allows, in which sequences are whole."""
+        return whole_sequences(source.batches(pace.max_images))
 
     def lift(self, images: Landmarks) -> Lifted:
         """Lift images with their sides restored, and refine whole sequences of them."""

@@ -69,7 +69,7 @@ class InputsRead(NamedTuple):
 
 
 def describe_batch(lifting: Lifting[Estimate], record: Fit) -> Result:
-    """Return what is reported of a batch: failures, and whom not to trust."""
+    """Return the event of a lifted batch: failures, warnings, reasons not to trust."""
     items = record.items
     failed = sorted(lifting.failures.items())
     return Result(
@@ -81,7 +81,7 @@ def describe_batch(lifting: Lifting[Estimate], record: Fit) -> Result:
 
 
 def warn_of_batch(lifting: Lifting[Estimate]) -> Iterator[Counted]:
-    """Count the images that are not optimal, and those whose shape is empty."""
+    """Yield warnings, with counts, of images that are not optimal or have no shape."""
     limited = lifting.estimate.status.count(Status.ITERATION_LIMIT)
     if limited:
         limit = lifting.estimate.limit
@@ -176,7 +176,7 @@ class Tally:
             self.optimal += int((record.status == Status.OPTIMAL.value).sum())
 
     def add_bodies(self, record: Fit) -> None:
-        """Count people, and those on their heads."""
+        """Add shapes of people to the counts of bodies, and of those upside down."""
         names = record.landmark_names
         if not is_of_people(names):
             return
@@ -203,7 +203,7 @@ def find_metres(record: Fit) -> Floats | None:
 
 
 def largest_of(before: float | None, gaps: Floats | None) -> float | None:
-    """Return the largest finite gap of that before and these (n,), None without one."""
+    """Return the largest of the finite gaps (n,) and the one before; None for none."""
     known = [] if gaps is None else gaps[np.isfinite(gaps)].tolist()
     if before is not None:
         known.append(before)
@@ -403,8 +403,10 @@ def camera_numbers(camera: CameraConfig) -> CameraNumbers:
 
 
 def find_viewed(written: Sequence[Path], output: Path) -> Sequence[Path]:
-    """Return which of the files that an output became `shapefit view` shows, as a glob
-    where there are many.
+    """Return the written files that `shapefit view` can show, for the next command.
+
+    Many are named by one glob. `output` is the name that was asked for, of which
+    several files may have been made.
     """
     files = [path for path in written if is_viewed(path)]
     if len(files) <= MAX_NAMED_FILES:

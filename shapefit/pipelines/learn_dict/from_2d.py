@@ -71,7 +71,7 @@ MAX_MIXTURES = 4
 ROUNDS_FOR_VIEWS = 3
 """Rounds of learning atoms that only have to find views."""
 
-CLOSE_TO_GAUSSIAN = 1.1
+MAX_ERROR_RATIO = 1.1
 """Factor of the Gaussian's error of hidden landmarks up to which a mixture is kept in
 its place: they say little of depth, of which a mixture that is as good in the image
 knows more.
@@ -108,8 +108,8 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     the verdict where depth cannot be learned from the images.
     """
     place = place_of(config)
-    given = usable_images(source, place)
-    images = normalised_images(given)
+    landmarks = usable_images(source, place)
+    images = normalised_images(landmarks)
     for state in learn_class(images):
         density = state.objective / (2 * int((images.weights > 0).sum()))
         yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
@@ -124,21 +124,22 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         raise input_error(place, f"{judgement.verdict} ({evidence})", fix)
     outliers = f"{int(state.outliers.sum())} landmarks are outliers"
     line = (
-        f"{counted(len(given), 'image')}: {judgement.verdict}; {evidence}; {outliers}"
+        f"{counted(len(landmarks), 'image')}: {judgement.verdict}; {evidence};"
+        f" {outliers}"
     )
     yield Result(line=line)
     verdict = "doubtful" if judgement.verdict == DOUBTFUL_DEPTH else "learned"
-    made = yield from learn_mixtures(given, images, state, config)
-    made, decided_by = resolve_depth(given, made, config.flip)
+    dictionary = yield from learn_mixtures(landmarks, images, state, config)
+    dictionary, decided_by = resolve_depth(landmarks, dictionary, config.flip)
     if decided_by == OPEN:
         yield Result(warnings=(DEPTH_WARNING,))
     provenance = {
-        **made.provenance,
+        **dictionary.provenance,
         LEARNED_FROM: "landmarks",
         VERDICT: verdict,
         DEPTH_AMBIGUITY: decided_by,
     }
-    return replace(made, provenance=provenance)
+    return replace(dictionary, provenance=provenance)
 
 
 def describe_prediction(error: float) -> str:
@@ -154,16 +155,17 @@ def describe_prediction(error: float) -> str:
 def usable_images(source: LandmarkSource, place: str) -> Landmarks:
     """Return the images that show enough landmarks, not all at one point.
 
-    Raises InputError for too few of them, and for landmarks that none of them shows.
+    Raises InputError for too few of them, and for landmarks that none of them shows;
+    `place` names the files in it.
     """
-    given = concatenate(list(source.batches(4096)))
-    visible = given.visible()
-    shown = np.where(visible[:, None], given.as_columns(), 0.0)
+    landmarks = concatenate(list(source.batches(4096)))
+    visible = landmarks.visible()
+    shown = np.where(visible[:, None], landmarks.as_columns(), 0.0)
     has_extent = std(shown, visible) > 0
     has_enough = visible.sum(axis=1) >= MIN_SHOWN_LANDMARKS
-    usable = given.take(np.flatnonzero(has_extent & has_enough))
+    usable = landmarks.take(np.flatnonzero(has_extent & has_enough))
     if len(usable) < MIN_TRAINING_IMAGES:
-        share = f"{len(usable)} of {len(given)}"
+        share = f"{len(usable)} of {len(landmarks)}"
         fault = f"{share} show {MIN_SHOWN_LANDMARKS} landmarks or more"
         fix = f"give {MIN_TRAINING_IMAGES} at least, of different views"
         raise input_error(place, f"too few images: {fault}", fix)
@@ -174,13 +176,14 @@ def usable_images(source: LandmarkSource, place: str) -> Landmarks:
     return usable
 
 
-def normalised_images(given: Landmarks) -> Images:
-    """Return the landmarks centred, and of size 1 in each sequence or single image.
+def normalised_images(landmarks: Landmarks) -> Images:
+    """Return the landmarks centred in each image, and of size 1 in each sequence.
 
-    Landmarks that lie far out do not count for the size, as outliers do not.
+    Without sequences each image has the size 1. Landmarks that lie far out do not
+    count, as outliers do not.
     """
-    w = given.as_columns()
-    visible = given.visible()
+    w = landmarks.as_columns()
+    visible = landmarks.visible()
     shown = np.where(visible[:, None], w, np.nan)
     middle = np.nanmedian(shown, axis=2, keepdims=True)
     distance = np.where(visible, np.linalg.norm(w - middle, axis=1), np.nan)
@@ -188,30 +191,32 @@ def normalised_images(given: Landmarks) -> Images:
     is_near = (distance <= farthest) | (farthest == 0)
     normalised = normalise(w, visible & is_near)
     size = normalised.scale
-    sequence = np.zeros(len(given), np.intp)
-    if given.sequences is not None:
-        names = np.array(given.sequences, dtype=str)
+    sequence = np.zeros(len(landmarks), np.intp)
+    if landmarks.sequences is not None:
+        names = np.array(landmarks.sequences, dtype=str)
         _, sequence = np.unique(names, return_inverse=True)
         squares = np.bincount(sequence, size**2) / np.bincount(sequence)
         size = np.sqrt(squares)[sequence]
     centred = np.where(visible[:, None], w - normalised.centroid[..., None], 0.0)
-    return Images(centred / size[:, None, None], given.weights(), sequence)
+    return Images(centred / size[:, None, None], landmarks.weights(), sequence)
 
 
 def learn_mixtures(
-    given: Landmarks, normalised: Images, state: ClassState, config: LearnDictConfig
+    landmarks: Landmarks, images: Images, state: ClassState, config: LearnDictConfig
 ) -> Learning:
-    """Learn mixtures from shapes that the last one lifted, while they predict better.
+    """Learn a dictionary by turns: lift shapes, learn a mixture of them, lift again.
 
-    The prior of the dictionary is the best one, or, where bodies are to vary, one of
-    varied shapes. Hidden landmarks judge how sure it is: shapes that were lifted, and
-    not measured, say nothing.
+    state: the shapes and the Gaussian prior that were learned from the images, which
+    are the landmarks normalised. Turns go on while the mixture predicts hidden
+    landmarks better. The prior of the dictionary is the best of them, the Gaussian
+    among them, or, where the config varies bodies, a mixture over varied shapes.
     """
     inputs = digests(config.shapes)
 
     def learn(
         shapes: Shapes, components: int, rounds: int, *, vary: bool = False
     ) -> Learning:
+        """Learn a dictionary from shapes, with a prior of `components`; 0 for none."""
         prior: dict[str, float] = {"components": components}
         if not vary:
             prior |= {"bone_scale": 0.0, "exchange": 0.0}
@@ -219,45 +224,50 @@ def learn_mixtures(
         return learn_from_shapes(shapes, changed, inputs)
 
     # Outliers stay: the posterior of a mixture weighs them anew.
-    w = normalised.landmarks.swapaxes(1, 2)
-    seen = np.where(given.visible()[..., None], w, np.nan)
-    images = replace(given, landmarks=seen)
+    w = images.landmarks.swapaxes(1, 2)
+    seen = np.where(landmarks.visible()[..., None], w, np.nan)
+    normalised = replace(landmarks, landmarks=seen)
     shapes = Shapes(
         state.in_camera.swapaxes(1, 2),
-        landmark_names=given.landmark_names,
-        items=given.items,
-        sequences=given.sequences,
-        frame_rate=given.frame_rate,
-        edges=given.edges,
+        landmark_names=landmarks.landmark_names,
+        items=landmarks.items,
+        sequences=landmarks.sequences,
+        frame_rate=landmarks.frame_rate,
+        edges=landmarks.edges,
     )
     prior = config.prior if config.prior.components else PriorConfig(components="auto")
-    number = number_of_components(len(images), prior)
-    made = yield from learn(shapes, 0, ROUNDS_FOR_VIEWS)
-    best = with_gaussian_prior(made, state)
+    number = number_of_components(len(normalised), prior)
+    dictionary = yield from learn(shapes, 0, ROUNDS_FOR_VIEWS)
+    best = with_gaussian_prior(dictionary, state)
     best_shapes = shapes
-    least_error = error_of_hidden(images, best)
+    least_error = error_of_hidden(normalised, best)
     for _ in range(MAX_MIXTURES):
         mixed = yield from learn(shapes, number, ROUNDS_FOR_VIEWS)
-        error = error_of_hidden(images, mixed)
+        error = error_of_hidden(normalised, mixed)
         is_gaussian = best.residual_variance is not None
         allowed = least_error
         if is_gaussian and number > 1:
-            allowed = CLOSE_TO_GAUSSIAN * least_error
+            allowed = MAX_ERROR_RATIO * least_error
         if error >= allowed:
             # no mixture after such a one was ever better, and some were read wrongly
             break
         best = mixed
         best_shapes = shapes
         least_error = error
-        shapes = lift_anew(shapes, images, mixed)
+        shapes = lift_anew(shapes, normalised, mixed)
     if config.prior.bone_scale or config.prior.exchange:
         return (yield from learn(best_shapes, number, config.iterations, vary=True))
-    made = yield from learn(best_shapes, 0, config.iterations)
-    return replace(made, prior=best.prior, residual_variance=best.residual_variance)
+    dictionary = yield from learn(best_shapes, 0, config.iterations)
+    return replace(
+        dictionary, prior=best.prior, residual_variance=best.residual_variance
+    )
 
 
 def lift_anew(shapes: Shapes, images: Landmarks, dictionary: Dictionary) -> Shapes:
-    """Return the shapes as a dictionary lifts them; a shape whose size jumps stays."""
+    """Return the shapes that a dictionary lifts from images, in place of `shapes`.
+
+    A shape whose size changes by more than MAX_GROWTH stays as it was.
+    """
     lifted = lift_images(images, dictionary).shapes
     before = shapes.as_columns()
     size = np.linalg.norm(lifted, axis=(1, 2))
@@ -288,32 +298,38 @@ def with_gaussian_prior(dictionary: Dictionary, state: ClassState) -> Dictionary
 
 
 def resolve_depth(
-    images: Landmarks, made: Dictionary, flip: bool | None
+    images: Landmarks, dictionary: Dictionary, flip: bool | None
 ) -> tuple[Dictionary, str]:
-    """Return the dictionary or its mirror image in depth, and what has decided.
+    """Return the dictionary or its mirror image in depth, and a text on what decided.
 
-    That is `flip`, else cameras with perspective, else OPEN, which is nothing.
+    Weak perspective cannot distinguish the two. `flip` decides (True takes the mirror
+    image), else perspective where the cameras are known; the text is OPEN where neither
+    does.
     """
+    decided_by = OPEN
+    is_mirrored = False
     if flip is not None:
-        return (mirror_image(made) if flip else made), "stated by `flip`"
-    if images.column(CAMERA_MATRIX) is not None:
-        gain, deviation = evidence_of_mirror(images, made)
-        if abs(gain) >= MIN_STANDARD_ERRORS * deviation:
-            return (mirror_image(made) if gain > 0 else made), "told by perspective"
-    return made, OPEN
+        decided_by = "stated by `flip`"
+        is_mirrored = flip
+    elif images.column(CAMERA_MATRIX) is not None:
+        gain, standard_error = evidence_of_mirror(images, dictionary)
+        if abs(gain) >= MIN_STANDARD_ERRORS * standard_error:
+            decided_by = "told by perspective"
+            is_mirrored = gain > 0
+    return (mirror_image(dictionary) if is_mirrored else dictionary), decided_by
 
 
-def mirror_image(made: Dictionary) -> Dictionary:
+def mirror_image(dictionary: Dictionary) -> Dictionary:
     """Return the dictionary with near and far exchanged."""
-    prior = made.prior
+    prior = dictionary.prior
     assert prior is not None, "learned from landmarks"
     mirror = np.array([[1.0], [1.0], [-1.0]])
-    sign = np.repeat(mirror, made.mean_shape.shape[1])
+    sign = np.repeat(mirror, dictionary.mean_shape.shape[1])
     covariances = np.outer(sign, sign) * prior.covariances
     return replace(
-        made,
-        atoms=mirror * made.atoms,
-        mean_shape=mirror * made.mean_shape,
+        dictionary,
+        atoms=mirror * dictionary.atoms,
+        mean_shape=mirror * dictionary.mean_shape,
         prior=Mixture(prior.weights, mirror * prior.means, covariances),
     )
 
@@ -321,10 +337,10 @@ def mirror_image(made: Dictionary) -> Dictionary:
 def evidence_of_mirror(
     images: Landmarks, dictionary: Dictionary
 ) -> tuple[float, float]:
-    """Return the mean log evidence per image for a mirrored class, and its error.
+    """Return the mean log evidence for the mirror image, and its standard error.
 
-    The error is the standard one. Cameras see the mirror image of a class as they see
-    the class in mirrored images.
+    The evidence of an image by perspective, of the mirror image over the class itself.
+    Cameras see the mirror image of a class as they see the class in mirrored images.
     """
     sample = images.take(evenly(len(images), COMPARED_IMAGES))
     middle = intrinsics_of(sample)[1][:, :1]

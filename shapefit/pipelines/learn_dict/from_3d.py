@@ -42,7 +42,7 @@ from shapefit.geometry.procrustes import (
     rotation_onto,
 )
 from shapefit.io import match_landmarks
-from shapefit.meshes.dense import carry_mesh
+from shapefit.meshes.dense import transform_mesh
 from shapefit.pipelines.learn_dict.doubts import check_not_flat, warn_of_shapes
 from shapefit.pipelines.result import Failure, Result
 from shapefit.records import Shapes
@@ -68,8 +68,8 @@ MIN_COPIES = 2
 MAX_COPIES = 100
 """Of each shape that is varied."""
 
-ENOUGH_SHAPES = 1500
-"""For a mixture, copies among them."""
+TARGET_SHAPES = 1500
+"""Shapes that a mixture is learned from where copies are made, copies among them."""
 
 
 class TrainingShapes(NamedTuple):
@@ -101,7 +101,7 @@ def learn_from_shapes(
     check_not_flat(given, place_of(config) or "shapes")
     training = find_training_shapes(given, config)
     number = counted(len(training.original), "shape")
-    doubts = warn_of_shapes(separate(given)[0])
+    doubts = warn_of_shapes(split_usable(given)[0])
     yield Result(failures=training.failures, warnings=doubts, note=number)
     if config.method == "sparse-coding":
         made = yield from sparse_coding(training, config)
@@ -127,7 +127,7 @@ def find_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShap
     The motion and the rigidity of edges are those of all the shapes given. Raises
     InputError for wrong pairs in `mirror`, no shapes, and fewer shapes than atoms.
     """
-    usable, failures = separate(given)
+    usable, failures = split_usable(given)
     sequences = usable.sequences or ("",) * len(usable)
     shapes = usable.take(every_nth(sequences, config.every))
     partners = find_partners(shapes, config) if config.mirror else None
@@ -142,9 +142,9 @@ def find_training_shapes(given: Shapes, config: LearnDictConfig) -> TrainingShap
     mesh = None
     if shapes.mesh_vertices is not None:
         vertices = in_columns(shapes.mesh_vertices)
-        mesh = carry_mesh(vertices, normalised, alignment.rotations)
+        mesh = transform_mesh(vertices, normalised, alignment.rotations)
     zero = np.zeros((len(shapes), 3, 1))
-    origin = carry_mesh(zero, normalised, alignment.rotations)[..., 0]
+    origin = transform_mesh(zero, normalised, alignment.rotations)[..., 0]
     dictionary = Dictionary(
         atoms=np.empty((0, *alignment.mean.shape)),
         landmark_names=tuple(shapes.landmark_names),
@@ -196,7 +196,7 @@ def unaligned(points: Floats) -> Alignment:
     return Alignment(points, points.mean(axis=0), unturned, rounds=0, converged=True)
 
 
-def separate(shapes: Shapes) -> tuple[Shapes, tuple[Failure, ...]]:
+def split_usable(shapes: Shapes) -> tuple[Shapes, tuple[Failure, ...]]:
     """Return the shapes that are finite and have an extent, and others as failures."""
     points = shapes.as_columns()
     extent = np.ptp(points, axis=-1).max(axis=-1, initial=0.0)
@@ -416,7 +416,7 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     varied = vary(
         aligned,
         tree,
-        copies=min(max(MIN_COPIES, ENOUGH_SHAPES // len(aligned)), MAX_COPIES),
+        copies=min(max(MIN_COPIES, TARGET_SHAPES // len(aligned)), MAX_COPIES),
         bone_scale=config.prior.bone_scale,
         exchange=config.prior.exchange,
         partners=training.dictionary.mirror_index,

@@ -114,23 +114,23 @@ def read_manifest(folder: Path) -> Manifest | None:
     return Manifest(folder / MANIFEST, run, {part.file: part for part in parts})
 
 
-def find_strangers(folder: Path, manifest: Manifest | None) -> list[Path]:
+def find_unlisted(folder: Path, manifest: Manifest | None) -> list[Path]:
     """Return files in a folder that are named as its parts are, but are not listed.
 
     Without a manifest that is every part, and the list of parts of an earlier version.
     """
     ours = manifest.files if manifest is not None else set()
-    strangers = [path for path in folder.glob(PARTS_PATTERN) if path.name not in ours]
+    unlisted = [path for path in folder.glob(PARTS_PATTERN) if path.name not in ours]
     if manifest is None and (folder / EARLIER_MANIFEST).is_file():
-        strangers.append(folder / EARLIER_MANIFEST)
-    return sorted(strangers)
+        unlisted.append(folder / EARLIER_MANIFEST)
+    return sorted(unlisted)
 
 
-def refuse_strangers(folder: Path, strangers: Sequence[Path]) -> None:
+def refuse_unlisted(folder: Path, unlisted: Sequence[Path]) -> None:
     """Raise InputError where a folder holds results that no manifest of it lists."""
-    if not strangers:
+    if not unlisted:
         return
-    names = [printable(path.name) for path in strangers]
+    names = [printable(path.name) for path in unlisted]
     fault = f"holds {abbreviate(names, 3)}, which no {MANIFEST} lists"
     if EARLIER_MANIFEST in names:
         fault = f"was begun by an earlier version of shapefit ({EARLIER_MANIFEST})"

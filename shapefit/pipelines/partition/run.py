@@ -78,11 +78,11 @@ from shapefit.pipelines.fit.summary import camera_numbers, say_gap
 from shapefit.pipelines.partition.manifest import (
     Manifest,
     Part,
-    find_strangers,
+    find_unlisted,
     locked,
     numbers_of_parts,
     read_manifest,
-    refuse_strangers,
+    refuse_unlisted,
 )
 from shapefit.pipelines.result import Failure, Numbers, Result, merge_warnings
 from shapefit.records import Landmarks
@@ -160,9 +160,9 @@ def fit_parts(config: FitConfig) -> Iterator[Result]:
 def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
     """Plan and do the parts of a folder that no other run writes to."""
     manifest = read_manifest(folder.path)
-    strangers = find_strangers(folder.path, manifest)
+    unlisted = find_unlisted(folder.path, manifest)
     if not folder.replace:
-        refuse_strangers(folder.path, strangers)
+        refuse_unlisted(folder.path, unlisted)
     dictionary = cached_read(
         read_dictionary, config.dictionary, find_state(config.dictionary)
     )
@@ -194,10 +194,10 @@ def run_alone(config: FitConfig, folder: ResultFolder) -> Iterator[Result]:
         removed=tuple(map(part_number, plan.removed)),
         **plan.digests,
     )
-    for path in strangers:
+    for path in unlisted:
         path.unlink(missing_ok=True)
     manifest = Manifest(folder.manifest, line, dict(plan.retained))
-    yield from do_parts(config, folder, plan, manifest, calibration)
+    yield from run_parts(config, folder, plan, manifest, calibration)
 
 
 def method_of(manifest: Manifest) -> str:
@@ -387,7 +387,7 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> Landmarks:
         return Source(files[:1]).first(SAMPLE_POOL)
 
 
-def do_parts(
+def run_parts(
     config: FitConfig,
     folder: ResultFolder,
     plan: FolderPlan,
@@ -412,7 +412,7 @@ def do_parts(
         (folder.path / file).unlink(missing_ok=True)
     total = counted(len(plan.parts), "part")
     lost = 0
-    with closing(do_jobs(jobs, folder)) as ended:
+    with closing(run_jobs(jobs, folder)) as ended:
         for line, result in ended:
             manifest.add(line)
             if line.status != DONE:
@@ -432,14 +432,16 @@ def is_shared_out(folder: ResultFolder) -> bool:
     return bool(folder.workers or folder.scheduler or folder.scheduler_file)
 
 
-def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[EndedPart, None, None]:
+def run_jobs(
+    jobs: deque[Job], folder: ResultFolder
+) -> Generator[EndedPart, None, None]:
     """Do jobs here, in processes or on a cluster; yield the end of each as it comes.
 
     The folder says where. Where a process dies, the parts that were under way are done
     again, each alone in a new one.
     """
     if not is_shared_out(folder):
-        yield from map(do_job, jobs)
+        yield from map(run_job, jobs)
         return
     while jobs:
         running: dict[Future[EndedPart], Job] = {}
@@ -447,7 +449,7 @@ def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[EndedPart, None
             while jobs or running:
                 while jobs and len(running) < at_once:
                     # it stays among the jobs until the pool has taken it
-                    running[pool.submit(do_job, jobs[0])] = jobs[0]
+                    running[pool.submit(run_job, jobs[0])] = jobs[0]
                     jobs.popleft()
                 ended = futures.wait(running, return_when=futures.FIRST_COMPLETED).done
                 for future in ended:
@@ -456,7 +458,7 @@ def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[EndedPart, None
         for job in running.values():
             with executor(replace(folder, workers=1)) as (pool, _):
                 try:
-                    yield await_job(pool.submit(do_job, job), job)
+                    yield await_job(pool.submit(run_job, job), job)
                 except BrokenExecutor:
                     reason = (
                         "its process died, twice: give it more memory, or less work"
@@ -545,7 +547,7 @@ def await_job(future: Future[EndedPart], job: Job) -> EndedPart:
         return failed(job, reason)
 
 
-def do_job(job: Job) -> EndedPart:
+def run_job(job: Job) -> EndedPart:
     """Lift a part; return its line and result, a failed one for whatever goes wrong.
 
     Raises InputError in a worker of another version.
@@ -558,7 +560,7 @@ def do_job(job: Job) -> EndedPart:
         fix = "install the same version on all machines"
         raise input_error(platform.node(), fault, fix)
     try:
-        return while_wanted(fit_part, job)
+        return run_while_awaited(fit_part, job)
     except InputError as error:
         return failed(job, "; ".join(error.problems))
     except Exception as error:
@@ -566,8 +568,8 @@ def do_job(job: Job) -> EndedPart:
         return failed(job, ": ".join(filter(None, (type(error).__name__, text))))
 
 
-def while_wanted(work: Callable[[Job], EndedPart], job: Job) -> EndedPart:
-    """Do a job, or raise InputError once nobody waits for it any more.
+def run_while_awaited(work: Callable[[Job], EndedPart], job: Job) -> EndedPart:
+    """Run a job, or raise InputError once the process that waits for it has ended.
 
     That is so where a Dask worker does it, and `fit` was killed.
     """

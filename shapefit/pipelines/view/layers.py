@@ -252,7 +252,7 @@ def _result_layer(
 
 
 def _reasons_unsolved(status: NDArray[np.object_] | None) -> EncodedTexts | None:
-    """Return how frames (n,) ended that were not solved; None where all were."""
+    """Return the status of frames (n,) that were not solved; None where all were."""
     if status is None:
         return None
     is_solved = np.isin(status.astype(str), SOLVED)

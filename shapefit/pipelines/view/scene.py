@@ -24,7 +24,7 @@ from shapefit.io.names import pairs_of_sides
 from shapefit.io.options import BY_DEFAULT
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.metres import find_stature
-from shapefit.io.writers.motion import MOST_MISSING, find_floors, video_of
+from shapefit.io.writers.motion import MAX_MISSING_PER_FRAME, find_floors, video_of
 from shapefit.lifting.trust import REASONS
 from shapefit.pipelines.view.film import embed_film, is_film
 from shapefit.pipelines.view.layers import (
@@ -144,7 +144,7 @@ def make_scene(config: ViewConfig) -> Scene:
         "rigid": is_rigid,
         "facts": [*_facts(timing, frames), *_quality(contents, layers)],
         "about": "about " if any(map(_assumed_focal, _results(contents))) else "",
-        "assumed": [*assumed, *([] if is_rigid else [_say_ground(floors)])],
+        "assumed": [*assumed, *([] if is_rigid else [_describe_ground(floors)])],
         "notes": notes,
     }
 
@@ -268,7 +268,7 @@ def _find_floors(
     return {}
 
 
-def _say_ground(floors: Mapping[str, Floor]) -> str:
+def _describe_ground(floors: Mapping[str, Floor]) -> str:
     """Return a sentence on where the ground of the page comes from."""
     if not floors:
         return "The floor is not known: each body has its own ground."
@@ -321,7 +321,7 @@ def _place_frames(recording: Sequence[int], frames: Frames, times: Integers) -> 
         return
     first = numbers.min()
     last = numbers.max()
-    if last - first > MOST_MISSING * len(numbers) * frames.step:
+    if last - first > MAX_MISSING_PER_FRAME * len(numbers) * frames.step:
         if len(recording) > 1:
             _, order = np.unique(numbers, return_inverse=True)
             times[np.concatenate(rows_of)] = order
@@ -454,7 +454,7 @@ def _ground(floor: Floor | None, y_down: bool) -> Ground:
     level = TO_Y_UP[IMAGE_UP] if y_down else np.eye(3)
     if floor is None:
         return {"upright": level.ravel().tolist()}
-    turn = floor._replace(height=0.0).stand(np.eye(3))
+    turn = floor._replace(height=0.0).in_floor_frame(np.eye(3))
     return {"upright": (turn @ level).ravel().tolist(), "floor": -floor.height}
 
 

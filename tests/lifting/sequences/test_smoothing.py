@@ -11,7 +11,7 @@ import pytest
 from shapefit.lifting.sequences import smoothing
 from shapefit.lifting.sequences.clips import (
     find_acceleration_scale,
-    find_growth,
+    relative_scales,
     weigh_lengths,
 )
 from shapefit.lifting.sequences.smoothing import (
@@ -20,11 +20,11 @@ from shapefit.lifting.sequences.smoothing import (
     Observations,
     fill,
     find_precisions,
-    fixed_lengths,
+    length_penalty,
     mean_lengths,
     observe,
+    remaining_precision,
     smooth,
-    uncounted_weight,
 )
 from shapefit.timeline import Timeline
 from tests.lifting.sequences.conftest import BONES
@@ -78,7 +78,7 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
         )
         M[:, :, j, b] = -M[:, :, i, b]
     M = M.reshape(-1, e)
-    own = np.diag(frames / model.bone_tolerance**2 + 1e-9) + judge.hold
+    own = np.diag(frames / model.bone_tolerance**2 + 1e-9) + judge.length_precision
     whole = np.block([[A, M], [M.T, own]])
     step = np.linalg.solve(whole, judge.gradient(y, lengths))
     shrink = min(1.0, 0.5 / np.abs(step[: y.size]).max())
@@ -254,7 +254,7 @@ def test_frames_without_modes_lie_between_their_neighbours(images, body):
 
 
 @pytest.mark.parametrize("width", [2.0, 30.0])
-def test_growth_is_a_line_through_what_is_near(rng, width):
+def test_scales_follow_a_line_through_what_is_near(rng, width):
     """Weighted least squares about each frame; what is a line stays one, without its
     mean.
     """
@@ -264,13 +264,13 @@ def test_growth_is_a_line_through_what_is_near(rng, width):
         np.polyfit(t - k, level, 1, w=np.exp(-0.25 * ((t - k) / width) ** 2))[1]
         for k in t
     ]
-    found = np.log(find_growth(np.exp(level), there, width, timeline))
+    found = np.log(relative_scales(np.exp(level), there, width, timeline))
     np.testing.assert_allclose(found, expected - np.mean(expected), atol=2e-3)
     there[[0, 7, 8]] = False
     nearer = np.where(there, np.exp(0.1 * t), np.nan)
     line = 0.1 * (t - t[there].mean())
     np.testing.assert_allclose(
-        np.log(find_growth(nearer, there, width, timeline))[1:], line[1:], atol=1e-4
+        np.log(relative_scales(nearer, there, width, timeline))[1:], line[1:], atol=1e-4
     )
 
 
@@ -279,7 +279,7 @@ def test_a_unit_of_each_frame_is_that_of_images_observed_in_it(images, body, rng
     g = growth[:, None, None]
     visible = images(body, noise=0.02)
     covariance = np.linalg.inv(visible.precision)
-    found = replace(visible, precision=visible.precision.copy()).grown(growth)
+    found = replace(visible, precision=visible.precision.copy()).in_larger_unit(growth)
     np.testing.assert_allclose(found.start * g, visible.start)
     np.testing.assert_allclose(found.mean * g, visible.mean)
     np.testing.assert_allclose(
@@ -394,10 +394,10 @@ class Objective:
 
     def __init__(self, visible, model, noise):
         self.visible, self.model = visible, model
-        self.weight = uncounted_weight(visible, noise)
+        self.weight = remaining_precision(visible, noise)
         self.w = np.nan_to_num(visible.landmarks).reshape(len(visible), -1)
         D = second_difference(model.timeline, len(visible))
-        self.hold, self.known = fixed_lengths(
+        self.length_precision, self.usual_lengths = length_penalty(
             model, mean_lengths(visible.start, model.bones)
         )
         self.motion = np.kron(D.T @ D, np.diag(np.tile(model.stiffness, 3)))
@@ -407,7 +407,8 @@ class Objective:
         total += 0.5 * (self.weight * (y[:, : self.w.shape[1]] - self.w) ** 2).sum()
         for f, frame in enumerate(y):
             total -= np.logaddexp.reduce(self.log_terms(f, frame))
-        total += 0.5 * (lengths - self.known) @ self.hold @ (lengths - self.known)
+        off = lengths - self.usual_lengths
+        total += 0.5 * off @ self.length_precision @ off
         return (
             total
             + 0.5

@@ -21,7 +21,7 @@ from shapefit.config import load_config
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.pipelines.partition.manifest import Part
-from shapefit.pipelines.partition.run import Job, await_job, do_jobs, find_parts
+from shapefit.pipelines.partition.run import Job, await_job, find_parts, run_jobs
 from tests.cli.conftest import run_in
 from tests.pipelines.partition.made import entries, make_dictionary, make_images
 from tests.pipelines.partition.made import same_bits as same_results
@@ -184,14 +184,14 @@ class TestProcesses:
         Path("deadly").mkdir()
         parts = find_parts(config, SIZE)[:3]
         jobs = deque(Job(part, config, Path("deadly").absolute()) for part in parts)
-        entries = {entry.file: entry for entry, _ in do_jobs(jobs, folder)}
+        entries = {entry.file: entry for entry, _ in run_jobs(jobs, folder)}
         assert [entries[parts[i].file].status for i in (0, 2)] == ["done"] * 2
         assert "its process died, twice" in entries[parts[1].file].error
 
 
 def test_a_worker_of_another_version_ends_the_run(job):
     with pytest.raises(InputError, match=r"is a worker .* `fit` is version 0\.0"):
-        list(do_jobs(deque([job._replace(version="0.0")]), ResultFolder(Path())))
+        list(run_jobs(deque([job._replace(version="0.0")]), ResultFolder(Path())))
 
 
 @pytest.mark.parametrize(
