@@ -310,10 +310,12 @@ class Report:
 
     @property
     def _seconds(self) -> float:
+        """Return the seconds since the command began."""
         return time.monotonic() - self._started
 
 
 def _counted(number: int, noun: str) -> str:
+    """Return `1 image`, `2,000 images`."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 

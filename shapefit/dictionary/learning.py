@@ -65,9 +65,11 @@ def learn_atoms(
     chosen = shapes[np.linspace(0, n - 1, k).round().astype(np.intp)]
 
     def total(B: Floats, C: Floats) -> float:
+        """Return the objective, summed over the shapes."""
         return float(objectives(shapes, B, beta, C).sum())
 
     def recode(B: Floats, C: Floats | None) -> tuple[float, Floats, Floats]:
+        """Return objective, atoms and coefficients after the coding step."""
         if C is not None:
             B = replace_dead_atoms(shapes, C, B)
         C = sparse_code(shapes, B, beta, start=C)

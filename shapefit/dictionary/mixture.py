@@ -185,6 +185,7 @@ def maximise(
     prior = floor * np.eye(X.shape[1])
 
     def covariance_of(k: int) -> Floats:
+        """Return the shrunk covariance of component k."""
         scatter = _scatter(X, share[:, k], means[k])
         pulled = scatter + count[k] * prior + kappa * G
         return np.asarray(pulled / (count[k] + kappa))

@@ -205,6 +205,7 @@ def _truth_files(report: Document) -> list[str]:
 
 
 def _last_part(path: str) -> str:
+    """Return the name of the file of a path of any system."""
     return path.replace("\\", "/").rsplit("/", 1)[-1]
 
 
@@ -281,6 +282,7 @@ def _column_cells(
 
 
 def _column_name(quantity: Quantity) -> str:
+    """Return the heading of a column: a short name, and the unit in brackets."""
     name, unit = quantity
     shown = SHORT_NAMES.get(name, name)
     return f"{shown} ({unit})" if unit not in ("", UNSTATED_UNIT) else shown
@@ -453,6 +455,7 @@ def with_section(page: str, name: str, html: str) -> str:
 
 
 def _paragraph(text: str, kind: str = "") -> str:
+    """Return a paragraph of HTML, of the class `kind` if any."""
     opening = f'<p class="{kind}">' if kind else "<p>"
     return f"{opening}{escape(printable(text))}</p>"
 

@@ -163,6 +163,7 @@ def _between(a: Floats, b: Floats) -> Floats:
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
+    """Return the inner products (n,) of vectors (3, n)."""
     return np.asarray((a * b).sum(axis=0))
 
 

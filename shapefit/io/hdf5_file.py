@@ -283,10 +283,10 @@ def _check_format(file: Hdf5File, *formats: str) -> str:
 
 
 class Seal(NamedTuple):
-    """The digest of all that a file holds, as it is stated, and as it is.
+    """The digest of all that a result holds, as it states it and as it is found.
 
-    It is stated as "" where there is none. rows are those of the input that are in the
-    file, None for all.
+    An intact file has both alike. stated is "" where the file has none; rows are those
+    of the input that are in the file, None for all.
     """
 
     stated: str
@@ -295,7 +295,7 @@ class Seal(NamedTuple):
 
 
 def read_seal(path: Path) -> Seal:
-    """Return the Seal of a file, which is read whole for its digest.
+    """Return the stated and the recomputed digest of a file, which is read whole.
 
     Raises InputError where that cannot be.
     """

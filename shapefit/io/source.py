@@ -116,7 +116,7 @@ def open_results(
 
 
 def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> FileKind:
-    """Return the kind of record that a file holds; a table with a column z has shapes.
+    """Return the kind of a file, by its contents; a table with a column z has shapes.
 
     Raises InputError for what is wrong with the file, and for standard input, which
     could not be read again.
@@ -451,6 +451,7 @@ class _Readers:
         self._opened.cache_clear()
 
     def _open(self, path: Path) -> Hdf5Reader:
+        """Return a new reader of a file."""
         from shapefit.io.hdf5_file import Hdf5Reader
 
         return Hdf5Reader(path, self._form, old=self._old)

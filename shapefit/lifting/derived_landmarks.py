@@ -158,6 +158,7 @@ def combine_landmarks(
     blocks = covariance.reshape(len(shapes), 3, p, 3, p)
 
     def combined(a: int, b: int) -> Floats:
+        """Return the covariances (n, q) of axes a and b of the combined points."""
         block: Floats = np.einsum(
             "qi,nij,qj->nq", rows, blocks[:, a, :, b], rows, optimize=True
         )

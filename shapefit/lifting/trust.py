@@ -90,7 +90,7 @@ class Limits(NamedTuple):
     images are beyond it, of errors above 0.4 about 90%.
     """
 
-    fewest_visible: int = 10
+    min_visible: int = 10
     """Landmarks of an image with which its start distance says something.
 
     With fewer, 18 to 48% of good images are beyond it.
@@ -123,7 +123,7 @@ class Limits(NamedTuple):
     kappa, or the distance).
     """
 
-    fewest_images: int = 20
+    min_images: int = 20
     """Of a sample that says something of its file.
 
     The logarithm of kappa has a standard deviation of 0.25 with 20 images, of 0.13 with
@@ -175,7 +175,7 @@ def find_reasons(
     is_stopped = [value is Status.ITERATION_LIMIT for value in status]
     with np.errstate(invalid="ignore"):
         is_far = start_distance > LIMITS.max_distance
-        is_far &= visible >= LIMITS.fewest_visible
+        is_far &= visible >= LIMITS.min_visible
         holds = [
             (np.asarray(~has_shape), NO_SHAPE),
             (2 * visible <= VIEW_NUMBERS, TOO_FEW),
@@ -207,14 +207,15 @@ def contradicts(kappa: float, distance: float, trusted: float, doubtful: float) 
 
 
 def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> float:
-    """Return the median of start distances (n,), nan where too few images have one.
+    """Return the median distance of posteriors from the shapes they started from.
 
-    visible (n,), the landmarks seen: images with fewer than `LIMITS.fewest_visible` do
-    not count, and `LIMITS.fewest_images` must.
+    start_distance (n,), see `find_start_distance`; nan where too few images have one.
+    visible (n,), the landmarks seen: images with fewer than `LIMITS.min_visible` do
+    not count, and `LIMITS.min_images` must.
     """
-    says_something = np.isfinite(start_distance) & (visible >= LIMITS.fewest_visible)
+    says_something = np.isfinite(start_distance) & (visible >= LIMITS.min_visible)
     distances = start_distance[says_something]
-    if len(distances) < LIMITS.fewest_images:
+    if len(distances) < LIMITS.min_images:
         return float("nan")
     return median(distances)
 

@@ -167,6 +167,7 @@ def select_items(
         return source.chosen(rows, ITEMS_AT_ONCE), len(rows)
 
     def numbered_anew() -> Iterator[AnyRecord]:
+        """Yield the wanted items with their new frame numbers."""
         done = 0
         for records in source.chosen(rows, ITEMS_AT_ONCE):
             yield replace(records, frames=numbers[done : done + len(records)])

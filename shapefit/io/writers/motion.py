@@ -141,7 +141,7 @@ class FileMotion:
         return f"times are off the steady {self.rate:g} Hz by up to {away:.3g} s"
 
 
-MotionTrack = tuple[str, Shapes3D, Integers]
+NamedSequence = tuple[str, Shapes3D, Integers]
 """A sequence: its name, and items by their frames (n,)."""
 
 Write = Callable[
@@ -282,13 +282,13 @@ def find_motions(
 ) -> list[FileMotion]:
     """Return the motion of each sequence, frames in order, on the floor of its video.
 
-    Raises InputError at `place` as `_tracks` and `in_metres`.
+    Raises InputError at `place` as `_split_sequences` and `in_metres`.
     """
     floors = find_floors(records, options, place)
-    tracks = _tracks(records, place)
+    named_sequences = _split_sequences(records, place)
     return [
-        _motion(track, options, place, floors.get(video_of(track[0])))
-        for track in tracks
+        _motion(sequence, options, place, floors.get(video_of(sequence[0])))
+        for sequence in named_sequences
     ]
 
 
@@ -310,8 +310,8 @@ def find_floors(
     focal = 0.0 if records.focal is None else records.focal
     is_assumed = is_assumed_focal(focal, 2 * np.asarray(centre))
     bodies: dict[str, list[FilmedBody]] = {}
-    for name, track, frames in _tracks(records, place):
-        body = _filmed_body(track, frames, in_metres(track, options, place))
+    for name, sequence, frames in _split_sequences(records, place):
+        body = _filmed_body(sequence, frames, in_metres(sequence, options, place))
         if body is not None:
             bodies.setdefault(video_of(name), []).append(body)
     floors = {
@@ -421,25 +421,24 @@ def _covariance(record: Fit) -> Floats | None:
     return covariance
 
 
-def _tracks(records: Record, place: str) -> list[tuple[str, Record, Integers]]:
+def _split_sequences(records: Record, place: str) -> list[tuple[str, Record, Integers]]:
     """Return the name, the records and the frames (n,) of each sequence, in order.
 
-    Records without frames are in the order of their items.
-
-    Raises InputError where two items of a sequence are of one frame, and where so many
-    are missing that gaps cannot be filled.
+    Records without frames are in the order of their items. Raises InputError where two
+    items of a sequence are of one frame, and where so many are missing that gaps cannot
+    be filled.
     """
     names = np.array(records.sequences or ("",) * len(records), dtype=object)
     stated = records.frames
-    tracks = []
+    sequences = []
     for name in dict.fromkeys(names.tolist()) or ("",):
         rows = np.flatnonzero(names == name)
         frames = np.arange(len(rows)) if stated is None else stated[rows]
         order = np.argsort(frames, kind="stable")
-        frames, track = frames[order], records.take(rows[order])
+        frames, sequence = frames[order], records.take(rows[order])
         same = np.flatnonzero(np.diff(frames) == 0)
         if len(same):
-            one, other = track.items[same[0]], track.items[same[0] + 1]
+            one, other = sequence.items[same[0]], sequence.items[same[0] + 1]
             problem = f"'{one}' and '{other}' are of one frame of one sequence"
             fix = "give each individual a sequence of its own"
             raise input_error(place, problem, fix)
@@ -449,8 +448,8 @@ def _tracks(records: Record, place: str) -> list[tuple[str, Record, Integers]]:
             problem = f"{counted(len(rows), 'item')} are of the frames {one} to {other}"
             fix = "number the frames of a video, not the time; or write .h5 or .csv"
             raise input_error(place, problem, fix)
-        tracks.append((name, track, frames))
-    return tracks
+        sequences.append((name, sequence, frames))
+    return sequences
 
 
 def _visible_around(
@@ -468,10 +467,10 @@ def _visible_around(
 
 
 def _motion(
-    track: MotionTrack, options: OutputOptions, place: str, floor: Floor | None
+    sequence: NamedSequence, options: OutputOptions, place: str, floor: Floor | None
 ) -> FileMotion:
     """Return one sequence in metres, with gaps for the frames that it lacks."""
-    name, records, frames = track
+    name, records, frames = sequence
     angles = _angles_on(floor, records)
     angle_sd = records.extras.get(ANGLE_SD, np.empty((len(records), 0)))
     names = angle_names(records.landmark_names)

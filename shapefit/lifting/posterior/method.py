@@ -250,6 +250,7 @@ def find_start_distance(
     inliers = np.nan_to_num(estimate.inlier_probability) >= MIN_INLIER_PROBABILITY
 
     def distance(M: Transforms, rows: NDArray[np.intp]) -> Floats:
+        """Return the distances of posteriors from the convex shapes of M."""
         start = reconstruct(M, problem.atoms, threads=threads).shapes
         shown = inliers[rows] & (M.count > 0)[:, None]
         return relative_distance(

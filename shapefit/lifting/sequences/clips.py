@@ -12,11 +12,11 @@ the deviation sigma with which the landmarks were taken.
 A body that walks towards the camera grows in its image, and so do its bones. So a
 sequence is inferred twice: in one unit, and in units that follow the smoothed scales of
 the images. What agrees better with the images, by the energy of the objective, is
-taken. A sequence that would move its images too far (`CONSTANTS.farthest`) is inferred
-without bones, and keeps the error bars of these; of a half body, whose unseen landmarks
-smoothing would draw after them, the images stay as they are. Both are decided for each
-stretch of the sequence between long gaps, and each has a unit in which its lengths,
-inferred from it alone, are together as long as those of the others.
+taken. A sequence that would move its images too far (`CONSTANTS.max_displacement`) is
+inferred without bones, and keeps the error bars of these; of a half body, whose unseen
+landmarks smoothing would draw after them, the images stay as they are. Both are decided
+for each stretch of the sequence between long gaps, and each has a unit in which its
+lengths, inferred from it alone, are together as long as those of the others.
 """
 
 from __future__ import annotations
@@ -244,7 +244,7 @@ def _add_common_covariance(
     covariance *= factor[:, :, None]
     covariance *= factor[:, None]
     for t in range(len(covariance)):
-        covariance[t] += CONSTANTS.shared**2 * images[rows[t]]
+        covariance[t] += CONSTANTS.common_share**2 * images[rows[t]]
     axes = range(covariance.shape[1])
     covariance[:, axes, axes] += np.tile(constant, 3) ** 2
     return covariance
@@ -301,10 +301,10 @@ def refine_clips(
 
 
 def is_informative(clips: Clips) -> Flags:
-    """Which images (n,) have a posterior that is not wider than `CONSTANTS.widest`."""
+    """Whether the posteriors of images (n,) are narrower than `max_deviation`."""
     is_finite = np.isfinite(clips.points).all(axis=(1, 2))
     width = np.sqrt((clips.deviation**2).mean(axis=(1, 2)))
-    informative: Flags = is_finite & (width < CONSTANTS.widest * clips.scale)
+    informative: Flags = is_finite & (width < CONSTANTS.max_deviation * clips.scale)
     return informative
 
 
@@ -344,7 +344,7 @@ def refine_clip(
     growth = relative_scales(
         (clips.scale * clips.modes.scale[:, 0])[clip],
         informative,
-        CONSTANTS.scale_time * motion.rate,
+        CONSTANTS.scale_seconds * motion.rate,
         inference.timeline,
     )
     visible = in_unit(clips, clip, inference.size)
@@ -400,7 +400,7 @@ class Inference:
         self.size = median(clips.scale[clip][informative])
         sigma = float(np.sqrt(clips.residual_variance))
         if clips.noise is not None:
-            stated = max(clips.noise / self.size, CONSTANTS.least_noise)
+            stated = max(clips.noise / self.size, CONSTANTS.min_noise)
             sigma = min(stated, sigma)
         self.sigma = sigma
         frames = int(informative.sum()) * sigma**2 / clips.residual_variance
@@ -417,7 +417,7 @@ class Inference:
         motion = self.motion
         if timeline is None:
             timeline = self.timeline
-        lag = max(1, round(CONSTANTS.memory * motion.rate))
+        lag = max(1, round(CONSTANTS.correlation_seconds * motion.rate))
         places = timeline.on_grid(3 * lag)
         scale = find_acceleration_scale(visible, motion.acceleration, lag, places)
         model = SequenceModel(
@@ -494,16 +494,17 @@ class Inference:
     def leave_out_bones(self, visible: Observations, growth: Floats) -> None:
         """Replace stretches that moved too far from their images by ones without bones.
 
-        In `refined`; too far is beyond `CONSTANTS.farthest`. They keep the error bars
-        of their images, and of a half body the points too.
+        In `refined`; too far is beyond `CONSTANTS.max_displacement`. They keep the
+        error bars of their images, and of a half body the points too.
         """
         refined = self.refined
         moved = refined.points[self.clip] - self.points
         square = ((moved / self.deviation) ** 2).mean(axis=(1, 2))
+        limit = CONSTANTS.max_displacement
         loose = [
             stretch
             for stretch in self.stretches
-            if median(square[judged_by(stretch, self.informative)]) > CONSTANTS.farthest
+            if median(square[judged_by(stretch, self.informative)]) > limit
         ]
         points = self.clips.points[self.clip]
         if loose and not self.motion.of_half_body:
@@ -569,6 +570,7 @@ def smooth_log_scale(
     window = np.exp(-0.5 * (k / width) ** 2)
 
     def total(x: Floats, power: int) -> Floats:
+        """Return sum_k window_k k^power x_(t+k) at each frame t."""
         return np.convolve(x, window * (-k) ** power)[reach : len(x) + reach]
 
     S0 = total(weight, 0)
@@ -593,7 +595,7 @@ def weigh_lengths(usual: Lengths | None, frames: float) -> Lengths | None:
     """
     if usual is None:
         return None
-    worth = 1 + CONSTANTS.shared**2 * frames
+    worth = 1 + CONSTANTS.common_share**2 * frames
     return usual._replace(precision=worth * usual.precision)
 
 
@@ -703,7 +705,7 @@ def add_common_error(
     """
     sd, mixed = smoothed
     image_sd, image_mixed = images
-    share = CONSTANTS.shared
+    share = CONSTANTS.common_share
     deviation = np.hypot(np.hypot(sd, share * image_sd), constant[:, None])
     correlation = np.empty_like(deviation)
     for row, (a, b) in enumerate(PAIRS):

@@ -39,7 +39,7 @@ class Constants:
     modes: int = 4
     """Of a frame that count; the others have next to no share."""
 
-    widest: float = 3.0
+    max_deviation: float = 3.0
     """Standard deviation of a coordinate, in the size of the landmarks, beyond which an
     image says nothing.
 
@@ -47,7 +47,7 @@ class Constants:
     the others place them.
     """
 
-    least_noise: float = 0.003
+    min_noise: float = 0.003
     """Deviation of a coordinate, in the size of the landmarks, as which a smaller one
     counts.
 
@@ -56,7 +56,7 @@ class Constants:
     covariances, which know no mean depth: it stays where it is.
     """
 
-    farthest: float = 0.5
+    max_displacement: float = 0.5
     """Median over the images of the mean square of what a sequence may move them, in
     their deviations.
 
@@ -66,14 +66,14 @@ class Constants:
     1.4% less error; on 03 and 118 no limit loses in 3 of 40, and has 1% more.
     """
 
-    scale_time: float = 0.5
+    scale_seconds: float = 0.5
     """Seconds over which the scale of a body in its images is smoothed.
 
     On film of bodies 01, 02 and 64 (79 clips, no limit) sequences have 0.824 of the
     error of images by 0.5, 0.825 by 0.35, 0.823 by 1, and 0.840 in one unit alone.
     """
 
-    shared: float = 0.4
+    common_share: float = 0.4
     """r, the share of the deviations of single images that neighbouring frames have in
     common: in error bars, and in what images say of lengths.
 
@@ -81,7 +81,7 @@ class Constants:
     holds more than 0.97 in four, 0.3 less than 0.90 in three. Errors are the same.
     """
 
-    memory: float = 1 / 8
+    correlation_seconds: float = 1 / 8
     """Seconds after which what a detector gets wrong has hardly anything to do with
     what it got wrong before: that of second differences, see `find_acceleration_scale`.
     """
@@ -352,7 +352,7 @@ def observe(
     precision, log_det = find_precisions(
         np.ascontiguousarray(covariances[:, :k]),
         factor=np.where(has_mode, np.reshape(covariance_unit, (-1, 1)) ** 2, 0.0),
-        ridge=np.where(has_mode, CONSTANTS.least_noise, CONSTANTS.widest) ** 2,
+        ridge=np.where(has_mode, CONSTANTS.min_noise, CONSTANTS.max_deviation) ** 2,
         wanted=wanted,
     )
     is_seen = np.isfinite(landmarks).all(axis=1) & has_modes[:, None]

@@ -460,6 +460,7 @@ def _find_sides(estimate: Floats, truth: Floats, names: Sequence[str]) -> list[s
         exchanged[[left, right]] = right, left
 
     def median_error(true: Floats) -> float:
+        """Return the median error after a similarity, inf where one is unknown."""
         return float(np.median(np.nan_to_num(similarity(e, true), nan=np.inf)))
 
     error = median_error(x)
@@ -493,6 +494,7 @@ def _find_units(
     is_common = np.isfinite(estimate + true).all(axis=1, keepdims=True)
 
     def size(points: Floats) -> Floats:
+        """Return the sizes (n,) of shapes over the landmarks that both have."""
         spread = np.nanstd(np.where(is_common, points, np.nan), axis=2)
         return np.asarray(spread.mean(axis=1))
 

@@ -234,6 +234,7 @@ def choose_skeleton(
     few = sample.take(evenly(len(sample), FIRST_LOOK))
 
     def evidence(theta: Mapping[str, float]) -> float:
+        """Return the log evidence of some images at body proportions theta."""
         observed = replace(posterior, dictionary=match.observed(theta))
         return float(np.nansum(observed.log_evidence(few)))
 
@@ -280,6 +281,7 @@ def choose_scales(
         return unchanged, ""
 
     def scaled(factors: Factors) -> ImagePosterior:
+        """Return the posterior with both scales multiplied by factors."""
         return replace(
             posterior,
             prior_scale=factors.prior * posterior.prior_scale,
@@ -326,7 +328,7 @@ def calibrate_bars(
     a report, which come on top.
     """
     n = len(lifting.scale)
-    if n < trust.LIMITS.fewest_images:
+    if n < trust.LIMITS.min_images:
         return BarGrowth()
     rows = evenly(n, MAX_HIDDEN_IN_TURN)
     estimate = lifting.estimate

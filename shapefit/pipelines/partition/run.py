@@ -516,6 +516,7 @@ def end_with_parent() -> None:
     assert parent is not None
 
     def watch() -> None:
+        """End this process with its parent."""
         parent.join()
         os._exit(1)
 

@@ -303,6 +303,7 @@ def _error_measures(
 def _measure(
     name: str, values: Floats, unit: str = "", sd: Floats | None = None
 ) -> Measure:
+    """Return numbers (n,) of frames as the page shows them, with their deviations."""
     return {"name": name, "values": values, "unit": unit, "sd": sd}
 
 

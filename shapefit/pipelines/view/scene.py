@@ -150,10 +150,12 @@ def make_scene(config: ViewConfig) -> Scene:
 
 
 def _results(contents: Sequence[Content]) -> list[Content]:
+    """Return the contents that are results of fits."""
     return [content for content in contents if content.role == "result"]
 
 
 def _has_results(contents: Sequence[Content]) -> bool:
+    """Whether one of the contents is a result of a fit."""
     return len(_results(contents)) > 0
 
 

@@ -29,7 +29,8 @@ def test_covariances_are_added(rng):
     S, own = draw_covariances(rng, 6, P), draw_covariances(rng, 6, P)
     constant = rng.uniform(0, 2, (6, P))
     found = add_common_error(parts_of(S), parts_of(own), constant)
-    whole = S + CONSTANTS.shared**2 * own + (constant**2)[..., None, None] * np.eye(3)
+    own_noise = (constant**2)[..., None, None] * np.eye(3)
+    whole = S + CONSTANTS.common_share**2 * own + own_noise
     for got, expected in zip(found, parts_of(whole), strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-12)
 

@@ -248,7 +248,7 @@ def test_frames_without_modes_lie_between_their_neighbours(images, body):
         0.01,
     )
     assert blind.trust[0].sum() == 0
-    assert blind.precision[0, 0, 0, 0] == pytest.approx(CONSTANTS.widest**-2)
+    assert blind.precision[0, 0, 0, 0] == pytest.approx(CONSTANTS.max_deviation**-2)
     with pytest.raises(ValueError, match="no frame"):
         fill(visible.start, np.zeros(len(visible), dtype=bool))
 
@@ -321,7 +321,7 @@ def test_images_and_known_lengths_are_weighed_by_their_variances(rng, frames):
     """
     P, Q = (np.cov(rng.standard_normal((4, 20))) for _ in range(2))
     measured, usual = rng.standard_normal((2, 4))
-    exact = np.linalg.inv(P * (1 / frames + CONSTANTS.shared**2))
+    exact = np.linalg.inv(P * (1 / frames + CONSTANTS.common_share**2))
     expected = np.linalg.solve(exact + Q, exact @ measured + Q @ usual)
 
     taken_for = frames * np.linalg.inv(P)

@@ -86,7 +86,8 @@ def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
     scene, lifting, monkeypatch
 ):
     """And covariances have the variances of the bars, which grow by landmark."""
-    monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest=np.inf))
+    without_limit = replace(clips.CONSTANTS, max_displacement=np.inf)
+    monkeypatch.setattr(clips, "CONSTANTS", without_limit)
     motion = BodyMotion(np.array([[0, 1]]), np.full(P, 0.05), np.ones(1))
     lifting.estimate.deviation[7] *= (
         1e3  # an image that says nothing has the bars of a neighbour
