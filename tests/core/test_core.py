@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit import core
 from shapefit.convex.transforms import Transforms
@@ -62,7 +63,7 @@ def test_what_is_only_read_may_be_of_another_layout(arguments):
     found = np.zeros((N, 3, 3))
     turned = arguments["blocks"].astype(np.float32).swapaxes(0, 1).copy().swapaxes(0, 1)
     core.synchronise(**{**arguments, "blocks": turned, "rotation": found})
-    np.testing.assert_array_equal(found, arguments["rotation"])
+    assert_array_equal(found, arguments["rotation"])
 
 
 def test_sizes_that_are_named_with_others_hold_too():

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit import core, threads
 from shapefit.convex.problem import Loss, build_problem
@@ -247,7 +248,7 @@ def test_kernels_go_on_after_another_pool_has_ended(rng):
     (one, other) = threads.on_threads(
         lambda _number: solve_newton(problem, threads=1), range(2), 2
     )
-    np.testing.assert_array_equal(one.objective, other.objective)
+    assert_array_equal(one.objective, other.objective)
 
 
 def test_a_kernel_goes_on_after_a_handler_that_returns(rng):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.dictionary.bodies import (
     find_acceleration,
@@ -34,9 +35,7 @@ def test_acceleration_is_the_root_mean_square_of_second_differences(film, sequen
     inside = [t for t, run in enumerate(runs, 1) if len(set(run)) == 1]
     squares = [(y[t - 1] - 2 * y[t] + y[t + 1]) ** 2 for t in inside]
     expected = np.sqrt(np.mean(squares, axis=(0, 1)))
-    np.testing.assert_allclose(
-        find_acceleration(film, list(sequences)), expected, rtol=1e-10
-    )
+    assert_allclose(find_acceleration(film, list(sequences)), expected, rtol=1e-10)
 
 
 def test_missing_frames_are_no_acceleration(rng):
@@ -48,10 +47,10 @@ def test_missing_frames_are_no_acceleration(rng):
     rows = np.flatnonzero(rng.random(4000) > 0.3)
     rows = rows[(rows < 1000) | (rows > 2000)]
     left = find_acceleration(film[rows], names[rows], rows, 24.0)
-    np.testing.assert_allclose(left, whole, rtol=0.15)
+    assert_allclose(left, whole, rtol=0.15)
     assert (find_acceleration(film[rows], names[rows]) > 1.3 * left).all()
     alike = find_acceleration(film, names, np.arange(4000) + 7, 24.0)
-    np.testing.assert_array_equal(alike, whole)
+    assert_array_equal(alike, whole)
     twice = find_acceleration(film, names, np.arange(4000) // 2, 24.0)
     assert twice is None  # no frames of a motion
 
@@ -61,35 +60,29 @@ def test_give_is_the_deviation_of_lengths_within_each_sequence(film):
     lengths = np.linalg.norm(film[:, :, BONES[:, 0]] - film[:, :, BONES[:, 1]], axis=1)
     variance = [lengths[sequences == name].var(axis=0) for name in "ab"]
     expected = np.sqrt(np.mean(variance, axis=0)) / np.median(normalise(film).scale)
-    np.testing.assert_allclose(
-        find_bone_tolerance(film, BONES, sequences), expected, rtol=1e-10
-    )
+    assert_allclose(find_bone_tolerance(film, BONES, sequences), expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize("names", [["a", "b"], ["a", "b", "b"]])
 def test_mean_lengths_are_those_of_each_sequence_however_short(film, names):
     lengths, mean, number = find_lengths(film[: len(names)], BONES, names)
     expected = [lengths[np.array(names) == name].mean(axis=0) for name in "ab"]
-    np.testing.assert_allclose(mean, expected)
+    assert_allclose(mean, expected)
     assert number.tolist() == ["ab".index(name) for name in names]
 
 
 def test_many_bodies_say_how_bodies_differ(rng):
     true = np.array([[0.8, 0.6, 0], [0.6, 0.8, 0], [0, 0, 0.4]])
     bodies = np.exp(rng.multivariate_normal(np.log([0.3, 0.4, 0.5]), true, 500))
-    np.testing.assert_allclose(find_edge_covariance(bodies), true, atol=0.1)
-    np.testing.assert_allclose(
-        find_edge_covariance(7 * bodies), find_edge_covariance(bodies)
-    )
+    assert_allclose(find_edge_covariance(bodies), true, atol=0.1)
+    assert_allclose(find_edge_covariance(7 * bodies), find_edge_covariance(bodies))
 
 
 def test_sequences_of_one_body_count_once(rng):
     bodies = np.exp(0.1 * rng.standard_normal((4, 6)))
     again = bodies[[0, 0, 1, 0, 2, 3, 3]] * np.exp(0.005 * rng.standard_normal((7, 6)))
     again[[0, 2, 4, 5]] = bodies
-    np.testing.assert_allclose(
-        find_edge_covariance(again), find_edge_covariance(bodies)
-    )
+    assert_allclose(find_edge_covariance(again), find_edge_covariance(bodies))
 
 
 def test_an_edge_without_length_differs_by_the_usual_spread(rng):
@@ -106,15 +99,13 @@ def test_shapes_of_nobody_knows_whom_are_one_body_and_as_much_surer_as_they_are_
     """
     one = np.array([[1.0, 2.0, 0.5]])
     alone = find_edge_covariance(one)
-    np.testing.assert_allclose(find_edge_covariance(one, np.tile(one, (9, 1))), alone)
+    assert_allclose(find_edge_covariance(one, np.tile(one, (9, 1))), alone)
     rng = np.random.default_rng(3)
     other = one * np.exp(0.1 * rng.normal(size=(4000, 3)))
     found = find_edge_covariance(one, other)
-    np.testing.assert_allclose(found, alone + 0.01 * np.eye(3), atol=1e-3)
+    assert_allclose(found, alone + 0.01 * np.eye(3), atol=1e-3)
     other[7, 1] = 0.0
-    np.testing.assert_allclose(
-        find_edge_covariance(one, other)[1], alone[1], atol=1e-12
-    )
+    assert_allclose(find_edge_covariance(one, other)[1], alone[1], atol=1e-12)
 
 
 CHAIN = np.array([[0, 1], [1, 2], [2, 3]])
@@ -153,7 +144,7 @@ def test_without_edges_the_size_is_that_of_the_training_shapes(shapes, dictionar
         5 * shapes, replace(dictionary, edges=None, edge_length=None)
     )
     size = normalise(factor[:, None, None] * 5 * shapes).scale
-    np.testing.assert_allclose(size, dictionary.atom_scale.mean() / 100)
+    assert_allclose(size, dictionary.atom_scale.mean() / 100)
 
 
 def test_what_has_no_size(shapes, dictionary):

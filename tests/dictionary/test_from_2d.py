@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.dictionary.from_2d.judgement import (
     DOUBTFUL_DEPTH,
@@ -129,10 +130,10 @@ def test_shapes_covariances_and_noise_are_those_of_the_joint_gaussian(planted):
     found = posterior_mean(planted.images, planted.views, planted.model)
     exact = [dense(planted, i) for i in range(4)]
     for i, (mean, _, _, residual_variance) in enumerate(exact):
-        np.testing.assert_allclose(found.shapes[i].ravel(), mean, atol=1e-5)
+        assert_allclose(found.shapes[i].ravel(), mean, atol=1e-5)
         assert found.residual_variance[i] == pytest.approx(residual_variance, rel=1e-4)
     total = sum(covariance for _, covariance, _, _ in exact)
-    np.testing.assert_allclose(
+    assert_allclose(
         sum_covariances(found, planted.views, planted.model), total, atol=1e-5
     )
 
@@ -143,7 +144,7 @@ def test_log_density_is_that_of_the_landmarks_up_to_the_wide_translation(planted
     of_scale = -0.5 * (planted.views.log_scale**2 / spread + np.log(2 * np.pi * spread))
     exact = np.array([dense(planted, i)[2] for i in range(4)])
     flat = np.log(WIDE)  # of both coordinates: 2 / 2 log WIDE
-    np.testing.assert_allclose(found.log_density - of_scale, exact + flat, atol=1e-3)
+    assert_allclose(found.log_density - of_scale, exact + flat, atol=1e-3)
 
 
 def test_doubt_is_what_the_density_gains_where_one_belief_changes(planted):
@@ -182,9 +183,7 @@ def test_gradient_is_that_of_the_log_density(planted):
             return posterior_mean(planted.images, views, planted.model).log_density
 
         slope = (moved(1) - moved(-1)) / (2 * h)
-        np.testing.assert_allclose(
-            found.gradient[:, direction], slope, rtol=1e-4, atol=1e-4
-        )
+        assert_allclose(found.gradient[:, direction], slope, rtol=1e-4, atol=1e-4)
 
 
 def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(rng):
@@ -196,7 +195,7 @@ def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(r
     assert found.rest == pytest.approx(np.mean([1, 2, 3, 4, 5]))
     V = found.modes.reshape(3 * p, 4)
     expected = (axes[:, 5:] * (np.arange(6.0, 10) - 3)) @ axes[:, 5:].T
-    np.testing.assert_allclose(V @ V.T, expected, atol=1e-12)
+    assert_allclose(V @ V.T, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -236,7 +235,7 @@ def test_the_angles_by_which_a_picture_was_rolled_are_found(rng):
     found = roll_angles(
         rotation_about_axis(2, angles)[:, :2, :2] @ rng.normal(size=(2, 8))
     )
-    np.testing.assert_allclose(found - found[0], angles - angles[0], atol=1e-6)
+    assert_allclose(found - found[0], angles - angles[0], atol=1e-6)
 
 
 def shapes_of(rng, n=50, modes=3, deviation=0.15, depth=1.0):
@@ -351,7 +350,7 @@ def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     L = rows @ np.linalg.inv(A)
     Q = upgrade(L, A[:, :3] + 0.05 * rng.standard_normal((rank, 3)))
     gram = (L @ Q) @ np.swapaxes(L @ Q, 1, 2)
-    np.testing.assert_allclose(gram, np.broadcast_to(np.eye(2), gram.shape), atol=1e-6)
+    assert_allclose(gram, np.broadcast_to(np.eye(2), gram.shape), atol=1e-6)
 
 
 def test_no_bit_depends_on_the_number_of_threads(plant, monkeypatch):
@@ -363,5 +362,5 @@ def test_no_bit_depends_on_the_number_of_threads(plant, monkeypatch):
         found.append(state)
     one, other = found
     assert one.objective == other.objective
-    np.testing.assert_array_equal(one.shapes, other.shapes)
-    np.testing.assert_array_equal(one.model.modes, other.model.modes)
+    assert_array_equal(one.shapes, other.shapes)
+    assert_array_equal(one.model.modes, other.model.modes)

@@ -4,6 +4,7 @@ bases.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.coding import flat, objectives, sparse_code
@@ -63,7 +64,7 @@ class TestOptimality:
         slope = (C @ flat(atoms) - flat(coded)) @ flat(atoms).T + PRICE
         assert (C >= 0).all()
         assert (slope >= -1e-11).all()
-        np.testing.assert_allclose(slope[C > 0], 0, atol=1e-11)
+        assert_allclose(slope[C > 0], 0, atol=1e-11)
         assert (C > 0).any(axis=1).all()
         assert (C == 0).any(axis=1).all()
 
@@ -168,8 +169,8 @@ class TestPlanted:
         shapes = np.tensordot(C, atoms, axes=1)
         state = last(learn_atoms(shapes, 6, 1e-3, iterations=300))
         overlap = np.tensordot(state.atoms, atoms, axes=([1, 2], [1, 2]))
-        np.testing.assert_allclose(np.diag(overlap), 1, atol=1e-4)
-        np.testing.assert_allclose(state.coefficients, C, atol=0.05)
+        assert_allclose(np.diag(overlap), 1, atol=1e-4)
+        assert_allclose(state.coefficients, C, atol=0.05)
         assert relative_error(shapes, state) < 1e-3
 
 
@@ -180,10 +181,10 @@ class TestDeadAtoms:
         C[:, [0, 2]] = sparse_code(shapes, atoms[[0, 2]], BETA)
         replaced = replace_dead_atoms(shapes, C, atoms)
         worst = norms(shapes - np.tensordot(C, atoms, axes=1)).argmax()
-        np.testing.assert_allclose(replaced[1], shapes[worst] / norms(shapes[worst]))
-        np.testing.assert_array_equal(replaced[[0, 2]], atoms[[0, 2]])
+        assert_allclose(replaced[1], shapes[worst] / norms(shapes[worst]))
+        assert_array_equal(replaced[[0, 2]], atoms[[0, 2]])
         after = objectives(shapes, replaced, BETA, C)
-        np.testing.assert_array_equal(after, objectives(shapes, atoms, BETA, C))
+        assert_array_equal(after, objectives(shapes, atoms, BETA, C))
 
     def test_one_round_brings_them_to_life(self, shapes):
         # All 8 shapes that learning starts from are the same one.
@@ -224,7 +225,7 @@ def test_certificate(mixtures, coefficients, start):
         update_atoms(mixtures, coefficients, start, LIMIT, **n)
         for n in ({}, {"sweeps": 5})
     )
-    np.testing.assert_array_equal(usual, five)
+    assert_array_equal(usual, five)
     atoms = update_atoms(mixtures, coefficients, start, LIMIT, sweeps=2000)
     norms = np.linalg.norm(atoms, axis=(1, 2))
     residual = mixtures - np.tensordot(coefficients, atoms, axes=1)
@@ -235,8 +236,8 @@ def test_certificate(mixtures, coefficients, start):
     assert (~inside).any()
     assert (norms <= LIMIT * (1 + 1e-12)).all()
     assert (u > -1e-9).all()
-    np.testing.assert_allclose(u[inside], 0, atol=1e-8)
-    np.testing.assert_allclose(slope, -u[:, None, None] * atoms, atol=1e-8)
+    assert_allclose(u[inside], 0, atol=1e-8)
+    assert_allclose(slope, -u[:, None, None] * atoms, atol=1e-8)
 
 
 def test_sizes_of_atoms_are_those_of_the_shapes_that_use_them():
@@ -246,7 +247,7 @@ def test_sizes_of_atoms_are_those_of_the_shapes_that_use_them():
     # The deviation of each atom is 1/3; the second is used twice by the first shape,
     # four times by the other; nobody uses the third.
     found = scale_of_atoms(atoms, C, np.array([1.0, 3]))
-    np.testing.assert_allclose(found, [3, 3 * (2 + 12) / 6, 6])
+    assert_allclose(found, [3, 3 * (2 + 12) / 6, 6])
 
 
 class TestPrincipalComponents:
@@ -269,7 +270,7 @@ class TestPrincipalComponents:
         values.
         """
         found = principal_components(shapes, components).reshape(components, -1)
-        np.testing.assert_allclose(found @ found.T, np.eye(components), atol=1e-12)
+        assert_allclose(found @ found.T, np.eye(components), atol=1e-12)
         X = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
         residual = np.linalg.norm(X - X @ found.T @ found) ** 2
         least = (np.linalg.svd(X, compute_uv=False)[components:] ** 2).sum()

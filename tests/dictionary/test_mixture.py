@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.dictionary.mixture import (
     Mixture,
@@ -66,15 +67,13 @@ def test_the_expected_log_density_is_that_of_shapes_with_errors(rng):
     errors = np.sqrt(d * floor) * np.concatenate([np.eye(d), -np.eye(d)])
     apart = (X + errors[:, None]).reshape(-1, 3, 3)
     expected = mixture.log_density(apart).reshape(2 * d, 7, 3).mean(axis=0)
-    np.testing.assert_allclose(expected_log_density(X, mixture, floor), expected)
+    assert_allclose(expected_log_density(X, mixture, floor), expected)
 
 
 def test_one_component_is_the_gaussian_of_all_shapes(rng):
     shapes = rng.normal(size=(50, 3, 2))
     found = learn_mixture(shapes, 1, shrinkage=0.0, floor=1e-9).mixture
-    np.testing.assert_allclose(
-        found.covariances[0], np.cov(shapes.reshape(50, 6).T, bias=True)
-    )
+    assert_allclose(found.covariances[0], np.cov(shapes.reshape(50, 6).T, bias=True))
     with pytest.raises(ValueError, match=r"within 1\.\.50, is 51"):
         learn_mixture(shapes, 51, shrinkage=0.0, floor=1e-9)
 
@@ -106,7 +105,7 @@ def test_shrinkage_is_the_share_of_the_covariance_of_all():
             .argmin()
         )
         expected = (1 - shrinkage) * own + shrinkage * G
-        np.testing.assert_allclose(found.covariances[k], expected, rtol=1e-6)
+        assert_allclose(found.covariances[k], expected, rtol=1e-6)
 
 
 def test_no_bit_depends_on_the_number_of_threads(monkeypatch):
@@ -116,5 +115,5 @@ def test_no_bit_depends_on_the_number_of_threads(monkeypatch):
         monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
         found.append(learn_mixture(shapes, 3, shrinkage=0.3, floor=0.01))
     one, other = found
-    np.testing.assert_array_equal(one.trace, other.trace)
-    np.testing.assert_array_equal(one.mixture.covariances, other.mixture.covariances)
+    assert_array_equal(one.trace, other.trace)
+    assert_array_equal(one.mixture.covariances, other.mixture.covariances)

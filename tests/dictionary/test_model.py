@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary, mapped
@@ -32,23 +33,19 @@ def test_all_atoms_of_the_item_go_and_the_others_stay_as_they_were(exemplars):
     rest = exemplars.without("polo")
     assert rest.atom_items == ("golf", "jetta", "up")
     for name in ("atoms", "mesh_vertices", "atom_scale"):
-        np.testing.assert_array_equal(
-            getattr(rest, name), getattr(exemplars, name)[[0, 2, 4]]
-        )
+        assert_array_equal(getattr(rest, name), getattr(exemplars, name)[[0, 2, 4]])
     for name in ("landmark_names", "edges", "mesh_faces", "unit", "provenance"):
         assert getattr(rest, name) is getattr(exemplars, name)
-    np.testing.assert_array_equal(exemplars.atoms_without("polo"), [1, 0, 1, 0, 1])
+    assert_array_equal(exemplars.atoms_without("polo"), [1, 0, 1, 0, 1])
 
 
 def test_the_mean_shape_knows_nothing_of_the_item(exemplars):
     rest = exemplars.without("polo")
-    np.testing.assert_allclose(
-        rest.mean_shape, normalise(rest.atoms.mean(axis=0)).points
-    )
+    assert_allclose(rest.mean_shape, normalise(rest.atoms.mean(axis=0)).points)
     garbage = exemplars.atoms.copy()
     garbage[[1, 3]] = 1e9
     spoilt = replace(exemplars, atoms=garbage, mean_shape=np.full((3, 6), np.nan))
-    np.testing.assert_array_equal(spoilt.without("polo").mean_shape, rest.mean_shape)
+    assert_array_equal(spoilt.without("polo").mean_shape, rest.mean_shape)
 
 
 def test_atoms_without_items_and_the_last_item_cannot_be_left_out(exemplars):
@@ -60,7 +57,7 @@ def test_atoms_without_items_and_the_last_item_cannot_be_left_out(exemplars):
 
 def test_optional_landmarks_depend_on_the_one_before_them(exemplars):
     marked = replace(exemplars, provenance={"where_marked": "b:c,d f:e"})
-    np.testing.assert_array_equal(marked.depends_on, [-1, -1, 1, 1, 5, -1])
+    assert_array_equal(marked.depends_on, [-1, -1, 1, 1, 5, -1])
 
 
 def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(rng):
@@ -94,4 +91,4 @@ def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(rng):
     expected = length * np.sqrt(squares(drawn @ A.T) / squares(drawn))
     assert given.prior_means is mean
     found = mapped(given, A, np.zeros(4)).edge_length
-    np.testing.assert_allclose(found, expected, rtol=0.01)
+    assert_allclose(found, expected, rtol=0.01)

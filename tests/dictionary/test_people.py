@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from experiments.people.further_joints import extend_prior
 from shapefit.config.loader import load_config
@@ -109,8 +110,8 @@ def test_the_prior_of_the_known_landmarks_stays_to_the_last_bit(prior, rng):
     shapes = rng.standard_normal((200, 3, 6))
     found = extend_prior(prior, shapes, shrinkage=0.3, floor=0.01)
     known = found.marginal(np.arange(4))
-    np.testing.assert_array_equal(known.means, prior.means)
-    np.testing.assert_array_equal(known.covariances, prior.covariances)
+    assert_array_equal(known.means, prior.means)
+    assert_array_equal(known.covariances, prior.covariances)
     assert (np.linalg.eigvalsh(found.covariances) > 0).all()
 
 
@@ -129,6 +130,6 @@ def test_a_landmark_that_follows_from_others_is_found(prior, rng):
     rows = np.hstack([np.eye(4), np.zeros((4, 1))]).T
     rows[4] = [1, 0.5, -0.5, 0]
     every = np.kron(np.eye(3), rows)
-    np.testing.assert_allclose(found.means, prior.means @ rows.T, atol=1e-3)
+    assert_allclose(found.means, prior.means @ rows.T, atol=1e-3)
     expected = every @ prior.covariances @ every.T
-    np.testing.assert_allclose(found.covariances, expected, atol=1e-3)
+    assert_allclose(found.covariances, expected, atol=1e-3)

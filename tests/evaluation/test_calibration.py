@@ -4,6 +4,7 @@ bars.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.special import chdtr, chdtri  # scipy.stats takes a second to import
 
 from shapefit.evaluation.calibration import (
@@ -144,7 +145,7 @@ def test_what_is_not_known_is_left_out(rng):
     alone, _ = find_levels(
         *(x[:1, :, others] for x in (estimate, truth, *deviations_of(C)))
     )
-    np.testing.assert_allclose(level[0, others], alone[0])
+    assert_allclose(level[0, others], alone[0])
 
 
 def test_groups_are_summed_up():
@@ -154,7 +155,7 @@ def test_groups_are_summed_up():
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
     bars = ErrorBars(chdtri(3, 1 - level), width)
-    np.testing.assert_allclose(bars.shares(), [1, 1, 0.5])
+    assert_allclose(bars.shares(), [1, 1, 0.5])
     groups = {"13": ("a", "b"), "14": ("c",), "15": ("d",)}
     first, second = summarise_coverage("m", bars, ["a", "b", "c"], groups)
     assert (first["group"], first["counted"]) == ("13", 3)

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.evaluation import figures as f
 from shapefit.evaluation.calibration import ErrorBars
@@ -118,7 +119,7 @@ def test_true_bars_lie_on_the_diagonal():
     square = (rng.standard_normal((20_000, 3)) ** 2).sum(axis=1).reshape(-1, 5)
     square[0] = np.nan
     bars = ErrorBars(square, {})
-    np.testing.assert_allclose(bars.held(f.LEVELS), f.LEVELS, atol=0.012)
+    assert_allclose(bars.held(f.LEVELS), f.LEVELS, atol=0.012)
     half = ErrorBars(square / 4, {}).held(np.array([0.5]))
     assert half[0] > 0.9
 

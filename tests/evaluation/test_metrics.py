@@ -4,6 +4,7 @@ symmetries.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -56,16 +57,14 @@ class TestSimilarity:
         # 0.2 and 0.6.
         estimate = np.stack([2 * SQUARE, SQUARE * np.array([3, 3, 1, 1])])
         error = metrics.similarity(estimate, np.stack([SQUARE, SQUARE]))
-        np.testing.assert_allclose(error, [0, 0.4], atol=1e-12)
-        np.testing.assert_allclose(
+        assert_allclose(error, [0, 0.4], atol=1e-12)
+        assert_allclose(
             metrics.expected(SQUARE[None] / 9, SQUARE[None], error[1:]), 3.6
         )
 
     def test_ignores_any_similarity_of_the_estimate(self, estimate, truth, rng):
         error = metrics.similarity(estimate, truth)
-        np.testing.assert_allclose(
-            metrics.similarity(moved(estimate, rng), truth), error
-        )
+        assert_allclose(metrics.similarity(moved(estimate, rng), truth), error)
         assert error.min() > 0.1
 
     def test_does_not_forgive_a_reflection(self, truth):
@@ -78,16 +77,14 @@ class TestSimilarity:
             best_distance(*pair, turn=True)
             for pair in zip(estimate, truth, strict=True)
         ]
-        np.testing.assert_allclose(
-            metrics.similarity(estimate, truth), expected, rtol=1e-5
-        )
+        assert_allclose(metrics.similarity(estimate, truth), expected, rtol=1e-5)
 
     @pytest.mark.parametrize("side", ["estimate", "truth"])
     def test_leaves_out_landmarks_that_one_side_lacks(self, estimate, truth, side):
         expected = metrics.similarity(estimate[:, :, 2:], truth[:, :, 2:])
         lacking = {"estimate": estimate.copy(), "truth": truth.copy()}
         lacking[side][:, :, :2] = np.nan
-        np.testing.assert_allclose(metrics.similarity(**lacking), expected)
+        assert_allclose(metrics.similarity(**lacking), expected)
 
 
 class TestCamera:
@@ -96,11 +93,11 @@ class TestCamera:
         quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
         estimate = 0.5 * quarter @ SQUARE + np.array([[7.0], [8], [9]])
         error = metrics.camera(estimate[None], SQUARE[None], quarter[None])
-        np.testing.assert_allclose(error, [0], atol=1e-12)
+        assert_allclose(error, [0], atol=1e-12)
         wrong = metrics.camera(estimate[None], SQUARE[None], np.eye(3)[None])
         # Unturned <e, x> = 0: the best scale is 0, and every landmark is 1 from the
         # centroid.
-        np.testing.assert_allclose(wrong, [1], atol=1e-12)
+        assert_allclose(wrong, [1], atol=1e-12)
 
     def test_agrees_with_a_general_minimiser(self, estimate, truth, rng):
         R = random_rotations(len(truth), rng)
@@ -108,22 +105,18 @@ class TestCamera:
             best_distance(R_j @ e, R_j @ x, turn=False)
             for e, x, R_j in zip(estimate, truth, R, strict=True)
         ]
-        np.testing.assert_allclose(
-            metrics.camera(R @ estimate, truth, R), expected, rtol=1e-5
-        )
+        assert_allclose(metrics.camera(R @ estimate, truth, R), expected, rtol=1e-5)
 
     def test_an_inverted_estimate_is_not_flipped_by_a_negative_scale(self):
         error = metrics.camera(-SQUARE[None], SQUARE[None], np.eye(3)[None])
-        np.testing.assert_allclose(error, [1])
+        assert_allclose(error, [1])
 
 
 class TestReprojection:
     def test_hand_computed(self):
         observed = np.array([[[0.0, 1, np.nan], [0, 0, np.nan]]])
         fitted = np.array([[[3.0, 1, 50], [4, 0, 50]]])
-        np.testing.assert_allclose(
-            metrics.reprojection(fitted, observed), [5 / np.sqrt(2)]
-        )
+        assert_allclose(metrics.reprojection(fitted, observed), [5 / np.sqrt(2)])
 
 
 class TestTruthScale:
@@ -133,7 +126,7 @@ class TestTruthScale:
         estimate[:, :, 2] = np.nan
         both = np.delete(truth, 2, axis=2)
         expected = both.std(axis=2).mean(axis=1)
-        np.testing.assert_allclose(metrics.truth_scale(estimate, truth), expected)
+        assert_allclose(metrics.truth_scale(estimate, truth), expected)
 
     def test_true_landmarks_on_one_point_have_no_scale(self, truth):
         one = np.full_like(truth, -0.1)
@@ -150,11 +143,9 @@ def test_boxes_are_given_or_go_around_the_visible_landmarks():
             [[np.nan, 7, np.nan, np.nan]] * 2,
         ]
     )
-    np.testing.assert_allclose(metrics.box_diagonal(observed), [5, 13, np.nan, np.nan])
+    assert_allclose(metrics.box_diagonal(observed), [5, 13, np.nan, np.nan])
     boxes = np.array([[9.0, 9, 6, 8], [9, 9, 0, 0], [9, 9, np.nan, 1], [0, 0, 3, 4]])
-    np.testing.assert_allclose(
-        metrics.box_diagonal(observed, boxes), [10, np.nan, np.nan, 5]
-    )
+    assert_allclose(metrics.box_diagonal(observed, boxes), [10, np.nan, np.nan, 5])
 
 
 def test_precision_and_recall_are_shares_of_labelled_and_corrupted():
@@ -165,7 +156,5 @@ def test_precision_and_recall_are_shares_of_labelled_and_corrupted():
         [[1, 1, 0, 1, 1], [1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0] * 5, [0] * 5], bool
     )
     nan = np.nan
-    np.testing.assert_array_equal(
-        precision(labelled, corrupted), [2 / 3, 1, nan, nan, 0]
-    )
-    np.testing.assert_array_equal(recall(labelled, corrupted), [2 / 4, 1, 0, nan, nan])
+    assert_array_equal(precision(labelled, corrupted), [2 / 3, 1, nan, nan, 0])
+    assert_array_equal(recall(labelled, corrupted), [2 / 4, 1, 0, nan, nan])

@@ -4,6 +4,7 @@ inverse.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.geometry import pinhole
 from shapefit.geometry.cameras import (
@@ -40,8 +41,8 @@ def test_a_camera_far_away_keeps_x_and_y_but_for_their_scale(scale):
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 def test_the_turntable_starts_upright_and_turns_anticlockwise(up):
     start, quarter = project_from_afar(POINTS, turntable(np.array([0, 0.25]), up))
-    np.testing.assert_allclose(start, START[up], atol=1e-12)
-    np.testing.assert_allclose(quarter, QUARTER[up], atol=1e-12)
+    assert_allclose(start, START[up], atol=1e-12)
+    assert_allclose(quarter, QUARTER[up], atol=1e-12)
 
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -51,8 +52,8 @@ AXES = {"x": 0, "y": 1, "z": 2}
 def test_the_axis_becomes_y_by_a_rotation(up):
     R = TO_Y_UP[up]
     axis = np.eye(3)[AXES[up[-1]]] * (-1 if up.startswith("-") else 1)
-    np.testing.assert_array_equal(R @ axis, [0, 1, 0])
-    np.testing.assert_array_equal(R @ R.T, np.eye(3))
+    assert_array_equal(R @ axis, [0, 1, 0])
+    assert_array_equal(R @ R.T, np.eye(3))
     assert np.linalg.det(R) == 1
 
 
@@ -96,10 +97,8 @@ def test_forward_and_back(rng, name):
     points = rng.uniform(-reach, reach, (3, 2, 50))
     moved = distort(points, complete_coefficients(lens))[0]
     known = [[opencv(x, y, *lens) for x, y in image.T] for image in points]
-    np.testing.assert_allclose(moved.swapaxes(1, 2), known, atol=1e-14)
-    np.testing.assert_allclose(
-        undistort(moved, complete_coefficients(lens)), points, atol=1e-12
-    )
+    assert_allclose(moved.swapaxes(1, 2), known, atol=1e-14)
+    assert_allclose(undistort(moved, complete_coefficients(lens)), points, atol=1e-12)
 
 
 def test_where_the_lens_bends_back_there_is_no_point():
@@ -117,14 +116,12 @@ def test_large_points_are_undistorted_to_their_own_precision():
         np.array([[1e4, -2e4, 3e3], [1e3, 7e3, -9e3]]),
         complete_coefficients([1e-10, 1e-20, 0, 0]),
     )
-    np.testing.assert_allclose(
-        undistort(distort(points, lens)[0], lens), points, rtol=1e-12
-    )
+    assert_allclose(undistort(distort(points, lens)[0], lens), points, rtol=1e-12)
 
 
 def test_zero_distortion_and_other_counts(rng):
     points = rng.normal(size=(2, 2, 5))
-    np.testing.assert_array_equal(
+    assert_array_equal(
         undistort(points, complete_coefficients([0, 0, 0, 0, 0])), points
     )
     with pytest.raises(ValueError, match="3 coefficients"):
@@ -138,5 +135,5 @@ def test_points_before_the_camera_are_seen_however_near(sign):
     camera = Camera(np.full((1, 2), 800.0), np.array([[320.0, 240.0]]), sign)
     visible = pinhole.project_pinhole(camera, points)
     expected = np.array([320 + 160 / z[:3], 240 - 80 / z[:3]])
-    np.testing.assert_allclose(visible[0, :, :3], expected)
+    assert_allclose(visible[0, :, :3], expected)
     assert np.isnan(visible[0, :, 3:]).all()

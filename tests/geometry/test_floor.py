@@ -4,6 +4,7 @@ stands.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.geometry.floor import ABOVE_FLOOR, FORWARD, FilmedBody, Floor, find_floor
 from shapefit.geometry.rotations import rotation_about_axis
@@ -94,12 +95,12 @@ def test_a_walk_shows_height_and_tilt(heading, camera):
     height, pitch, roll = camera
     points, up = visible(walk(heading=heading), *camera)
     floor = find(points)
-    np.testing.assert_allclose(floor.up, up, atol=0.02)
+    assert_allclose(floor.up, up, atol=0.02)
     assert floor.height == pytest.approx(height, abs=0.12)
     assert (floor.pitch, floor.roll) == pytest.approx((pitch, roll), abs=1.2)
     rest = floor.stand(points)[:, 1]
     ankles = rest[:, [JOINTS["lankle"], JOINTS["rankle"]]].min(axis=1)
-    np.testing.assert_allclose(ankles, ABOVE_FLOOR["ankle"] * TALL, atol=0.05)
+    assert_allclose(ankles, ABOVE_FLOOR["ankle"] * TALL, atol=0.05)
 
 
 def test_a_still_body_shows_them_less_well():

@@ -4,6 +4,7 @@ known turns.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shapefit.geometry.joint_angles import (
@@ -166,18 +167,16 @@ def joints(rig, points):
 def test_rigid_bones_end_at_their_landmarks(moved):
     rig = find_rig(moved, EDGES)
     assert rig.tree[0].joint == 0  # the only landmark where bones branch
-    np.testing.assert_allclose(place_nodes(rig), joints(rig, moved), atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(rig.rotations), 1)
+    assert_allclose(place_nodes(rig), joints(rig, moved), atol=1e-12)
+    assert_allclose(np.linalg.det(rig.rotations), 1)
     at_rest = rig.rotations[:, rig.rest]
-    np.testing.assert_allclose(
-        at_rest, np.broadcast_to(np.eye(3), at_rest.shape), atol=1e-12
-    )
+    assert_allclose(at_rest, np.broadcast_to(np.eye(3), at_rest.shape), atol=1e-12)
 
 
 def test_a_body_that_turns_as_a_whole_bends_no_joint(moved):
     turns = exponential(np.linspace([0, 0, 0], [0.5, 1.0, -1.5], 80))
     rotations = find_rig(turns @ moved[:1], EDGES).rotations[1:]
-    np.testing.assert_allclose(rotations - np.eye(3), 0, atol=0.03)
+    assert_allclose(rotations - np.eye(3), 0, atol=0.03)
 
 
 def test_of_loops_the_rigid_bones_are_taken_and_what_is_apart_is_joined(rng):
@@ -227,14 +226,14 @@ def test_a_thigh_turns_with_the_knee():
     twist = np.radians(30) * np.sin(np.linspace(0, 6, 60))
     found, rest = turn_about_thigh(leg(twist, np.full(60, 1.0)))
     expected = np.degrees(twist - twist[rest])
-    np.testing.assert_allclose(found, expected, atol=0.3 * np.ptp(expected))
+    assert_allclose(found, expected, atol=0.3 * np.ptp(expected))
     assert np.corrcoef(found, expected)[0, 1] > 0.99
 
 
 def test_a_joint_that_bends_both_ways_does_not_turn_its_bone():
     bend = np.sin(np.linspace(0, 4 * np.pi, 61))
     found, _ = turn_about_thigh(leg(np.zeros(61), bend))
-    np.testing.assert_allclose(found, 0, atol=1e-9)
+    assert_allclose(found, 0, atol=1e-9)
 
 
 def test_at_rest_joints_are_bent_as_the_median_however_far_a_few_frames_go():
@@ -252,8 +251,8 @@ def test_a_bone_that_points_straight_back_is_still_reached():
     points[:, :, 1] = [[0, 1, 0], [0, 1, 0], [0, -1, 0]]
     points[:, :, 2] = 2 * points[:, :, 1]
     rig = find_rig(points, np.array([[0, 1], [1, 2]]), root=0)
-    np.testing.assert_allclose(place_nodes(rig), joints(rig, points), atol=1e-9)
-    np.testing.assert_allclose(np.linalg.det(rig.rotations), 1)
+    assert_allclose(place_nodes(rig), joints(rig, points), atol=1e-9)
+    assert_allclose(np.linalg.det(rig.rotations), 1)
 
 
 def test_without_edges_the_tree_joins_what_keeps_its_distance(moved):

@@ -4,6 +4,7 @@ matter.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.geometry.normalisation import (
     as_metres,
@@ -32,24 +33,24 @@ def test_hand_computed():
     # x is 1, 3 (mean 2, deviation 1), y is -3, 3 (mean 0, deviation 3): the std is 2.
     corners = np.array([[1.0, 3], [-3, 3]])
     result = normalise(corners)
-    np.testing.assert_array_equal(result.centroid, [2, 0])
+    assert_array_equal(result.centroid, [2, 0])
     assert result.scale == 2
-    np.testing.assert_array_equal(result.points, [[-0.5, 0.5], [-1.5, 1.5]])
+    assert_array_equal(result.points, [[-0.5, 0.5], [-1.5, 1.5]])
 
 
 def test_normalised_points_have_centroid_0_and_spread_1(points):
     normalised = normalise(points).points
-    np.testing.assert_allclose(centroid(normalised), 0, atol=1e-14)
-    np.testing.assert_allclose(std(normalised), 1, rtol=1e-14)
+    assert_allclose(centroid(normalised), 0, atol=1e-14)
+    assert_allclose(std(normalised), 1, rtol=1e-14)
 
 
 @pytest.mark.parametrize("garbage", [1e9, np.nan, np.inf])
 def test_hidden_points_do_not_matter(points, visible, garbage):
     spoiled = np.where(visible[:, None], points, garbage)
     clean, result = normalise(points, visible), normalise(spoiled, visible)
-    np.testing.assert_array_equal(result.points, clean.points)
-    np.testing.assert_array_equal(result.scale, clean.scale)
-    np.testing.assert_array_equal(result.centroid, clean.centroid)
+    assert_array_equal(result.points, clean.points)
+    assert_array_equal(result.scale, clean.scale)
+    assert_array_equal(result.centroid, clean.centroid)
 
 
 @pytest.mark.parametrize(

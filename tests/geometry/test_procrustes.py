@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from shapefit.geometry.procrustes import (
@@ -51,14 +52,14 @@ class TestSimilarityTransform:
         shift = 5 * rng.standard_normal((30, 3))
         target = scale[:, None, None] * (R @ source) + shift[..., None]
         found = similarity_transform(source, target)
-        np.testing.assert_allclose(found.scale, scale, rtol=1e-12)
-        np.testing.assert_allclose(found.rotation, R, atol=1e-12)
-        np.testing.assert_allclose(found.translation, shift, atol=1e-12)
-        np.testing.assert_allclose(found.apply(source), target, atol=1e-12)
+        assert_allclose(found.scale, scale, rtol=1e-12)
+        assert_allclose(found.rotation, R, atol=1e-12)
+        assert_allclose(found.translation, shift, atol=1e-12)
+        assert_allclose(found.apply(source), target, atol=1e-12)
 
     def test_never_mirrors(self, source):
         found = similarity_transform(source, MIRROR @ source)
-        np.testing.assert_allclose(np.linalg.det(found.rotation), 1)
+        assert_allclose(np.linalg.det(found.rotation), 1)
         assert (residual(found, source, MIRROR @ source) > 1e-3).all()
 
     def test_nan_spoils_only_its_own_transform(self, source, target):
@@ -72,15 +73,13 @@ class TestSimilarityTransform:
         for name in ("scale", "rotation", "translation"):
             ours, theirs = getattr(found, name), getattr(clean, name)
             assert np.isnan(ours[[2, 5]]).all()
-            np.testing.assert_array_equal(
-                np.delete(ours, [2, 5], 0), np.delete(theirs, [2, 5], 0)
-            )
+            assert_array_equal(np.delete(ours, [2, 5], 0), np.delete(theirs, [2, 5], 0))
 
     def test_a_source_of_one_point_is_only_moved(self, source):
         found = similarity_transform(np.full((3, 7), 0.1), source[0])
         assert found.scale == 1
-        np.testing.assert_array_equal(found.rotation, np.eye(3))
-        np.testing.assert_allclose(found.translation, source[0].mean(axis=-1) - 0.1)
+        assert_array_equal(found.rotation, np.eye(3))
+        assert_allclose(found.translation, source[0].mean(axis=-1) - 0.1)
 
 
 class TestRotationOnto:
@@ -89,7 +88,7 @@ class TestRotationOnto:
         found = rotation_onto(source, target)
         for R, X, Y in zip(found, source, target, strict=True):
             expected = Rotation.align_vectors(Y.T, X.T)[0].as_matrix()
-            np.testing.assert_allclose(R, expected, atol=1e-8)
+            assert_allclose(R, expected, atol=1e-8)
 
 
 class TestGeneralisedProcrustes:
@@ -109,9 +108,7 @@ class TestGeneralisedProcrustes:
         found = generalised_procrustes(shapes)
         assert found.converged
         more = rotation_onto(found.shapes, found.mean)
-        np.testing.assert_allclose(
-            more, np.broadcast_to(np.eye(3), more.shape), atol=1e-7
-        )
+        assert_allclose(more, np.broadcast_to(np.eye(3), more.shape), atol=1e-7)
         assert generalised_procrustes(shapes, max_rounds=1).rounds == 1
 
     def test_only_the_chosen_landmarks_choose_the_rotation(self, shapes, rng):
@@ -120,8 +117,8 @@ class TestGeneralisedProcrustes:
         spoiled = shapes.copy()
         spoiled[..., limbs] += rng.standard_normal((25, 3, 5))
         clean, found = (generalised_procrustes(s, torso) for s in (shapes, spoiled))
-        np.testing.assert_allclose(found.rotations, clean.rotations, atol=1e-12)
-        np.testing.assert_allclose(found.rotations @ spoiled, found.shapes, atol=1e-14)
+        assert_allclose(found.rotations, clean.rotations, atol=1e-12)
+        assert_allclose(found.rotations @ spoiled, found.shapes, atol=1e-14)
         everything = generalised_procrustes(spoiled)
         assert np.abs(everything.rotations - found.rotations).max() > 0.1
 
@@ -133,7 +130,7 @@ PARTNERS = [2, 1, 0, 3]
 def test_mirror_negates_the_lateral_axis_and_exchanges_partners():
     shape = np.array([[1.0, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]])
     expected = np.array([[-3.0, -2, -1, -4], [7, 6, 5, 8], [11, 10, 9, 12]])
-    np.testing.assert_array_equal(mirror(shape, PARTNERS), expected)
+    assert_array_equal(mirror(shape, PARTNERS), expected)
 
 
 @pytest.mark.parametrize("lateral", [0, 1, 2])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import linalg
 from scipy.spatial.transform import Rotation
 
@@ -15,10 +16,10 @@ from shapefit.geometry.rotations import (
 
 
 def assert_proper(R):
-    np.testing.assert_allclose(
+    assert_allclose(
         R @ R.swapaxes(-1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-13
     )
-    np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-13)
+    assert_allclose(np.linalg.det(R), 1, atol=1e-13)
 
 
 class TestNearestRotation:
@@ -31,7 +32,7 @@ class TestNearestRotation:
         # two of its eigenvalues is >= 0 (a turn by t about the third axis costs (1 -
         # cos t) times that sum).
         P = nearest_rotation(matrices).swapaxes(-1, -2) @ matrices
-        np.testing.assert_allclose(P, P.swapaxes(-1, -2), atol=1e-12)
+        assert_allclose(P, P.swapaxes(-1, -2), atol=1e-12)
         low = np.linalg.eigvalsh(P)[:, :2]
         assert (low.sum(axis=1) >= -1e-12).all()
 
@@ -42,7 +43,7 @@ class TestCompleteRotation:
         R = complete_rotation(rows)
         assert_proper(R)
         expected = np.array([linalg.polar(matrix, side="left")[0] for matrix in rows])
-        np.testing.assert_allclose(R[:, :2], expected, atol=1e-12)
+        assert_allclose(R[:, :2], expected, atol=1e-12)
 
 
 class TestRandomRotations:
@@ -50,8 +51,8 @@ class TestRandomRotations:
         # Under Haar measure E R = 0, E R_ij R_kl = 1/3 if (i, j) = (k, l) and 0
         # otherwise.
         R = random_rotations(100_000, rng).reshape(-1, 9)
-        np.testing.assert_allclose(R.mean(axis=0), 0, atol=0.01)
-        np.testing.assert_allclose(R.T @ R / len(R), np.eye(9) / 3, atol=0.01)
+        assert_allclose(R.mean(axis=0), 0, atol=0.01)
+        assert_allclose(R.T @ R / len(R), np.eye(9) / 3, atol=0.01)
 
 
 class TestRotationAbout:
@@ -60,7 +61,7 @@ class TestRotationAbout:
         expected = Rotation.from_rotvec(
             angles[:, None] * axis / np.linalg.norm(axis)
         ).as_matrix()
-        np.testing.assert_allclose(rotation_about(axis, angles), expected, atol=1e-13)
+        assert_allclose(rotation_about(axis, angles), expected, atol=1e-13)
 
 
 class TestRotationAngle:
@@ -69,9 +70,7 @@ class TestRotationAngle:
         expected = (
             Rotation.from_matrix(first).inv() * Rotation.from_matrix(second)
         ).magnitude()
-        np.testing.assert_allclose(
-            rotation_angle(first, second), np.degrees(expected), rtol=1e-9
-        )
+        assert_allclose(rotation_angle(first, second), np.degrees(expected), rtol=1e-9)
 
     @pytest.mark.parametrize("degrees", [0.0, 1e-9, 1e-4, 90, 179.999, 180])
     def test_is_exact_at_both_ends(self, degrees, rng):

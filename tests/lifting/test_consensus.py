@@ -4,6 +4,7 @@ the labels.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.convex.problem import build_problem
 from shapefit.geometry.normalisation import normalise
@@ -54,7 +55,7 @@ def search(landmarks, shape, weights=None, **settings):
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
 def test_planted_outliers_are_found_exactly(posed, shape, share, rng):
     landmarks, wrong = plant(posed, share, rng)
-    np.testing.assert_array_equal(search(landmarks, shape), ~wrong)
+    assert_array_equal(search(landmarks, shape), ~wrong)
 
 
 def test_the_inliers_are_those_of_the_pose_fitted_to_them(posed, shape, rng):
@@ -72,7 +73,7 @@ def test_the_inliers_are_those_of_the_pose_fitted_to_them(posed, shape, rng):
     share = np.where(found, weights**2, 0.0)
     T = (left * share[:, None]).sum(axis=2) / share.sum(axis=1)[:, None]
     residual = np.linalg.norm(left - T[..., None], axis=1) / pose.size[:, None]
-    np.testing.assert_array_equal(residual <= THRESHOLD, found)
+    assert_array_equal(residual <= THRESHOLD, found)
     assert 5 < found.sum(axis=1).mean() < 20  # the threshold divides the inliers
 
 
@@ -88,14 +89,12 @@ def test_labels_depend_neither_on_order_nor_on_threads_nor_on_company(
     assert (
         search(landmarks, shape, seeds=seeds + np.uint64(1), draws=50) != base
     ).any()
-    np.testing.assert_array_equal(
-        search(landmarks, shape, seeds=seeds, draws=50, threads=2), base
-    )
+    assert_array_equal(search(landmarks, shape, seeds=seeds, draws=50, threads=2), base)
     order = rng.permutation(N)
-    np.testing.assert_array_equal(
+    assert_array_equal(
         search(landmarks[order], shape, seeds=seeds[order], draws=50), base[order]
     )
-    np.testing.assert_array_equal(
+    assert_array_equal(
         search(landmarks[5:6], shape, seeds=seeds[5:6], draws=50), base[5:6]
     )
 
@@ -108,7 +107,7 @@ def test_three_landmarks_in_one_place_are_no_proof(posed, shape, rng):
     place = landmarks.mean(axis=2, keepdims=True) + 0.3 * size
     landmarks[:, :, :3] = place + 1e-4 * size * rng.standard_normal((N, 2, 3))
     expected = np.tile((np.arange(P) >= 3) & (np.arange(P) < 11), (N, 1))
-    np.testing.assert_array_equal(search(landmarks, shape, weights), expected)
+    assert_array_equal(search(landmarks, shape, weights), expected)
 
 
 def test_degenerate_images(posed, shape):
@@ -119,11 +118,11 @@ def test_degenerate_images(posed, shape):
     landmarks[3, 1] = 2 * landmarks[3, 0]  # on a line
     weights[4] = 0.0
     found = search(landmarks, shape, weights)
-    np.testing.assert_array_equal(found[0], weights[0] > 0)
+    assert_array_equal(found[0], weights[0] > 0)
     assert not found[1:].any()
 
 
 def test_the_search_stops_by_the_share_of_inliers(posed, shape, rng):
     """More draws than anyone waits for, where the inliers of the first ones decide."""
     landmarks, wrong = plant(posed, 0.5, rng)
-    np.testing.assert_array_equal(search(landmarks, shape, draws=10**12), ~wrong)
+    assert_array_equal(search(landmarks, shape, draws=10**12), ~wrong)

@@ -4,6 +4,7 @@ error bars.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.config.paths import find_dictionary
 from shapefit.convex.solver import Status
@@ -60,8 +61,8 @@ def test_feet_move_no_other_joint(images, lift):
     moved = images.as_columns().copy()
     moved[..., FEET] += 30
     found, other = lift(images), lift(images.replaced(landmarks=moved.swapaxes(1, 2)))
-    np.testing.assert_array_equal(other.shapes[:, :15], found.shapes[:, :15])
-    np.testing.assert_array_equal(other.shape_sd[:, :15], found.shape_sd[:, :15])
+    assert_array_equal(other.shapes[:, :15], found.shapes[:, :15])
+    assert_array_equal(other.shape_sd[:, :15], found.shape_sd[:, :15])
     assert (
         np.abs(found.shapes - other.shapes)[:, FEET, :2].mean(axis=(1, 2)) > 3
     ).all()
@@ -122,9 +123,7 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
     visible = (away[:, feet] - away[:, [ankle]]).ravel()
     step = (gain @ visible)[:9].reshape(3, 3)
     for points in (found.shapes, found.estimate.shapes):
-        np.testing.assert_allclose(
-            (points - shapes)[0][:, feet], step, rtol=1e-4, atol=1e-6
-        )
+        assert_allclose((points - shapes)[0][:, feet], step, rtol=1e-4, atol=1e-6)
     exact = (prior - gain @ H @ prior)[:9, :9]
     K = gain[:9]
     at = np.zeros((6, len(rest)))
@@ -132,7 +131,7 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
         at[row, list(rest).index(ankle + p * (row // 3))] = 1.0
     moved = K @ at @ C[np.ix_(rest, rest)] @ at.T @ K.T
     bars = found.estimate.covariance[0][np.ix_(foot, foot)]  # and where the ankle is
-    np.testing.assert_allclose(bars, exact + moved, rtol=1e-4, atol=1e-6)
+    assert_allclose(bars, exact + moved, rtol=1e-4, atol=1e-6)
 
 
 def test_error_bars_of_rows_are_those_of_samples(rng):
@@ -148,8 +147,8 @@ def test_error_bars_of_rows_are_those_of_samples(rng):
     draws = np.einsum("nij,nsj->nsi", root, rng.standard_normal((n, 40_000, 3 * p)))
     points = (mean[:, None] + draws.reshape(n, -1, 3, p)) @ rows.T
     points += apart * rng.standard_normal(points.shape)
-    np.testing.assert_allclose(points.mean(axis=1), found.points, atol=0.2)
-    np.testing.assert_allclose(points.std(axis=1), found.deviation, rtol=0.03)
+    assert_allclose(points.mean(axis=1), found.points, atol=0.2)
+    assert_allclose(points.std(axis=1), found.deviation, rtol=0.03)
     for row, (a, b) in enumerate(PAIRS):
         for image in range(n):
             for j in range(q):

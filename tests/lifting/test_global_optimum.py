@@ -8,6 +8,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
@@ -43,8 +44,8 @@ def test_a_planted_optimum_is_found_with_a_gap_of_rounding(make_planted, weighte
     problem, R, value = make_planted(weighted=weighted)
     found = find_optimum(problem, tolerance=1e-9, threads=1)
     assert set(found.status) == {Status.OPTIMAL}
-    np.testing.assert_allclose(found.objective, value, rtol=1e-12)
-    np.testing.assert_allclose(found.rotation, R, atol=1e-5)
+    assert_allclose(found.objective, value, rtol=1e-12)
+    assert_allclose(found.rotation, R, atol=1e-5)
     assert (found.bound <= value * (1 + 1e-13)).all()
     assert (found.relative_gap <= 1.1e-9).all()
 
@@ -75,7 +76,7 @@ def test_it_is_never_above_other_methods_and_the_bound_never_above_any_rotation(
     starts = begun.call_args.args[1].swapaxes(0, 1)
     for name, start in zip(("convex+refine", "alternate"), starts, strict=True):
         end = make_estimator(name, **settings)(problem)
-        np.testing.assert_array_equal(start, end.rotation)
+        assert_array_equal(start, end.rotation)
         other = end.objective
         assert (found.objective <= other * (1 + 1e-9)).all()
         assert (bound <= other).all()
@@ -202,7 +203,7 @@ def test_coefficients_are_optimal_for_the_rotation(make_scene):
     along = np.einsum("nap,nab,kbp->nk", Y, found.rotation[:, :2], problem.atoms)
     used = found.coefficients > 0
     assert along.max() <= 0.1 * (1 + 1e-7)
-    np.testing.assert_allclose(along[used], 0.1, rtol=1e-7)
+    assert_allclose(along[used], 0.1, rtol=1e-7)
 
 
 def test_one_landmark_is_degenerate_and_other_losses_are_refused(make_scene):

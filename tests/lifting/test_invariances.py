@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solver import solve_newton
@@ -198,12 +199,10 @@ def test_a_change_of_the_images_or_the_class(case, rng, name, change):
     found, base = other.estimate(name), case.estimate(name)
     rows = expected(np.arange(N)) if change == "some of the images" else np.arange(N)
     if change != "far away":  # where the last digits of a residual are lost
-        np.testing.assert_allclose(
-            found.objective, base.objective[rows], rtol=1e-7, atol=1e-9
-        )
+        assert_allclose(found.objective, base.objective[rows], rtol=1e-7, atol=1e-9)
     assert found.status == tuple(base.status[row] for row in rows)
     if name != "l1":
-        np.testing.assert_allclose(found.shapes, expected(base.shapes), atol=5e-4)
+        assert_allclose(found.shapes, expected(base.shapes), atol=5e-4)
     assert np.isfinite(base.shapes).all()
 
 
@@ -222,10 +221,8 @@ def test_a_weight_of_root_two_counts_as_a_landmark_seen_twice(case, name):
         atoms=case.atoms[..., twice], mean=case.mean[:, twice],
     )  # fmt: skip
     found, expected = replace(case, weights=heavy).estimate(name), copied.estimate(name)
-    np.testing.assert_allclose(
-        found.objective, expected.objective, rtol=1e-7, atol=1e-9
-    )
-    np.testing.assert_allclose(found.shapes, expected.shapes[..., :P], atol=5e-4)
+    assert_allclose(found.objective, expected.objective, rtol=1e-7, atol=1e-9)
+    assert_allclose(found.shapes, expected.shapes[..., :P], atol=5e-4)
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -240,16 +237,12 @@ def test_landmarks_in_another_unit_and_place(case, name):
         for landmarks in (case.landmarks, 50 * case.landmarks + place)
     )
     assert found.failures == moved.failures == {}
-    np.testing.assert_allclose(moved.scale, 50 * found.scale, rtol=1e-8)
-    np.testing.assert_allclose(
-        moved.estimate.objective, found.estimate.objective, rtol=1e-8
-    )
+    assert_allclose(moved.scale, 50 * found.scale, rtol=1e-8)
+    assert_allclose(moved.estimate.objective, found.estimate.objective, rtol=1e-8)
     if name != "l1":
         expected = 50 * found.shapes
         expected[:, :2] += place
-        np.testing.assert_allclose(moved.shapes, expected, atol=50 * 5e-4)
+        assert_allclose(moved.shapes, expected, atol=50 * 5e-4)
     R = found.estimate.rotation
-    np.testing.assert_allclose(
-        R @ R.swapaxes(1, 2), np.tile(np.eye(3), (N, 1, 1)), atol=1e-9
-    )
-    np.testing.assert_allclose(np.linalg.det(R), 1)
+    assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (N, 1, 1)), atol=1e-9)
+    assert_allclose(np.linalg.det(R), 1)

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import normalise
@@ -56,14 +57,12 @@ def test_methods_see_normalised_landmarks_and_their_answer_is_scaled_back(make_s
     landmarks, flat = 37.0 * scene.landmarks + 400.0, Flat()
     found = lift(landmarks, scene.weights, scene.atoms, PROGRAM, flat)
     norm = normalise(landmarks)
-    np.testing.assert_allclose(flat.problem.landmarks, norm.points, atol=1e-12)
-    np.testing.assert_array_equal(flat.problem.lam, 0.1)
-    np.testing.assert_allclose(found.landmarks_fitted, landmarks, rtol=1e-12)
-    np.testing.assert_array_equal(found.landmarks_fitted, found.shapes[:, :2])
-    np.testing.assert_array_equal(found.scale, norm.scale)
-    np.testing.assert_allclose(
-        found.translation, norm.centroid + 0.25 * norm.scale[:, None]
-    )
+    assert_allclose(flat.problem.landmarks, norm.points, atol=1e-12)
+    assert_array_equal(flat.problem.lam, 0.1)
+    assert_allclose(found.landmarks_fitted, landmarks, rtol=1e-12)
+    assert_array_equal(found.landmarks_fitted, found.shapes[:, :2])
+    assert_array_equal(found.scale, norm.scale)
+    assert_allclose(found.translation, norm.centroid + 0.25 * norm.scale[:, None])
     assert found.failures == {}
 
 
@@ -84,12 +83,12 @@ def test_failing_images_are_named_and_leave_the_others_alone(make_scene):
     for image in (1, 2, 3):
         assert np.isnan(found.shapes[image]).all()
         assert np.isnan(found.scale[image])
-        np.testing.assert_array_equal(flat.problem.weights[image], 0.0)
+        assert_array_equal(flat.problem.weights[image], 0.0)
     shown = (
         np.isfinite(scene.landmarks) & np.isin(np.arange(6), [0, 4, 5])[:, None, None]
     )
     fitted = found.landmarks_fitted[shown]
-    np.testing.assert_allclose(fitted, scene.landmarks[shown], rtol=1e-12)
+    assert_allclose(fitted, scene.landmarks[shown], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +113,7 @@ def test_each_image_has_the_lambda_of_its_own_size_and_landmarks(make_scene):
     weights[2, 4:] = 0.0
     found = lift(landmarks, weights, scene.atoms, Program(lam=None, noise=0.2), flat)
     expected = 0.2 / found.scale * noise_dual_norm(scene.atoms) * np.array([1, 1, 0.5])
-    np.testing.assert_allclose(flat.problem.lam, expected)
+    assert_allclose(flat.problem.lam, expected)
 
 
 @pytest.mark.parametrize("visible", [np.ones(40, bool), np.arange(40) % 4 == 0])
@@ -128,7 +127,7 @@ def test_lambda_is_the_mean_dual_norm_of_the_noise_that_is_seen(rng, visible):
     program, share = Program(lam=None, noise=2.0), np.full(3, visible.mean())
     found = choose_lambda(program, atoms, np.array([1.0, 4.0, 1e9]), share)
     expected = 2.0 * norms.max(axis=1).mean() / np.array([1.0, 4.0])
-    np.testing.assert_allclose(found, [*expected, MIN_LAMBDA], rtol=0.05)
+    assert_allclose(found, [*expected, MIN_LAMBDA], rtol=0.05)
 
 
 @pytest.fixture
@@ -157,7 +156,7 @@ def test_one_coordinate_that_is_not_finite_fails_its_image(lifting, value):
         after, before = getattr(found, name), getattr(lifting, name)
         assert np.isnan(after[1]).all()
         others = [0, 2, 3, 4]
-        np.testing.assert_array_equal(after[others], before[others])
+        assert_array_equal(after[others], before[others])
 
 
 ORDER = np.array([3, 0, 6, 1, 5, 2, 4])
@@ -199,9 +198,7 @@ def test_images_lifted_one_by_one_are_those_lifted_alone(run, atoms, method):
             for field in fields(one):
                 values = getattr(one, field.name)
                 if isinstance(values, np.ndarray):
-                    np.testing.assert_array_equal(
-                        values[i], getattr(other, field.name)[0]
-                    )
+                    assert_array_equal(values[i], getattr(other, field.name)[0])
         assert merged.estimate.status[i] is alone.estimate.status[0]
         assert merged.failures.get(i) == alone.failures.get(0)
 
@@ -214,21 +211,17 @@ def test_atoms_that_a_group_lacked_have_no_part(run, atoms):
         [Group(part, some, retained), Group(run(rest), rest, np.arange(5))], atoms
     )
     assert merged.estimate.coefficients.shape == (7, 5)
-    np.testing.assert_array_equal(merged.estimate.coefficients[some][:, [1, 4]], 0)
-    np.testing.assert_array_equal(
-        merged.estimate.transforms.dense()[some][:, [1, 4]], 0
-    )
-    np.testing.assert_array_equal(
+    assert_array_equal(merged.estimate.coefficients[some][:, [1, 4]], 0)
+    assert_array_equal(merged.estimate.transforms.dense()[some][:, [1, 4]], 0)
+    assert_array_equal(
         merged.estimate.transforms.dense()[some][:, retained],
         part.estimate.transforms.dense(),
     )
-    np.testing.assert_array_equal(
+    assert_array_equal(
         merged.estimate.coefficients[some][:, retained], part.estimate.coefficients
     )
-    np.testing.assert_array_equal(merged.problem.atoms, atoms)
-    np.testing.assert_array_equal(
-        merged.problem.landmarks[some], part.problem.landmarks
-    )
+    assert_array_equal(merged.problem.atoms, atoms)
+    assert_array_equal(merged.problem.landmarks[some], part.problem.landmarks)
 
 
 TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import Status
@@ -115,7 +116,7 @@ class TestPursuit:
             rows = found.rotation[image, :2] @ X
             extent = (rows**2).sum(axis=1)
             overlap = (rows * w).sum(axis=1)
-            np.testing.assert_allclose(found.scale[image] * extent, overlap, atol=1e-9)
+            assert_allclose(found.scale[image] * extent, overlap, atol=1e-9)
             assert found.error[image] == pytest.approx(
                 np.linalg.norm(w - M @ X) ** 2, rel=1e-10
             )
@@ -125,7 +126,7 @@ class TestPursuit:
             nearest = np.linalg.norm(w - scale[:, None] * rows) ** 2
             assert found.error[image] <= nearest + 1e-9
             slope = ((M @ centred(weights, shapes)) * (w - M @ X)).sum(axis=(1, 2))
-            np.testing.assert_allclose(slope, 0, atol=1e-6)
+            assert_allclose(slope, 0, atol=1e-6)
             lengths = S[:, noisy.edges[:, 0]] - S[:, noisy.edges[:, 1]]
             assert (lengths**2).sum() == pytest.approx((limbs**2).sum(), rel=1e-10)
 
@@ -144,15 +145,15 @@ class TestPursuit:
         found = scene.pursue(goal=1e-22, change=1e-24, most_rounds=20_000)
         S = scene.mix(found)
         moved = similarity_transform(S, scene.shapes).apply(S)
-        np.testing.assert_allclose(moved, scene.shapes, atol=1e-6)
+        assert_allclose(moved, scene.shapes, atol=1e-6)
         relative = np.abs(found.coefficients / found.mean_coefficient[:, None])
-        np.testing.assert_allclose(np.sort(relative)[:, -2:], 2, atol=1e-5)
-        np.testing.assert_allclose(np.sort(relative)[:, :-2], 0, atol=1e-5)
+        assert_allclose(np.sort(relative)[:, -2:], 2, atol=1e-5)
+        assert_allclose(np.sort(relative)[:, :-2], 0, atol=1e-5)
 
     def test_the_mean_shape_needs_no_atom(self, make_scene):
         found = make_scene(active=0).pursue(goal=1e-12)
         assert not found.coefficients.any()
-        np.testing.assert_allclose(found.mean_coefficient, 1, rtol=1e-14)
+        assert_allclose(found.mean_coefficient, 1, rtol=1e-14)
         assert (found.rounds == 0).all()
         assert set(found.status) == {Status.CONVERGED}
 
@@ -163,10 +164,10 @@ class TestPursuit:
         found = replace(scene, landmarks=shear @ scene.landmarks).pursue(most_atoms=0)
         assert (found.error > 0.1).all()
         R = found.rotation
-        np.testing.assert_allclose(
+        assert_allclose(
             R @ R.swapaxes(1, 2), np.broadcast_to(np.eye(3), R.shape), atol=1e-12
         )
-        np.testing.assert_allclose(np.linalg.det(R), 1)
+        assert_allclose(np.linalg.det(R), 1)
         assert (found.scale > 0).all()
 
     def test_an_image_converges_at_the_goal(self, noisy):
@@ -183,20 +184,16 @@ class TestPursuit:
             noisy.pursue(goal=0.0, change=change, most_atoms=1, most_rounds=500).rounds
             for change in (1e3, 1e-3, 1e-9)
         ]
-        np.testing.assert_array_equal(rounds[0], 1)
+        assert_array_equal(rounds[0], 1)
         assert (rounds[0] < rounds[1]).all()
         assert (rounds[1] < rounds[2]).all()
-        np.testing.assert_array_equal(
-            noisy.pursue(goal=0.0, change=0.0, most_atoms=2).rounds, 60
-        )
+        assert_array_equal(noisy.pursue(goal=0.0, change=0.0, most_atoms=2).rounds, 60)
 
     def test_atoms_that_depend_on_the_chosen_ones_are_passed_over(self, noisy):
         bases = np.concatenate([noisy.bases, -noisy.bases, noisy.mean[None]])
         expected = noisy.pursue(goal=0.0, most_atoms=9)
         found = replace(noisy, bases=bases).pursue(goal=0.0, most_atoms=15)
-        np.testing.assert_allclose(
-            found.coefficients[:, :9], expected.coefficients, atol=1e-8
-        )
+        assert_allclose(found.coefficients[:, :9], expected.coefficients, atol=1e-8)
         assert not found.coefficients[:, 9:].any()
         assert set(found.status) == {Status.ITERATION_LIMIT}
 
@@ -208,7 +205,7 @@ class TestPursuit:
         assert np.isfinite(camera_of(found)).all()
         assert (found.error < (scene.landmarks[..., :visible] ** 2).sum()).all()
         if visible == 2:
-            np.testing.assert_allclose(found.error, 0, atol=1e-10)
+            assert_allclose(found.error, 0, atol=1e-10)
 
     def test_it_does_not_matter_which_images_are_pursued_together(
         self, make_scene, monkeypatch
@@ -218,7 +215,7 @@ class TestPursuit:
         monkeypatch.setattr(matching_pursuit, "IMAGES_PURSUED_AT_ONCE", 7)
         apart = scene.pursue(most_atoms=4)
         for one, other in zip(together, apart, strict=True):
-            np.testing.assert_array_equal(one, other)
+            assert_array_equal(one, other)
 
     def test_images_that_cannot_be_pursued_leave_the_others_alone(self, make_scene):
         scene = make_scene()
@@ -231,23 +228,19 @@ class TestPursuit:
         assert found.status[2] is Status.NUMERICAL_FAILURE
         assert np.isnan(found.rotation[1:4]).all()
         assert np.isnan(found.scale[1:4]).all()
-        np.testing.assert_array_equal(
-            found.coefficients[::4], expected.coefficients[::4]
-        )
+        assert_array_equal(found.coefficients[::4], expected.coefficients[::4])
 
 
 class TestEstimate:
     def test_the_scales_of_the_camera_become_one(self, noisy):
         pursuit, found = noisy.pursue(), noisy.estimate()
-        np.testing.assert_array_equal(found.rotation, pursuit.rotation)
+        assert_array_equal(found.rotation, pursuit.rotation)
         for image, s in enumerate(pursuit.scale):
             S = s.mean() * found.rotation[image] @ noisy.mix(pursuit)[image]
-            np.testing.assert_allclose(found.shapes[image], S, atol=1e-12)
+            assert_allclose(found.shapes[image], S, atol=1e-12)
             relative = found.coefficients[image] / s.mean()
-            np.testing.assert_allclose(
-                relative, pursuit.coefficients[image], atol=1e-12
-            )
-        np.testing.assert_allclose(np.linalg.det(found.rotation), 1)
+            assert_allclose(relative, pursuit.coefficients[image], atol=1e-12)
+        assert_allclose(np.linalg.det(found.rotation), 1)
 
     def test_lifted_shapes_lie_where_the_true_ones_do(self, make_scene):
         """The mean shape, turned, in pixels, with hidden landmarks: no atom is
@@ -261,7 +254,7 @@ class TestEstimate:
             shapes[:, :2], scene.weights, scene.bases, Program(lam=0.1), estimator
         )
         assert not found.failures
-        np.testing.assert_allclose(found.shapes, shapes, atol=1e-9)
+        assert_allclose(found.shapes, shapes, atol=1e-9)
 
 
 def minimiser(G, g, radius=RADIUS, before=None):
@@ -296,4 +289,4 @@ class TestSphere:
         """
         G, g = 1e8 * np.diag([1.0, 3.0, 4.0]), 1e8 * np.array([1e-17, 2.0, 0.0])
         y = minimiser(G, g, before=[side, 0.1, 0.2])
-        np.testing.assert_allclose(y, [side * np.sqrt(RADIUS**2 - 1), 1, 0], atol=1e-14)
+        assert_allclose(y, [side * np.sqrt(RADIUS**2 - 1), 1, 0], atol=1e-14)

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.problem import Loss
 from shapefit.convex.solver import Status, solve_newton
@@ -51,18 +52,18 @@ def test_an_estimate_of_one_rotation_agrees_with_itself(name, signed, scene, set
     problem = scene.problem(0.1)
     found = make_estimator(name, **settings | {"signed": signed})(problem)
     c, R = found.coefficients, found.rotation
-    np.testing.assert_allclose(
+    assert_allclose(
         found.shapes, R @ np.einsum("nk,kap->nap", c, scene.atoms), atol=1e-12
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         np.einsum("nkab,kbp->nap", found.transforms.dense(), scene.atoms),
         found.shapes[:, :2],
         atol=1e-12,
     )
-    np.testing.assert_array_equal(found.active_atoms, (np.abs(c) > 1e-6).sum(axis=1))
+    assert_array_equal(found.active_atoms, (np.abs(c) > 1e-6).sum(axis=1))
     left = scene.landmarks - found.shapes[:, :2] - found.translation[..., None]
     left *= scene.weights[:, None]
-    np.testing.assert_allclose(
+    assert_allclose(
         found.objective,
         0.5 * (left**2).sum(axis=(1, 2)) + 0.1 * np.abs(c).sum(axis=1),
         rtol=1e-12,
@@ -79,7 +80,7 @@ def test_refinement_is_bounded_by_the_convex_program(scene, settings):
         )
         assert (found.relative_gap >= -1e-12).all()
         assert found.relative_gap.max() > 1e-3
-        np.testing.assert_allclose(
+        assert_allclose(
             found.objective * (1 - found.relative_gap),
             convex.objective * (1 - convex.relative_gap),
             rtol=1e-12,
@@ -92,8 +93,8 @@ def test_a_large_lambda_and_hidden_images_are_no_accident(name, scene, settings)
     found = make_estimator(name, **settings)(scene.problem(1e4))
     assert found.status[4] is Status.DEGENERATE
     if name != "mean-shape":
-        np.testing.assert_array_equal(found.coefficients, 0.0)
-        np.testing.assert_array_equal(found.shapes, 0.0)
+        assert_array_equal(found.coefficients, 0.0)
+        assert_array_equal(found.shapes, 0.0)
         assert np.isnan(found.rotation).all()
         assert not found.transforms.count.any()
     lifting = lift(
@@ -132,20 +133,16 @@ def test_only_images_without_an_atom_begin_again(scene, settings):
     for field in fields(refined):
         mine, theirs = getattr(refined, field.name), getattr(plain, field.name)
         if isinstance(mine, np.ndarray):
-            np.testing.assert_array_equal(
-                mine[retained], theirs[retained], err_msg=field.name
-            )
+            assert_array_equal(mine[retained], theirs[retained], err_msg=field.name)
     assert refined.coefficients[wrong].any(axis=1).all()
     assert not refined.coefficients[[4, 7]].any()
     assert refined.status[7] is Status.DEGENERATE
     assert {refined.status[i] for i in range(25) if i != 7} == {Status.CONVERGED}
 
     alone = make_estimator("alternate", **settings)(problem.take(wrong))
-    np.testing.assert_allclose(
-        refined.coefficients[wrong], alone.coefficients, atol=1e-9
-    )
-    np.testing.assert_allclose(refined.shapes[wrong], alone.shapes, atol=1e-9)
-    np.testing.assert_allclose(refined.residual[wrong], alone.residual, rtol=1e-9)
+    assert_allclose(refined.coefficients[wrong], alone.coefficients, atol=1e-9)
+    assert_allclose(refined.shapes[wrong], alone.shapes, atol=1e-9)
+    assert_allclose(refined.residual[wrong], alone.residual, rtol=1e-9)
     assert (refined.iterations[wrong] > alone.iterations).all()
 
 
@@ -159,7 +156,7 @@ def test_outliers_are_the_landmarks_whose_weighted_residual_exceeds_beta(
         problem.landmarks - found.shapes[:, :2] - found.translation[..., None]
     )
     beyond = (left * problem.weights[:, None] > 0.1).any(axis=1)
-    np.testing.assert_array_equal(found.outliers, beyond)
+    assert_array_equal(found.outliers, beyond)
     assert ((left > 0.1).any(axis=1) != beyond).any()
     assert 0.05 < beyond.mean() < 0.95
 

@@ -4,6 +4,7 @@ together.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -113,9 +114,9 @@ def test_planted_shapes_and_poses_are_found(planted, atoms, prior):
     found = refine(planted, atoms, prior, ridge=1e-9, max_rounds=5000)
     assert set(found.status) == {Status.CONVERGED}
     assert rotation_angle(found.rotation, planted.rotation).max() < 0.01
-    np.testing.assert_allclose(found.translation, planted.translation, rtol=1e-3)
+    assert_allclose(found.translation, planted.translation, rtol=1e-3)
     shapes = found.rotation @ np.tensordot(found.coefficients, atoms, axes=1)
-    np.testing.assert_allclose(shapes, planted.shapes, atol=1e-3)
+    assert_allclose(shapes, planted.shapes, atol=1e-3)
 
 
 @pytest.mark.parametrize("softness", [0.05, 2.0])
@@ -136,7 +137,7 @@ def test_an_independent_solver_cannot_lower_the_objective(
             0.3,
             softness,
         )
-        np.testing.assert_allclose(found.objective[image], here, rtol=1e-9)
+        assert_allclose(found.objective[image], here, rtol=1e-9)
 
         def residuals(x, image=image, start=start):
             R = Rotation.from_rotvec(x[:3]).as_matrix() @ start
@@ -168,7 +169,7 @@ def test_what_is_far_away_starts_where_it_is(rng, atoms):
     R, camera = random_rotations(1, rng), Camera(np.ones((1, 2)), np.zeros((1, 2)), 1.0)
     w = project_pinhole(camera, R @ shape + t[..., None])
     start = place_in_depth(w, np.ones((1, P)), shape, camera, R)
-    np.testing.assert_allclose(start, t, rtol=5e-4)
+    assert_allclose(start, t, rtol=5e-4)
 
 
 def test_coefficients_of_the_mean_are_pulled_to_0_by_a_millionth_of_the_largest_atom(
@@ -180,7 +181,7 @@ def test_coefficients_of_the_mean_are_pulled_to_0_by_a_millionth_of_the_largest_
     mean = A @ [1.0, 0.2, 3.0]
     expected = np.linalg.solve(pulled, A.T @ mean)
     found = mean_coefficients(atoms, mean.reshape(3, P))
-    np.testing.assert_allclose(found, expected, rtol=1e-7)
+    assert_allclose(found, expected, rtol=1e-7)
 
 
 def test_y_up_is_the_same_scene_in_another_frame(noisy, atoms, prior):
@@ -195,8 +196,8 @@ def test_y_up_is_the_same_scene_in_another_frame(noisy, atoms, prior):
         landmarks=noisy.landmarks * mirror[:, None],
         start=FLIP @ noisy.start,
     )
-    np.testing.assert_allclose(up.rotation, FLIP @ down.rotation, atol=1e-6)
-    np.testing.assert_allclose(up.translation, down.translation @ FLIP, atol=1e-6)
+    assert_allclose(up.rotation, FLIP @ down.rotation, atol=1e-6)
+    assert_allclose(up.translation, down.translation @ FLIP, atol=1e-6)
 
 
 def test_outliers_pull_little_where_the_loss_is_soft(planted, atoms, prior):
@@ -265,28 +266,22 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
     _, found = view(landmarks, weights, dictionary, camera)
     e, visible = found.estimate, found.perspective
     S = e.rotation @ np.tensordot(e.coefficients, dictionary.atoms, axes=1)
-    np.testing.assert_allclose(e.shapes, S)
+    assert_allclose(e.shapes, S)
     flat = np.pad(found.translation, ((0, 0), (0, 1)))
-    np.testing.assert_allclose(
-        found.shapes, found.scale[:, None, None] * S + flat[..., None]
-    )
+    assert_allclose(found.shapes, found.scale[:, None, None] * S + flat[..., None])
     X = S + visible.translation[..., None]
-    np.testing.assert_allclose(
-        found.landmarks_fitted, project_pinhole(camera, X), rtol=1e-9
-    )
-    np.testing.assert_allclose(
-        found.scale, np.sqrt(900 * 910) / visible.translation[:, 2]
-    )
-    np.testing.assert_allclose(
+    assert_allclose(found.landmarks_fitted, project_pinhole(camera, X), rtol=1e-9)
+    assert_allclose(found.scale, np.sqrt(900 * 910) / visible.translation[:, 2])
+    assert_allclose(
         found.translation,
         project_pinhole(camera, visible.translation[..., None])[..., 0],
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         e.transforms.dense(), e.coefficients[..., None, None] * e.rotation[:, None, :2]
     )
     norm = normalise(landmarks, weights > 0)
     at = norm.scale[:, None] * e.translation + norm.centroid
-    np.testing.assert_allclose(at, found.translation)
+    assert_allclose(at, found.translation)
     w = weights[:, None]
     centred = landmarks - (w**2 * landmarks).sum(2, keepdims=True) / (w**2).sum(
         2, keepdims=True
@@ -294,10 +289,10 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
     residual_variance = np.linalg.norm(
         w * (landmarks - found.landmarks_fitted), axis=(1, 2)
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         e.residual, residual_variance / np.linalg.norm(w * centred, axis=(1, 2))
     )
-    np.testing.assert_array_equal(visible.camera.focal, camera.focal)
+    assert_array_equal(visible.camera.focal, camera.focal)
 
 
 def test_a_camera_inside_the_object_is_the_users_to_mend(landmarks, dictionary, camera):
@@ -330,7 +325,7 @@ def test_a_camera_inside_the_object_is_the_users_to_mend(landmarks, dictionary, 
     assert e.iterations[3] == first.estimate.iterations[3]
     others = np.arange(N) != 3
     _, clean = view(landmarks, np.ones((N, POINTS)), dictionary, camera)
-    np.testing.assert_array_equal(found.shapes[others], clean.shapes[others])
+    assert_array_equal(found.shapes[others], clean.shapes[others])
 
 
 def test_an_image_without_a_shape_stays_without(landmarks, dictionary, camera):

@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 
 from shapefit.convex.transforms import Transforms
@@ -42,12 +43,10 @@ def test_a_shape_is_placed_where_no_other_place_is_better(scene, rng):
             args=(problem.landmarks[i] - S[i], w),
             tol=1e-12,
         )
-        np.testing.assert_allclose(placed.translation[i], best.x, atol=1e-6)
-        np.testing.assert_allclose(placed.half_squared_residual[i], best.fun, rtol=1e-9)
+        assert_allclose(placed.translation[i], best.x, atol=1e-6)
+        assert_allclose(placed.half_squared_residual[i], best.fun, rtol=1e-9)
         whole = minimize(half_squared_residual, np.zeros(2), tol=1e-12).fun
-        np.testing.assert_allclose(
-            placed.residual[i], np.sqrt(best.fun / whole), rtol=1e-9
-        )
+        assert_allclose(placed.residual[i], np.sqrt(best.fun / whole), rtol=1e-9)
 
 
 def test_images_of_two_estimates_are_joined_in_the_order_asked_for(run):
@@ -58,15 +57,15 @@ def test_images_of_two_estimates_are_joined_in_the_order_asked_for(run):
         first, second = getattr(one, field.name), getattr(other, field.name)
         if isinstance(first, np.ndarray):
             expected = np.stack([second[2], first[0], second[0], first[3]])
-            np.testing.assert_array_equal(getattr(both, field.name), expected)
+            assert_array_equal(getattr(both, field.name), expected)
     assert both.status == (
         other.status[2],
         one.status[0],
         other.status[0],
         one.status[3],
     )
-    np.testing.assert_array_equal(both.tight, [True, False, True, False])
-    np.testing.assert_array_equal(
+    assert_array_equal(both.tight, [True, False, True, False])
+    assert_array_equal(
         both.transforms.dense()[[0, 1]],
         [other.transforms.dense()[2], one.transforms.dense()[0]],
     )
@@ -99,18 +98,14 @@ def test_all_of_it_is_what_singular_value_decompositions_say(planted, rng):
     size = np.where(s[..., :1] > 0, s[..., :1], 1.0)
     third = np.cross(M[..., 0, :], M[..., 1, :]) / size
     turned = np.concatenate([M, third[..., None, :]], axis=2) * (c > 0)[..., None, None]
-    np.testing.assert_allclose(found.coefficients, s[..., 0], atol=1e-13)
-    np.testing.assert_allclose(
-        found.shapes, np.einsum("nkab,kbp->nap", turned, atoms), atol=1e-12
-    )
+    assert_allclose(found.coefficients, s[..., 0], atol=1e-13)
+    assert_allclose(found.shapes, np.einsum("nkab,kbp->nap", turned, atoms), atol=1e-12)
     for A, nearest in zip(turned.sum(axis=1), found.rotation, strict=True):
         U, _, Vt = np.linalg.svd(A)
         flip = np.diag([1.0, 1.0, np.linalg.det(U @ Vt)])
-        np.testing.assert_allclose(nearest, U @ flip @ Vt, atol=1e-11)
-    np.testing.assert_array_equal(found.active_atoms, (c > 0).sum(axis=1))
-    np.testing.assert_array_equal(
-        found.tight, (s[..., 0] - s[..., 1] < 1e-9).all(axis=1)
-    )
+        assert_allclose(nearest, U @ flip @ Vt, atol=1e-11)
+    assert_array_equal(found.active_atoms, (c > 0).sum(axis=1))
+    assert_array_equal(found.tight, (s[..., 0] - s[..., 1] < 1e-9).all(axis=1))
 
 
 @pytest.mark.parametrize(("off", "tight"), [(0.9e-3, True), (1.1e-3, False)])
@@ -132,6 +127,6 @@ def test_without_coefficients_there_is_no_rotation(planted):
     found = reconstruct(Transforms.of(M), atoms)
     assert np.isnan(found.rotation[2]).all()
     assert np.isfinite(np.delete(found.rotation, 2, axis=0)).all()
-    np.testing.assert_array_equal(found.shapes[2], 0.0)
+    assert_array_equal(found.shapes[2], 0.0)
     assert found.active_atoms[2] == 0
     assert not found.tight[2]

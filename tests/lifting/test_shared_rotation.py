@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solver import Status, solve_newton
@@ -73,9 +74,7 @@ def test_it_ends_where_neither_step_can_gain(make_scene, signed):
     if not signed:
         assert (c >= 0).all()
     assert (np.abs(correlation) if signed else correlation).max() < 0.05 * (1 + 1e-5)
-    np.testing.assert_allclose(
-        correlation[c != 0], 0.05 * np.sign(c[c != 0]), rtol=1e-5
-    )
+    assert_allclose(correlation[c != 0], 0.05 * np.sign(c[c != 0]), rtol=1e-5)
     S = np.einsum("nk,kap->nap", c, problem.atoms)
     G = -pull @ S.swapaxes(1, 2)
     inner = R[:, :2] @ G.swapaxes(1, 2)
@@ -90,8 +89,8 @@ def test_planted_rotations_and_coefficients_come_back(make_scene, weighted):
     problem = scene.problem(1e-7)
     starts = nearby(scene.rotation, 0.1)
     found = alternate(problem, starts, tolerance=1e-12, max_rounds=5000)
-    np.testing.assert_allclose(found.coefficients, scene.coefficients, atol=1e-3)
-    np.testing.assert_allclose(found.rotation, scene.rotation, atol=1e-3)
+    assert_allclose(found.coefficients, scene.coefficients, atol=1e-3)
+    assert_allclose(found.rotation, scene.rotation, atol=1e-3)
     assert set(found.status) == {Status.CONVERGED}
 
 
@@ -101,11 +100,9 @@ def test_the_best_start_counts(make_scene, rng):
     starts = np.stack([random_rotations(5, rng) for _ in range(15)])
     alone = [parts(problem, alternate(problem, starts[:, [s]]))[1] for s in range(5)]
     together = alternate(problem, starts)
-    np.testing.assert_allclose(
-        parts(problem, together)[1], np.min(alone, axis=0), rtol=1e-12
-    )
+    assert_allclose(parts(problem, together)[1], np.min(alone, axis=0), rtol=1e-12)
     rounds = [alternate(problem, starts[:, [s]]).rounds for s in range(5)]
-    np.testing.assert_array_equal(together.rounds, np.sum(rounds, axis=0))
+    assert_array_equal(together.rounds, np.sum(rounds, axis=0))
 
 
 def test_every_image_says_how_it_ended(make_scene):
@@ -153,8 +150,8 @@ def test_planted_poses_come_back(shape, rng, flat):
     T = rng.standard_normal((200, 2))
     problem = build_problem(posed(shape, R, size, T), shape[None], 1.0)
     found = find_pose(problem, shape)
-    np.testing.assert_allclose(found.size, size, rtol=1e-7)
-    np.testing.assert_allclose(misfits(problem, shape, found), 0.0, atol=1e-12)
+    assert_allclose(found.size, size, rtol=1e-7)
+    assert_allclose(misfits(problem, shape, found), 0.0, atol=1e-12)
     if flat:
         reversed_depth = R * np.array([1.0, 1.0, -1.0])
         reversed_depth[:, 2] *= -1
@@ -162,9 +159,9 @@ def test_planted_poses_come_back(shape, rng, flat):
             np.abs(found.rotation - R).max(axis=(1, 2)),
             np.abs(found.rotation - reversed_depth).max(axis=(1, 2)),
         )
-        np.testing.assert_allclose(nearest, 0.0, atol=1e-6)
+        assert_allclose(nearest, 0.0, atol=1e-6)
     else:
-        np.testing.assert_allclose(found.rotation, R, atol=1e-6)
+        assert_allclose(found.rotation, R, atol=1e-6)
 
 
 def test_one_start_is_the_identity_turned_in_the_plane(shape):
@@ -172,8 +169,8 @@ def test_one_start_is_the_identity_turned_in_the_plane(shape):
     in_plane = rotation_about(np.array([0.0, 0.0, 1.0]), angle)
     problem = build_problem(in_plane[:, :2] @ shape, shape[None], 1.0)
     one = find_pose(problem, shape, 1)
-    np.testing.assert_allclose(one.rotation, in_plane, atol=1e-7)
-    np.testing.assert_allclose(one.size, 1, rtol=1e-7)
+    assert_allclose(one.rotation, in_plane, atol=1e-7)
+    assert_allclose(one.size, 1, rtol=1e-7)
 
 
 @pytest.fixture
@@ -212,21 +209,21 @@ def test_the_methods_start_from_as_many_views_as_they_are_told(name, turned):
     pose = find_pose(problem, mean_shape, 1)
     from_it = alternate(problem, pose.rotation[:, None]).rotation
     expected = pose.rotation if name == "mean-shape" else from_it
-    np.testing.assert_array_equal(one.rotation, expected)
+    assert_array_equal(one.rotation, expected)
     default = make_estimator(name, **settings)(problem)
-    np.testing.assert_array_equal(default.rotation, six.rotation)
+    assert_array_equal(default.rotation, six.rotation)
 
 
 @pytest.mark.parametrize("count", [1, 2, 6, 24])
 def test_views_are_spread_over_the_sphere(count, rng):
     views = even_views(count)
-    np.testing.assert_array_equal(views[0], np.eye(3))
-    np.testing.assert_allclose(
+    assert_array_equal(views[0], np.eye(3))
+    assert_allclose(
         views @ views.swapaxes(1, 2),
         np.broadcast_to(np.eye(3), views.shape),
         atol=1e-14,
     )
-    np.testing.assert_allclose(np.linalg.det(views), 1)
+    assert_allclose(np.linalg.det(views), 1)
     axes = views[:, 2]
     directions = random_rotations(2000, rng)[:, 0]
     farthest = np.degrees(np.arccos((directions @ axes.T).max(axis=1).min()))
@@ -240,10 +237,8 @@ def test_without_landmarks_there_is_no_pose(shape):
         np.stack([shape[:2], shape[:2]]), shape[None], 1.0, weights=weights
     )
     found = find_pose(problem, shape)
-    np.testing.assert_array_equal(
-        np.isnan(found.rotation).all(axis=(1, 2)), [True, False]
-    )
-    np.testing.assert_allclose(found.size, [0, 1], atol=1e-9)
+    assert_array_equal(np.isnan(found.rotation).all(axis=(1, 2)), [True, False])
+    assert_allclose(found.size, [0, 1], atol=1e-9)
 
 
 class Synchronised(NamedTuple):
@@ -275,8 +270,8 @@ def test_transforms_that_share_a_rotation_give_it_exactly(rng):
     c = rng.uniform(0, 2, (20, 7)) * (rng.random((20, 7)) < 0.6)
     c[:, 2] = 0.5
     found = synchronise(c[..., None, None] * R[:, None, :2])
-    np.testing.assert_allclose(found.rotation, R, atol=1e-13)
-    np.testing.assert_allclose(found.coefficients, c, atol=1e-13)
+    assert_allclose(found.rotation, R, atol=1e-13)
+    assert_allclose(found.coefficients, c, atol=1e-13)
 
 
 def test_the_answer_is_a_stationary_point(loose):
@@ -285,12 +280,12 @@ def test_the_answer_is_a_stationary_point(loose):
     """
     found = synchronise(loose)
     R, c = found.rotation, found.coefficients
-    np.testing.assert_allclose(np.linalg.norm(R, axis=2), 1, atol=1e-14)
-    np.testing.assert_allclose(np.linalg.det(R), 1)  # of unit rows: they are orthogonal
+    assert_allclose(np.linalg.norm(R, axis=2), 1, atol=1e-14)
+    assert_allclose(np.linalg.det(R), 1)  # of unit rows: they are orthogonal
     inner = np.einsum("nkab,nab->nk", loose, R[:, :2]) / 2
-    np.testing.assert_allclose(c, np.maximum(inner, 0), atol=1e-14)
+    assert_allclose(c, np.maximum(inner, 0), atol=1e-14)
     X = np.einsum("nk,nkab,ncb->nac", c, loose, R[:, :2])
-    np.testing.assert_allclose(X, X.swapaxes(1, 2), atol=1e-9)
+    assert_allclose(X, X.swapaxes(1, 2), atol=1e-9)
     assert np.linalg.eigvalsh(X).min() > 0
 
 
@@ -299,8 +294,8 @@ def test_the_largest_transform_may_win_against_the_sum(rng):
     R = random_rotations(1, rng)
     M = np.array([1.0, -0.6, -0.6])[:, None, None] * R[:, None, :2]
     found = synchronise(M)
-    np.testing.assert_allclose(found.rotation, R, atol=1e-12)
-    np.testing.assert_allclose(found.coefficients, [[1.0, 0.0, 0.0]], atol=1e-12)
+    assert_allclose(found.rotation, R, atol=1e-12)
+    assert_allclose(found.coefficients, [[1.0, 0.0, 0.0]], atol=1e-12)
 
 
 @pytest.mark.parametrize("nothing", [0.0, np.nan])
@@ -308,7 +303,7 @@ def test_without_transforms_there_is_no_rotation(loose, nothing):
     loose[3] = nothing
     found = synchronise(loose)
     assert np.isnan(found.rotation[3]).all()
-    np.testing.assert_array_equal(found.coefficients[3], 0.0)
+    assert_array_equal(found.coefficients[3], 0.0)
     assert np.isfinite(np.delete(found.rotation, 3, axis=0)).all()
 
 
@@ -350,7 +345,7 @@ def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
     labels = make_estimator("convex", **settings)(
         replace(problem, loss=loss, beta=0.1)
     ).outliers
-    np.testing.assert_array_equal(robust.outliers, labels)
+    assert_array_equal(robust.outliers, labels)
 
     garbage = np.where(wrong[:, None], 1e6, problem.landmarks)
     inliers = replace(
@@ -359,7 +354,7 @@ def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
         weights=np.where(robust.outliers, 0.0, problem.weights),
     )
     alone = make_estimator("convex+refine", **settings)(inliers)
-    np.testing.assert_allclose(robust.objective, alone.objective, rtol=1e-3)
+    assert_allclose(robust.objective, alone.objective, rtol=1e-3)
     assert (robust.residual < 0.05).all()
 
 

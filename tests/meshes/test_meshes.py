@@ -10,6 +10,7 @@ from io import BytesIO
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
+from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
@@ -88,7 +89,7 @@ def test_a_mesh_is_carried_as_its_landmarks_are(rng):
     shapes = 40 + 7 * rng.normal(size=(6, 3, 9))
     normalised, alignment = normalised_models(shapes)
     carried = carry_mesh(shapes, normalised, alignment.rotations)
-    np.testing.assert_allclose(carried, alignment.shapes, atol=1e-13)
+    assert_allclose(carried, alignment.shapes, atol=1e-13)
 
 
 def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):
@@ -107,7 +108,7 @@ def test_without_coefficients_there_is_no_metric_size(rng):
     factor = metric_scale(
         rng.normal(size=(2, 3, 4)), np.array([[0.0, 0], [1, 0]]), np.ones(2)
     )
-    np.testing.assert_array_equal(np.isnan(factor), [True, False])
+    assert_array_equal(np.isnan(factor), [True, False])
 
 
 @pytest.fixture
@@ -147,17 +148,15 @@ def test_landmarks_stand_as_in_the_image(y_axis, image, box_faces):
     figure = contact_sheet([image], DrawnModel(y_axis, box_faces))
     axes = figure.axes[0]
     found = marks(axes)
-    np.testing.assert_array_equal(found["outlier"], image.landmarks[:, [5]])
-    np.testing.assert_array_equal(found["hidden"], image.shape[:2, [3]])
-    np.testing.assert_array_equal(
-        found["observed"], image.landmarks[:, [0, 1, 2, 3, 4, 6, 7]]
-    )
+    assert_array_equal(found["outlier"], image.landmarks[:, [5]])
+    assert_array_equal(found["hidden"], image.shape[:2, [3]])
+    assert_array_equal(found["observed"], image.landmarks[:, [0, 1, 2, 3, 4, 6, 7]])
     assert axes.yaxis_inverted() == (y_axis == "down")
     assert axes.get_aspect() == 1
     (residuals,) = axes.collections
     assert len(residuals.get_segments()) == 7
     for line in residuals.get_segments():
-        np.testing.assert_allclose(line[0] - line[1], 2.0)
+        assert_allclose(line[0] - line[1], 2.0)
     words = ["observed", "hidden, from the model", "outlier", "to its fitted position"]
     assert legend(figure) == words
 
@@ -179,7 +178,7 @@ def test_views_walk_around_the_model_which_stands_upright(
             for axis, angle in ((0, VIEW_TILT), (1, turn))
         )
         frame = viewer_frame(image, DrawnModel(y_axis, box_faces), turn)
-        np.testing.assert_allclose(frame @ flip.T, tilt @ around, atol=1e-12)
+        assert_allclose(frame @ flip.T, tilt @ around, atol=1e-12)
     _, *sides = contact_sheet([image], DrawnModel(y_axis, box_faces)).axes
     assert len(sides) == 2
     for axes, turn in zip(sides, MESH_TURNS, strict=True):
@@ -213,9 +212,9 @@ def test_edges_are_drawn_where_there_is_no_mesh(image):
     figure = contact_sheet([bare], model)
     flat, right = figure.axes
     drawn, residuals = flat.collections
-    np.testing.assert_array_equal(drawn.get_segments(), image.shape[:2].T[edges])
+    assert_array_equal(drawn.get_segments(), image.shape[:2].T[edges])
     names = [LEFT_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, RIGHT_COLOUR]
-    np.testing.assert_allclose(drawn.get_colors(), [to_rgba(name) for name in names])
+    assert_allclose(drawn.get_colors(), [to_rgba(name) for name in names])
     (bones,) = right.collections
     assert len(bones.get_segments()) == 4
     widths = [lines.get_linewidths()[0] for lines in (residuals, drawn, bones)]
@@ -225,7 +224,7 @@ def test_edges_are_drawn_where_there_is_no_mesh(image):
     figure = contact_sheet([bare], model)
     assert legend(figure)[0] == "anna"
     (bones,) = figure.axes[1].collections
-    np.testing.assert_allclose(bones.get_colors()[0], to_rgba(BODY_COLOURS[1]))
+    assert_allclose(bones.get_colors()[0], to_rgba(BODY_COLOURS[1]))
     flat, right = contact_sheet([bare], DrawnModel("down")).axes
     assert len(right.lines[0].get_xydata()) == 8
 

@@ -6,6 +6,7 @@ from textwrap import dedent
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import shapefit
 
@@ -42,4 +43,4 @@ def test_landmarks_are_the_vertices_of_the_file(tmp_path, monkeypatch, rng, corn
     exec(recipe, {})
     shapes = shapefit.read_shapes("models.h5")
     assert shapes.items == ("m0", "m1", "m2")
-    np.testing.assert_allclose(shapes.shapes, vertices, atol=1e-6)
+    assert_allclose(shapes.shapes, vertices, atol=1e-6)

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit.errors import InputError
 from shapefit.records import Fit, Landmarks, Shapes, concatenate
@@ -22,11 +23,11 @@ def same(one, other) -> None:
     for field in dataclasses.fields(one):
         value, found = getattr(one, field.name), getattr(other, field.name)
         if isinstance(value, np.ndarray):
-            np.testing.assert_array_equal(value, found, strict=True)
+            assert_array_equal(value, found, strict=True)
         elif field.name in ("extras", "file_extras"):
             assert value.keys() == found.keys()
             for name in value:
-                np.testing.assert_array_equal(value[name], found[name], strict=True)
+                assert_array_equal(value[name], found[name], strict=True)
         else:
             assert value == found, field.name
 
@@ -43,11 +44,11 @@ def test_take(request, kind, rows):
     for column, values in held_columns(record):
         taken = getattr(part, column.field)
         if column.axes[0] == "n":
-            np.testing.assert_array_equal(taken, np.asarray(values)[retained])
+            assert_array_equal(taken, np.asarray(values)[retained])
         elif column.axes[0] != "a":
             assert np.array_equal(taken, values)
     for name, values in record.extras.items():
-        np.testing.assert_array_equal(part.extras[name], values[retained])
+        assert_array_equal(part.extras[name], values[retained])
     assert part.file_extras.keys() == record.file_extras.keys()
     assert part.attributes == record.attributes
 
@@ -91,7 +92,7 @@ def test_the_mathematics_has_landmarks_in_columns(landmarks):
     w = landmarks.as_columns()
     assert w.shape == (5, 2, 4)
     assert w.flags.c_contiguous
-    np.testing.assert_array_equal(w[3, 1], landmarks.landmarks[3, :, 1])
+    assert_array_equal(w[3, 1], landmarks.landmarks[3, :, 1])
     elsewhere = landmarks.with_points(np.asfortranarray(landmarks.landmarks))
     assert elsewhere.as_columns().strides == w.strides
 
@@ -205,7 +206,7 @@ def test_a_point_with_one_unknown_coordinate_has_none(landmarks):
     points[0, 0, 1] = np.nan
     whole = landmarks.with_points(points).with_whole_points()
     assert np.isnan(whole.landmarks[0, 0]).all()
-    np.testing.assert_array_equal(whole.landmarks[2:], points[2:])
+    assert_array_equal(whole.landmarks[2:], points[2:])
 
 
 def test_what_has_no_names_gets_some():

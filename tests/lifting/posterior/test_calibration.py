@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
@@ -81,6 +82,6 @@ def test_what_is_seldom_seen_has_the_growth_of_the_file(scene):
 
 def test_growth_is_never_below_1_nor_below_that_of_the_file():
     found = HiddenInTurn(3.0, np.array([0.5, 6.0, np.nan]), 0.8, 100)
-    np.testing.assert_allclose(found.growth(1.5), [2.0, 4.0, 2.0])
+    assert_allclose(found.growth(1.5), [2.0, 4.0, 2.0])
     assert (HiddenInTurn(0.5, np.full(3, 0.5), 1.0, 100).growth(1.5) == 1).all()
     assert (HiddenInTurn(np.nan, np.full(3, np.nan), np.nan, 0).growth(1.5) == 1).all()

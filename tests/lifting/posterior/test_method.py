@@ -4,6 +4,7 @@ story.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.geometry.pinhole import Camera, project_pinhole
 from shapefit.geometry.rotations import random_rotations
@@ -94,9 +95,7 @@ def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
     t = found.perspective.translation
     depth = sign * t[:, 2]
     assert found.scale == pytest.approx(np.sqrt(1000 * 1100) / depth)
-    np.testing.assert_array_equal(
-        found.estimate.objective, -found.estimate.log_evidence
-    )
+    assert_array_equal(found.estimate.objective, -found.estimate.log_evidence)
     at = scene.camera.centre + scene.camera.focal * t[:, :2] / depth[:, None]
     assert found.translation == pytest.approx(at)
     S = found.shapes.copy()
@@ -122,7 +121,7 @@ def test_the_noise_of_a_landmark_is_that_of_its_ray(rng):
     w = rng.multivariate_normal([500, 100], covariance, 100_000).T[None]
     rays = find_rays(w, camera)
     found = noise_of_rays(covariance[None, None], rays, camera)
-    np.testing.assert_allclose(found[0, 0], np.cov(rays.landmarks[0]), rtol=0.03)
+    assert_allclose(found[0, 0], np.cov(rays.landmarks[0]), rtol=0.03)
 
 
 def test_a_focal_length_that_is_assumed_leaves_points_open_along_their_rays(rng):
@@ -141,7 +140,7 @@ def test_a_focal_length_that_is_assumed_leaves_points_open_along_their_rays(rng)
     )  # as in the middle of the shape
     found = noise_of_rays(np.zeros((1, 50, 2, 2)), find_rays(w, camera), camera)
     expected = np.einsum("nap,nbp,np->npab", moved, moved, shape[:, 2] ** -2.0)
-    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-4 * expected.max())
+    assert_allclose(found, expected, rtol=2e-3, atol=1e-4 * expected.max())
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -159,7 +158,5 @@ def test_rotations_are_turned_onto_the_ray_to_what_is_seen_and_no_further(rng, s
     ray = np.column_stack([(middle - camera.centre) / camera.focal, np.full(n, sign)])
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     onto = np.broadcast_to(ray[:, None], (n, 3, 3))
-    np.testing.assert_allclose(turn @ [0.0, 0.0, sign], onto, atol=1e-12)
-    np.testing.assert_allclose(
-        (np.trace(turn[:, 0], axis1=1, axis2=2) - 1) / 2, sign * ray[:, 2]
-    )
+    assert_allclose(turn @ [0.0, 0.0, sign], onto, atol=1e-12)
+    assert_allclose((np.trace(turn[:, 0], axis1=1, axis2=2) - 1) / 2, sign * ray[:, 2])

@@ -4,6 +4,7 @@ outliers.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations, rotation_about
@@ -86,10 +87,8 @@ def test_the_combination_of_modes_has_the_moments_of_their_mixture(draw_mixture)
     apart = np.nan_to_num(found.modes.mean - mean[:, None]).reshape(40, 12, -1)
     covariance = np.einsum("nm,nmij->nij", share, found.modes.covariance)
     covariance += np.einsum("nm,nmi,nmj->nij", share, apart, apart)
-    np.testing.assert_allclose(found.mean[several], mean[several], atol=1e-6)
-    np.testing.assert_allclose(
-        found.covariance[several], covariance[several], atol=1e-6
-    )
+    assert_allclose(found.mean[several], mean[several], atol=1e-6)
+    assert_allclose(found.covariance[several], covariance[several], atol=1e-6)
 
 
 def test_an_image_without_three_landmarks_has_no_posterior(draw_scene):

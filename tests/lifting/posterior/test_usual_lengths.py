@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 
 from shapefit.dictionary.bodies import find_limbs, precision_of_ratios
@@ -120,20 +121,18 @@ def test_the_mixture_is_that_of_modes_conditioned_one_by_one(prior, lengths):
             covariance += a * (C + np.outer(apart, apart))
         gain = total - np.logaddexp.reduce(log_evidence)
 
-        np.testing.assert_allclose(found.mean[image], mean, atol=1e-6)
-        np.testing.assert_allclose(found.covariance[image], covariance, atol=1e-6)
+        assert_allclose(found.mean[image], mean, atol=1e-6)
+        assert_allclose(found.covariance[image], covariance, atol=1e-6)
         variance = np.diagonal(covariance).reshape(3, P)
-        np.testing.assert_allclose(found.deviation[image] ** 2, variance, atol=1e-6)
+        assert_allclose(found.deviation[image] ** 2, variance, atol=1e-6)
         xz = covariance[np.arange(P), np.arange(P) + 2 * P]
         xz /= np.sqrt(variance[0] * variance[2])
-        np.testing.assert_allclose(found.correlation[image, 1], xz, atol=1e-5)
+        assert_allclose(found.correlation[image, 1], xz, atol=1e-5)
         assert found.log_evidence[image] - before.log_evidence[image] == (
             pytest.approx(gain, abs=1e-5)
         )
         best = there[np.argmax(share)]
-        np.testing.assert_allclose(
-            found.rotation[image], before.modes.rotation[image, best]
-        )
+        assert_allclose(found.rotation[image], before.modes.rotation[image, best])
         assert found.scale[image] == pytest.approx(before.modes.scale[image, best])
     assert several >= 3
 
@@ -156,8 +155,8 @@ def test_a_mode_moves_to_where_both_are_likeliest(prior, lengths):
 def test_the_size_of_a_body_is_free(prior, lengths):
     longer = lengths._replace(log_length=lengths.log_length + np.log(3.0))
     found, other = find(prior, lengths), find(prior, longer)
-    np.testing.assert_allclose(other.mean, found.mean, atol=1e-9)
-    np.testing.assert_allclose(other.covariance, found.covariance, atol=1e-9)
+    assert_allclose(other.mean, found.mean, atol=1e-9)
+    assert_allclose(other.covariance, found.covariance, atol=1e-9)
 
 
 def test_firm_lengths_give_limbs_their_ratios(prior, lengths):
@@ -174,7 +173,7 @@ def test_firm_lengths_give_limbs_their_ratios(prior, lengths):
 def test_stored_modes_are_those_without_lengths(prior, lengths):
     before, found = find(prior, modes=4), find(prior, lengths, modes=4)
     for name, values in before.modes._asdict().items():
-        np.testing.assert_array_equal(getattr(found.modes, name), values)
+        assert_array_equal(getattr(found.modes, name), values)
 
 
 def test_lengths_that_no_mode_has_leave_numbers(prior, lengths):
@@ -201,8 +200,8 @@ def test_only_limbs_of_people_have_usual_lengths():
     )
     lengths = find_limb_lengths(dictionary)
     assert lengths.limbs.tolist() == [[1, 2], [2, 3]]
-    np.testing.assert_allclose(np.exp(lengths.log_length), [0.4, 0.3])
-    np.testing.assert_allclose(lengths.precision.sum(axis=1), 0, atol=1e-9)
+    assert_allclose(np.exp(lengths.log_length), [0.4, 0.3])
+    assert_allclose(lengths.precision.sum(axis=1), 0, atol=1e-9)
     assert find_limb_lengths(replace(dictionary, edge_length=None)) is None
     renamed = replace(dictionary, landmark_names=("a", "b", "c", "d", "e"))
     assert find_limb_lengths(renamed) is None

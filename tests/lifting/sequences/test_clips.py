@@ -1,6 +1,7 @@
 """Error bars of frames with errors in common: the formula, and planted sequences."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from shapefit.lifting.sequences.clips import (
     PAIRS,
@@ -31,7 +32,7 @@ def test_covariances_are_added(rng):
     found = add_common_error(parts_of(S), parts_of(own), constant)
     whole = S + CONSTANTS.shared**2 * own + (constant**2)[..., None, None] * np.eye(3)
     for got, expected in zip(found, parts_of(whole), strict=True):
-        np.testing.assert_allclose(got, expected, rtol=1e-12)
+        assert_allclose(got, expected, rtol=1e-12)
 
 
 def test_an_image_that_says_nothing_has_the_bars_of_its_neighbour():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.lifting.sequences.exchanges import (
     find_changes,
@@ -56,7 +57,7 @@ def test_exchanged_frames_are_found(rng, rows, continuous):
     found = find_exchanges(exchanged(walk(rng), rows), PAIRS, TIMELINE)
     assert found.continuous == continuous
     expected = rows if continuous else np.array([], dtype=int)
-    np.testing.assert_array_equal(np.flatnonzero(found.exchanged), expected)
+    assert_array_equal(np.flatnonzero(found.exchanged), expected)
 
 
 def test_nothing_is_found_where_little_is_seen(rng):
@@ -72,9 +73,7 @@ def test_the_log_likelihood_of_an_exchange_is_that_of_student():
     S = 2.5 * np.log(
         (3 + 4 * 20**2) / 3
     )  # at rest steps are a twentieth of the distance
-    np.testing.assert_allclose(
-        find_changes(landmarks, PAIRS[:1], np.arange(3.0)), [0, S, -S]
-    )
+    assert_allclose(find_changes(landmarks, PAIRS[:1], np.arange(3.0)), [0, S, -S])
 
 
 @pytest.mark.parametrize(("likelihood", "changed"), [(7.9, False), (8.1, True)])

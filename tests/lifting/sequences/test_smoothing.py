@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.lifting.sequences import smoothing
 from shapefit.lifting.sequences.clips import (
@@ -42,11 +43,11 @@ def test_precisions_are_inverses(rng, p):
     expected = expected + more[..., None, None] * np.eye(d)
     others = covariances[~there].copy()
     found, log_det = find_precisions(covariances, factor, more, there)
-    np.testing.assert_allclose(
+    assert_allclose(
         (found @ expected)[there], np.eye(d)[None].repeat(there.sum(), 0), atol=1e-8
     )
-    np.testing.assert_allclose(log_det[there], np.linalg.slogdet(expected)[1][there])
-    np.testing.assert_array_equal(found[~there], others)
+    assert_allclose(log_det[there], np.linalg.slogdet(expected)[1][there])
+    assert_array_equal(found[~there], others)
 
 
 @pytest.mark.parametrize("case", ["free", "known lengths", "far", "gaps"])
@@ -83,12 +84,10 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
     step = np.linalg.solve(whole, judge.gradient(y, lengths))
     shrink = min(1.0, 0.5 / np.abs(step[: y.size]).max())
     assert case != "far" or shrink < 0.5
-    np.testing.assert_allclose(
+    assert_allclose(
         found.points.reshape(-1), y.reshape(-1) - shrink * step[: y.size], atol=1e-6
     )
-    np.testing.assert_allclose(
-        found.lengths, lengths - shrink * step[y.size :], atol=1e-6
-    )
+    assert_allclose(found.lengths, lengths - shrink * step[y.size :], atol=1e-6)
 
 
 def test_the_end_is_a_minimum_of_the_dense_objective(images, body, model, monkeypatch):
@@ -132,9 +131,9 @@ def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames, 
     judge = Objective(visible, model, 0.03)
     covariance = np.linalg.inv(judge.hessian(y, found.lengths))
     own = np.einsum("tatb->tab", covariance.reshape(2 * (frames, 15)))
-    np.testing.assert_allclose(found.covariance, own, atol=1e-5)
+    assert_allclose(found.covariance, own, atol=1e-5)
     expected = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(found.deviation.reshape(-1), expected, rtol=1e-3)
+    assert_allclose(found.deviation.reshape(-1), expected, rtol=1e-3)
     held = np.sqrt(np.diag(np.linalg.inv(judge.matrix(y))))
     assert frames == 1 or np.abs(held / expected - 1).max() > 0.02
     correlation = (covariance / np.outer(expected, expected)).reshape(
@@ -142,7 +141,7 @@ def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames, 
     )
     for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
         own = np.einsum("tjtj->tj", correlation[:, a][:, :, :, b])
-        np.testing.assert_allclose(found.correlation[:, row], own, atol=1e-3)
+        assert_allclose(found.correlation[:, row], own, atol=1e-3)
 
 
 @pytest.mark.parametrize("apart", [1.0, 4.0])
@@ -196,9 +195,9 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(
         q * (part + np.outer(m - middle, m - middle))
         for q, part, m in zip(shares, parts, means, strict=True)
     )
-    np.testing.assert_allclose(found.covariance[0], expected, atol=1e-8)
+    assert_allclose(found.covariance[0], expected, atol=1e-8)
     sd = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(found.deviation.reshape(-1), sd, rtol=1e-6)
+    assert_allclose(found.deviation.reshape(-1), sd, rtol=1e-6)
     assert found.correlation[0, 2, 3] == pytest.approx(
         expected[8, 13] / (sd[8] * sd[13]), abs=1e-6
     )
@@ -233,8 +232,8 @@ def test_frames_without_modes_lie_between_their_neighbours(images, body):
     known = np.ones(len(visible), dtype=bool)
     known[[0, 4, 5]] = False
     filled = fill(visible.start, known)
-    np.testing.assert_allclose(filled[0], visible.start[1])
-    np.testing.assert_allclose(filled[4], (2 * visible.start[3] + visible.start[6]) / 3)
+    assert_allclose(filled[0], visible.start[1])
+    assert_allclose(filled[4], (2 * visible.start[3] + visible.start[6]) / 3)
     evidence = np.where(known[:, None], 0.0, -np.inf) * np.ones((1, 2))
     modes = np.repeat(visible.start[:, None], 2, axis=1)
     covariance = np.tile(np.eye(15), (len(visible), 2, 1, 1))
@@ -265,11 +264,11 @@ def test_growth_is_a_line_through_what_is_near(rng, width):
         for k in t
     ]
     found = np.log(find_growth(np.exp(level), there, width, timeline))
-    np.testing.assert_allclose(found, expected - np.mean(expected), atol=2e-3)
+    assert_allclose(found, expected - np.mean(expected), atol=2e-3)
     there[[0, 7, 8]] = False
     nearer = np.where(there, np.exp(0.1 * t), np.nan)
     line = 0.1 * (t - t[there].mean())
-    np.testing.assert_allclose(
+    assert_allclose(
         np.log(find_growth(nearer, there, width, timeline))[1:], line[1:], atol=1e-4
     )
 
@@ -280,14 +279,10 @@ def test_a_unit_of_each_frame_is_that_of_images_observed_in_it(images, body, rng
     visible = images(body, noise=0.02)
     covariance = np.linalg.inv(visible.precision)
     found = replace(visible, precision=visible.precision.copy()).grown(growth)
-    np.testing.assert_allclose(found.start * g, visible.start)
-    np.testing.assert_allclose(found.mean * g, visible.mean)
-    np.testing.assert_allclose(
-        np.linalg.inv(found.precision), covariance / g[..., None] ** 2
-    )
-    np.testing.assert_allclose(
-        found.log_det, np.linalg.slogdet(covariance / g[..., None] ** 2)[1]
-    )
+    assert_allclose(found.start * g, visible.start)
+    assert_allclose(found.mean * g, visible.mean)
+    assert_allclose(np.linalg.inv(found.precision), covariance / g[..., None] ** 2)
+    assert_allclose(found.log_det, np.linalg.slogdet(covariance / g[..., None] ** 2)[1])
 
 
 def test_errors_that_images_share_do_not_outweigh_known_lengths(
@@ -327,7 +322,7 @@ def test_images_and_known_lengths_are_weighed_by_their_variances(rng, frames):
     taken_for = frames * np.linalg.inv(P)
     weighed = weigh_lengths(Lengths(usual, Q), frames).precision
     found = np.linalg.solve(taken_for + weighed, taken_for @ measured + weighed @ usual)
-    np.testing.assert_allclose(found, expected)
+    assert_allclose(found, expected)
 
 
 def with_gaps(model, frames):
@@ -358,9 +353,7 @@ def test_stretches_on_both_sides_of_a_long_gap_move_by_themselves(images, body, 
     position = np.arange(len(body)) + np.where(np.arange(len(body)) < 9, 0.0, 30.0)
     gap = replace(free, timeline=Timeline(position, 24.0))
     found = smooth(seen, gap, 0.1).points
-    np.testing.assert_allclose(
-        found, np.concatenate([one.points for one in apart]), atol=2e-3
-    )
+    assert_allclose(found, np.concatenate([one.points for one in apart]), atol=2e-3)
     joined = smooth(seen, free, 0.1).points
     assert np.abs(joined[7:11] - found[7:11]).max() > 0.02
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import project_pinhole
@@ -35,13 +36,9 @@ def lifting(scene, prior):
 def test_what_is_not_refined_stays(scene, lifting):
     same = refine_through_camera(lifting, scene.landmarks, lambda weak, _: weak)
     for name in ("shapes", "landmarks_fitted", "translation", "scale"):
-        np.testing.assert_allclose(
-            getattr(same, name), getattr(lifting, name), rtol=1e-9
-        )
-    np.testing.assert_allclose(
-        same.perspective.translation, lifting.perspective.translation
-    )
-    np.testing.assert_allclose(same.estimate.deviation, lifting.estimate.deviation)
+        assert_allclose(getattr(same, name), getattr(lifting, name), rtol=1e-9)
+    assert_allclose(same.perspective.translation, lifting.perspective.translation)
+    assert_allclose(same.estimate.deviation, lifting.estimate.deviation)
 
 
 def test_modes_and_points_are_in_one_frame(scene, lifting):
@@ -49,12 +46,10 @@ def test_modes_and_points_are_in_one_frame(scene, lifting):
         first = weak.scale[:, None, None] * weak.estimate.modes.mean[:, 0]
         best = shares_of(weak.estimate.modes)[:, 0] > 0.999
         assert best.any()
-        np.testing.assert_allclose(
-            weak.shapes[best], first[best], atol=0.02 * weak.scale.max()
-        )
+        assert_allclose(weak.shapes[best], first[best], atol=0.02 * weak.scale.max())
         deviation = weak.scale[:, None, None] * weak.estimate.deviation
         expected = lifting.scale[:, None, None] * lifting.estimate.deviation
-        np.testing.assert_allclose(deviation, expected)
+        assert_allclose(deviation, expected)
         return weak
 
     refine_through_camera(lifting, scene.landmarks, look)
@@ -72,14 +67,12 @@ def test_landmarks_of_true_depths_are_those_of_weak_perspective(scene, lifting):
 
     def look(weak, landmarks):
         visible.append(landmarks)
-        np.testing.assert_allclose(
-            landmarks, weak.shapes[:, :2], atol=1e-9 * scale.max()
-        )
+        assert_allclose(landmarks, weak.shapes[:, :2], atol=1e-9 * scale.max())
         return weak
 
     back = refine_through_camera(true, exact, look)
     assert len(visible) == 1
-    np.testing.assert_allclose(back.landmarks_fitted, exact)
+    assert_allclose(back.landmarks_fitted, exact)
 
 
 def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
@@ -101,9 +94,9 @@ def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
 
     bar_scale = np.linspace(1, 2, P)
     found = refine_through_camera(lifting, scene.landmarks, refine)
-    np.testing.assert_allclose(found.estimate.image_error, expected)
+    assert_allclose(found.estimate.image_error, expected)
     assert np.isfinite(found.estimate.sequence_noise).all()
     C = found.estimate.covariance
-    np.testing.assert_allclose(C, C.swapaxes(1, 2), atol=1e-9 * C.max())
+    assert_allclose(C, C.swapaxes(1, 2), atol=1e-9 * C.max())
     variance = np.diagonal(C, axis1=1, axis2=2).reshape(N, 3, P)
-    np.testing.assert_allclose(found.estimate.deviation**2, variance, rtol=1e-6)
+    assert_allclose(found.estimate.deviation**2, variance, rtol=1e-6)

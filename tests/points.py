@@ -1,0 +1,46 @@
+"""Stacks of points (..., d, p), one landmark per column: arithmetic in plain NumPy."""
+
+import numpy as np
+
+from shapefit.arrays import Floats, Integers
+
+
+def transpose(matrices: Floats) -> Floats:
+    """Return each matrix of a stack (..., a, b) transposed: (..., b, a)."""
+    return np.swapaxes(matrices, -2, -1)
+
+
+def flatten(shapes: Floats) -> Floats:
+    """Return shapes (n, 3, p) as rows (n, 3p)."""
+    return shapes.reshape(len(shapes), -1)
+
+
+def norms(shapes: Floats) -> Floats:
+    """Return the Frobenius norm (...) of each shape."""
+    return np.linalg.norm(shapes, axis=(-2, -1))
+
+
+def centred(points: Floats) -> Floats:
+    """Return points less the centroid of each set."""
+    return points - points.mean(axis=-1, keepdims=True)
+
+
+def mix(coefficients: Floats, atoms: Floats) -> Floats:
+    """Return sum_i c_i B_i (n, 3, p) of coefficients (n, k) and atoms (k, 3, p)."""
+    return np.tensordot(coefficients, atoms, axes=1)
+
+
+def transform(transforms: Floats, atoms: Floats) -> Floats:
+    """Return sum_i M_i B_i (n, 2, p) of transforms (n, k, 2, 3)."""
+    return np.einsum("nkab,kbp->nap", transforms, atoms)
+
+
+def edge_vectors(shapes: Floats, edges: Integers) -> Floats:
+    """Return the vectors (n, 3, e) from the first end of each edge to the second."""
+    start, end = np.transpose(edges)
+    return shapes[:, :, end] - shapes[:, :, start]
+
+
+def edge_lengths(shapes: Floats, edges: Integers) -> Floats:
+    """Return the lengths (n, e) of edges."""
+    return np.linalg.norm(edge_vectors(shapes, edges), axis=1)
