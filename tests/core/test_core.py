@@ -88,7 +88,7 @@ SHOW_LEVEL = "from shapefit import core; print(core.LEVEL)"
 QUICK = [
     "tests/convex/test_solver.py",
     "tests/dictionary/test_learning.py",
-    "tests/lifting/test_shared_rotation.py",
+    "tests/lifting/shared_rotation",
 ]
 """Certificates, planted problems and many starts, which judge every level alike; `make
 test-levels` runs more than these.

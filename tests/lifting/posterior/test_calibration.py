@@ -14,7 +14,7 @@ from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.posterior.calibration import HiddenInTurn, hide_in_turn
 from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.posterior.model import PosteriorModel
-from tests.lifting.posterior.conftest import RESIDUAL_VARIANCE, P, Scene
+from tests.lifting.posterior.scenes import RESIDUAL_VARIANCE, FilmedScene, P
 
 N = 60
 
@@ -24,7 +24,7 @@ def scene(request, draw_mixture):
     """Images of one Gaussian."""
     prior = draw_mixture(5, k=1, p=P, size=0.1)
     is_near = request.param != "weak perspective"
-    scene = Scene(prior, N, 6.0 if is_near else 1e3, 1.0)
+    scene = FilmedScene(prior, N, 6.0 if is_near else 1e3, 1.0)
     return scene, prior, scene.camera if is_near else None
 
 

@@ -14,10 +14,10 @@ from shapefit.lifting.posterior.method import (
     turn_towards_landmarks,
 )
 from shapefit.lifting.posterior.posterior import find_posterior
-from tests.lifting.posterior.conftest import (
+from tests.lifting.posterior.scenes import (
     RESIDUAL_VARIANCE,
+    FilmedScene,
     P,
-    Scene,
     assert_regions_hold,
 )
 
@@ -52,7 +52,9 @@ def error(points, truth):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_camera_makes_near_shapes_better_and_its_regions_hold(draw_mixture, sign):
     prior = draw_mixture(4, p=P, size=0.12)
-    scene = Scene(prior, 400, 6.0, sign)  # three to four times the size of the shapes
+    scene = FilmedScene(
+        prior, 400, 6.0, sign
+    )  # three to four times the size of the shapes
     rays, found = through_camera(prior, scene)
     weak = posterior(prior, scene.landmarks, scene.starts())
     along = turn_towards_landmarks(
@@ -71,7 +73,7 @@ def test_the_camera_makes_near_shapes_better_and_its_regions_hold(draw_mixture, 
 
 def test_a_long_lens_sees_weak_perspective(draw_mixture):
     prior = draw_mixture(4, p=P)
-    scene = Scene(prior, 20, 1e7, 1.0)
+    scene = FilmedScene(prior, 20, 1e7, 1.0)
     centred = Camera(np.full((20, 2), 1e9), scene.landmarks.mean(axis=2), 1.0)
     rays = find_rays(scene.landmarks, centred)
     starts = scene.rotation[:, None]
@@ -88,7 +90,7 @@ def test_a_long_lens_sees_weak_perspective(draw_mixture):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
     prior = draw_mixture(4, p=P)
-    scene = Scene(prior, 30, 6.0, sign)
+    scene = FilmedScene(prior, 30, 6.0, sign)
     weights = np.ones((30, P))
     weights[3, 2] = 0.0
     found = scene.lift(prior, weights)

@@ -25,7 +25,7 @@ from shapefit.lifting.posterior.p_value import (
     with_p_value_table,
 )
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
-from tests.lifting.posterior.conftest import draw_images
+from tests.lifting.posterior.scenes import draw_images
 
 IMAGES, RESIDUAL_VARIANCE, CHANCE, DENSITY = 800, 0.006, 0.02, 0.05
 

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
-from tests.lifting.posterior import conftest as dense
-from tests.lifting.posterior.conftest import (
+from tests.lifting.posterior import dense
+from tests.lifting.posterior.scenes import (
     assert_regions_hold,
     draw_images,
     shares_of,

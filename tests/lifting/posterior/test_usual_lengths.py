@@ -13,7 +13,7 @@ from shapefit.dictionary.bodies import find_limbs, precision_of_ratios
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.usual_lengths import LimbLengths, find_limb_lengths
-from tests.lifting.posterior.conftest import draw_images, solve
+from tests.lifting.posterior.scenes import draw_images, solve
 
 P = 7
 STEPS = 3

@@ -12,7 +12,7 @@ from shapefit.lifting.sequences import clips
 from shapefit.lifting.sequences.clips import BodyMotion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.lifting.trust import expected_error
-from tests.lifting.posterior.conftest import P, Scene, draw_component, shares_of
+from tests.lifting.posterior.scenes import FilmedScene, P, draw_component, shares_of
 
 N = 20
 
@@ -25,7 +25,7 @@ def prior():
 
 @pytest.fixture(params=[1.0, -1.0])
 def scene(request, prior):
-    return Scene(prior, N, 6.0, request.param)
+    return FilmedScene(prior, N, 6.0, request.param)
 
 
 @pytest.fixture
