@@ -1,6 +1,7 @@
 """Stacks of points (..., d, p), one landmark per column: arithmetic in plain NumPy."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from shapefit.arrays import Floats, Integers
 
@@ -44,3 +45,27 @@ def edge_vectors(shapes: Floats, edges: Integers) -> Floats:
 def edge_lengths(shapes: Floats, edges: Integers) -> Floats:
     """Return the lengths (n, e) of edges."""
     return np.linalg.norm(edge_vectors(shapes, edges), axis=1)
+
+
+def resized(shapes: Floats, sizes: Floats) -> Floats:
+    """Return shapes (n, d, p), each times its size (n,)."""
+    return sizes[:, None, None] * shapes
+
+
+def unit_norm(atoms: Floats) -> Floats:
+    """Return atoms (k, 3, p), each scaled to the norm 1."""
+    return resized(atoms, 1 / norms(atoms))
+
+
+def without_mean_depth(shapes: Floats) -> Floats:
+    """Return shapes (n, 3, p) whose mean depth is 0."""
+    shift = np.zeros_like(shapes)
+    shift[:, 2] = shapes[:, 2].mean(axis=1, keepdims=True)
+    return shapes - shift
+
+
+def assert_rotations(R: Floats, atol: float = 1e-12) -> None:
+    """Assert that matrices (..., 3, 3) are orthogonal, and that none mirrors."""
+    identity = np.broadcast_to(np.eye(3), R.shape)
+    assert_allclose(R @ transpose(R), identity, atol=atol)
+    assert_allclose(np.linalg.det(R), 1)

@@ -14,7 +14,7 @@ from shapefit.convex.solver import Status
 from shapefit.convex.transforms import nuclear_norm
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
-from tests.points import norms, transpose
+from tests.points import transpose, unit_norm
 
 LOSSES = list(Loss)
 
@@ -44,8 +44,7 @@ def make_problem(rng: np.random.Generator) -> Callable[..., Problem]:
         **options: Any,
     ) -> Problem:
         noise = 0.0 if loss is Loss.EXACT else options.get("noise", 0.3)
-        atoms = normalise(rng.standard_normal((k, 3, p))).points
-        atoms /= norms(atoms)[:, None, None]
+        atoms = unit_norm(normalise(rng.standard_normal((k, 3, p))).points)
         size = rng.uniform(0, 4, (n, k))
         used = rng.random((n, k)) < 3 / k
         rotations = random_rotations(n * k, rng).reshape(n, k, 3, 3)

@@ -12,7 +12,7 @@ from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.convex.transforms import nuclear_norm
 from tests.convex.conftest import assert_certified, judge
-from tests.points import transpose
+from tests.points import resized, transpose
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-8])
@@ -198,11 +198,11 @@ def plant_atoms(
     active = np.arange(k) < 3
     share_of_bound = np.where(active, 1.0, rng.uniform(0.2, 0.9, k))
     size = LAM * share_of_bound / singular_values.sum(axis=1)
-    atoms *= size[:, None, None]
+    atoms = resized(atoms, size)
 
     U, _, Vt = np.linalg.svd(weighted_dual @ transpose(atoms), full_matrices=False)
     c = rng.uniform(0.5, 2, k) * active
-    M = c[:, None, None] * (U @ Vt)
+    M = resized(U @ Vt, c)
     return atoms, M, c
 
 

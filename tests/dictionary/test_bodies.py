@@ -17,7 +17,7 @@ from shapefit.dictionary.bodies import (
 )
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from tests.points import centred, edge_lengths, edge_vectors, flatten
+from tests.points import centred, edge_lengths, edge_vectors, flatten, resized
 
 BONES = np.array([[0, 1], [1, 2], [1, 3]])
 
@@ -224,22 +224,22 @@ def dictionary(shapes) -> Dictionary:
 
 
 def test_edges_are_as_long_as_they_were(shapes, dictionary):
-    resized = 17 * shapes
+    larger = 17 * shapes
 
-    factor = metres_per_unit(resized, dictionary)
+    factor = metres_per_unit(larger, dictionary)
 
-    in_metres = factor[:, None, None] * resized
+    in_metres = resized(larger, factor)
     total = edge_lengths(shapes, CHAIN).sum(axis=1).mean()
     assert mean_edge_lengths(in_metres).sum() == pytest.approx(total / 100)
 
 
 def test_without_edges_the_size_is_that_of_the_training_shapes(shapes, dictionary):
     without_edges = replace(dictionary, edges=None, edge_length=None)
-    resized = 5 * shapes
+    larger = 5 * shapes
 
-    factor = metres_per_unit(resized, without_edges)
+    factor = metres_per_unit(larger, without_edges)
 
-    in_metres = factor[:, None, None] * resized
+    in_metres = resized(larger, factor)
     expected = dictionary.atom_scale.mean() / 100
     assert_allclose(normalise(in_metres).scale, expected)
 

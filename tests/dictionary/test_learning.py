@@ -16,12 +16,7 @@ from shapefit.dictionary.learning import (
     update_atoms,
 )
 from shapefit.geometry.normalisation import normalise
-from tests.points import centred, flatten, mix, norms
-
-
-def unit_norm(atoms: Floats) -> Floats:
-    """Scale atoms to the norm 1."""
-    return atoms / norms(atoms)[:, None, None]
+from tests.points import centred, flatten, mix, norms, resized, unit_norm
 
 
 def duality_gaps(
@@ -299,7 +294,7 @@ class TestUpdateOfAtoms:
         assert (size <= LIMIT * (1 + 1e-12)).all()
         assert (u > -1e-9).all()
         assert_allclose(u[inside], 0, atol=1e-8)
-        assert_allclose(slope, -u[:, None, None] * atoms, atol=1e-8)
+        assert_allclose(slope, resized(atoms, -u), atol=1e-8)
 
 
 def test_sizes_of_atoms_are_those_of_the_shapes_that_use_them():
@@ -375,6 +370,6 @@ class TestPrincipalComponents:
         assert len(principal_components(rounded)) == 0
 
     def test_a_motion_of_more_than_the_rounding_is_one(self, rounded, shapes):
-        swing = np.sin(np.arange(40))[:, None, None]
-        moving = rounded + 1e-4 * swing * shapes[1]
+        swing = np.sin(np.arange(40))
+        moving = rounded + 1e-4 * resized(shapes[1], swing)
         assert len(principal_components(moving)) == 1

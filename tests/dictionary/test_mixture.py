@@ -10,6 +10,7 @@ from shapefit.dictionary.mixture import (
     learn_mixture,
     log_prior,
 )
+from tests.gaussians import draw_shapes
 from tests.points import flatten, transpose
 
 
@@ -21,12 +22,7 @@ def draw(n: int, seed: int = 0, p: int = 3):
     roots = 0.3 * rng.normal(size=(3, 3 * p, 3 * p)) / np.sqrt(p)
     covariances = roots @ transpose(roots) + 0.02 * np.eye(3 * p)
     mixture = Mixture(weights, means, covariances)
-
-    component = rng.choice(3, size=n, p=weights)
-    root = np.linalg.cholesky(covariances)[component]
-    deviations = np.einsum("nij,nj->ni", root, rng.normal(size=(n, 3 * p)))
-    shapes = means[component] + deviations.reshape(n, 3, p)
-    return shapes, mixture
+    return draw_shapes(mixture, n, rng), mixture
 
 
 def covariance_of(shapes):

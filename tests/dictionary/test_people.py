@@ -22,6 +22,7 @@ from shapefit.io.skeletons import (
     installed_skeletons,
     people_joints,
 )
+from tests.gaussians import draw_shapes
 from tests.points import transpose
 
 JOINTS = (*PEOPLE, *FURTHER)
@@ -152,19 +153,11 @@ def test_an_extended_prior_is_a_prior(prior, rng):
     assert (np.linalg.eigvalsh(extended.covariances) > 0).all()
 
 
-def draw(prior, count, rng):
-    """Draw shapes (count, 3, 4) of the prior."""
-    component = rng.choice(2, size=count, p=prior.weights)
-    root = np.linalg.cholesky(prior.covariances)[component]
-    deviations = np.einsum("nij,nj->ni", root, rng.standard_normal((count, 12)))
-    return prior.means[component] + deviations.reshape(count, 3, 4)
-
-
 def test_a_landmark_that_follows_from_others_is_found(prior, rng):
     """y = x_0 + 0.5 (x_1 - x_2) in all shapes, which the prior drew."""
     landmark_map = np.eye(5, 4)
     landmark_map[4] = [1, 0.5, -0.5, 0]
-    shapes = draw(prior, 4000, rng) @ landmark_map.T
+    shapes = draw_shapes(prior, 4000, rng) @ landmark_map.T
 
     found = extend_prior(prior, shapes, shrinkage=0.0, floor=1e-6)
 

@@ -14,10 +14,8 @@ from shapefit.evaluation.calibration import (
     find_squares,
     summarise_coverage,
 )
+from tests.gaussians import deviations_and_correlations
 from tests.points import centred, transpose
-
-PAIRS = ((0, 1), (0, 2), (1, 2))
-"""Coordinates whose correlations a fit stores."""
 
 BINOMIAL = 4
 """Standard errors of a binomial share within which a planted one must be."""
@@ -35,13 +33,6 @@ def draw(rng, n, p, size):
     scale = rng.uniform(0.1, 10, (n, 1, 1))
     shift = rng.standard_normal((n, 3, 1))
     return estimate, covariance, scale * (estimate + error) + shift
-
-
-def deviations_of(covariance):
-    """Standard deviations and correlations (n, 3, p) of covariances (n, p, 3, 3)."""
-    sd = np.sqrt(np.einsum("npaa->nap", covariance))
-    correlations = [covariance[..., a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS]
-    return sd, np.stack(correlations, axis=1)
 
 
 def find_levels(estimate, truth, *bars):
@@ -72,7 +63,7 @@ def placed_by_least_squares(estimate, truth, sd):
 def test_levels_and_widths_are_those_of_dense_algebra(rng):
     n, p = 12, 7
     estimate, covariance, truth = draw(rng, n, p, 0.2)
-    sd, correlation = deviations_of(covariance)
+    sd, correlation = deviations_and_correlations(covariance)
 
     level, width = find_levels(estimate, truth, sd, correlation)
 
@@ -143,7 +134,7 @@ class TestPosterior:
 
     def test_it_holds_as_much_of_the_truth_as_it_says(self, rng, hidden, nominal):
         estimate, covariance, truth = posterior_and_truth(rng, self.N, hidden)
-        bars = deviations_of(covariance)
+        bars = deviations_and_correlations(covariance)
 
         level, _ = find_levels(estimate, truth, *bars)
 
@@ -153,7 +144,7 @@ class TestPosterior:
 
     def test_narrower_bars_hold_less(self, rng, hidden, nominal):
         estimate, covariance, truth = posterior_and_truth(rng, self.N, hidden)
-        sd, correlation = deviations_of(covariance)
+        sd, correlation = deviations_and_correlations(covariance)
 
         level, _ = find_levels(estimate, truth, 0.8 * sd, correlation)
 
@@ -172,7 +163,7 @@ class TestUnknowns:
         truth[0, :, 2] = np.nan
         truth[1, :, 2:] = np.nan
         estimate[2] = np.nan
-        return estimate, truth, *deviations_of(covariance)
+        return estimate, truth, *deviations_and_correlations(covariance)
 
     def test_they_have_no_level_and_no_width(self, drawn):
         level, width = find_levels(*drawn)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from shapefit.evaluation import metrics
 from shapefit.evaluation.metrics import precision, recall
 from shapefit.geometry.rotations import random_rotations
+from tests.points import resized
 
 NAN = np.nan
 SQUARE = np.array([[1.0, -1, 0, 0], [0, 0, 1, -1], [0, 0, 0, 0]])
@@ -20,9 +21,9 @@ MIRROR = np.diag([1.0, 1.0, -1.0])
 def moved(shapes, rng):
     """Apply a random similarity to each shape."""
     n = len(shapes)
-    scale = rng.uniform(0.1, 10, n)[:, None, None]
+    scale = rng.uniform(0.1, 10, n)
     turned = random_rotations(n, rng) @ shapes
-    return scale * turned + rng.standard_normal((n, 3, 1))
+    return resized(turned, scale) + rng.standard_normal((n, 3, 1))
 
 
 @pytest.fixture
@@ -73,7 +74,8 @@ class TestSimilarity:
         assert_allclose(found, [error], atol=1e-12)
 
     def test_an_expected_error_is_in_the_unit_of_the_truth(self):
-        found = metrics.expected(SQUARE[None] / 9, SQUARE[None], np.array([0.4]))
+        truth = SQUARE[None]
+        found = metrics.expected(truth / 9, truth, np.array([0.4]))
         assert_allclose(found, 3.6)
 
     def test_ignores_any_similarity_of_the_estimate(self, estimate, truth, rng):
@@ -96,7 +98,8 @@ class TestSimilarity:
 
     @pytest.mark.parametrize("side", ["estimate", "truth"])
     def test_leaves_out_landmarks_that_one_side_lacks(self, estimate, truth, side):
-        expected = metrics.similarity(estimate[:, :, 2:], truth[:, :, 2:])
+        others = np.s_[:, :, 2:]
+        expected = metrics.similarity(estimate[others], truth[others])
         lacking = {"estimate": estimate.copy(), "truth": truth.copy()}
         lacking[side][:, :, :2] = NAN
         assert_allclose(metrics.similarity(**lacking), expected)
@@ -104,6 +107,12 @@ class TestSimilarity:
 
 QUARTER_TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 """About z."""
+
+
+def camera_error(estimate, truth, rotation):
+    """Return the error of one image."""
+    (error,) = metrics.camera(estimate[None], truth[None], rotation[None])
+    return error
 
 
 class TestCamera:
@@ -114,13 +123,13 @@ class TestCamera:
         return 0.5 * QUARTER_TURN @ SQUARE + shift
 
     def test_the_turn_of_the_truth_to_the_camera_leaves_no_error(self, turned):
-        error = metrics.camera(turned[None], SQUARE[None], QUARTER_TURN[None])
-        assert_allclose(error, [0], atol=1e-12)
+        error = camera_error(turned, SQUARE, QUARTER_TURN)
+        assert error == pytest.approx(0, abs=1e-12)
 
     def test_without_it_every_landmark_is_1_from_the_centroid(self, turned):
         """Unturned <e, x> = 0: the best scale is 0."""
-        error = metrics.camera(turned[None], SQUARE[None], np.eye(3)[None])
-        assert_allclose(error, [1], atol=1e-12)
+        error = camera_error(turned, SQUARE, np.eye(3))
+        assert error == pytest.approx(1, abs=1e-12)
 
     def test_agrees_with_a_general_minimiser(self, estimate, truth, rng):
         R = random_rotations(len(truth), rng)
@@ -130,8 +139,8 @@ class TestCamera:
         assert_allclose(metrics.camera(in_camera, truth, R), expected, rtol=1e-5)
 
     def test_an_inverted_estimate_is_not_flipped_by_a_negative_scale(self):
-        error = metrics.camera(-SQUARE[None], SQUARE[None], np.eye(3)[None])
-        assert_allclose(error, [1])
+        error = camera_error(-SQUARE, SQUARE, np.eye(3))
+        assert error == pytest.approx(1, rel=1e-7)
 
 
 class TestReprojection:

@@ -13,13 +13,7 @@ from shapefit.geometry.rotations import (
     rotation_about,
     rotation_angle,
 )
-from tests.points import transpose
-
-
-def assert_proper(R):
-    identity = np.broadcast_to(np.eye(3), R.shape)
-    assert_allclose(R @ transpose(R), identity, atol=1e-13)
-    assert_allclose(np.linalg.det(R), 1, atol=1e-13)
+from tests.points import assert_rotations, transpose
 
 
 class TestNearestRotation:
@@ -44,8 +38,8 @@ class TestCompleteRotation:
     def rows(self, rng):
         return rng.standard_normal((20, 2, 3))
 
-    def test_it_is_proper(self, rows):
-        assert_proper(complete_rotation(rows))
+    def test_it_is_a_rotation(self, rows):
+        assert_rotations(complete_rotation(rows), atol=1e-13)
 
     def test_rows_are_the_polar_factor(self, rows):
         R = complete_rotation(rows)

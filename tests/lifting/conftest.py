@@ -8,7 +8,7 @@ import pytest
 
 from shapefit.convex.problem import Problem, build_problem
 from shapefit.geometry.rotations import random_rotations
-from tests.points import centred, mix, norms
+from tests.points import centred, mix, unit_norm
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ def make_scene(rng: np.random.Generator) -> Callable[..., Scene]:
         weighted: bool = False,
     ) -> Scene:
         mean = centred(rng.standard_normal((3, p)))
-        atoms = centred(mean + 0.6 * rng.standard_normal((k, 3, p)))
-        atoms /= norms(atoms)[:, None, None]
+        variations = mean + 0.6 * rng.standard_normal((k, 3, p))
+        atoms = unit_norm(centred(variations))
         coefficients = np.zeros((n, k))
         for image in range(n):
             used = rng.choice(k, active, replace=False)

@@ -11,6 +11,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.consensus import find_consensus
 from shapefit.lifting.shared_rotation import find_pose
+from tests.points import resized
 
 P = 30
 """Landmarks."""
@@ -30,10 +31,10 @@ def shape(rng):
 @pytest.fixture
 def posed(shape, rng):
     """Landmarks of the shape at N random poses."""
-    size = rng.uniform(5, 200, N)[:, None, None]
-    T = 300 * rng.standard_normal((N, 2))[..., None]
+    size = rng.uniform(5, 200, N)
+    T = 300 * rng.standard_normal((N, 2))
     turned = random_rotations(N, rng)[:, :2] @ shape
-    return size * turned + T
+    return resized(turned, size) + T[..., None]
 
 
 def extent(landmarks):

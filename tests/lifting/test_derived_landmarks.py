@@ -93,9 +93,8 @@ class TestFoot:
     @pytest.fixture
     def foot(self):
         """Places of its coordinates among those of all landmarks."""
-        return np.concatenate(
-            [np.array(self.FOOT) + self.P * axis for axis in range(3)]
-        )
+        start_of_axis = self.P * np.arange(3)
+        return np.add.outer(start_of_axis, self.FOOT).ravel()
 
     @pytest.fixture
     def rest(self, foot):

@@ -23,8 +23,9 @@ from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.posterior import posterior
 from shapefit.lifting.posterior.model import PosteriorModel
+from tests.gaussians import single_gaussian
 from tests.lifting.estimators import make_estimator
-from tests.points import transpose
+from tests.points import assert_rotations
 
 N = 10
 """Images."""
@@ -106,7 +107,7 @@ def case(make_scene, rng) -> Case:
         atoms=scene.atoms,
         mean=mean / np.linalg.norm(mean) * np.sqrt(3 * P),
         edges=np.array([[(j - 1) // 2, j] for j in range(1, P)]),
-        prior=Mixture(np.ones(1), mean[None], covariance[None]),
+        prior=single_gaussian(mean, covariance),
     )
 
 
@@ -276,6 +277,4 @@ class TestThroughLift:
 
     def test_rotations_are_proper(self, case, lift_landmarks):
         R = lift_landmarks(case.landmarks).estimate.rotation
-        identity = np.tile(np.eye(3), (N, 1, 1))
-        assert_allclose(R @ transpose(R), identity, atol=1e-9)
-        assert_allclose(np.linalg.det(R), 1)
+        assert_rotations(R, atol=1e-9)

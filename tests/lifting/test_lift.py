@@ -24,7 +24,7 @@ from shapefit.lifting.lift import (
     noise_dual_norm,
 )
 from tests.lifting.estimators import make_estimator
-from tests.points import centred, transpose
+from tests.points import centred, resized, transpose
 
 PROGRAM = Program(lam=0.1)
 
@@ -155,7 +155,7 @@ def test_a_method_without_a_shape_is_a_failure(make_scene, status, reason):
 def test_each_image_has_the_lambda_of_its_own_size_and_landmarks(make_scene):
     """The second image is larger; of the third a quarter of the landmarks are seen."""
     scene = make_scene(n=3, p=16)
-    landmarks = scene.landmarks * np.array([1.0, 9.0, 1.0])[:, None, None]
+    landmarks = resized(scene.landmarks, np.array([1.0, 9.0, 1.0]))
     weights = np.ones((3, 16))
     weights[2, 4:] = 0.0
     flat = Flat()

@@ -25,7 +25,14 @@ from shapefit.lifting.matching_pursuit import (
     minimise_on_sphere,
     pursue,
 )
-from tests.points import centred, edge_lengths, mix, norms, transpose
+from tests.points import (
+    assert_rotations,
+    centred,
+    edge_lengths,
+    mix,
+    resized,
+    unit_norm,
+)
 
 P = 12
 """Landmarks."""
@@ -68,8 +75,7 @@ def method(mean, edges):
 def make_scene(rng: np.random.Generator) -> Callable[..., Scene]:
     def make(n=5, k=9, *, active=3, noise=0.0, hidden=0.0, weighted=False) -> Scene:
         mean = normalise(rng.standard_normal((3, P))).points
-        bases = centred(rng.standard_normal((k, 3, P)))
-        bases /= norms(bases)[:, None, None]
+        bases = unit_norm(centred(rng.standard_normal((k, 3, P))))
         coefficients = np.zeros((n, k))
         for image in range(n):
             used = rng.choice(k, active, replace=False)
@@ -233,11 +239,8 @@ class TestPursuit:
 
         found = sheared.pursue(most_atoms=0)
 
-        R = found.rotation
-        identity = np.broadcast_to(np.eye(3), R.shape)
         assert (found.error > 0.1).all()
-        assert_allclose(R @ transpose(R), identity, atol=1e-12)
-        assert_allclose(np.linalg.det(R), 1)
+        assert_rotations(found.rotation)
         assert (found.scale > 0).all()
 
     def test_an_image_converges_at_the_goal(self, noisy):
@@ -354,9 +357,9 @@ class TestEstimate:
 
         found = noisy.estimate()
 
-        shapes = size[:, None, None] * found.rotation @ noisy.mix(pursuit)
+        turned = found.rotation @ noisy.mix(pursuit)
         coefficients = size[:, None] * pursuit.coefficients
-        assert_allclose(found.shapes, shapes, atol=1e-12)
+        assert_allclose(found.shapes, resized(turned, size), atol=1e-12)
         assert_allclose(found.coefficients, coefficients, atol=1e-12)
 
     def test_the_rotation_is_that_of_the_camera(self, noisy):

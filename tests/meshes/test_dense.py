@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.meshes.dense import carry_mesh, metric_scale
-from tests.points import centred, mix, norms
+from tests.points import centred, mix, norms, resized
 
 
 def align(shapes):
@@ -38,8 +38,8 @@ class TestMetricSize:
     @pytest.fixture
     def models(self, rng):
         """Of three sizes, beside the origin."""
-        sizes = np.array([1.0, 3.0, 0.2])[:, None, None]
-        return sizes * rng.normal(size=(3, 3, 8)) + 5
+        sizes = np.array([1.0, 3.0, 0.2])
+        return resized(rng.normal(size=(3, 3, 8)), sizes) + 5
 
     @pytest.fixture
     def metric(self, models):
@@ -47,7 +47,7 @@ class TestMetricSize:
         normalised, alignment = align(models)
         coefficients = np.array([[0.0, 0.7, 0.0], [0.3, 0.0, 0.0]])
         factor = metric_scale(alignment.shapes, coefficients, normalised.scale)
-        return factor[:, None, None] * mix(coefficients, alignment.shapes)
+        return resized(mix(coefficients, alignment.shapes), factor)
 
     @pytest.fixture
     def expected(self, models):

@@ -23,7 +23,7 @@ from shapefit.lifting.perspective import (
     place_in_depth,
     refine_perspective,
 )
-from tests.points import flatten, mix
+from tests.points import flatten, mix, resized
 
 K = 6
 """Atoms."""
@@ -214,8 +214,8 @@ def test_what_is_far_away_starts_where_it_is(rng, atoms):
 def test_coefficients_of_the_mean_are_pulled_to_0_by_a_millionth_of_the_largest_atom(
     rng,
 ):
-    sizes = np.array([1.0, 4.0, 0.25])[:, None, None]
-    atoms = sizes * rng.standard_normal((3, 3, P))
+    sizes = np.array([1.0, 4.0, 0.25])
+    atoms = resized(rng.standard_normal((3, 3, P)), sizes)
     A = flatten(atoms).T
     mean = A @ [1.0, 0.2, 3.0]
     largest = (A**2).sum(axis=0).max()

@@ -14,7 +14,7 @@ from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.perspective import refine_view
 from tests.lifting.estimators import make_estimator
-from tests.points import mix, norms
+from tests.points import mix, norms, resized
 
 N = 6
 """Images."""
@@ -114,7 +114,7 @@ class TestFields:
 
     def test_shapes_are_scaled_and_placed_in_the_image(self, found, shapes):
         without_depth = np.pad(found.translation, ((0, 0), (0, 1)))
-        scaled = found.scale[:, None, None] * shapes
+        scaled = resized(shapes, found.scale)
         assert_allclose(found.shapes, scaled + without_depth[..., None])
 
     def test_landmarks_are_those_before_the_camera(self, found, shapes, place, camera):

@@ -17,6 +17,7 @@ from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.posterior.method import lift_to_posterior, turn_towards_landmarks
 from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.posterior import Modes, Posterior, find_posterior
+from tests.gaussians import draw_shapes
 from tests.points import centred, transpose
 
 
@@ -26,15 +27,6 @@ def draw_component(rng: np.random.Generator, p: int, size: float = 0.2):
     root = size * rng.normal(size=(3 * p, 3 * p))
     covariance = root @ root.T / (3 * p) * 4 + 0.01 * np.eye(3 * p)
     return mean, covariance
-
-
-def draw_shapes(prior: Mixture, n: int, rng: np.random.Generator) -> Floats:
-    """Draw shapes (n, 3, p) of the mixture."""
-    component = rng.choice(len(prior), size=n, p=prior.weights)
-    means = prior.means[component]
-    root = np.linalg.cholesky(prior.covariances)[component]
-    deviations = np.einsum("nij,nj->ni", root, rng.normal(size=(n, root.shape[2])))
-    return means + deviations.reshape(means.shape)
 
 
 def draw_images(
@@ -47,7 +39,7 @@ def draw_images(
     x = draw_shapes(prior, n, rng)
     R = random_rotations(n, rng)
     y = R @ x
-    noise = np.sqrt(residual_variance) * rng.normal(size=y[:, :2].shape)
+    noise = rng.normal(scale=np.sqrt(residual_variance), size=(n, 2, y.shape[2]))
     return y, y[:, :2] + noise, R
 
 
@@ -113,7 +105,7 @@ class FilmedScene:
         centre = np.tile([640.0, 360.0], (n, 1))
         self.camera = Camera(focal, centre, sign)
         noisy = self.shapes + self.translation[..., None]
-        noisy[:, :2] += np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=(n, 2, P))
+        noisy[:, :2] += rng.normal(scale=np.sqrt(RESIDUAL_VARIANCE), size=(n, 2, P))
         self.landmarks = project_pinhole(self.camera, noisy)
         self.visible = np.ones((n, P), dtype=bool)
 

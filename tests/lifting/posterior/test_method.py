@@ -21,7 +21,7 @@ from tests.lifting.posterior.scenes import (
     P,
     assert_regions_hold,
 )
-from tests.points import centred, transpose
+from tests.points import centred, resized, transpose, without_mean_depth
 
 signs = pytest.mark.parametrize("sign", [1.0, -1.0])
 
@@ -40,7 +40,7 @@ def find(prior, landmarks, starts, slopes=None):
 
 
 def in_unit_of_shapes(found):
-    return found.mean / found.scale[:, None, None]
+    return resized(found.mean, 1 / found.scale)
 
 
 def mean_error(points, truth):
@@ -91,9 +91,8 @@ class TestNearShapes:
     def test_regions_hold_what_they_say(self, found, scene, rays):
         points = scene.shapes.copy()
         points[:, :2] += scene.translation[:, :2, None]
-        points[:, 2] -= points[:, 2].mean(axis=1, keepdims=True)
-        pixels = rays.focal / self.DISTANCE
-        assert_regions_hold(found, pixels[:, None, None] * points)
+        in_pixels = resized(points, rays.focal / self.DISTANCE)
+        assert_regions_hold(found, without_mean_depth(in_pixels))
 
 
 def test_a_long_lens_sees_weak_perspective(draw_mixture):
@@ -148,7 +147,7 @@ class TestLiftingThroughTheCamera:
         """In their own unit, about their own origin."""
         shapes = lifting.shapes.copy()
         shapes[:, :2] -= lifting.translation[..., None]
-        return shapes / lifting.scale[:, None, None]
+        return resized(shapes, 1 / lifting.scale)
 
     def test_the_scale_is_that_at_the_depth(self, lifting, depth):
         focal = np.sqrt(1000 * 1100)

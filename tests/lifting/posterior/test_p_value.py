@@ -27,6 +27,7 @@ from shapefit.lifting.posterior.p_value import (
     with_p_value_table,
 )
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
+from tests.gaussians import single_gaussian
 from tests.lifting.posterior.scenes import draw_images
 from tests.points import transpose
 
@@ -226,7 +227,7 @@ class TestTable:
 def test_distances_at_the_true_view_have_2p_less_2_degrees_of_freedom():
     p = 5
     mixture = planted(p)
-    prior = Mixture(np.ones(1), mixture.means[:1], mixture.covariances[:1])
+    prior = single_gaussian(mixture.means[0], mixture.covariances[0])
     images = draw(prior)
     component = np.zeros(N, int)
     all_seen = np.ones((N, p), bool)

@@ -1,5 +1,7 @@
 """A planted body that turns before a camera, and what single images say of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,6 +28,14 @@ def model():
     stiffness = np.full(P, 0.02) ** -2.0
     bone_tolerance = np.full(len(BONES), 0.005)
     return SequenceModel(BONES, stiffness, bone_tolerance)
+
+
+def without_bones(model: SequenceModel) -> SequenceModel:
+    """Return the model of landmarks that no bone joins."""
+    none = slice(0)
+    return replace(
+        model, bones=model.bones[none], bone_tolerance=model.bone_tolerance[none]
+    )
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shapefit.lifting.sequences.clips import (
-    PAIRS,
     add_common_error,
     find_acceleration_scale,
     find_growth,
@@ -17,17 +16,11 @@ from shapefit.lifting.sequences.clips import (
 )
 from shapefit.lifting.sequences.smoothing import CONSTANTS
 from shapefit.timeline import Timeline
+from tests.gaussians import deviations_and_correlations
 from tests.points import transpose
 
 P = 4
 """Landmarks."""
-
-
-def bars_of(covariance):
-    """Deviations and correlations (n, 3, p) of covariances (n, p, 3, 3)."""
-    sd = np.sqrt(np.einsum("npaa->nap", covariance))
-    pairs = [covariance[:, :, a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS]
-    return sd, np.stack(pairs, axis=1)
 
 
 def draw_covariances(rng, *shape):
@@ -43,10 +36,12 @@ def test_covariances_are_added(rng):
     whole = of_sequence + CONSTANTS.shared**2 * of_image + common
 
     sd, correlation = add_common_error(
-        bars_of(of_sequence), bars_of(of_image), constant
+        deviations_and_correlations(of_sequence),
+        deviations_and_correlations(of_image),
+        constant,
     )
 
-    expected_sd, expected_correlation = bars_of(whole)
+    expected_sd, expected_correlation = deviations_and_correlations(whole)
     assert_allclose(sd, expected_sd, rtol=1e-12)
     assert_allclose(correlation, expected_correlation, rtol=1e-12)
 

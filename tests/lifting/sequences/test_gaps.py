@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from shapefit.lifting.sequences.smoothing import smooth
 from shapefit.timeline import Timeline
+from tests.lifting.sequences.conftest import without_bones
 
 NOISE = 0.1
 FRAME_RATE = 24.0
@@ -30,27 +31,25 @@ class TestLongGap:
         return images(body, noise=0.05)
 
     @pytest.fixture
-    def without_bones(self, model):
-        return replace(
-            model, bones=model.bones[:0], bone_tolerance=model.bone_tolerance[:0]
-        )
+    def boneless(self, model):
+        return without_bones(model)
 
     @pytest.fixture
-    def with_gap(self, without_bones, body):
+    def with_gap(self, boneless, body):
         frames = np.arange(len(body))
         position = np.where(frames < 9, frames, frames + 30.0)
-        return replace(without_bones, timeline=Timeline(position, FRAME_RATE))
+        return replace(boneless, timeline=Timeline(position, FRAME_RATE))
 
-    def test_both_stretches_move_by_themselves(self, seen, without_bones, with_gap):
+    def test_both_stretches_move_by_themselves(self, seen, boneless, with_gap):
         found = smooth(seen, with_gap, NOISE).points
 
-        before = smooth(part(seen, slice(9)), without_bones, NOISE).points
-        behind = smooth(part(seen, slice(9, None)), without_bones, NOISE).points
+        before = smooth(part(seen, slice(9)), boneless, NOISE).points
+        behind = smooth(part(seen, slice(9, None)), boneless, NOISE).points
         assert_allclose(found, np.concatenate([before, behind]), atol=2e-3)
 
-    def test_without_a_gap_they_move_together(self, seen, without_bones, with_gap):
+    def test_without_a_gap_they_move_together(self, seen, boneless, with_gap):
         found = smooth(seen, with_gap, NOISE).points
-        joined = smooth(seen, without_bones, NOISE).points
+        joined = smooth(seen, boneless, NOISE).points
         difference = np.abs(joined - found)[7:11]
         assert difference.max() > 0.02
 

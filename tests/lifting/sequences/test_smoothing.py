@@ -18,6 +18,7 @@ from shapefit.lifting.sequences.smoothing import (
     smooth,
 )
 from shapefit.timeline import Timeline
+from tests.lifting.sequences.conftest import without_bones
 from tests.lifting.sequences.dense_objective import Objective
 from tests.points import transpose
 
@@ -246,9 +247,8 @@ class TestFrameByItself:
 
     @pytest.fixture
     def mode_covariances(self, rng):
-        return np.stack(
-            [np.cov(rng.standard_normal((15, 40))) * 0.04 for _ in range(2)]
-        )
+        samples = 0.2 * rng.standard_normal((2, 15, 40))
+        return np.stack([np.cov(of_mode) for of_mode in samples])
 
     @pytest.fixture
     def mode_means(self, rng, mode_covariances, apart):
@@ -276,11 +276,8 @@ class TestFrameByItself:
             precision=np.linalg.inv(mode_covariances)[None],
             log_det=log_det(mode_covariances)[None],
         )
-        no_bones = replace(
-            model, bones=model.bones[:0], bone_tolerance=model.bone_tolerance[:0]
-        )
         noise = (1 / self.RESIDUAL_VARIANCE + landmark_weight) ** -0.5
-        return smooth(visible, no_bones, noise, max_rounds=50)
+        return smooth(visible, without_bones(model), noise, max_rounds=50)
 
     @pytest.fixture
     def covariance(self, mode_covariances, mode_means, landmarks, landmark_weight):

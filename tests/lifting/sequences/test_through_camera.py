@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.sequences import clips
 from shapefit.lifting.sequences.clips import BodyMotion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.lifting.trust import expected_error
+from tests.gaussians import single_gaussian
 from tests.lifting.posterior.scenes import FilmedScene, P, draw_component, shares_of
-from tests.points import centred, transpose
+from tests.points import centred, resized, transpose
 
 N = 20
 """Images."""
@@ -22,7 +22,7 @@ N = 20
 @pytest.fixture
 def prior():
     mean, C = draw_component(np.random.default_rng(4), P, 0.1)
-    return Mixture(np.ones(1), mean[None], C[None])
+    return single_gaussian(mean, C)
 
 
 @pytest.fixture(params=[1.0, -1.0])
@@ -49,7 +49,7 @@ def test_place_and_bars_stay_where_nothing_is_refined(scene, lifting):
 
 def in_unit_of_landmarks(lifting, values):
     """Scale what an estimate says (n, 3, p)."""
-    return lifting.scale[:, None, None] * values
+    return resized(values, lifting.scale)
 
 
 class Look:
@@ -141,8 +141,8 @@ class TestErrors:
 
     @pytest.fixture
     def error_of_images(self, lifting):
-        unit = lifting.scale[:, None, None]
-        return expected_error(lifting.shapes, unit**2 * lifting.estimate.covariance)
+        covariance = resized(lifting.estimate.covariance, lifting.scale**2)
+        return expected_error(lifting.shapes, covariance)
 
     @pytest.fixture
     def refined(self, scene, lifting, error_of_images):

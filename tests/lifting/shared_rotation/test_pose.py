@@ -8,7 +8,7 @@ from shapefit.convex.problem import build_problem
 from shapefit.geometry.rotations import random_rotations, rotation_about_axis
 from shapefit.lifting.shared_rotation import alternate, even_views, find_pose
 from tests.lifting.estimators import make_estimator
-from tests.points import centred, transpose
+from tests.points import assert_rotations, centred, mix, resized
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def shape(rng):
 def misfits(problem, shape, pose):
     """Return half the sum of weighted squares (n,) that poses leave, best placed."""
     square = problem.weights[:, None] ** 2
-    posed = pose.size[:, None, None] * pose.rotation[:, :2] @ shape
+    posed = resized(pose.rotation[:, :2] @ shape, pose.size)
     away = problem.landmarks - posed
     total = square.sum(axis=-1, keepdims=True)
     T = (away * square).sum(axis=-1, keepdims=True) / total
@@ -46,7 +46,7 @@ class TestPlanted:
         """Return the function that makes the problem of a shape."""
 
         def show(shape):
-            posed = size[:, None, None] * rotation[:, :2] @ shape
+            posed = resized(rotation[:, :2] @ shape, size)
             return build_problem(posed + translation, shape[None], 1.0)
 
         return show
@@ -96,7 +96,7 @@ def turned():
     rng = np.random.default_rng(2)
     mean = rng.standard_normal((3, 10))
     atoms = centred(mean + 0.5 * rng.standard_normal((4, 3, 10)))
-    shapes = np.tensordot(rng.dirichlet(np.ones(4), 200), atoms, axes=1)
+    shapes = mix(rng.dirichlet(np.ones(4), 200), atoms)
     landmarks = (random_rotations(200, rng) @ shapes)[:, :2]
     return atoms.mean(axis=0), build_problem(landmarks, atoms, 0.05)
 
@@ -159,10 +159,8 @@ class TestEvenViews:
     @pytest.mark.parametrize("count", [1, 2, 6, 24])
     def test_they_are_rotations_that_begin_with_the_identity(self, count):
         views = even_views(count)
-        identity = np.broadcast_to(np.eye(3), views.shape)
         assert_array_equal(views[0], np.eye(3))
-        assert_allclose(views @ transpose(views), identity, atol=1e-14)
-        assert_allclose(np.linalg.det(views), 1)
+        assert_rotations(views, atol=1e-14)
 
     @pytest.mark.parametrize(
         ("count", "degrees"), [(1, 181), (2, 136), (6, 75), (24, 38)]
