@@ -4,6 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from shapefit.arrays import Floats, Integers
+from shapefit.geometry.rotations import random_rotations
 
 
 def transpose(matrices: Floats) -> Floats:
@@ -69,3 +70,8 @@ def assert_rotations(R: Floats, atol: float = 1e-12) -> None:
     identity = np.broadcast_to(np.eye(3), R.shape)
     assert_allclose(R @ transpose(R), identity, atol=atol)
     assert_allclose(np.linalg.det(R), 1)
+
+
+def draw_rotations(n: int, k: int, rng: np.random.Generator) -> Floats:
+    """Draw k rotations for each of n images (n, k, 3, 3)."""
+    return random_rotations(n * k, rng).reshape(n, k, 3, 3)

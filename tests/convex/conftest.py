@@ -13,8 +13,7 @@ from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status
 from shapefit.convex.transforms import nuclear_norm
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.rotations import random_rotations
-from tests.points import transpose, unit_norm
+from tests.points import draw_rotations, transpose, unit_norm
 
 LOSSES = list(Loss)
 
@@ -47,7 +46,7 @@ def make_problem(rng: np.random.Generator) -> Callable[..., Problem]:
         atoms = unit_norm(normalise(rng.standard_normal((k, 3, p))).points)
         size = rng.uniform(0, 4, (n, k))
         used = rng.random((n, k)) < 3 / k
-        rotations = random_rotations(n * k, rng).reshape(n, k, 3, 3)
+        rotations = draw_rotations(n, k, rng)
         shapes = np.einsum("nk,nkab,kbp->nap", size * used, rotations, atoms)
 
         landmarks = shapes[:, :2] + rng.standard_normal((n, 2, 1))
@@ -162,5 +161,5 @@ def lambda_max(problem):
     total = square.sum(axis=2, keepdims=True)
     mean = (square * W).sum(axis=2, keepdims=True) / total
     R = square * (W - mean)
-    by_atom = R[:, None] @ transpose(problem.atoms)
-    return nuclear_norm(by_atom).max(axis=1)
+    products = R[:, None] @ transpose(problem.atoms)
+    return nuclear_norm(products).max(axis=1)

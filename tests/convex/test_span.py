@@ -142,10 +142,10 @@ def test_no_bit_depends_on_how_images_are_batched(rng):
     """Images of one mask, then of three, then one image again and again."""
     one = planted(rng, masks=1)
     other = planted(rng, masks=3)
-    of_one = np.zeros(64, int)
-    of_other = np.r_[np.arange(64) % N, np.ones(30, int)]
-    weights = np.r_[one.weights[of_one], other.weights[of_other]]
-    landmarks = np.r_[one.landmarks[of_one], other.landmarks[of_other]]
+    one_mask_rows = np.zeros(64, int)
+    three_masks_rows = np.r_[np.arange(64) % N, np.ones(30, int)]
+    weights = np.r_[one.weights[one_mask_rows], other.weights[three_masks_rows]]
+    landmarks = np.r_[one.landmarks[one_mask_rows], other.landmarks[three_masks_rows]]
     problem = build_problem(landmarks, one.atoms, 5.0, weights=weights)
 
     whole = solve_newton(problem)

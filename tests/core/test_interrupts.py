@@ -23,7 +23,7 @@ from shapefit.lifting.global_optimum import find_optimum
 from shapefit.lifting.perspective import refine_perspective
 from shapefit.lifting.posterior.posterior import find_posterior
 from shapefit.lifting.shared_rotation import alternate
-from tests.points import transpose
+from tests.points import draw_rotations, transpose
 
 MOMENT = 0.2
 """CPU seconds after which the signal comes; each kernel below takes many times that."""
@@ -54,7 +54,7 @@ def global_optimum(rng):
 
 def alternation(rng):
     problem = make_problem(rng, 64, 2000, 200)
-    starts = random_rotations(64 * 4, rng).reshape(64, 4, 3, 3)
+    starts = draw_rotations(64, 4, rng)
     return partial(alternate, problem, starts, tolerance=0.0, threads=2)
 
 
@@ -63,7 +63,7 @@ def posterior(rng, n=64, p=120, components=16):
     means = rng.normal(size=(components, 3, p))
     covariances = np.tile(0.1 * np.eye(3 * p), (components, 1, 1))
     prior = Mixture(weights, means, covariances)
-    starts = random_rotations(4 * n, rng).reshape(n, 4, 3, 3)
+    starts = draw_rotations(n, 4, rng)
     landmarks = rng.normal(size=(n, 2, p))
     residual_variance = np.full((n, p), 0.02)
     noise = np.zeros((n, p, 2, 2))
@@ -159,7 +159,7 @@ def pose(rng, n=100_000):
         core.find_pose,
         shape_moments=S @ transpose(S),
         landmarks_by_shape=w @ transpose(S),
-        starts=random_rotations(16 * n, rng).reshape(n, 16, 3, 3),
+        starts=draw_rotations(n, 16, rng),
         rotation=np.empty((n, 3, 3)),
         size=np.empty(n),
         threads=2,

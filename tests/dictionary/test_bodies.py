@@ -113,8 +113,8 @@ def test_mean_lengths_are_those_of_each_sequence_however_short(film, names):
 
     lengths, mean, number = find_lengths(short, BONES, names)
 
-    of_sequence = np.array(names)
-    expected = [lengths[of_sequence == name].mean(axis=0) for name in "ab"]
+    sequence_of_shape = np.array(names)
+    expected = [lengths[sequence_of_shape == name].mean(axis=0) for name in "ab"]
     assert_allclose(mean, expected)
     assert number.tolist() == ["ab".index(name) for name in names]
 
@@ -132,7 +132,7 @@ def random_bodies(rng, count, edges):
 
 
 def test_how_bodies_differ_has_no_unit(rng):
-    bodies = random_bodies(rng, 500, 3)
+    bodies = random_bodies(rng, 20, 3)
     found = find_edge_covariance(7 * bodies)
     assert_allclose(found, find_edge_covariance(bodies))
 

@@ -67,9 +67,9 @@ def test_the_log_prior_of_two_covariances():
 
     found = log_prior(mixture, 2 * np.eye(3), 3.0)
 
-    of_first = np.log(6) + 2 * (1 + 1 / 2 + 1 / 3)
-    of_second = 3 * np.log(4) + 2 * 3 / 4
-    assert found == pytest.approx(-1.5 * (of_first + of_second))
+    first_term = np.log(6) + 2 * (1 + 1 / 2 + 1 / 3)
+    second_term = 3 * np.log(4) + 2 * 3 / 4
+    assert found == pytest.approx(-1.5 * (first_term + second_term))
 
 
 def test_the_expected_log_density_is_that_of_shapes_with_errors():
@@ -122,10 +122,10 @@ def test_shrinkage_is_the_share_of_the_covariance_of_all():
 
     found = learn_mixture(shapes, 2, shrinkage=shrinkage, floor=floor).mixture
 
-    of_all = covariance_of(shapes) + floor * np.eye(9)
+    whole_covariance = covariance_of(shapes) + floor * np.eye(9)
     for cluster in clusters:
-        of_cluster = covariance_of(cluster) + floor * np.eye(9)
-        expected = (1 - shrinkage) * of_cluster + shrinkage * of_all
+        cluster_covariance = covariance_of(cluster) + floor * np.eye(9)
+        expected = (1 - shrinkage) * cluster_covariance + shrinkage * whole_covariance
         k = nearest_component(found, cluster.mean(axis=0))
         assert_allclose(found.covariances[k], expected, rtol=1e-6)
 

@@ -77,9 +77,9 @@ def test_atoms_without_items_cannot_be_left_out(exemplars):
 
 
 def test_the_last_item_cannot_be_left_out(exemplars):
-    of_one_item = replace(exemplars, atom_items=("golf",) * 5)
+    one_item = replace(exemplars, atom_items=("golf",) * 5)
     with pytest.raises(ValueError, match="every atom is the item 'golf'"):
-        of_one_item.without("golf")
+        one_item.without("golf")
 
 
 def test_optional_landmarks_depend_on_the_one_before_them(exemplars):

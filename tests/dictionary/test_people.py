@@ -161,7 +161,7 @@ def test_a_landmark_that_follows_from_others_is_found(prior, rng):
 
     found = extend_prior(prior, shapes, shrinkage=0.0, floor=1e-6)
 
-    of_coordinates = np.kron(np.eye(3), landmark_map)
-    covariances = of_coordinates @ prior.covariances @ of_coordinates.T
+    coordinate_map = np.kron(np.eye(3), landmark_map)
+    covariances = coordinate_map @ prior.covariances @ coordinate_map.T
     assert_allclose(found.means, prior.means @ landmark_map.T, atol=1e-3)
     assert_allclose(found.covariances, covariances, atol=1e-3)

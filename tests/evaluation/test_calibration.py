@@ -100,11 +100,11 @@ def posterior_and_truth(rng, n, hidden, noise=0.03, p=15, k=42):
         X = linear_map[:2, visible].reshape(-1, k + 3)
         errors = noise * rng.standard_normal((2, visible.sum()))
         y = (truth[i][:2, visible] + errors).ravel()
-        of_unknowns = np.linalg.inv(X.T @ X / noise**2 + prior)
-        unknowns = of_unknowns @ X.T @ (y - X[:, k]) / noise**2
+        unknown_covariance = np.linalg.inv(X.T @ X / noise**2 + prior)
+        unknowns = unknown_covariance @ X.T @ (y - X[:, k]) / noise**2
         estimate[i] = mean + linear_map @ unknowns
         covariance[i] = np.einsum(
-            "api,ij,bpj->pab", linear_map, of_unknowns, linear_map
+            "api,ij,bpj->pab", linear_map, unknown_covariance, linear_map
         )
     resized = 2.7 * truth + rng.standard_normal((n, 3, 1))
     return estimate, covariance, resized

@@ -115,11 +115,11 @@ def draw_every_figure(methods):
     typical = f.TypicalShape(hidden, edges, triangles)
     best = f.Example("best", shape[:2], shape, hidden, triangles)
     unseen = f.Example("worst", None, hidden, shape)
-    of_landmarks = {name: rng.uniform(1, 2, 6) for name in methods}
+    landmark_errors = {name: rng.uniform(1, 2, 6) for name in methods}
     return {
         "errors": f.draw_errors({"G": errors, "H": errors}, "mm"),
         "sequences": f.draw_sequences({"G": means, "H": means}, "mm"),
-        "landmarks": f.draw_landmarks(of_landmarks, list("abcdef"), typical, "mm"),
+        "landmarks": f.draw_landmarks(landmark_errors, list("abcdef"), typical, "mm"),
         "examples": f.draw_examples([[best], [best, unseen]], edges),
         "bars": f.draw_bars(dict.fromkeys(methods, f.LEVELS)),
     }

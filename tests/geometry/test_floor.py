@@ -194,8 +194,9 @@ def with_errors(points, rng):
     """Add errors as large as bars of 0.06 say: of depth above all, half of them shared
     by all frames, and one of the distance.
     """
-    shared, of_frame = rng.normal(size=(2, *points.shape)) * [[0.01], [0.01], [0.06]]
-    errors = (shared[:1] + of_frame) / np.sqrt(2)
+    deviation = np.array([[0.01], [0.01], [0.06]])
+    shared, frame_errors = deviation * rng.normal(size=(2, *points.shape))
+    errors = (shared[:1] + frame_errors) / np.sqrt(2)
     return points * (1 + rng.normal(scale=0.04)) + errors
 
 

@@ -88,9 +88,9 @@ def measure(joints, up=UP, covariance=None):
     shapes = np.stack([np.atleast_2d(points) for points in joints.values()], axis=-1)
     values, deviations = measure_angles(shapes, up, columns, covariance)
     names = [angle.name for angle in measurable_angles(columns)]
-    by_name = dict(zip(names, values.T, strict=True))
-    deviations_by_name = dict(zip(names, deviations.T, strict=True))
-    return by_name, deviations_by_name
+    named_values = dict(zip(names, values.T, strict=True))
+    named_deviations = dict(zip(names, deviations.T, strict=True))
+    return named_values, named_deviations
 
 
 def assert_angles(found, expected, tolerance=1e-9):
@@ -187,18 +187,18 @@ class TestDeviations:
     def test_where_each_joint_errs_by_itself(self, joints, rng):
         p = len(joints)
         root = 0.01 * np.eye(3 * p)
-        of_each_joint = np.tile(1e-4 * np.eye(3), (1, p, 1, 1))
+        covariance_of_each_joint = np.tile(1e-4 * np.eye(3), (1, p, 1, 1))
 
-        _, deviations = measure(joints, covariance=of_each_joint)
+        _, deviations = measure(joints, covariance=covariance_of_each_joint)
 
         self.assert_deviations(deviations, self.simulate(joints, root, rng))
 
     def test_where_joints_err_together(self, joints, rng):
         p = len(joints)
         root = 0.01 * rng.normal(size=(3 * p, 3 * p)) / np.sqrt(p)
-        of_all_joints = (root @ root.T)[None]
+        joint_covariance = (root @ root.T)[None]
 
-        _, deviations = measure(joints, covariance=of_all_joints)
+        _, deviations = measure(joints, covariance=joint_covariance)
 
         self.assert_deviations(deviations, self.simulate(joints, root, rng))
 
@@ -262,8 +262,8 @@ def test_a_body_that_turns_as_a_whole_bends_no_joint(moved):
 
     rig = find_rig(stiff, EDGES)
 
-    of_joints = rig.rotations[1:]
-    assert_allclose(of_joints - np.eye(3), 0, atol=0.03)
+    joint_turns = rig.rotations[1:]
+    assert_allclose(joint_turns - np.eye(3), 0, atol=0.03)
 
 
 def test_of_loops_the_rigid_bones_are_taken_and_what_is_apart_is_joined(rng):

@@ -96,8 +96,8 @@ def test_the_inliers_are_those_of_the_pose_fitted_to_them(posed, shape, rng):
 
     is_inlier = search(landmarks, shape, weights)
 
-    of_inliers = np.where(is_inlier, weights, 0.0)
-    residual = residuals_of_the_pose(landmarks, shape, of_inliers)
+    inlier_weights = np.where(is_inlier, weights, 0.0)
+    residual = residuals_of_the_pose(landmarks, shape, inlier_weights)
     assert_array_equal(residual <= THRESHOLD, is_inlier)
     assert 5 < is_inlier.sum(axis=1).mean() < 20
 

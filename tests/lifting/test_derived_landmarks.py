@@ -183,8 +183,8 @@ class TestFoot:
         gain, about_ankle = judge
         axis_of_row = np.repeat([0, 1], 3)
         ankle = self.ANKLE + self.P * axis_of_row
-        of_ankle = covariance[np.ix_(ankle, ankle)]
-        expected = about_ankle + gain @ of_ankle @ gain.T
+        ankle_covariance = covariance[np.ix_(ankle, ankle)]
+        expected = about_ankle + gain @ ankle_covariance @ gain.T
 
         found = placed.estimate.covariance[0][np.ix_(foot, foot)]
 

@@ -30,7 +30,7 @@ from shapefit.lifting.global_optimum import (
 from shapefit.lifting.reconstruction import combine
 from shapefit.lifting.shared_rotation import alternate
 from tests.lifting.estimators import make_estimator
-from tests.points import centred, mix, transpose
+from tests.points import centred, draw_rotations, mix, transpose
 
 
 def objective_of(problem, starts):
@@ -193,7 +193,7 @@ class TestBesideOtherMethods:
 
     def test_its_bound_is_below_descents_from_anywhere(self, estimate_by, problem, rng):
         found = estimate_by("global")
-        starts = random_rotations(12 * 20, rng).reshape(12, 20, 3, 3)
+        starts = draw_rotations(12, 20, rng)
         assert (self.bound_of(found) <= objective_of(problem, starts)).all()
 
 

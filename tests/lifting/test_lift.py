@@ -181,8 +181,8 @@ def test_lambda_is_the_mean_dual_norm_of_the_noise_that_is_seen(rng, visible):
     program = Program(lam=None, noise=2.0)
     atoms = centred(rng.standard_normal((5, 3, 40)))
     noise = centred(rng.standard_normal((4000, 1, 2, visible.sum())))
-    by_atom = noise @ transpose(atoms[..., visible])
-    nuclear_norms = np.linalg.norm(by_atom, "nuc", axis=(2, 3))
+    products = noise @ transpose(atoms[..., visible])
+    nuclear_norms = np.linalg.norm(products, "nuc", axis=(2, 3))
     dual_norm = nuclear_norms.max(axis=1).mean()
     scale = np.array([1.0, 4.0])
     share = np.full(2, visible.mean())
@@ -271,9 +271,9 @@ def arrays_of(record):
 
 def assert_same_image(merged, image, alone):
     """An image of a record has the values of a record of this image alone."""
-    of_alone = arrays_of(alone)
+    arrays_alone = arrays_of(alone)
     for name, values in arrays_of(merged).items():
-        assert_array_equal(values[image], of_alone[name][0])
+        assert_array_equal(values[image], arrays_alone[name][0])
 
 
 @pytest.mark.parametrize("method", ["convex", "convex+refine", "mean-shape"])
@@ -313,21 +313,21 @@ class TestAtomsThatAGroupLacked:
 
     def test_coefficients_are_0(self, merged, part):
         coefficients = merged.estimate.coefficients
-        of_group = coefficients[self.SOME]
+        group_values = coefficients[self.SOME]
         assert coefficients.shape == (7, 5)
-        assert_array_equal(of_group[:, self.LACKING], 0)
-        assert_array_equal(of_group[:, self.RETAINED], part.estimate.coefficients)
+        assert_array_equal(group_values[:, self.LACKING], 0)
+        assert_array_equal(group_values[:, self.RETAINED], part.estimate.coefficients)
 
     def test_transforms_are_0(self, merged, part):
-        of_group = merged.estimate.transforms.dense()[self.SOME]
+        group_values = merged.estimate.transforms.dense()[self.SOME]
         before = part.estimate.transforms.dense()
-        assert_array_equal(of_group[:, self.LACKING], 0)
-        assert_array_equal(of_group[:, self.RETAINED], before)
+        assert_array_equal(group_values[:, self.LACKING], 0)
+        assert_array_equal(group_values[:, self.RETAINED], before)
 
     def test_the_problem_is_of_all_atoms_and_images(self, merged, atoms, part):
-        of_group = merged.problem.landmarks[self.SOME]
+        group_values = merged.problem.landmarks[self.SOME]
         assert_array_equal(merged.problem.atoms, atoms)
-        assert_array_equal(of_group, part.problem.landmarks)
+        assert_array_equal(group_values, part.problem.landmarks)
 
 
 TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])
@@ -350,8 +350,8 @@ DEGENERATE = [
 @pytest.mark.parametrize(("landmarks", "weights", "reason"), DEGENERATE)
 def test_a_degenerate_image_is_found_with_its_reason(landmarks, weights, reason):
     images = np.array([TRIANGLE, landmarks], dtype=float)
-    of_images = np.array([np.ones(4), weights], dtype=float)
-    assert find_degenerate(images, of_images) == {1: reason}
+    both_weights = np.array([np.ones(4), weights], dtype=float)
+    assert find_degenerate(images, both_weights) == {1: reason}
 
 
 @pytest.mark.parametrize(

@@ -63,8 +63,8 @@ class Scene:
 
     def mix(self, found: Pursuit) -> np.ndarray:
         """Return the shapes (n, 3, p) that a pursuit has found, before they turn."""
-        of_mean = found.mean_coefficient[:, None, None] * self.mean
-        return of_mean + mix(found.coefficients, self.bases)
+        mean_part = found.mean_coefficient[:, None, None] * self.mean
+        return mean_part + mix(found.coefficients, self.bases)
 
 
 def method(mean, edges):
@@ -197,8 +197,8 @@ class TestRest:
 
     def test_lengths_are_those_of_the_mean_shape(self, noisy, found):
         lengths = sum_of_squared_lengths(noisy.mix(found), noisy.edges)
-        (of_mean,) = sum_of_squared_lengths(noisy.mean[None], noisy.edges)
-        assert lengths == pytest.approx(of_mean, rel=1e-10)
+        (expected,) = sum_of_squared_lengths(noisy.mean[None], noisy.edges)
+        assert lengths == pytest.approx(expected, rel=1e-10)
 
 
 class TestPursuit:

@@ -12,7 +12,7 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.estimate import fit_translation, join_images
 from shapefit.lifting.reconstruction import reconstruct
 from tests.lifting.estimators import make_estimator
-from tests.points import transform
+from tests.points import draw_rotations, transform
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ def coefficients(rng):
 @pytest.fixture
 def rotations(rng):
     """A rotation for each atom of each image."""
-    return random_rotations(N * K, rng).reshape(N, K, 3, 3)
+    return draw_rotations(N, K, rng)
 
 
 @pytest.fixture

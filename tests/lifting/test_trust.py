@@ -69,22 +69,22 @@ class TestLandmarksThatAreShown:
     def test_a_large_shape_forgives_an_error_that_they_do_not(self):
         case = GOOD | {"shape": self.SHAPE, "expected": 0.32}
         values = [np.array([value]) for value in case.values()]
-        (of_all,) = find_reasons(*values)
-        (of_shown,) = find_reasons(*values, shown=self.SHOWN)
-        assert of_all == ""
-        assert of_shown == "large expected error"
+        (reason_for_all,) = find_reasons(*values)
+        (reason_for_shown,) = find_reasons(*values, shown=self.SHOWN)
+        assert reason_for_all == ""
+        assert reason_for_shown == "large expected error"
 
     def test_the_expected_error_is_theirs(self):
         covariance = np.diag(np.tile([0.01, 0.01, 0.01, 0.01, 4.0], 3))
         coordinates = np.flatnonzero(np.tile(self.SHOWN, 3))
-        of_theirs = covariance[np.ix_(coordinates, coordinates)]
+        shown_covariance = covariance[np.ix_(coordinates, coordinates)]
 
-        of_all = expected_error(self.SHAPE[None], covariance[None])
-        of_shown = expected_error(self.SHAPE[None], covariance[None], self.SHOWN)
-        alone = expected_error(CUBE[None], of_theirs[None])
+        error_of_all = expected_error(self.SHAPE[None], covariance[None])
+        error_of_shown = expected_error(self.SHAPE[None], covariance[None], self.SHOWN)
+        alone = expected_error(CUBE[None], shown_covariance[None])
 
-        assert of_shown == pytest.approx(alone)
-        assert of_shown < 0.3 * of_all
+        assert error_of_shown == pytest.approx(alone)
+        assert error_of_shown < 0.3 * error_of_all
 
 
 @pytest.mark.parametrize(

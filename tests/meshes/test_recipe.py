@@ -49,9 +49,9 @@ def test_landmarks_are_the_vertices_of_the_file(
     vertices = np.round(rng.normal(size=(3, 7, 3)), 6)
     models = tmp_path / "models"
     models.mkdir()
-    for number, of_model in enumerate(vertices):
+    for number, model_vertices in enumerate(vertices):
         path = models / f"m{number}.obj"
-        path.write_text(obj(of_model, corner), encoding="utf-8")
+        path.write_text(obj(model_vertices, corner), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
 
     exec(recipe, {})

@@ -243,39 +243,39 @@ class TestExtras:
     CAMERA_MATRIX = np.eye(3)
 
     @pytest.fixture
-    def of_file(self, shapes):
+    def with_file_extra(self, shapes):
         return shapes.with_file_extras({"camera_matrix": self.CAMERA_MATRIX})
 
     @pytest.fixture
-    def of_items(self, of_file):
+    def with_item_extra(self, with_file_extra):
         matrices = np.zeros((5, 3, 3))
-        return of_file.with_extras({"camera_matrix": matrices})
+        return with_file_extra.with_extras({"camera_matrix": matrices})
 
-    def test_one_of_the_file_is_whole_in_every_part(self, of_file):
-        part = of_file.take([1])
+    def test_one_of_the_file_is_whole_in_every_part(self, with_file_extra):
+        part = with_file_extra.take([1])
         assert part.file_extras["camera_matrix"].shape == (3, 3)
 
-    def test_one_of_items_takes_the_place_of_one_of_the_file(self, of_items):
-        part = of_items.take([1])
-        assert "camera_matrix" not in of_items.file_extras
+    def test_one_of_items_takes_the_place_of_one_of_the_file(self, with_item_extra):
+        part = with_item_extra.take([1])
+        assert "camera_matrix" not in with_item_extra.file_extras
         assert part.extras["camera_matrix"].shape == (1, 3, 3)
 
-    def test_one_of_the_file_takes_the_place_of_one_of_items(self, of_items):
-        again = of_items.with_file_extras({"camera_matrix": self.CAMERA_MATRIX})
+    def test_one_of_the_file_takes_the_place_of_one_of_items(self, with_item_extra):
+        again = with_item_extra.with_file_extras({"camera_matrix": self.CAMERA_MATRIX})
         assert again.extras.keys() == {"weight"}
         assert again.file_extras.keys() == {"camera_matrix"}
 
-    def test_they_are_left_out_by_name_as_columns_are(self, of_file):
-        bare = of_file.without(["camera_matrix", "weight", "edges", "sequence"])
+    def test_they_are_left_out_by_name_as_columns_are(self, with_file_extra):
+        bare = with_file_extra.without(["camera_matrix", "weight", "edges", "sequence"])
         assert bare.extras == {}
         assert bare.file_extras == {}
         assert bare.edges is None
         assert bare.sequences is None
 
-    def test_all_columns_are_found_by_name(self, of_file):
-        assert_array_equal(of_file.column("camera_matrix"), self.CAMERA_MATRIX)
-        assert of_file.column("shapes") is of_file.shapes
-        assert of_file.column("nothing") is None
+    def test_all_columns_are_found_by_name(self, with_file_extra):
+        assert_array_equal(with_file_extra.column("camera_matrix"), self.CAMERA_MATRIX)
+        assert with_file_extra.column("shapes") is with_file_extra.shapes
+        assert with_file_extra.column("nothing") is None
 
 
 def test_without_edges_there_are_no_lines(landmarks):

@@ -81,8 +81,8 @@ def test_no_landmark_of_clean_images_is_gross_even_where_a_pose_is_rare(plant, r
 def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     A = rng.standard_normal((rank, rank))
     views = random_rotations(40, rng)[:, :2]
-    of_modes = rng.standard_normal((40, 2, rank - 3))
-    rows = np.concatenate([views, of_modes], axis=2)
+    mode_columns = rng.standard_normal((40, 2, rank - 3))
+    rows = np.concatenate([views, mode_columns], axis=2)
     L = rows @ np.linalg.inv(A)
     start = A[:, :3] + 0.05 * rng.standard_normal((rank, 3))
 

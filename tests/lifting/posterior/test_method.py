@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.geometry.pinhole import Camera, project_pinhole
-from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.method import (
     find_rays,
     noise_of_rays,
@@ -21,7 +20,7 @@ from tests.lifting.posterior.scenes import (
     P,
     assert_regions_hold,
 )
-from tests.points import centred, resized, transpose, without_mean_depth
+from tests.points import centred, draw_rotations, resized, transpose, without_mean_depth
 
 signs = pytest.mark.parametrize("sign", [1.0, -1.0])
 
@@ -215,8 +214,8 @@ def test_a_focal_length_that_is_assumed_leaves_points_open_along_their_rays(rng)
     farther = points + np.array([[0.0], [0.0], [depth * sd]])
     move = project_pinhole(longer, farther) - landmarks
     move *= points[:, 2:] / depth  # as in the middle of the shape
-    by_depth = move / shape[:, 2:]
-    expected = np.einsum("nap,nbp->npab", by_depth, by_depth)
+    share = move / shape[:, 2:]  # of the depth
+    expected = np.einsum("nap,nbp->npab", share, share)
 
     rays = find_rays(landmarks, camera)
     noise = noise_of_rays(np.zeros((1, 50, 2, 2)), rays, camera)
@@ -247,7 +246,7 @@ class TestTurn:
     @pytest.fixture
     def turn(self, rng, landmarks, visible, camera):
         """By which three rotations of each image are turned."""
-        rotations = random_rotations(3 * self.N, rng).reshape(self.N, 3, 3, 3)
+        rotations = draw_rotations(self.N, 3, rng)
         turned = turn_towards_landmarks(rotations, landmarks, visible, camera)
         return turned @ transpose(rotations)
 

@@ -189,8 +189,8 @@ def table() -> Floats:
 
 class TestTable:
     def test_it_has_four_counts_of_landmarks_for_each_scale(self, table):
-        of_first_scale = table[: len(table) // 2]
-        assert of_first_scale[:, 1].tolist() == [4, 6, 9, 15]
+        first_scale_rows = table[: len(table) // 2]
+        assert first_scale_rows[:, 1].tolist() == [4, 6, 9, 15]
 
     @pytest.mark.parametrize("scale", [1.0, 0.1])
     def test_it_gives_what_drawing_gives_for_the_first_scale_and_below(
@@ -200,8 +200,8 @@ class TestTable:
         assert moments_at(table, scale) == pytest.approx(drawn)
 
     def test_above_the_last_scale_it_gives_that_of_the_last(self, table):
-        of_last_scale = table[table[:, 0] == 4, 1:]
-        assert moments_at(table, 50.0) == pytest.approx(of_last_scale)
+        last_scale_moments = table[table[:, 0] == 4, 1:]
+        assert moments_at(table, 50.0) == pytest.approx(last_scale_moments)
 
     def test_between_scales_it_is_interpolated(self, table):
         drawn = moments_at(draw_table(planted(15), (2.0,)), 2.0)

@@ -20,7 +20,7 @@ from tests.lifting.posterior.scenes import (
     shares_of,
     solve,
 )
-from tests.points import centred, transpose, without_mean_depth
+from tests.points import centred, draw_rotations, transpose, without_mean_depth
 
 
 def solve_one(scene, R, outliers=(0.0, 0.05)):
@@ -117,10 +117,10 @@ class TestMode:
 
         _, given_view = dense.condition(scene, *view, inlier_probability)
         J = dense.derivative(mean_at, *view)
-        of_views = J.T @ np.linalg.inv(information) @ J
+        view_covariance = J.T @ np.linalg.inv(information) @ J
 
         _, s = view
-        expected = given_view + of_views
+        expected = given_view + view_covariance
         assert modes.covariance[0, 0] == pytest.approx(expected, abs=1e-4 * s**2)
 
 
@@ -140,8 +140,8 @@ def test_the_combination_of_modes_has_the_moments_of_their_mixture(draw_mixture)
     n = 40
     prior = draw_mixture(4, k=3)
     _, w, R = draw_images(prior, n, seed=2, residual_variance=0.003)
-    others = random_rotations(4 * n, np.random.default_rng(3))
-    starts = np.concatenate([R[:, None], others.reshape(n, 4, 3, 3)], axis=1)
+    others = draw_rotations(n, 4, np.random.default_rng(3))
+    starts = np.concatenate([R[:, None], others], axis=1)
 
     found = solve(prior, w, starts, 0.003, modes=12, covariance=True)
 
@@ -172,8 +172,7 @@ def draw_views(prior: Mixture, n: int, residual_variance: float, views: int):
     random.
     """
     _, w, _ = draw_images(prior, n, 1, residual_variance)
-    rotations = random_rotations(n * views, np.random.default_rng(2))
-    return w, rotations.reshape(n, views, 3, 3)
+    return w, draw_rotations(n, views, np.random.default_rng(2))
 
 
 def log_likelihood_of_component(prior, component, landmarks, residual_variance):

@@ -12,11 +12,10 @@ from scipy.optimize import minimize
 from shapefit.arrays import Floats
 from shapefit.dictionary.bodies import find_limbs, precision_of_ratios
 from shapefit.dictionary.model import Dictionary
-from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.usual_lengths import LimbLengths, find_limb_lengths
 from tests.lifting.posterior.dense import log_det
 from tests.lifting.posterior.scenes import draw_images, solve
-from tests.points import edge_lengths
+from tests.points import draw_rotations, edge_lengths
 
 P = 7
 """Landmarks."""
@@ -45,8 +44,8 @@ def lengths(prior):
 def find(prior, lengths=None, modes=0):
     """The posterior of images of the prior from several views."""
     _, w, R = draw_images(prior, IMAGES, 2, RESIDUAL_VARIANCE)
-    others = random_rotations(4 * IMAGES, np.random.default_rng(3))
-    starts = np.concatenate([R[:, None], others.reshape(IMAGES, 4, 3, 3)], axis=1)
+    others = draw_rotations(IMAGES, 4, np.random.default_rng(3))
+    starts = np.concatenate([R[:, None], others], axis=1)
     options = {"lengths": lengths, "modes": modes, "covariance": True}
     return solve(prior, w, starts, RESIDUAL_VARIANCE, **options)
 

@@ -37,17 +37,17 @@ class Objective:
         return self.visible.start.reshape(len(self.visible), -1)
 
     def energy(self, y: Floats, lengths: Floats) -> float:
-        of_motion = y.ravel() @ self.motion @ y.ravel()
+        motion_term = y.ravel() @ self.motion @ y.ravel()
         off = y[:, : self.w.shape[1]] - self.w
-        of_landmarks = (self.weight * off**2).sum()
+        landmark_term = (self.weight * off**2).sum()
         excess = lengths - self.known
-        of_lengths = excess @ self.hold @ excess
+        length_term = excess @ self.hold @ excess
         stretch = (self.bone_lengths(y) - lengths) / self.model.bone_tolerance
-        of_bones = (stretch**2).sum()
+        bone_term = (stretch**2).sum()
         log_shares = [
             np.logaddexp.reduce(self.log_terms(f, frame)) for f, frame in enumerate(y)
         ]
-        squares = of_motion + of_landmarks + of_lengths + of_bones
+        squares = motion_term + landmark_term + length_term + bone_term
         return 0.5 * squares - np.sum(log_shares)
 
     def log_terms(self, f: int, frame: Floats) -> Floats:
@@ -129,11 +129,11 @@ class Objective:
     def system(self, y: Floats, damping: float) -> Floats:
         """Return the damped Gauss-Newton matrix over frames and lengths together."""
         bone_weight = 1 / self.model.bone_tolerance**2
-        of_frames = self.matrix(y) + damping * np.eye(y.size)
+        frame_block = self.matrix(y) + damping * np.eye(y.size)
         mixed = -bone_weight[:, None] * self.bone_slopes(y)
         mixed = np.swapaxes(mixed, 1, 2).reshape(y.size, -1)
-        of_lengths = np.diag(len(y) * bone_weight + 1e-9) + self.hold
-        return np.block([[of_frames, mixed], [mixed.T, of_lengths]])
+        length_block = np.diag(len(y) * bone_weight + 1e-9) + self.hold
+        return np.block([[frame_block, mixed], [mixed.T, length_block]])
 
 
 def second_difference(timeline: Timeline | None, t: int) -> Floats:

@@ -29,15 +29,15 @@ def draw_covariances(rng, *shape):
 
 
 def test_covariances_are_added(rng):
-    of_sequence = draw_covariances(rng, 6, P)
-    of_image = draw_covariances(rng, 6, P)
+    sequence_covariance = draw_covariances(rng, 6, P)
+    image_covariance = draw_covariances(rng, 6, P)
     constant = rng.uniform(0, 2, (6, P))
     common = (constant**2)[..., None, None] * np.eye(3)
-    whole = of_sequence + CONSTANTS.shared**2 * of_image + common
+    whole = sequence_covariance + CONSTANTS.shared**2 * image_covariance + common
 
     sd, correlation = add_common_error(
-        deviations_and_correlations(of_sequence),
-        deviations_and_correlations(of_image),
+        deviations_and_correlations(sequence_covariance),
+        deviations_and_correlations(image_covariance),
         constant,
     )
 

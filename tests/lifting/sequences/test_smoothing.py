@@ -126,16 +126,16 @@ class TestFirstStep:
         y = judge.start
         system = judge.system(y, DAMPING)
         step = np.linalg.solve(system, judge.gradient(y, lengths))
-        of_points, of_lengths = np.split(step, [y.size])
-        shrink = min(1.0, LONGEST_STEP / np.abs(of_points).max())
+        point_step, length_step = np.split(step, [y.size])
+        shrink = min(1.0, LONGEST_STEP / np.abs(point_step).max())
         if case == "far":
             assert shrink < 0.5
 
         after = smooth(visible, case_model, NOISE, max_rounds=1)
 
-        points = y.ravel() - shrink * of_points
+        points = y.ravel() - shrink * point_step
         assert_allclose(after.points.ravel(), points, atol=1e-6)
-        assert_allclose(after.lengths, lengths - shrink * of_lengths, atol=1e-6)
+        assert_allclose(after.lengths, lengths - shrink * length_step, atol=1e-6)
 
 
 class TestEnd:
@@ -198,8 +198,8 @@ def correlations_of(covariance, frames):
     sd = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sd, sd)
     blocks = correlation.reshape(frames, 3, 5, frames, 3, 5)
-    of_landmarks = np.einsum("tajtbj->tabj", blocks)
-    return of_landmarks[:, [0, 0, 1], [1, 2, 2]]
+    landmark_correlations = np.einsum("tajtbj->tabj", blocks)
+    return landmark_correlations[:, [0, 0, 1], [1, 2, 2]]
 
 
 @pytest.mark.parametrize("gaps", [False, True])
@@ -220,9 +220,9 @@ def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames, 
     y = found.points.reshape(frames, -1)
     covariance = np.linalg.inv(judge.hessian(y, found.lengths))
     blocks = covariance.reshape(frames, 15, frames, 15)
-    of_frames = np.einsum("tatb->tab", blocks)
+    frame_covariances = np.einsum("tatb->tab", blocks)
     sd = np.sqrt(np.diag(covariance))
-    assert_allclose(found.covariance, of_frames, atol=1e-5)
+    assert_allclose(found.covariance, frame_covariances, atol=1e-5)
     assert_allclose(found.deviation.ravel(), sd, rtol=1e-3)
     correlations = correlations_of(covariance, frames)
     assert_allclose(found.correlation, correlations, atol=1e-3)
@@ -248,7 +248,7 @@ class TestFrameByItself:
     @pytest.fixture
     def mode_covariances(self, rng):
         samples = 0.2 * rng.standard_normal((2, 15, 40))
-        return np.stack([np.cov(of_mode) for of_mode in samples])
+        return np.stack([np.cov(mode_samples) for mode_samples in samples])
 
     @pytest.fixture
     def mode_means(self, rng, mode_covariances, apart):
@@ -293,10 +293,10 @@ class TestFrameByItself:
             middle = product @ (P @ mean + weight @ w)
             from_mode = middle - mean
             from_landmarks = middle - w
-            of_mode = from_mode @ P @ from_mode
-            of_landmarks = from_landmarks @ weight @ from_landmarks
+            mode_term = from_mode @ P @ from_mode
+            landmark_term = from_landmarks @ weight @ from_landmarks
             narrowing = log_det(product) - log_det(C)
-            log_shares.append(share + 0.5 * (narrowing - of_mode - of_landmarks))
+            log_shares.append(share + 0.5 * (narrowing - mode_term - landmark_term))
             means.append(middle)
             covariances.append(product)
         shares = np.exp(log_shares - np.logaddexp.reduce(log_shares))
