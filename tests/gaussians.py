@@ -4,6 +4,7 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
+from tests.points import transpose
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates whose correlations a result stores: xy, xz and yz."""
@@ -12,6 +13,11 @@ PAIRS = ((0, 1), (0, 2), (1, 2))
 def single_gaussian(mean: Floats, covariance: Floats) -> Mixture:
     """Return the mixture of one Gaussian with a mean (3, p)."""
     return Mixture(np.ones(1), mean[None], covariance[None])
+
+
+def covariance_of_root(root: Floats, floor: float = 0.0) -> Floats:
+    """Return root root^T + floor I of roots (..., d, k)."""
+    return root @ transpose(root) + floor * np.eye(root.shape[-2])
 
 
 def draw_shapes(mixture: Mixture, n: int, rng: np.random.Generator) -> Floats:

@@ -75,3 +75,19 @@ def assert_rotations(R: Floats, atol: float = 1e-12) -> None:
 def draw_rotations(n: int, k: int, rng: np.random.Generator) -> Floats:
     """Draw k rotations for each of n images (n, k, 3, 3)."""
     return random_rotations(n * k, rng).reshape(n, k, 3, 3)
+
+
+def with_noise(points: Floats, sd: Floats | float, rng: np.random.Generator) -> Floats:
+    """Return points, each coordinate moved by an error of a standard deviation."""
+    return points + sd * rng.standard_normal(points.shape)
+
+
+def chain(p: int) -> Integers:
+    """Return the edges (p - 1, 2) of landmarks that follow one another."""
+    return np.stack([np.arange(p - 1), np.arange(1, p)], axis=1)
+
+
+def binary_tree(p: int) -> Integers:
+    """Return the edges (p - 1, 2) from each landmark to the one halfway before it."""
+    ends = np.arange(1, p)
+    return np.stack([(ends - 1) // 2, ends], axis=1)

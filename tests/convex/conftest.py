@@ -13,7 +13,7 @@ from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status
 from shapefit.convex.transforms import nuclear_norm
 from shapefit.geometry.normalisation import normalise
-from tests.points import draw_rotations, transpose, unit_norm
+from tests.points import draw_rotations, transpose, unit_norm, with_noise
 
 LOSSES = list(Loss)
 
@@ -50,7 +50,7 @@ def make_problem(rng: np.random.Generator) -> Callable[..., Problem]:
         shapes = np.einsum("nk,nkab,kbp->nap", size * used, rotations, atoms)
 
         landmarks = shapes[:, :2] + rng.standard_normal((n, 2, 1))
-        landmarks += noise * rng.standard_normal(landmarks.shape)
+        landmarks = with_noise(landmarks, noise, rng)
         weights = np.ones((n, p))
         if options.get("weighted", True):
             confidence = rng.uniform(0.2, 1.0, (n, p))

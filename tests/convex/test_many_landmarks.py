@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import Status, solve_newton
 from tests.convex.conftest import assert_certified
-from tests.points import transform
+from tests.points import transform, with_noise
 
 LARGEST_ITERATIONS = 32
 """A wrong step takes many more."""
@@ -20,8 +20,7 @@ def make_images(rng, n, k, p, active, hidden=0.0):
     atoms = rng.normal(size=(k, 3, p))
     transforms = rng.normal(size=(n, k, 2, 3))
     transforms *= rng.random((n, k, 1, 1)) < active / k
-    noise = 0.5 * rng.normal(size=(n, 2, p))
-    landmarks = transform(transforms, atoms) + noise
+    landmarks = with_noise(transform(transforms, atoms), 0.5, rng)
     confidence = rng.choice([0.5, 1.0], size=p)
     visible = rng.random(p) >= hidden
     weights = np.tile(confidence * visible, (n, 1))

@@ -12,7 +12,7 @@ from shapefit.convex import span
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solver import Status, solve_newton
 from tests.convex.conftest import assert_certified
-from tests.points import centred, transform
+from tests.points import centred, transform, with_noise
 
 P = 240
 """Landmarks of an image."""
@@ -32,8 +32,7 @@ def planted(rng, rank: int | None = None, masks: int = 1):
     atoms = centred(atoms)
     transforms = rng.normal(size=(N, K, 2, 3))
     transforms *= rng.random((N, K, 1, 1)) < 0.3
-    noise = 0.3 * rng.normal(size=(N, 2, P))
-    landmarks = transform(transforms, atoms) + noise + 7.0
+    landmarks = with_noise(transform(transforms, atoms), 0.3, rng) + 7.0
     weights = rng.choice([0.0, 0.5, 1.0], p=[0.2, 0.2, 0.6], size=(masks, P))
     mask = np.arange(N) % masks
     return build_problem(landmarks, atoms, 5.0, weights=weights[mask])
@@ -118,7 +117,7 @@ def test_no_span_is_returned_that_is_no_smaller(rng, count, rank):
 
 def test_a_row_that_is_small_is_not_lost(rng):
     rows = rows_of_rank(rng, 300, 20)
-    rows[7] += 1e-7 * rng.normal(size=P)
+    rows[7] = with_noise(rows[7], 1e-7, rng)
 
     basis = span.find_row_space(rows, 100)
 

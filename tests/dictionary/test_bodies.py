@@ -17,7 +17,7 @@ from shapefit.dictionary.bodies import (
 )
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from tests.points import centred, edge_lengths, edge_vectors, flatten, resized
+from tests.points import centred, chain, edge_lengths, edge_vectors, flatten, resized
 
 BONES = np.array([[0, 1], [1, 2], [1, 3]])
 
@@ -194,7 +194,7 @@ class TestShapesOfUnknownBodies:
         assert_allclose(found[1], alone[1], atol=1e-12)
 
 
-CHAIN = np.array([[0, 1], [1, 2], [2, 3]])
+CHAIN = chain(4)
 
 
 def mean_edge_lengths(shapes):

@@ -16,7 +16,7 @@ from shapefit.dictionary.learning import (
     update_atoms,
 )
 from shapefit.geometry.normalisation import normalise
-from tests.points import centred, flatten, mix, norms, resized, unit_norm
+from tests.points import centred, flatten, mix, norms, resized, unit_norm, with_noise
 
 
 def duality_gaps(
@@ -58,7 +58,7 @@ def coded(rng, atoms):
     size = rng.random((40, 12))
     used = rng.random((40, 12)) < 0.4
     mixed = mix(size * used, atoms)
-    return mixed + 0.3 * rng.standard_normal(mixed.shape)
+    return with_noise(mixed, 0.3, rng)
 
 
 class TestOptimality:
@@ -80,8 +80,7 @@ class TestOptimality:
 
 
 def near_copies(few, rng):
-    moved = few + 1e-6 * rng.standard_normal(few.shape)
-    return np.concatenate([few, moved])
+    return np.concatenate([few, with_noise(few, 1e-6, rng)])
 
 
 HOSTILE_ATOMS = {
@@ -161,8 +160,7 @@ def shapes(rng):
     """Noisy mixtures of five forms, centred, of the size of normalised shapes."""
     forms = rng.standard_normal((5, 3, 6))
     mixed = mix(rng.random((80, 5)) ** 3, forms)
-    noise = 0.1 * rng.standard_normal(mixed.shape)
-    return normalise(mixed + noise).points
+    return normalise(with_noise(mixed, 0.1, rng)).points
 
 
 class TestDescent:
@@ -267,7 +265,7 @@ class TestUpdateOfAtoms:
     @pytest.fixture
     def mixtures(self, rng, coefficients):
         mixed = mix(coefficients, rng.standard_normal((5, 3, 4)))
-        return mixed + 0.1 * rng.standard_normal((30, 3, 4))
+        return with_noise(mixed, 0.1, rng)
 
     @pytest.fixture
     def start(self, rng):

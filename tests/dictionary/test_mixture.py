@@ -10,8 +10,8 @@ from shapefit.dictionary.mixture import (
     learn_mixture,
     log_prior,
 )
-from tests.gaussians import draw_shapes
-from tests.points import flatten, transpose
+from tests.gaussians import covariance_of_root, draw_shapes
+from tests.points import flatten
 
 
 def draw(n: int, seed: int = 0, p: int = 3):
@@ -20,7 +20,7 @@ def draw(n: int, seed: int = 0, p: int = 3):
     weights = np.array([0.5, 0.3, 0.2])
     means = 3 * rng.normal(size=(3, 3, p))
     roots = 0.3 * rng.normal(size=(3, 3 * p, 3 * p)) / np.sqrt(p)
-    covariances = roots @ transpose(roots) + 0.02 * np.eye(3 * p)
+    covariances = covariance_of_root(roots, floor=0.02)
     mixture = Mixture(weights, means, covariances)
     return draw_shapes(mixture, n, rng), mixture
 

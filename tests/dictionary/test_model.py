@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary, mapped
 from shapefit.geometry.normalisation import normalise
-from tests.points import edge_lengths, transpose
+from tests.gaussians import covariance_of_root
+from tests.points import chain, edge_lengths
 
 OTHERS = [0, 2, 4]
 """Atoms that are not of `polo`."""
@@ -87,7 +88,7 @@ def test_optional_landmarks_depend_on_the_one_before_them(exemplars):
     assert_array_equal(marked.depends_on, [-1, -1, 1, 1, 5, -1])
 
 
-CHAIN = np.array([[0, 1], [1, 2], [2, 3]])
+CHAIN = chain(4)
 
 
 @pytest.fixture
@@ -95,7 +96,7 @@ def dictionary_with_prior(rng):
     """A prior of two components over a chain of four landmarks."""
     means = rng.standard_normal((2, 3, 4))
     roots = 0.3 * rng.standard_normal((2, 12, 12))
-    covariances = roots @ transpose(roots) + 0.01 * np.eye(12)
+    covariances = covariance_of_root(roots, floor=0.01)
     return Dictionary(
         means,
         landmark_names=tuple("abcd"),

@@ -22,8 +22,7 @@ from shapefit.io.skeletons import (
     installed_skeletons,
     people_joints,
 )
-from tests.gaussians import draw_shapes
-from tests.points import transpose
+from tests.gaussians import covariance_of_root, draw_shapes
 
 JOINTS = (*PEOPLE, *FURTHER)
 FILE = DICTIONARIES / "people.h5"
@@ -132,7 +131,7 @@ def test_it_was_learned_by_the_config_of_the_project(people, project):
 def prior(rng):
     """Two components over four landmarks."""
     roots = rng.standard_normal((2, 12, 12)) / 4
-    covariances = roots @ transpose(roots) + 0.05 * np.eye(12)
+    covariances = covariance_of_root(roots, floor=0.05)
     means = rng.standard_normal((2, 3, 4))
     return Mixture(np.array([0.4, 0.6]), means, covariances)
 

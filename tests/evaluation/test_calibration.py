@@ -14,8 +14,8 @@ from shapefit.evaluation.calibration import (
     find_squares,
     summarise_coverage,
 )
-from tests.gaussians import deviations_and_correlations
-from tests.points import centred, transpose
+from tests.gaussians import covariance_of_root, deviations_and_correlations
+from tests.points import centred, with_noise
 
 BINOMIAL = 4
 """Standard errors of a binomial share within which a planted one must be."""
@@ -27,7 +27,7 @@ def draw(rng, n, p, size):
     """
     estimate = rng.standard_normal((n, 3, p))
     root = size * rng.standard_normal((n, p, 3, 3))
-    covariance = root @ transpose(root) + 0.1 * size**2 * np.eye(3)
+    covariance = covariance_of_root(root, floor=0.1 * size**2)
     L = np.linalg.cholesky(covariance)
     error = np.einsum("npab,npb->nap", L, rng.standard_normal((n, p, 3)))
     scale = rng.uniform(0.1, 10, (n, 1, 1))
@@ -98,8 +98,7 @@ def posterior_and_truth(rng, n, hidden, noise=0.03, p=15, k=42):
         truth[i] = mean + np.tensordot(rng.standard_normal(k), B, 1)
         visible = rng.permutation(p) >= hidden
         X = linear_map[:2, visible].reshape(-1, k + 3)
-        errors = noise * rng.standard_normal((2, visible.sum()))
-        y = (truth[i][:2, visible] + errors).ravel()
+        y = with_noise(truth[i][:2, visible], noise, rng).ravel()
         unknown_covariance = np.linalg.inv(X.T @ X / noise**2 + prior)
         unknowns = unknown_covariance @ X.T @ (y - X[:, k]) / noise**2
         estimate[i] = mean + linear_map @ unknowns

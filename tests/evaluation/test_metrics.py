@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from shapefit.evaluation import metrics
 from shapefit.evaluation.metrics import precision, recall
 from shapefit.geometry.rotations import random_rotations
-from tests.points import resized
+from tests.points import resized, with_noise
 
 NAN = np.nan
 SQUARE = np.array([[1.0, -1, 0, 0], [0, 0, 1, -1], [0, 0, 0, 0]])
@@ -33,7 +33,7 @@ def truth(rng):
 
 @pytest.fixture
 def estimate(truth, rng):
-    return truth + 0.3 * rng.standard_normal(truth.shape)
+    return with_noise(truth, 0.3, rng)
 
 
 def best_distance(source, target, turn):

@@ -19,6 +19,7 @@ from shapefit.geometry.joint_rotations import (
     place_nodes,
 )
 from shapefit.geometry.rotations import exponential, rotation_about_axis
+from tests.points import chain
 
 UP = np.array([0.0, 1.0, 0.0])
 OPPOSITE = {"r": "l", "l": "r"}
@@ -282,9 +283,8 @@ def test_of_loops_the_rigid_bones_are_taken_and_what_is_apart_is_joined(rng):
 
 
 def test_of_two_landmarks_in_the_middle_the_first_is_the_root(rng):
-    chain = np.array([[j, j + 1] for j in range(7)])
     for points in rng.normal(size=(10, 50, 3, 8)):
-        root, *_ = find_tree(points, chain)
+        root, *_ = find_tree(points, chain(8))
         assert root.joint == 3
 
 
@@ -350,9 +350,8 @@ def test_a_bone_that_points_straight_back_is_still_reached():
     points = np.zeros((3, 3, 3))
     points[:, :, 1] = [UP, UP, DOWN]
     points[:, :, 2] = 2 * points[:, :, 1]
-    chain = np.array([[0, 1], [1, 2]])
 
-    rig = find_rig(points, chain, root=0)
+    rig = find_rig(points, chain(3), root=0)
 
     assert_allclose(place_nodes(rig), joints_of_nodes(rig, points), atol=1e-9)
     assert_allclose(np.linalg.det(rig.rotations), 1)

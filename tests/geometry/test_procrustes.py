@@ -14,7 +14,7 @@ from shapefit.geometry.procrustes import (
     similarity_transform,
 )
 from shapefit.geometry.rotations import random_rotations
-from tests.points import centred, resized
+from tests.points import centred, resized, with_noise
 
 MIRROR = np.diag([1.0, 1, -1])
 
@@ -54,8 +54,8 @@ class TestSimilarityTransform:
     @pytest.fixture
     def target(self, source, rng):
         turned = random_rotations(30, rng) @ source
-        resized = rng.uniform(0.5, 4, (30, 1, 1)) * turned
-        return resized + 0.5 * rng.standard_normal(source.shape)
+        sizes = rng.uniform(0.5, 4, 30)
+        return with_noise(resized(turned, sizes), 0.5, rng)
 
     def test_finds_a_planted_motion(self, source, rng):
         scale = rng.uniform(0.1, 9, 30)

@@ -8,7 +8,7 @@ import pytest
 
 from shapefit.convex.problem import Problem, build_problem
 from shapefit.geometry.rotations import random_rotations
-from tests.points import centred, mix, unit_norm
+from tests.points import centred, mix, unit_norm, with_noise
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def make_scene(rng: np.random.Generator) -> Callable[..., Scene]:
 
         shapes = rotation @ mix(coefficients, atoms)
         landmarks = shapes[:, :2] + translation[..., None]
-        landmarks += noise * rng.standard_normal(landmarks.shape)
+        landmarks = with_noise(landmarks, noise, rng)
         weights = np.ones((n, p))
         if weighted:
             weights = rng.uniform(0.3, 2, (n, p))

@@ -11,7 +11,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.consensus import find_consensus
 from shapefit.lifting.shared_rotation import find_pose
-from tests.points import resized
+from tests.points import resized, with_noise
 
 P = 30
 """Landmarks."""
@@ -91,7 +91,7 @@ def test_the_inliers_are_those_of_the_pose_fitted_to_them(posed, shape, rng):
     """With so much noise that the threshold divides the landmarks."""
     landmarks, _ = plant(posed, 0.3, rng)
     spread = np.ptp(landmarks, axis=2, keepdims=True)
-    landmarks += 0.03 * spread * rng.standard_normal((N, 2, P))
+    landmarks = with_noise(landmarks, 0.03 * spread, rng)
     weights = rng.uniform(0.5, 1, (N, P))
 
     is_inlier = search(landmarks, shape, weights)
@@ -109,7 +109,7 @@ class TestSameLabels:
     def landmarks(self, posed, rng):
         landmarks, _ = plant(posed, 0.7, rng)
         largest = np.ptp(landmarks, axis=2).max()
-        return landmarks + 0.02 * largest * rng.standard_normal(landmarks.shape)
+        return with_noise(landmarks, 0.02 * largest, rng)
 
     @pytest.fixture
     def seeds(self, rng):

@@ -18,8 +18,9 @@ from shapefit.lifting.derived_landmarks import (
 from shapefit.lifting.estimate import PosteriorEstimate
 from shapefit.lifting.lift import Lifting
 from shapefit.records import Landmarks
+from tests.gaussians import covariance_of_root
 from tests.pipelines.fitted import fit_images
-from tests.points import transpose
+from tests.points import transpose, with_noise
 
 FEET = slice(15, 21)
 OTHER_JOINTS = slice(0, 15)
@@ -219,7 +220,7 @@ class TestRowsOfWeights:
 
     @pytest.fixture
     def combined(self, rows, root, mean, apart):
-        return combine_landmarks(rows, mean, root @ transpose(root), apart)
+        return combine_landmarks(rows, mean, covariance_of_root(root), apart)
 
     @pytest.fixture
     def samples(self, rng, rows, root, mean, apart):
@@ -228,7 +229,7 @@ class TestRowsOfWeights:
         errors = np.einsum("nij,nsj->nsi", root, rng.standard_normal(size))
         shapes = mean[:, None] + errors.reshape(self.N, self.DRAWS, 3, self.P)
         points = shapes @ rows.T
-        return points + apart * rng.standard_normal(points.shape)
+        return with_noise(points, apart, rng)
 
     def test_points_are_their_means(self, combined, samples):
         assert_allclose(samples.mean(axis=1), combined.points, atol=0.2)

@@ -23,9 +23,9 @@ from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.posterior import posterior
 from shapefit.lifting.posterior.model import PosteriorModel
-from tests.gaussians import single_gaussian
+from tests.gaussians import covariance_of_root, single_gaussian
 from tests.lifting.estimators import make_estimator
-from tests.points import assert_rotations
+from tests.points import assert_rotations, binary_tree
 
 N = 10
 """Images."""
@@ -100,13 +100,14 @@ def case(make_scene, rng) -> Case:
     scene = make_scene(n=N, k=K, p=P, noise=0.1, hidden=0.15, weighted=True)
     mean = scene.mean_shape
     root = rng.standard_normal((3 * P, 3 * P))
-    covariance = 0.1 * root @ root.T / (3 * P) + 0.02 * np.eye(3 * P)
+    root *= np.sqrt(0.1 / (3 * P))
+    covariance = covariance_of_root(root, floor=0.02)
     return Case(
         landmarks=np.round(scene.landmarks * 2**10) / 2**10,
         weights=scene.weights,
         atoms=scene.atoms,
         mean=mean / np.linalg.norm(mean) * np.sqrt(3 * P),
-        edges=np.array([[(j - 1) // 2, j] for j in range(1, P)]),
+        edges=binary_tree(P),
         prior=single_gaussian(mean, covariance),
     )
 

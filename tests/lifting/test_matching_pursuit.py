@@ -27,11 +27,13 @@ from shapefit.lifting.matching_pursuit import (
 )
 from tests.points import (
     assert_rotations,
+    binary_tree,
     centred,
     edge_lengths,
     mix,
     resized,
     unit_norm,
+    with_noise,
 )
 
 P = 12
@@ -85,11 +87,10 @@ def make_scene(rng: np.random.Generator) -> Callable[..., Scene]:
         shapes = size * (random_rotations(n, rng) @ shapes)
 
         landmarks = shapes[:, :2] + rng.standard_normal((n, 2, 1))
-        landmarks += noise * rng.standard_normal(landmarks.shape)
+        landmarks = with_noise(landmarks, noise, rng)
         weights = rng.uniform(0.3, 2, (n, P)) if weighted else np.ones((n, P))
         weights *= rng.random((n, P)) >= hidden
-        binary_tree = np.array([[(j - 1) // 2, j] for j in range(1, P)])
-        return Scene(landmarks, weights, mean, bases, shapes, binary_tree)
+        return Scene(landmarks, weights, mean, bases, shapes, binary_tree(P))
 
     return make
 

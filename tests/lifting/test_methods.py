@@ -14,7 +14,7 @@ from shapefit.convex.solver import Status, solve_newton
 from shapefit.convex.transforms import Transforms
 from shapefit.lifting.lift import Program, lift
 from tests.lifting.estimators import make_estimator
-from tests.points import mix, transform
+from tests.points import mix, norms, transform
 
 RIGID = ("convex+refine", "alternate")
 """Methods whose images have one rotation for all atoms."""
@@ -77,7 +77,7 @@ class TestOneRotation:
 
     def test_objective(self, found, problem):
         residual = problem.weights[:, None] * residual_of(found, problem)
-        loss = 0.5 * (residual**2).sum(axis=(1, 2))
+        loss = 0.5 * norms(residual) ** 2
         norm = np.abs(found.coefficients).sum(axis=1)
         assert_allclose(found.objective, loss + self.LAMBDA * norm, rtol=1e-12)
 

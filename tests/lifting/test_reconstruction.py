@@ -12,7 +12,7 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.estimate import fit_translation, join_images
 from shapefit.lifting.reconstruction import reconstruct
 from tests.lifting.estimators import make_estimator
-from tests.points import draw_rotations, transform
+from tests.points import draw_rotations, transform, with_noise
 
 
 @pytest.fixture
@@ -149,7 +149,7 @@ class TestReconstruction:
     @pytest.fixture
     def noisy(self, transforms, coefficients, rng):
         is_used = (coefficients > 0)[..., None, None]
-        return transforms + 0.3 * is_used * rng.standard_normal((N, K, 2, 3))
+        return with_noise(transforms, 0.3 * is_used, rng)
 
     @pytest.fixture
     def found(self, noisy, atoms):

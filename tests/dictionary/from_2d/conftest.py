@@ -8,7 +8,7 @@ import pytest
 from shapefit.arrays import Floats
 from shapefit.dictionary.from_2d.model import Gaussian, Images, Views
 from shapefit.geometry.rotations import random_rotations
-from tests.points import norms
+from tests.points import norms, with_noise
 
 
 @dataclass
@@ -32,7 +32,7 @@ def plant(rng):
         deformation = np.einsum("ipq,nq->nip", V, rng.standard_normal((n, modes)))
         shapes = R @ (mean + deformation)
 
-        landmarks = shapes[:, :2] + noise * rng.standard_normal((n, 2, p))
+        landmarks = with_noise(shapes[:, :2], noise, rng)
         landmarks += rng.standard_normal((n, 2, 1))
         weights = (rng.random((n, p)) >= hidden).astype(float)
         images = Images(landmarks, weights, one_sequence(n))

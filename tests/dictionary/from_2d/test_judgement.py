@@ -26,7 +26,7 @@ from shapefit.geometry.rotations import (
     rotation_about_axis,
 )
 from tests.dictionary.from_2d.conftest import images_of, relative_error
-from tests.points import centred
+from tests.points import centred, with_noise
 
 
 class TestPosesSeenFromOneSide:
@@ -148,8 +148,7 @@ VERDICTS = {
 def test_verdicts(rng, case):
     shapes = case.draw(rng)
     shapes = shapes / centred(shapes)[:, :2].std()
-    landmarks = shapes[:, :2] + NOISE * rng.standard_normal((len(shapes), 2, P))
-    images = images_of(landmarks)
+    images = images_of(with_noise(shapes[:, :2], NOISE, rng))
     *_, state = learn_class(images)
 
     judged = evaluate_class(images, state)

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shapefit.dictionary.from_2d.learning import learn_class, upgrade
 from shapefit.geometry.rotations import random_rotations
 from tests.dictionary.from_2d.conftest import relative_error
-from tests.points import transpose
+from tests.points import transpose, with_noise
 
 
 def assert_objective_rises(states):
@@ -84,7 +84,7 @@ def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     mode_columns = rng.standard_normal((40, 2, rank - 3))
     rows = np.concatenate([views, mode_columns], axis=2)
     L = rows @ np.linalg.inv(A)
-    start = A[:, :3] + 0.05 * rng.standard_normal((rank, 3))
+    start = with_noise(A[:, :3], 0.05, rng)
 
     Q = upgrade(L, start)
 

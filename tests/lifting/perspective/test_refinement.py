@@ -23,7 +23,7 @@ from shapefit.lifting.perspective import (
     place_in_depth,
     refine_perspective,
 )
-from tests.points import flatten, mix, resized
+from tests.points import flatten, mix, resized, with_noise
 
 K = 6
 """Atoms."""
@@ -100,7 +100,7 @@ def make_scene(rng, atoms, prior):
             rotation=R,
             translation=t,
             camera=camera,
-            landmarks=exact + noise * rng.standard_normal(exact.shape),
+            landmarks=with_noise(exact, noise, rng),
             weights=weights,
             start=random_turns(rng, 0.2) @ R,
         )

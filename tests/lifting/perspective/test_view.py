@@ -14,7 +14,7 @@ from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.perspective import refine_view
 from tests.lifting.estimators import make_estimator
-from tests.points import mix, norms, resized
+from tests.points import mix, norms, resized, with_noise
 
 N = 6
 """Images."""
@@ -91,7 +91,7 @@ class TestFields:
 
     @pytest.fixture
     def noisy(self, landmarks, weights, rng):
-        return landmarks + 5.0 * rng.standard_normal(landmarks.shape)
+        return with_noise(landmarks, 5.0, rng)
 
     @pytest.fixture
     def found(self, noisy, weights, dictionary, camera):

@@ -17,16 +17,15 @@ from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.posterior.method import lift_to_posterior, turn_towards_landmarks
 from shapefit.lifting.posterior.model import PosteriorModel
 from shapefit.lifting.posterior.posterior import Modes, Posterior, find_posterior
-from tests.gaussians import draw_shapes
-from tests.points import centred, transpose
+from tests.gaussians import covariance_of_root, draw_shapes
+from tests.points import centred, transpose, with_noise
 
 
 def draw_component(rng: np.random.Generator, p: int, size: float = 0.2):
     """A centred mean (3, p) and a covariance (3p, 3p) about it."""
     mean = centred(rng.normal(size=(3, p)))
-    root = size * rng.normal(size=(3 * p, 3 * p))
-    covariance = root @ root.T / (3 * p) * 4 + 0.01 * np.eye(3 * p)
-    return mean, covariance
+    root = rng.normal(size=(3 * p, 3 * p)) * size * np.sqrt(4 / (3 * p))
+    return mean, covariance_of_root(root, floor=0.01)
 
 
 def draw_images(
@@ -39,8 +38,8 @@ def draw_images(
     x = draw_shapes(prior, n, rng)
     R = random_rotations(n, rng)
     y = R @ x
-    noise = rng.normal(scale=np.sqrt(residual_variance), size=(n, 2, y.shape[2]))
-    return y, y[:, :2] + noise, R
+    landmarks = with_noise(y[:, :2], np.sqrt(residual_variance), rng)
+    return y, landmarks, R
 
 
 def solve(
@@ -105,7 +104,7 @@ class FilmedScene:
         centre = np.tile([640.0, 360.0], (n, 1))
         self.camera = Camera(focal, centre, sign)
         noisy = self.shapes + self.translation[..., None]
-        noisy[:, :2] += rng.normal(scale=np.sqrt(RESIDUAL_VARIANCE), size=(n, 2, P))
+        noisy[:, :2] = with_noise(noisy[:, :2], np.sqrt(RESIDUAL_VARIANCE), rng)
         self.landmarks = project_pinhole(self.camera, noisy)
         self.visible = np.ones((n, P), dtype=bool)
 

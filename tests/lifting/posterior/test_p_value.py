@@ -27,9 +27,8 @@ from shapefit.lifting.posterior.p_value import (
     with_p_value_table,
 )
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
-from tests.gaussians import single_gaussian
+from tests.gaussians import covariance_of_root, single_gaussian
 from tests.lifting.posterior.scenes import draw_images
-from tests.points import transpose
 
 N = 800
 """Images."""
@@ -55,8 +54,8 @@ def planted(count: int) -> Mixture:
     d = 3 * count
     means = rng.normal(size=(4, 3, count))
     near_the_first = means[0] + 0.4 * (means - means[0])
-    roots = 0.1 * rng.normal(size=(4, d, d))
-    covariances = 4 / d * roots @ transpose(roots) + 0.01 * np.eye(d)
+    roots = 0.1 * np.sqrt(4 / d) * rng.normal(size=(4, d, d))
+    covariances = covariance_of_root(roots, floor=0.01)
     return Mixture(np.array([0.4, 0.3, 0.2, 0.1]), near_the_first, covariances)
 
 

@@ -12,7 +12,7 @@ from shapefit.geometry.rotations import (
     rotation_about_axis,
 )
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
-from tests.gaussians import single_gaussian
+from tests.gaussians import covariance_of_root, single_gaussian
 from tests.lifting.posterior import dense
 from tests.lifting.posterior.scenes import (
     assert_regions_hold,
@@ -20,7 +20,7 @@ from tests.lifting.posterior.scenes import (
     shares_of,
     solve,
 )
-from tests.points import centred, draw_rotations, transpose, without_mean_depth
+from tests.points import centred, draw_rotations, without_mean_depth
 
 
 def solve_one(scene, R, outliers=(0.0, 0.05)):
@@ -260,7 +260,7 @@ class TestSinglePrecision:
     @pytest.fixture
     def prior(self, draw_mixture, roots, tiny):
         mixture = draw_mixture(3, k=2, p=self.P)
-        covariances = roots @ transpose(roots) + tiny * np.eye(27)
+        covariances = covariance_of_root(roots, floor=tiny)
         return Mixture(mixture.weights, mixture.means, covariances)
 
     @pytest.fixture

@@ -15,7 +15,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.lifting.posterior.usual_lengths import LimbLengths, find_limb_lengths
 from tests.lifting.posterior.dense import log_det
 from tests.lifting.posterior.scenes import draw_images, solve
-from tests.points import draw_rotations, edge_lengths
+from tests.points import chain, draw_rotations, edge_lengths
 
 P = 7
 """Landmarks."""
@@ -322,5 +322,4 @@ def test_limbs_are_known_by_the_names_of_their_joints(hip, knee, limb):
 
 def test_an_animal_with_paws_has_no_limbs_of_people():
     names = ("left_hip", "left_knee", "left_hind_paw")
-    chain = np.array([[0, 1], [1, 2]])
-    assert not find_limbs(names, chain).any()
+    assert not find_limbs(names, chain(3)).any()

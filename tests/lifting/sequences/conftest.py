@@ -7,7 +7,7 @@ import pytest
 
 from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.lifting.sequences.smoothing import SequenceModel, observe
-from tests.points import centred
+from tests.points import centred, with_noise
 
 BONES = np.array([[0, 1], [1, 2], [2, 3], [1, 4]])
 
@@ -54,8 +54,8 @@ def images(rng):
 
     def see(points, noise=0.0, depth=0.3, sure=0.05):
         t, _, p = points.shape
-        landmarks = points[:, :2] + noise * rng.standard_normal((t, 2, p))
-        depths = points[:, 2] + depth * rng.standard_normal((t, p))
+        landmarks = with_noise(points[:, :2], noise, rng)
+        depths = with_noise(points[:, 2], depth, rng)
         depths -= depths.mean(axis=1, keepdims=True)
         mean = np.concatenate([landmarks, depths[:, None]], axis=1)
         mirrored = mean * np.array([1.0, 1.0, -1.0])[:, None]

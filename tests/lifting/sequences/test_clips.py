@@ -16,8 +16,7 @@ from shapefit.lifting.sequences.clips import (
 )
 from shapefit.lifting.sequences.smoothing import CONSTANTS
 from shapefit.timeline import Timeline
-from tests.gaussians import deviations_and_correlations
-from tests.points import transpose
+from tests.gaussians import covariance_of_root, deviations_and_correlations
 
 P = 4
 """Landmarks."""
@@ -25,7 +24,7 @@ P = 4
 
 def draw_covariances(rng, *shape):
     root = rng.standard_normal((*shape, 3, 3))
-    return root @ transpose(root) + 0.1 * np.eye(3)
+    return covariance_of_root(root, floor=0.1)
 
 
 def test_covariances_are_added(rng):

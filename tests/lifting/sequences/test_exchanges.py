@@ -10,6 +10,7 @@ from shapefit.lifting.sequences.exchanges import (
     likeliest_states,
 )
 from shapefit.timeline import Timeline
+from tests.points import with_noise
 
 PAIRS = np.arange(12).reshape(6, 2)
 """Landmarks of the left and of the right side."""
@@ -41,8 +42,7 @@ def walk(rng, noise=0.03):
     x = np.cos(angle) * body[0] + np.sin(angle) * depth
     y = np.broadcast_to(body[1], x.shape)
 
-    landmarks = np.stack([x, y], axis=1)
-    landmarks += noise * rng.standard_normal(landmarks.shape)
+    landmarks = with_noise(np.stack([x, y], axis=1), noise, rng)
     does_jump = rng.random((T, P)) < 0.03
     landmarks += does_jump[:, None] * rng.standard_normal(landmarks.shape)
     is_hidden = rng.random((T, P)) < 0.03

@@ -18,9 +18,9 @@ from shapefit.lifting.sequences.smoothing import (
     smooth,
 )
 from shapefit.timeline import Timeline
+from tests.gaussians import covariance_of_root
 from tests.lifting.sequences.conftest import without_bones
 from tests.lifting.sequences.dense_objective import Objective
-from tests.points import transpose
 
 
 @pytest.mark.parametrize("p", [1, 3, 5])
@@ -31,7 +31,7 @@ class TestPrecisions:
     def covariances(self, rng, p):
         """Of the first image they are not known."""
         root = rng.standard_normal((70, 2, 3 * p, 3 * p))
-        covariances = root @ transpose(root)
+        covariances = covariance_of_root(root)
         covariances[0] = np.nan
         return covariances
 
