@@ -1,4 +1,4 @@
-"""Stacks of points (..., d, p), one landmark per column: arithmetic in plain NumPy."""
+"""Stacks of points (..., d, p), a landmark a column: arithmetic and draws of tests."""
 
 import numpy as np
 from numpy.testing import assert_allclose
