@@ -6,82 +6,118 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.convex.transforms import nuclear_norm
 from tests.convex.conftest import assert_certified, judge
+from tests.points import resized, transpose
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-8])
 def test_every_image_is_certified(make_problem, loss, tolerance):
     problem = make_problem(40, loss=loss)
-    assert_certified(problem, solve_newton(problem, tolerance=tolerance), tolerance)
+    solution = solve_newton(problem, tolerance=tolerance)
+    assert_certified(problem, solution, tolerance)
 
 
 def test_iteration_limit_comes_with_its_honest_gap(make_problem, loss):
     problem = make_problem(20, loss=loss)
-    found = solve_newton(problem, max_iterations=2)
-    assert Status.ITERATION_LIMIT in found.status
-    assert (found.iterations <= 2).all()
-    P, D, residual = judge(
-        problem, found.transforms.dense(), found.translation, found.dual
-    )
-    for image, status in enumerate(found.status):
-        gap = (P[image] - D[image]) / P[image]
-        met = loss is not Loss.EXACT or residual[image] <= 1e-4
-        honest = pytest.approx(gap if met else np.nan, rel=1e-9, abs=1e-12, nan_ok=True)
-        assert found.relative_gap[image] == honest
-        assert (status is Status.OPTIMAL) == (met and abs(gap) <= 1e-4)
+
+    solution = solve_newton(problem, max_iterations=2)
+
+    assert Status.ITERATION_LIMIT in solution.status
+    assert (solution.iterations <= 2).all()
+    M = solution.transforms.dense()
+    P, D, residual = judge(problem, M, solution.translation, solution.dual)
+    gap = (P - D) / P
+    meets_constraint = residual <= 1e-4
+    if loss is not Loss.EXACT:
+        meets_constraint[:] = True
+    honest = np.where(meets_constraint, gap, np.nan)
+    assert_allclose(solution.relative_gap, honest, rtol=1e-9, atol=1e-12)
+    is_optimal = [status is Status.OPTIMAL for status in solution.status]
+    assert_array_equal(is_optimal, meets_constraint & (np.abs(gap) <= 1e-4))
 
 
-def test_few_visible_landmarks(make_problem, loss):
+LOST = np.array([3, 4, 66, 67, 68, 69])
+"""Images of which fewer than two landmarks are seen."""
+
+
+@pytest.fixture
+def few_visible(make_problem, loss):
+    """A problem of 70 images, some of them LOST."""
     problem = make_problem(70, loss=loss)
     weights = problem.weights.copy()
     weights[3, 1:] = 0
     weights[4] = 0
     weights[66:, 1:] = 0
-    found = solve_newton(replace(problem, weights=weights))
-    lost = np.isin(np.arange(70), [3, 4, 66, 67, 68, 69])
-    assert [status is Status.DEGENERATE for status in found.status] == lost.tolist()
-    assert {found.status[i] for i in np.flatnonzero(~lost)} == {Status.OPTIMAL}
-    for values in (found.objective, found.relative_gap, found.residual):
-        assert (np.isnan(values) == lost).all()
-    assert not found.transforms.dense()[lost].any()
-    # the neighbours do not feel it
-    alone = solve_newton(replace(problem, weights=weights).take(np.array([2, 5])))
-    np.testing.assert_allclose(alone.objective, found.objective[[2, 5]], rtol=2e-4)
+    return replace(problem, weights=weights)
+
+
+def test_images_with_too_few_visible_landmarks_are_degenerate(few_visible):
+    solution = solve_newton(few_visible)
+
+    lost = np.isin(np.arange(70), LOST)
+    is_degenerate = [status is Status.DEGENERATE for status in solution.status]
+    assert is_degenerate == lost.tolist()
+    assert_array_equal(np.isnan(solution.objective), lost)
+    assert_array_equal(np.isnan(solution.relative_gap), lost)
+    assert_array_equal(np.isnan(solution.residual), lost)
+    assert not solution.transforms.dense()[lost].any()
+
+
+def test_images_beside_degenerate_ones_do_not_feel_them(few_visible):
+    neighbours = np.array([2, 5])
+
+    solution = solve_newton(few_visible)
+    alone = solve_newton(few_visible.take(neighbours))
+
+    seen = np.setdiff1d(np.arange(70), LOST)
+    assert {solution.status[i] for i in seen} == {Status.OPTIMAL}
+    assert_allclose(alone.objective, solution.objective[neighbours], rtol=2e-4)
 
 
 def test_overflow_is_a_numerical_failure_and_spares_the_next(make_problem, loss):
     problem = make_problem(3, loss=loss)
     landmarks = problem.landmarks.copy()
     landmarks[1] *= 1e200
-    found = solve_newton(replace(problem, landmarks=landmarks))
-    assert found.status == (Status.OPTIMAL, Status.NUMERICAL_FAILURE, Status.OPTIMAL)
+
+    solution = solve_newton(replace(problem, landmarks=landmarks))
+
+    first, overflown, last = solution.status
+    assert overflown is Status.NUMERICAL_FAILURE
+    assert first is Status.OPTIMAL
+    assert last is Status.OPTIMAL
 
 
 def test_exact_program_without_a_solution_is_never_optimal(rng):
-    problem = build_problem(
-        rng.standard_normal((5, 2, 9)),
-        rng.standard_normal((1, 3, 9)),
-        1.0,
-        loss=Loss.EXACT,
-    )
-    found = solve_newton(problem)
-    assert Status.OPTIMAL not in found.status
-    assert (found.residual > 0.1).all()
+    landmarks = rng.standard_normal((5, 2, 9))
+    one_atom = rng.standard_normal((1, 3, 9))
+    problem = build_problem(landmarks, one_atom, 1.0, loss=Loss.EXACT)
+
+    solution = solve_newton(problem)
+
+    assert Status.OPTIMAL not in solution.status
+    assert (solution.residual > 0.1).all()
+
+
+def random_orthogonal(rng, size):
+    return np.linalg.qr(rng.standard_normal((size, size)))[0]
 
 
 @pytest.mark.parametrize("second", [1.0, 1 - 1e-9, 1e-9, 0.0])
 @pytest.mark.parametrize("size", [1e-60, 1.0, 1e60])
 def test_the_nuclear_norm_is_the_sum_of_singular_values(rng, second, size):
-    U, V = (np.linalg.qr(rng.standard_normal((m, m)))[0] for m in (2, 3))
-    blocks = size * (U @ np.diag([1.0, second]) @ V[:2])
-    np.testing.assert_allclose(nuclear_norm(blocks), size * (1 + second), rtol=1e-14)
+    U = random_orthogonal(rng, 2)
+    V = random_orthogonal(rng, 3)
+    block = size * (U @ np.diag([1.0, second]) @ V[:2])
+    assert_allclose(nuclear_norm(block), size * (1 + second), rtol=1e-14)
 
 
-LAM, BETA = 0.7, 0.4
+LAM = 0.7
+BETA = 0.4
 
 
 @dataclass(frozen=True)
@@ -102,68 +138,117 @@ def plant(seed: int, loss: Loss, *, weighted: bool, k: int = 9, p: int = 14) -> 
     of f* at Y.
     """
     rng = np.random.default_rng(seed)
-    omega = np.ones(p)
-    if weighted:
-        omega = rng.uniform(0.3, 1.5, p) * (np.arange(p) % 5 != 4)
-    if loss is Loss.EXACT:
-        omega = (omega > 0).astype(float)
+    omega = plant_weights(rng, loss, weighted=weighted, p=p)
+    Y, outlier = plant_dual(rng, loss, omega)
+    atoms, M, c = plant_atoms(rng, Y * omega, k)
+    T = rng.standard_normal(2)
+    gross = np.sign(Y) * outlier * rng.uniform(0.5, 2, (2, p))
+
+    residual = residual_at(loss, Y, gross)
+    shape = np.einsum("kab,kbp->ap", M, atoms) + T[:, None]
+    unseen = np.zeros((2, p))
+    W = shape + np.divide(residual, omega, out=unseen, where=omega > 0)
+    W[:, omega == 0] = np.nan
+    problem = build_problem(W, atoms, LAM, weights=omega[None], loss=loss, beta=BETA)
+    objective = loss_at(loss, Y, gross) + LAM * c.sum()
+    return Planted(problem, M, T, Y, objective)
+
+
+def plant_weights(
+    rng: np.random.Generator, loss: Loss, *, weighted: bool, p: int
+) -> np.ndarray:
+    """Draw weights, of which every fifth is 0, or choose 1 for all."""
+    if not weighted:
+        return np.ones(p)
+    visible = np.arange(p) % 5 != 4
+    omega = rng.uniform(0.3, 1.5, p) * visible
+    return visible.astype(float) if loss is Loss.EXACT else omega
+
+
+def plant_dual(
+    rng: np.random.Generator, loss: Loss, omega: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw a feasible dual Y, and say where it stands at its bound: at the outliers."""
+    p = len(omega)
     bound = {Loss.ABSOLUTE: 1.0, Loss.SPARSE_ERROR: BETA}.get(loss, np.inf)
     Y = 0.25 * min(bound, 4.0) * rng.uniform(-1, 1, (2, p)) * (omega > 0)
     outlier = np.zeros((2, p), dtype=bool)
     if np.isfinite(bound):
-        outlier[:, 2] = outlier[0, 6] = True
+        outlier[:, 2] = True
+        outlier[0, 6] = True
         Y[outlier] = bound * rng.choice([-1, 1], 3)
+
     free = ~outlier * omega
     Y -= (Y @ omega / (free @ omega))[:, None] * free
     assert (np.abs(Y[~outlier]) < 0.95 * bound).all()
-    np.testing.assert_allclose(Y @ omega, 0, atol=1e-14)
+    assert_allclose(Y @ omega, 0, atol=1e-14)
+    return Y, outlier
 
+
+def plant_atoms(
+    rng: np.random.Generator, weighted_dual: np.ndarray, k: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Draw atoms of which the first three are active, their transforms M and norms c.
+
+    The transforms stand where the dual of their atoms touches the bound lambda.
+    """
+    p = weighted_dual.shape[1]
     atoms = rng.standard_normal((k, 3, p))
-    nuclear = np.linalg.svd((Y * omega) @ atoms.swapaxes(1, 2), compute_uv=False).sum(
-        axis=1
-    )
+    singular_values = np.linalg.svd(weighted_dual @ transpose(atoms), compute_uv=False)
     active = np.arange(k) < 3
-    touch = np.where(active, 1.0, rng.uniform(0.2, 0.9, k))
-    atoms *= (LAM * touch / nuclear)[:, None, None]
-    U, _, Vt = np.linalg.svd((Y * omega) @ atoms.swapaxes(1, 2), full_matrices=False)
-    c = rng.uniform(0.5, 2, k) * active
-    M = c[:, None, None] * (U @ Vt)
-    T = rng.standard_normal(2)
+    share_of_bound = np.where(active, 1.0, rng.uniform(0.2, 0.9, k))
+    size = LAM * share_of_bound / singular_values.sum(axis=1)
+    atoms = resized(atoms, size)
 
-    gross = np.sign(Y) * outlier * rng.uniform(0.5, 2, (2, p))
-    residual = {
-        Loss.SQUARED: Y,
-        Loss.EXACT: np.zeros((2, p)),
-        Loss.ABSOLUTE: gross,
-        Loss.SPARSE_ERROR: Y + gross,
-    }[loss]
-    f = {
-        Loss.SQUARED: 0.5 * (Y**2).sum(),
-        Loss.EXACT: 0.0,
-        Loss.ABSOLUTE: np.abs(gross).sum(),
-        Loss.SPARSE_ERROR: 0.5 * (Y**2).sum() + BETA * np.abs(gross).sum(),
-    }[loss]
-    shape = np.einsum("kab,kbp->ap", M, atoms) + T[:, None]
-    W = shape + np.divide(residual, omega, out=np.zeros((2, p)), where=omega > 0)
-    W[:, omega == 0] = np.nan
-    problem = build_problem(W, atoms, LAM, weights=omega[None], loss=loss, beta=BETA)
-    return Planted(problem, M, T, Y, f + LAM * c.sum())
+    U, _, Vt = np.linalg.svd(weighted_dual @ transpose(atoms), full_matrices=False)
+    c = rng.uniform(0.5, 2, k) * active
+    M = resized(U @ Vt, c)
+    return atoms, M, c
+
+
+def residual_at(loss: Loss, Y: np.ndarray, gross: np.ndarray) -> np.ndarray:
+    """Return the residual whose dual is Y, with gross errors at the outliers."""
+    match loss:
+        case Loss.SQUARED:
+            return Y
+        case Loss.EXACT:
+            return np.zeros_like(Y)
+        case Loss.ABSOLUTE:
+            return gross
+        case Loss.SPARSE_ERROR:
+            return Y + gross
+
+
+def loss_at(loss: Loss, Y: np.ndarray, gross: np.ndarray) -> float:
+    """Return f of that residual."""
+    squared = 0.5 * (Y**2).sum()
+    absolute = np.abs(gross).sum()
+    match loss:
+        case Loss.SQUARED:
+            return squared
+        case Loss.EXACT:
+            return 0.0
+        case Loss.ABSOLUTE:
+            return absolute
+        case Loss.SPARSE_ERROR:
+            return squared + BETA * absolute
 
 
 @pytest.mark.parametrize("weighted", [False, True], ids=["plain", "weighted"])
 @pytest.mark.parametrize("seed", range(5))
 def test_planted_optimum_is_found(loss, seed, weighted):
     planted = plant(seed, loss, weighted=weighted)
+
     found = solve_newton(planted.problem, tolerance=1e-11)
+
     assert found.status == (Status.OPTIMAL,)
     assert found.objective[0] == pytest.approx(planted.objective, rel=1e-10)
     # the active atoms are in general position, so the optimum is the only one
-    np.testing.assert_allclose(
-        found.transforms.dense()[0], planted.transforms, atol=1e-4
-    )
-    np.testing.assert_allclose(found.translation[0], planted.translation, atol=1e-4)
+    transforms = found.transforms.dense()[0]
+    assert_allclose(transforms, planted.transforms, atol=1e-4)
+    assert_allclose(found.translation[0], planted.translation, atol=1e-4)
     if loss.has_quadratic:  # D is strongly concave, so Y is unique
-        np.testing.assert_allclose(found.dual[0], planted.dual, atol=1e-4)
+        assert_allclose(found.dual[0], planted.dual, atol=1e-4)
 
 
 class Clarabel:
@@ -176,28 +261,28 @@ class Clarabel:
     def __init__(self, k: int, p: int, loss: Loss) -> None:
         import cvxpy as cp
 
-        self.W, self.omega = cp.Parameter((2, p)), cp.Parameter((1, p))
-        self.B, self.lam = cp.Parameter((3 * k, p)), cp.Parameter(nonneg=True)
+        # weights are in W and B already
+        self.W = cp.Parameter((2, p))
+        self.omega = cp.Parameter((1, p))
+        self.B = cp.Parameter((3 * k, p))
+        self.lam = cp.Parameter(nonneg=True)
         self.beta = cp.Parameter(nonneg=True)
-        M, T, E = (
-            [cp.Variable((2, 3)) for _ in range(k)],
-            cp.Variable((2, 1)),
-            cp.Variable((2, p)),
-        )
-        r = (
-            self.W - cp.hstack(M) @ self.B - T @ self.omega
-        )  # weights are in W and B already
+        M = [cp.Variable((2, 3)) for _ in range(k)]
+        T = cp.Variable((2, 1))
+        E = cp.Variable((2, p))
+
+        r = self.W - cp.hstack(M) @ self.B - T @ self.omega
+        absolute_error = cp.sum(cp.abs(E))
         f = {
             Loss.SQUARED: cp.sum_squares(r) / 2,
             Loss.EXACT: cp.Constant(0),
             Loss.ABSOLUTE: cp.sum(cp.abs(r)),
-            Loss.SPARSE_ERROR: (
-                cp.sum_squares(r - E) / 2 + self.beta * cp.sum(cp.abs(E))
-            ),
+            Loss.SPARSE_ERROR: cp.sum_squares(r - E) / 2 + self.beta * absolute_error,
         }[loss]
-        norms = cp.sum(cp.hstack([cp.sigma_max(block) for block in M]))
+        spectral_norms = cp.hstack([cp.sigma_max(block) for block in M])
+        objective = cp.Minimize(f + self.lam * cp.sum(spectral_norms))
         constraints = [r == 0] if loss is Loss.EXACT else []
-        self.program = cp.Problem(cp.Minimize(f + self.lam * norms), constraints)
+        self.program = cp.Problem(objective, constraints)
         assert self.program.is_dpp()
 
     def solve(self, problem: Problem, image: int) -> float:
@@ -205,34 +290,38 @@ class Clarabel:
         self.W.value = problem.landmarks[image] * omega
         self.omega.value = omega[None]
         self.B.value = (problem.atoms * omega).reshape(-1, len(omega))
-        self.lam.value, self.beta.value = problem.lam[image], problem.beta
+        self.lam.value = problem.lam[image]
+        self.beta.value = problem.beta
         self.program.solve(solver="CLARABEL")  # to 1e-8, or as near as it gets
         return float(self.program.value)
 
 
 def assert_agreement(problem: Problem) -> None:
+    """The optimum of each image is that of Clarabel."""
+    n, _, p = problem.landmarks.shape
+    clarabel = Clarabel(len(problem.atoms), p, problem.loss)
+
     found = solve_newton(problem, tolerance=1e-9)
+
     assert set(found.status) == {Status.OPTIMAL}
-    judge = Clarabel(len(problem.atoms), problem.landmarks.shape[2], problem.loss)
-    expected = [judge.solve(problem, image) for image in range(len(problem.landmarks))]
-    size = (
-        1e-9 * np.abs(problem.landmarks).max()
-    )  # an absolute accuracy, where all is zero
-    np.testing.assert_allclose(found.objective, expected, rtol=1e-6, atol=size)
+    expected = [clarabel.solve(problem, image) for image in range(n)]
+    largest = np.abs(problem.landmarks).max()
+    where_all_is_zero = 1e-9 * largest
+    assert_allclose(found.objective, expected, rtol=1e-6, atol=where_all_is_zero)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("n", "k", "p"), [(80, 3, 5), (60, 7, 8), (40, 12, 10)])
 def test_squared_loss_on_random_images(make_problem, rng, n, k, p):
-    problem = make_problem(n, k, p)
+    drawn = make_problem(n, k, p)
     lam = 10 ** rng.uniform(-2, 0.5, n)
-    assert_agreement(
-        build_problem(problem.landmarks, problem.atoms, lam, weights=problem.weights)
-    )
+    problem = build_problem(drawn.landmarks, drawn.atoms, lam, weights=drawn.weights)
+    assert_agreement(problem)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", [Loss.EXACT, Loss.ABSOLUTE, Loss.SPARSE_ERROR])
 @pytest.mark.parametrize(("k", "p"), [(4, 6), (9, 9)])
 def test_other_losses_on_random_images(make_problem, loss, k, p):
-    assert_agreement(make_problem(10, k, p, loss=loss))
+    problem = make_problem(10, k, p, loss=loss)
+    assert_agreement(problem)

@@ -8,46 +8,48 @@ import sys
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit import core
 from shapefit.convex.transforms import Transforms
 from tools.generate import stub
 
-N, K = 3, 2
+N = 3
+K = 2
 
 
 @pytest.fixture
 def arguments():
+    """Arguments of `synchronise` that fit."""
     M = Transforms.of(np.ones((N, K, 2, 3)))
     return {**M.arrays, "rotation": np.zeros((N, 3, 3)), "threads": 1}
 
 
 def test_the_stub_is_that_of_the_core(project):
-    assert (project / "shapefit/core/_core.pyi").read_text(encoding="utf-8") == stub()
+    path = project / "shapefit/core/_core.pyi"
+    assert path.read_text(encoding="utf-8") == stub()
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        (
-            "rotation",
-            np.zeros((N + 1, 3, 3)),
-            r"\(n 3 3\) with n = 3, a = 6, not float64 \(4,",
-        ),
-        ("rotation", np.zeros((N, 3, 4)), "rotation must be"),
-        ("rotation", np.zeros((N, 9)), "rotation must be"),
-        ("rotation", np.zeros((N, 3, 3), np.float32), "not float32"),
-        ("rotation", np.zeros((N, 3, 6))[..., ::2], "C-contiguous"),
-        ("rotation", np.broadcast_to(0.0, (N, 3, 3)), "writable"),
-        ("rotation", None, "not NoneType"),
-        ("threads", "all", "threads must be an integer"),
-        ("threads", 1.5, "threads must be an integer"),
-        ("further", 1, "7 arguments, 6 are known"),
-    ],
-)
+MORE_ROWS = np.zeros((N + 1, 3, 3))
+WRONG_ARGUMENTS = [
+    ("rotation", MORE_ROWS, r"\(n 3 3\) with n = 3, a = 6, not float64 \(4,"),
+    ("rotation", np.zeros((N, 3, 4)), "rotation must be"),
+    ("rotation", np.zeros((N, 9)), "rotation must be"),
+    ("rotation", np.zeros((N, 3, 3), np.float32), "not float32"),
+    ("rotation", np.zeros((N, 3, 6))[..., ::2], "C-contiguous"),
+    ("rotation", np.broadcast_to(0.0, (N, 3, 3)), "writable"),
+    ("rotation", None, "not NoneType"),
+    ("threads", "all", "threads must be an integer"),
+    ("threads", 1.5, "threads must be an integer"),
+    ("further", 1, "7 arguments, 6 are known"),
+]
+"""An argument of `synchronise`, a value that does not fit, and what the error says."""
+
+
+@pytest.mark.parametrize(("name", "value", "message"), WRONG_ARGUMENTS)
 def test_what_does_not_fit_is_refused(arguments, name, value, message):
     with pytest.raises((TypeError, ValueError), match=message):
-        core.synchronise(**{**arguments, name: value})
+        core.synchronise(**arguments | {name: value})
     assert not arguments["rotation"].any()
 
 
@@ -59,10 +61,13 @@ def test_what_lacks_is_named(arguments):
 
 def test_what_is_only_read_may_be_of_another_layout(arguments):
     core.synchronise(**arguments)
+    single_precision = arguments["blocks"].astype(np.float32)
+    blocks = np.asfortranarray(single_precision)
     found = np.zeros((N, 3, 3))
-    turned = arguments["blocks"].astype(np.float32).swapaxes(0, 1).copy().swapaxes(0, 1)
-    core.synchronise(**{**arguments, "blocks": turned, "rotation": found})
-    np.testing.assert_array_equal(found, arguments["rotation"])
+
+    core.synchronise(**arguments | {"blocks": blocks, "rotation": found})
+
+    assert_array_equal(found, arguments["rotation"])
 
 
 def test_sizes_that_are_named_with_others_hold_too():
@@ -73,65 +78,69 @@ def test_sizes_that_are_named_with_others_hold_too():
         "log_share": np.zeros((4, 1)),
         "means": np.zeros((4, 1, 10)),
     }
-    with pytest.raises(
-        ValueError, match=r"means must be .* \(t K 3p\) with t = 4, p = 3, K = 1"
-    ):
+    message = r"means must be .* \(t K 3p\) with t = 4, p = 3, K = 1"
+    with pytest.raises(ValueError, match=message):
         core.smooth_sequence(**smooth)
 
 
-SHOW = "from shapefit import core; print(core.LEVEL)"
+SHOW_LEVEL = "from shapefit import core; print(core.LEVEL)"
 
-# Certificates, planted problems and many starts judge every level alike; `make
-# test-levels` runs more than these.
 QUICK = [
     "tests/convex/test_solver.py",
     "tests/dictionary/test_learning.py",
-    "tests/lifting/test_shared_rotation.py",
+    "tests/lifting/shared_rotation",
 ]
+"""Certificates, planted problems and many starts, which judge every level alike; `make
+test-levels` runs more than these.
+"""
 
 
-def at_level(
+def run_at_level(
     level: str, arguments: list[str], **options
 ) -> subprocess.CompletedProcess[str]:
-    environment, command = (
-        {**os.environ, "SHAPEFIT_LEVEL": level},
-        [sys.executable, "-P"],
-    )
+    """Run Python with the environment that asks for a level."""
     return subprocess.run(
-        [*command, *arguments],
-        env=environment,
+        [sys.executable, "-P", *arguments],
+        env={**os.environ, "SHAPEFIT_LEVEL": level},
         capture_output=True,
         text=True,
         **options,
     )
 
 
-@pytest.mark.parametrize("level", ["", *core.LEVELS])
+@pytest.mark.parametrize("level", core.LEVELS)
 def test_the_environment_forces_a_level(level):
-    """Without it the best is taken."""
-    assert at_level(level, ["-c", SHOW], check=True).stdout.strip() == (
-        level or core.LEVELS[0]
-    )
+    shown = run_at_level(level, ["-c", SHOW_LEVEL], check=True).stdout
+    assert shown.strip() == level
+
+
+def test_without_a_level_in_the_environment_the_best_is_taken():
+    shown = run_at_level("", ["-c", SHOW_LEVEL], check=True).stdout
+    assert shown.strip() == core.LEVELS[0]
 
 
 def test_an_unknown_level_is_an_error_of_the_user(project):
     """A command that lifts ends with exit code 2, and one line."""
-    landmarks, dictionary = "sample_data/one_person.csv", "sample_data/people_train.h5"
+    landmarks = "sample_data/one_person.csv"
+    dictionary = "sample_data/people_train.h5"
     fit = ["-m", "shapefit", "fit", landmarks, "-d", dictionary, "-o", "-"]
-    refused = at_level("x86_64_v9", fit, cwd=project)
+
+    refused = run_at_level("x86_64_v9", fit, cwd=project)
+
+    levels = ", ".join(core.LEVELS)
     assert refused.returncode == 2
-    assert (
-        refused.stderr
-        == "Error: SHAPEFIT_LEVEL is x86_64_v9; this build and processor have "
-        f"{', '.join(core.LEVELS)}; set it to one of these, or unset it\n"
+    assert refused.stderr == (
+        "Error: SHAPEFIT_LEVEL is x86_64_v9; this build and processor have "
+        f"{levels}; set it to one of these, or unset it\n"
     )
 
 
+OTHER_LEVELS = [level for level in core.LEVELS if level != core.LEVEL]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "level", [level for level in core.LEVELS if level != core.LEVEL]
-)
+@pytest.mark.parametrize("level", OTHER_LEVELS)
 def test_the_solvers_pass_at_every_other_level(level, project):
-    options = ["-n", "0", "-q", "-p", "no:cacheprovider"]
-    done = at_level(level, ["-m", "pytest", *options, *QUICK], cwd=project, timeout=300)
+    run_tests = ["-m", "pytest", "-n", "0", "-q", "-p", "no:cacheprovider", *QUICK]
+    done = run_at_level(level, run_tests, cwd=project, timeout=300)
     assert done.returncode == 0, done.stdout

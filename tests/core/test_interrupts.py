@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from shapefit import core, threads
 from shapefit.convex.problem import Loss, build_problem
@@ -22,6 +23,7 @@ from shapefit.lifting.global_optimum import find_optimum
 from shapefit.lifting.perspective import refine_perspective
 from shapefit.lifting.posterior.posterior import find_posterior
 from shapefit.lifting.shared_rotation import alternate
+from tests.points import draw_rotations, transpose
 
 MOMENT = 0.2
 """CPU seconds after which the signal comes; each kernel below takes many times that."""
@@ -36,7 +38,8 @@ class Ended(BaseException):
 
 def make_problem(rng, n, k, p, loss=Loss.SQUARED):
     atoms = rng.normal(size=(k, 3, p))
-    return build_problem(rng.normal(size=(n, 2, p)), atoms, 0.5, loss=loss)
+    landmarks = rng.normal(size=(n, 2, p))
+    return build_problem(landmarks, atoms, 0.5, loss=loss)
 
 
 def convex(rng, loss=Loss.SQUARED):
@@ -51,39 +54,40 @@ def global_optimum(rng):
 
 def alternation(rng):
     problem = make_problem(rng, 64, 2000, 200)
-    starts = random_rotations(64 * 4, rng).reshape(64, 4, 3, 3)
+    starts = draw_rotations(64, 4, rng)
     return partial(alternate, problem, starts, tolerance=0.0, threads=2)
 
 
 def posterior(rng, n=64, p=120, components=16):
+    weights = np.full(components, 1 / components)
     means = rng.normal(size=(components, 3, p))
     covariances = np.tile(0.1 * np.eye(3 * p), (components, 1, 1))
-    prior = Mixture(np.full(components, 1 / components), means, covariances)
-    starts = random_rotations(4 * n, rng).reshape(n, 4, 3, 3)
+    prior = Mixture(weights, means, covariances)
+    starts = draw_rotations(n, 4, rng)
+    landmarks = rng.normal(size=(n, 2, p))
+    residual_variance = np.full((n, p), 0.02)
+    noise = np.zeros((n, p, 2, 2))
     return partial(
-        find_posterior,
-        rng.normal(size=(n, 2, p)),
-        np.full((n, p), 0.02),
-        np.zeros((n, p, 2, 2)),
-        prior,
-        starts,
-        threads=2,
+        find_posterior, landmarks, residual_variance, noise, prior, starts, threads=2
     )
 
 
 def coding(rng):
-    shapes, atoms = rng.normal(size=(64, 3, 700)), rng.normal(size=(2000, 3, 700))
+    shapes = rng.normal(size=(64, 3, 700))
+    atoms = rng.normal(size=(2000, 3, 700))
     return partial(sparse_code, shapes, atoms, 0.01, threads=2)
 
 
 def consensus(rng):
     seeds = np.arange(64, dtype=np.uint64)
-    landmarks, weights = rng.normal(size=(64, 2, 50)), np.ones((64, 50))
+    landmarks = rng.normal(size=(64, 2, 50))
+    weights = np.ones((64, 50))
+    shape = rng.normal(size=(3, 50))
     return partial(
         find_consensus,
         landmarks,
         weights,
-        rng.normal(size=(3, 50)),
+        shape,
         seeds,
         threshold=0.01,
         draws=10_000_000,
@@ -92,19 +96,23 @@ def consensus(rng):
     )
 
 
-def perspective(rng):
-    n, p = 2000, 60
-    camera = Camera(np.full((n, 2), 2.0), np.zeros((n, 2)), 1.0)
+def perspective(rng, n=2000, p=60):
+    focal_length = np.full((n, 2), 2.0)
+    centre = np.zeros((n, 2))
+    camera = Camera(focal_length, centre, 1.0)
     atoms = rng.normal(size=(100, 3, p))
-    prior = np.full(100, 0.01)
+    landmarks = rng.normal(size=(n, 2, p))
+    weights = np.ones((n, p))
+    rotation = np.ascontiguousarray(random_rotations(n, rng))
+    coefficient_prior = np.full(100, 0.01)
     return partial(
         refine_perspective,
-        rng.normal(size=(n, 2, p)),
-        np.ones((n, p)),
+        landmarks,
+        weights,
         atoms,
         camera,
-        np.ascontiguousarray(random_rotations(n, rng)),
-        prior,
+        rotation,
+        coefficient_prior,
         max_rounds=10_000,
         threads=2,
     )
@@ -144,14 +152,14 @@ def factors(rng):
     return partial(core.invert_factors, matrices=matrices, threads=2)
 
 
-def pose(rng):
-    n = 100_000
-    S, w = rng.normal(size=(n, 3, 6)), rng.normal(size=(n, 2, 6))
+def pose(rng, n=100_000):
+    S = rng.normal(size=(n, 3, 6))
+    w = rng.normal(size=(n, 2, 6))
     return partial(
         core.find_pose,
-        shape_moments=S @ S.swapaxes(1, 2),
-        landmarks_by_shape=w @ S.swapaxes(1, 2),
-        starts=random_rotations(16 * n, rng).reshape(n, 16, 3, 3),
+        shape_moments=S @ transpose(S),
+        landmarks_by_shape=w @ transpose(S),
+        starts=draw_rotations(n, 16, rng),
         rotation=np.empty((n, 3, 3)),
         size=np.empty(n),
         threads=2,
@@ -203,26 +211,32 @@ def ends_soon():
     signal.signal(signal.SIGUSR1, before)
 
 
+def call(kernel):
+    return kernel()
+
+
 @pytest.mark.parametrize("name", KERNELS)
 def test_a_signal_ends_a_kernel(name, rng, ends_soon):
-    ends_soon(KERNELS[name](rng))
+    kernel = KERNELS[name](rng)
+    ends_soon(kernel)
 
 
 @pytest.mark.parametrize("name", ["convex", "posterior", "sequence"])
 def test_a_signal_ends_kernels_on_threads_of_a_pool(name, rng, ends_soon):
-    work = [KERNELS[name](rng) for _ in range(3)]
-    ends_soon(lambda: threads.on_threads(lambda each: each(), work, 2))
-    work = [KERNELS[name](rng)]
-    ends_soon(lambda: list(threads.map_ahead(lambda each: each(), work, 1)))
+    kernels = [KERNELS[name](rng) for _ in range(3)]
+    ends_soon(partial(threads.on_threads, call, kernels, 2))
+
+
+@pytest.mark.parametrize("name", ["convex", "posterior", "sequence"])
+def test_a_signal_ends_a_kernel_that_is_mapped_ahead(name, rng, ends_soon):
+    kernel = KERNELS[name](rng)
+    ends_soon(lambda: list(threads.map_ahead(call, [kernel], 1)))
 
 
 def test_a_signal_ends_kernels_of_a_pool_within_a_pool(rng, ends_soon):
     kernels = [coding(rng), global_optimum(rng)]
-
-    def inner(_item):
-        return threads.on_threads(lambda each: each(), kernels, 2)
-
-    ends_soon(lambda: list(threads.map_ahead(inner, [1], 1)))
+    inner_pool = partial(threads.on_threads, call, kernels, 2)
+    ends_soon(lambda: list(threads.map_ahead(call, [inner_pool], 1)))
 
 
 def test_a_fault_beside_it_ends_a_kernel(rng):
@@ -242,22 +256,23 @@ def test_a_fault_beside_it_ends_a_kernel(rng):
 
 def test_kernels_go_on_after_another_pool_has_ended(rng):
     problem = make_problem(rng, 4, 20, 15)
+    kernel = partial(solve_newton, problem, threads=1)
     with pytest.raises(ZeroDivisionError):
         threads.on_threads(lambda number: 1 / number, [0, 1], 2)
-    (one, other) = threads.on_threads(
-        lambda _number: solve_newton(problem, threads=1), range(2), 2
-    )
-    np.testing.assert_array_equal(one.objective, other.objective)
+
+    one, other = threads.on_threads(call, [kernel, kernel], 2)
+
+    assert_array_equal(one.objective, other.objective)
 
 
 def test_a_kernel_goes_on_after_a_handler_that_returns(rng):
-    seen = []
-    before = signal.signal(signal.SIGPROF, lambda *_: seen.append(1))
+    handled = []
+    before = signal.signal(signal.SIGPROF, lambda *_: handled.append(1))
     try:
         signal.setitimer(signal.ITIMER_PROF, 0.05, 0.05)
         found = find_optimum(make_problem(rng, 8, 64, 15), threads=2)
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
         signal.signal(signal.SIGPROF, before)
-    assert seen
+    assert handled
     assert np.isfinite(found.objective).all()

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from shapefit.evaluation import figures as f
 from shapefit.evaluation.calibration import ErrorBars
@@ -22,18 +23,35 @@ def axes_of(figure):
     return [axes for panel in figure.subfigs for axes in panel.axes]
 
 
-def test_boxes_go_from_quartile_to_quartile_and_failed_images_lower_the_curve():
-    values = np.array([*np.arange(101.0), *[np.nan] * 101])
-    boxes, curve = axes_of(f.draw_errors({"all": {"a": values}}, "mm"))
-    box, *_ = boxes.lines
-    assert {*box.get_xdata()} == {25.0, 75.0}
-    ends = [line.get_xdata() for line in boxes.lines[1:3]]
-    assert [[*x] for x in ends] == [[5, 25], [75, 95]]
-    assert [*boxes.lines[5].get_xdata()] == [50, 50]
-    assert [*boxes.lines[6].get_xdata()] == [50]  # the mean
-    (line,) = curve.lines
-    assert line.get_ydata().max() == pytest.approx(50)
-    assert curve.get_legend() is None
+class TestErrors:
+    """Errors 0 to 100 of as many images as have failed."""
+
+    @pytest.fixture
+    def panels(self):
+        measured = np.arange(101.0)
+        failed = np.full(101, np.nan)
+        errors = np.concatenate([measured, failed])
+        return axes_of(f.draw_errors({"all": {"a": errors}}, "mm"))
+
+    def test_boxes_go_from_quartile_to_quartile(self, panels):
+        boxes, _ = panels
+        box, lower, upper, _, _, median, mean = (
+            [*line.get_xdata()] for line in boxes.lines
+        )
+        assert {*box} == {25.0, 75.0}
+        assert lower == [5, 25]
+        assert upper == [75, 95]
+        assert median == [50, 50]
+        assert mean == [50]
+
+    def test_failed_images_lower_the_curve(self, panels):
+        _, curve = panels
+        (line,) = curve.lines
+        assert line.get_ydata().max() == pytest.approx(50)
+
+    def test_the_curve_of_one_method_needs_no_legend(self, panels):
+        _, curve = panels
+        assert curve.get_legend() is None
 
 
 def test_methods_of_one_colour_differ_otherwise():
@@ -41,101 +59,169 @@ def test_methods_of_one_colour_differ_otherwise():
     assert len(set(looks)) == len(METHODS)
 
 
-@pytest.mark.parametrize(("count", "is_bars"), [(40, True), (250, False)])
-def test_sequences_are_bars_and_too_many_of_them_dots(count, is_bars):
+def draw_sequences(count):
+    """Draw sequences with errors 0, 1, 2, ...; return their panel and names."""
     names = [f"s{n:03}" for n in range(count)]
-    means = {"a": {name: float(n) for n, name in enumerate(names)}}
-    (axes,) = axes_of(f.draw_sequences({"all": means}, "mm"))
-    assert bool(axes.patches) == is_bars
-    labels = [label.get_text() for label in axes.get_xticklabels()]
-    if is_bars:
-        heights = [bar.get_height() for bar in axes.patches]
-        assert labels == [*names, "mean"]
-    else:
-        (dots,) = axes.lines
-        heights = [*dots.get_ydata()]
-        assert labels == ["mean"]
-        assert "250 sequences" in axes.get_xlabel()
-    assert heights[-1] == pytest.approx((count - 1) / 2)
+    means = {name: float(n) for n, name in enumerate(names)}
+    (axes,) = axes_of(f.draw_sequences({"all": {"a": means}}, "mm"))
+    return axes, names
+
+
+def labels_of(ticks):
+    return [tick.get_text() for tick in ticks]
+
+
+def test_sequences_are_bars_before_that_of_their_mean():
+    axes, names = draw_sequences(40)
+    assert labels_of(axes.get_xticklabels()) == [*names, "mean"]
+    assert axes.patches[-1].get_height() == pytest.approx(39 / 2)
+
+
+def test_too_many_sequences_are_dots():
+    axes, _ = draw_sequences(250)
+    (dots,) = axes.lines
+    assert not axes.patches
+    assert labels_of(axes.get_xticklabels()) == ["mean"]
+    assert "250 sequences" in axes.get_xlabel()
+    assert dots.get_ydata()[-1] == pytest.approx(249 / 2)
 
 
 def test_of_many_landmarks_the_worst_have_their_names():
+    """30 landmarks with errors 0, 1, 2, ..., the last of which none has measured."""
     names = [f"landmark {n}" for n in range(30)]
     errors = np.arange(30.0)
     errors[29] = np.nan
-    rng = np.random.default_rng(0)
-    edges = np.empty((0, 2), np.int64)
-    typical = f.TypicalShape(rng.standard_normal((3, 30)), edges)
+    no_edges = np.empty((0, 2), np.int64)
+    points = np.random.default_rng(0).standard_normal((3, 30))
+    typical = f.TypicalShape(points, no_edges)
+
     figure = f.draw_landmarks({"a": errors}, names, typical, "mm")
+
     dots, *_ = axes_of(figure)
-    labels = [label.get_text() for label in dots.get_yticklabels()]
-    assert labels == names[9:29]
+    assert labels_of(dots.get_yticklabels()) == names[9:29]
     assert "the worst 20 of 30" in dots.get_xlabel()
 
 
-@pytest.mark.parametrize("methods", [METHODS[:1], METHODS])
-def test_every_figure_is_drawn_of_one_and_of_many_methods(methods):
+def draw_every_figure(methods):
+    """Return all figures of a report of these methods, by name."""
     rng = np.random.default_rng(0)
     errors = {name: rng.uniform(10, 90, 50) for name in methods}
     means = {name: {"a": 1.0, "b": 2.0} for name in methods}
-    names = list("abcdef")
     shape = rng.standard_normal((3, 6))
     hidden = shape.copy()
     hidden[:, 2] = np.nan
     edges = np.array([[0, 1], [1, 2]])
     triangles = rng.standard_normal((4, 3, 3))
-    example = f.Example("best", shape[:2], shape, hidden, triangles)
+    typical = f.TypicalShape(hidden, edges, triangles)
+    best = f.Example("best", shape[:2], shape, hidden, triangles)
     unseen = f.Example("worst", None, hidden, shape)
-    drawn = {
+    landmark_errors = {name: rng.uniform(1, 2, 6) for name in methods}
+    return {
         "errors": f.draw_errors({"G": errors, "H": errors}, "mm"),
         "sequences": f.draw_sequences({"G": means, "H": means}, "mm"),
-        "landmarks": f.draw_landmarks(
-            {name: rng.uniform(1, 2, 6) for name in methods},
-            names,
-            f.TypicalShape(hidden, edges, triangles),
-            "mm",
-        ),
-        "examples": f.draw_examples([[example], [example, unseen]], edges),
+        "landmarks": f.draw_landmarks(landmark_errors, list("abcdef"), typical, "mm"),
+        "examples": f.draw_examples([[best], [best, unseen]], edges),
         "bars": f.draw_bars(dict.fromkeys(methods, f.LEVELS)),
     }
-    assert drawn.keys() == f.PANELS.keys()
-    for name, figure in drawn.items():
-        svg = f.figure_bytes(figure, "svg")
-        text = inline_svg(name, svg.decode(), "title")
-        # a panel of the page for each of the figure, whose widths add up
-        views = re.findall(r'viewBox="([\d.]+) 0 ([\d.]+) ', text)
-        assert len(views) == len(f.PANELS[name])
-        left, width = map(float, views[-1])
-        assert left + width == pytest.approx(72 * f.FIGURE_INCHES, abs=0.1)
-        # nothing in it has an id of another figure, or a colour of paper
-        assert all(i.startswith(f"{name}-") for i in re.findall(r'\bid="([^"]+)', text))
-        assert f.INK not in re.sub(">[^<]*<", "><", text)
-        assert b'fill="#ffffff"' in f.on_white(svg)
 
 
-def test_true_bars_lie_on_the_diagonal():
-    rng = np.random.default_rng(0)
-    square = (rng.standard_normal((20_000, 3)) ** 2).sum(axis=1).reshape(-1, 5)
-    square[0] = np.nan
-    bars = ErrorBars(square, {})
-    np.testing.assert_allclose(bars.held(f.LEVELS), f.LEVELS, atol=0.012)
-    half = ErrorBars(square / 4, {}).held(np.array([0.5]))
-    assert half[0] > 0.9
+@pytest.fixture(scope="module", params=[METHODS[:1], METHODS], ids=["one", "many"])
+def svgs(request):
+    """Every figure of one and of many methods, as SVG, by name."""
+    with f.style():
+        figures = draw_every_figure(request.param)
+        return {name: f.figure_bytes(figure, "svg") for name, figure in figures.items()}
+
+
+FIGURES = [*f.PANELS]
+
+
+def as_parts_of_a_page(svgs, name):
+    return inline_svg(name, svgs[name].decode(), "title")
+
+
+def test_every_figure_is_drawn_of_one_and_of_many_methods(svgs):
+    assert svgs.keys() == f.PANELS.keys()
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_the_page_has_each_panel_and_their_widths_add_up(svgs, name):
+    text = as_parts_of_a_page(svgs, name)
+
+    views = re.findall(r'viewBox="([\d.]+) 0 ([\d.]+) ', text)
+
+    left, width = map(float, views[-1])
+    assert len(views) == len(f.PANELS[name])
+    assert left + width == pytest.approx(72 * f.FIGURE_INCHES, abs=0.1)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_no_figure_has_an_id_of_another(svgs, name):
+    text = as_parts_of_a_page(svgs, name)
+    for identifier in re.findall(r'\bid="([^"]+)', text):
+        assert identifier.startswith(f"{name}-")
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_no_figure_of_the_page_has_a_colour_of_paper(svgs, name):
+    text = as_parts_of_a_page(svgs, name)
+    tags = re.sub(">[^<]*<", "><", text)
+    assert f.INK not in tags
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_beside_the_page_a_figure_is_on_white(svgs, name):
+    assert b'fill="#ffffff"' in f.on_white(svgs[name])
+
+
+@pytest.fixture
+def squares():
+    """Squared errors as true bars have them; those of the first image are unknown."""
+    errors = np.random.default_rng(0).standard_normal((20_000, 3))
+    squares = (errors**2).sum(axis=1).reshape(-1, 5)
+    squares[0] = np.nan
+    return squares
+
+
+def test_true_bars_lie_on_the_diagonal(squares):
+    held = ErrorBars(squares, {}).held(f.LEVELS)
+    assert_allclose(held, f.LEVELS, atol=0.012)
+
+
+def test_bars_twice_as_wide_as_they_need_to_be_hold_more(squares):
+    (held,) = ErrorBars(squares / 4, {}).held(np.array([0.5]))
+    assert held > 0.9
+
+
+def test_a_section_stands_before_the_origin():
+    page = with_section(f"<p>a</p>\n{ORIGIN}<dl></dl>", "x", "<p>first</p>")
+    assert page.index("first") < page.index(ORIGIN)
 
 
 def test_a_section_takes_the_place_of_the_one_of_its_name():
-    page = f"<p>a</p>\n{ORIGIN}<dl></dl>"
-    once = with_section(page, "x", "<p>first</p>")
-    assert once.index("first") < once.index(ORIGIN)
-    again = with_section(once, "x", "<p>second</p>")
-    assert "first" not in again
-    assert with_section(again, "x", "<p>first</p>") == once
+    first = with_section(f"<p>a</p>\n{ORIGIN}<dl></dl>", "x", "<p>first</p>")
+    second = with_section(first, "x", "<p>second</p>")
+    assert "first" not in second
+    assert with_section(second, "x", "<p>first</p>") == first
+
+
+SHORT_NAMES = [f"method {number}" for number in range(11)]
+LONG_NAMES = [f"the first of the longer names {number}" for number in range(5)]
 
 
 def test_the_legend_of_many_methods_has_columns_as_wide_as_their_names():
-    short = [f"method {number}" for number in range(11)]
-    assert f._legend_lines(short) < f._legend_lines(short, 0.6) <= 3
-    long = [f"the first of the longer names {number}" for number in range(5)]
-    assert f._legend_lines([*long, *short[:6]], 0.6) == 6
-    assert f._legend_lines(long, 0.3) == 5
+    lines = f._legend_lines(SHORT_NAMES)
+    lines_where_narrow = f._legend_lines(SHORT_NAMES, 0.6)
+    assert lines < lines_where_narrow <= 3
+
+
+@pytest.mark.parametrize(
+    ("methods", "share", "lines"),
+    [([*LONG_NAMES, *SHORT_NAMES[:6]], 0.6, 6), (LONG_NAMES, 0.3, 5)],
+)
+def test_the_legend_of_long_names_has_a_line_for_each_or_for_two(methods, share, lines):
+    assert f._legend_lines(methods, share) == lines
+
+
+def test_one_method_needs_no_legend():
     assert f._legend_lines(["one"]) == 0

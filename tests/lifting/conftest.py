@@ -8,6 +8,7 @@ import pytest
 
 from shapefit.convex.problem import Problem, build_problem
 from shapefit.geometry.rotations import random_rotations
+from tests.points import centred, mix, unit_norm, with_noise
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Scene:
 
     @property
     def shapes(self) -> np.ndarray:
-        return self.rotation @ np.einsum("nk,kap->nap", self.coefficients, self.atoms)
+        return self.rotation @ mix(self.coefficients, self.atoms)
 
     def problem(self, lam: float) -> Problem:
         return build_problem(self.landmarks, self.atoms, lam, weights=self.weights)
@@ -44,22 +45,22 @@ def make_scene(rng: np.random.Generator) -> Callable[..., Scene]:
         hidden: float = 0.0,
         weighted: bool = False,
     ) -> Scene:
-        mean = rng.standard_normal((3, p))
-        mean -= mean.mean(axis=1, keepdims=True)
-        atoms = mean + 0.6 * rng.standard_normal((k, 3, p))
-        atoms -= atoms.mean(axis=2, keepdims=True)
-        atoms /= np.linalg.norm(atoms, axis=(1, 2), keepdims=True)
+        mean = centred(rng.standard_normal((3, p)))
+        variations = mean + 0.6 * rng.standard_normal((k, 3, p))
+        atoms = unit_norm(centred(variations))
         coefficients = np.zeros((n, k))
         for image in range(n):
-            coefficients[image, rng.choice(k, active, replace=False)] = rng.uniform(
-                1, 3, active
-            )
+            used = rng.choice(k, active, replace=False)
+            coefficients[image, used] = rng.uniform(1, 3, active)
         rotation = random_rotations(n, rng)
         translation = rng.standard_normal((n, 2))
-        shapes = rotation @ np.einsum("nk,kap->nap", coefficients, atoms)
+
+        shapes = rotation @ mix(coefficients, atoms)
         landmarks = shapes[:, :2] + translation[..., None]
-        landmarks += noise * rng.standard_normal(landmarks.shape)
-        weights = rng.uniform(0.3, 2, (n, p)) if weighted else np.ones((n, p))
+        landmarks = with_noise(landmarks, noise, rng)
+        weights = np.ones((n, p))
+        if weighted:
+            weights = rng.uniform(0.3, 2, (n, p))
         weights *= rng.random((n, p)) >= hidden
         return Scene(
             landmarks, weights, atoms, mean, coefficients, rotation, translation

@@ -31,6 +31,7 @@ METHODS: dict[str, Callable[..., Any]] = {
 def make_estimator(name: str, **options: Any) -> Estimator[Any]:
     """Return a method with those of the options that it has."""
     method = METHODS[name]
-    options = {"solve": solve_newton, **options}
+    given = {"solve": solve_newton, **options}
     known = signature(method).parameters
-    return partial(method, **{key: options[key] for key in options.keys() & known})
+    fitting = {key: value for key, value in given.items() if key in known}
+    return partial(method, **fitting)

@@ -12,6 +12,7 @@ from shapefit.lifting.trust import (
     find_reasons,
     median_distance,
 )
+from tests.points import centred
 
 CUBE = np.array([[1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]], dtype=float)
 """Four landmarks whose coordinates have variance 1."""
@@ -26,9 +27,10 @@ GOOD = {
 }
 
 
-def reasons(**changes) -> str:
+def reason_of(**changes) -> str:
     case = {name: np.array([value]) for name, value in (GOOD | changes).items()}
-    return str(find_reasons(*case.values())[0])
+    (reason,) = find_reasons(*case.values())
+    return str(reason)
 
 
 @pytest.mark.parametrize(
@@ -51,25 +53,38 @@ def reasons(**changes) -> str:
     ],
 )
 def test_the_first_reason_that_holds_is_named(changes, reason):
-    assert reasons(**changes) == reason
+    assert reason_of(**changes) == reason
 
 
-def test_only_landmarks_that_are_shown_are_measured():
-    """A landmark that no image shows is guessed: it makes a shape large and unsure."""
-    far_off = np.array([[9.0], [0.0], [0.0]])
-    shape = np.concatenate([CUBE, far_off], axis=1)
-    case = {**GOOD, "shape": shape, "expected": 0.32}
-    values = [np.array([value]) for value in case.values()]
-    shown = np.array([True, True, True, True, False])
-    assert find_reasons(*values, shown=shown)[0] == "large expected error"
-    assert find_reasons(*values)[0] == ""
+class TestLandmarksThatAreShown:
+    """They alone are measured.
 
-    covariance = np.diag(np.tile([0.01, 0.01, 0.01, 0.01, 4.0], 3))[None]
-    of_shown = expected_error(shape[None], covariance, shown)
-    without = np.flatnonzero(np.tile(shown, 3))
-    alone = expected_error(CUBE[None], covariance[:, without[:, None], without])
-    assert of_shown == pytest.approx(alone)
-    assert of_shown < 0.3 * expected_error(shape[None], covariance)
+    A landmark that no image shows is guessed: it makes a shape large and unsure.
+    """
+
+    FAR_OFF = np.array([[9.0], [0.0], [0.0]])
+    SHAPE = np.concatenate([CUBE, FAR_OFF], axis=1)
+    SHOWN = np.array([True, True, True, True, False])
+
+    def test_a_large_shape_forgives_an_error_that_they_do_not(self):
+        case = GOOD | {"shape": self.SHAPE, "expected": 0.32}
+        values = [np.array([value]) for value in case.values()]
+        (reason_for_all,) = find_reasons(*values)
+        (reason_for_shown,) = find_reasons(*values, shown=self.SHOWN)
+        assert reason_for_all == ""
+        assert reason_for_shown == "large expected error"
+
+    def test_the_expected_error_is_theirs(self):
+        covariance = np.diag(np.tile([0.01, 0.01, 0.01, 0.01, 4.0], 3))
+        coordinates = np.flatnonzero(np.tile(self.SHOWN, 3))
+        shown_covariance = covariance[np.ix_(coordinates, coordinates)]
+
+        error_of_all = expected_error(self.SHAPE[None], covariance[None])
+        error_of_shown = expected_error(self.SHAPE[None], covariance[None], self.SHOWN)
+        alone = expected_error(CUBE[None], shown_covariance[None])
+
+        assert error_of_shown == pytest.approx(alone)
+        assert error_of_shown < 0.3 * error_of_all
 
 
 @pytest.mark.parametrize(
@@ -87,7 +102,8 @@ def test_only_landmarks_that_are_shown_are_measured():
 def test_a_file_that_contradicts_the_dictionary(
     kappa, distance, visible, images, wrong
 ):
-    apart = median_distance(np.full(images, distance), np.full(images, visible))
+    distances = np.full(images, distance)
+    apart = median_distance(distances, np.full(images, visible))
     assert contradicts(kappa, apart, trusted=0.3, doubtful=0.2) == wrong
 
 
@@ -105,26 +121,52 @@ def test_what_would_be_trusted_of_a_file_counts(kappa, trusted, doubtful, wrong)
     assert contradicts(kappa, 0.2, trusted, doubtful) == wrong
 
 
-@pytest.mark.parametrize("kind", ["of all coordinates", "of depths", "a similarity"])
-def test_the_expected_error_is_that_of_draws(rng, kind):
-    p, draws = 12, 300
-    shape = rng.standard_normal((3, p))
-    L = 0.05 * rng.standard_normal((3 * p, 3 * p)) / 3
-    if kind == "of depths":
-        L[: 2 * p] = 0.0
-    if kind == "a similarity":
-        x, y, z = shape - shape.mean(axis=1, keepdims=True)
-        o = np.zeros(p)
-        L = 0.02 * np.array([np.r_[o + 1, o, o], np.r_[-y, x, o], np.r_[x, y, z]]).T
-    truths = shape + (L @ rng.standard_normal((L.shape[1], draws))).T.reshape(
-        draws, 3, p
-    )
-    found = expected_error(shape[None], (L @ L.T)[None])[0] / MEASURED_ERROR_SHARE
-    measured = similarity(np.repeat(shape[None], draws, axis=0), truths).mean()
-    assert found == pytest.approx(measured, rel=0.08, abs=2e-3)
+P = 12
+"""Landmarks."""
+
+
+def errors_of_all_coordinates(shape, rng):
+    return 0.05 * rng.standard_normal((3 * P, 3 * P)) / 3
+
+
+def errors_of_depths(shape, rng):
+    root = errors_of_all_coordinates(shape, rng)
+    root[: 2 * P] = 0.0
+    return root
+
+
+def errors_of_a_similarity(shape, rng):
+    """Along x, about z, and of the size."""
+    x, y, z = centred(shape)
+    nothing = np.zeros(P)
+    shift = np.r_[nothing + 1, nothing, nothing]
+    turn = np.r_[-y, x, nothing]
+    growth = np.r_[x, y, z]
+    return 0.02 * np.stack([shift, turn, growth], axis=1)
+
+
+@pytest.mark.parametrize(
+    "root_of", [errors_of_all_coordinates, errors_of_depths, errors_of_a_similarity]
+)
+def test_the_expected_error_is_that_of_draws(rng, root_of):
+    """Errors have the covariance root root^T."""
+    draws = 300
+    shape = rng.standard_normal((3, P))
+    root = root_of(shape, rng)
+    errors = root @ rng.standard_normal((root.shape[1], draws))
+    truths = shape + errors.T.reshape(draws, 3, P)
+    estimates = np.repeat(shape[None], draws, axis=0)
+    measured = similarity(estimates, truths).mean()
+
+    (found,) = expected_error(shape[None], (root @ root.T)[None])
+
+    mean = found / MEASURED_ERROR_SHARE
+    assert mean == pytest.approx(measured, rel=0.08, abs=2e-3)
 
 
 def test_what_is_not_finite_has_no_expected_error():
-    shapes, covariance = np.ones((2, 3, 4)), np.tile(np.eye(12), (2, 1, 1))
-    shapes[0, 0, 0], covariance[1, 0, 0] = np.nan, np.nan
+    shapes = np.ones((2, 3, 4))
+    covariance = np.tile(np.eye(12), (2, 1, 1))
+    shapes[0, 0, 0] = np.nan
+    covariance[1, 0, 0] = np.nan
     assert np.isnan(expected_error(shapes, covariance)).all()

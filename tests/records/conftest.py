@@ -10,6 +10,7 @@ NAMES = ("head", "left hand", "right hand", "foot")
 
 @pytest.fixture
 def shapes(rng) -> Shapes:
+    """Five shapes of two sequences, with meshes."""
     return Shapes(
         rng.normal(size=(5, 4, 3)),
         landmark_names=NAMES,
@@ -26,6 +27,7 @@ def shapes(rng) -> Shapes:
 
 @pytest.fixture
 def landmarks(rng) -> Landmarks:
+    """Five images of two sequences, in one of which a landmark is unseen."""
     points = rng.normal(size=(5, 4, 2))
     points[1, 2] = np.nan
     return Landmarks(
@@ -43,6 +45,7 @@ def landmarks(rng) -> Landmarks:
 
 @pytest.fixture
 def fit(rng, landmarks) -> Fit:
+    """A convex fit of these images, of which two failed."""
     return Fit(
         rng.normal(size=(5, 4, 3)),
         landmark_names=NAMES,

@@ -21,7 +21,7 @@ from shapefit.io.writers.metres import find_stature, in_metres
 from shapefit.io.writers.motion import find_floors
 from shapefit.records import Fit, concatenate
 from tests.columns import put
-from tests.geometry import test_floor as planted
+from tests.geometry import filmed_bodies as planted
 from tests.io.files import load_shapes, save
 from tests.io.writers.conftest import parse_trc, trc_points, visible
 

@@ -4,24 +4,28 @@ story.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shapefit.geometry.pinhole import Camera, project_pinhole
-from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.method import (
     find_rays,
     noise_of_rays,
     turn_towards_landmarks,
 )
 from shapefit.lifting.posterior.posterior import find_posterior
-from tests.lifting.posterior.conftest import (
+from tests.lifting.posterior.scenes import (
+    FORWARD,
     RESIDUAL_VARIANCE,
+    FilmedScene,
     P,
-    Scene,
     assert_regions_hold,
 )
+from tests.points import centred, draw_rotations, resized, transpose, without_mean_depth
+
+signs = pytest.mark.parametrize("sign", [1.0, -1.0])
 
 
-def posterior(prior, landmarks, starts, slopes=None):
+def find(prior, landmarks, starts, slopes=None):
     n = len(landmarks)
     return find_posterior(
         landmarks,
@@ -34,132 +38,233 @@ def posterior(prior, landmarks, starts, slopes=None):
     )
 
 
-def through_camera(prior, scene):
-    rays = find_rays(scene.landmarks, scene.camera)
-    starts = turn_towards_landmarks(
-        scene.starts(), scene.landmarks, scene.visible, scene.camera
-    )
-    return rays, posterior(prior, rays.landmarks, starts, rays.slopes)
+def in_unit_of_shapes(found):
+    return resized(found.mean, 1 / found.scale)
 
 
-def error(points, truth):
-    apart = points - points.mean(axis=2, keepdims=True)
-    apart -= truth - truth.mean(axis=2, keepdims=True)
-    return np.linalg.norm(apart, axis=1).mean()
+def mean_error(points, truth):
+    """Return the mean distance from true points, both about their centroids."""
+    return np.linalg.norm(centred(points) - centred(truth), axis=1).mean()
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_camera_makes_near_shapes_better_and_its_regions_hold(draw_mixture, sign):
-    prior = draw_mixture(4, p=P, size=0.12)
-    scene = Scene(prior, 400, 6.0, sign)  # three to four times the size of the shapes
-    rays, found = through_camera(prior, scene)
-    weak = posterior(prior, scene.landmarks, scene.starts())
-    along = turn_towards_landmarks(
-        np.eye(3)[None, None], scene.landmarks, scene.visible, scene.camera
-    )[:, 0]
-    without = error(along @ (weak.mean / weak.scale[:, None, None]), scene.shapes)
-    assert error(found.mean / found.scale[:, None, None], scene.shapes) < 0.75 * without
-    assert found.log_evidence.mean() > weak.log_evidence.mean() + 2
+@signs
+class TestNearShapes:
+    """Shapes that are only three to four times their size away."""
 
-    size = rays.focal / 6.0
-    truth = size[:, None, None] * scene.shapes
-    truth[:, :2] += size[:, None, None] * scene.translation[:, :2, None]
-    truth[:, 2] -= truth[:, 2].mean(axis=1, keepdims=True)
-    assert_regions_hold(found, truth)
+    DISTANCE = 6.0
+
+    @pytest.fixture
+    def prior(self, draw_mixture):
+        return draw_mixture(4, p=P, size=0.12)
+
+    @pytest.fixture
+    def scene(self, prior, sign):
+        return FilmedScene(prior, 400, self.DISTANCE, sign)
+
+    @pytest.fixture
+    def rays(self, scene):
+        return find_rays(scene.landmarks, scene.camera)
+
+    @pytest.fixture
+    def found(self, prior, scene, rays):
+        """Through the camera."""
+        starts = scene.towards(scene.starts())
+        return find(prior, rays.landmarks, starts, rays.slopes)
+
+    @pytest.fixture
+    def weak(self, prior, scene):
+        """By weak perspective."""
+        return find(prior, scene.landmarks, scene.starts())
+
+    def test_the_camera_makes_them_better(self, found, weak, scene):
+        along_the_ray = scene.towards(FORWARD)[:, 0]
+        without_camera = along_the_ray @ in_unit_of_shapes(weak)
+
+        error = mean_error(in_unit_of_shapes(found), scene.shapes)
+
+        assert error < 0.75 * mean_error(without_camera, scene.shapes)
+
+    def test_the_camera_makes_the_images_likelier(self, found, weak):
+        assert found.log_evidence.mean() > weak.log_evidence.mean() + 2
+
+    def test_regions_hold_what_they_say(self, found, scene, rays):
+        points = scene.shapes.copy()
+        points[:, :2] += scene.translation[:, :2, None]
+        in_pixels = resized(points, rays.focal / self.DISTANCE)
+        assert_regions_hold(found, without_mean_depth(in_pixels))
 
 
 def test_a_long_lens_sees_weak_perspective(draw_mixture):
     prior = draw_mixture(4, p=P)
-    scene = Scene(prior, 20, 1e7, 1.0)
-    centred = Camera(np.full((20, 2), 1e9), scene.landmarks.mean(axis=2), 1.0)
-    rays = find_rays(scene.landmarks, centred)
+    scene = FilmedScene(prior, 20, 1e7, 1.0)
     starts = scene.rotation[:, None]
-    through = posterior(prior, rays.landmarks, starts, rays.slopes)
-    weak = posterior(prior, scene.landmarks, starts)
-    middle = scene.landmarks.mean(axis=2)[..., None]
-    weak.mean[:, :2] -= middle
+    middle = scene.landmarks.mean(axis=2)
+    rays = find_rays(scene.landmarks, Camera(np.full((20, 2), 1e9), middle, 1.0))
+
+    weak = find(prior, scene.landmarks, starts)
+    through = find(prior, rays.landmarks, starts, rays.slopes)
+
+    weak.mean[:, :2] -= middle[..., None]
     size = weak.scale[:, None, None]
     assert through.mean / size == pytest.approx(weak.mean / size, abs=1e-5)
     assert through.deviation / size == pytest.approx(weak.deviation / size, abs=1e-5)
     assert through.log_evidence == pytest.approx(weak.log_evidence, abs=1e-5)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
-    prior = draw_mixture(4, p=P)
-    scene = Scene(prior, 30, 6.0, sign)
-    weights = np.ones((30, P))
-    weights[3, 2] = 0.0
-    found = scene.lift(prior, weights)
-    t = found.perspective.translation
-    depth = sign * t[:, 2]
-    assert found.scale == pytest.approx(np.sqrt(1000 * 1100) / depth)
-    np.testing.assert_array_equal(
-        found.estimate.objective, -found.estimate.log_evidence
-    )
-    at = scene.camera.centre + scene.camera.focal * t[:, :2] / depth[:, None]
-    assert found.translation == pytest.approx(at)
-    S = found.shapes.copy()
-    S[:, :2] -= found.translation[..., None]
-    S /= found.scale[:, None, None]
-    assert found.landmarks_fitted == pytest.approx(
-        project_pinhole(scene.camera, S + t[..., None])
-    )
-    assert S.mean(axis=2) == pytest.approx(0, abs=1e-9)
-    variance = np.diagonal(found.estimate.covariance, axis1=1, axis2=2).reshape(
-        30, 3, P
-    )
-    assert found.estimate.deviation**2 == pytest.approx(variance)
-    assert np.median(np.abs(depth / 6 - 1)) < 0.1
-    off = np.linalg.norm(found.landmarks_fitted - scene.landmarks, axis=1)
-    assert np.median(off) < 20
+@signs
+class TestLiftingThroughTheCamera:
+    """Its fields tell one story: with one hidden landmark."""
+
+    N = 30
+    DISTANCE = 6.0
+
+    @pytest.fixture
+    def prior(self, draw_mixture):
+        return draw_mixture(4, p=P)
+
+    @pytest.fixture
+    def scene(self, prior, sign):
+        return FilmedScene(prior, self.N, self.DISTANCE, sign)
+
+    @pytest.fixture
+    def lifting(self, scene, prior):
+        weights = np.ones((self.N, P))
+        weights[3, 2] = 0.0
+        return scene.lift(prior, weights)
+
+    @pytest.fixture
+    def place(self, lifting):
+        """Of each shape before the camera (n, 3)."""
+        return lifting.perspective.translation
+
+    @pytest.fixture
+    def depth(self, place, sign):
+        return sign * place[:, 2]
+
+    @pytest.fixture
+    def shapes(self, lifting):
+        """In their own unit, about their own origin."""
+        shapes = lifting.shapes.copy()
+        shapes[:, :2] -= lifting.translation[..., None]
+        return resized(shapes, 1 / lifting.scale)
+
+    def test_the_scale_is_that_at_the_depth(self, lifting, depth):
+        focal = np.sqrt(1000 * 1100)
+        assert lifting.scale == pytest.approx(focal / depth)
+
+    def test_the_translation_is_where_the_place_is_seen(
+        self, lifting, scene, place, depth
+    ):
+        slope = place[:, :2] / depth[:, None]
+        seen = scene.camera.centre + scene.camera.focal * slope
+        assert lifting.translation == pytest.approx(seen)
+
+    def test_landmarks_are_those_of_the_shape_at_its_place(
+        self, lifting, scene, shapes, place
+    ):
+        seen = project_pinhole(scene.camera, shapes + place[..., None])
+        assert lifting.landmarks_fitted == pytest.approx(seen)
+
+    def test_shapes_are_centred(self, shapes):
+        assert shapes.mean(axis=2) == pytest.approx(0, abs=1e-9)
+
+    def test_deviations_are_those_of_the_covariance(self, lifting):
+        estimate = lifting.estimate
+        variance = np.diagonal(estimate.covariance, axis1=1, axis2=2)
+        expected = variance.reshape(self.N, 3, P)
+        assert estimate.deviation**2 == pytest.approx(expected)
+
+    def test_the_objective_is_the_negative_log_evidence(self, lifting):
+        estimate = lifting.estimate
+        assert_array_equal(estimate.objective, -estimate.log_evidence)
+
+    def test_it_is_near_the_truth(self, lifting, scene, depth):
+        off = np.linalg.norm(lifting.landmarks_fitted - scene.landmarks, axis=1)
+        relative_depth = depth / self.DISTANCE
+        assert np.median(off) < 20
+        assert np.median(np.abs(relative_depth - 1)) < 0.1
 
 
 def test_the_noise_of_a_landmark_is_that_of_its_ray(rng):
     """Samples of noise in pixels that are not square, seen as rays."""
-    camera = Camera(np.array([[900.0, 400.0]]), np.array([[320.0, 240.0]]), 1.0)
+    focal = np.array([[900.0, 400.0]])
+    camera = Camera(focal, np.array([[320.0, 240.0]]), 1.0)
     covariance = np.array([[4.0, 1.5], [1.5, 9.0]])
-    w = rng.multivariate_normal([500, 100], covariance, 100_000).T[None]
-    rays = find_rays(w, camera)
-    found = noise_of_rays(covariance[None, None], rays, camera)
-    np.testing.assert_allclose(found[0, 0], np.cov(rays.landmarks[0]), rtol=0.03)
+    samples = rng.multivariate_normal([500, 100], covariance, 100_000).T
+    rays = find_rays(samples[None], camera)
+
+    noise = noise_of_rays(covariance[None, None], rays, camera)
+
+    expected = np.cov(rays.landmarks[0])
+    assert_allclose(noise[0, 0], expected, rtol=0.03)
 
 
 def test_a_focal_length_that_is_assumed_leaves_points_open_along_their_rays(rng):
-    """A shape seen with another focal length: its points move by what the noise allows
-    for.
+    """A shape seen with another focal length, from as much farther away: its points
+    move by what the noise allows for.
     """
-    shape, e = rng.standard_normal((1, 3, 50)), 1e-4
-    centre, at = np.zeros((1, 2)), np.array([0.5, -0.3, 4.0])
-    camera = Camera(np.full((1, 2), 4.0), centre, 1.0, focal_sd=e)
-    points = shape + at[None, :, None]
-    w = project_pinhole(camera, points)
-    longer = Camera(camera.focal * (1 + e), centre, 1.0)
-    further = points + np.array([[0.0], [0.0], [4.0 * e]])  # as large in the image
-    moved = (
-        (project_pinhole(longer, further) - w) * points[:, 2:] / 4.0
-    )  # as in the middle of the shape
-    found = noise_of_rays(np.zeros((1, 50, 2, 2)), find_rays(w, camera), camera)
-    expected = np.einsum("nap,nbp,np->npab", moved, moved, shape[:, 2] ** -2.0)
-    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-4 * expected.max())
+    shape = rng.standard_normal((1, 3, 50))
+    depth = 4.0
+    sd = 1e-4
+    centre = np.zeros((1, 2))
+    camera = Camera(np.full((1, 2), depth), centre, 1.0, focal_sd=sd)
+    points = shape + np.array([[0.5], [-0.3], [depth]])
+    landmarks = project_pinhole(camera, points)
+    longer = Camera(camera.focal * (1 + sd), centre, 1.0)
+    farther = points + np.array([[0.0], [0.0], [depth * sd]])
+    move = project_pinhole(longer, farther) - landmarks
+    move *= points[:, 2:] / depth  # as in the middle of the shape
+    share = move / shape[:, 2:]  # of the depth
+    expected = np.einsum("nap,nbp->npab", share, share)
+
+    rays = find_rays(landmarks, camera)
+    noise = noise_of_rays(np.zeros((1, 50, 2, 2)), rays, camera)
+
+    assert_allclose(noise, expected, rtol=2e-3, atol=1e-4 * expected.max())
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_rotations_are_turned_onto_the_ray_to_what_is_seen_and_no_further(rng, sign):
-    n, p = 5, 8
-    camera = Camera(rng.uniform(800, 900, (n, 2)), rng.uniform(200, 300, (n, 2)), sign)
-    landmarks, visible = rng.uniform(0, 900, (n, 2, p)), rng.random((n, p)) < 0.6
-    rotations = random_rotations(3 * n, rng).reshape(n, 3, 3, 3)
-    turn = turn_towards_landmarks(rotations, landmarks, visible, camera) @ np.swapaxes(
-        rotations, 2, 3
-    )
-    middle = np.stack(
-        [w[:, s].mean(axis=1) for w, s in zip(landmarks, visible, strict=True)]
-    )
-    ray = np.column_stack([(middle - camera.centre) / camera.focal, np.full(n, sign)])
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    onto = np.broadcast_to(ray[:, None], (n, 3, 3))
-    np.testing.assert_allclose(turn @ [0.0, 0.0, sign], onto, atol=1e-12)
-    np.testing.assert_allclose(
-        (np.trace(turn[:, 0], axis1=1, axis2=2) - 1) / 2, sign * ray[:, 2]
-    )
+@signs
+class TestTurn:
+    """Rotations are turned onto the ray to what is seen, and no further."""
+
+    N = 5
+    P = 8
+
+    @pytest.fixture
+    def camera(self, rng, sign):
+        focal = rng.uniform(800, 900, (self.N, 2))
+        return Camera(focal, rng.uniform(200, 300, (self.N, 2)), sign)
+
+    @pytest.fixture
+    def landmarks(self, rng, camera):
+        return rng.uniform(0, 900, (self.N, 2, self.P))
+
+    @pytest.fixture
+    def visible(self, rng, landmarks):
+        return rng.random((self.N, self.P)) < 0.6
+
+    @pytest.fixture
+    def turn(self, rng, landmarks, visible, camera):
+        """By which three rotations of each image are turned."""
+        rotations = draw_rotations(self.N, 3, rng)
+        turned = turn_towards_landmarks(rotations, landmarks, visible, camera)
+        return turned @ transpose(rotations)
+
+    @pytest.fixture
+    def ray(self, landmarks, visible, camera, sign):
+        """To the middle of the landmarks that are seen, of length 1."""
+        middle = [w[:, s].mean(axis=1) for w, s in zip(landmarks, visible, strict=True)]
+        slope = (np.stack(middle) - camera.centre) / camera.focal
+        ray = np.column_stack([slope, np.full(self.N, sign)])
+        return ray / np.linalg.norm(ray, axis=1, keepdims=True)
+
+    def test_the_optical_axis_comes_onto_the_ray(self, turn, ray, sign):
+        axis = np.array([0.0, 0.0, sign])
+        expected = np.broadcast_to(ray[:, None], (self.N, 3, 3))
+        assert_allclose(turn @ axis, expected, atol=1e-12)
+
+    def test_it_turns_by_no_more_than_the_angle_between_them(self, turn, ray, sign):
+        trace = np.trace(turn[:, 0], axis1=1, axis2=2)
+        cosine_of_turn = (trace - 1) / 2
+        cosine_to_axis = sign * ray[:, 2]
+        assert_allclose(cosine_of_turn, cosine_to_axis)

@@ -3,6 +3,7 @@ believed.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from scipy.special import gammaincc
 
 import shapefit
+from shapefit.arrays import Flags, Floats
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
@@ -25,9 +27,16 @@ from shapefit.lifting.posterior.p_value import (
     with_p_value_table,
 )
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
-from tests.lifting.posterior.conftest import draw_images
+from tests.gaussians import covariance_of_root, single_gaussian
+from tests.lifting.posterior.scenes import draw_images
 
-IMAGES, RESIDUAL_VARIANCE, CHANCE, DENSITY = 800, 0.006, 0.02, 0.05
+N = 800
+"""Images."""
+
+RESIDUAL_VARIANCE = 0.006
+
+OUTLIERS = Outliers(0.02, 0.05)
+"""Their chance, and their density over the image."""
 
 
 def people(count: int) -> Mixture:
@@ -35,65 +44,75 @@ def people(count: int) -> Mixture:
     prior = shapefit.read_dictionary("people").prior
     assert prior is not None
     p = prior.means.shape[2]
-    return prior.marginal(np.sort(np.random.default_rng(0).permutation(p)[:count]))
+    some = np.random.default_rng(0).permutation(p)[:count]
+    return prior.marginal(np.sort(some))
 
 
 def planted(count: int) -> Mixture:
     """Four Gaussians, as wide as a tenth of their shapes and more."""
-    rng, d = np.random.default_rng(3), 3 * count
+    rng = np.random.default_rng(3)
+    d = 3 * count
     means = rng.normal(size=(4, 3, count))
-    means = means[0] + 0.4 * (means - means[0])
-    roots = 0.1 * rng.normal(size=(4, d, d))
-    covariances = 4 / d * roots @ roots.swapaxes(1, 2) + 0.01 * np.eye(d)
-    return Mixture(np.array([0.4, 0.3, 0.2, 0.1]), means, covariances)
+    near_the_first = means[0] + 0.4 * (means - means[0])
+    roots = 0.1 * np.sqrt(4 / d) * rng.normal(size=(4, d, d))
+    covariances = covariance_of_root(roots, floor=0.01)
+    return Mixture(np.array([0.4, 0.3, 0.2, 0.1]), near_the_first, covariances)
 
 
-def draw(prior: Mixture, chance: float = 0.0):
-    """Images of the model: landmarks (n, 2, p), rotations, and which landmarks are
-    outliers.
-    """
-    _, w, R = draw_images(prior, IMAGES, 7, RESIDUAL_VARIANCE)
-    rng, side = np.random.default_rng(8), DENSITY**-0.5
-    outliers = rng.random(w.shape[::2]) < chance
-    return (
-        np.where(outliers[:, None], rng.uniform(-side / 2, side / 2, w.shape), w),
-        R,
-        outliers,
-    )
+@dataclass(frozen=True)
+class Drawn:
+    """Images of the model."""
+
+    landmarks: Floats
+    rotations: Floats
+    is_outlier: Flags
+
+
+def draw(prior: Mixture, chance: float = 0.0) -> Drawn:
+    """Draw images of the model, of which some landmarks lie anywhere."""
+    _, w, R = draw_images(prior, N, 7, RESIDUAL_VARIANCE)
+    rng = np.random.default_rng(8)
+    is_outlier = rng.random(w.shape[::2]) < chance
+    half_side = OUTLIERS.density**-0.5 / 2
+    anywhere = rng.uniform(-half_side, half_side, w.shape)
+    return Drawn(np.where(is_outlier[:, None], anywhere, w), R, is_outlier)
 
 
 @cache
-def table_of(make: Callable[[int], Mixture], count: int):
+def table_of(make: Callable[[int], Mixture], count: int) -> Floats:
     """Return the moments for a prior as it is, which take longer than all else here."""
     return moments_at(draw_table(make(count), (1.0,)), 1.0)
 
 
-def find(make: Callable[[int], Mixture], count: int, hidden: int = 0):
+def find(make: Callable[[int], Mixture], count: int, hidden: int = 0) -> Floats:
     """P-values of images of the model, as the method finds them."""
     prior = make(count)
-    w, _, _ = draw(prior)
-    p = w.shape[2]
-    order = np.random.default_rng(8).random((IMAGES, p)).argsort(axis=1)
-    weights = (order >= hidden).astype(float)
-    problem = build_problem(w, prior.means, np.full(IMAGES, 0.1), weights=weights)
+    landmarks = draw(prior).landmarks
+    random_order = np.random.default_rng(8).random((N, count)).argsort(axis=1)
+    weights = (random_order >= hidden).astype(float)
+    lam = np.full(N, 0.1)
+    problem = build_problem(landmarks, prior.means, lam, weights=weights)
     model = PosteriorModel(
         prior=prior,
         mean_shape=np.tensordot(prior.weights, prior.means, 1),
         p_value_table=table_of(make, count),
         residual_variance=RESIDUAL_VARIANCE,
     )
+
     found = lift_to_posterior(problem, model, solve=solve_newton)
+
     assert found.covariance is None  # for which nobody asked
     return with_p_value(found, problem, model, solve=solve_newton).p_value
 
 
-def assert_uniform(p):
+def assert_uniform(p: Floats) -> None:
     """Within four standard errors of these images and of those that the method
     draws.
     """
     for chance in (0.05, 0.5):
-        error = np.sqrt(chance * (1 - chance) * (1 / len(p) + 1 / 400))
-        assert (p < chance).mean() == pytest.approx(chance, abs=4 * error)
+        variance = chance * (1 - chance) * (1 / len(p) + 1 / 400)
+        share_below = (p < chance).mean()
+        assert share_below == pytest.approx(chance, abs=4 * np.sqrt(variance))
 
 
 @pytest.mark.parametrize("make", [people, planted])
@@ -102,68 +121,121 @@ def test_images_of_the_model_have_uniform_values(make, count):
     assert_uniform(find(make, count))
 
 
-def test_gross_landmarks_that_are_known_do_not_count():
-    prior = people(15)
-    w, R, outliers = draw(prior, chance=0.05)
-    noise, gross_model = np.zeros((IMAGES, 15, 2, 2)), Outliers(CHANCE, DENSITY)
-    residual_variance = np.full((IMAGES, 15), RESIDUAL_VARIANCE)
-    found = find_posterior(w, residual_variance, noise, prior, R[:, None], gross_model)
-    table = table_of(people, 15)
-    p = find_p_values(
-        found.squared_mahalanobis,
-        np.full(IMAGES, 15),
-        found.inlier_probability.sum(axis=1),
-        table,
-    )
-    known = ((found.inlier_probability < 0.5) == outliers).all(axis=1)
-    assert known[outliers.any(axis=1)].mean() > 0.7
-    assert_uniform(p[known & outliers.any(axis=1)])
-
-
 @pytest.mark.parametrize("visible", [8, 11])
 def test_hidden_landmarks_have_no_degrees_of_freedom(visible):
     assert_uniform(find(people, 15, hidden=15 - visible))
 
 
-def test_the_number_believed_decides_where_nothing_else_can():
-    table = table_of(planted, 15)
-    squared_mahalanobis = np.array([7.0, np.nan, 1.0, 1.0, 1.0, 1.0])
-    visible = np.array([3, 12, 4, 12, 12, 12])
-    believed = np.array([3.0, 0.0, 2.9, 7.9, 8.1, 12.0])
-    p = find_p_values(squared_mahalanobis, visible, believed, table)
-    assert np.isnan(p[:2]).all()
-    assert p[2:4].tolist() == [0, 0]
-    assert (p[4:] > 0.9).all()
+def test_gross_landmarks_that_are_known_do_not_count():
+    """In images of which all outliers are found, and no other landmark is one."""
+    p = 15
+    prior = people(p)
+    images = draw(prior, chance=0.05)
+    residual_variance = np.full((N, p), RESIDUAL_VARIANCE)
+    no_noise = np.zeros((N, p, 2, 2))
+    starts = images.rotations[:, None]
+    found = find_posterior(
+        images.landmarks, residual_variance, no_noise, prior, starts, OUTLIERS
+    )
+
+    values = find_p_values(
+        found.squared_mahalanobis,
+        np.full(N, p),
+        found.inlier_probability.sum(axis=1),
+        table_of(people, p),
+    )
+
+    is_disbelieved = found.inlier_probability < 0.5
+    is_known = (is_disbelieved == images.is_outlier).all(axis=1)
+    has_outliers = images.is_outlier.any(axis=1)
+    assert is_known[has_outliers].mean() > 0.7
+    assert_uniform(values[is_known & has_outliers])
 
 
-def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_scales(
-    monkeypatch,
-):
-    prior = planted(15)
-    table = draw_table(prior, (1.0, 4.0))
-    drawn = table_of(planted, 15)
-    assert moments_at(table, 1.0) == pytest.approx(drawn)
-    assert moments_at(table, 0.1) == pytest.approx(drawn)
-    assert moments_at(table, 50.0) == pytest.approx(table[table[:, 0] == 4, 1:])
-    assert table[: len(table) // 2, 1].tolist() == [4, 6, 9, 15]
-    images, real = [], p_value.find_posterior
-    counted = lambda **keys: images.append(len(keys["landmarks"])) or real(**keys)  # noqa: E731
-    monkeypatch.setattr(p_value, "find_posterior", counted)
-    between = moments_at(draw_table(prior, (2.0,)), 2.0)
-    assert (
-        sum(images) < 0.85 * 4 * p_value.DRAWN_IMAGES
-    )  # the control variate saves some of each count
-    assert moments_at(table, 2.0)[:, 1] == pytest.approx(between[:, 1], abs=0.25)
-    assert moments_at(table, 2.0)[:, 2] == pytest.approx(between[:, 2], rel=0.2)
+@pytest.mark.parametrize(
+    ("square", "visible", "believed"), [(7.0, 3, 3.0), (np.nan, 12, 0.0)]
+)
+def test_three_landmarks_or_no_fit_have_no_value(square, visible, believed):
+    assert np.isnan(find_one(square, visible, believed))
+
+
+@pytest.mark.parametrize(("visible", "believed"), [(4, 2.9), (12, 7.9)])
+def test_where_too_few_landmarks_are_believed_the_value_is_0(visible, believed):
+    assert find_one(1.0, visible, believed) == 0
+
+
+@pytest.mark.parametrize("believed", [8.1, 12.0])
+def test_where_enough_are_believed_the_square_decides(believed):
+    assert find_one(1.0, 12, believed) > 0.9
+
+
+def find_one(square: float, visible: int, believed: float) -> float:
+    """Return the p-value of one image under the planted prior."""
+    (value,) = find_p_values(
+        np.array([square]),
+        np.array([visible]),
+        np.array([believed]),
+        table_of(planted, 15),
+    )
+    return float(value)
+
+
+@pytest.fixture(scope="module")
+def table() -> Floats:
+    """What is stored for two scales of the residual variance, 1 and 4."""
+    return draw_table(planted(15), (1.0, 4.0))
+
+
+class TestTable:
+    def test_it_has_four_counts_of_landmarks_for_each_scale(self, table):
+        first_scale_rows = table[: len(table) // 2]
+        assert first_scale_rows[:, 1].tolist() == [4, 6, 9, 15]
+
+    @pytest.mark.parametrize("scale", [1.0, 0.1])
+    def test_it_gives_what_drawing_gives_for_the_first_scale_and_below(
+        self, table, scale
+    ):
+        drawn = table_of(planted, 15)
+        assert moments_at(table, scale) == pytest.approx(drawn)
+
+    def test_above_the_last_scale_it_gives_that_of_the_last(self, table):
+        last_scale_moments = table[table[:, 0] == 4, 1:]
+        assert moments_at(table, 50.0) == pytest.approx(last_scale_moments)
+
+    def test_between_scales_it_is_interpolated(self, table):
+        drawn = moments_at(draw_table(planted(15), (2.0,)), 2.0)
+        _, mean, variance = moments_at(table, 2.0).T
+        _, drawn_mean, drawn_variance = drawn.T
+        assert mean == pytest.approx(drawn_mean, abs=0.25)
+        assert variance == pytest.approx(drawn_variance, rel=0.2)
+
+    def test_the_control_variate_saves_some_of_the_images(self, monkeypatch):
+        drawn_images = []
+
+        def find_and_count(**keys):
+            drawn_images.append(len(keys["landmarks"]))
+            return find_posterior(**keys)
+
+        monkeypatch.setattr(p_value, "find_posterior", find_and_count)
+        draw_table(planted(15), (2.0,))
+
+        without_it = 4 * p_value.DRAWN_IMAGES
+        assert 0 < sum(drawn_images) < 0.85 * without_it
 
 
 def test_distances_at_the_true_view_have_2p_less_2_degrees_of_freedom():
-    prior = Mixture(np.ones(1), planted(5).means[:1], planted(5).covariances[:1])
-    w, R, _ = draw(prior)
-    shown = np.ones((IMAGES, 5), bool)
-    drawn = p_value.Drawn(np.zeros(IMAGES, int), R, w, shown)
-    y = p_value.true_distances(prior, drawn)
-    assert y.mean() == pytest.approx(2 * 5 - 2, abs=0.5)
+    p = 5
+    mixture = planted(p)
+    prior = single_gaussian(mixture.means[0], mixture.covariances[0])
+    images = draw(prior)
+    component = np.zeros(N, int)
+    all_seen = np.ones((N, p), bool)
+
+    distances = p_value.true_distances(
+        prior, p_value.Drawn(component, images.rotations, images.landmarks, all_seen)
+    )
+
+    assert distances.mean() == pytest.approx(2 * p - 2, abs=0.5)
 
 
 def test_without_a_prior_there_is_no_table():
@@ -171,11 +243,14 @@ def test_without_a_prior_there_is_no_table():
     assert with_p_value_table(bare) is bare
 
 
-def test_wilson_and_hilferty():
+@pytest.mark.parametrize(
+    ("mean", "variance"), [(4.5, 3.0), (24.0, 25.0), (76.0, 136.0)]
+)
+def test_wilson_and_hilferty(mean, variance):
+    """Their approximation beside the gamma distribution itself."""
     x = np.linspace(0.5, 60, 40)
-    for mean, variance in ((4.5, 3.0), (24.0, 25.0), (76.0, 136.0)):
-        true = gammaincc(mean**2 / variance, x * mean / variance)
-        each = np.full(len(x), mean)
-        assert find_chance_above(x, each, 0 * x + variance) == pytest.approx(
-            true, abs=4e-3
-        )
+    exact = gammaincc(mean**2 / variance, x * mean / variance)
+
+    found = find_chance_above(x, np.full(40, mean), np.full(40, variance))
+
+    assert found == pytest.approx(exact, abs=4e-3)

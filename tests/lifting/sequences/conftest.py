@@ -1,12 +1,21 @@
 """A planted body that turns before a camera, and what single images say of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.lifting.sequences.smoothing import SequenceModel, observe
+from tests.points import centred, with_noise
 
 BONES = np.array([[0, 1], [1, 2], [2, 3], [1, 4]])
-T, P = 24, 5
+
+T = 24
+"""Frames."""
+
+P = 5
+"""Landmarks."""
 
 
 @pytest.fixture
@@ -16,18 +25,25 @@ def rng():
 
 @pytest.fixture
 def model():
-    return SequenceModel(BONES, np.full(P, 0.02) ** -2.0, np.full(len(BONES), 0.005))
+    stiffness = np.full(P, 0.02) ** -2.0
+    bone_tolerance = np.full(len(BONES), 0.005)
+    return SequenceModel(BONES, stiffness, bone_tolerance)
+
+
+def without_bones(model: SequenceModel) -> SequenceModel:
+    """Return the model of landmarks that no bone joins."""
+    none = slice(0)
+    return replace(
+        model, bones=model.bones[none], bone_tolerance=model.bone_tolerance[none]
+    )
 
 
 @pytest.fixture
 def body(rng):
     """A rigid body (T, 3, P) that turns by a half circle."""
-    shape = rng.standard_normal((3, P))
-    shape -= shape.mean(axis=1, keepdims=True)
-    turn = np.pi * np.arange(T) / T
-    c, s, o = np.cos(turn), np.sin(turn), np.zeros(T)
-    R = np.stack([c, o, s, o, o + 1, o, -s, o, c], axis=1).reshape(T, 3, 3)
-    return R @ shape
+    shape = centred(rng.standard_normal((3, P)))
+    angles = np.pi * np.arange(T) / T
+    return rotation_about_axis(1, angles) @ shape
 
 
 @pytest.fixture
@@ -38,18 +54,16 @@ def images(rng):
 
     def see(points, noise=0.0, depth=0.3, sure=0.05):
         t, _, p = points.shape
-        landmarks = points[:, :2] + noise * rng.standard_normal((t, 2, p))
-        mean = points.copy()
-        mean[:, 2] += depth * rng.standard_normal((t, p))
-        mean[:, 2] -= mean[:, 2].mean(axis=1, keepdims=True)
-        mean[:, :2] = landmarks
+        landmarks = with_noise(points[:, :2], noise, rng)
+        depths = with_noise(points[:, 2], depth, rng)
+        depths -= depths.mean(axis=1, keepdims=True)
+        mean = np.concatenate([landmarks, depths[:, None]], axis=1)
         mirrored = mean * np.array([1.0, 1.0, -1.0])[:, None]
+        modes = np.stack([mean, mirrored], axis=1)
         variance = np.repeat([sure**2, sure**2, depth**2], p)
         covariance = np.tile(np.diag(variance), (t, 2, 1, 1))
-        evidence = np.tile([0.0, -2.0], (t, 1))
-        modes = np.stack([mean, mirrored], axis=1)
-        return observe(
-            landmarks, np.ones((t, p)), mean, evidence, modes, covariance, 0.01
-        )
+        log_evidence = np.tile([0.0, -2.0], (t, 1))
+        trust = np.ones((t, p))
+        return observe(landmarks, trust, mean, log_evidence, modes, covariance, 0.01)
 
     return see

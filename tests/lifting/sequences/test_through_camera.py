@@ -4,27 +4,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import project_pinhole
 from shapefit.lifting.sequences import clips
 from shapefit.lifting.sequences.clips import BodyMotion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from shapefit.lifting.trust import expected_error
-from tests.lifting.posterior.conftest import P, Scene, draw_component, shares_of
+from tests.gaussians import single_gaussian
+from tests.lifting.posterior.scenes import FilmedScene, P, draw_component, shares_of
+from tests.points import centred, resized, transpose
 
 N = 20
+"""Images."""
 
 
 @pytest.fixture
 def prior():
     mean, C = draw_component(np.random.default_rng(4), P, 0.1)
-    return Mixture(np.ones(1), mean[None], C[None])
+    return single_gaussian(mean, C)
 
 
 @pytest.fixture(params=[1.0, -1.0])
 def scene(request, prior):
-    return Scene(prior, N, 6.0, request.param)
+    return FilmedScene(prior, N, 6.0, request.param)
 
 
 @pytest.fixture
@@ -32,79 +35,140 @@ def lifting(scene, prior):
     return scene.lift(prior, np.ones((N, P)), modes=2)
 
 
-def test_what_is_not_refined_stays(scene, lifting):
+@pytest.mark.parametrize("name", ["shapes", "landmarks_fitted", "translation", "scale"])
+def test_what_is_not_refined_stays(scene, lifting, name):
     same = refine_through_camera(lifting, scene.landmarks, lambda weak, _: weak)
-    for name in ("shapes", "landmarks_fitted", "translation", "scale"):
-        np.testing.assert_allclose(
-            getattr(same, name), getattr(lifting, name), rtol=1e-9
-        )
-    np.testing.assert_allclose(
-        same.perspective.translation, lifting.perspective.translation
-    )
-    np.testing.assert_allclose(same.estimate.deviation, lifting.estimate.deviation)
+    assert_allclose(getattr(same, name), getattr(lifting, name), rtol=1e-9)
 
 
-def test_modes_and_points_are_in_one_frame(scene, lifting):
-    def look(weak, landmarks):
-        first = weak.scale[:, None, None] * weak.estimate.modes.mean[:, 0]
-        best = shares_of(weak.estimate.modes)[:, 0] > 0.999
-        assert best.any()
-        np.testing.assert_allclose(
-            weak.shapes[best], first[best], atol=0.02 * weak.scale.max()
-        )
-        deviation = weak.scale[:, None, None] * weak.estimate.deviation
-        expected = lifting.scale[:, None, None] * lifting.estimate.deviation
-        np.testing.assert_allclose(deviation, expected)
+def test_place_and_bars_stay_where_nothing_is_refined(scene, lifting):
+    same = refine_through_camera(lifting, scene.landmarks, lambda weak, _: weak)
+    assert_allclose(same.perspective.translation, lifting.perspective.translation)
+    assert_allclose(same.estimate.deviation, lifting.estimate.deviation)
+
+
+def in_unit_of_landmarks(lifting, values):
+    """Scale what an estimate says (n, 3, p)."""
+    return resized(values, lifting.scale)
+
+
+class Look:
+    """A refinement that changes nothing, and remembers what it has got."""
+
+    def __call__(self, weak, landmarks):
+        self.weak = weak
+        self.landmarks = landmarks
         return weak
 
-    refine_through_camera(lifting, scene.landmarks, look)
+
+class TestWeakPerspective:
+    """What is refined is a sequence of weak perspective."""
+
+    @pytest.fixture
+    def weak(self, scene, lifting):
+        look = Look()
+        refine_through_camera(lifting, scene.landmarks, look)
+        return look.weak
+
+    def test_modes_and_points_are_in_one_frame(self, weak):
+        """In images of which nearly all is said by one mode."""
+        modes = weak.estimate.modes
+        first = in_unit_of_landmarks(weak, modes.mean[:, 0])
+        has_one = shares_of(modes)[:, 0] > 0.999
+        assert has_one.any()
+        error = 0.02 * weak.scale.max()
+        assert_allclose(weak.shapes[has_one], first[has_one], atol=error)
+
+    def test_bars_are_as_wide_as_they_were(self, weak, lifting):
+        found = in_unit_of_landmarks(weak, weak.estimate.deviation)
+        expected = in_unit_of_landmarks(lifting, lifting.estimate.deviation)
+        assert_allclose(found, expected)
 
 
-def test_landmarks_of_true_depths_are_those_of_weak_perspective(scene, lifting):
-    S = scene.shapes - scene.shapes.mean(axis=2, keepdims=True)
-    t = scene.translation + scene.shapes.mean(axis=2)
-    scale = np.sqrt(scene.camera.focal.prod(axis=1)) / np.abs(t[:, 2])
-    view = replace(lifting.perspective, translation=t)
-    true = replace(lifting, scale=scale, estimate=replace(lifting.estimate, shapes=S),
-                   perspective=view)  # fmt: skip
-    exact = project_pinhole(scene.camera, S + t[..., None])
-    visible = []
+class TestTrueDepths:
+    """A lifting with the true shapes at their true places."""
 
-    def look(weak, landmarks):
-        visible.append(landmarks)
-        np.testing.assert_allclose(
-            landmarks, weak.shapes[:, :2], atol=1e-9 * scale.max()
+    @pytest.fixture
+    def shapes(self, scene):
+        return centred(scene.shapes)
+
+    @pytest.fixture
+    def places(self, scene):
+        return scene.translation + scene.shapes.mean(axis=2)
+
+    @pytest.fixture
+    def exact_landmarks(self, scene, shapes, places):
+        return project_pinhole(scene.camera, shapes + places[..., None])
+
+    @pytest.fixture
+    def true(self, scene, lifting, shapes, places):
+        focal = np.sqrt(scene.camera.focal.prod(axis=1))
+        return replace(
+            lifting,
+            scale=focal / np.abs(places[:, 2]),
+            estimate=replace(lifting.estimate, shapes=shapes),
+            perspective=replace(lifting.perspective, translation=places),
         )
-        return weak
 
-    back = refine_through_camera(true, exact, look)
-    assert len(visible) == 1
-    np.testing.assert_allclose(back.landmarks_fitted, exact)
+    def test_landmarks_are_those_of_weak_perspective(self, true, exact_landmarks):
+        look = Look()
+        refine_through_camera(true, exact_landmarks, look)
+        rounding = 1e-9 * true.scale.max()
+        assert_allclose(look.landmarks, look.weak.shapes[:, :2], atol=rounding)
+
+    def test_they_come_back_exactly(self, true, exact_landmarks):
+        back = refine_through_camera(true, exact_landmarks, Look())
+        assert_allclose(back.landmarks_fitted, exact_landmarks)
 
 
-def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
-    scene, lifting, monkeypatch
-):
-    """And covariances have the variances of the bars, which grow by landmark."""
-    without_limit = replace(clips.CONSTANTS, max_displacement=np.inf)
-    monkeypatch.setattr(clips, "CONSTANTS", without_limit)
-    motion = BodyMotion(np.array([[0, 1]]), np.full(P, 0.05), np.ones(1))
-    lifting.estimate.deviation[7] *= (
-        1e3  # an image that says nothing has the bars of a neighbour
-    )
-    lifting.estimate.covariance[7] *= 1e6
-    images = lifting.estimate.covariance * lifting.scale[:, None, None] ** 2
-    expected = expected_error(lifting.shapes, images)
+class TestErrors:
+    """Of a sequence of which one image says nothing, and has the bars of a neighbour;
+    bars grow by landmark.
+    """
 
-    def refine(weak, landmarks):
-        one = ["one"] * N
-        return clips.refine_lifting(weak, landmarks, one, motion, 0.01, None, bar_scale)
+    SAYS_NOTHING = 7
 
-    bar_scale = np.linspace(1, 2, P)
-    found = refine_through_camera(lifting, scene.landmarks, refine)
-    np.testing.assert_allclose(found.estimate.image_error, expected)
-    assert np.isfinite(found.estimate.sequence_noise).all()
-    C = found.estimate.covariance
-    np.testing.assert_allclose(C, C.swapaxes(1, 2), atol=1e-9 * C.max())
-    variance = np.diagonal(C, axis1=1, axis2=2).reshape(N, 3, P)
-    np.testing.assert_allclose(found.estimate.deviation**2, variance, rtol=1e-6)
+    @pytest.fixture(autouse=True)
+    def however_far(self, monkeypatch):
+        constants = replace(clips.CONSTANTS, max_displacement=np.inf)
+        monkeypatch.setattr(clips, "CONSTANTS", constants)
+
+    @pytest.fixture
+    def lifting(self, lifting):
+        lifting.estimate.deviation[self.SAYS_NOTHING] *= 1e3
+        lifting.estimate.covariance[self.SAYS_NOTHING] *= 1e6
+        return lifting
+
+    @pytest.fixture
+    def error_of_images(self, lifting):
+        covariance = resized(lifting.estimate.covariance, lifting.scale**2)
+        return expected_error(lifting.shapes, covariance)
+
+    @pytest.fixture
+    def refined(self, scene, lifting, error_of_images):
+        one_bone = np.array([[0, 1]])
+        motion = BodyMotion(one_bone, np.full(P, 0.05), np.ones(1))
+        bar_scale = np.linspace(1, 2, P)
+
+        def refine(weak, landmarks):
+            sequence = ["one"] * N
+            return clips.refine_lifting(
+                weak, landmarks, sequence, motion, 0.01, None, bar_scale
+            )
+
+        return refine_through_camera(lifting, scene.landmarks, refine).estimate
+
+    def test_that_of_the_images_is_kept_beside_that_of_the_sequence(
+        self, refined, error_of_images
+    ):
+        assert_allclose(refined.image_error, error_of_images)
+        assert np.isfinite(refined.sequence_noise).all()
+
+    def test_covariances_are_symmetric(self, refined):
+        C = refined.covariance
+        assert_allclose(C, transpose(C), atol=1e-9 * C.max())
+
+    def test_covariances_have_the_variances_of_the_bars(self, refined):
+        variance = np.diagonal(refined.covariance, axis1=1, axis2=2)
+        expected = variance.reshape(N, 3, P)
+        assert_allclose(refined.deviation**2, expected, rtol=1e-6)
