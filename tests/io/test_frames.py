@@ -10,7 +10,7 @@ import pytest
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import items as reading
 from shapefit.io.readers.poses import Poses
-from shapefit.records import Landmarks, Shapes, order_by_frame
+from shapefit.records import Landmarks, Shapes
 from tests.io.files import load, load_shapes, save
 
 FRAMES = [4, 5, 12, 2, 3]
@@ -177,20 +177,3 @@ def test_two_poses_of_one_body_in_a_frame_are_refused(problems):
     (line,) = problems(reading.landmarks_of, given, InputOptions())
     fix = "keep one pose of a body per frame"
     assert line == f"v.json: holds 'v/2' and 'v/02' in one frame; {fix}"
-
-
-@pytest.mark.parametrize(
-    ("sequences", "frames", "order"),
-    [
-        ("aab", [1, 5, 0], None),
-        ("aba", [1, 0, 5], None),
-        ("aba", [5, 0, 1], [2, 0, 1]),
-        (("", "", ""), [3, 2, 1], None),
-        (("", "a", "", "a"), [3, 2, 2, 1], [0, 2, 3, 1]),
-        ("aaa", [1, 1, 0], [2, 0, 1]),
-        (None, [3, 2], None),
-    ],
-)
-def test_order(sequences, frames, order):
-    found = order_by_frame(sequences, np.array(frames))
-    assert (None if found is None else found.tolist()) == order
