@@ -9,7 +9,7 @@ import pytest
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import items as reading
 from shapefit.io.readers.poses import Poses
-from shapefit.records import Landmarks, Shapes
+from shapefit.records import Landmarks, Shapes, order_by_frame
 from tests.io.files import load, load_shapes, save
 
 FRAMES = [4, 5, 12, 2, 3]

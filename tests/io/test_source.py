@@ -56,7 +56,7 @@ def test_permuted_landmarks_are_matched_by_name(tmp_path, shapes, same, order, s
     found = read_shapes([one, two])
     if suffix == ".h5":
         same(found, shapes)
-    np.testing.assert_array_equal(found.as_columns(), shapes.as_columns())
+    np.testing.assert_array_equal(found.points, shapes.points)
     assert (found.landmark_names, found.items) == (shapes.landmark_names, shapes.items)
 
 
@@ -197,7 +197,7 @@ def test_landmarks_of_low_confidence_are_hidden(tmp_path, landmarks):
     ) as source:
         images = source.whole()
     low = landmarks.confidence < 0.5
-    assert np.isnan(images.as_columns().swapaxes(1, 2)[low]).all()
+    assert np.isnan(images.points[low]).all()
     np.testing.assert_array_equal(
         images.confidence, np.where(low, 0, landmarks.confidence)
     )

@@ -53,7 +53,7 @@ def landmarks(tmp_path, rng) -> Landmarks:
 def test_landmarks_keep_everything_in_hdf5(tmp_path, landmarks):
     assert convert(tmp_path / "views.h5", output=tmp_path / "same.h5") == []
     same = load(tmp_path / "same.h5")
-    np.testing.assert_array_equal(same.as_columns(), landmarks.as_columns())
+    np.testing.assert_array_equal(same.points, landmarks.points)
     np.testing.assert_array_equal(same.confidence, landmarks.confidence)
     np.testing.assert_array_equal(same.column("age"), landmarks.column("age"))
     retained = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate")
@@ -64,7 +64,7 @@ def test_landmarks_to_csv_and_back(tmp_path, landmarks):
     convert(tmp_path / "views.h5", output=tmp_path / "views.csv")
     convert(tmp_path / "views.csv", output=tmp_path / "back.h5")
     same = load(tmp_path / "back.h5")
-    np.testing.assert_array_equal(same.as_columns(), landmarks.as_columns())
+    np.testing.assert_array_equal(same.points, landmarks.points)
     assert same.sequences == landmarks.sequences
 
 

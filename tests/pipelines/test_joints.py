@@ -96,9 +96,7 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     )
     back = np.linalg.inv(A)
     assert found.landmark_names == names
-    np.testing.assert_allclose(
-        found.as_columns(), direct.as_columns() @ back.T, atol=1e-5
-    )
+    np.testing.assert_allclose(found.points, direct.points @ back.T, atol=1e-5)
     covariance = direct.column("shape_covariance").reshape(len(images), p, 3, p, 3)
     expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
     np.testing.assert_allclose(found.shape_sd, np.sqrt(expected), rtol=1e-4)

@@ -64,7 +64,7 @@ def test_trc_in_all_its_forms(read, text):
     assert shapes.landmark_names == ("knee", "ankle")
     assert shapes.items == ("walk/0", "walk/1", "walk/2")
     assert (shapes.unit, shapes.frame_rate) == ("m", 50.0)
-    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), MARKERS / 1000)
+    np.testing.assert_allclose(shapes.points, MARKERS / 1000)
 
 
 def test_points_after_the_named_ones_are_left_out(read):
@@ -73,7 +73,7 @@ def test_points_after_the_named_ones_are_left_out(read):
     shapes, notes = read(
         "walk.trc", text.replace("1e2\t.5\t6.", "1e2\t.5\t6.\t8\t8\t8")
     )
-    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), MARKERS / 1000)
+    np.testing.assert_allclose(shapes.points, MARKERS / 1000)
     assert any("2 points without a name left out" in note for note in notes)
 
 
@@ -81,7 +81,7 @@ def test_columns_that_the_header_counts_without_names_are_left_out(read):
     head = HEAD.replace("\tX2\tY2\tZ2", "\tX2\tY2\tZ2\tX3\tY3\tZ3")
     rows = ROWS.replace("4\t5\t6\n", "4\t5\t6\t7\t8\t9\n")
     shapes, notes = read("walk.trc", head + rows)
-    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), MARKERS / 1000)
+    np.testing.assert_allclose(shapes.points, MARKERS / 1000)
     assert any("1 point without a name left out" in note for note in notes)
 
 
@@ -187,7 +187,7 @@ def test_markers_in_space_are_no_landmarks(tmp_path):
 def test_lengths_are_metres_where_the_unit_is_known(read, unit, factor, name):
     shapes, _ = read("walk.trc", TRC.replace("mm", unit))
     assert shapes.unit == name
-    np.testing.assert_allclose(shapes.as_columns().swapaxes(1, 2), factor * MARKERS)
+    np.testing.assert_allclose(shapes.points, factor * MARKERS)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_points_scores_and_frame_numbers_of_anipose(read, end):
     assert shapes.items == ("fly/7", "fly/8", "fly/9")
     assert shapes.sequences == ("fly",) * 3
     expected = [[[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], NAN], [NAN, [4, 5, 6]]]
-    np.testing.assert_array_equal(shapes.as_columns().swapaxes(1, 2), expected)
+    np.testing.assert_array_equal(shapes.points, expected)
     np.testing.assert_array_equal(
         shapes.column("confidence"), [[0.9, 0.8], [0.9, 0], [0, 1]]
     )
@@ -282,19 +282,17 @@ def test_bvh_worked_out_by_hand(read, text):
     assert (shapes.unit, shapes.frame_rate, notes) == ("unknown", 25.0, ())
     assert shapes.edges.tolist() == [[0, 1], [1, 2]]
     np.testing.assert_allclose(
-        shapes.as_columns()[0].T, [[0, 0, 0], [0, -4, 0], [0, -4, 2]], atol=1e-12
+        shapes.points[0], [[0, 0, 0], [0, -4, 0], [0, -4, 2]], atol=1e-12
     )
     np.testing.assert_allclose(
-        shapes.as_columns()[1].T, [[1, 2, 3], [5, 2, 3], [5, 4, 3]], atol=1e-12
+        shapes.points[1], [[1, 2, 3], [5, 2, 3], [5, 4, 3]], atol=1e-12
     )
 
 
 def test_an_offset_holds_where_no_channel_replaces_it(read):
     tree = TREE.replace("6 Xposition Yposition Zposition", "3")
     shapes, _ = read("walk.bvh", tree + "0 0 0 0 0 0\n0 0 0 0 0 0\n")
-    np.testing.assert_allclose(
-        shapes.as_columns()[0].T, [[0, 10, 0], [0, 6, 0], [0, 6, 2]]
-    )
+    np.testing.assert_allclose(shapes.points[0], [[0, 10, 0], [0, 6, 0], [0, 6, 2]])
 
 
 def test_frames_of_bvh_that_are_announced_and_not_there(read):
@@ -430,13 +428,13 @@ def test_bones_turn_in_their_own_frames(motion):
     assert shapes.edges.tolist() == [[0, 1], [1, 2]]
     still = [[1, 2, 3], [1, 0, 3], [1, -1, 3]]
     np.testing.assert_allclose(
-        shapes.as_columns()[0].T, HALF_INCH * np.array(still), atol=1e-12
+        shapes.points[0], HALF_INCH * np.array(still), atol=1e-12
     )
     # The root turns -y to x; the thigh turns about its length; the shin turns by z -y
     # to x first, which the thigh turns to -z.
     moved = [[1, 2, 3], [3, 2, 3], [3, 2, 2]]
     np.testing.assert_allclose(
-        shapes.as_columns()[1].T, HALF_INCH * np.array(moved), atol=1e-12
+        shapes.points[1], HALF_INCH * np.array(moved), atol=1e-12
     )
 
 
@@ -444,9 +442,7 @@ def test_lengths_without_a_unit(motion):
     metres = read_shapes([motion()])
     unknown = read_shapes([motion(asf=ASF.replace("length 0.5", "length 1"))])
     assert unknown.unit == "unknown"
-    np.testing.assert_allclose(
-        unknown.as_columns(), metres.as_columns() / HALF_INCH, atol=1e-9
-    )
+    np.testing.assert_allclose(unknown.points, metres.points / HALF_INCH, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -610,7 +606,7 @@ def test_analog_values_that_only_the_header_counts_are_no_points(c3d, channels):
     changed(path, place_of(path, b"ANALOG", USED), 0)
     shapes, notes = load_shapes(path)
     np.testing.assert_allclose(shapes.as_columns(), points / 1000, rtol=1e-6)
-    np.testing.assert_array_equal(shapes.as_columns(), whole.as_columns())
+    np.testing.assert_array_equal(shapes.points, whole.points)
     assert any(CONTRADICTED in note for note in notes)
 
 
@@ -686,7 +682,7 @@ def test_points_in_whole_numbers_are_read_by_the_header(tmp_path):
     path = tmp_path / "walk.c3d"
     expected = write_whole_numbers(path, 84)
     shapes, _ = load_shapes(path)
-    np.testing.assert_array_equal(shapes.as_columns().swapaxes(1, 2), expected)
+    np.testing.assert_array_equal(shapes.points, expected)
     assert shapes.frame_rate == 50
     write_whole_numbers(path, 86)
     with pytest.raises(
@@ -747,8 +743,6 @@ def test_trajectories_of_vicon(tmp_path, before):
         100,
     )
     assert shapes.items == ("walk/Anna/7", "walk/Anna/8")
-    np.testing.assert_allclose(
-        shapes.as_columns()[0].T, [[1, 2, 3], [0.01, 0.02, 0.03]]
-    )
+    np.testing.assert_allclose(shapes.points[0], [[1, 2, 3], [0.01, 0.02, 0.03]])
     assert np.isnan(shapes.as_columns()[1, :, 1]).all()
     assert notes == ()

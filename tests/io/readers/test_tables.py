@@ -133,12 +133,12 @@ def test_a_depth_beside_a_confidence_is_left_out_and_without_one_it_is_a_shape(
     text = "frame,a_x,a_y,a_z,b_x,b_y,b_z\n0,1,2,3,40,50,60\n"
     with open_shapes([table(tmp_path / "t.csv", text)]) as source:
         (shapes,) = source.batches(9)
-    assert shapes.as_columns()[0].T.tolist() == [[1, 2, 3], [40, 50, 60]]
+    assert shapes.points[0].tolist() == [[1, 2, 3], [40, 50, 60]]
     seen = text.replace("b_z", "b_z,a_visibility,b_visibility").replace(
         "60", "60,0.5,1"
     )
     images, _ = read(table(tmp_path / "t.csv", seen))
-    assert images.as_columns()[0].T.tolist() == [[1, 2], [40, 50]]
+    assert images.points[0].tolist() == [[1, 2], [40, 50]]
 
 
 @pytest.mark.parametrize("kind", ["npy", "json", "csv"])
@@ -236,13 +236,13 @@ def test_columns_of_individuals(tmp_path, column, cells, names):
     first, second = names
     rest = f"t/{second}/0" if second else "t/untracked/0/0"
     assert images.items == (f"t/{first}/0", f"t/{first}/1", rest)
-    assert images.as_columns()[2].T.tolist() == [[7, 8], [9, 10]]
+    assert images.points[2].tolist() == [[7, 8], [9, 10]]
     assert notes == ()
     wide = f"frame,{column},a_x,a_y,b_x,b_y\n"
     wide += f"0,{one},1,2,3,4\n1,{one},5,6,,\n0,{other},7,8,9,10\n"
     same, _ = read(table(tmp_path / "t.csv", wide))
     assert same.items == images.items
-    np.testing.assert_array_equal(same.as_columns(), images.as_columns())
+    np.testing.assert_array_equal(same.points, images.points)
 
 
 def test_tables_in_metres_are_shapes_in_metres(tmp_path):
@@ -257,7 +257,7 @@ def test_tables_in_metres_are_shapes_in_metres(tmp_path):
         shapes = source.whole()
         assert source.notes == ()
     assert (shapes.unit, shapes.frame_rate, len(shapes)) == ("m", 120.0, 2)
-    assert shapes.as_columns()[1].T.tolist() == [[8, 2, 3], [8, 2, 3]]
+    assert shapes.points[1].tolist() == [[8, 2, 3], [8, 2, 3]]
 
 
 def test_videos_stand_as_they_appear_and_begin_at_0(tmp_path):

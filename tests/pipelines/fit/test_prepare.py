@@ -698,7 +698,7 @@ def test_landmarks_outside_the_stated_image_are_said(tmp_path, poses):
 def replace_columns(images, columns):
     """The same images with other datasets."""
     return Landmarks(
-        images.as_columns().swapaxes(1, 2),
+        images.points,
         landmark_names=images.landmark_names,
         items=images.items,
         unit=images.unit,

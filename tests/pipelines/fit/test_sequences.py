@@ -118,9 +118,7 @@ def test_sequences_of_one_image_are_single_images(people, tmp_path):
     single, _ = fitted(people, path, method="posterior", prior=prior)
     whole, _ = fitted(people, path, prior=prior)
     # but for the neighbour that the convex program starts from
-    np.testing.assert_allclose(
-        whole.as_columns(), single.as_columns(), rtol=1e-5, atol=1e-8
-    )
+    np.testing.assert_allclose(whole.points, single.points, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
     assert np.isnan(whole.column("sequence_noise")).all()
 
@@ -207,7 +205,7 @@ def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method, off):
     path = (tmp_path / "report/error_bars.json").rename(tmp_path / "rig.json")
     wide, inside = judged(method, bar_scale=0.05, calibration=path)
     factor = json.loads(path.read_text(encoding="utf-8"))[method]["90%"]
-    np.testing.assert_allclose(wide.as_columns(), narrow.as_columns(), rtol=1e-6)
+    np.testing.assert_allclose(wide.points, narrow.points, rtol=1e-6)
     np.testing.assert_allclose(wide.shape_sd, factor * narrow.shape_sd, rtol=1e-5)
     assert inside == pytest.approx(0.9, abs=0.01)
 
@@ -485,6 +483,4 @@ def test_a_clip_without_hips_is_its_single_images(people, tmp_path):
     single, _ = fitted(people, path, method="posterior", prior=prior)
     whole, _ = fitted(people, path, prior=prior)
     assert np.isnan(whole.column("sequence_noise")).all()
-    np.testing.assert_allclose(
-        whole.as_columns(), single.as_columns(), rtol=1e-5, atol=1e-8
-    )
+    np.testing.assert_allclose(whole.points, single.points, rtol=1e-5, atol=1e-8)
