@@ -101,7 +101,8 @@ def test_every_place_names_the_same_version_and_the_same_needs():
     newest = re.search(
         r"^## ([\d.]+) \(([\d-]+)\)", text_of("CHANGELOG.md"), re.MULTILINE
     )
-    citation, recipe = load("CITATION.cff"), load("tools/recipe.yaml")
+    citation = load("CITATION.cff")
+    recipe = load("tools/recipe.yaml")
     assert newest.groups() == (__version__, str(citation["date-released"]))
     assert citation["version"] == recipe["context"]["version"] == __version__
     package = tomllib.loads(text_of("pyproject.toml"))["project"]
@@ -167,7 +168,9 @@ def test_every_mesh_is_closed_and_wound_outward(cars):
 
 def test_views_are_pictures_of_the_cars_under_their_true_rotation(samples, cars):
     views = load_records(samples / "cars_views.h5")
-    assert (len(views), views.unit, views.y_axis) == (108, "px", "down")
+    assert len(views) == 108
+    assert views.unit == "px"
+    assert views.y_axis == "down"
     assert views.landmark_names == cars.landmark_names
     centre = np.append(PRINCIPAL_POINT, 1)
     expected = np.diag([FOCAL_LENGTH, FOCAL_LENGTH, 0]) + np.outer(centre, [0, 0, 1])
@@ -180,7 +183,8 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(samples, cars)
         visible = np.isfinite(u)
         # u (z + tz) = x + tx and v (z + tz) = y + ty, linear in the translation (tx,
         # ty, tz).
-        one, zero = np.ones(visible.sum()), np.zeros(visible.sum())
+        one = np.ones(visible.sum())
+        zero = np.zeros(visible.sum())
         A = np.concatenate(
             [
                 np.stack([one, zero, -u[visible]], axis=1),

@@ -73,7 +73,8 @@ def test_second_differences_over_short_gaps_know_lines_and_bends():
     weights = Timeline(position, 24.0).second_differences()
     assert not weights[4:].any()
     inner = np.arange(4)[:, None] + np.arange(3)
-    line, bend = 3 * position - 7, 0.5 * position**2
+    line = 3 * position - 7
+    bend = 0.5 * position**2
     np.testing.assert_allclose((weights[:4] * line[inner]).sum(axis=1), 0, atol=1e-12)
     span = position[2:] - position[:-2]
     expected = np.sqrt(span / 2)  # span / 2 of a bend of 1, over its deviation

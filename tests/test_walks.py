@@ -83,7 +83,8 @@ def test_a_researcher_brings_arrays_and_a_solver(folder):
     }
     scipy.io.savemat(folder / "own.mat", stacked)
     model = scipy.io.loadmat(folder / "own.mat")
-    W, B = model["W"].reshape(12, 2, -1), model["B"].reshape(-1, 3, len(visible))
+    W = model["W"].reshape(12, 2, -1)
+    B = model["B"].reshape(-1, 3, len(visible))
     W, B = (X - X.mean(axis=2, keepdims=True) for X in (W, B))
     W, B = (X / X.std(axis=2).mean(axis=1)[:, None, None] for X in (W, B))
     found = shapefit.solve(W, B, 0.1)
@@ -114,7 +115,9 @@ def test_an_engineer_resumes_and_reads_codes_and_json(folder):
     one = "fit views.h5 -d people --set method=posterior --json -o one.h5"
     fit = f"{one.replace('one.h5', 'parts/')} --partition 30"
     done = json.loads(walk(folder, fit)[0])
-    assert (done["command"], done["done"], done["failed"]) == ("fit", 128, 0)
+    assert done["command"] == "fit"
+    assert done["done"] == 128
+    assert done["failed"] == 0
     parts = sorted(path.name for path in (folder / "parts").glob("*.h5"))
     assert len(parts) > 1
     assert f"{len(parts)} of {len(parts)} parts" in json.dumps(done["summary"])

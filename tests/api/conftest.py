@@ -42,7 +42,8 @@ def same_file(one: Path, other: Path, but: tuple[str, ...] = ()) -> None:
             )
             assert (x.dtype.kind, x.shape) == (y.dtype.kind, y.shape), name
             if x.dtype.kind == "f" and x.dtype == y.dtype:
-                x, y = x.view(np.uint8), y.view(np.uint8)
+                x = x.view(np.uint8)
+                y = y.view(np.uint8)
             assert np.array_equal(x, y, equal_nan=x.dtype.kind == "f"), name
         for name in ("unit", "method", "y_axis", "metres_from"):
             one, other = (f.attrs.get(name) for f in (a, b))

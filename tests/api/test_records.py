@@ -56,7 +56,8 @@ def test_a_fit_is_the_command_on_the_same_array(found, keypoints, tmp_path):
 def test_one_image_has_the_method_for_single_images(keypoints):
     given = {"skeleton": {"head": 1.5, "hips": 1.15}, "camera": {"focal": "none"}}
     alone = shapefit.fit(keypoints[0], "people", keypoints="body_25", **given)
-    assert (len(alone), alone.attributes["method"]) == (1, "posterior")
+    assert len(alone) == 1
+    assert alone.attributes["method"] == "posterior"
     config = shapefit.fit(
         keypoints, "people", keypoints="body_25", config="people", **given
     )

@@ -77,4 +77,5 @@ def test_what_to_csv_writes_every_command_reads(tmp_path, fit, index):
     write_truth(tmp_path, fit)
     check_commands(tmp_path, fit.shapes, fit.items)
     read = shapefit.read_results(tmp_path / "fit.csv")
-    assert (read.frame_rate, read.frames.tolist()) == (50.0, [0, 1, 2, 3])
+    assert read.frame_rate == 50.0
+    assert read.frames.tolist() == [0, 1, 2, 3]

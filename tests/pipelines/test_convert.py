@@ -148,7 +148,8 @@ def test_what_fit_writes_can_be_judged(walk, ending, capsys):
 
 
 def test_atoms_of_a_dictionary_are_a_table_of_shapes(tmp_path, rng):
-    path, target = tmp_path / "d.h5", tmp_path / "atoms.csv"
+    path = tmp_path / "d.h5"
+    target = tmp_path / "atoms.csv"
     atoms = rng.normal(size=(12, 3, 5))
     sizes = rng.uniform(1, 2, 12)
     names = tuple("abcde")
@@ -157,7 +158,8 @@ def test_atoms_of_a_dictionary_are_a_table_of_shapes(tmp_path, rng):
     (outcome,) = run(
         load_config("convert", None, (), {"files": [path], "output": target})
     )
-    assert (outcome.done, outcome.unit) == (12, "shape")
+    assert outcome.done == 12
+    assert outcome.unit == "shape"
     shapes = read_shapes([target])
     assert shapes.items[:2] == ("atom 00", "atom 01")
     assert shapes.landmark_names == names

@@ -53,13 +53,12 @@ def metres(dictionary, c):
 @pytest.mark.parametrize("to", PRECISION)
 def test_the_mesh_is_that_of_the_coefficients(tmp_path, cars, to):
     path, result = cars
-    dictionary, fit = read_dictionary(path), read_results(result)
+    dictionary = read_dictionary(path)
+    fit = read_results(result)
     outcomes = convert(result, path, tmp_path / "meshes", to)
     assert sum(outcome.done for outcome in outcomes) == len(fit) == 108
-    assert (outcomes[-1].note, outcomes[-1].written) == (
-        "108 meshes",
-        (tmp_path / "meshes",),
-    )
+    assert outcomes[-1].note == "108 meshes"
+    assert outcomes[-1].written == (tmp_path / "meshes",)
     assert len(list((tmp_path / "meshes").rglob(f"*.{to}"))) == 108
     for image in range(0, 108, 20):
         c = fit.coefficients[image]
@@ -174,7 +173,8 @@ def test_vertices_that_coincide_stay_apart_in_one_object(to):
     corners = (
         np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], float).T + 1 / 3
     )
-    vertices, around = np.hstack([corners, corners]), np.arange(8)
+    vertices = np.hstack([corners, corners])
+    around = np.arange(8)
     faces = np.stack([around, (around + 1) % 8, (around + 3) % 8], axis=1)
     faces = np.concatenate([faces, faces + 8])
     content = mesh_file(vertices, faces, to)
@@ -195,7 +195,9 @@ def test_vertices_that_coincide_stay_apart_in_one_object(to):
         }
     else:
         magic, version, length, size = struct.unpack("<4sIII", content[:16])
-        assert (magic, version, length) == (b"glTF", 2, len(content))
+        assert magic == b"glTF"
+        assert version == 2
+        assert length == len(content)
         (material,) = json.loads(content[20 : 20 + size])["materials"]
         assert (
             material["pbrMetallicRoughness"]["metallicFactor"] == 0

@@ -120,7 +120,9 @@ def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes)
     assert images.landmark_names == NAMES
     assert images.items == shapes.items
     assert images.sequences == shapes.sequences
-    assert (images.unit, images.y_axis, images.confidence) == ("m", "down", None)
+    assert images.unit == "m"
+    assert images.y_axis == "down"
+    assert images.confidence is None
     assert list(images.column("subject")) == list(shapes.column("subject"))
     assert list(images.column("mirror_index")) == [0, 2, 1, 3, 4]
     assert images.column("corrupted") is None
@@ -134,7 +136,8 @@ def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(
     np.testing.assert_allclose(
         scaled.landmarks, 200 * plain.landmarks, rtol=1e-9, atol=1e-9
     )
-    assert (plain.unit, scaled.unit) == ("unknown", "px")
+    assert plain.unit == "unknown"
+    assert scaled.unit == "px"
 
 
 def test_the_seed_decides(tmp_path, shapes):

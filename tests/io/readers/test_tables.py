@@ -164,7 +164,8 @@ def test_fractions_of_an_image_need_its_size(tmp_path, rng, kind):
     np.testing.assert_allclose(
         images.as_columns().transpose(0, 2, 1), points * (200, 100)
     )
-    assert (images.unit, images.landmark_names[0]) == ("px", "nose")
+    assert images.unit == "px"
+    assert images.landmark_names[0] == "nose"
 
 
 def test_which_skeleton_an_array_has_must_be_said(tmp_path, rng):
@@ -256,7 +257,9 @@ def test_tables_in_metres_are_shapes_in_metres(tmp_path):
     with open_shapes([table(tmp_path / "man.metres.csv", text)]) as source:
         shapes = source.whole()
         assert source.notes == ()
-    assert (shapes.unit, shapes.frame_rate, len(shapes)) == ("m", 120.0, 2)
+    assert shapes.unit == "m"
+    assert shapes.frame_rate == 120.0
+    assert len(shapes) == 2
     assert shapes.points[1].tolist() == [[8, 2, 3], [8, 2, 3]]
 
 

@@ -223,7 +223,8 @@ def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
 def test_without_a_landmark_in_common_the_middles_of_the_boxes_are_compared(
     moved, same
 ):
-    left, right = FIGURE.copy(), FIGURE + np.array([moved, 0])
+    left = FIGURE.copy()
+    right = FIGURE + np.array([moved, 0])
     left[1::2], right[::2] = np.nan, np.nan
     found = follow([left, right], [0, 1])
     assert (found[0] == found[1]) == same

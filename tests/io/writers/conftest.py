@@ -48,7 +48,8 @@ def scene(rng) -> Scene:
     level = np.array(
         [[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]
     )  # looks along y; z is up in the image
-    c, s = np.cos(np.radians(20)), np.sin(np.radians(20))
+    c = np.cos(np.radians(20))
+    s = np.sin(np.radians(20))
     R = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]]) @ level
     return Scene(world, visible(world, R, np.array([0.1, 0.2, 4.0])))
 

@@ -75,7 +75,8 @@ def test_points_unit_and_rate_come_back(tmp_path, scene):
     note = save(tmp_path / "poses.nc", scene.result).note
     assert note.startswith("in m by the size of the training shapes, y up")
     read = read_shapes([tmp_path / "poses.nc"])
-    assert (read.unit, read.frame_rate) == ("m", 25.0)
+    assert read.unit == "m"
+    assert read.frame_rate == 25.0
     assert read.landmark_names == scene.result.landmark_names
     np.testing.assert_allclose(read.as_columns(), scene.y_up, atol=1e-9)
 

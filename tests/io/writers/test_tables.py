@@ -35,7 +35,8 @@ def test_trc_has_points_and_times(tmp_path, scene):
     assert "in m by the size of the training shapes, y up, the axis z" in summary.note
     assert summary.warnings == ()
     back = read_shapes([target])
-    assert (back.unit, back.frame_rate) == ("m", 25)
+    assert back.unit == "m"
+    assert back.frame_rate == 25
     assert back.items == tuple(f"man/{frame}" for frame in range(7, 11))
 
 
@@ -109,7 +110,8 @@ def test_c3d_has_points_in_millimetres(tmp_path, scene):
     residuals = file["data"]["meta_points"]["residuals"][0]
     np.testing.assert_array_equal(residuals, np.tile([0, 0, -1, 0], (15, 1)))
     back = read_shapes([target])
-    assert (back.landmark_names, back.frame_rate) == (scene.result.landmark_names, 25)
+    assert back.landmark_names == scene.result.landmark_names
+    assert back.frame_rate == 25
 
 
 def test_shapes_keep_their_axes_and_promise_none(tmp_path, scene, shapes):
@@ -371,7 +373,8 @@ def test_angles_without_deviations_stand_alone(leg, tmp_path):
 def test_a_recording_without_shapes_gives_no_rows(leg, tmp_path):
     summary = save(tmp_path / "leg.mot", leg.take([2]))
     header, labels, table = read_storage(tmp_path / "leg.mot")
-    assert (header["nRows"], len(table)) == ("0", 0)
+    assert header["nRows"] == "0"
+    assert len(table) == 0
     assert labels == ["time", "knee_angle_r"]
     assert "1 frame without a shape" in summary.warnings[0]
 

@@ -65,7 +65,9 @@ def test_every_metric_in_its_units(results, truth):
     assert found.errors.keys() == expected.keys()
     for kind, values in expected.items():
         np.testing.assert_allclose(found.errors[kind], values)
-    assert (found.failures, found.warnings, found.bars) == ({}, (), None)
+    assert found.failures == {}
+    assert found.warnings == ()
+    assert found.bars is None
     boxed = with_column(
         results, "bounding_box", np.tile(np.uint8([9, 9, 1, 2]), (N, 1))
     )
@@ -346,7 +348,8 @@ def test_the_expected_error_is_set_beside_the_measured_one(results, truth):
 
 
 def test_labels_of_outliers_count_where_there_are_some(results, truth):
-    labelled, corrupted = np.zeros((N, 5), bool), np.zeros((N, 5), bool)
+    labelled = np.zeros((N, 5), bool)
+    corrupted = np.zeros((N, 5), bool)
     corrupted[0, :4] = corrupted[1, 2] = corrupted[2, 3] = True
     labelled[0, [0, 1, 4]] = labelled[1, 2] = labelled[5, 0] = True
     wanted = ["similarity", "precision", "recall"]

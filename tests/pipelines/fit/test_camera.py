@@ -66,7 +66,8 @@ def choose(images, method="posterior", image_size=None, from_landmarks=False, **
 
 
 MIXED = {"image_size": np.arange(1, 13).reshape(6, 2)}
-SMALL, LARGE = box(60, 80, n=3), 4 * box(n=1)
+SMALL = box(60, 80, n=3)
+LARGE = 4 * box(n=1)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +227,8 @@ class TestPerspective:
         views = load(project / "sample_data" / "cars_views.h5")
         cars = read_shapes([project / "sample_data" / "cars.h5"])
         R = np.asarray(views.column("true_rotation"), float)
-        weak, full = fit(), fit(focal="files")
+        weak = fit()
+        full = fit(focal="files")
         errors = [
             np.median(rotation_angle(result.rotation, R)) for result in (weak, full)
         ]
@@ -338,7 +340,8 @@ class TestLens:
 
     def test_cameras_of_single_images_and_y_that_points_up(self, views):
         straight, bent = views
-        flip, turned = np.array([[1.0], [-1.0]]), MATRIX.copy()
+        flip = np.array([[1.0], [-1.0]])
+        turned = MATRIX.copy()
         turned[1, 2] = -turned[1, 2]
         further = {
             "camera_matrix": np.tile(turned, (4, 1, 1)),

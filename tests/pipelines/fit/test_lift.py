@@ -29,7 +29,8 @@ def spoil(views, share, rng):
     """Put a share of the visible landmarks of each image anywhere in the box of the
     others.
     """
-    visible, w = views.visible(), views.as_columns()
+    visible = views.visible()
+    w = views.as_columns()
     rank = (
         np.where(visible, rng.random(visible.shape), np.inf)
         .argsort(axis=1)
@@ -208,7 +209,8 @@ class TestLeaveOneOut:
         assert warnings(outcomes) == []
         items = np.array(models.atom_items)
         for model in MODELS:
-            rows, retained = [i for i in range(9) if SHOWN[i] == model], items != model
+            rows = [i for i in range(9) if SHOWN[i] == model]
+            retained = items != model
             mean = normalise(models.atoms[retained].mean(axis=0)).points
             others = Dictionary(models.atoms[retained], NAMES, mean)
             expected, _ = run(others, images.take(rows), leave_one_out=None, **keys)

@@ -106,10 +106,8 @@ def test_the_method_has_what_the_config_asks_for(
     chosen, overrides, method, residual_variance
 ):
     config, _ = chosen(("a",) * MIN_SEQUENCE_FRAMES, overrides=overrides)
-    assert (config.method, config.prior.residual_variance) == (
-        method,
-        residual_variance,
-    )
+    assert config.method == method
+    assert config.prior.residual_variance == residual_variance
 
 
 def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path):
@@ -118,10 +116,12 @@ def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path
     own_people = replace(people, provenance=retained)
     write_dictionary(tmp_path / "own.h5", own_people)
     config, _ = chosen(None, tmp_path / "own.h5")
-    assert (config.method, config.prior.residual_variance) == ("posterior", 0.006)
+    assert config.method == "posterior"
+    assert config.prior.residual_variance == 0.006
     write_dictionary(tmp_path / "animal.h5", replace(own_people, edge_length=None))
     config, _ = chosen(None, tmp_path / "animal.h5")
-    assert (config.method, config.prior.residual_variance) == ("posterior", None)
+    assert config.method == "posterior"
+    assert config.prior.residual_variance is None
     write_dictionary(
         tmp_path / "atoms.h5", replace(people, prior=None, p_value_table=None)
     )
@@ -202,10 +202,8 @@ def halves(tmp_path_factory):
     Bodies of the dictionary of people, y down, whose hips are further apart than the
     joints.
     """
-    people, rng = (
-        read_dictionary(find_dictionaries()["people"]).marked(()),
-        np.random.default_rng(3),
-    )
+    people = read_dictionary(find_dictionaries()["people"]).marked(())
+    rng = np.random.default_rng(3)
     parts = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     names = [f"{side}{part}" for part in parts for side in "lr"]
     columns, hips = [people.landmark_names.index(name) for name in names], [6, 7]
@@ -369,7 +367,8 @@ def test_the_factors_that_images_have_are_found(
 
 def test_a_landmark_that_is_mostly_wrong_does_not_make_the_others_less_exact(planted):
     _, keys = estimate(planted, planted[2](1, RESIDUAL_VARIANCE, wrong=3)[0])
-    assert (keys["scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
+    assert keys["scale"] == 1
+    assert keys["residual_variance"] == RESIDUAL_VARIANCE
 
 
 @pytest.mark.parametrize("shares", [(0.09, 0.26), (0.11, 0.26), (0.09, 0.24)])
@@ -453,10 +452,8 @@ def test_a_top_within_the_steps_is_found(top):
 def test_a_sample_is_bounded_and_of_sequences_has_pairs_that_are_a_step_apart(
     planted, n, rate, apart
 ):
-    points, items = (
-        np.random.default_rng(1).random((n, 2, P)),
-        tuple(map(str, range(n))),
-    )
+    points = np.random.default_rng(1).random((n, 2, P))
+    items = tuple(map(str, range(n)))
     images = Landmarks(
         points.swapaxes(1, 2),
         landmark_names=NAMES,
@@ -517,7 +514,8 @@ def test_a_fit_that_takes_long_is_announced_before_it_begins(
         ("convex", 1, "$"),
         ("posterior", 1, "1 image may take up to 110 minutes: give"),
     ):
-        keys, some = KEYS | {"method": method}, images.take(range(number))
+        keys = KEYS | {"method": method}
+        some = images.take(range(number))
         assert re.match(text, fit_images(tmp_path, some, planted[0], **keys)[1][0].line)
 
 
@@ -651,8 +649,10 @@ def test_images_that_pass_by_chance_are_not_trusted(tmp_path, poses, monkeypatch
 
 @pytest.mark.parametrize("angle", [0, 90, 180])
 def test_people_on_their_heads_are_counted(warnings_of, poses, angle):
-    images, centre = film(poses, "body_25"), np.array(SIZE)[:, None] / 2
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    images = film(poses, "body_25")
+    centre = np.array(SIZE)[:, None] / 2
+    c = np.cos(np.radians(angle))
+    s = np.sin(np.radians(angle))
     turned = np.array([[c, -s], [s, c]]) @ (images.as_columns() - centre) + centre
     warnings = [
         text

@@ -50,7 +50,8 @@ class TestShapes:
         assert rotation_angle(result.rotation, rotations).max() < 0.1
         assert list(result.status) == ["optimal"] * 8
         assert (result.relative_gap <= 1e-4).all()
-        assert (result.unit, result.y_axis) == ("px", "down")
+        assert result.unit == "px"
+        assert result.y_axis == "down"
 
     def test_hidden_landmarks_are_filled_in_without_bias(
         self, fit, dictionary, images, atoms, rotations
@@ -230,7 +231,8 @@ class TestFailures:
             f"8 images, 7 not optimal, largest gap {np.nanmax(result.relative_gap):.1e}"
         )
         numbers = outcomes[-1].numbers._asdict()
-        assert (numbers["optimal"], numbers["not_optimal"]) == (0, 7)
+        assert numbers["optimal"] == 0
+        assert numbers["not_optimal"] == 7
 
     @pytest.mark.parametrize(
         "keys",

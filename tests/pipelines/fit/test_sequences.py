@@ -60,7 +60,8 @@ def people(project, tmp_path_factory):
 
 def fitted(folder, landmarks, **keys):
     keys = {"method": "sequences", **keys}
-    dictionary, output = folder / "dictionary.h5", folder / "result.h5"
+    dictionary = folder / "dictionary.h5"
+    output = folder / "result.h5"
     found, outcomes = fit_file(landmarks, dictionary, output, **keys)
     return found, warnings(outcomes)
 

@@ -103,10 +103,8 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
     assert {
         each.done for each in made.outcomes if each.note.startswith("evidence")
     } == {1}
-    images, dictionary = (
-        load(made.folder / "images.h5"),
-        read_dictionary(made.folder / "dict.h5"),
-    )
+    images = load(made.folder / "images.h5")
+    dictionary = read_dictionary(made.folder / "dict.h5")
     assert error_of_hidden(images, dictionary) < 0.1
     told = [str(text) for outcome in made.outcomes for text in outcome.warnings]
     assert any("near and far" in text for text in told)

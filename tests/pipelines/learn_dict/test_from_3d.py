@@ -49,10 +49,8 @@ class TestSparseCoding:
 
     def test_the_provenance_says_where_it_comes_from(self, make, shapes, tmp_path):
         provenance = make(shapes, beta=0.2, **LEARNED)[0].provenance
-        assert (provenance["version"], provenance["method"]) == (
-            __version__,
-            "sparse-coding",
-        )
+        assert provenance["version"] == __version__
+        assert provenance["method"] == "sparse-coding"
         assert json.loads(provenance["config"])["beta"] == 0.2
         source = tmp_path / "shapes.h5"
         assert json.loads(provenance["inputs"]) == {str(source): digest(source)}
@@ -71,7 +69,8 @@ class TestSparseCoding:
 
     def test_sizes_are_in_the_unit_of_the_shapes(self, make, models):
         dictionary, _ = make(models, **LEARNED)
-        assert (dictionary.unit, dictionary.atom_items) == ("m", None)
+        assert dictionary.unit == "m"
+        assert dictionary.atom_items is None
         normalised = normalise(models.as_columns())
         *_, learned = learn_atoms(
             generalised_procrustes(normalised.points).shapes, 4, 0.1, iterations=5
@@ -266,7 +265,8 @@ class TestMirror:
             mesh_vertices=rng.normal(size=(6, 3, 4)).swapaxes(1, 2), mesh_faces=FACES
         )
         dictionary, _ = make(meshed, mirror=True, **PLAIN)
-        assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
+        assert dictionary.mesh_vertices is None
+        assert dictionary.mesh_faces is None
         assert make(meshed, **PLAIN)[0].mesh_vertices.shape == (6, 3, 4)
 
     @pytest.mark.parametrize(

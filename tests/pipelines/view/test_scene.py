@@ -78,7 +78,8 @@ def frames_of(numbers, **groups):
 def test_individuals_of_a_video_are_seen_at_once(groups, numbers, expected):
     content = SimpleNamespace(role="result", name="r")
     recordings, times = find_recordings([content], frames_of(numbers, **groups))
-    assert (sorted(recordings), times.tolist()) == (sorted(expected[0]), expected[1])
+    assert sorted(recordings) == sorted(expected[0])
+    assert times.tolist() == expected[1]
 
 
 @pytest.mark.parametrize(
@@ -90,7 +91,8 @@ def test_files_of_one_individual_each_are_seen_at_once(files, recordings, times)
         [SimpleNamespace(role="shapes")] * files,
         frames_of([0, 1, 1, 2], anna="ab", ben="cd"),
     )
-    assert (found[0], found[1].tolist()) == (recordings, times)
+    assert found[0] == recordings
+    assert found[1].tolist() == times
 
 
 @pytest.mark.parametrize(
@@ -133,7 +135,8 @@ def test_a_page_says_what_it_lacks(desk):
     ):
         made = desk.view(desk.result(**fields))
         assert lacks in made.notes
-        assert (len(made.data["items"]), made.data["flat"]) == (6, True)
+        assert len(made.data["items"]) == 6
+        assert made.data["flat"]
     made = desk.view(desk.result(extras={"edges": edges}))
     assert made.data["edges"] == edges.tolist()
     made = desk.view(desk.result(extras={}), desk.landmarks())
@@ -142,7 +145,8 @@ def test_a_page_says_what_it_lacks(desk):
     made = desk.view(desk.landmarks())
     assert made.data["layers"] == []
     made = desk.view(truth)
-    assert (made.data["flat"], made.notes) == (False, "")
+    assert not made.data["flat"]
+    assert made.notes == ""
 
 
 def test_shapes_of_other_landmarks_are_not_shown(desk):
@@ -297,7 +301,8 @@ def test_files_with_and_without_frames_are_not_one_recording(desk):
 
 
 def test_a_page_that_cannot_be_leaves_the_old_one(desk, rng):
-    result, images = desk.result(), desk.folder / "images"
+    result = desk.result()
+    images = desk.folder / "images"
     desk.view(result)
     page = desk.folder / "page.html"
     before = page.read_bytes()
