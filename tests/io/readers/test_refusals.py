@@ -298,8 +298,6 @@ def test_what_is_wrong_is_named(tmp_path, name, content, message):
     path.parent.mkdir()
     write_content(path, content)
     keypoints = {"keypoints": "numbered"} if path.suffix == ".json" else {}
+    read_file = load_shapes if name in MOTION_FILES else read
     with pytest.raises(InputError, match=message):
-        if name in MOTION_FILES:
-            load_shapes(path)
-        else:
-            read(path, **keypoints)
+        read_file(path, **keypoints)
