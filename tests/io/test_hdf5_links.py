@@ -15,7 +15,7 @@ from shapefit.io import (
     write_shapes,
 )
 from shapefit.records import Fit, Landmarks, Shapes
-from shapefit.records.items import in_columns
+from shapefit.records.columns import in_columns
 from tests.io.files import save
 
 SECRET = "what stands in a file of somebody else"

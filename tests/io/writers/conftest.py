@@ -13,7 +13,7 @@ from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io.layout import METRES_FROM
 from shapefit.io.skeletons import PEOPLE
 from shapefit.records import Fit, Shapes
-from shapefit.records.items import in_columns
+from shapefit.records.columns import in_columns
 
 X = [0, -0.1, -0.1, -0.1, 0.1, 0.1, 0.1, 0, 0, -0.18, -0.3, -0.35, 0.18, 0.3, 0.35]
 Z = [1.0, 0.95, 0.5, 0.08, 0.95, 0.5, 0.08, 1.4, 1.65, 1.42, 1.15, 0.9, 1.42, 1.15, 0.9]

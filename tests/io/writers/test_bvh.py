@@ -11,7 +11,7 @@ from shapefit.io import read_shapes
 from shapefit.io.skeletons import PEOPLE
 from shapefit.io.writers.bvh import find_angles
 from shapefit.records import Shapes
-from shapefit.records.items import in_columns
+from shapefit.records.columns import in_columns
 from tests.io.files import save
 
 MILLIMETRE = 1e-3

@@ -11,7 +11,7 @@ from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.options import BY_DEFAULT, OutputOptions
 from shapefit.io.writers.motion import find_floors
 from shapefit.records import Fit, concatenate
-from shapefit.records.items import in_columns
+from shapefit.records.columns import in_columns
 from tests.columns import put
 from tests.geometry import test_floor as planted
 from tests.io.files import save
