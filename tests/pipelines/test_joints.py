@@ -21,7 +21,7 @@ from shapefit.pipelines.joints import (
     named_as_joints,
 )
 from shapefit.records import Landmarks
-from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 from tests.pipelines.fitted import fit_images
 
 BODY = installed_skeletons()["body_25b"]
@@ -40,7 +40,7 @@ def images(people, rng):
     turn[:, :, 0] *= np.linalg.det(turn)[:, None]
     shapes = 100 * (turn @ people.prior.means[:count])
     return Landmarks(
-        in_columns(shapes[:, :2]),
+        in_rows(shapes[:, :2]),
         landmark_names=people.landmark_names,
         items=tuple(f"image{i}" for i in range(count)),
     )

@@ -14,6 +14,7 @@ from shapefit.io.layout import METRES_FROM
 from shapefit.io.skeletons import PEOPLE
 from shapefit.records import Fit, Shapes
 from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 
 X = [0, -0.1, -0.1, -0.1, 0.1, 0.1, 0.1, 0, 0, -0.18, -0.3, -0.35, 0.18, 0.3, 0.35]
 Z = [1.0, 0.95, 0.5, 0.08, 0.95, 0.5, 0.08, 1.4, 1.65, 1.42, 1.15, 0.9, 1.42, 1.15, 0.9]
@@ -74,7 +75,7 @@ def visible(
     shapes[:, :2] += place[..., None]
     count = len(world)
     return Fit(
-        in_columns(shapes),
+        in_rows(shapes),
         translation=place,
         scale=scale,
         landmark_names=names,
@@ -96,7 +97,7 @@ def shapes(scene) -> Shapes:
     """The same motion as shapes in centimetres."""
     result = scene.result
     return Shapes(
-        in_columns(100 * scene.world),
+        in_rows(100 * scene.world),
         landmark_names=PEOPLE,
         items=result.items,
         sequences=result.sequences,

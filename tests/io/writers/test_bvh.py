@@ -11,7 +11,7 @@ from shapefit.io import read_shapes
 from shapefit.io.skeletons import PEOPLE
 from shapefit.io.writers.bvh import find_angles
 from shapefit.records import Shapes
-from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 from tests.io.files import save
 
 MILLIMETRE = 1e-3
@@ -132,7 +132,7 @@ def animal(rng) -> Shapes:
     body = np.array([[0, 0, 0.0], [-1, 0, 0], [1, 0.2, 0], [1, -0.2, 0]]).T / 10
     turned = random_rotations(6, rng) @ body
     return Shapes(
-        in_columns(turned),
+        in_rows(turned),
         landmark_names=("the back", "tail", "left {ear}", "nose{}"),
         items=tuple("012345"),
         sequences=("rat",) * 6,

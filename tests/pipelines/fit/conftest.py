@@ -9,7 +9,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_dictionary
 from shapefit.records import Landmarks
-from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 from tests.io.files import save
 from tests.pipelines.fit.filmed import film_people, fit_sequences
 from tests.pipelines.fitted import fit_file
@@ -61,7 +61,7 @@ def images(atoms, rotations):
     shapes = 20 * rotations @ atoms[np.arange(8) % 6]
     centre = np.array([100.0, 50.0])
     return Landmarks(
-        in_columns(shapes[:, :2]) + centre,
+        in_rows(shapes[:, :2]) + centre,
         landmark_names=NAMES,
         items=tuple(f"image{i}" for i in range(8)),
         sequences=("a",) * 4 + ("b",) * 4,

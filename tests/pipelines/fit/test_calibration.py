@@ -24,7 +24,7 @@ from shapefit.pipelines.fit.choices import (
 from shapefit.pipelines.fit.image_posterior import ImagePosterior
 from shapefit.pipelines.fit.sample import MAX_SAMPLE, Shares, draw_sample
 from shapefit.records import Landmarks
-from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 from tests.pipelines.fitted import fit_images, texts
 
 P = 12
@@ -68,7 +68,7 @@ class Planted:
         if wrong is not None:
             w[:, :, wrong] += error * self.rng.normal(size=(IMAGE_COUNT, 2))
         items = tuple(f"image{i}" for i in range(IMAGE_COUNT))
-        return Landmarks(in_columns(100 * w), landmark_names=NAMES, items=items)
+        return Landmarks(in_rows(100 * w), landmark_names=NAMES, items=items)
 
 
 @pytest.fixture(scope="module")

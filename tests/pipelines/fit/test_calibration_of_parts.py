@@ -15,7 +15,7 @@ from shapefit.io import (
 from shapefit.pipelines.fit.fit import fit as run_file
 from shapefit.pipelines.partition.run import fit_parts as run_parts
 from shapefit.records import Landmarks
-from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 from tests.io.files import save
 
 PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
@@ -65,7 +65,7 @@ def halves(tmp_path_factory):
     points += 2 * rng.standard_normal(points.shape)
     points[:, 0] += np.linspace(-300, 300, COUNT)[:, None]
     images = Landmarks(
-        in_columns(points),
+        in_rows(points),
         landmark_names=DETECTED,
         items=tuple(f"{i:03}" for i in range(COUNT)),
         unit="px",

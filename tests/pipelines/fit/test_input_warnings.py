@@ -15,7 +15,7 @@ from shapefit.io import (
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
 from shapefit.lifting import trust
 from shapefit.records import Landmarks
-from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 from tests.pipelines.fitted import fit_images, texts
 
 
@@ -93,7 +93,7 @@ def film(poses, skeleton):
     pixels = FOCAL * from_camera[:, :2] / from_camera[:, 2:] + CENTRE
     pixels += rng.standard_normal(pixels.shape)
     return Landmarks(
-        in_columns(pixels),
+        in_rows(pixels),
         landmark_names=installed_skeletons()[skeleton].landmark_names,
         items=tuple(f"image{i}" for i in range(COUNT)),
         unit="px",
@@ -170,7 +170,7 @@ def turned_in_the_image(images, degrees):
     s = np.sin(angle)
     turn = np.array([[c, -s], [s, c]])
     points = turn @ (images.as_columns() - CENTRE) + CENTRE
-    return images.replaced(landmarks=in_columns(points))
+    return images.replaced(landmarks=in_rows(points))
 
 
 def test_people_on_their_heads_are_counted(fit_people, poses):

@@ -13,7 +13,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_dictionary
 from shapefit.records import Landmarks
-from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 from tests.pipelines.fitted import done, warnings
 
 NAMES = tuple(f"point{j}" for j in range(10))
@@ -69,7 +69,7 @@ def images(rng, models):
     """Nine images of the models; one shows two landmarks only."""
     shapes = models.atoms[[ATOM_ITEMS.index(name) for name in SHOWN]]
     turned = random_rotations(9, rng) @ shapes
-    landmarks = in_columns(20 * turned[:, :2] + 100)
+    landmarks = in_rows(20 * turned[:, :2] + 100)
     landmarks += 0.5 * rng.standard_normal(landmarks.shape)
     landmarks[5, 2:] = np.nan
     extras = {"true_model": np.array(SHOWN, dtype=object), "box": np.ones((9, 4))}

@@ -24,7 +24,7 @@ from shapefit.pipelines.fit.sequences import (
     restore_sides,
 )
 from shapefit.records import Landmarks
-from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 from tests.io.files import load
 
 
@@ -119,7 +119,7 @@ def turntable(project):
     shapes[:, 2] -= 2.5 * np.ptp(shapes, axis=2).max()
     pixels = -900 * shapes[:, :2] / shapes[:, 2:] + 500
     images = Landmarks(
-        in_columns(pixels),
+        in_rows(pixels),
         landmark_names=truth.landmark_names,
         items=truth.items,
         sequences=truth.sequences,

@@ -19,7 +19,7 @@ from shapefit.pipelines.view.run import write_page
 from shapefit.pipelines.view.scene import make_scene
 from shapefit.records import Fit, Landmarks, Shapes
 from shapefit.records.columns import in_columns
-from tests.columns import put
+from tests.columns import in_rows, put
 from tests.io.files import save
 
 NAMES = ("a", "b", "c", "d", "e")
@@ -40,13 +40,13 @@ def write_result(path, shapes, extras=None, attributes=None, **fields):
     `extras` differ.
     """
     count = len(shapes)
-    points = in_columns(shapes)
+    points = in_rows(shapes)
     if extras is None:
         extras = {"landmarks": points[..., :2]}
     status = np.array(["optimal"] * count, dtype=object)
     fields = {"unit": "px", "status": status} | fields
     for name in {"shape_sd", "landmarks_fitted"} & fields.keys():
-        fields[name] = in_columns(fields[name])
+        fields[name] = in_rows(fields[name])
     of_file = {k: v for k, v in extras.items() if k.startswith("extrinsic_")}
     of_items = {k: v for k, v in extras.items() if k not in of_file}
     fit = Fit(points, **settings(count, fields))
@@ -57,13 +57,13 @@ def write_result(path, shapes, extras=None, attributes=None, **fields):
 
 
 def write_truth(path, shapes, **fields):
-    record = Shapes(in_columns(shapes), **settings(len(shapes), fields))
+    record = Shapes(in_rows(shapes), **settings(len(shapes), fields))
     write_shapes(path, record)
     return path
 
 
 def write_landmarks(path, landmarks, **fields):
-    record = Landmarks(in_columns(landmarks), **settings(len(landmarks), fields))
+    record = Landmarks(in_rows(landmarks), **settings(len(landmarks), fields))
     save(path, record)
     return path
 

@@ -10,6 +10,7 @@ from shapefit.io import (
 )
 from shapefit.pipelines.view.layers import change_metres_to_cm_or_mm
 from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 from tests.pipelines.view.conftest import decoded, write_truth
 
 STATUS = ["optimal", "converged", "iteration limit", "degenerate", "x", "optimal"]
@@ -28,7 +29,7 @@ OUTLIERS = np.eye(6, 5, dtype=bool)
 def judged(desk):
     """A result of six images with measures of all kinds, in px."""
     extras = {
-        "landmarks": in_columns(desk.shapes(6))[..., :2],
+        "landmarks": in_rows(desk.shapes(6))[..., :2],
         "p_value": np.linspace(0, 1, 6),
         "expected_error": EXPECTED_ERRORS,
         "outliers": OUTLIERS,
@@ -161,10 +162,10 @@ def test_errors_are_else_in_the_unit_of_the_truth(desk, sized):
 def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(desk):
     """Where the landmarks of the detector are shown, for the truth has their names."""
     detected = ("RKnee", "Nose", "LHip", "RHip")
-    seen = in_columns(desk.shapes(6))[..., :2]
+    seen = in_rows(desk.shapes(6))[..., :2]
     columns = {
         "landmarks": seen,
-        "input_shapes": in_columns(desk.shapes(6, 4)),
+        "input_shapes": in_rows(desk.shapes(6, 4)),
         "input_landmark_names": np.array(detected, dtype=object),
     }
     joints = ("pelvis", "rhip", "rknee", "lhip", "lknee")

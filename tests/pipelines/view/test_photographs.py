@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from shapefit.records.columns import in_columns
+from tests.columns import in_rows
 
 
 def sizes_of_pictures(page):
@@ -70,7 +70,7 @@ def made_with_faults(desk, rng):
     write_picture(images / "i4.jpg", 720, 1280, "RGB", exif=turned)
     shapes = desk.shapes(6)
     extras = {
-        "landmarks": in_columns(shapes)[..., :2],
+        "landmarks": in_rows(shapes)[..., :2],
         "image_size": np.tile([1280.0, 720.0], (6, 1)),
     }
     return desk.view(desk.result(shapes=shapes, extras=extras), images=images)
