@@ -1,5 +1,8 @@
 """Texts that are read as motion, and records of C3D."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -26,3 +29,15 @@ def check_points():
         np.testing.assert_allclose(shapes.shapes, points, rtol=1e-6)
 
     return check
+
+
+@pytest.fixture
+def table(tmp_path) -> Callable[..., Path]:
+    """Write a table of this text, and return its path."""
+
+    def write(text: str, name: str = "t.csv") -> Path:
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
